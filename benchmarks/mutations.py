@@ -78,13 +78,13 @@ MUTATIONS = (
     ),
     Mutation(
         name="lag-sign",
-        old="motion, self._lag_s, known",
-        new="motion, -self._lag_s, known",
+        old="motion, self.lag_s, known",
+        new="motion, -self.lag_s, known",
         tests=(ACCURACY,),
     ),
     Mutation(
         name="lag-removed",
-        old="motion, self._lag_s, known",
+        old="motion, self.lag_s, known",
         new="motion, 0.0, known",
         tests=(ACCURACY,),
     ),

@@ -12,9 +12,6 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError, SpikingTacError
-from spikingtac.markers.registry import make_tracker
-from spikingtac.markers.tracker import PlacedTracker
-from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac_paper.trials.methods import main_methods
 from stand_ins.ideal_events import ideal_events
@@ -156,35 +153,6 @@ def test_reset_forgets_everything(name: str) -> None:
     tracker.reset()
     np.testing.assert_array_equal(
         detected(frames(tracker, events())), detected(reference_run(name))
-    )
-
-
-@pytest.mark.parametrize("name", METHODS)
-def test_it_may_begin_while_the_skin_is_deformed(name: str) -> None:
-    """Where a method says that it can, it stays there, and what was before is forgotten."""
-    tracker = main_methods()[name].build(calibration())
-    if not isinstance(tracker, PlacedTracker):
-        pytest.skip(f"{name} begins at rest only")
-    frames(tracker, events())
-    away_px = GRID + np.array([5.25, -3.5])
-    try:
-        tracker.begin_at(away_px)
-    except ConfigError:
-        assert name not in ("default", "fast", "paper")
-        pytest.skip(f"{name} has a map that cannot be painted")
-    run = frames(tracker, EventPacket.empty(0, LAST_US, SIZE))
-    assert np.linalg.norm(detected(run) - away_px, axis=2).max() < 0.5
-
-
-@pytest.mark.parametrize("method", ["disc", "bands", "blobs"])
-def test_to_begin_where_the_markers_rest_is_to_begin_anew(method: str) -> None:
-    config = TrackingConfig(method=method)
-    fresh, placed = (make_tracker(config, calibration()) for _ in range(2))
-    assert isinstance(placed, PlacedTracker)
-    frames(placed, events())
-    placed.begin_at(GRID.copy())
-    np.testing.assert_array_equal(
-        detected(frames(placed, events())), detected(frames(fresh, events()))
     )
 
 

@@ -15,7 +15,8 @@ SCRIPT = """
 import hashlib
 import numpy as np
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.disc_locator import AT_ONCE, DiscLocator
+from spikingtac.markers.graded.disc_locator import DiscLocator
+from spikingtac.markers.graded.locator import AT_ONCE
 from spikingtac.markers.neighbours import Neighbourhood
 
 rng = np.random.default_rng(3)

@@ -18,7 +18,6 @@ from spikingtac.markers.graded.disc_fit import (
 from spikingtac.markers.graded.fit_window import FLAT_SHARE, LARGEST_SUM, REACH_PX, fit_window
 from spikingtac.markers.graded.map_leak import (
     OUTER_PX,
-    ease_outlines_kernel,
     leak_to_discs_kernel,
     return_ground_kernel,
 )
@@ -54,9 +53,9 @@ def levels(center_px: np.ndarray) -> np.ndarray:
     return out.astype(np.float32)
 
 
-def motions(center_px: np.ndarray, velocity_px_s: np.ndarray | float = 0.0) -> np.ndarray:
+def motions(center_px: np.ndarray) -> np.ndarray:
     out = np.zeros((len(center_px), 8))
-    out[:, :2], out[:, 2:4] = center_px, velocity_px_s
+    out[:, :2] = center_px
     return out
 
 
@@ -207,27 +206,31 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     rng = np.random.default_rng(8)
     start = np.clip(levels(REFERENCE_PX) + rng.normal(0.0, 0.2, (SIZE[1], SIZE[0])), 0.0, 1.0)
     state_map = GradedStateMap(start.astype(np.float32))
-    reach, tolerance, share = OUTER_PX, 0.14, 0.25
+    reach, tolerance, share, drawing = OUTER_PX, 0.14, 0.25, 0.1
     outline_px = ROUND_PX.copy()
     outline_px[1] = 6.2, 0.4, -0.3
     leak_to_discs_kernel(
         (state_map.padded, state_map.memory),
-        (motions(REFERENCE_PX), outline_px, RADIUS_PX),
+        (0, 1),
+        (motions(REFERENCE_PX), outline_px, np.ones(3), np.ones(3), RADIUS_PX),
         TABLES,
-        np.full(3, tolerance),
-        share,
+        (np.full(3, 0.1), 10.0 * tolerance, share, drawing),
     )
     expected = start.copy()
     steepest = PROFILE.slope(np.linspace(-4, 4, 4001)).min()
     for y in range(SIZE[1]):
         for x in range(SIZE[0]):
-            for (cx, cy), (r, b, c) in zip(REFERENCE_PX, outline_px, strict=True):
+            for (cx, cy), (r, b, c), radius in zip(
+                REFERENCE_PX, outline_px, RADIUS_PX, strict=True
+            ):
                 rho, phi = np.hypot(x - cx, y - cy), np.arctan2(y - cy, x - cx)
                 q = rho - r - b * np.cos(2 * phi) - c * np.sin(2 * phi)
                 excess = start[y, x] - PROFILE.level(q)
                 if rho <= r + reach and abs(excess) > tolerance:
                     weight = 1.0 - np.sqrt(PROFILE.slope(q) / steepest)
                     expected[y, x] -= share * weight * (excess - np.sign(excess) * tolerance)
+                if rho <= r + reach:
+                    expected[y, x] += drawing * (r - radius) * PROFILE.slope(q)
     expected = np.clip(expected, 0.0, 1.0)
     np.testing.assert_allclose(state_map.memory, expected, atol=0.01)
     np.testing.assert_array_equal(state_map.values, state_map.memory)
@@ -254,29 +257,3 @@ def test_the_ground_returns_to_its_level(first: int) -> None:
     np.testing.assert_allclose(state_map.memory, expected, atol=1e-6)
     np.testing.assert_allclose(state_map.values, expected, atol=1e-6)
     assert (state_map.padded[:, :PAD_PX] == OUTSIDE_LEVEL).all()
-
-
-def test_resting_discs_ease_towards_their_calibrated_outlines() -> None:
-    rng = np.random.default_rng(9)
-    start = np.clip(levels(REFERENCE_PX) + rng.normal(0.0, 0.2, (SIZE[1], SIZE[0])), 0.0, 1.0)
-    state_map = GradedStateMap(start.astype(np.float32))
-    outline_px = ROUND_PX.copy()
-    outline_px[0], outline_px[1] = (7.4, 0.2, -0.1), (6.2, 0.4, -0.3)
-    velocity_px_s = np.array([[2.0, 1.0], [-3.0, 2.0], [0.0, 0.0]])  # rests, moves, is as it was
-    share = 0.2
-    ease_outlines_kernel(
-        (state_map.padded, state_map.memory),
-        (motions(REFERENCE_PX, velocity_px_s), outline_px, RADIUS_PX),
-        TABLES,
-        share,
-    )
-    (cx, cy), (r, b, c) = REFERENCE_PX[0], outline_px[0]
-    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    rho, phi = np.hypot(x - cx, y - cy), np.arctan2(y - cy, x - cx)
-    bulge = b * np.cos(2 * phi) + c * np.sin(2 * phi)
-    moved = share * (r - RADIUS_PX[0] + bulge) * PROFILE.slope(rho - r - bulge)
-    moved[np.abs(rho - r - bulge) > PROFILE.reach_px] = 0.0
-    expected = np.clip(start + moved, 0.0, 1.0)
-    np.testing.assert_allclose(state_map.memory, expected, atol=0.002)
-    np.testing.assert_allclose(state_map.values, state_map.memory, atol=1e-6)
-    assert np.abs(moved).max() > 0.02

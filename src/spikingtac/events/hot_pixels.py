@@ -146,6 +146,7 @@ class HotPixelWatch:
 
     Attributes:
         found: How many pixels became hot.
+        until_us: End of the window that is being counted, us.
     """
 
     def __init__(self, hot_px: NDArray[np.int64] | None, size: tuple[int, int]) -> None:
@@ -153,8 +154,13 @@ class HotPixelWatch:
         self._windows = np.zeros(size[::-1], np.uint8)
         if hot_px is not None:
             self._windows[hot_mask(hot_px, size)] = HOT
-        self._until_us = np.iinfo(np.int64).min
+        self.until_us = int(np.iinfo(np.int64).min)
         self.found = 0
+
+    @property
+    def maps(self) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+        """What :func:`watch_kernel` counts in: for kernels that watch and do more at once."""
+        return self._counts, self._windows
 
     @property
     def hot(self) -> NDArray[np.bool_]:
@@ -171,10 +177,8 @@ class HotPixelWatch:
             return packet
         packet.require_map(self._counts.shape)
         keep = np.empty(len(packet), np.bool_)
-        maps = self._counts, self._windows
-        dropped, found, self._until_us = watch_kernel(
-            maps, self._until_us, (packet.x, packet.y, packet.t), keep
-        )
+        columns = packet.x, packet.y, packet.t
+        dropped, found, self.until_us = watch_kernel(self.maps, self.until_us, columns, keep)
         self.found += found
         return packet.select(keep) if dropped else packet
 

@@ -6,10 +6,7 @@ asked for at their own times.
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Protocol
 
 from spikingtac.types import EventPacket, MarkerFrame
 
@@ -30,13 +27,4 @@ class MarkerTracker(Protocol):
 
     def reset(self) -> None:
         """Forget everything but the calibration."""
-        ...
-
-
-@runtime_checkable
-class PlacedTracker(MarkerTracker, Protocol):
-    """A tracker that can begin in the middle of a recording, while the skin is deformed."""
-
-    def begin_at(self, position_px: NDArray[np.float64]) -> None:
-        """Forget everything, and begin with ``(m, 2)`` markers at rest elsewhere, px."""
         ...

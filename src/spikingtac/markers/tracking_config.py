@@ -24,6 +24,7 @@ class TrackingConfig:
             not place a disc there (simulated: 0.23 px; bands 0.17).
         rate_hz: Estimates per second of data time.
         hysteresis: Law of the output position: ``none``, ``paper`` or ``anchored``.
+        smooth: Whether tracks of files are smoothed backward, for ``disc`` and ``bands``.
         denoiser: For ``blobs``: a name in :data:`spikingtac.denoise.registry.DENOISERS`.
         disc: For ``disc`` and ``bands``.
         blobs: For ``blobs``.
@@ -36,6 +37,7 @@ class TrackingConfig:
     rare_off_method: str = ""
     rate_hz: float = 1_000.0
     hysteresis: str = field(default="none", metadata={"choices": get_args(LawName)})
+    smooth: bool = False
     denoiser: str = field(default="box7", metadata={"choices": tuple(DENOISERS)})
     disc: GradedTrackerConfig = field(default_factory=GradedTrackerConfig)
     blobs: BlobTrackerConfig = field(default_factory=BlobTrackerConfig)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,9 @@ from spikingtac.events.evt.raw_stream import is_stream
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.open import open_events
-from spikingtac.markers.registry import make_tracker
+from spikingtac.markers.registry import make_law, make_tracker
+from spikingtac.markers.smoothing import smoothed
+from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
@@ -28,6 +30,7 @@ from spikingtac.schema import to_mapping
 from spikingtac.touch.ageing import Swing, SwingRuns
 from spikingtac.touch.force.model import ForceEstimator, ForceModel, Wrench
 from spikingtac.tracks import Tracks, TracksWriter, create_tracks
+from spikingtac.tracks.columns import SIGMA
 from spikingtac.types import EventPacket, MarkerFrame
 
 PROGRESS_EVERY = 64
@@ -41,6 +44,7 @@ def track(
     *,
     rate_hz: float | None = None,
     hysteresis: str | None = None,
+    smooth: bool = False,
 ) -> Tracks:
     """Track a whole recording and return every marker's displacement over time.
 
@@ -52,6 +56,7 @@ def track(
         rate_hz: Estimates per second of data time; the preset's unless given.
         hysteresis: Law of the output position: ``none``, ``paper`` or ``anchored``; the preset's
             unless given.
+        smooth: Smooth backward once the whole recording is known, and tell ``sigma_px``.
 
     Returns:
         Estimates ``t_us (n,)`` with positions, displacements and confidence ``(n, m, ...)``.
@@ -59,7 +64,7 @@ def track(
     Raises:
         RecordingError: The recording cannot be read.
         CalibrationError: The calibration cannot be read, or is of a sensor of another size.
-        ConfigError: The preset, the rate or the law is unknown.
+        ConfigError: The preset, the rate or the law is unknown, or its tracker knows no smoothing.
 
     Example:
         >>> tracks = track("press.raw", "calibration.json")  # doctest: +SKIP
@@ -69,10 +74,15 @@ def track(
     if isinstance(calibration, str | Path):
         calibration = Calibration.load(calibration)
     config = preset if isinstance(preset, Config) else load_config(preset)
-    tracking = config.with_tracking(rate_hz=rate_hz, hysteresis=hysteresis).tracking
+    tracking = config.with_tracking(
+        rate_hz=rate_hz, hysteresis=hysteresis, smooth=smooth or None
+    ).tracking
     packets = open_events(source) if isinstance(source, str | Path) else source
     tracker = make_tracker(tracking, calibration)
-    tracks = Tracks.of(follow(packets, tracker, tracking.rate_hz), calibration)
+    told = list(_told(follow(packets, tracker, tracking.rate_hz), tracker, tracking))
+    tracks = Tracks.of([frame for frame, _ in told], calibration)
+    if tracking.smooth:
+        tracks = replace(tracks, sigma_px=np.array([more[SIGMA] for _, more in told], np.float32))
     losses = {k: int(n) for k, n in getattr(packets, "losses", {}).items()}
     triggers = getattr(packets, "triggers", Triggers()).columns()
     about = {"config": {"tracking": to_mapping(tracking)}, "losses": losses}
@@ -88,7 +98,7 @@ def track_to_file(
     advance: Callable[[float], None] = lambda share: None,
     force: ForceModel | None = None,
 ) -> dict[str, Any]:
-    """Track a recording at constant memory and write the tracks.
+    """Track a recording and write the tracks: at constant memory, unless they are smoothed.
 
     Args:
         source: The recording, from :func:`spikingtac.open_events`.
@@ -105,7 +115,7 @@ def track_to_file(
 
     Raises:
         CalibrationError: The recording's size is not the calibration's.
-        ConfigError: The force model is of another sensor.
+        ConfigError: The force model is of another sensor, or the tracker knows no smoothing.
     """
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config, calibration)
@@ -115,11 +125,14 @@ def track_to_file(
     checked, runs = CheckedSource(source, calibration), SwingRuns(calibration)
     try:
         _mark(writer, source, before=True)
-        for frame in follow(runs.passing(checked), tracker, config.rate_hz, checked.losses):
+        frames = follow(runs.passing(checked), tracker, config.rate_hz, checked.losses)
+        frames = _seen_by(runs, frames, calibration.reference_px)
+        for frame, more in _told(frames, tracker, config):
             moved = frame.detected_px - calibration.reference_px
-            runs.follow(moved)
             if wrench := estimator.update(frame.t_us, moved) if estimator else None:
-                writer.measure(_columns(wrench))
+                more = {**more, **_columns(wrench)}
+            if more:
+                writer.measure(more)
             writer.write(frame)
             counts.add(frame, wrench)
             if counts.estimates % PROGRESS_EVERY == 0:
@@ -139,6 +152,25 @@ def track_to_file(
         **found,
         "output": str(output),
     }
+
+
+def _told(
+    frames: Iterable[MarkerFrame], tracker: MarkerTracker, config: TrackingConfig
+) -> Iterator[tuple[MarkerFrame, dict[str, NDArray[Any]]]]:
+    """Yield the frames, smoothed where that is asked for, and what else is known of each."""
+    if not config.smooth:
+        yield from ((frame, {}) for frame in frames)
+        return
+    for frame, sigma_px in smoothed(frames, tracker, make_law(config)):
+        yield frame, {SIGMA: sigma_px}
+
+
+def _seen_by(
+    runs: SwingRuns, frames: Iterable[MarkerFrame], reference_px: NDArray[np.float64]
+) -> Iterator[MarkerFrame]:
+    for frame in frames:
+        runs.follow(frame.detected_px - reference_px)
+        yield frame
 
 
 def _mark(writer: TracksWriter, source: FileSource | CheckedSource, before: bool) -> None:

@@ -62,7 +62,7 @@ class BandStateMap(GradedStateMap):
             (self._memory, self.values, self.variance, self.fired),
             (packet.x, packet.y, packet.p),
             self._used,
-            self._dark_markers,
+            self.dark_markers,
             self.turn,
         )
 

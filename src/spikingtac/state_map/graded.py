@@ -33,6 +33,7 @@ class GradedStateMap:
     Attributes:
         padded: ``(height + 2 PAD_PX, width + 2 PAD_PX)`` float32 levels with the margin at
             OUTSIDE_LEVEL; fits read it, the leak moves it.
+        dark_markers: Whether markers are darker than the ground: polarities swap.
     """
 
     def __init__(
@@ -55,7 +56,7 @@ class GradedStateMap:
             ConfigError: A step has another shape than the map, or lies outside of (0, 1].
         """
         self._start = start.astype(np.float32)
-        self._dark_markers = dark_markers
+        self.dark_markers = dark_markers
         self._step_on = self._checked_steps("step_on", step_on)
         self._step_off = self._checked_steps("step_off", step_off)
         # Beside each other and signed, so that a polarity is an index and not a branch.
@@ -85,7 +86,7 @@ class GradedStateMap:
             packet.y,
             packet.p,
             self._used,
-            self._dark_markers,
+            self.dark_markers,
         )
 
     @property
@@ -146,6 +147,15 @@ class GradedStateMap:
 
 
 @njit(cache=True, nogil=True)
+def integrate_event_kernel(memory, row, column, step):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Add an event's signed step to its pixel's sum; return the level to expect from then on."""
+    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+    value = min(max(memory[row, column] + step, zero), one)
+    memory[row, column] = value
+    return min(max(value + half * step, zero), one)
+
+
+@njit(cache=True, nogil=True)
 def _integrate_kernel(
     memory: NDArray[np.float32],
     level: NDArray[np.float32],
@@ -160,10 +170,7 @@ def _integrate_kernel(
     ``signed_steps`` is ``(height, width, 2)``, falling and rising. Arguments are plain: a tuple
     would cost a microsecond at each call.
     """
-    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     for i in range(x.size):
         row, column = y[i], x[i]
         step = signed_steps[row, column, np.uint64(p[i] != dark_markers)]
-        value = min(max(memory[row, column] + step, zero), one)
-        level[row, column] = min(max(value + half * step, zero), one)
-        memory[row, column] = value
+        level[row, column] = integrate_event_kernel(memory, row, column, step)

@@ -49,6 +49,9 @@ HEALTH_TYPES = {
 FORCES = ("force_n", "force_sigma_n", "torque_nm")
 """Force on the skin and its standard deviation, ``(n, 3)``: where a model estimated them."""
 
+SIGMA = "sigma_px"
+"""Key of the places' standard deviation, ``(n, m, 2)``: where tracks were smoothed."""
+
 VECTORS = ("detected_px", "position_px", "displacement_px")
 """Those that have an x and a y."""
 
@@ -152,6 +155,8 @@ def require_shapes(values: Mapping[str, NDArray[Any]]) -> None:
     for name in FORCES:
         if name in values and values[name].shape != (*times, 3):
             raise ValueError(f"{name} has shape {values[name].shape}, not {(*times, 3)}")
+    if SIGMA in values and values[SIGMA].shape != (*times, markers, 2):
+        raise ValueError(f"{SIGMA} has shape {values[SIGMA].shape}, not {(*times, markers, 2)}")
     edges = [values[name] for name in TRIGGERS if name in values]
     shapes, kinds = {edge.shape for edge in edges}, "".join(edge.dtype.kind for edge in edges)
     if edges and (kinds != "iub" or shapes != {(edges[0].size,)}):

@@ -21,6 +21,7 @@ from spikingtac.file_kinds import kind_of, told_kind
 from spikingtac.tracks.columns import (
     FORCES,
     HEALTH_TYPES,
+    SIGMA,
     VECTORS,
     by_attribute,
     long_columns,
@@ -60,6 +61,8 @@ class Tracks:
         reference_px: ``(m, 2)`` rest positions, px.
         meta: Resolved configuration, input digest, package version, loss counters; where they are
             known also ``px_per_mm`` and ``grid``.
+        sigma_px: ``(n, m, 2)`` standard deviation of ``detected_px`` along x and y; None unless the
+            tracks were smoothed.
         force_n: ``(n, 3)`` estimated force on the skin, N; None where no force model was given.
         force_sigma_n: ``(n, 3)`` its standard deviation.
         torque_nm: ``(n, 3)`` estimated moment, Nm, where the force model knows it.
@@ -76,6 +79,7 @@ class Tracks:
     confidence: NDArray[np.float32]
     reference_px: NDArray[np.float32]
     meta: dict[str, Any]
+    sigma_px: NDArray[np.float32] | None = None
     force_n: NDArray[np.float32] | None = None
     force_sigma_n: NDArray[np.float32] | None = None
     torque_nm: NDArray[np.float32] | None = None
@@ -144,7 +148,7 @@ class Tracks:
         self._write(create_tracks(path, self.reference_px.astype(np.float64)))
 
     def _write(self, writer: TracksWriter) -> None:
-        felt = self._known(FORCES)
+        felt = self._known((SIGMA, *FORCES))
         writer.mark(self._known(TRIGGERS))
         try:
             for number, frame in enumerate(self.frames()):

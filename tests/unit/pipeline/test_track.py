@@ -60,6 +60,30 @@ def test_triggers_of_the_recording_are_in_the_tracks(folder: Path, tmp_path: Pat
     assert marked == {(4_000, "3"), (8_000, "3")}
 
 
+def test_smoothed_tracks_hold_their_deviations_in_memory_and_in_files(
+    folder: Path, tmp_path: Path
+) -> None:
+    calibration = st.Calibration.load(folder / "calibration.json")
+    causal, smooth = (
+        st.track(folder, calibration, "fast", rate_hz=500, smooth=told) for told in (False, True)
+    )
+    assert causal.sigma_px is None
+    tracking = st.load_config("fast").with_tracking(rate_hz=500, smooth=True).tracking
+    for name in ("t.npz", "t.csv"):
+        track_to_file(st.open_events(folder), tmp_path / name, tracking, calibration)
+    written = st.Tracks.load(tmp_path / "t.npz")
+    for key in ("detected_px", "displacement_px", "sigma_px"):
+        np.testing.assert_array_equal(getattr(written, key), getattr(smooth, key))
+    assert smooth.sigma_px is not None
+    assert smooth.sigma_px.shape == smooth.detected_px.shape
+    assert 0.0 < np.abs(smooth.detected_px - causal.detected_px).mean() < 0.2
+    assert "sigma_x_px" in (tmp_path / "t.csv").read_text().partition("\n")[0]
+    smooth.save(tmp_path / "again.npz")
+    np.testing.assert_array_equal(st.Tracks.load(tmp_path / "again.npz").sigma_px, smooth.sigma_px)
+    with pytest.raises(st.SpikingTacError, match="BlobTracker cannot be smoothed"):
+        st.track(folder, calibration, "paper", smooth=True)
+
+
 def test_mistakes_are_told(folder: Path) -> None:
     with pytest.raises(st.SpikingTacError, match="unknown preset 'fats'; did you mean 'fast'"):
         st.track(folder, folder / "calibration.json", preset="fats")

@@ -52,6 +52,8 @@ class Args(ManyArgs, SecondArgs):
     """White markers on dark ground, or dark on light; the calibration's unless given."""
     hysteresis: LawName | None = None
     """Law of the output position; the calibration's or the preset's unless given."""
+    smooth: bool = False
+    """For a file: smooth backward in time, and write the places' standard deviations, sigma_px."""
     force: Path | None = None
     """force.onnx: estimate the wrench of every frame, too; make one with: spikingtac force fit."""
     realtime: bool = False
@@ -131,7 +133,9 @@ def _configured(args: Args, calibration_path: Path) -> tuple[TrackingConfig, Cal
 
     calibration = Calibration.load(calibration_path)
     config = load_config(args.preset).with_tracking(
-        rate_hz=args.rate_hz, hysteresis=args.hysteresis or calibration.hysteresis
+        rate_hz=args.rate_hz,
+        hysteresis=args.hysteresis or calibration.hysteresis,
+        smooth=args.smooth or None,
     )
     return config.tracking, calibration.with_polarity(args.polarity)
 

@@ -119,19 +119,20 @@ def painted_map(calibration: Calibration, kind: type[Map]) -> Map:
     appearance = appearance_of(calibration)
     owner = nearest_marker(calibration.reference_px, calibration.size)
     return kind(
-        painted_levels(calibration, calibration.reference_px),
+        painted_levels(calibration),
         _steps(calibration.step_on_map, appearance.step_on[owner]),
         _steps(calibration.step_off_map, appearance.step_off[owner]),
         dark_markers=calibration.polarity == "dark",
     )
 
 
-def painted_levels(calibration: Calibration, center_px: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return ``(height, width)`` levels with the calibrated discs at ``(m, 2)`` places, px."""
+def painted_levels(calibration: Calibration) -> NDArray[np.float32]:
+    """Return ``(height, width)`` levels of the calibrated discs at rest."""
     width, height = calibration.size
     levels = np.zeros((height, width), np.float32)
     profiles = disc_profiles(calibration)
-    for (x, y), radius, profile in zip(center_px, calibration.radius_px, profiles, strict=True):
+    places_px, radii_px = calibration.reference_px, calibration.radius_px
+    for (x, y), radius, profile in zip(places_px, radii_px, profiles, strict=True):
         reach = float(radius) + profile.reach_px
         columns = np.arange(max(0, int(x - reach)), min(width, int(x + reach) + 2))
         rows = np.arange(max(0, int(y - reach)), min(height, int(y + reach) + 2))

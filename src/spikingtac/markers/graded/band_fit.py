@@ -20,8 +20,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.graded.disc_locator import AGREEMENT
 from spikingtac.markers.graded.motion import (
+    AGREEMENT,
     AT_US,
     PP,
     PV,

@@ -15,18 +15,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.appearance import (
-    appearance_of,
-    painted_levels,
-    painted_map,
-    profile_tables,
-)
+from spikingtac.events.hot_pixels import HotPixelWatch
+from spikingtac.markers.graded.appearance import appearance_of, painted_map, profile_tables
 from spikingtac.markers.graded.band_fit import fit_bands_kernel
-from spikingtac.markers.graded.disc_locator import AGREEMENT, FIT_US
-from spikingtac.markers.graded.motion import AT_US, MOST_VARIANCES, PP, VV, VX, X, resting_motion
+from spikingtac.markers.graded.locator import Locator
+from spikingtac.markers.graded.motion import AT_US, MOST_VARIANCES, PP, VV, VX, X
 from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.state_map.bands import BandStateMap
 from spikingtac.state_map.graded import PAD_PX
+from spikingtac.types import EventPacket
 
 GROWTH_SHARE = 0.1
 """How much discs grow under load, as a share of their radius, on sensors whose pixels recover; on
@@ -46,79 +43,49 @@ GROUPS = 4
 fiftieth of the time that it takes (ours)."""
 
 
-class BandLocator:
-    """Maximum a posteriori fits to a :class:`BandStateMap`, all markers at once.
-
-    Attributes:
-        map: The band map that it reads.
-        motion: ``(m, 8)`` states (:mod:`spikingtac.markers.graded.motion`).
-        outline_px: ``(m, 3)`` radius and second harmonic of each disc at rest, px.
-        pending: ``(m,)`` events in each marker's cell; they are not asked here.
-        largest_fall: Any: a band map does not leak.
-    """
-
-    largest_fall = float("inf")
+class BandLocator(Locator):
+    """Maximum a posteriori fits to a :class:`BandStateMap`, all markers at once."""
 
     def __init__(self, calibration: Calibration) -> None:
         """Tabulate the profiles of a sensor's markers."""
-        self._calibration = calibration
-        self._start_px = calibration.reference_px.astype(np.float64)
-        self._radius_px = calibration.radius_px.astype(np.float64)
-        self._discs = self._radius_px, *profile_tables(appearance_of(calibration).profiles)
+        tables = profile_tables(appearance_of(calibration).profiles)
+        self._discs = calibration.radius_px.astype(np.float64), *tables
         self._recovery_s = calibration.recovery_s
         self._growth = GROWTH_SHARE if calibration.recovery_s is not None else 0.0
-        self._within_px = recovering_px(self._start_px, self._radius_px, self._discs[2])
-        self.map = painted_map(calibration, BandStateMap)
-        self.reset()
+        self._within_px = recovering_px(
+            calibration.reference_px.astype(np.float64), self._discs[0], self._discs[2]
+        )
+        self._bands = painted_map(calibration, BandStateMap)
+        super().__init__(calibration, self._bands)
 
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
-        self.map.reset()
-        self._rest(self._start_px)
-
-    def begin_at(self, position_px: NDArray[np.float64]) -> None:
-        """Begin with ``(m, 2)`` markers at rest elsewhere, px; the steps of the map stay."""
-        self.map.repaint(painted_levels(self._calibration, position_px))
-        self._rest(position_px)
-
-    def _rest(self, position_px: NDArray[np.float64]) -> None:
-        count = len(position_px)
-        self.motion = resting_motion(position_px)
+        super().reset()
+        count = len(self.motion)
         self.motion[:, PP], self.motion[:, VV] = MOST_VARIANCES
         self._radii = np.column_stack([self._radius_px, np.zeros(count)])
-        self._fits = np.zeros((count, 4))
-        self._fits[:, :FIT_US], self._fits[:, AGREEMENT] = position_px, 1.0
-        self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
-        self.pending = np.zeros(count, np.int64)
         self._recovered_us = np.full(count, -1, np.int64)
         self._turn = 0
 
     def place(self, marker: NDArray[np.bool_], position_px: NDArray[np.float64]) -> None:
         """Put markers somewhere at rest, after they were found again or predicted."""
-        at_us = self.motion[marker, -1]
-        self.motion[marker] = resting_motion(position_px[marker])
-        self.motion[marker, -1] = at_us
-        for column, variance in zip((PP, VV), MOST_VARIANCES, strict=True):
-            self.motion[marker, column] = variance
+        super().place(marker, position_px)
+        self.motion[marker, PP:AT_US] = MOST_VARIANCES[0], 0.0, MOST_VARIANCES[1]
         self._radii[marker, 0], self._radii[marker, 1] = self._radius_px[marker], 0.0
 
-    @property
-    def agreement(self) -> NDArray[np.float64]:
-        """``(m,)`` share of each edge that agrees with its disc, 0 to 1; a view."""
-        return self._fits[:, AGREEMENT]
-
-    @property
-    def fitted_px(self) -> NDArray[np.float64]:
-        """``(m, 2)`` where the discs were found, px; a view."""
-        return self._fits[:, :FIT_US]
+    def absorb(self, packet: EventPacket, watch: HotPixelWatch) -> None:
+        """Do what the base says."""
+        kept = watch.kept(packet)
+        self.map.absorb(kept)
+        count_kernel(kept.x, kept.y, self._owner, self.counts)
 
     def locate(self, t_us: int, coasted: NDArray[np.bool_]) -> None:
-        """Bring the motion of every marker up to ``t_us``, unless that was done just before."""
+        """Do what the base says for every marker, unless that was done just before."""
         if 0.0 <= self.motion[0, AT_US] > t_us - SHORTEST_PERIOD_US:
             return
-        levels = self.map
+        levels = self._bands
         maps = levels.memory, levels.variance, levels.fired, levels.signed_steps, levels.turn
-        states = self.motion, self._radii, self._fits, coasted
+        states = self.motion, self._radii, self.fits, coasted
         fit_bands_kernel((*maps, levels.padded), states, self._discs, t_us, self._growth)
         levels.turn += 1
         if self._recovery_s is not None:
@@ -164,6 +131,15 @@ def recovering_px(
     if len(reference_px) < 2:
         return disc_px + LEFT_BEHIND_PX
     return np.clip(0.5 * smallest_spacing_px(reference_px), disc_px, disc_px + LEFT_BEHIND_PX)
+
+
+@njit(cache=True, nogil=True)
+def count_kernel(
+    x: NDArray[np.uint16], y: NDArray[np.uint16], owner: NDArray[np.uint16], counts: NDArray[Any]
+) -> None:  # pragma: no cover - compiled
+    """Count events for the markers that rest nearest."""
+    for i in range(x.size):
+        counts[owner[y[i], x[i]]] += 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -26,8 +26,6 @@ all neighbours counted alike, by 16 % in presses.)
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -109,21 +107,22 @@ class OutputCorrections:
             backlash: Share of the backlash that is made good.
             shrink: Share of a fit's error by which differences from the neighbours shrink.
         """
-        self._crossings = crossing_px(calibration)
-        noise_px = shrink * (SHRINK_PX + SHRINK_CROSSINGS * self._crossings)
-        self._neighbours = neighbours
-        self._limits = noise_px, neighbours.own_share, neighbours.bound_px
+        crossings, near = crossing_px(calibration), neighbours
+        noise_px = shrink * (SHRINK_PX + SHRINK_CROSSINGS * crossings)
+        skin = near.reference_px, near.index, near.weight
+        self._sensor = crossings, *skin, noise_px, near.own_share, near.bound_px
+        last_px = near.reference_px.copy()
+        direction, way, now_px, ahead_px = np.zeros((4, *last_px.shape))
+        self._states = last_px, direction, way, now_px, ahead_px
         self._backlash = backlash
-        self.begin_at(neighbours.reference_px)
-
-    def begin_at(self, position_px: NDArray[np.float64]) -> None:
-        """Forget the past; the markers rest at ``(m, 2)`` places, px."""
-        self._last_px = position_px.astype(np.float64)
-        self._direction, self._way = (np.zeros_like(self._last_px) for _ in range(2))
-        self._now_px, self._ahead_px = (np.zeros_like(self._last_px) for _ in range(2))
 
     def update(
-        self, t_us: int, motion: NDArray[np.float64], lag_s: float, known: bool, noise_hz_px: float
+        self,
+        t_us: int,
+        motion: NDArray[np.float64],
+        lag_s: float,
+        known: bool,
+        noise_hz_px: float,
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Return ``(m, 2)`` where the markers are, px, and ``(m,)`` which ones cannot be there.
 
@@ -138,41 +137,31 @@ class OutputCorrections:
         """
         share = self._backlash * known
         turning = TURN_SHARE * share / (1.0 + (noise_hz_px / RENEWED_HZ_PX) ** 2)
-        given_px, outside = np.empty_like(self._last_px), np.empty(len(motion), np.bool_)
-        near = self._neighbours
-        correct_kernel(
-            (motion, self._crossings, near.reference_px, near.index, near.weight),
-            (self._last_px, self._direction, self._way),
-            (t_us, lag_s, STEADY_SHARE * share, turning),
-            self._limits,
-            (self._now_px, self._ahead_px, given_px, outside),
-        )
+        given_px, outside = np.empty((len(motion), 2)), np.empty(len(motion), np.bool_)
+        settings = float(t_us), lag_s, STEADY_SHARE * share, turning
+        correct_kernel(motion, *self._sensor, *self._states, *settings, given_px, outside)
         return given_px, outside
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def correct_kernel(
-    markers: tuple[Any, ...],
-    states: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    settings: tuple[int, float, float, float],
-    limits: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    results: tuple[Any, ...],
-) -> None:  # pragma: no cover - compiled
+def correct_kernel(  # type: ignore[no-untyped-def]
+    motions, crossings, reference_px, index, weight, noise_px, own_share, bound_px,
+    last_px, direction, way, now_px, ahead_px, t_us, lag_s, steady, turning, given_px, outside,
+):  # pragma: no cover - compiled # fmt: skip
     """Bring every marker up to the present, and correct it; see :class:`OutputCorrections`.
 
-    ``markers`` are motions, crossings, rests, neighbours and their weights; ``results`` where the
-    discs are now, the markers ahead of them, the given places, and who is outside.
+    Arguments are plain, since a tuple costs a microsecond: the sensor's (motions, crossings, rests,
+    neighbours, their weights, limits of :func:`settle_kernel`), states and scratch, and settings of
+    :func:`lead_kernel`; results are the given places, and who is outside.
     """
-    motions, crossings, reference_px, index, weight = markers
-    t_us, lag_s, steady, turning = settings
-    now_px, ahead_px, given_px, outside = results
     for m in range(crossings.size):
         since_s = (t_us - motions[m, AT_US]) * 1e-6
         now_px[m, 0] = motions[m, X] + since_s * motions[m, VX]
         now_px[m, 1] = motions[m, Y] + since_s * motions[m, VY]
     fits = now_px, motions[:, VX : VY + 1], crossings
-    lead_kernel(fits, states, (lag_s, steady, turning), index, ahead_px)
-    settle_kernel(ahead_px, (reference_px, index, weight), limits, given_px, outside)
+    lead_kernel(fits, (last_px, direction, way), (lag_s, steady, turning), index, ahead_px)
+    skin, limits = (reference_px, index, weight), (noise_px, own_share, bound_px)
+    settle_kernel(ahead_px, skin, limits, given_px, outside)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import appearance_of, nearest_marker, roam_px
 from spikingtac.markers.graded.corrections import crossing_px
-from spikingtac.types import EventPacket
+from spikingtac.markers.graded.motion import VX, VY, X, Y
 
 SLOW_PX_S = 10.0
 """Speed below which a marker is not asked: creep, and the jitter of a filtered velocity."""
@@ -115,10 +115,9 @@ class EventLoss:
         self.events_per_px = events_per_px(calibration)
         self._silent_px = np.maximum(SILENT_CROSSINGS * crossing_px(calibration), LEAST_SILENT_PX)
         self._reference_px = calibration.reference_px
-        self._owner = nearest_marker(calibration.reference_px, calibration.size)
+        owner = nearest_marker(calibration.reference_px, calibration.size).ravel()
         count = len(calibration.reference_px)
-        self._area_px = np.bincount(self._owner.ravel(), minlength=count).astype(np.float64)
-        self._counts = np.zeros(count, np.int64)
+        self._area_px = np.bincount(owner, minlength=count).astype(np.float64)
         # Farther from its rest a disc throws a part of its events into another marker's cell.
         self._roam_px = roam_px(calibration)
         self._turn_px = calibration.reference_px.astype(np.float64)
@@ -126,33 +125,22 @@ class EventLoss:
         self._expected = self._arrived = 0.0
         self.share = FIRST_SHARE
 
-    def count(self, packet: EventPacket, pending: NDArray[np.int64]) -> None:
-        """Count the events of a packet, marker by marker, also for those who wait for them."""
-        _count_kernel(self._owner, packet.x, packet.y, self._counts, pending)
-
-    def take(self, dt_s: float) -> CellCounts:
-        """Return what was counted since the last call, and begin anew.
+    def cells(self, counts: NDArray[np.int64], dt_s: float) -> CellCounts:
+        """Return what arrived around each marker.
 
         Args:
-            dt_s: Time since the last call, s.
+            counts: ``(m,)`` events in each marker's cell.
+            dt_s: Time in which they came, s.
         """
         background = self._background_hz_px
         hz_px = LEAST_BACKGROUND_HZ_PX if background is None else background
-        cells = CellCounts(self._counts, hz_px * self._area_px, self.events_per_px, dt_s)
-        self._counts = np.zeros(self._counts.size, np.int64)
-        return cells
+        return CellCounts(counts, hz_px * self._area_px, self.events_per_px, dt_s)
 
-    def update(
-        self,
-        position_px: NDArray[np.float64],
-        velocity_px_s: NDArray[np.float64],
-        cells: CellCounts,
-    ) -> float | None:
+    def update(self, motion: NDArray[np.float64], cells: CellCounts) -> float | None:
         """Judge what was counted.
 
         Args:
-            position_px: ``(m, 2)`` where the markers are, px.
-            velocity_px_s: ``(m, 2)`` their velocities, px/s.
+            motion: ``(m, 8)`` states of the markers (:mod:`spikingtac.markers.graded.motion`).
             cells: What arrived around each of them.
 
         Returns:
@@ -160,12 +148,11 @@ class EventLoss:
         """
         if cells.dt_s <= 0.0:
             return None
-        mean_px_s, expected, arrived = _motion_kernel(
-            (position_px, velocity_px_s, self._reference_px, self._turn_px),
-            (cells.events, cells.noise_per_s, cells.events_per_px, self._silent_px),
-            (self._roam_px, LEAST_STROKE_PX, self._expected / MEMORY_EVENTS),
-            cells.dt_s,
-        )
+        mean_px_s, expected, arrived = motion_kernel(
+            motion, self._reference_px, self._turn_px, cells.events, cells.noise_per_s,
+            cells.events_per_px, self._silent_px, self._roam_px, LEAST_STROKE_PX,
+            self._expected / MEMORY_EVENTS, cells.dt_s,
+        )  # fmt: skip
         if mean_px_s < STILL_PX_S:
             self._learn_background(float(cells.events.sum()) / cells.dt_s, cells.dt_s)
         return self._judge(expected, arrived) if expected > 0.0 else None
@@ -199,7 +186,7 @@ class EventLoss:
         return share
 
     def _learn_background(self, rate_per_s: float, dt_s: float) -> None:
-        rate_hz_px = rate_per_s / self._owner.size
+        rate_hz_px = rate_per_s / float(self._area_px.sum())
         if self._background_hz_px is None:
             self._background_hz_px = rate_hz_px
         gain = 1.0 - np.exp(-dt_s / BACKGROUND_MEMORY_S)
@@ -218,52 +205,32 @@ def events_per_px(calibration: Calibration) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True)
-def _count_kernel(
-    owner: NDArray[np.uint16],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    counts: NDArray[np.int64],
-    pending: NDArray[np.int64],
-) -> None:  # pragma: no cover - compiled
-    for i in range(x.size):
-        m = owner[y[i], x[i]]
-        counts[m] += 1
-        pending[m] += 1
-
-
-@njit(cache=True, nogil=True)
-def _motion_kernel(
-    markers: tuple[NDArray[np.float64], ...],
-    cells: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    limits: tuple[float, float, float],
-    dt_s: float,
-) -> tuple[float, float, float]:  # pragma: no cover - compiled
+def motion_kernel(  # type: ignore[no-untyped-def]
+    motions, reference_px, turn_px, events, noise_per_s, events_per_px, silent_px,
+    roam_px, stroke_px, settled, dt_s,
+):  # pragma: no cover - compiled # fmt: skip
     """Return the mean speed, px/s, and the events that were expected and that arrived.
 
-    ``markers`` are positions, velocities, rests, and where each turned last, which is kept up to
-    date; ``cells`` are events, background per s, events per px of motion, and the way after a turn
-    in which silent pixels become fewer by a factor e, px; ``limits`` the farthest from the rest and
-    the shortest way since the turn, px, and how far silent pixels are allowed for, 0 to 1.
+    Arguments are plain, since a tuple costs a microsecond: motions, rests, and where each turned
+    last, which is kept up to date; of the cells events, background per s, events per px of motion,
+    and the way after a turn in which silent pixels become fewer by a factor e, px; the farthest
+    from the rest and the shortest way since the turn, px; how far silent pixels are allowed for, 0
+    to 1; and the time, s.
     """
-    position_px, velocity_px_s, reference_px, turn_px = markers
-    roam_px, stroke_px, settled = limits
-    events, noise_per_s, events_per_px, silent_px = cells
     total = expected = arrived = 0.0
-    for m in range(velocity_px_s.shape[0]):
-        speed = np.hypot(velocity_px_s[m, 0], velocity_px_s[m, 1])
+    for m in range(motions.shape[0]):
+        x, y, vx, vy = motions[m, X], motions[m, Y], motions[m, VX], motions[m, VY]
+        speed = np.hypot(vx, vy)
         total += speed
         asked = events_per_px[m] * speed
-        away_px = np.hypot(
-            position_px[m, 0] - reference_px[m, 0], position_px[m, 1] - reference_px[m, 1]
-        )
-        way_x, way_y = position_px[m, 0] - turn_px[m, 0], position_px[m, 1] - turn_px[m, 1]
-        turned = way_x * velocity_px_s[m, 0] + way_y * velocity_px_s[m, 1] < 0.0
-        if turned or speed >= FAST_PX_S:
-            turn_px[m, 0], turn_px[m, 1] = position_px[m, 0], position_px[m, 1]
+        away_px = np.hypot(x - reference_px[m, 0], y - reference_px[m, 1])
+        way_x, way_y = x - turn_px[m, 0], y - turn_px[m, 1]
+        if way_x * vx + way_y * vy < 0.0 or speed >= FAST_PX_S:
+            turn_px[m, 0], turn_px[m, 1] = x, y
         way_px = np.hypot(way_x, way_y)
         steady = SLOW_PX_S < speed < FAST_PX_S and way_px > stroke_px
         if steady and asked > BACKGROUND_SHARE * noise_per_s[m] and away_px < roam_px:
             silent = settled * np.exp(-way_px / silent_px[m])
             expected += asked * dt_s * (1.0 - silent)
             arrived += events[m] - noise_per_s[m] * dt_s
-    return total / velocity_px_s.shape[0], expected, arrived
+    return total / motions.shape[0], expected, arrived

@@ -40,6 +40,10 @@ LEAST_GROWTH_PX = 1e-5
 X, Y, VX, VY, PP, PV, VV, AT_US = range(8)
 """Columns of a motion: place, px; velocity, px/s; the covariance of both axes; its time, us."""
 
+FIT_X, FIT_Y, FIT_US, AGREEMENT, SILENT_US, MARKED_X, MARKED_Y = range(7)
+"""Columns of a fit: place, px; its time, us; share of the edge that agrees with the disc; until
+when no event changed it, us; where the marker stood when its pixels were marked, px."""
+
 
 def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return ``(m, 8)`` motions of markers that rest somewhere, px, from a time not yet known."""
@@ -48,6 +52,13 @@ def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
     motion[:, PP], motion[:, VV] = MEASUREMENT_SIGMA_PX**2, START_VELOCITY_PX_S**2
     motion[:, AT_US] = -1.0
     return motion
+
+
+def resting_fits(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``(m, 7)`` fits of markers that rest somewhere, px, their pixels not yet marked."""
+    fits = np.zeros((len(position_px), 7))
+    fits[:, :FIT_US], fits[:, AGREEMENT], fits[:, MARKED_X] = position_px, 1.0, np.inf
+    return fits
 
 
 @njit(cache=True, nogil=True)

@@ -19,12 +19,15 @@ confidence falls.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.event_loss import BACKGROUND_SHARE, FAST_PX_S, SLOW_PX_S, CellCounts
+from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, VX, VY
 from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
 from spikingtac.markers.published.associate import UNMATCHED, associate
 from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
@@ -109,46 +112,39 @@ class TrackManager:
         self._search_at_us = 0
         self._unheard_px, self._heard_px = np.zeros((2, count))
         self._trust = np.ones(count)
-        self.coasted, self.silent, self.moved = (np.zeros(count, np.bool_) for _ in range(3))
+        self.coasted, self.silent, self.moved, self._doubted = np.zeros((4, count), np.bool_)
         self.placed = False
         self.position_px = calibration.reference_px.copy()
 
-    def listen(self, velocity_px_s: NDArray[np.float64], cells: CellCounts, share: float) -> None:
+    def listen(self, motion: NDArray[np.float64], cells: CellCounts, share: float) -> None:
         """Compare the events of each marker with those that its neighbours' motion asks for.
 
         Args:
-            velocity_px_s: ``(m, 2)`` the markers' velocities, px/s.
+            motion: ``(m, 8)`` states of the markers (:mod:`spikingtac.markers.graded.motion`).
             cells: What arrived around each of them.
             share: Events that arrive over those that a whole stream would bring.
         """
-        _listen_kernel(
-            velocity_px_s,
-            (self.neighbours.index, self.neighbours.weight, self._surrounded),
-            (cells.events, cells.noise_per_s, share * cells.events_per_px),
-            cells.dt_s,
-            (self._unheard_px, self._heard_px, self.silent),
-        )
+        near = self.neighbours
+        listen_kernel(
+            motion, near.index, near.weight, self._surrounded, cells.events, cells.noise_per_s,
+            cells.events_per_px, share, cells.dt_s, self._unheard_px, self._heard_px, self.silent,
+        )  # fmt: skip
 
-    def judge(
-        self,
-        t_us: int,
-        fitted_px: NDArray[np.float64],
-        agreement: NDArray[np.float64],
-        levels: NDArray[np.float32],
-    ) -> None:
+    def judge(self, t_us: int, fits: NDArray[np.float64], levels: NDArray[np.float32]) -> None:
         """Decide which markers are held at ``t_us`` and look for those that are.
 
         Args:
             t_us: Time of the estimate, us.
-            fitted_px: ``(m, 2)`` positions from the fit, px.
-            agreement: ``(m,)`` share of each edge that agrees with its disc.
+            fits: ``(m, 7)`` places of the fits, px, and how well they agree
+                (:mod:`spikingtac.markers.graded.motion`).
             levels: ``(height, width)`` the map.
         """
-        self.placed = False
-        doubted = (agreement < LEAST_AGREEMENT) | self.neighbours.outside(fitted_px)
-        if not (doubted.any() or self.silent.any() or self.coasted.any()):
+        self.placed, near, doubted = False, self.neighbours, self._doubted
+        any_doubt = doubt_kernel(fits, near.reference_px, near.index, near.bound_px, doubted)
+        if not (any_doubt or self.silent.any() or self.coasted.any()):
             self._doubted_since_us[:] = -1
             return
+        fitted_px = fits[:, :FIT_US]
         self._doubted_since_us[~doubted] = -1
         self._doubted_since_us[doubted & (self._doubted_since_us < 0)] = t_us
         lost = doubted & (t_us - self._doubted_since_us >= PATIENCE_US)
@@ -172,9 +168,12 @@ class TrackManager:
             outside: ``(m,)`` markers that are where their neighbours do not allow them.
             dt_s: Time since the last call, s.
         """
-        fading = self._trust * np.exp(-dt_s / FADE_S)
-        self._trust = np.where(self.coasted | outside, fading, 1.0)
-        return agreement * self._trust * np.maximum(1.0 - self._unheard_px / SILENT_PX, 0.0)
+        confidence = np.empty(len(outside))
+        fading = math.exp(-dt_s / FADE_S)
+        trust_kernel(
+            agreement, self._unheard_px, self.coasted, outside, self._trust, fading, confidence
+        )
+        return confidence
 
     def _place_held(self, fitted_px: NDArray[np.float64]) -> None:
         held = self.coasted
@@ -204,6 +203,16 @@ def _surrounded(
 
 
 @njit(cache=True, nogil=True)
+def trust_kernel(  # type: ignore[no-untyped-def]
+    agreement, unheard_px, coasted, outside, trust, fading, confidence
+):  # pragma: no cover - compiled
+    """Write how well each marker is supported; the trust in those that are not seen fades."""
+    for m in range(trust.size):
+        trust[m] = trust[m] * fading if coasted[m] or outside[m] else 1.0
+        confidence[m] = agreement[m] * trust[m] * max(1.0 - unheard_px[m] / SILENT_PX, 0.0)
+
+
+@njit(cache=True, nogil=True)
 def _asked_speed_kernel(
     velocity_px_s: NDArray[np.float64],
     speed_px_s: NDArray[np.float64],
@@ -223,33 +232,51 @@ def _asked_speed_kernel(
 
 
 @njit(cache=True, nogil=True)
-def _listen_kernel(
-    velocity_px_s: NDArray[np.float64],
-    neighbours: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]],
-    cells: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]],
-    dt_s: float,
-    sums: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
-) -> None:  # pragma: no cover - compiled
+def doubt_kernel(  # type: ignore[no-untyped-def]
+    fits, reference_px, index, bound_px, doubted
+):  # pragma: no cover - compiled
+    """Write which fits cannot be their markers; return whether any cannot."""
+    found = False
+    for m in range(bound_px.size):
+        beyond2 = 0.0
+        for axis in range(2):
+            low, high = np.inf, -np.inf
+            for n in index[m]:
+                other = fits[n, axis] - reference_px[n, axis]
+                low, high = min(low, other), max(high, other)
+            moved = fits[m, axis] - reference_px[m, axis]
+            beyond2 += (moved - min(max(moved, low), high)) ** 2
+        doubted[m] = fits[m, AGREEMENT] < LEAST_AGREEMENT or beyond2 > bound_px[m] * bound_px[m]
+        found = found or doubted[m]
+    return found
+
+
+@njit(cache=True, nogil=True)
+def listen_kernel(  # type: ignore[no-untyped-def]
+    motions, index, weight, surrounded, events, noise_per_s, whole_per_px, share, dt_s,
+    unheard_px, heard_px, silent,
+):  # pragma: no cover - compiled # fmt: skip
     """Add up the travel without events and the way of the events, px, and mark who is silent.
 
-    ``neighbours`` are indices, weights, and who is surrounded; ``cells`` events, background per s
-    and events per px of motion; ``sums`` the two ways and who is silent, changed.
+    Arguments are plain, since a tuple costs a microsecond: motions; neighbours, their weights, and
+    who is surrounded by them; of the cells events, background per s, and events of a whole stream
+    per px of motion; the share that arrives, and the time, s; the two ways and who is silent, which
+    are changed.
     """
-    index, weight, surrounded = neighbours
-    events, noise_per_s, events_per_px = cells
-    unheard_px, heard_px, silent = sums
+    velocity_px_s = motions[:, VX : VY + 1]
     speed_px_s = np.hypot(velocity_px_s[:, 0], velocity_px_s[:, 1])
     for m in range(events.size):
+        events_per_px = share * whole_per_px[m]
         more = events[m] - BACKGROUND_SHARE * noise_per_s[m] * dt_s
-        heard_px[m] = max(heard_px[m] + more / events_per_px[m], 0.0)
+        heard_px[m] = max(heard_px[m] + more / events_per_px, 0.0)
         asked = _asked_speed_kernel(velocity_px_s, speed_px_s, index[m], weight[m])
         noise = noise_per_s[m] * dt_s
         told = SLOW_PX_S < asked < FAST_PX_S
-        told = told and asked * events_per_px[m] > BACKGROUND_SHARE * noise_per_s[m]
+        told = told and asked * events_per_px > BACKGROUND_SHARE * noise_per_s[m]
         # A marker whose neighbours are held, too, is heard by its own events alone.
         if not told and events[m] <= noise + CLEAR_SIGMAS * np.sqrt(noise + 1.0):
             continue
-        sent_px = (events[m] - noise) / events_per_px[m]
+        sent_px = (events[m] - noise) / events_per_px
         travel_px = asked * dt_s if told else 0.0
         unheard = unheard_px[m] + travel_px - sent_px / SENDING_SHARE
         unheard_px[m] = min(max(unheard, 0.0), 2.0 * SILENT_PX)

@@ -20,12 +20,12 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.graded.band_locator import BandLocator, banded
 from spikingtac.markers.graded.corrections import OutputCorrections
-from spikingtac.markers.graded.disc_locator import VX, DiscLocator, X
+from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.event_loss import EventLoss, events_per_px
 from spikingtac.markers.graded.map_leak import MapLeak
+from spikingtac.markers.graded.motion import VX, VY
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
-from spikingtac.markers.periodic_task import PeriodicTask
 from spikingtac.markers.released_zero import ReleasedZero
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket, MarkerFrame
@@ -39,8 +39,15 @@ LONGEST_PERIOD_US = {"disc": 2_000, "bands": 1_000}
 between. (Ours: at 2 ms discs are as accurate as at 1 ms; at 30 ms they lose markers. The prediction
 of a band fit is its prior, and strays: recorded gel, every 4 ms: 0.85 px pressed, not 0.80.)"""
 
-MAINTENANCE_US = 4_000
-"""Period of each maintenance task, us: at 4 ms the tracks are as accurate as at 1 ms (ours)."""
+TURN_US = 1_000
+"""Time between two turns of maintenance, us; in each the map leaks, and one other task in
+:data:`TASKS` is done: at a ms or four the tracks are alike (ours)."""
+
+BEFORE_ALL_US = -(1 << 62)
+"""A time before any estimate, us."""
+
+TASKS = 4
+"""Turns in which each task has one: the loss of events, silent markers, lost markers, and none."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -74,7 +81,11 @@ class GradedTrackerConfig:
 
 
 class GradedTracker:
-    """Follows markers on a map of levels."""
+    """Follows markers on a map of levels.
+
+    Attributes:
+        lag_s: Delay of the events behind the motion, s.
+    """
 
     def __init__(
         self,
@@ -105,13 +116,18 @@ class GradedTracker:
             self._leak_per_s, self._backlash = 0.0, 0.0
         self._shrink, self._longest_us = config.shrink, LONGEST_PERIOD_US[fit]
         lag_us = config.lag_us if config.lag_us is not None else calibration.lag_us
-        self._lag_s = (LAG_DEFAULT_US if lag_us is None else lag_us) * 1e-6
+        self.lag_s = (LAG_DEFAULT_US if lag_us is None else lag_us) * 1e-6
         self._start()
 
     @property
     def state_map(self) -> GradedStateMap:
         """The map as it stands; to be read, for a display or a picture, and not changed."""
         return self._locator.map
+
+    @property
+    def motion(self) -> NDArray[np.float64]:
+        """``(m, 8)`` states of the filters (:mod:`spikingtac.markers.graded.motion`); a view."""
+        return self._locator.motion
 
     @property
     def hot_pixels(self) -> int:
@@ -126,7 +142,7 @@ class GradedTracker:
         """
         # A fit looks for its disc nearby: where estimates are asked for rarely, some in between
         # keep it near.
-        if self._due_us is None or self._due_us < packet.t_start_us:
+        if self._due_us < packet.t_start_us:
             self._due_us = packet.t_start_us + self._longest_us
         while self._due_us < packet.t_end_us:
             before, packet = packet.split(self._due_us)
@@ -136,41 +152,39 @@ class GradedTracker:
 
     def _take_in(self, packet: EventPacket) -> None:
         known = self._hot.found
-        packet = self._hot.kept(packet)
-        self._locator.map.absorb(packet)
+        self._locator.absorb(packet, self._hot)
         if self._hot.found > known:  # after the packet: no event of theirs follows
             self._locator.map.restore(self._hot.hot)
-        self._kept.count(packet, self._locator.pending)
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the markers at ``t_us``, the end of what was absorbed."""
-        detected_px, outside, confidence = self._locate(t_us)
+        detected_px, coasted, confidence = self._locate(t_us)
         reference_px = self._calibration.reference_px
         # A law may have a memory: it sees those estimates alone that were asked for.
         position_px = self._law.update(detected_px, reference_px)
-        return MarkerFrame(
-            t_us=t_us,
-            detected_px=detected_px,
-            position_px=position_px,
-            displacement_px=position_px - reference_px,
-            coasted=self._manager.coasted | outside,
-            confidence=confidence,
-        )
+        displacement_px = position_px - reference_px
+        return MarkerFrame(t_us, detected_px, position_px, displacement_px, coasted, confidence)
 
     def _locate(
         self, t_us: int
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
-        """Return where the markers are at ``t_us``, px, who is outside, and how sure each is."""
+        """Return where the markers are at ``t_us``, px, who is predicted, and how sure each is."""
         dt_s = 0.0 if self._t_us is None else (t_us - self._t_us) * 1e-6
         self._t_us, self._due_us = t_us, t_us + self._longest_us
-        self._locator.locate(t_us, self._manager.coasted)
-        self._maintain(t_us)
+        locator, manager = self._locator, self._manager
+        locator.locate(t_us, manager.coasted)
+        if t_us >= self._turn_us:
+            self._maintain(t_us)
         known = self._kept.judged or not self._adapts
-        motion, noise_hz_px = self._locator.motion, self._kept.background_hz_px
-        given_px, outside = self._corrections.update(t_us, motion, self._lag_s, known, noise_hz_px)
+        noise_hz_px = self._kept.background_hz_px
+        given_px, outside = self._corrections.update(
+            t_us, locator.motion, self.lag_s, known, noise_hz_px
+        )
         if self._zero is not None:
-            given_px = self._zero.update(given_px, motion[:, 2:4], self._manager.coasted, dt_s)
-        return given_px, outside, self._manager.confidence(self._locator.agreement, outside, dt_s)
+            velocity_px_s = locator.motion[:, VX : VY + 1]
+            given_px = self._zero.update(given_px, velocity_px_s, manager.coasted, dt_s)
+        confidence = manager.confidence(locator.agreement, outside, dt_s)
+        return given_px, manager.coasted | outside, confidence
 
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
@@ -178,21 +192,13 @@ class GradedTracker:
         self._law.reset()
         self._start()
 
-    def begin_at(self, position_px: NDArray[np.float64]) -> None:
-        """Forget everything, and begin with ``(m, 2)`` markers at rest elsewhere, px."""
-        self.reset()
-        self._locator.begin_at(position_px)
-        self._corrections.begin_at(position_px)
-
     def _start(self) -> None:
         self._hot = HotPixelWatch(self._calibration.hot_px, self._calibration.size)
         self._t_us: int | None = None
-        self._due_us: int | None = None
-        # Each task at its own phase: a step with two of them would be the slowest of all.
-        self._counting, self._listening = (
-            PeriodicTask(MAINTENANCE_US, phase) for phase in (0.0, 1 / 4)
-        )
-        self._judging = PeriodicTask(MAINTENANCE_US, 2 / 4)
+        self._turned_us: int | None = None
+        self._counted_us: int | None = None
+        self._due_us = self._turn_us = BEFORE_ALL_US
+        self._turn = 0
         self._manager = TrackManager(self._calibration)
         neighbours = self._manager.neighbours
         self._corrections = OutputCorrections(
@@ -201,27 +207,36 @@ class GradedTracker:
         recovers = self._calibration.recovery_s is not None
         self._zero = ReleasedZero(neighbours.reference_px, neighbours) if recovers else None
         self._kept = EventLoss(self._calibration)
-        self._cells = self._kept.take(0.0)
-        self._leak = MapLeak(self._calibration, self._locator, self._leak_per_s)
+        self._leak = MapLeak(self._calibration, self._leak_per_s) if self._leak_per_s else None
         if self._adapts:
             self._locator.map.set_events_kept(self._kept.share)
 
     def _maintain(self, t_us: int) -> None:
-        """Do what is due: is the stream whole, is every marker there, what leaves the map."""
-        locator, manager = self._locator, self._manager
-        position_px, velocity_px_s = locator.motion[:, X:VX], locator.motion[:, 2:4]
-        if (since_s := self._counting.turn_s(t_us)) is not None:
-            self._cells = self._kept.take(since_s)
-            if self._adapts:
-                share = self._kept.update(position_px, velocity_px_s, self._cells)
-                if share is not None:
-                    locator.map.set_events_kept(share)
-        if self._listening.turn_s(t_us) is not None:
-            manager.listen(velocity_px_s, self._cells, self._kept.share)
-        if self._judging.turn_s(t_us) is not None:
-            manager.judge(t_us, locator.fitted_px, locator.agreement, locator.map.values)
+        """Take a turn: is the stream whole, is every marker there, what leaves the map."""
+        since_s = 0.0 if self._turned_us is None else (t_us - self._turned_us) * 1e-6
+        self._turned_us, self._turn_us = t_us, t_us + TURN_US
+        locator, manager, kept, task = self._locator, self._manager, self._kept, self._turn % TASKS
+        self._turn += 1
+        if task == 0:
+            self._count(t_us)
+        elif task == 1:
+            manager.listen(locator.motion, self._cells, kept.share)
+        elif task == 2:
+            manager.judge(t_us, locator.fits, locator.map.values)
             if manager.placed:
                 locator.place(manager.moved, manager.position_px)
-        doubt = self._kept.doubt if self._adapts else 0.0
-        searched_px = np.where(manager.coasted, manager.capture_px, 0.0)
-        self._leak.update(t_us, doubt, self._kept.background_hz_px, searched_px)
+        if self._leak is not None and since_s:
+            doubt = kept.doubt if self._adapts else 0.0
+            searched_px = np.where(manager.coasted, manager.capture_px, 0.0)
+            self._leak.update(locator, since_s, doubt, kept.background_hz_px, searched_px)
+
+    def _count(self, t_us: int) -> None:
+        """Judge how many of the events arrive, by those since the last count."""
+        since_s = 0.0 if self._counted_us is None else (t_us - self._counted_us) * 1e-6
+        self._counted_us, locator = t_us, self._locator
+        self._cells = self._kept.cells(locator.counts.copy(), since_s)
+        locator.counts[:] = 0
+        if self._adapts:
+            share = self._kept.update(locator.motion, self._cells)
+            if share is not None:
+                locator.map.set_events_kept(share)

@@ -202,22 +202,6 @@ class BlobTracker:
         self._detected_px = self._calibration.reference_px.astype(np.float64)
         self._start()
 
-    def begin_at(self, position_px: NDArray[np.float64]) -> None:
-        """Forget everything, and begin with ``(m, 2)`` markers at rest elsewhere, px.
-
-        Raises:
-            ConfigError: The map is not a binary one.
-        """
-        self.reset()
-        if not isinstance(self._map, BinaryStateMap):
-            raise ConfigError(
-                "this map cannot be painted; begin where the markers rest, without --cut-s"
-            )
-        calibration = self._calibration
-        discs = paint_binary_discs(calibration.size, position_px, calibration.radius_px)
-        self._map.repaint(discs > 0)
-        self._detected_px = position_px.astype(np.float64)
-
     def _start(self) -> None:
         self._hot = HotPixelWatch(self._calibration.hot_px, self._calibration.size)
         self._filter = self._new_filter()

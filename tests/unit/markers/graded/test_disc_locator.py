@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.disc_locator import AT_ONCE, DiscLocator
+from spikingtac.events.hot_pixels import HotPixelWatch
+from spikingtac.markers.graded.appearance import painted_levels
+from spikingtac.markers.graded.disc_locator import FARTHER_PX, LATE_US, NOBODY, DiscLocator
+from spikingtac.markers.graded.locator import AT_ONCE
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
     MEASUREMENT_SIGMA_PX,
@@ -17,6 +23,7 @@ from spikingtac.markers.graded.motion import (
     predict_kernel,
     resting_motion,
 )
+from spikingtac.types import EventPacket
 
 REST_PX = np.array([[30.0, 30.0], [70.0, 30.0]])
 CALIBRATION = Calibration(
@@ -29,10 +36,8 @@ EVENTS_PER_PX = np.full(2, 200.0)
 def moved_by(shift_px: float) -> DiscLocator:
     """Return a locator whose map shows the discs elsewhere; it has made its first estimate."""
     locator = DiscLocator(CALIBRATION, EVENTS_PER_PX, 3)
-    locator.begin_at(REST_PX + np.array([shift_px, 0.0]))
-    levels = locator.map.values.copy()
-    locator.reset()
-    locator.map.repaint(levels)
+    elsewhere = replace(CALIBRATION, reference_px=REST_PX + np.array([shift_px, 0.0]))
+    locator.map.repaint(painted_levels(elsewhere))
     locator.locate(0, np.zeros(2, np.bool_))
     return locator
 
@@ -68,16 +73,16 @@ def test_the_filter_equals_the_textbook(dt: float, spread: float) -> None:
         np.testing.assert_allclose(np.array(states)[:, 2 + axis], speed, rtol=1e-8)
 
 
-def test_a_fit_waits_for_its_events_or_for_two_ms() -> None:
+def test_a_fit_waits_for_its_events_or_for_some_ms() -> None:
     locator, nobody = moved_by(0.5), np.zeros(2, np.bool_)
     locator.pending[:] = 4, 3
     locator.locate(500, nobody)
     assert locator.fitted_px[0, 0] == pytest.approx(30.5, abs=0.05)
     assert locator.fitted_px[1, 0] == 70.0, "three events are not enough"
-    locator.locate(1_500, nobody)
+    locator.locate(LATE_US - 500, nobody)
     assert locator.fitted_px[1, 0] == 70.0
     assert locator.pending.tolist() == [0, 3]
-    locator.locate(2_000, nobody)
+    locator.locate(LATE_US, nobody)
     assert locator.fitted_px[1, 0] == pytest.approx(70.5, abs=0.05)
 
 
@@ -91,22 +96,43 @@ def test_without_events_nothing_is_fitted_and_a_speed_fades() -> None:
     assert np.abs(locator.motion[:, VX]).max() < 1.0
 
 
-def test_a_marker_far_from_its_rest_is_fitted_without_events_in_its_cell() -> None:
-    locator = DiscLocator(CALIBRATION, EVENTS_PER_PX, 3)
-    locator.begin_at(REST_PX + np.array([16.0, 0.0]))
-    for t_us in (0, 1_000):
-        locator.locate(t_us, np.zeros(2, np.bool_))
-    locator.map.repaint(np.roll(locator.map.values, 1, axis=1))
-    locator.locate(2_000, np.zeros(2, np.bool_))
-    np.testing.assert_allclose(locator.fitted_px, REST_PX + np.array([17.0, 0.0]), atol=0.1)
+def test_events_count_for_the_marker_at_whose_edge_they_lie_also_far_from_its_rest() -> None:
+    locator, nobody = moved_by(0.0), np.zeros(2, np.bool_)
+    locator.pending[:] = 0
+    locator.motion[0, X] += 18.0  # beyond the middle between the two
+    locator.motion[:, VX] = 1.0
+    locator.locate(2_000, nobody)
+    columns = np.array([30, 37, 55, 48, 77, 70], np.uint16)
+    events = columns, np.full(6, 30, np.uint16), np.ones(6, np.bool_), np.arange(6)
+    locator.absorb(EventPacket(*events, 0, 6, (100, 60)), HotPixelWatch(None, (100, 60)))
+    assert locator.pending.tolist() == [1, 1], "neither what it left nor the middle of a disc"
+    assert locator.counts.tolist() == [3, 3]
+
+
+def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
+    locator, rng = moved_by(0.0), np.random.default_rng(4)
+    twin, marked = deepcopy(locator.map), locator._marked
+    x, y, p = rng.integers(0, 100, 500), rng.integers(0, 60, 500), rng.random(500) < 0.5
+    columns = x.astype(np.uint16), y.astype(np.uint16), p, np.arange(500)
+    packet = EventPacket(*columns, 0, 500, (100, 60))
+    locator.pending[:] = 0
+    locator.absorb(packet, HotPixelWatch(None, (100, 60)))
+    twin.absorb(packet)
+    np.testing.assert_array_equal(locator.map.padded, twin.padded)
+    away_px = np.hypot(*(np.column_stack([x, y])[:, np.newaxis] - REST_PX).transpose(2, 0, 1))
+    assert locator.counts.tolist() == np.bincount(away_px.argmin(axis=1), minlength=2).tolist()
+    inner, outer = (float(locator._window.edge[0, k]) + 7.0 for k in (0, 1))
+    near = (away_px >= inner - FARTHER_PX) & (away_px <= outer + FARTHER_PX)
+    assert locator.pending.tolist() == near.sum(axis=0).tolist()
+    assert {*np.unique(marked).tolist()} == {0, 1, NOBODY}
 
 
 def test_a_fit_that_has_not_converged_goes_on_at_once() -> None:
     locator = DiscLocator(CALIBRATION, EVENTS_PER_PX, 1)
     locator.map.repaint(moved_by(5.0).map.values)
     for t_us in range(0, 9_000, 1_000):
-        locator.pending += t_us == 0
-        locator.pending[t_us == 0] = AT_ONCE
+        if t_us == 0:
+            locator.pending[:] = AT_ONCE
         locator.locate(t_us, np.zeros(2, np.bool_))
     np.testing.assert_allclose(locator.fitted_px, REST_PX + np.array([5.0, 0.0]), atol=0.1)
 

@@ -6,7 +6,6 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded import event_loss as events_kept
 from spikingtac.markers.graded.event_loss import FIRST_SHARE, EventLoss
-from spikingtac.types import EventPacket
 
 STEP = 1.0 / 7.0
 """Six events of a full swing, and one step of dead band: 1 / (6 + 1)."""
@@ -25,23 +24,13 @@ BACKGROUND_PER_MS = 20
 SPEED_PX_S = 200.0
 STROKE_PX = 8.0
 """To and fro about the rest."""
-STILL = np.zeros((10, 2))
-PENDING = np.zeros(10, np.int64)
+NONE = np.zeros(10, np.int64)
 
 
-def packet(x: np.ndarray, y: np.ndarray) -> EventPacket:
-    t_us = np.zeros(len(x), np.int64)
-    pixels = x.astype(np.uint16), y.astype(np.uint16)
-    return EventPacket(*pixels, np.ones(len(x), np.bool_), t_us, 0, 1000, SIZE)
-
-
-def spread(events: int, rng: np.random.Generator) -> EventPacket:
-    return packet(rng.integers(0, SIZE[0], events), rng.integers(0, SIZE[1], events))
-
-
-def at_markers(counts: np.ndarray) -> EventPacket:
-    x, y = np.repeat(REFERENCE_PX, counts, axis=0).T
-    return packet(x, y)
+def motion(position_px: np.ndarray, velocity_px_s: np.ndarray | float = 0.0) -> np.ndarray:
+    out = np.zeros((10, 8))
+    out[:, :2], out[:, 2:4] = position_px, velocity_px_s
+    return out
 
 
 def watched(kept: float, moving: int = 10, seconds: float = 3.0) -> EventLoss:
@@ -50,15 +39,14 @@ def watched(kept: float, moving: int = 10, seconds: float = 3.0) -> EventLoss:
     position, velocity = REFERENCE_PX.copy(), np.zeros((10, 2))
     velocity[:moving, 0] = SPEED_PX_S
     for _ in range(500):
-        watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng), PENDING)
-        assert watch.update(REFERENCE_PX, STILL, watch.take(1e-3)) is None
+        background = rng.poisson(BACKGROUND_PER_MS * kept / 10, 10)
+        assert watch.update(motion(REFERENCE_PX), watch.cells(background, 1e-3)) is None
     signal = EVENTS_PER_PX * SPEED_PX_S * 1e-3 * kept * (np.arange(10) < moving)
     for _ in range(int(seconds * 1e3)):
-        watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng), PENDING)
-        watch.count(at_markers(rng.poisson(signal)), PENDING)
+        counts = rng.poisson(BACKGROUND_PER_MS * kept / 10 + signal)
         position += 1e-3 * velocity
         velocity[np.abs(position[:, 0] - REFERENCE_PX[:, 0]) > STROKE_PX / 2.0] *= -1.0
-        told = watch.update(position, velocity, watch.take(1e-3))
+        told = watch.update(motion(position, velocity), watch.cells(counts, 1e-3))
         assert told is None or told == watch.share
     assert watch.judged
     return watch
@@ -90,8 +78,8 @@ def test_texture_that_adds_events_is_not_loss() -> None:
 def test_silence_and_standing_still_say_nothing() -> None:
     watch = EventLoss(CALIBRATION)
     for _ in range(5_000):
-        assert watch.update(REFERENCE_PX, STILL, watch.take(1e-3)) is None
-    assert watch.update(REFERENCE_PX, np.full((10, 2), 300.0), watch.take(0.0)) is None
+        assert watch.update(motion(REFERENCE_PX), watch.cells(NONE, 1e-3)) is None
+    assert watch.update(motion(REFERENCE_PX, 300.0), watch.cells(NONE, 0.0)) is None
     assert watch.share == FIRST_SHARE
 
 
@@ -101,7 +89,7 @@ def test_snaps_creep_and_far_markers_are_not_asked() -> None:
         velocity = np.tile([velocity_px_s, 0.0], (10, 1))
         for _ in range(1_000):
             position_px = REFERENCE_PX + np.array([0.0, away_px])
-            assert watch.update(position_px, velocity, watch.take(1e-3)) is None
+            assert watch.update(motion(position_px, velocity), watch.cells(NONE, 1e-3)) is None
 
 
 def test_a_turn_says_nothing_until_the_marker_is_under_way() -> None:
@@ -111,16 +99,12 @@ def test_a_turn_says_nothing_until_the_marker_is_under_way() -> None:
         if step % 4 == 0:
             velocity *= -1.0
         position += 1e-3 * velocity
-        assert watch.update(position, velocity, watch.take(1e-3)) is None
+        assert watch.update(motion(position, velocity), watch.cells(NONE, 1e-3)) is None
 
 
-def test_the_kernels_do_what_their_plain_twins_do() -> None:
+def test_the_kernel_does_what_its_plain_twin_does() -> None:
     rng = np.random.default_rng(3)
-    owner = rng.integers(0, 10, (40, 320)).astype(np.uint16)
-    events, counts, pending = spread(500, rng), np.zeros(10, np.int64), np.full(10, 7)
-    events_kept._count_kernel(owner, events.x, events.y, counts, pending)
-    np.testing.assert_array_equal(counts, np.bincount(owner[events.y, events.x], minlength=10))
-    np.testing.assert_array_equal(pending, counts + 7)
+    counts = rng.poisson(50.0, 10)
     asked_once = False
     turn = REFERENCE_PX + rng.normal(0, 3, (10, 2))
     for _ in range(20):
@@ -129,12 +113,9 @@ def test_the_kernels_do_what_their_plain_twins_do() -> None:
         noise, per_px = rng.uniform(50, 6000, 10), rng.uniform(100, 300, 10)
         silent, settled = rng.uniform(0.5, 2.0, 10), rng.uniform()
         roam, dt, turned = 9.0, 1e-3, turn.copy()
-        got = events_kept._motion_kernel(
-            (position, velocity, REFERENCE_PX, turned),
-            (counts, noise, per_px, silent),
-            (roam, 6.0, settled),
-            dt,
-        )
+        cells = counts, noise, per_px, silent
+        states = motion(position, velocity), REFERENCE_PX, turned
+        got = events_kept.motion_kernel(*states, *cells, roam, 6.0, settled, dt)
         speed = np.hypot(*velocity.T)
         asked = (speed > events_kept.SLOW_PX_S) & (speed < events_kept.FAST_PX_S)
         asked &= per_px * speed > events_kept.BACKGROUND_SHARE * noise

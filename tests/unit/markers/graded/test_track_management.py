@@ -40,9 +40,17 @@ def doubtful(marker: int = CENTRE) -> np.ndarray:
 def lost() -> TrackManager:
     manager = TrackManager(CALIBRATION)
     for t_us in (0, LATER_US):
-        manager.judge(t_us, REST_PX, doubtful(), BLIND)
+        manager.judge(t_us, fits(REST_PX, doubtful()), BLIND)
     assert np.flatnonzero(manager.coasted).tolist() == [CENTRE]
     return manager
+
+
+def fits(place_px: np.ndarray, agreement: np.ndarray) -> np.ndarray:
+    return np.column_stack([place_px, np.zeros(COUNT), agreement])
+
+
+def motion(velocity_px_s: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.zeros((COUNT, 2)), velocity_px_s])
 
 
 def cells(events: np.ndarray) -> CellCounts:
@@ -62,14 +70,14 @@ def heard(
     seen_px_s = np.where((sent > 0)[:, None], velocity_px_s, 0.0)  # a fit of nothing rests
     for _ in range(steps):
         events = rng.poisson((sent * share * EVENTS_PER_PX * speed + NOISE_PER_S) * DT_S)
-        manager.listen(seen_px_s, cells(events), share)
+        manager.listen(motion(seen_px_s), cells(events), share)
     return manager
 
 
 def test_doubt_needs_patience() -> None:
     manager = TrackManager(CALIBRATION)
     for t_us, held in ((0, False), (10_000, False), (20_000, True)):
-        manager.judge(t_us, REST_PX, doubtful(), BLIND)
+        manager.judge(t_us, fits(REST_PX, doubtful()), BLIND)
         assert manager.coasted[CENTRE] == held
     assert manager.coasted.sum() == 1
 
@@ -79,7 +87,9 @@ def test_a_lost_marker_is_predicted_from_its_neighbours() -> None:
     moved_px = REST_PX + np.array([5.0, -3.0])
     fitted_px = moved_px.copy()
     fitted_px[CENTRE] = REST_PX[CENTRE] + [-4.0, 7.0]
-    manager.judge(2 * LATER_US, fitted_px, doubtful(), levels(np.delete(moved_px, CENTRE, axis=0)))
+    manager.judge(
+        2 * LATER_US, fits(fitted_px, doubtful()), levels(np.delete(moved_px, CENTRE, axis=0))
+    )
     assert manager.moved[CENTRE]
     np.testing.assert_allclose(manager.position_px[CENTRE], moved_px[CENTRE], atol=0.2)
 
@@ -90,7 +100,7 @@ def test_held_markers_at_a_border_do_not_run_away() -> None:
     fitted_px[15:] += np.outer(REST_PX[15:, 1] - REST_PX[10, 1], [0.05, 0.1])
     agreement, blind = np.where(np.arange(COUNT) < 15, 0.1, 1.0), levels(REST_PX[15:])
     for t_us in range(0, 20 * LATER_US, LATER_US):
-        manager.judge(t_us, fitted_px, agreement, blind)
+        manager.judge(t_us, fits(fitted_px, agreement), blind)
     away_px = np.abs(manager.position_px[:15] - REST_PX[:15])
     assert away_px.max() <= np.abs(fitted_px - REST_PX).max()
 
@@ -98,7 +108,7 @@ def test_held_markers_at_a_border_do_not_run_away() -> None:
 def test_a_marker_that_reappears_near_its_prediction_is_found_again() -> None:
     manager, back_px = lost(), REST_PX.copy()
     back_px[CENTRE] += [3.0, 2.0]
-    manager.judge(LATER_US + 20_000, REST_PX, doubtful(), levels(back_px))
+    manager.judge(LATER_US + 20_000, fits(REST_PX, doubtful()), levels(back_px))
     assert not manager.coasted.any()
     np.testing.assert_allclose(manager.position_px[CENTRE], back_px[CENTRE], atol=0.2)
 
@@ -106,11 +116,11 @@ def test_a_marker_that_reappears_near_its_prediction_is_found_again() -> None:
 def test_a_marker_held_for_long_comes_back_with_events_only() -> None:
     manager, events = lost(), np.zeros(COUNT, np.int64)
     for t_us in range(4 * LATER_US, 8 * LATER_US, LATER_US):
-        manager.judge(t_us, REST_PX, AGREED, levels(REST_PX))
+        manager.judge(t_us, fits(REST_PX, AGREED), levels(REST_PX))
         assert manager.coasted[CENTRE], "nothing tells that it is more than paint"
     events[CENTRE] = 400
-    manager.listen(np.zeros((COUNT, 2)), cells(events), 1.0)
-    manager.judge(9 * LATER_US, REST_PX, AGREED, levels(REST_PX))
+    manager.listen(motion(np.zeros((COUNT, 2))), cells(events), 1.0)
+    manager.judge(9 * LATER_US, fits(REST_PX, AGREED), levels(REST_PX))
     assert not manager.coasted.any()
 
 
@@ -120,7 +130,7 @@ def test_another_blob_is_not_a_marker_that_came_back(beside_px: tuple[float, flo
     manager, stray_px = lost(), REST_PX.copy()
     stray_px[CENTRE] += beside_px
     for t_us in (LATER_US + 20_000, LATER_US + 40_000):
-        manager.judge(t_us, REST_PX, doubtful(), levels(stray_px))
+        manager.judge(t_us, fits(REST_PX, doubtful()), levels(stray_px))
     assert np.flatnonzero(manager.coasted).tolist() == [CENTRE]
     np.testing.assert_allclose(manager.position_px[CENTRE], REST_PX[CENTRE], atol=0.2)
 
@@ -129,7 +139,7 @@ def test_a_runaway_is_noticed_by_its_neighbours() -> None:
     manager, fitted_px = TrackManager(CALIBRATION), REST_PX.copy()
     fitted_px[CENTRE] += [14.0, 0.0]
     for t_us in (0, LATER_US):
-        manager.judge(t_us, fitted_px, AGREED, levels(REST_PX))
+        manager.judge(t_us, fits(fitted_px, AGREED), levels(REST_PX))
     assert not manager.coasted.any(), "it was found again where it belongs"
     np.testing.assert_allclose(manager.position_px[CENTRE], REST_PX[CENTRE], atol=0.2)
 
@@ -144,7 +154,7 @@ def test_torsion_and_a_press_are_no_reason_for_doubt() -> None:
     for moved_px in (twisted_px, pressed_px):
         manager = TrackManager(CALIBRATION)
         for t_us in (0, LATER_US):
-            manager.judge(t_us, moved_px, AGREED, levels(moved_px))
+            manager.judge(t_us, fits(moved_px, AGREED), levels(moved_px))
             assert not manager.coasted.any()
 
 
@@ -168,7 +178,7 @@ def test_markers_that_are_gone_are_found(gone: tuple[int, ...], share: float) ->
     assert np.flatnonzero(manager.silent).tolist() == sorted(gone)
     confidence = manager.confidence(AGREED, np.zeros(COUNT, np.bool_), DT_S)
     assert (np.flatnonzero(confidence < 0.5) == sorted(gone)).all()
-    manager.judge(0, REST_PX, AGREED, levels(REST_PX))
+    manager.judge(0, fits(REST_PX, AGREED), levels(REST_PX))
     assert np.flatnonzero(manager.coasted).tolist() == sorted(gone), "at once, and not found"
 
 
@@ -200,7 +210,7 @@ def test_a_marker_that_sends_again_is_heard() -> None:
         events = (EVENTS_PER_PX * 60.0 * DT_S).astype(np.int64)
         events[CENTRE] *= sends
         for _ in range(150):
-            manager.listen(velocity, cells(events), 1.0)
+            manager.listen(motion(velocity), cells(events), 1.0)
         assert manager.silent[CENTRE] == expected
 
 
@@ -211,7 +221,7 @@ def test_held_neighbours_do_not_keep_each_other_silent() -> None:
     manager.silent[gone], manager._unheard_px[gone] = True, 4.0
     velocity[gone] = 0.0
     for _ in range(150):
-        manager.listen(velocity, cells((EVENTS_PER_PX * 60.0 * DT_S).astype(np.int64)), 1.0)
+        manager.listen(motion(velocity), cells((EVENTS_PER_PX * 60.0 * DT_S).astype(np.int64)), 1.0)
     assert not manager.silent.any()
 
 
@@ -230,8 +240,9 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
     for _ in range(200):
         velocity = rng.normal(0, 120, (COUNT, 2))
         events = rng.poisson(np.linspace(0.0, 5.0, COUNT))
-        track_management._listen_kernel(
-            velocity, (index, weight, surrounded), (events, noise, full), DT_S, got
+        near = index, weight, surrounded
+        track_management.listen_kernel(
+            motion(velocity), *near, events, noise, 2.0 * full, 0.5, DT_S, *got
         )
         third = np.sort(np.hypot(*velocity.T)[index], axis=1)[:, 2]
         asked = np.minimum(

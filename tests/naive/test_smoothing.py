@@ -1,0 +1,105 @@
+"""The backward smoother against the textbook's matrices, and what it leaves alone."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError
+from spikingtac.markers.graded.motion import (
+    ACCELERATION_NOISE_PX2_S3,
+    AT_US,
+    PP,
+    correct_kernel,
+    predict_kernel,
+    resting_motion,
+)
+from spikingtac.markers.hysteresis import NoLaw
+from spikingtac.markers.smoothing import LOST_PX, Smoother, place_sigma_px, smoothed
+from spikingtac.types import MarkerFrame
+
+DT_S = 1e-3
+COUNT = 200
+LAG_S = 2e-3
+REST_PX = np.array([[40.0, 30.0]])
+
+
+def filtered(path_px: np.ndarray) -> list[np.ndarray]:
+    """Return the filter's states, one for each measured place."""
+    motion, states = resting_motion(path_px[:1])[0], []
+    for k, (x, y) in enumerate(path_px):
+        predict_kernel(motion, DT_S)
+        correct_kernel(motion, x, y, DT_S)
+        motion[AT_US] = k * 1e3
+        states.append(motion.copy())
+    return states
+
+
+def frame(k: int, place_px: np.ndarray, held: bool = False) -> MarkerFrame:
+    places = place_px.copy(), place_px.copy(), place_px - REST_PX
+    return MarkerFrame(k * 1_000, *places, np.array([held]), np.ones(1))
+
+
+def run(states: list[np.ndarray], held: int = -1) -> tuple[np.ndarray, np.ndarray]:
+    """Smooth estimates that are half a px ahead of the filter and its delay."""
+    tracker = SimpleNamespace(motion=np.empty((1, 8)), lag_s=LAG_S)
+    smoother = Smoother(tracker)
+    for k, state in enumerate(states):
+        tracker.motion[0] = state
+        given_px = state[np.newaxis, :2] + LAG_S * state[np.newaxis, 2:4] + 0.5
+        smoother.add(frame(k, given_px, k == held))
+    return smoother.smoothed()
+
+
+def textbook(states: list[np.ndarray], axis: int) -> np.ndarray:
+    """Return the Rauch-Tung-Striebel places and speeds of one axis, by matrices."""
+    f = np.array([[1.0, DT_S], [0.0, 1.0]])
+    q = ACCELERATION_NOISE_PX2_S3 * np.array([[DT_S**3 / 3, DT_S**2 / 2], [DT_S**2 / 2, DT_S]])
+    mean = np.array([[state[axis], state[2 + axis]] for state in states])
+    cov = [np.array([[s[PP], s[PP + 1]], [s[PP + 1], s[PP + 2]]]) for s in states]
+    for k in range(len(states) - 2, -1, -1):
+        gain = cov[k] @ f.T @ np.linalg.inv(f @ cov[k] @ f.T + q)
+        mean[k] += gain @ (mean[k + 1] - f @ mean[k])
+    return mean
+
+
+PATH_PX = REST_PX + np.cumsum(np.random.default_rng(0).normal(0.0, 0.1, (COUNT, 2)), axis=0)
+
+
+def test_the_smoother_equals_the_textbook() -> None:
+    states = filtered(PATH_PX)
+    got_px, _ = run(states)
+    for axis in range(2):
+        mean = textbook(states, axis)
+        expected_px = mean[:, 0] + LAG_S * mean[:, 1] + 0.5
+        np.testing.assert_allclose(got_px[:, 0, axis], expected_px, atol=2e-3)
+
+
+def test_noise_shrinks_and_what_lies_before_a_hold_or_a_leap_is_left_alone() -> None:
+    rng = np.random.default_rng(1)
+    true_px = REST_PX + 5.0 * np.sin(np.arange(COUNT) / 30.0)[:, np.newaxis]
+    states = filtered(true_px + rng.normal(0.0, 0.05, true_px.shape))
+    given_px = np.array([state[:2] + LAG_S * state[2:4] + 0.5 for state in states])
+    smooth_px, _ = run(states)
+    apart = [np.diff(places_px, n=2, axis=0).std() for places_px in (smooth_px[:, 0], given_px)]
+    assert apart[0] < 0.5 * apart[1]
+    alone_px, sigma_px = run(states, held=100)
+    np.testing.assert_allclose(alone_px[100, 0], given_px[100], atol=1e-3)
+    assert sigma_px[100].min() == LOST_PX > 10.0 * np.delete(sigma_px, 100, axis=0).max()
+    leaping = [state + (np.arange(8) < 2) * 9.0 * (k > 50) for k, state in enumerate(states)]
+    np.testing.assert_allclose(run(leaping)[0][50, 0], given_px[50], atol=1e-3)
+
+
+def test_a_deviation_is_largest_where_dead_bands_hide_a_motion_and_grows_with_the_speed() -> None:
+    way_px = np.array([[0.0, 0.0], [0.41, 0.0], [8.0, 0.0]])
+    still, half, far = place_sigma_px(way_px, np.zeros((3, 2)))[:, 0]
+    assert still < far < 0.06 < half < 0.15
+    fast = place_sigma_px(way_px[2:], np.array([[1.0, 0.0]]))[0]
+    assert fast[0] > fast[1] + 0.03
+
+
+def test_a_tracker_without_a_filter_is_refused() -> None:
+    with pytest.raises(ConfigError, match="smooth with the preset default or fast"):
+        next(smoothed([], SimpleNamespace(), NoLaw()))  # type: ignore[arg-type]
