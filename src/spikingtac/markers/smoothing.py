@@ -27,6 +27,7 @@ from spikingtac.markers.graded.corrections import LEAP_PX
 from spikingtac.markers.graded.motion import AT_US, PP, PV, VV, VX, VY, X, Y, predict_kernel
 from spikingtac.markers.hysteresis import OutputLaw
 from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.state_map.graded import Array
 from spikingtac.types import MarkerFrame
 
 SCATTER_PX = 0.039
@@ -144,7 +145,7 @@ def place_sigma_px(
 
 
 @njit(cache=True, nogil=True)
-def smooth_kernel(t_s, states):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def smooth_kernel(t_s: Array, states: Array) -> None:  # pragma: no cover - compiled
     """Bring each state up to the time of its estimate, then smooth backward; all in place."""
     ahead = np.empty(8)
     for m in range(states.shape[1]):

@@ -10,12 +10,17 @@ the paper's Eq. 1 is measured in ``docs/explanation/paper-map.md``.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket
+
+Array = NDArray[Any]
+"""Array of a compiled function, whose compiler knows its type."""
 
 PAD_PX = 24
 """Margin around the sensor in the padded arrays, so that fits at the border need no bounds."""
@@ -147,7 +152,9 @@ class GradedStateMap:
 
 
 @njit(cache=True, nogil=True)
-def integrate_event_kernel(memory, row, column, step):  # type: ignore[no-untyped-def] # pragma: no cover
+def integrate_event_kernel(
+    memory: Array, row: int, column: int, step: float
+) -> float:  # pragma: no cover - compiled
     """Add an event's signed step to its pixel's sum; return the level to expect from then on."""
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     value = min(max(memory[row, column] + step, zero), one)

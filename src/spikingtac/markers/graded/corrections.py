@@ -35,6 +35,7 @@ from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.motion import AT_US, VX, VY, X, Y
 from spikingtac.markers.neighbours import Neighbourhood, settle_kernel
 from spikingtac.play_operator import within_play_kernel
+from spikingtac.state_map.graded import Array
 
 SHORT_PLAY = 0.2
 """Half of the way in which the direction of motion is told anew, in crossings (ours: 0.1 to 0.3 are
@@ -112,8 +113,8 @@ class OutputCorrections:
         skin = near.reference_px, near.index, near.weight
         self._sensor = crossings, *skin, noise_px, near.own_share, near.bound_px
         last_px = near.reference_px.copy()
-        direction, way, now_px, ahead_px = np.zeros((4, *last_px.shape))
-        self._states = last_px, direction, way, now_px, ahead_px
+        nothing = np.zeros_like(last_px)
+        self._states = last_px, nothing, nothing.copy(), nothing.copy(), nothing.copy()
         self._backlash = backlash
 
     def update(
@@ -144,10 +145,12 @@ class OutputCorrections:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def correct_kernel(  # type: ignore[no-untyped-def]
-    motions, crossings, reference_px, index, weight, noise_px, own_share, bound_px,
-    last_px, direction, way, now_px, ahead_px, t_us, lag_s, steady, turning, given_px, outside,
-):  # pragma: no cover - compiled # fmt: skip
+def correct_kernel(
+    motions: Array, crossings: Array, reference_px: Array, index: Array, weight: Array,
+    noise_px: Array, own_share: Array, bound_px: Array, last_px: Array, direction: Array,
+    way: Array, now_px: Array, ahead_px: Array, t_us: float, lag_s: float, steady: float,
+    turning: float, given_px: Array, outside: Array,
+) -> None:  # pragma: no cover - compiled # fmt: skip
     """Bring every marker up to the present, and correct it; see :class:`OutputCorrections`.
 
     Arguments are plain, since a tuple costs a microsecond: the sensor's (motions, crossings, rests,

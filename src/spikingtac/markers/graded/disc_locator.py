@@ -34,7 +34,7 @@ from spikingtac.markers.graded.motion import (
     correct_kernel,
     predict_kernel,
 )
-from spikingtac.state_map.graded import PAD_PX, GradedStateMap, integrate_event_kernel
+from spikingtac.state_map.graded import PAD_PX, Array, GradedStateMap, integrate_event_kernel
 from spikingtac.types import EventPacket
 
 STILL_PX_S = 0.2
@@ -114,10 +114,11 @@ class DiscLocator(Locator):
 
 
 @njit(cache=True, nogil=True)
-def absorb_discs_kernel(  # type: ignore[no-untyped-def]
-    x, y, p, t, hot_counts, hot_windows, until_us, memory, padded, signed_steps, dark_markers,
-    owner, counts, marked, pending, motions, outline_px, edge,
-):  # pragma: no cover - compiled # fmt: skip
+def absorb_discs_kernel(
+    x: Array, y: Array, p: Array, t: Array, hot_counts: Array, hot_windows: Array, until_us: int,
+    memory: Array, padded: Array, signed_steps: Array, dark_markers: bool, owner: Array,
+    counts: Array, marked: Array, pending: Array, motions: Array, outline_px: Array, edge: Array,
+) -> tuple[int, int]:  # pragma: no cover - compiled # fmt: skip
     """Add each event to the map, and count it for the markers around it.
 
     Arguments are plain, since a tuple costs a microsecond: columns of the events; what
@@ -146,9 +147,9 @@ def absorb_discs_kernel(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def mark_kernel(  # type: ignore[no-untyped-def]
-    marked, m, motions, fits, outline_px, edge
-):  # pragma: no cover - compiled
+def mark_kernel(
+    marked: Array, m: int, motions: Array, fits: Array, outline_px: Array, edge: Array,
+) -> None:  # pragma: no cover - compiled # fmt: skip
     """Mark the pixels around marker m with its number."""
     x, y = motions[m, X], motions[m, Y]
     fits[m, MARKED_X], fits[m, MARKED_Y] = x, y
@@ -161,10 +162,12 @@ def mark_kernel(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def locate_discs_kernel(  # type: ignore[no-untyped-def]
-    padded, scratch, offset, place_px, within, coefficients, edge,
-    motions, fits, outline_px, pending, coasted, radius_px, due, marked, t_us, iterations,
-):  # pragma: no cover - compiled # fmt: skip
+def locate_discs_kernel(
+    padded: Array, scratch: Array, offset: Array, place_px: Array, within: Array,
+    coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,
+    pending: Array, coasted: Array, radius_px: Array, due: Array, marked: Array, t_us: int,
+    iterations: int,
+) -> None:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that enough events ask for, and bring the filters up to the present.
 
     Arguments are plain, since a tuple costs a microsecond: the map with its margin, and scratch

@@ -23,6 +23,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import appearance_of, nearest_marker, roam_px
 from spikingtac.markers.graded.corrections import crossing_px
 from spikingtac.markers.graded.motion import VX, VY, X, Y
+from spikingtac.state_map.graded import Array
 
 SLOW_PX_S = 10.0
 """Speed below which a marker is not asked: creep, and the jitter of a filtered velocity."""
@@ -205,10 +206,11 @@ def events_per_px(calibration: Calibration) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True)
-def motion_kernel(  # type: ignore[no-untyped-def]
-    motions, reference_px, turn_px, events, noise_per_s, events_per_px, silent_px,
-    roam_px, stroke_px, settled, dt_s,
-):  # pragma: no cover - compiled # fmt: skip
+def motion_kernel(
+    motions: Array, reference_px: Array, turn_px: Array, events: Array, noise_per_s: Array,
+    events_per_px: Array, silent_px: Array, roam_px: float, stroke_px: float, settled: float,
+    dt_s: float,
+) -> tuple[float, float, float]:  # pragma: no cover - compiled # fmt: skip
     """Return the mean speed, px/s, and the events that were expected and that arrived.
 
     Arguments are plain, since a tuple costs a microsecond: motions, rests, and where each turned

@@ -28,7 +28,7 @@ from spikingtac.markers.graded.appearance import appearance_of, profile_tables
 from spikingtac.markers.graded.disc_fit import SAME_BITS
 from spikingtac.markers.graded.locator import Locator
 from spikingtac.markers.graded.motion import AGREEMENT, VX, VY, X, Y
-from spikingtac.state_map.graded import PAD_PX
+from spikingtac.state_map.graded import PAD_PX, Array
 
 USUAL_S = 0.2
 """Time in which a marker's agreement becomes usual, s (ours: a fit that may still follow its
@@ -126,10 +126,11 @@ def _share(amount: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def take_turn_kernel(  # type: ignore[no-untyped-def]
-    padded, memory, motions, fits, outline_px, usual, radius_px, ground_px, tables, reach_px,
-    mean_step, turn, tolerance, leaking, drawing, below, above, settling,
-):  # pragma: no cover - compiled # fmt: skip
+def take_turn_kernel(
+    padded: Array, memory: Array, motions: Array, fits: Array, outline_px: Array, usual: Array,
+    radius_px: Array, ground_px: Array, tables: Array, reach_px: Array, mean_step: Array, turn: int,
+    tolerance: float, leaking: float, drawing: float, below: float, above: float, settling: float,
+) -> None:  # pragma: no cover - compiled # fmt: skip
     """Let some markers' surroundings leak, and some rows of the ground return.
 
     Arguments are plain, since a tuple costs a microsecond: the map and its sums; motions, fits and

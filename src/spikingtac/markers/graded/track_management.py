@@ -31,6 +31,7 @@ from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, VX, VY
 from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
 from spikingtac.markers.published.associate import UNMATCHED, associate
 from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
+from spikingtac.state_map.graded import Array
 
 LEAST_AGREEMENT = 0.35
 """Share of the edge that must agree with the fitted disc (ours)."""
@@ -203,9 +204,10 @@ def _surrounded(
 
 
 @njit(cache=True, nogil=True)
-def trust_kernel(  # type: ignore[no-untyped-def]
-    agreement, unheard_px, coasted, outside, trust, fading, confidence
-):  # pragma: no cover - compiled
+def trust_kernel(
+    agreement: Array, unheard_px: Array, coasted: Array, outside: Array, trust: Array,
+    fading: float, confidence: Array,
+) -> None:  # pragma: no cover - compiled # fmt: skip
     """Write how well each marker is supported; the trust in those that are not seen fades."""
     for m in range(trust.size):
         trust[m] = trust[m] * fading if coasted[m] or outside[m] else 1.0
@@ -232,9 +234,9 @@ def _asked_speed_kernel(
 
 
 @njit(cache=True, nogil=True)
-def doubt_kernel(  # type: ignore[no-untyped-def]
-    fits, reference_px, index, bound_px, doubted
-):  # pragma: no cover - compiled
+def doubt_kernel(
+    fits: Array, reference_px: Array, index: Array, bound_px: Array, doubted: Array,
+) -> bool:  # pragma: no cover - compiled # fmt: skip
     """Write which fits cannot be their markers; return whether any cannot."""
     found = False
     for m in range(bound_px.size):
@@ -252,10 +254,11 @@ def doubt_kernel(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def listen_kernel(  # type: ignore[no-untyped-def]
-    motions, index, weight, surrounded, events, noise_per_s, whole_per_px, share, dt_s,
-    unheard_px, heard_px, silent,
-):  # pragma: no cover - compiled # fmt: skip
+def listen_kernel(
+    motions: Array, index: Array, weight: Array, surrounded: Array, events: Array,
+    noise_per_s: Array, whole_per_px: Array, share: float, dt_s: float, unheard_px: Array,
+    heard_px: Array, silent: Array,
+) -> None:  # pragma: no cover - compiled # fmt: skip
     """Add up the travel without events and the way of the events, px, and mark who is silent.
 
     Arguments are plain, since a tuple costs a microsecond: motions; neighbours, their weights, and
