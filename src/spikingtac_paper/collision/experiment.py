@@ -14,8 +14,7 @@ from spikingtac.contact import DETECTORS
 from spikingtac_paper.collision.jobs import METHODS, QUIET_STEPS, CollisionJob, run_job
 from spikingtac_paper.collision.scene import CollisionScene
 from spikingtac_paper.collision.scoring import ALL, FASTEST, PRESETS, SLOW, SPEEDS, collision_rows
-from spikingtac_paper.harness.figures import dot_figure
-from spikingtac_paper.harness.report import Report, lines_of, write_report
+from spikingtac_paper.harness.report import Report, dot_figure, lines_of, write_report
 from spikingtac_paper.harness.run import (
     Progress,
     Record,

@@ -38,8 +38,7 @@ from spikingtac_paper.collision.frames import (
 )
 from spikingtac_paper.collision.scene import CollisionScene
 from spikingtac_paper.free_motion.free_rig import FreeRig
-from spikingtac_paper.harness.run import Record, code_digest, kept
-from spikingtac_paper.harness.window_file import load_windows, save_windows
+from spikingtac_paper.harness.run import Record, code_digest, kept, load_windows, save_windows
 
 BUDGET_PER_HOUR = 1.0
 """Budget of false stops of every detector."""

@@ -33,8 +33,15 @@ from spikingtac_paper.denoise.scoring import (
     render,
     score_recording,
 )
-from spikingtac_paper.harness.figures import dot_figure
-from spikingtac_paper.harness.report import Metric, Report, Row, by_name, lines_of, write_report
+from spikingtac_paper.harness.report import (
+    Metric,
+    Report,
+    Row,
+    by_name,
+    dot_figure,
+    lines_of,
+    write_report,
+)
 from spikingtac_paper.harness.run import Progress, RunOptions, provenance
 from spikingtac_paper.training.dataset import US_PER_S
 from spikingtac_paper.trials.trial import V2E

@@ -16,9 +16,12 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeVar
 
-from spikingtac.atomic_files import write_json
+import numpy as np
+
+from spikingtac.atomic_files import replacing, write_json
 from spikingtac.batch import worker_pool
 from spikingtac.errors import named
+from spikingtac.types import EventPacket
 
 Advance = Callable[[float], None]
 """Is called with the fraction of the work that is done, 0 to 1."""
@@ -190,3 +193,27 @@ def _commit() -> str | None:
     except (OSError, subprocess.TimeoutExpired):
         return None
     return done.stdout.strip() or None
+
+
+def save_windows(path: Path, windows: Sequence[tuple[EventPacket, ...]]) -> None:
+    """Write consecutive windows of one sensor."""
+    packets = [window[0] for window in windows]
+    x, y, p, t = (np.concatenate([getattr(one, name) for one in packets]) for name in "xypt")
+    edges = np.array([packets[0].t_start_us, *(packet.t_end_us for packet in packets)])
+    with replacing(path) as temporary:
+        np.savez_compressed(temporary, edges=edges, size=packets[0].size, x=x, y=y, p=p, t=t)
+
+
+def load_windows(path: Path) -> list[tuple[EventPacket, ...]]:
+    """Read the windows that :func:`save_windows` wrote."""
+    with np.load(path, allow_pickle=False) as file:
+        x, y, p, t, edges = (file[name] for name in ("x", "y", "p", "t", "edges"))
+        width, height = (int(side) for side in file["size"])
+    whole = EventPacket(
+        x=x, y=y, p=p, t=t, t_start_us=int(edges[0]), t_end_us=int(edges[-1]), size=(width, height)
+    )
+    cuts = np.searchsorted(t, edges)
+    return [
+        (whole.part(int(first), int(last), int(start), int(end)),)
+        for first, last, start, end in zip(cuts, cuts[1:], edges, edges[1:], strict=False)
+    ]

@@ -7,8 +7,7 @@ from typing import Any
 
 from spikingtac.batch import begin_run
 from spikingtac.sim import SIGMAS_MM
-from spikingtac_paper.harness.figures import dot_figure
-from spikingtac_paper.harness.report import Report, lines_of, write_report
+from spikingtac_paper.harness.report import Report, dot_figure, lines_of, write_report
 from spikingtac_paper.harness.run import (
     Progress,
     Record,

@@ -46,8 +46,7 @@ from spikingtac.sim import (
     travel_of,
 )
 from spikingtac.types import FloatArray
-from spikingtac_paper.harness.run import Record, code_digest, kept
-from spikingtac_paper.harness.window_file import load_windows, save_windows
+from spikingtac_paper.harness.run import Record, code_digest, kept, load_windows, save_windows
 
 RADII_MM: tuple[float, ...] = tuple(round(0.7 + 4.3 / 9 * k, 3) for k in range(10))
 """Ten radii from 0.7 to 5.0 mm, the range of section V-C."""

@@ -7,8 +7,7 @@ from typing import Any
 
 from spikingtac.batch import begin_run
 from spikingtac.sim import TRAJECTORIES
-from spikingtac_paper.harness.figures import dot_figure
-from spikingtac_paper.harness.report import Report, Row, lines_of, rows_of, write_report
+from spikingtac_paper.harness.report import Report, Row, dot_figure, lines_of, rows_of, write_report
 from spikingtac_paper.harness.run import RunOptions, provenance, select_methods
 from spikingtac_paper.point_tracking.ablation import (
     ABLATION_SCENES,

@@ -56,13 +56,14 @@ class GroundTruth:
     def of(cls, columns: dict[str, NDArray[Any]]) -> Self:
         """Build the truth from the columns of a ``truth.npz``."""
         t_us = columns["marker_t_us"].astype(np.int64)
+        released_us, free_us = _contact_times(columns, int(t_us[-1]))
         return cls(
             t_us=t_us,
             marker_px=columns["marker_px"].astype(np.float64),
             reference_px=columns["reference_px"].astype(np.float64),
             radius_px=columns["radius_px"].astype(np.float64),
-            released_us=_released_us(columns, int(t_us[-1])),
-            free_us=_free_us(columns, int(t_us[-1])),
+            released_us=released_us,
+            free_us=free_us,
         )
 
     def at(self, t_us: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -73,33 +74,20 @@ class GroundTruth:
         return self.marker_px[after - 1] * (1.0 - fraction) + self.marker_px[after] * fraction
 
 
-def _in_contact(columns: dict[str, NDArray[Any]]) -> NDArray[np.bool_] | None:
+def _contact_times(columns: dict[str, NDArray[Any]], last_us: int) -> tuple[int, NDArray[np.int64]]:
+    """Return the end of the last contact, us, and the spans ``(k, 2)`` after each release, us."""
     if "in_contact" in columns:
-        return columns["in_contact"].astype(np.bool_)
-    if "force_n" in columns:
-        return np.abs(columns["force_n"]).max(axis=1) > 0.0
-    return None
-
-
-def _free_us(columns: dict[str, NDArray[Any]], last_us: int) -> NDArray[np.int64]:
-    touched = _in_contact(columns)
-    if touched is None:
-        return np.empty((0, 2), np.int64)
-    change = np.diff(touched.astype(np.int8))
+        touched = columns["in_contact"].astype(np.bool_)
+    elif "force_n" in columns:
+        touched = np.abs(columns["force_n"]).max(axis=1) > 0.0
+    else:
+        return last_us - REST_US, np.empty((0, 2), np.int64)
+    times_us, change = columns["contact_t_us"], np.diff(touched.astype(np.int8))
     released, touches = np.flatnonzero(change < 0) + 1, np.flatnonzero(change > 0) + 1
-    times_us = columns["contact_t_us"]
-    ends_us = [times_us[touches[touches > index]][:1] for index in released]
-    spans = [
-        (int(times_us[index]), int(end[0]) if len(end) else last_us)
-        for index, end in zip(released, ends_us, strict=True)
-    ]
-    return np.array(spans, np.int64).reshape(-1, 2)
-
-
-def _released_us(columns: dict[str, NDArray[Any]], last_us: int) -> int:
-    touched = _in_contact(columns)
-    if touched is None or not touched.any():
-        return last_us - REST_US
-    last = int(np.flatnonzero(touched)[-1])
-    times_us = columns["contact_t_us"]
-    return int(times_us[min(last + 1, len(times_us) - 1)])
+    ends_us = np.append(times_us[touches], last_us)
+    ends_us = ends_us[np.searchsorted(touches, released, side="right")]
+    free_us = np.column_stack([times_us[released], ends_us]).astype(np.int64)
+    if not touched.any():
+        return last_us - REST_US, free_us
+    after = min(int(np.flatnonzero(touched)[-1]) + 1, len(times_us) - 1)
+    return int(times_us[after]), free_us

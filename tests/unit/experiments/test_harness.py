@@ -10,8 +10,7 @@ from spikingtac.batch.run_folder import begin_run
 from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.report import Metric, Report, interval, rows_of, write_report
-from spikingtac_paper.harness.run import Progress, RunOptions, kept
-from spikingtac_paper.harness.window_file import load_windows, save_windows
+from spikingtac_paper.harness.run import Progress, RunOptions, kept, load_windows, save_windows
 from spikingtac_paper.point_tracking.experiment import PUBLISHED
 from spikingtac_paper.registry import EXPERIMENTS, runner_of
 
