@@ -19,8 +19,6 @@ from spikingtac_hardware.optics import Imaging
 MM3_PER_CM3 = 1000.0
 STEEL_G_CM3, BRASS_G_CM3, BOARD_G_CM3, PARTS_G_CM3 = 7.9, 8.5, 1.9, 2.3
 """Densities: steel, brass, glass-fibre board, packages and glass, g/cm³ (textbook)."""
-INSERT_C = 220
-"""Temperature of the iron for brass inserts in PA12, degrees Celsius (class)."""
 SHARP_PX = 1.0
 """Blur disc up to which the skin counts as sharp, px."""
 SEARCH_MM = np.linspace(0.0, 5.0, 501)
@@ -139,14 +137,14 @@ def _cast(design: Design, cm3: Mapping[str, float]) -> list[Item]:
     material, skin = design.materials, design.skin
     gel, cover = (cm3[name] * material.silicone_g_cm3 for name in ("gel", "cover"))
     discs = cm3["discs"] * material.silicone_g_cm3
-    cover_color = "black" if skin.paint == "white" else "white"
     return [
         Item("window", 1, "cut", f"acrylic, {design.window.thickness_mm:g} mm",
              cm3["window"] * material.acrylic_g_cm3, material.acrylic_usd),
         Item("gel", 1, "cast", "clear platinum-cured silicone", gel, gel * material.silicone_usd_g),
         Item("discs", skin.grid[0] * skin.grid[1], "cast", f"{skin.paint} silicone ink", discs,
              material.paint_usd),
-        Item("cover", 1, "cast", f"{cover_color} silicone", cover, cover * material.silicone_usd_g),
+        Item("cover", 1, "cast", f"{_cover_color(design)} silicone", cover,
+             cover * material.silicone_usd_g),
     ]  # fmt: skip
 
 
@@ -183,31 +181,25 @@ def build_guide(layout: Layout, figures: dict[str, Any], bill: tuple[Item, ...])
         figures: From :func:`figures_of`.
         bill: From :func:`bill_of_materials`.
     """
-    design = layout.design
+    design, fasteners = layout.design, layout.design.fasteners
     mass_g, cost_usd = totals(bill)
     mass_of = {item.item: item.mass_g for item in bill}
-    rim = layout.outer.half_mm[0] - layout.pocket.half_mm[0]
-    plain = layout.plate_top_mm - design.fasteners.counterbore_mm
-    in_air = figures["reduced_distance_mm"] - design.lens.pupil_mm
     page = importlib.resources.files("spikingtac_hardware") / "designs" / "build-guide.md"
     return page.read_text(encoding="utf-8").format(
-        about=design.about, width=layout.outer.size_mm[0], depth=layout.outer.size_mm[1],
-        height=design.housing.height_mm, mass=mass_g, cost=cost_usd,
-        process=design.printing.process, rim=rim,
-        window=design.window.thickness_mm, rows=design.skin.grid[0],
-        columns=design.skin.grid[1], disc=design.skin.disc_diameter_mm,
-        pitch=design.skin.pitch_mm, paint=design.skin.paint, gel_g=mass_of["gel"],
-        gel=design.skin.gel_mm, cover_g=mass_of["cover"], cover=design.skin.cover_mm,
-        cover_color="black" if design.skin.paint == "white" else "white",
-        free=layout.disc_mm - layout.shell_top_mm, thread=design.fasteners.thread_mm,
-        insert=design.fasteners.insert_length_mm, insert_c=INSERT_C,
-        current=design.light.current_ma, supply=figures["supply_ma"],
-        volts=design.light.supply_v, reduced_front=in_air,
-        working=figures["working_distance_mm"],
-        length=design.fasteners.length_mm, engaged=design.fasteners.length_mm - plain,
-        px_per_mm=figures["px_per_mm"],
-        pitch_px=figures["pitch_px"], disc_px=figures["disc_radius_px"],
-        field_x=figures["field_mm"][0], field_y=figures["field_mm"][1],
-        distortion=-100 * figures["distortion_at_outer_disc"], lux=figures["centre_lux"],
-        warming=figures["warming_k"],
-    )  # fmt: skip
+        design=design,
+        figures=figures,
+        mass_g=mass_g,
+        cost_usd=cost_usd,
+        gel_g=mass_of["gel"],
+        cover_g=mass_of["cover"],
+        cover_color=_cover_color(design),
+        rim=layout.outer.half_mm[0] - layout.pocket.half_mm[0],
+        free=layout.disc_mm - layout.shell_top_mm,
+        in_air=figures["reduced_distance_mm"] - design.lens.pupil_mm,
+        engaged=fasteners.length_mm - layout.plate_top_mm + fasteners.counterbore_mm,
+        distortion=-100 * figures["distortion_at_outer_disc"],
+    )
+
+
+def _cover_color(design: Design) -> str:
+    return "black" if design.skin.paint == "white" else "white"
