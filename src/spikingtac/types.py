@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import one_line
 from spikingtac.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
@@ -54,6 +55,8 @@ class EventPacket:
     t_end_us: int
     size: tuple[int, int]
     checked: bool = field(default=False, repr=False, compare=False)
+
+    __repr__ = one_line
 
     def __len__(self) -> int:
         return len(self.t)
@@ -221,6 +224,8 @@ class MarkerFrame:
     coasted: NDArray[np.bool_]
     confidence: NDArray[np.float64]
     health: SourceHealth = SourceHealth()
+
+    __repr__ = one_line
 
     def with_health(self, health: SourceHealth) -> MarkerFrame:
         """Return the same estimate with the health of the events that it rests on."""

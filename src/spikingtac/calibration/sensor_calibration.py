@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import one_line
 from spikingtac.atomic_files import write_text
 from spikingtac.calibration.document import (
     CALIBRATION_SCHEMA,
@@ -90,6 +91,8 @@ class Calibration:
     hot_px: NDArray[np.int64] | None = None
     hysteresis: str | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
+
+    __repr__ = one_line
 
     def with_polarity(self, polarity: str | None) -> Calibration:
         """Return a copy for the given polarity; None keeps this one."""

@@ -130,7 +130,7 @@ def progress(what: str) -> Iterator[Advance]:
 
 def _row(key: str, value: Any) -> tuple[str, str]:
     if key == "px_per_mm":
-        return "scale", "not known" if value is None else f"{value:.6g} px/mm"
+        return "scale", "not known" if value is None else f"{value:.5g} px/mm"
     known = value not in (None, [])
     if key in ("size", "grid") and known:
         return key, " x ".join(map(str, value))
@@ -146,7 +146,7 @@ def _text(value: Any) -> str:
     if value is None or isinstance(value, bool):
         return {None: "not known", True: "yes", False: "no"}[value]
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return f"{value:.5g}"
     if isinstance(value, dict):
         shown = (f"{key.replace('_', ' ')} {_text(one)}" for key, one in value.items())
         return ", ".join(shown) or "none"

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from spikingtac.arrays import one_line
 from spikingtac.types import FloatArray
 
 HEXAGON_STEP_RAD = math.pi / 3
@@ -92,6 +93,8 @@ class Circle:
     radius_mm: float
     covariance_mm2: FloatArray
     residual_mm: FloatArray
+
+    __repr__ = one_line
 
     @property
     def sigma_mm(self) -> FloatArray:

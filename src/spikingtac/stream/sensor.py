@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from spikingtac.arrays import one_line
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
 from spikingtac.events.cameras.source import CameraSource
@@ -64,6 +65,8 @@ class LiveFrame(MarkerFrame):
     told_ns: int = 0
     behind_ms: float = 0.0
     most_behind_ms: float = 0.0
+
+    __repr__ = one_line
 
 
 def frame_bytes(markers: int) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import one_line
 from spikingtac.calibration.pitch import marker_pitch_px
 from spikingtac.errors import ConfigError
 from spikingtac.touch.field import FieldGauge, FieldQuantities
@@ -45,6 +46,8 @@ class Touch:
     area_px2: float
     outline_px: NDArray[np.float64]
     field: FieldQuantities
+
+    __repr__ = one_line
 
     @property
     def duration_us(self) -> int | None:

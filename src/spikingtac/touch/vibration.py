@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import one_line
 from spikingtac.errors import ConfigError
 
 Field = NDArray[np.float64]
@@ -44,6 +45,8 @@ class Spectrum:
     noise_px: float
     line_hz: float | None
     line_px: float
+
+    __repr__ = one_line
 
 
 class VibrationMonitor:

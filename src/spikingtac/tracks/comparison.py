@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import one_line
 from spikingtac.errors import ConfigError, require_type
 from spikingtac.tracks.tracks import Tracks
 
@@ -32,6 +33,8 @@ class Comparison:
     coasted: NDArray[np.bool_]
     distance_mm: NDArray[np.float64] | None = None
     truth: bool = False
+
+    __repr__ = one_line
 
     @property
     def word(self) -> str:

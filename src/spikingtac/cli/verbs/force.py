@@ -97,6 +97,8 @@ def _fit(args: Args) -> int:
             "note: PyTorch is not installed, so a ridge regression is fitted instead of a network; "
             "for that: pip install 'spikingtac[train]'"
         )
+    else:
+        remark("learning forces with a network; this takes some minutes")
     with progress("learning forces"):
         model = fit_force([*_series(args), *_drawn(args)], trainer)
     model.save(output)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import one_line
 from spikingtac.errors import RecordingError
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -40,6 +41,8 @@ class WrenchSeries:
     wrench: NDArray[np.float64]
     unit: str
     name: str = "series"
+
+    __repr__ = one_line
 
     def __post_init__(self) -> None:
         frames, moved = len(self.t_us), self.displacement
