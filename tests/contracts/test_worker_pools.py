@@ -12,9 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from spikingtac.batch import worker_pool as pools
 from spikingtac.batch.worker_pool import ATTEMPTS, check_scheduler, worker_pool
-from spikingtac.errors import ConfigError, DeviceError, MissingExtraError
+from spikingtac.errors import ConfigError, DeviceError
 from stand_ins.dask_cluster import DaskCluster
 
 pytestmark = pytest.mark.waits
@@ -36,14 +35,6 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
     with DaskCluster(tmp_path_factory.mktemp("dask")) as running:
         running.wait_for_worker()
         yield running
-
-
-@pytest.fixture(params=["processes", "cluster"])
-def scheduler(request: pytest.FixtureRequest) -> str | None:
-    if request.param == "processes":
-        return None
-    running: DaskCluster = request.getfixturevalue("cluster")
-    return running.address
 
 
 def die(marker: str, times: int) -> str:
@@ -119,22 +110,3 @@ def test_a_scheduler_without_encryption_or_password_is_refused(given: str, told:
         check_scheduler(given)
     for valid in ("tcp://127.0.0.1:8786", "tcp://localhost", "tcp://[::1]:99", "tls://host:1"):
         check_scheduler(valid)
-
-
-def test_a_cluster_that_cannot_work_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cluster: DaskCluster
-) -> None:
-    monkeypatch.setattr(pools, "CONNECT_S", 2.0)
-    with pytest.raises(DeviceError, match="no Dask scheduler answers"):
-        worker_pool(None, 1, "tcp://127.0.0.1:1").__enter__()
-    with (
-        DaskCluster(tmp_path, workers=0) as empty,
-        pytest.raises(DeviceError, match="has no worker"),
-    ):
-        worker_pool(None, 1, empty.address).__enter__()
-    monkeypatch.setattr("distributed.Client.run", lambda *_: {"worker": "0.0"})
-    with pytest.raises(ConfigError, match="install the same version"):
-        worker_pool(None, 1, cluster.address).__enter__()
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(MissingExtraError, match=r"spikingtac\[cluster\]"):
-        worker_pool(None, 1, cluster.address).__enter__()

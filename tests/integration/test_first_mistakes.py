@@ -69,19 +69,6 @@ def test_what_the_parser_refuses_is_json_where_json_is_asked_for(
     assert shown.err.startswith("spikingtac: error: ")
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [(("--port", "80801"), "65535"), (("--port", "-1"), "65535"), (("--host", "999.1.1.1"), "999")],
-)
-def test_an_address_that_is_none_is_refused_at_once(
-    options: tuple[str, str], named: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, text = said(capsys, "view", "finger-torsion", "--no-browser", *options)
-    assert code == 2
-    assert options[0] in text
-    assert named in text
-
-
 def test_what_is_no_recording_is_not_blamed_for_a_missing_calibration(
     tmp_path: Path, noise: Path
 ) -> None:
@@ -91,12 +78,3 @@ def test_what_is_no_recording_is_not_blamed_for_a_missing_calibration(
         with pytest.raises(RecordingError) as refused:
             open_view_source(str(path))
         assert "calibration" not in str(refused.value)
-
-
-def test_an_empty_file_is_said_to_be_empty(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "empty.raw").write_bytes(b"")
-    code, text = said(capsys, "info", str(tmp_path / "empty.raw"))
-    assert code == 1
-    assert "0 bytes" in text

@@ -1,6 +1,5 @@
 """The verbs ``touch`` and ``force`` from the command line."""
 
-import csv
 import json
 from pathlib import Path
 
@@ -44,25 +43,6 @@ def tracks_of(path: Path, places_px: np.ndarray) -> Path:
 def without_torch(monkeypatch: pytest.MonkeyPatch) -> None:
     """A ridge regression is fitted at once; networks have a test of their own."""
     monkeypatch.setattr("spikingtac.touch.force.fit.network_trainer", lambda: None)
-
-
-def test_touches_of_arrays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    source, table = arrays(tmp_path / "a.npz", 1), tmp_path / "touches.csv"
-    assert main(["touch", str(source), "-o", str(table), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["t_first_us"] == 0
-    assert [round(touch["begin_us"] / 5e5) for touch in said["touches"]] == [2, 4, 6, 8]
-    first = said["touches"][0]
-    assert {"end_us", "place_mm", "area_mm2", "outline_mm", "peak_us"} <= set(first)
-    assert first["slips"] is None  # 10 ms between two frames
-    with table.open() as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 4
-    assert rows[0]["slips"] == rows[0]["gross_us"] == ""
-    assert main(["touch", str(source), "-o", str(table)]) == 2
-    assert "--overwrite" in capsys.readouterr().err
-    assert main(["touch", str(source), "-o", str(table), "--overwrite"]) == 0
-    assert "touches in a.npz" in capsys.readouterr().out
 
 
 def test_tracks_keep_their_scale(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

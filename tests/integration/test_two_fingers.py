@@ -95,18 +95,6 @@ def test_two_cameras_are_recorded_on_their_clocks_and_read_on_one(tmp_path: Path
     assert "clock" in " ".join(recording.events(1).notes)
 
 
-def test_two_live_cameras_share_a_clock_while_they_run() -> None:
-    sources = two_cameras("&seconds=1.2")
-    pair = live_pair(sources[0], sources[1], ReadOptions())
-    sender = threading.Thread(target=send_both, args=(sources,))
-    sender.start()
-    one, other = (burst_times(list(source)) for source in pair)
-    sender.join()
-    both = [abs(one[number] - other[number]) for number in one if number in other]
-    assert len(both) >= BURSTS - 2  # the last microsecond of a stream ends with it
-    assert np.median(both) < 10_000
-
-
 def test_a_silent_camera_does_not_hold_the_other_one_back() -> None:
     sources = two_cameras()
     pair = live_pair(sources[0], sources[1], ReadOptions())

@@ -12,8 +12,6 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli import main as frame
 from spikingtac.cli.main import main
-from spikingtac.events.create import create_events
-from spikingtac.types import EventPacket
 from stand_ins.tracks import circling_tracks
 from stand_ins.viewer import record_circling
 
@@ -96,18 +94,6 @@ def test_a_value_of_the_wrong_kind_is_told_in_words(
     assert code == 2
     assert told in text
     assert "class" not in text
-
-
-def test_a_calibration_of_another_size_tells_the_way_out_in_view_too(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    empty = EventPacket.empty(0, 1_000, (240, 180))
-    with create_events(tmp_path / "small.raw", empty.size) as writer:
-        writer.write(empty)
-    finger = ("--calibration", made / "finger.json", "--headless", "--seconds", "1", "--port", "0")
-    code, text = said(capsys, "view", tmp_path / "small.raw", *finger)
-    assert code == 1
-    assert "240x180, the calibration is for 320x320; calibrate this sensor" in text
 
 
 @pytest.mark.parametrize(

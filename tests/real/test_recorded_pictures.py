@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.tracks import Tracks
-from spikingtac_paper.real_gels.scoring import Plateaus, plateau_scores
-from spikingtac_paper.trials.prediction import Prediction
 from stand_ins.calibrated import calibrated
 from stand_ins.pictures import MOST_DIFFERENT_CELLS, different_cells
 
@@ -28,22 +25,6 @@ def tracks(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     line = ["track", str(recording), "--calibration", str(calibration)]
     assert main([*line, "-o", str(folder / "tracks.npz")]) == 0
     return folder / "tracks.npz"
-
-
-def test_markers_stand_where_an_independent_reference_has_them(
-    data_dir: Path, tracks: Path
-) -> None:
-    found = Tracks.load(tracks)
-    prediction = Prediction(found.t_us, found.detected_px, found.position_px, found.reference_px)
-    plateaus = Plateaus.load(data_dir / "gel" / "real_presses.reference.npz")
-    calibration = Calibration.load(tracks.with_name("calibration.json"))
-    scores = plateau_scores(prediction, plateaus, calibration)
-    print({name: round(value, 3) for name, value in scores.items()}, "(recorded)")
-    assert scores["pressed_mean_px"] < 0.82
-    assert scores["released_mean_px"] < 0.8
-    assert scores["plateau_max_px"] < 3.0
-    assert scores["return_median_px"] < 0.5
-    assert scores["lost_markers"] == scores["missing_markers"] == 0
 
 
 def test_the_four_presses_are_the_touches(

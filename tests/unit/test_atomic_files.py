@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.atomic_files import WholeFile, replacing, require_free, write_text
+from spikingtac.atomic_files import WholeFile, require_free, write_text
 from spikingtac.errors import ConfigError
 from spikingtac.events import create_events
 from spikingtac.types import EventPacket
@@ -108,18 +108,6 @@ def test_a_killed_process_leaves_no_file_and_the_next_one_cleans_up(tmp_path: Pa
     assert len(listed(tmp_path)) == 1
     write_text(path, "whole")
     assert listed(tmp_path) == [path.name]
-
-
-def test_links_and_modes_and_devices_stay(tmp_path: Path) -> None:
-    write_text(tmp_path / "real", "1")
-    (tmp_path / "real").chmod(0o600)
-    (tmp_path / "link").symlink_to(tmp_path / "real")
-    write_text(tmp_path / "link", "2")
-    assert (tmp_path / "link").is_symlink()
-    assert (tmp_path / "real").read_text() == "2"
-    assert (tmp_path / "real").stat().st_mode & 0o777 == 0o600
-    with replacing("/dev/null") as partial:
-        assert partial == Path("/dev/null")
 
 
 def test_replacing_must_be_asked_for(tmp_path: Path) -> None:

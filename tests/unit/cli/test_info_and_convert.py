@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from spikingtac.cli.main import main
-from spikingtac.cli.verbs import convert
-from spikingtac.errors import ConfigError
 from spikingtac.events import create_events, open_events
 from spikingtac.types import EventPacket
 from stand_ins.tracks import circling_tracks
@@ -156,18 +154,3 @@ def test_info_tells_what_files_of_ours_are(
         assert (found["format"], found[key]) == (kind, value)
         assert main(["info", str(tmp_path / name)]) == 0
         assert found["about"] in capsys.readouterr().err
-
-
-def test_convert_refuses_what_makes_no_sense(recorded: Path) -> None:
-    other = recorded.with_name("b.raw")
-    before = recorded.read_bytes()
-    for arguments in (
-        convert.Args(files=(recorded, recorded)),
-        convert.Args(files=(recorded, recorded.parent)),
-        convert.Args(files=(recorded, recorded.parent / "no" / "b.raw")),
-        convert.Args(files=(recorded, other), from_us=5, to_us=5),
-        convert.Args(files=(recorded, other.with_suffix(".npz")), encoding="evt2"),
-    ):
-        with pytest.raises(ConfigError):
-            convert.run(arguments)
-    assert recorded.read_bytes() == before

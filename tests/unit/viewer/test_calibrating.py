@@ -10,7 +10,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.source import PacketSource
-from spikingtac.viewer.calibrating import WAYS, CalibrationDesk, SaveTarget
+from spikingtac.viewer.calibrating import CalibrationDesk, SaveTarget
 from spikingtac.viewer.replay.event_store import EventStore
 from stand_ins.sliding import GRID, SIZE, sliding_packets
 
@@ -38,28 +38,6 @@ def calibrated(desk: CalibrationDesk, store: EventStore) -> Calibration | None:
     return found
 
 
-def test_the_guide_shows_the_grid(store: EventStore, tmp_path: Path) -> None:
-    desk = desk_at(tmp_path / "calibration.json")
-    scalars, arrays = desk.shown()
-    assert (scalars["state"], scalars["grid"], arrays) == ("guide", None, {})
-    for packet in sliding_packets():
-        desk.tracker.absorb(packet)
-    desk._made_s -= 1.0
-    scalars, arrays = desk.shown()
-    assert scalars["grid"] == list(GRID)
-    assert scalars["ready"]
-    assert arrays["guide_px"].shape == (GRID[0] * GRID[1], 2)
-    assert {WAYS[code] for code in arrays["guide_way"]} == {""}
-    assert scalars["path"] == str((tmp_path / "calibration.json").resolve())
-    # Going back in time and playing again tells nothing new.
-    before = desk.tracker.guide.view().share
-    desk.tracker.absorb(sliding_packets()[0])
-    np.testing.assert_array_equal(desk.tracker.guide.view().share, before)
-    desk.begin_anew()
-    assert desk.shown()[0]["grid"] is None
-    desk.close()
-
-
 def test_a_calibration_is_computed_saved_and_told(store: EventStore, tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     desk = desk_at(path)
@@ -79,16 +57,3 @@ def test_a_calibration_is_computed_saved_and_told(store: EventStore, tmp_path: P
     assert "--overwrite" in refused
     assert path.read_bytes() == before
     assert desk_at(path, overwrite=True)._saved(found) == scalars["said"]
-
-
-def test_what_shows_no_grid_fails_with_the_reason(tmp_path: Path) -> None:
-    rest = EventStore(PacketSource(sliding_packets()[:20], SIZE))
-    rest.extend_to_end()
-    desk = desk_at(tmp_path / "calibration.json")
-    assert calibrated(desk, rest) is None
-    scalars, _ = desk.shown()
-    assert scalars["state"] == "failed"
-    assert scalars["said"]
-    assert not (tmp_path / "calibration.json").exists()
-    desk.begin_anew()
-    assert desk.shown()[0]["state"] == "guide"

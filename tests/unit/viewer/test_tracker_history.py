@@ -36,24 +36,6 @@ def every_step(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "FIRST_DISTANCE_US", STEP_US)
 
 
-def test_what_is_given_back_is_what_was_and_is_the_callers_own() -> None:
-    kept, state = TrackerHistory[State](), State()
-    run(kept, state, 0, 40)
-    for back_to in (30, 12, 12, 25):
-        found = kept.before(back_to * STEP_US + 1)
-        assert found is not None
-        t_us, again = found
-        expected = State()
-        for _ in range(t_us // STEP_US):
-            expected.step()
-        assert again.steps == expected.steps == back_to
-        np.testing.assert_array_equal(again.map, expected.map)
-        np.testing.assert_array_equal(again.table, expected.table)
-        assert again.also_map is again.map
-        again.map[:] = again.table[:] = -1
-    assert kept.before(0) is None
-
-
 def test_what_does_not_change_is_stored_once() -> None:
     kept, state = TrackerHistory[State](), State()
     run(kept, state, 0, 20)
