@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from spikingtac.robot.verified_stop import StopConfig
+from spikingtac.robot.verified_stop import REST_MM_S
 from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.stream.guard import ContactProcess
 from spikingtac.stream.host import Factory
@@ -202,7 +202,7 @@ def until(done: Callable[[], bool]) -> float:
 
 
 def still(controller: URController) -> bool:
-    return bool(abs(controller.twin.speed_mm_s()[0]) <= StopConfig().rest_mm_s)
+    return bool(abs(controller.twin.speed_mm_s()[0]) <= REST_MM_S)
 
 
 def test_the_real_driver_stops_when_the_stream_stalls(

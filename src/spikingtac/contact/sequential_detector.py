@@ -38,30 +38,28 @@ from spikingtac.contact.window import Window, packets_of
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.types import Contact
 
+BACK_SHARE = 0.4
+"""The contact ends once the markers have come back by this share of their largest displacement,
+less the dead travel (ours: light presses of the twin come back by no more)."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReleaseConfig:
     """When a contact counts as ended.
 
     Attributes:
-        back_share: The contact ends once the markers have come back by this share of their largest
-            displacement, less the dead travel (ours: light presses of the twin come back by no
-            more).
         dead_evidence: OFF evidence per marker that is lost at a reversal, since each pixel has to
             come back by up to two thresholds before it fires (measured on the twin: light presses).
         rest_windows: The contact ends after this many windows in a row without motion, once the
             markers are back.
     """
 
-    back_share: float = 0.4
     dead_evidence: float = field(default=4.0, metadata={"former_names": ("dead_votes",)})
     rest_windows: int = 50
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.back_share <= 1.0 or self.dead_evidence < 0.0 or self.rest_windows < 0:
-            raise ConfigError(
-                "back_share must be in (0, 1], dead_evidence and rest_windows not negative"
-            )
+        if self.dead_evidence < 0.0 or self.rest_windows < 0:
+            raise ConfigError("dead_evidence and rest_windows must not be negative")
 
 
 class ReleaseMonitor:
@@ -81,7 +79,7 @@ class ReleaseMonitor:
         self._moved = _off(total)
         self._farthest = self._moved.copy()
         self._length = float(np.linalg.norm(self._farthest))
-        self._share = config.back_share
+        self._share = BACK_SHARE
         self._dead = config.dead_evidence * markers
         self._returning = False
 

@@ -23,6 +23,8 @@ ACTIVE = 3
 """Value of ``STA`` once the activation has ended."""
 FAULTS_THAT_STOP = 8
 """From this value on ``FLT`` is a major fault, below a warning (Robotiq 2F manual)."""
+POLL_S = 0.02
+"""Time between two looks, s."""
 
 
 class Grip(enum.IntEnum):
@@ -43,14 +45,12 @@ class RobotiqConfig:
         timeout_s: Longest wait for an answer, s; to its end, however slowly it comes.
         activation_s: Longest wait for the activation, s.
         motion_s: Longest wait for a motion, s.
-        poll_s: Time between two looks, s.
     """
 
     port: int = PORT
     timeout_s: float = 1.0
     activation_s: float = 10.0
     motion_s: float = 5.0
-    poll_s: float = 0.02
 
 
 class RobotiqGripper:
@@ -185,13 +185,13 @@ class RobotiqGripper:
         return line.decode(errors="replace").strip()
 
     def _until(self, done: Callable[[], bool], patience_s: float, what: str) -> None:
-        for _ in range(max(round(patience_s / self._config.poll_s), 1)):
+        for _ in range(max(round(patience_s / POLL_S), 1)):
             fault = self.get("FLT")
             if fault >= FAULTS_THAT_STOP:
                 raise DeviceError(f"the gripper reports fault {fault}; see its manual")
             if done():
                 return
-            self._sleep(self._config.poll_s)
+            self._sleep(POLL_S)
         with contextlib.suppress(DeviceError):
             self.set("GTO", 0)
         raise DeviceError(f"the gripper did not {what} within {patience_s} s")

@@ -41,6 +41,11 @@ CALL_LIMIT_S = 0.5
 lost, until :meth:`URArm.reconnect`."""
 REST_MM_S = 0.01
 """Set-point speed below which the arm rests, mm/s; set points carry no noise."""
+POWER_OFF = True
+"""Whether an arm that is seen to move after every means to stop is switched off at the dashboard;
+its brakes then hold it."""
+PATIENCE_S = 0.1
+"""Age of the last report at which the stream counts as lost, s (ours: 12 cycles of CB3)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,18 +54,12 @@ class URConfig:
 
     Attributes:
         stop: When a stop counts as obeyed, and how long each means to stop has.
-        power_off: Whether an arm that is seen to move after every means to stop is switched off at
-            the dashboard; its brakes then hold it.
-        patience_s: Age of the last report at which the stream counts as lost, s (ours: 12 cycles
-            of CB3).
         watchdog_hz: Least rate at which the controller must hear from this computer, Hz; it makes
             a protective stop otherwise. None leaves the controller without one.
         connect_limit_s: Longest wait for each port's first answer, s.
     """
 
     stop: StopConfig = field(default_factory=StopConfig)
-    power_off: bool = True
-    patience_s: float = 0.1
     watchdog_hz: float | None = 10.0
     connect_limit_s: float = 2.0
 
@@ -202,7 +201,7 @@ class URArm:
             report=self._report,
             limit_s=CALL_LIMIT_S,
         )
-        self._stopping = verified_stop(link, config.stop, config.power_off, self._clock_s)
+        self._stopping = verified_stop(link, config.stop, POWER_OFF, self._clock_s)
         self._end_heartbeat = threading.Event()
         self._heartbeat = threading.Thread(target=self._beat, name="ur-heartbeat", daemon=True)
         if config.watchdog_hz is not None:
@@ -257,7 +256,7 @@ class URArm:
         now_s, stamp = self._clock_s(), self._receive.getTimestamp()
         if stamp != self._stamp:
             self._stamp, self._stamp_seen_s = stamp, now_s
-        return now_s - self._stamp_seen_s <= self._config.patience_s
+        return now_s - self._stamp_seen_s <= PATIENCE_S
 
     def _require_stream(self) -> None:
         if self._closed:
@@ -265,7 +264,7 @@ class URArm:
         if not self._is_fresh():
             raise DeviceError(
                 f"no report from the controller at {self._host} for more than "
-                f"{self._config.patience_s} s; check the network, then reconnect"
+                f"{PATIENCE_S} s; check the network, then reconnect"
             )
 
     def _scripted(self) -> bool:

@@ -20,6 +20,9 @@ BRAKING_SHARE = 0.5
 """Least share of the asked deceleration that counts as braking (ours: jerk and servo lag)."""
 SPEED_NOISE_MM_S = 2.0
 """What a reported speed may rise by without a motion, mm/s (ours)."""
+REST_MM_S = 1.0
+"""Reported speed below which the arm rests, mm/s (ours: measured speeds of an arm at rest stay
+below 0.5)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +31,6 @@ class StopConfig:
 
     Attributes:
         deceleration_m_s2: Deceleration that is asked for, m/s2 (contract.md: 8).
-        rest_mm_s: Reported speed below which the arm rests, mm/s (ours: measured speeds of an arm
-            at rest stay below 0.5).
         confirm_s: Rest counts once it is reported so long after the stop, s (ours: two cycles of
             CB3, within which a motion that was commanded just before would begin).
         react_s: Time that each means has until the speed must fall, s (ours: the first one passes
@@ -39,12 +40,11 @@ class StopConfig:
     """
 
     deceleration_m_s2: float = 8.0
-    rest_mm_s: float = 1.0
     confirm_s: float = 0.02
     react_s: tuple[float, ...] = (0.055, 0.045, 0.035)
 
     def __post_init__(self) -> None:
-        values = (self.deceleration_m_s2, self.rest_mm_s, self.confirm_s, *self.react_s)
+        values = (self.deceleration_m_s2, self.confirm_s, *self.react_s)
         if not self.react_s or not all(0.0 < value < float("inf") for value in values):
             raise ConfigError("all values of a StopConfig must be positive, react_s not empty")
 
@@ -57,7 +57,7 @@ class StopConfig:
             react_s: What this means has until the speed must fall, s.
         """
         braked = BRAKING_SHARE * self.deceleration_m_s2 * 1e3 * max(since_s - react_s, 0.0)
-        return max(top_mm_s + SPEED_NOISE_MM_S - braked, self.rest_mm_s)
+        return max(top_mm_s + SPEED_NOISE_MM_S - braked, REST_MM_S)
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +174,7 @@ class VerifiedStop:
                 latest = report
                 top_mm_s = max(top_mm_s, report.speed_mm_s)
                 confirmed = report.seen_s - begun_s >= config.confirm_s
-                if confirmed and report.speed_mm_s <= config.rest_mm_s:
+                if confirmed and report.speed_mm_s <= REST_MM_S:
                     return True, latest
             if now_s - begun_s > react_s:
                 allowed_mm_s = config.allowed_mm_s(top_mm_s, now_s - begun_s, react_s)

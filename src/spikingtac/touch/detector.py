@@ -37,6 +37,11 @@ FAINT_SHARE = 0.95
 """Share of the strength at which a touch begins below which it is over, whatever its peak: a faint
 one leaves as much behind in the tracker (ours: 0.79 to 0.87 of it after presses of a ball that
 reach 1.5 to 3 times of it, simulated)."""
+RESTING_US = 2_000_000
+"""Time constant of the rest otherwise, us (ours: slower presses are lost)."""
+START_STRENGTH = 0.05
+"""Strength against the calibrated rest up to which that holds (ours: a real gel, which creeps,
+rested at 0.009 to 0.031 from where it was calibrated; its presses reach 0.09 and more)."""
 
 
 @dataclass(slots=True)
@@ -160,7 +165,7 @@ class TouchDetector:
         string = self._backlash.update(moved)
         self._first_us = frame.t_us if self._first_us is None else self._first_us
         begins = frame.t_us - self._first_us < self._config.start_us
-        if begins and self._gradient.strength_of(moved) < self._config.start_strength:
+        if begins and self._gradient.strength_of(moved) < START_STRENGTH:
             self._zero = moved
         elapsed_us = 0 if self._last_us is None else frame.t_us - self._last_us
         self._last_us = frame.t_us
@@ -282,6 +287,6 @@ class TouchDetector:
 
     def _rest(self, elapsed_us: int, moved: Field, strength: float) -> None:
         """Let the rest and its noise follow what is seen while nothing touches."""
-        share = -np.expm1(-elapsed_us / self._config.resting_us)
+        share = -np.expm1(-elapsed_us / RESTING_US)
         self._zero = self._zero + share * (moved - self._zero)
         self._rest_strength += share * (strength - self._rest_strength)

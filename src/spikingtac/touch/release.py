@@ -21,11 +21,22 @@ FLAT_SHARE = 0.1
 STILL_SLACK = 0.02
 """Share of the peak strength by which a skin that stands still may change (ours)."""
 STOOD_US = 50_000
-"""Time for which a skin below ``still_share`` must stand still to have been released before (ours).
-Pixels that recover let it fall further later."""
+"""Time for which a skin below :data:`STILL_SHARE` must stand still to have been released before
+(ours). Pixels that recover let it fall further later."""
 RECOVERED_US = 200_000
 """Longest time that they take for that (ours: 143 and 187 ms on a recorded gel; a comb that is slid
 on the twin stands below that share for 250)."""
+STILL_SHARE = 0.3
+"""Share of the peak strength below which the skin is released where it also stands still: a tracker
+of a sensor with rare OFF events keeps some of it (ours: 0.26 on a recorded gel; holds of the ten
+scenes lie above 0.3)."""
+STILL_US = 400_000
+"""Time for which it must stand still for that, us (ours)."""
+END_HOLD_US = 40_000
+"""Time below that share that is needed, us (ours: a shake of 12 Hz passes through its rest for 5
+ms)."""
+RELEASE_US = 150_000
+"""Longest time that a release may take from there on, us (ours)."""
 
 
 class Release:
@@ -49,7 +60,7 @@ class Release:
     def _watch_stillness(self, t_us: int, left: float) -> None:
         if abs(left - self._still_left) > STILL_SLACK:
             self._still_us, self._still_left = t_us, left
-        if left > self._config.still_share:
+        if left > STILL_SHARE:
             self._stood_us = None
         elif self._stood_us is None and t_us - self._still_us >= STOOD_US:
             self._stood_us = self._still_us
@@ -60,19 +71,19 @@ class Release:
         if left > config.end_share:
             self._fell_us = None
             self._falling.clear()
-            still = left < config.still_share and t_us - self._still_us >= config.still_us
+            still = left < STILL_SHARE and t_us - self._still_us >= STILL_US
             return self._still_us if still else None
         if self._fell_us is None:
             self._fell_us = t_us
         self._falling.append((t_us, left))
-        if t_us - self._fell_us < config.end_hold_us:
+        if t_us - self._fell_us < END_HOLD_US:
             return None
-        while t_us - self._falling[0][0] > config.release_us:
+        while t_us - self._falling[0][0] > RELEASE_US:
             self._falling.popleft()
         flat_us = self._flat_since_us()
         if flat_us is not None:
             return flat_us
-        return t_us if t_us - self._fell_us >= config.release_us else None
+        return t_us if t_us - self._fell_us >= RELEASE_US else None
 
     def _flat_since_us(self) -> int | None:
         """Return the first time from which the strength hardly fell any more, or None."""
@@ -108,7 +119,7 @@ class CalibratedRest:
             zero: ``(m, 2)`` rest from which it begins, from the calibrated one, px.
             pattern: ``(m, 2)`` of the touch from there, px.
         """
-        self._still_us, self._gradient = config.still_us, gradient
+        self._still_us, self._gradient = STILL_US, gradient
         self._off, threshold = gradient.strength_of(zero), gradient.strength_of(pattern)
         self._limit = max(threshold, config.end_share * self._off)
         self._apart = self._off > threshold

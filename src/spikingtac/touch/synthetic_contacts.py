@@ -37,6 +37,13 @@ LARGEST_KEPT = 0.5
 """Largest share of the spreading under pressure that a stuck patch keeps (ours)."""
 STUCK_RIDGE = 0.02
 """Share of the mean response that is added before solving for the shear: spread forces overlap."""
+SMALLEST_MM = 0.8
+"""Smallest semi-axis of a patch, mm."""
+LARGEST_PRESSURE = 3.3
+"""Largest mean pressure over the shear modulus (ours: a layer is indented by two thirds of its
+thickness at 3.3; what is pressed deeper is not learned)."""
+REST_SHARE = 0.05
+"""Share of the frames that are rest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,24 +56,17 @@ class SyntheticContactConfig:
             the one below, those of the first from the first alone.
         rounds: Series of each part (ours: with twice as many contacts the normal force errs by an
             eighth to a fifth less on 60 validation contacts; the fit takes three times as long).
-        smallest_mm: Smallest semi-axis of a patch, mm.
         largest_mm: Largest semi-axis of a patch, mm.
-        largest_pressure: Largest mean pressure over the shear modulus (ours: a layer is indented by
-            two thirds of its thickness at 3.3; what is pressed deeper is not learned).
         friction: Largest ratio of shear to pressure.
         noise_mm: Error of a marker's place, per axis, mm (ours: 0.15 px of the tracker).
-        rest_share: Share of the frames that are rest.
     """
 
     frames: int = 3000
     series: int = 3
     rounds: int = 2
-    smallest_mm: float = 0.8
     largest_mm: float = 5.0
-    largest_pressure: float = 3.3
     friction: float = 0.8
     noise_mm: float = 0.01
-    rest_share: float = 0.05
 
 
 def synthetic_series(
@@ -132,9 +132,9 @@ def _contact(
 ) -> Field:
     """Return the forces ``(c, 3)`` of a contact that is pressed, then dragged and twisted."""
     sources = patches.sources
-    if rng.random() < config.rest_share:
+    if rng.random() < REST_SHARE:
         return np.zeros((len(sources), 3))
-    edges = np.geomspace(config.smallest_mm, config.largest_mm, config.series + 1)
+    edges = np.geomspace(SMALLEST_MM, config.largest_mm, config.series + 1)
     axes = rng.uniform(edges[max(number - 1, 0)], edges[number + 1], 2)
     center = sources[rng.integers(len(sources))] * CENTER_SHARE
     turn = rng.uniform(0.0, np.pi)
@@ -142,7 +142,7 @@ def _contact(
     along = away @ _rotation(turn)
     inside = np.maximum(1.0 - ((along / np.maximum(axes, SOURCE_PITCH_MM)) ** 2).sum(axis=1), 0.0)
     profile = inside ** rng.choice(PROFILE_POWERS)
-    mean = config.largest_pressure * patches.shear_modulus_mpa * rng.uniform(0.02, 1.0)
+    mean = LARGEST_PRESSURE * patches.shear_modulus_mpa * rng.uniform(0.02, 1.0)
     pressing = profile / max(float(profile.sum()), 1e-9) * mean * np.pi * axes[0] * axes[1]
     heading, drag = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.0, 1.0) ** 2 * LARGEST_DRAG_MM
     twist = rng.uniform(-1.0, 1.0) * LARGEST_TWIST_RAD * (rng.random() < 0.5)

@@ -75,20 +75,9 @@ class TouchConfig:
         noise_factor: Times the strength at rest that a touch must exceed (ours).
         end_share: Share of the peak strength below which the skin is released (ours: residues lie
             below 0.18 and touches above 0.28 on the ten scenes).
-        still_share: Share of the peak strength below which the skin is released where it also
-            stands still: a tracker of a sensor with rare OFF events keeps some of it (ours: 0.26
-            on a recorded gel; holds of the ten scenes lie above 0.3).
-        still_us: Time for which it must stand still for that, us (ours).
-        end_hold_us: Time below that share that is needed, us (ours: a shake of 12 Hz passes
-            through its rest for 5 ms).
         flat_us: Time over which a release that is over falls by less than a tenth, us (ours).
-        release_us: Longest time that a release may take from there on, us (ours).
         settle_us: Time after a release within which the rest follows whatever falls, us (ours).
-        resting_us: Time constant of the rest otherwise, us (ours: slower presses are lost).
         start_us: Time from the first frame on that is rest, us (ours).
-        start_strength: Strength against the calibrated rest up to which that holds (ours: a real
-            gel, which creeps, rested at 0.009 to 0.031 from where it was calibrated; its presses
-            reach 0.09 and more).
         unseen: What the camera does not see of the beginning of a motion.
     """
 
@@ -104,15 +93,9 @@ class TouchConfig:
         default=0.22,
         metadata={"range": (0.05, 0.9), "about": "share of the peak at which the skin is released"},
     )
-    still_share: float = 0.3
-    still_us: int = 400_000
-    end_hold_us: int = 40_000
     flat_us: int = 20_000
-    release_us: int = 150_000
     settle_us: int = 500_000
-    resting_us: int = 2_000_000
     start_us: int = 100_000
-    start_strength: float = 0.05
     unseen: UnseenMotion = field(default_factory=UnseenMotion)
 
     def __post_init__(self) -> None:

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from spikingtac.touch.detector import TouchDetector
+from spikingtac.touch.detector import START_STRENGTH, TouchDetector
 from spikingtac.touch.onset import NOTHING_UNSEEN
-from spikingtac.touch.release import Release
+from spikingtac.touch.release import STILL_SHARE, Release
 from spikingtac.touch.touch import Touch, TouchConfig
 from spikingtac.types import MarkerFrame
 
@@ -103,7 +103,7 @@ def test_a_rest_off_the_calibrated_one_is_no_touch() -> None:
 def test_a_gel_that_has_crept_off_its_calibrated_rest_is_at_rest() -> None:
     detector = TouchDetector(REFERENCE)
     strength = detector._gradient.strength_of(press(-2.4))
-    assert 0.03 < strength < TouchConfig().start_strength, "as on the recorded gel"
+    assert 0.03 < strength < START_STRENGTH, "as on the recorded gel"
     (touch,) = touches(watch(lambda t: 4 * pulse(t, 0.8, 1.9) - 2.4, 4.0))
     assert (touch.begin_us - 7_000_000) / 1e6 == pytest.approx(0.8, abs=0.010)
 
@@ -125,7 +125,7 @@ def test_a_skin_that_falls_back_in_another_shape_is_no_new_touch() -> None:
 def test_a_release_is_over_where_the_skin_first_stands_still(stands_ms: int, end_ms: int) -> None:
     config = TouchConfig()
     release = Release(config)
-    between = 0.5 * (config.end_share + config.still_share)
+    between = 0.5 * (config.end_share + STILL_SHARE)
     for t_ms in range(2_000):
         left = 1.0 if t_ms < 100 else between if t_ms < 100 + stands_ms else 0.05
         end_us = release.update(1_000 * t_ms, left)

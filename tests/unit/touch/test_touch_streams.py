@@ -11,7 +11,7 @@ from spikingtac.touch.detector import TouchDetector
 from spikingtac.touch.field import GradientOperator
 from spikingtac.touch.layout import SquareLattice, straightened
 from spikingtac.touch.onset import NOTHING_UNSEEN
-from spikingtac.touch.release import RETURN_FACTOR, CalibratedRest
+from spikingtac.touch.release import RETURN_FACTOR, STILL_US, CalibratedRest
 from spikingtac.touch.slip.held import HeldTouchDetector
 from spikingtac.touch.touch import UNITS, Touch, TouchConfig
 from spikingtac.types import MarkerFrame
@@ -166,7 +166,7 @@ def test_only_what_begins_towards_the_calibrated_rest_is_the_way_there(
     home = CalibratedRest(config, gradient, PRESS, 0.1 * depth * PRESS)
     assert not home.was_return(off), "it is not back"
     assert home.update(0, 0.5 * PRESS) is None
-    back_us = [home.update(t_us, 0.0 * PRESS) for t_us in (1_000, 2_000, 1_000 + config.still_us)]
+    back_us = [home.update(t_us, 0.0 * PRESS) for t_us in (1_000, 2_000, 1_000 + STILL_US)]
     assert back_us == [None, None, 1_000]
     assert home.was_return(off) == was_return
     assert not home.was_return(RETURN_FACTOR * off), "something pressed meanwhile"

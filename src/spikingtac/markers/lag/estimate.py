@@ -36,6 +36,17 @@ _TABLE_PER_E_FOLD = 8
 """Entries of the overshoot's table for each factor of e in kappa."""
 _LEAST_RUNGS = 2
 """Rungs of each polarity without which level and skew cannot be told apart."""
+LOWEST_LEVEL = 0.12
+"""Below this level noise fires as often as the edge (ours)."""
+HIGHEST_LEVEL = 0.93
+"""Rungs above it belong to the pixels with the smallest steps only (ours)."""
+LEAST_COUNT = 60
+"""Events that a mean place needs."""
+FLOOR_PX = 0.004
+"""Uncertainty of a mean place by what the model leaves out (curved edges, mismatch between pixels),
+px (ours, from noise-free recordings)."""
+SHORTEST_US = 10.0
+"""Least tau_white that is tried, us."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -48,35 +59,21 @@ class LagConfig:
         default_uncertainty_us: Its uncertainty; a measurement that is no better is not used.
         dark: Equally likely dark currents B, relative to white (0: none; 0.12: v2e's offset of 20
             at a white of 170).
-        lowest_level: Below this level noise fires as often as the edge (ours).
-        highest_level: Rungs above it belong to the pixels with the smallest steps only (ours).
-        least_count: Events that a mean place needs.
-        floor_px: Uncertainty of a mean place by what the model leaves out (curved edges, mismatch
-            between pixels), px (ours, from noise-free recordings).
         floor_us: The same for the lag, us.
-        shortest_us: Least tau_white that is tried, us.
         longest_us: Greatest, us (27 Hz at white).
     """
 
     default_us: float = 1_000.0
     default_uncertainty_us: float = 1_000.0
     dark: tuple[float, ...] = (0.0, 0.06, 0.12)
-    lowest_level: float = 0.12
-    highest_level: float = 0.93
-    least_count: int = 60
-    floor_px: float = 0.004
     floor_us: float = 100.0
-    shortest_us: float = 10.0
     longest_us: float = 6_000.0
 
     def __post_init__(self) -> None:
         if not self.dark or min(self.dark) < 0.0:
             raise ConfigError(f"dark is {self.dark}, it needs values of 0 or more")
-        if not 0.0 < self.shortest_us < self.longest_us:
-            raise ConfigError(
-                f"shortest_us {self.shortest_us} and longest_us {self.longest_us} must be ordered, "
-                "0 < shortest_us < longest_us"
-            )
+        if not self.longest_us > SHORTEST_US:
+            raise ConfigError(f"longest_us is {self.longest_us}, it must be above {SHORTEST_US:g}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +106,7 @@ def estimate_lag(
     """
     config = config or LagConfig()
     unseen = LagEstimate(config.default_us, config.default_uncertainty_us, float("nan"), 0)
-    statistics = _usable(
-        crossing_statistics(crossings, config.least_count, config.floor_px), edge, config
-    )
+    statistics = _usable(crossing_statistics(crossings, LEAST_COUNT, FLOOR_PX), edge, config)
     if min(np.count_nonzero(statistics.facing == side) for side in (-1, 1)) < _LEAST_RUNGS:
         return unseen
     fits = np.array([_fit_us(statistics, edge, dark, config) for dark in config.dark])
@@ -130,14 +125,14 @@ def _usable(
     statistics: CrossingStatistics, edge: EdgeProfile, config: LagConfig
 ) -> CrossingStatistics:
     level = edge.level(statistics.resting_px())
-    return statistics.select((level > config.lowest_level) & (level < config.highest_level))
+    return statistics.select((level > LOWEST_LEVEL) & (level < HIGHEST_LEVEL))
 
 
 def _fit_us(
     statistics: CrossingStatistics, edge: EdgeProfile, dark: float, config: LagConfig
 ) -> tuple[float, float, float]:
     """Return (lag, tau_white, uncertainty of the lag) for one dark current, us."""
-    white_s = np.geomspace(config.shortest_us, config.longest_us, _TRIALS) / _US_PER_S
+    white_s = np.geomspace(SHORTEST_US, config.longest_us, _TRIALS) / _US_PER_S
     # The rungs' levels come from their resting places, which the overshoot shifts a little.
     at_rest_px = statistics.resting_px()
     solved, misfit, _ = _solve(statistics, _overshoots(statistics, edge, at_rest_px, dark, white_s))

@@ -14,6 +14,17 @@ from spikingtac.touch.slip.stream import FeatureStream
 from spikingtac.touch.slip.types import Alarm, Phase, Slip, SlipConfig, SlipState
 
 Field = NDArray[np.float64]
+INCIPIENT_SHARE = 0.63
+"""Sticking share from which on no such alarm begins: the first moments of a motion look like a
+slip, but not like one of much."""
+STOPPED_PROBABILITY = 0.75
+"""The same where the field has stopped following the body: friction carries no more. A body that
+stops or turns back has that in common with one that slips, so it does not suffice by itself."""
+STOPPED_SHARE = 0.55
+"""Share of its speed over 160 ms below which the field's speed over 10 ms says that it has
+stopped."""
+STILL_PROBABILITY = 0.93
+"""The same where the skin stands still: under a slow twist it moves no further."""
 
 
 class SlipEstimate(NamedTuple):
@@ -146,13 +157,13 @@ class SlipMonitor:
 
     def _told(self, t_us: int, estimate: SlipEstimate) -> Slip | None:
         slips = 1.0 - estimate.share
-        surely = slips > self._config.still_probability and not self._gross.on
+        surely = slips > STILL_PROBABILITY and not self._gross.on
         if self._features.still and self.state is not None and not surely:
             # Nothing new is seen of a skin that stands still: its errors must not ring an alarm.
             self.state = replace(self.state, t_us=t_us)
             return None
         # The share counts where an alarm begins: one slip would ring at each crossing of it.
-        may_ring = self._incipient.on or estimate.share < self._config.incipient_share
+        may_ring = self._incipient.on or estimate.share < INCIPIENT_SHARE
         part = estimate.incipient if may_ring else 0.0
         if self._incipient.update(t_us, part) and self._gross_us is None:
             self._incipient_us = t_us if self._incipient_us is None else self._incipient_us
@@ -169,9 +180,9 @@ class SlipMonitor:
     def _gross_evidence(self, slips: float) -> float:
         """Return the share that slips; more of it where the field has stopped following."""
         config = self._config
-        if self._features.slowing >= log(config.stopped_share):
+        if self._features.slowing >= log(STOPPED_SHARE):
             return slips
-        least = min(config.stopped_probability, config.gross.probability)
+        least = min(STOPPED_PROBABILITY, config.gross.probability)
         return min(slips * config.gross.probability / least, 1.0)
 
     def _ended(self, t_us: int) -> Slip | None:
