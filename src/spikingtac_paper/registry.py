@@ -45,6 +45,7 @@ EXPERIMENTS: dict[str, Study] = {
 
 BENCHES: dict[str, Study] = {
     "throughput": Study("spikingtac_paper.throughput.bench", "rates and latencies of this machine"),
+    "live": Study("spikingtac_paper.live.bench", "the live runtime under faults and loads"),
     "skins": Study(
         "spikingtac_paper.throughput.skins", "how the cost grows with markers and events"
     ),

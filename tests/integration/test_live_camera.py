@@ -22,7 +22,7 @@ from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.stream.arrivals import stream_arrivals
 from spikingtac.stream.guard import ContactProcess
 from spikingtac.stream.host import Factory
-from spikingtac.stream.remote_source import RemoteSource, camera_packets
+from spikingtac.stream.sources import LiveSource, open_live
 from spikingtac.tracks import Tracks
 from spikingtac.viewer.openers import open_view_or_events
 from stand_ins.guarded import NotingArm, detector, stops
@@ -191,7 +191,7 @@ def test_a_camera_that_stalls_stops_a_probing_arm(
 
 def test_a_camera_without_a_calibration_shows_its_events() -> None:
     view = open_view_or_events("udp:127.0.0.1:0?encoding=evt2&size=320x320")
-    assert isinstance(view.source, RemoteSource)  # a silent camera holds nothing up
+    assert isinstance(view.source, LiveSource)  # a silent camera holds nothing up
     view.source.close()
     assert view.source.size == (320, 320)
     assert not view.ends
@@ -201,13 +201,13 @@ def test_a_camera_without_a_calibration_shows_its_events() -> None:
 
 
 def test_what_a_camera_lost_reaches_the_page(circling: Path) -> None:
-    """The camera's process sends its counters with its packets, as the page's source takes them."""
+    """The camera's counters come with its packets, as the page's source takes them."""
     data = (circling / "events.raw").read_bytes()
     port = free_port()
     address = f"udp:127.0.0.1:{port}?encoding=evt3&size=320x320"
     size = Calibration.load(circling / "calibration.json").size
     address = address.replace("320x320", f"{size[0]}x{size[1]}")
-    stream = camera_packets(address, size)
+    source = open_live(address)
     body = data[data.index(b"% end\n") + 6 :]
     pieces = [body[at : at + 256] for at in range(0, len(body), 256)]
 
@@ -222,7 +222,7 @@ def test_what_a_camera_lost_reaches_the_page(circling: Path) -> None:
 
     done = threading.Event()
     threading.Thread(target=twice, daemon=True).start()
-    counts = [losses for _, losses in itertools.islice(stream, 4)][-1]
+    assert len(list(itertools.islice(source, 4))) == 4
     done.set()
-    stream.close()  # type: ignore[attr-defined]
-    assert counts["duplicate"] > 0
+    source.close()  # type: ignore[attr-defined]
+    assert source.losses["duplicate"] > 0

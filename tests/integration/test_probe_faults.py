@@ -129,7 +129,7 @@ def test_a_fault_of_an_arm(
         return watched.site.rig.arm
 
     monkeypatch.setattr(probe_arm, "QUIET_WINDOWS", QUIET)
-    monkeypatch.setattr(probe_arm, "listen", listen)
+    monkeypatch.setattr(probe_arm, "listen", lambda args, own, watchdog: (listen(args, own), None))
     monkeypatch.setattr(probe_arm, "connect", connect)
     if fault is whole:
         monkeypatch.setattr("spikingtac.cli.verbs.probe_arm.make_detector", deaf)

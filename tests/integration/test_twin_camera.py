@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.cameras.recording.session import RecordOptions, prepare_folder, record
 from spikingtac.events.address import Address
 from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions
@@ -15,6 +14,8 @@ from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.source import SceneSource
+from spikingtac.stream.record import RecordOptions, record
+from spikingtac.stream.record_folder import prepare_folder
 from spikingtac.types import EventPacket
 from spikingtac.viewer.opening import open_view_source
 
@@ -52,7 +53,7 @@ def test_late_packets_are_counted_and_none_is_left_out() -> None:
 def test_its_recording_reads_like_a_simulation(tmp_path: Path) -> None:
     source = CameraSource(Address.parse("twin:quiet?seed=3"), ReadOptions())
     prepare_folder(tmp_path / "rec", overwrite=False)
-    told = record(source, tmp_path / "rec", RecordOptions(seconds=0.5))
+    told = record([source], tmp_path / "rec", RecordOptions(seconds=1.5))
     assert told["ended"] == "seconds"
     pace = told["camera"]["pace"]
     assert pace["packets"] > 100

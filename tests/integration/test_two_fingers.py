@@ -14,19 +14,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.cameras.recording.pair import record_pair
-from spikingtac.cameras.recording.session import RecordOptions, prepare_folder
 from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address
 from spikingtac.events.cameras.source import CameraSource
-from spikingtac.events.clocks.live_pair import live_pair
 from spikingtac.events.create import create_events
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
 from spikingtac.events.source import PacketSource
 from spikingtac.events.windows import windows
+from spikingtac.stream.pair import live_pair
+from spikingtac.stream.record import RecordOptions, record
+from spikingtac.stream.record_folder import prepare_folder
 from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import SIZE, datagrams
@@ -80,7 +80,7 @@ def test_two_cameras_are_recorded_on_their_clocks_and_read_on_one(tmp_path: Path
     prepare_folder(tmp_path / "day", overwrite=False)
     sender = threading.Thread(target=send_both, args=(sources,))
     sender.start()
-    told = record_pair(sources, tmp_path / "day", RecordOptions(seconds=1.2))
+    told = record(sources, tmp_path / "day", RecordOptions(seconds=1.2))
     sender.join()
     assert told["events"] == told["second"]["events"] == 200 * BURSTS
     assert told["time_base"]["learned_from"] == "host"

@@ -74,9 +74,9 @@ def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSou
         ConfigError: One is a camera and the other a recording.
         SpikingTacError: As of :func:`~spikingtac.events.open.open_events`.
     """
-    from spikingtac.events.clocks.second import open_second
     from spikingtac.events.evt.raw_stream import is_stream
     from spikingtac.events.open import open_events
+    from spikingtac.events.retimed import open_second
 
     live = [is_stream(first), is_stream(second)]
     if all(live):
@@ -116,8 +116,8 @@ def _cameras(first: Path, second: Path, strict: bool) -> list[FileSource]:
     from spikingtac.cli.verbs.record import camera_address
     from spikingtac.events.address import Address
     from spikingtac.events.cameras.source import CameraSource
-    from spikingtac.events.clocks.live_pair import live_pair
     from spikingtac.events.formats.file_source import ReadOptions
+    from spikingtac.stream.pair import live_pair
 
     options = ReadOptions(strict=strict)
     addresses = [Address.parse(camera_address(path)) for path in (first, second)]

@@ -9,7 +9,6 @@ from .recording import FoundContact as FoundContact
 from .recording import find_contacts as find_contacts
 from .recording import leading_quiet as leading_quiet
 from .recording import paired_windows as paired_windows
-from .live import live_windows as live_windows
 
 # Detectors
 from .detector import ContactDetector as ContactDetector

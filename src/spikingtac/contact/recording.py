@@ -12,7 +12,6 @@ from itertools import chain, islice
 import numpy as np
 
 from spikingtac.contact.detector import ContactDetails, ContactDetector
-from spikingtac.contact.live import live_windows
 from spikingtac.contact.quiet import BLOCK_WINDOWS, CLEAR_SIGMA, unsettled
 from spikingtac.contact.window import WINDOW_US, Window, count_of, packets_of
 from spikingtac.errors import RecordingError
@@ -121,23 +120,24 @@ class FoundContact:
 
 
 def find_contacts(
-    sources: Sequence[EventSource], detector: ContactDetector, live: bool = False, first: int = 0
+    sources: Sequence[EventSource],
+    detector: ContactDetector,
+    stream: Iterator[Window] | None = None,
+    first: int = 0,
 ) -> Iterator[FoundContact]:
     """Yield each contact once it has ended, or the recording has.
 
     Args:
         sources: One or two sensors on one clock.
         detector: Decides.
-        live: Whether they are cameras that are read as time passes: of two, a silent one does not
-            hold back what the other one tells.
+        stream: Their windows, as of :func:`~spikingtac.stream.windows.live_windows` for cameras;
+            None reads them.
         first: The first window that counts; a camera may begin with a burst.
     """
     found: Contact | None = None
     details: ContactDetails | None = None
     age = 0
-    in_step = live and len(sources) > 1
-    stream = live_windows(sources) if in_step else paired_windows(sources)
-    for window in islice(stream, first, None):
+    for window in islice(stream or paired_windows(sources), first, None):
         begun = detector.update(window)
         if found is not None and (begun is not None or not detector.in_contact):
             yield FoundContact(found, packets_of(window)[0].t_end_us, details)

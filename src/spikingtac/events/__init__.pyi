@@ -1,9 +1,12 @@
 """Public names of the room ``events``."""
 
+from .address import Address as Address
+from .cameras.source import CameraSource as CameraSource
 from .create import create_events as create_events
 from .filters import BackgroundActivityFilter as BackgroundActivityFilter
 from .filters import RandomDrop as RandomDrop
 from .formats.array_file import load_arrays as load_arrays
+from .formats.file_source import ReadOptions as ReadOptions
 from .hot_pixels import HotPixelFilter as HotPixelFilter
 from .manifest import MANIFEST as MANIFEST
 from .manifest import TRUTH as TRUTH

@@ -104,9 +104,8 @@ def open_events(
 
 def _of_folder(folder: Path, file: Path, sensor: int, options: ReadOptions) -> FileSource:
     """Return the events of one sensor of a folder, all its parts, on the first sensor's clock."""
-    from spikingtac.events.clocks.recorded import time_base_of
-    from spikingtac.events.clocks.retimed import RetimedSource
     from spikingtac.events.evt.raw import RawParts, parts_of
+    from spikingtac.events.retimed import RetimedSource, time_base_of
 
     parts = parts_of(file)
     source = RawParts(parts, options) if len(parts) > 1 else _opener(file)(file, options)

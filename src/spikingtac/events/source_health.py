@@ -13,7 +13,7 @@ from spikingtac.types import EventPacket, SourceHealth
 
 GAPS = frozenset({"gap", "time_jump", "disconnected"})
 """Kinds that say: a stretch is missing."""
-OVERFLOWS = frozenset({"overflow"})
+OVERFLOWS = frozenset({"overflow", "missed"})
 RECONNECTS = frozenset({"reconnected"})
 SLOT_US = 100_000
 """Stretch over which the rate is told, us (ours: a press lasts longer, and at 320x320 px a resting

@@ -15,7 +15,6 @@ from spikingtac.config import load_config
 from spikingtac.errors import ConfigError
 from spikingtac.events.evt.raw_stream import is_stream
 from spikingtac.events.formats.file_source import FileSource
-from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.checked_source import CheckedSource, refuse
@@ -23,6 +22,7 @@ from spikingtac.pipeline.follow import follow
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.ros2.messages import Layout
 from spikingtac.ros2.stream import SensorStream
+from spikingtac.stream.sources import open_live
 from spikingtac.touch.force.model import ForceEstimator, load_force
 from spikingtac.tracks import Tracks, is_tracks_file
 from spikingtac.types import EventPacket, MarkerFrame
@@ -166,7 +166,7 @@ def _feed_of_tracks(config: FeedConfig, calibration: Calibration | None) -> Feed
 def _feed_of_events(config: FeedConfig, calibration: Calibration) -> Feed:
     tracking = load_config(config.preset).with_tracking(rate_hz=config.rate_hz).tracking
     tracker = make_tracker(tracking, calibration)
-    events = open_events(config.source, strict=config.strict, sensor=config.sensor)
+    events = open_live(config.source, strict=config.strict, sensor=config.sensor)
     require_same_size(events.size, calibration.size)
     checked = CheckedSource(events, calibration, refuse if config.strict else config.tell)
 

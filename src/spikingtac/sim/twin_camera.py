@@ -16,7 +16,7 @@ from spikingtac.events.formats.file_source import Rows
 from spikingtac.sim.camera.config import CAMERA_NAMES
 from spikingtac.sim.scene import catalog
 from spikingtac.stream.host import Factory
-from spikingtac.stream.remote_source import RemoteSource
+from spikingtac.stream.sources import RemoteSource
 from spikingtac.types import EventPacket
 
 US_PER_S = 1e6

@@ -8,6 +8,15 @@ from .live import Hand as Hand
 from .sensor import Finger as Finger
 from .sensor import LiveFrame as LiveFrame
 
+# A camera's events, read at once for several users
+from .reader import EventReader as EventReader
+from .reader import new_ring as new_ring
+from .reading import at_once as at_once
+from .attached import RingCamera as RingCamera
+
+# Windows of several sensors in step
+from .windows import live_windows as live_windows
+
 # The guard of an arm
 from .guard import ContactProcess as ContactProcess
 from .arrivals import stream_arrivals as stream_arrivals

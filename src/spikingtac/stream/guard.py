@@ -56,7 +56,7 @@ class ContactProcess:
         arm: Factory[Arm],
         watchdog: WatchdogConfig | None = None,
     ) -> None:
-        self._ring = SharedRing.create(STATUS_BYTES)
+        self._ring = SharedRing.for_latest(STATUS_BYTES)
         self._seen, self._closed = 0, False
         self._last: dict[str, Any] = {}
         given = {
@@ -107,7 +107,7 @@ class GuardStatus:
     """Publishes the guard's state, and checks regularly that controller and asker are there.
 
     Args:
-        ring: Where the asker reads the state; its slots hold :data:`STATUS_BYTES`.
+        ring: Where the asker reads the state; it holds some of :data:`STATUS_BYTES`.
         asker_gone: Set once the process that asked for the guard has ended.
 
     Attributes:
@@ -187,7 +187,7 @@ def _guard(
     ring_name: str,
 ) -> None:
     asker.grace_s = SHUTDOWN_S
-    status = GuardStatus(SharedRing.attach(ring_name, STATUS_BYTES), asker.gone)
+    status = GuardStatus(SharedRing.attach(ring_name), asker.gone)
     try:
         detector = make_detector()
         status.publish("starting", reason="the camera's events")

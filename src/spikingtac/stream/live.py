@@ -111,15 +111,14 @@ class Live:
         for name in SINGLE_THREAD:
             os.environ.setdefault(name, "1")
         self._markers = len(calibration_of(finger).reference_px)
-        slot_bytes = frame_bytes(self._markers)
-        self._ring = SharedRing.create(slot_bytes, SLOTS)
-        given = {"finger": finger, "ring": (self._ring.name, slot_bytes, SLOTS)}
+        self._ring = SharedRing.for_latest(frame_bytes(self._markers), SLOTS)
+        self._frames = self._ring.reader()
+        given = {"finger": finger, "ring": self._ring.name}
         self._host = Host(Factory(function=follow_sensor, arguments=given))
         self._state: State = "starting"
         self._why, self._error = "", None
         self._clock: Mapping[str, Any] | None = None
         self._frame: LiveFrame | None = None
-        self._taken = self._missed = 0
 
     @property
     def process_id(self) -> int:
@@ -130,7 +129,7 @@ class Live:
     def health(self) -> LiveHealth:
         """How the sensor is now."""
         self._listen()
-        told = {"state": self._state, "why": self._why, "missed": self._missed}
+        told = {"state": self._state, "why": self._why, "missed": self._frames.missed}
         frame = self.latest()
         if frame is None:
             return LiveHealth(**told, clock=self._clock)
@@ -160,10 +159,8 @@ class Live:
         """
         while True:
             going = self._listen()  # asked first: the last frames come before the end
-            while (found := self._ring.following(self._taken)) is not None:
-                self._missed += found[0] - self._taken - 1
-                self._taken = found[0]
-                yield unpack(*found, self._markers)
+            for message in self._frames:
+                yield unpack(self._frames.number, message, self._markers)
             if not going:
                 break
             time.sleep(LOOK_S)

@@ -1,145 +1,299 @@
 """A ring in shared memory through which one process shows its messages to others.
 
-The writer never waits and does not know its readers. A reader takes the latest message, or one
-after the other; those that it was too slow for are gone, and their sequence numbers tell how many.
-A slot carries its sequence number and a checksum, so that a reader detects and drops a message that
-was overwritten meanwhile.
+The writer never waits for its readers. Each reader keeps its own place; what it was too slow for is
+gone, and the running counts in the messages tell exactly how much that was. A message carries its
+number and a checksum, so that one that is overwritten while it is read is never used.
 """
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
-from multiprocessing import resource_tracker
+from collections.abc import Iterator
+from contextlib import suppress
 from multiprocessing.shared_memory import SharedMemory
-from typing import Protocol
+from typing import Any
+
+from spikingtac.errors import DeviceError
+from spikingtac.stream.shared_memory import attached, reserve
 
 SLOTS = 4
-"""The writer publishes three more messages before it overwrites the slot of the latest one."""
-_LATEST = struct.Struct("<Q")
-_HEADER = struct.Struct("<QII")  # sequence, length, checksum
-_HEAD_BYTES = 64  # a cache line of its own for the number that both sides watch
-
-
-class Publisher(Protocol):
-    """Takes the latest message; the loop that publishes never waits for it."""
-
-    def publish(self, message: bytes) -> bool:
-        """Offer a message; False where it was too large and was not taken."""
-        ...
+"""Largest messages that a ring for the latest one holds: the writer publishes three more of them
+before it overwrites the latest."""
+ROOM, OLDEST, END, NEWEST, COUNT, WEIGHT, CLOSED, WRITER, TAKEN, TAKEN_COUNT, NOTE = range(0, 88, 8)
+"""Offsets in the head, bytes: room for messages; places of the oldest message, of the end and of
+the newest message; messages and weight so far; whether the writer has ended, and its process; place
+and messages of a reader that is waited for; a number that the writer tells."""
+HEAD_BYTES = 128
+_NUMBER = struct.Struct("<Q")
+_MESSAGE = struct.Struct("<QQIIII")  # number, weight before, weight, length, checksum, filler
+ALIGNED = 8
 
 
 class SharedRing:
     """One writer, any number of readers in any process.
 
     Example:
-        >>> ring = SharedRing.create(slot_bytes=64)
-        >>> reader = SharedRing.attach(ring.name, slot_bytes=64)
+        >>> ring = SharedRing.create(1024)
+        >>> other = SharedRing.attach(ring.name)
         >>> ring.publish(b"first"), ring.publish(b"second")
         (True, True)
-        >>> reader.latest(after=0)
+        >>> other.latest(after=0)
         (2, b'second')
-        >>> reader.latest(after=2) is None
+        >>> other.latest(after=2) is None
         True
-        >>> reader.following(after=0)
-        (1, b'first')
-        >>> reader.close(); ring.close()
+        >>> [bytes(message) for message in other.reader()]
+        [b'first', b'second']
+        >>> other.close(); ring.close()
     """
 
-    def __init__(self, memory: SharedMemory, slot_bytes: int, slots: int, owner: bool) -> None:
-        self._memory, self._slot_bytes, self._owner = memory, slot_bytes, owner
-        self._slots = slots
-        self._buffer = _buffer_of(memory)
-        self._sequence = 0
+    def __init__(self, memory: SharedMemory, owner: bool) -> None:
+        assert memory.buf is not None
+        self._memory, self._owner, self.buffer = memory, owner, memory.buf
+        self.room = self.get(ROOM)
 
     @classmethod
-    def create(cls, slot_bytes: int, slots: int = SLOTS) -> SharedRing:
-        """Make a ring for messages of at most ``slot_bytes``; its creator removes it."""
-        size = _HEAD_BYTES + slots * (_HEADER.size + slot_bytes)
-        memory = SharedMemory(create=True, size=size)
-        _buffer_of(memory)[:_HEAD_BYTES] = bytes(_HEAD_BYTES)
-        return cls(memory, slot_bytes, slots, True)
+    def create(cls, room_bytes: int, name: str | None = None) -> SharedRing:
+        """Make a ring; its creator removes it.
+
+        Args:
+            room_bytes: Room for messages; a message needs :data:`_MESSAGE` besides.
+            name: Name under which others find it; one that is left by a process that has ended is
+                replaced.
+
+        Raises:
+            DeviceError: Another process writes under this name, or there is no room.
+        """
+        room = -(-room_bytes // ALIGNED) * ALIGNED
+        try:
+            memory = SharedMemory(name, create=True, size=HEAD_BYTES + room)
+        except FileExistsError as error:
+            assert name is not None
+            left = cls.attach(name)
+            left._owner = not left.written
+            left.close()
+            if left._owner:
+                return cls.create(room_bytes, name)
+            raise DeviceError(
+                f"another program shares its events under {name!r}; choose another name"
+            ) from error
+        try:
+            reserve(memory, HEAD_BYTES + room)
+        except OSError as error:
+            memory.close()
+            memory.unlink()
+            raise DeviceError(
+                f"no {room >> 20} MiB of shared memory are left ({error.strerror}); end other "
+                "programs, or make /dev/shm larger"
+            ) from error
+        assert memory.buf is not None
+        memory.buf[:HEAD_BYTES] = bytes(HEAD_BYTES)
+        _NUMBER.pack_into(memory.buf, WRITER, os.getpid())
+        _NUMBER.pack_into(memory.buf, ROOM, room)
+        return cls(memory, True)
 
     @classmethod
-    def attach(cls, name: str, slot_bytes: int, slots: int = SLOTS) -> SharedRing:
-        """Open a ring that another process made, with what it was made with."""
-        return cls(_attached(name), slot_bytes, slots, False)
+    def for_latest(cls, largest_bytes: int, count: int = SLOTS) -> SharedRing:
+        """Make a ring for so many messages of a largest length."""
+        return cls.create(count * (largest_bytes + _MESSAGE.size + ALIGNED))
+
+    @classmethod
+    def attach(cls, name: str) -> SharedRing:
+        """Open a ring that another process made; FileNotFoundError where there is none."""
+        return cls(attached(name), False)
 
     @property
     def name(self) -> str:
         """The name under which other processes attach."""
         return self._memory.name
 
-    def publish(self, message: bytes) -> bool:
-        """Make a message the latest one; False where it does not fit into a slot."""
-        if len(message) > self._slot_bytes:
+    @property
+    def written(self) -> bool:
+        """True while the writer goes on: it has neither ended nor died."""
+        if self.get(CLOSED):
             return False
-        sequence = self._sequence + 1
-        start = self._slot(sequence)
-        body = start + _HEADER.size
-        # Sequence 0 tells readers of this slot that it is being rewritten.
-        _HEADER.pack_into(self._buffer, start, 0, 0, 0)
-        self._buffer[body : body + len(message)] = message
-        _HEADER.pack_into(self._buffer, start, sequence, len(message), zlib.crc32(message))
-        _LATEST.pack_into(self._buffer, 0, sequence)
-        self._sequence = sequence
+        try:
+            os.kill(self.get(WRITER), 0)
+        except OSError as error:
+            return isinstance(error, PermissionError)
+        return True
+
+    @property
+    def finished(self) -> bool:
+        """True once the writer has said that nothing follows."""
+        return bool(self.get(CLOSED))
+
+    @property
+    def weight(self) -> int:
+        """Weight of all that was published so far."""
+        return self.get(WEIGHT)
+
+    def get(self, what: int) -> int:
+        """Return a number of the head."""
+        return _NUMBER.unpack_from(self.buffer, what)[0]
+
+    def put(self, what: int, value: int) -> None:
+        """Set a number of the head."""
+        _NUMBER.pack_into(self.buffer, what, value)
+
+    def write_here(self) -> None:
+        """Say that this process is the writer from now on."""
+        self.put(WRITER, os.getpid())
+
+    def has_room(self, length: int, ahead: int) -> bool:
+        """Return whether a message overwrites nothing that the reader still has to take.
+
+        Args:
+            length: Of the message.
+            ahead: Most messages that may wait for the reader.
+        """
+        fits = self._placed(length)[1] - self.get(TAKEN) <= self.room
+        return fits and self.get(COUNT) - self.get(TAKEN_COUNT) < ahead
+
+    def publish(self, *parts: Any, weight: int = 0) -> bool:
+        """Append a message, given in parts; False where it does not fit into the ring at all.
+
+        A reader that misses it is told its ``weight``, as events.
+        """
+        length = sum(map(len, parts))
+        at, end = self._placed(length)
+        if end - at > self.room:
+            return False
+        before, number = self.get(WEIGHT), self.get(COUNT) + 1
+        self._give_up(at, end)
+        place = at % self.room + HEAD_BYTES
+        body, checksum = place + _MESSAGE.size, 0
+        for part in parts:
+            self.buffer[body : body + len(part)] = part
+            checksum, body = zlib.crc32(part, checksum), body + len(part)
+        _MESSAGE.pack_into(self.buffer, place, number, before, weight, length, checksum, 0)
+        self.put(WEIGHT, before + weight)
+        self.put(COUNT, number)
+        self.put(NEWEST, at)
+        self.put(END, end)
         return True
 
     def latest(self, after: int) -> tuple[int, bytes] | None:
-        """Return ``(sequence, message)`` of the latest message, or None.
+        """Return ``(number, message)`` of the latest message, or None.
 
         Args:
-            after: Sequence number that the caller has; only a later one is returned.
+            after: Number that the caller has; only a later one is returned.
         """
-        newest = self._newest()
-        return self._message(newest) if newest > after else None
+        found = self.message(self.get(NEWEST)) if self.get(COUNT) > after else None
+        return None if found is None or found[0] <= after else (found[0], bytes(found[3]))
 
-    def following(self, after: int) -> tuple[int, bytes] | None:
-        """Return ``(sequence, message)`` of the next message, the oldest that is left, or None.
+    def reader(self, *, from_now: bool = False, waited_for: bool = False) -> RingReader:
+        """Return a reader of all messages in order.
 
         Args:
-            after: Sequence number that the caller has; how many it has missed is what lies between.
+            from_now: Begin with the next message instead of the first one ever.
+            waited_for: The writer asks :meth:`has_room`: tell it what was taken.
         """
-        while (newest := self._newest()) > after:
-            after = max(after + 1, newest - self._slots + 2)  # the writer may be at the oldest one
-            if (found := self._message(after)) is not None:
-                return found
-        return None
+        return RingReader(self, from_now, waited_for)
+
+    def message(self, at: int) -> tuple[int, int, int, bytearray] | None:
+        """Return number, weight before, weight and bytes at a place; None where there is none."""
+        left = self.room - at % self.room - _MESSAGE.size
+        if left < 0:
+            return None
+        place = at % self.room + HEAD_BYTES
+        number, before, weight, length, checksum, filler = _MESSAGE.unpack_from(self.buffer, place)
+        if filler or length > left:
+            return None
+        place += _MESSAGE.size
+        data = bytearray(self.buffer[place : place + length])
+        whole = self.get(OLDEST) <= at and zlib.crc32(data) == checksum
+        return (number, before, weight, data) if whole else None
+
+    def after(self, at: int) -> int:
+        """Return where the message behind that of a place begins, a filler passed over."""
+        left = self.room - at % self.room
+        if left >= _MESSAGE.size:
+            head = _MESSAGE.unpack_from(self.buffer, at % self.room + HEAD_BYTES)
+            left = left if head[5] else _MESSAGE.size + -(-head[3] // ALIGNED) * ALIGNED
+        return at + left
+
+    def finish(self) -> None:
+        """Say that nothing follows."""
+        self.put(CLOSED, 1)
 
     def close(self) -> None:
         """Release the memory; its creator also removes it."""
-        self._buffer.release()
+        self.buffer.release()
         self._memory.close()
         if self._owner:
-            self._memory.unlink()
+            with suppress(FileNotFoundError):
+                self._memory.unlink()
 
-    def _newest(self) -> int:
-        return _LATEST.unpack_from(self._buffer, 0)[0]
+    def _placed(self, length: int) -> tuple[int, int]:
+        """Return where a message of a length begins, and where it ends."""
+        at, need = self.get(END), _MESSAGE.size + -(-length // ALIGNED) * ALIGNED
+        left = self.room - at % self.room
+        at += left if need > left else 0
+        return at, at + need
 
-    def _message(self, sequence: int) -> tuple[int, bytes] | None:
-        """Return a message with its number; None where it was overwritten."""
-        start = self._slot(sequence)
-        stored, length, checksum = _HEADER.unpack_from(self._buffer, start)
-        if stored != sequence or length > self._slot_bytes:
-            return None
-        message = bytes(self._buffer[start + _HEADER.size : start + _HEADER.size + length])
-        return (sequence, message) if zlib.crc32(message) == checksum else None
-
-    def _slot(self, sequence: int) -> int:
-        return _HEAD_BYTES + (sequence % self._slots) * (_HEADER.size + self._slot_bytes)
-
-
-def _attached(name: str) -> SharedMemory:
-    """Open memory of another process; this one's tracker must not remove it at its end."""
-    register = resource_tracker.register
-    resource_tracker.register = lambda *_: None  # Python 3.13 has an argument for it
-    try:
-        return SharedMemory(name=name)
-    finally:
-        resource_tracker.register = register
+    def _give_up(self, at: int, end: int) -> None:
+        """Give up the oldest messages that a new one overwrites, before it does."""
+        former, oldest = self.get(END), self.get(OLDEST)
+        while end - oldest > self.room:
+            oldest = self.after(oldest) if oldest < former else at
+        self.put(OLDEST, oldest)
+        if at - former >= _MESSAGE.size:
+            _MESSAGE.pack_into(self.buffer, former % self.room + HEAD_BYTES, 0, 0, 0, 0, 0, 1)
 
 
-def _buffer_of(memory: SharedMemory) -> memoryview:
-    if memory.buf is None:  # only after close()
-        raise ValueError("the shared memory is closed")
-    return memory.buf
+class RingReader:
+    """Takes the messages of a ring in order; what it was too slow for is counted.
+
+    Attributes:
+        number: That of the latest message.
+        taken: Messages that were returned.
+        missed: Messages that were overwritten before.
+        lost: Their weight.
+    """
+
+    def __init__(self, ring: SharedRing, from_now: bool, waited_for: bool) -> None:
+        self._ring, self._waited_for = ring, waited_for
+        self._at = ring.get(END) if from_now else 0
+        self.number = ring.get(COUNT) if from_now else 0
+        self._weight = ring.get(WEIGHT) if from_now else 0
+        self.taken = self.missed = self.lost = 0
+
+    def next(self) -> bytearray | None:
+        """Return the next message that is there, or None."""
+        ring = self._ring
+        while ring.get(END) > (at := max(self._at, ring.get(OLDEST))):
+            found, following = ring.message(at), ring.after(at)
+            if ring.get(OLDEST) > at:  # overwritten while it was read
+                continue
+            self._at = following
+            if found is None:  # a filler, or damaged: the next number tells
+                continue
+            number, before, weight, data = found
+            self._count(number - 1, before)
+            self.number, self._weight = number, before + weight
+            self.taken += 1
+            if self._waited_for:
+                ring.put(TAKEN, following)
+                ring.put(TAKEN_COUNT, number)
+            return data
+        return None
+
+    def waiting(self) -> int:
+        """Return the weight that was published and not taken yet."""
+        return self._ring.get(WEIGHT) - self._weight
+
+    def give_up(self) -> None:
+        """Count what was published and not taken as lost."""
+        self._count(self._ring.get(COUNT), self._ring.get(WEIGHT))
+        self.number, self._weight = self._ring.get(COUNT), self._ring.get(WEIGHT)
+        self._at = self._ring.get(END)
+
+    def _count(self, number: int, weight: int) -> None:
+        self.missed += number - self.number
+        self.lost += weight - self._weight
+
+    def __iter__(self) -> Iterator[bytearray]:
+        while (data := self.next()) is not None:
+            yield data

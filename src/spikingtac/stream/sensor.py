@@ -14,22 +14,21 @@ from spikingtac.arrays import one_line
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
 from spikingtac.events.cameras.source import CameraSource
-from spikingtac.events.evt.raw_stream import RawStream
 from spikingtac.events.formats.file_source import FileSource
-from spikingtac.events.open import open_events
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.stream.host import Asker
 from spikingtac.stream.ring import SharedRing
+from spikingtac.stream.sources import LiveSource, open_live
 from spikingtac.types import EventPacket, MarkerFrame, SourceHealth
 
 CLOCK_S = 1.0
 """Time between two reports of the sensor's clock, s."""
 PLAY_US = 2_000
 """Length of the packets in which a recording is played, us (ours: a camera delivers as often)."""
-NS_PER_US, NS_PER_MS = 1_000, 1_000_000
+NS_PER_US, NS_PER_MS, NS_PER_S = 1_000, 1_000_000, 1_000_000_000
 _HEAD = struct.Struct("<qqdd4qd")  # t, told, behind, most behind, health, rate
 _COLUMNS = 8  # detected, position, displacement, confidence, coasted
 
@@ -83,7 +82,7 @@ def pack(frame: MarkerFrame, told_ns: int, behind_ms: tuple[float, float]) -> by
     return head + np.column_stack((*columns, frame.confidence, frame.coasted)).tobytes()
 
 
-def unpack(number: int, message: bytes, markers: int) -> LiveFrame:
+def unpack(number: int, message: bytes | bytearray, markers: int) -> LiveFrame:
     """Return the frame that :func:`pack` wrote."""
     t_us, told_ns, behind_ms, most_ms, *lost = _HEAD.unpack_from(message)
     table = np.frombuffer(message, np.float64, offset=_HEAD.size).reshape(markers, _COLUMNS)
@@ -112,11 +111,11 @@ def calibration_of(finger: Finger) -> Calibration:
     return given if isinstance(given, Calibration) else Calibration.load(given)
 
 
-def follow_sensor(asker: Asker, finger: Finger, ring: tuple[str, int, int]) -> None:
+def follow_sensor(asker: Asker, finger: Finger, ring: str) -> None:
     """Follow a sensor until its source ends; the whole work of its process."""
     calibration = calibration_of(finger)
     _warm_up(finger.tracking, calibration)  # before time passes
-    source = open_events(str(finger.source))
+    source = open_live(str(finger.source))
     if source.size != calibration.size:
         raise CalibrationError(
             f"the sensor is {source.size[0]}x{source.size[1]}, its calibration is for "
@@ -125,7 +124,7 @@ def follow_sensor(asker: Asker, finger: Finger, ring: tuple[str, int, int]) -> N
     clock = _Clock(source, asker)
     checked = CheckedSource(clock, calibration, lambda why: asker.tell(("warning", why)))
     tracker = make_tracker(finger.tracking, calibration)
-    out = SharedRing.attach(*ring)
+    out = SharedRing.attach(ring)
     asker.tell(("running", ""))
     for frame in follow(checked, tracker, finger.tracking.rate_hz):
         behind_ms = clock.behind_ms(frame)
@@ -149,24 +148,30 @@ class _Clock:
     def __init__(self, source: FileSource, asker: Asker) -> None:
         self._source, self._asker = source, asker
         self.size, self.losses = source.size, source.losses
-        self._live = isinstance(source, CameraSource | RawStream)
-        if isinstance(source, CameraSource):
-            source.when_lost, source.on_poll = "reconnect", self._tell_clock
+        own = source.own if isinstance(source, LiveSource) else None
+        self._camera = own if isinstance(own, CameraSource) else None
+        if self._camera is not None:
+            self._camera.when_lost = "reconnect"
         self._zero_ns: int | None = None
         self._came_ns = self._told_ns = 0
         self.most_ms = 0.0
 
     def __iter__(self) -> Iterator[EventPacket]:
-        for packet in self._source if self._live else _short(self._source):
-            if not self._live:
+        source = self._source
+        if not isinstance(source, LiveSource):
+            for packet in _short(source):
                 self._wait(packet.t_end_us)
-            self._came_ns = time.monotonic_ns()
+                yield packet
+            return
+        for packet in source:
+            self._came_ns = round(source.received_s * NS_PER_S)
+            self._tell_clock()
             yield packet
 
     def behind_ms(self, frame: MarkerFrame) -> float:
         """Return how long ago a frame was due, ms."""
         due_ns = self._came_ns
-        if not self._live and self._zero_ns is not None:
+        if self._zero_ns is not None:
             due_ns = self._zero_ns + (frame.t_us + PLAY_US) * NS_PER_US
         behind_ms = max(time.monotonic_ns() - due_ns, 0) / NS_PER_MS
         self.most_ms = max(self.most_ms, behind_ms)
@@ -181,13 +186,12 @@ class _Clock:
             time.sleep(early_ns * 1e-9)
 
     def _tell_clock(self) -> None:
-        assert isinstance(self._source, CameraSource)
         now_ns = time.monotonic_ns()
-        if now_ns - self._told_ns > CLOCK_S * 1e9:
+        if self._camera is not None and now_ns - self._told_ns > CLOCK_S * NS_PER_S:
             self._told_ns = now_ns
-            mapping = self._source.clock.mapping()
+            mapping = self._camera.clock.mapping()
             if mapping is not None:
-                self._asker.tell(("clock", mapping.summary()))
+                self._asker.tell(("clock", mapping.clock_summary()))
 
 
 def _short(source: FileSource) -> Iterator[EventPacket]:

@@ -25,7 +25,7 @@ from spikingtac.viewer.replay.playback import Playback
 from spikingtac.viewer.session import Session
 from spikingtac.viewer.snapshot import images, moving, starting
 from spikingtac.viewer.source import ViewSource
-from spikingtac.viewer.web.wire import FRAME_BYTES, GREETING_BYTES, STOP
+from spikingtac.viewer.web.wire import STOP
 
 COMPLETE_S = 20.0
 """Longest time to complete the tracks once the asker is gone, s; an idle machine needs 0.1 s."""
@@ -54,8 +54,8 @@ def run_session(
         SpikingTacError: The view could not be opened, or failed.
     """
     asker.grace_s = COMPLETE_S
-    frames = SharedRing.attach(rings[0], FRAME_BYTES)
-    greetings = SharedRing.attach(rings[1], GREETING_BYTES)
+    frames = SharedRing.attach(rings[0])
+    greetings = SharedRing.attach(rings[1])
     gc.freeze()  # compiling makes much garbage, and each collection would visit all imports
     gc.set_threshold(COLLECT_AFTER)
     view = open_view()
@@ -154,7 +154,7 @@ def _latest(commands: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
 class _Nowhere:
     """A publisher without readers."""
 
-    def publish(self, message: bytes) -> bool:
+    def publish(self, message: bytes, /) -> bool:
         return bool(message)
 
 

@@ -18,14 +18,14 @@ from spikingtac.config import load_config
 from spikingtac.contact.event_count import SelfCalibratingDetector
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.address import is_address
-from spikingtac.events.clocks.second import is_same_folder, open_second
 from spikingtac.events.evt.raw_stream import is_stream
 from spikingtac.events.manifest import name_of
 from spikingtac.events.open import open_events
+from spikingtac.events.retimed import is_same_folder, open_second
 from spikingtac.events.source import EventSource
 from spikingtac.sim.twin_camera import is_twin
 from spikingtac.stream.host import Factory
-from spikingtac.stream.remote_source import RemoteSource
+from spikingtac.stream.sources import LiveSource
 from spikingtac.viewer.calibrating import CalibrationDesk, SaveTarget
 from spikingtac.viewer.opening import (
     CALIBRATION_NAME,
@@ -67,7 +67,7 @@ def open_view_or_events(
         return _guided(
             scene, CalibrationDesk(scene.label, scene.source.size, target, None), options
         )
-    events = RemoteSource.of_camera(source, None) if live else open_events(source)
+    events = LiveSource.in_process(source, None) if live else open_events(source)
     label = source if is_address(source) else Path(source).resolve().name
     whole: Factory[EventSource] | None = None
     if not live:

@@ -22,7 +22,7 @@ from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.sim.twin_camera import is_twin, twin_options
 from spikingtac.stream.host import Factory
-from spikingtac.stream.remote_source import RemoteSource
+from spikingtac.stream.sources import LiveSource, RemoteSource
 from spikingtac.viewer.source import SampledTruth, ViewSource
 
 CALIBRATION_NAME, TRUTH_NAME, MANIFEST_NAME = "calibration.json", "truth.npz", "manifest.json"
@@ -165,7 +165,7 @@ def _open_stream(path: Path, calibration: str | None) -> ViewSource:
     chosen = Calibration.load(calibration)
     return ViewSource(
         label=path.name,
-        source=RemoteSource.of_camera(str(path), chosen.size),
+        source=LiveSource.in_process(str(path), chosen.size),
         calibration=chosen,
         config=None,
         make_tracker=_unchosen,

@@ -14,7 +14,7 @@ from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.schema import to_mapping
-from spikingtac.stream.ring import Publisher
+from spikingtac.stream.shared_memory import Publisher
 from spikingtac.tuning import with_value
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.pace import Pacer, StreamHealth
@@ -160,9 +160,7 @@ class Session:
             if self._view.desk is not None:
                 self._view.desk.close()
             self.playback.store.close()
-            end = getattr(self._view.source, "close", None)
-            if end is not None:
-                end()
+            self._view.close()
 
     @property
     def view(self) -> ViewSource:

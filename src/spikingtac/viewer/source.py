@@ -85,6 +85,12 @@ class ViewSource:
     calibrated_by: str = ""
     own_calibration: bool = False
 
+    def close(self) -> None:
+        """End a source that runs by itself, as a camera and a scene do."""
+        end = getattr(self.source, "close", None)
+        if end is not None:
+            end()
+
 
 class SampledTruth:
     """True positions sampled at given times, joined by straight lines.

@@ -46,7 +46,7 @@ def arm_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     )
     calibration.save(tmp_path / "finger.json")
     monkeypatch.setattr(probe_arm, "connect", lambda args: StillArm())
-    monkeypatch.setattr(probe_arm, "listen", lively)
+    monkeypatch.setattr(probe_arm, "listen", lambda args, own, watchdog: (lively(args, own), None))
     prober = IdealProber(2.0, center_mm=(0.3, -0.2))
     monkeypatch.setattr(probe_arm, "ArmProber", lambda *parts: prober)
     finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.events.cameras.clock import ClockFit, ClockMapping
+from spikingtac.events.cameras.clock import ClockFit
 from spikingtac.events.cameras.health import DeliveryMeter
+from spikingtac.events.clock import TimeMap
 
 
-def fitted(drift_ppm: float, seconds: float, seed: int = 0, jitter_ms: float = 2.0) -> ClockMapping:
+def fitted(drift_ppm: float, seconds: float, seed: int = 0, jitter_ms: float = 2.0) -> TimeMap:
     """Deliver every 4 ms; transport takes 0.2 ms and often more."""
     rng = np.random.default_rng(seed)
     fit = ClockFit()
@@ -34,7 +35,7 @@ def test_drift_and_offset_are_found_within_five_errors(drift_ppm: float) -> None
 
 def test_there_and_back() -> None:
     mapping = fitted(20.0, seconds=10.0)
-    assert mapping.sensor_us(mapping.host_s(1_234_567)) == pytest.approx(1_234_567, abs=0.5)
+    assert mapping.inverse().at(mapping.at(1_234_567)) == pytest.approx(1_234_567, abs=0.5)
 
 
 def test_a_short_stretch_states_no_drift() -> None:

@@ -32,7 +32,7 @@ def test_the_guard_keeps_to_a_core_only_where_it_precedes(
     monkeypatch.setattr(real_time, "keep_to_one_core", lambda: asked.append("core"))
     arm = NotingArm(str(tmp_path / "notes"))
     watchdog = Watchdog(WatchdogConfig(), arm.stop, lambda: 0.0)
-    ring = SharedRing.create(STATUS_BYTES)
+    ring = SharedRing.for_latest(STATUS_BYTES)
     try:
         status = GuardStatus(ring, threading.Event())
         status.rehearse(ContactLoop(cast(Any, None), watchdog, arm.stop), arm)

@@ -11,10 +11,10 @@ import tyro
 from spikingtac.cli.messages import Table, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.errors import ConfigError
-from spikingtac.events.clocks.alignment import By, PoseClock
+from spikingtac.events.align.alignment import By, PoseClock
 
 if TYPE_CHECKING:
-    from spikingtac.events.clocks.poses import Poses
+    from spikingtac.events.align.poses import Poses
 
 POSES = "poses.npz"
 
@@ -71,7 +71,7 @@ def run(args: Args) -> int:
 
 def _check_output(args: Args, second: Path | None) -> None:
     """Refuse an output before anything is computed."""
-    from spikingtac.cameras.recording.session import recorded
+    from spikingtac.stream.record_folder import recorded
 
     if args.output is None:
         return
@@ -84,8 +84,8 @@ def _check_output(args: Args, second: Path | None) -> None:
 
 
 def _poses(args: Args, path: Path) -> tuple[Poses, dict[str, Any]]:
-    from spikingtac.events.clocks.alignment import map_of_poses
-    from spikingtac.events.clocks.poses import load_poses
+    from spikingtac.events.align.alignment import map_of_poses
+    from spikingtac.events.align.poses import load_poses
 
     poses = load_poses(path)
     time_map, clock = map_of_poses(poses, args.first, args.poses_clock)
@@ -96,9 +96,9 @@ def _poses(args: Args, path: Path) -> tuple[Poses, dict[str, Any]]:
 
 
 def _two(args: Args, second: Path) -> dict[str, Any]:
-    from spikingtac.cameras.recording.session import prepare_folder
-    from spikingtac.events.clocks.alignment import SecondFinger, map_between, write_pair
+    from spikingtac.events.align.alignment import SecondFinger, map_between, write_pair
     from spikingtac.events.open import open_events
+    from spikingtac.stream.record_folder import prepare_folder
 
     other = SecondFinger(args.first, second)
     by = args.by if args.trigger_channel is None else "triggers"

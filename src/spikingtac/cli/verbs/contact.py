@@ -120,11 +120,13 @@ def _found(
 ) -> list[FoundContact]:
     """Return the contacts; those of a camera are told as they come."""
     from spikingtac.contact.recording import find_contacts
+    from spikingtac.stream import live_windows
 
     found = []
+    windows = live_windows(checked) if live and len(sources) > 1 else None
     bar = progress(f"finding contacts in {sources[0].path.name}")
     with ending_on_interrupt(*sources), bar as advance:
-        for contact in find_contacts(checked, detector, live, first):
+        for contact in find_contacts(checked, detector, windows, first):
             found.append(contact)
             if live:
                 remark(f"contact at {contact.contact.t_us} us")

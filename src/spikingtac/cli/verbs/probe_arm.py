@@ -36,7 +36,7 @@ from spikingtac.stream.real_time import exempt_from_collection
 
 if TYPE_CHECKING:
     from spikingtac.robot.arm import Arm
-    from spikingtac.stream.reader import ThreadedSource
+    from spikingtac.stream.watched import WatchedWindows
 
 QUIET_WINDOWS = 4000
 """Windows of the arm at rest from which the detector learns, 1 ms each."""
@@ -97,11 +97,9 @@ def _search_hole(
     watchdog = Watchdog(
         LIVE, lambda: _stop(arms), time.monotonic, confirm=lambda: _confirm_stop(arms)
     )
-    stream = listen(args, calibration)
-    live = _live_source(args, stream, watchdog)
+    stream, live = listen(args, calibration, watchdog)
     if live is not None:
         stack.callback(live.close)
-        stream = iter(live)
     detector = learn_detector(args, calibration, stream)
     if live is not None:
         exempt_from_collection()
@@ -174,18 +172,6 @@ def learn_detector(
     return make_detector(args.detector, DetectionConfig(), [calibration], quiet)
 
 
-def _live_source(args: Args, stream: Iterator[Window], watchdog: Watchdog) -> ThreadedSource | None:
-    """Return a thread that reads the stream of a camera; None for a file, which waits."""
-    from spikingtac.events.evt.raw_stream import is_stream
-    from spikingtac.stream.arrivals import timed
-    from spikingtac.stream.reader import ThreadedSource
-
-    assert args.events is not None
-    if not is_stream(args.events):
-        return None
-    return ThreadedSource(timed(stream), watchdog)
-
-
 def connect(args: Args) -> Arm:
     """Return the arm, at rest.
 
@@ -199,17 +185,24 @@ def connect(args: Args) -> Arm:
     return URArm(args.arm)
 
 
-def listen(args: Args, calibration: Calibration) -> Iterator[Window]:
-    """Return the windows of the finger, 1 ms each.
+def listen(
+    args: Args, calibration: Calibration, watchdog: Watchdog
+) -> tuple[Iterator[Window], WatchedWindows | None]:
+    """Return the windows of the finger, 1 ms each, and of a camera what reads it in a thread.
 
     Raises:
         CalibrationError: The calibration belongs to a sensor of another size.
     """
+    from spikingtac.events.evt.raw_stream import is_stream
     from spikingtac.events.open import open_events
     from spikingtac.events.windows import windows
     from spikingtac.pipeline.track import require_same_size
+    from spikingtac.stream.watched import WatchedWindows
 
     assert args.events is not None
     source = open_events(args.events)
     require_same_size(source.size, calibration.size)
-    return ((window,) for window in windows(source, period_us=1000))
+    if is_stream(args.events):
+        watched = WatchedWindows(source, watchdog)
+        return iter(watched), watched
+    return ((window,) for window in windows(source, period_us=1000)), None

@@ -18,7 +18,7 @@ from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
-    from spikingtac.cameras.recording.session import Progress
+    from spikingtac.stream.record import Progress
 
 EXIT_MACHINE = 3
 MEV = 1e6
@@ -31,6 +31,8 @@ class Args(WriteArgs):
 
     Every event is on disk or counted as lost. The folder can be read like any recording, also
     after a crash, a full disk or an unplugged cable. A camera that is unplugged is waited for.
+    Other programs see the events meanwhile where its address says so: udp:7777?share=press, then
+    spikingtac view ring:press.
     """
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
@@ -43,31 +45,22 @@ class Args(WriteArgs):
     """Length, s; until Ctrl-C unless given."""
     split: Annotated[str, tyro.conf.arg(metavar="SIZE|TIME")] = "1GB"
     """When the next file begins: a size (500MB, 2GB) or a duration (60s, 10min, 1h)."""
-    copy: Annotated[Path | None, tyro.conf.arg(metavar="PIPE")] = None
-    """Named pipe for a live copy (of the first camera), to watch meanwhile: spikingtac view PIPE. A
-    reader that stalls delays nothing; what it does not take is counted."""
 
 
 def run(args: Args) -> int:
     """Record, and print what was recorded; exit 3 where the disk refused to write."""
-    from spikingtac.cameras.recording.pair import record_pair
-    from spikingtac.cameras.recording.segments import Split
-    from spikingtac.cameras.recording.session import (
-        RecordOptions,
-        locked_folder,
-        prepare_folder,
-        record,
-    )
     from spikingtac.events.address import Address
     from spikingtac.events.cameras.source import CameraSource
     from spikingtac.events.formats.file_source import ReadOptions
+    from spikingtac.stream.record import RecordOptions, record
+    from spikingtac.stream.record_folder import locked_folder, prepare_folder
+    from spikingtac.stream.segments import Split
 
     if args.seconds is not None and not args.seconds > 0.0:
         raise ConfigError(f"--seconds is {args.seconds:g}, it must be above 0")
     options = RecordOptions(
         split=Split.parse(args.split),
         seconds=math.inf if args.seconds is None else args.seconds,
-        copy=args.copy,
     )
     given = [args.source] if args.second is None else [args.source, args.second]
     addresses = [Address.parse(camera_address(source)) for source in given]
@@ -78,10 +71,7 @@ def run(args: Args) -> int:
         prepare_folder(args.output, args.overwrite)
         opened.enter_context(ending_on_interrupt(*sources))
         show = opened.enter_context(_screen())
-        if args.second is None:
-            summary = record(sources[0], args.output, options, lambda one: show([one]))
-        else:
-            summary = record_pair(sources, args.output, options, show)
+        summary = record(sources, args.output, options, show)
     if args.json:
         emit_json(summary)
     else:
@@ -153,8 +143,6 @@ def line(progress: Progress) -> str:
     if disk.lost_events:
         parts.append(f"LOST {disk.lost_events} events: the disk is too slow")
     parts += [f"{kind} {count}" for kind, count in camera.losses.items()]
-    if progress.copy_lost:
-        parts.append(f"{progress.copy_lost} not taken by the reader of the copy")
     return "  ".join(parts)
 
 

@@ -88,6 +88,11 @@ KINDS: dict[str, CameraKind] = {
         example="pipe:live.raw",
         about="RAW from a named pipe, or standard input as pipe:-",
     ),
+    "ring": CameraKind(
+        place="spikingtac.stream.attached:RingCamera",
+        example="ring:press",
+        about="what another process reads, under an address with share=press",
+    ),
     "twin": CameraKind(
         place="spikingtac.sim.twin_camera:TwinCamera",
         example="twin:finger-torsion",
@@ -111,7 +116,7 @@ def open_camera(address: Address) -> Camera:
     return chosen.open(address)
 
 
-SOURCE_OPTIONS = ("seconds",)
+SOURCE_OPTIONS = ("seconds", "share")
 """Options of every address: what the source itself understands."""
 
 

@@ -33,6 +33,7 @@ KINDS: dict[str, str] = {
     "before_zero": "events from before the zero of another clock that they were put on; dropped",
     "own_clock": "the other camera of a pair was silent: times are this one's own; no loss",
     "overflow": "buffers that overran: datagrams, packets or events were dropped on their way",
+    "missed": "events that came in time, but that this user was too slow for",
     "duplicate": "datagrams that came twice; the second one was dropped",
     "reordered": "datagrams that came late; their events are kept, at the time reached by then",
     "late": "events of a camera after its silence, for times that were told without it; dropped",

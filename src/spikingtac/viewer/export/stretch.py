@@ -10,7 +10,6 @@ import numpy as np
 
 from spikingtac.errors import ConfigError
 from spikingtac.plots.summary import DPI, PANEL, SensorDrawing
-from spikingtac.stream.remote_source import RemoteSource
 from spikingtac.types import EventPacket
 from spikingtac.viewer.record import EXPOSURE_US, Record, picture_of
 from spikingtac.viewer.replay.event_store import EventStore
@@ -92,8 +91,7 @@ def open_stretch(view: ViewSource, seconds: float | None) -> Iterator[Stretch]:
         yield Stretch(view, store, end_us)
     finally:
         store.close()
-        if isinstance(view.source, RemoteSource):  # a scene runs in a process of its own
-            view.source.close()
+        view.close()
 
 
 def draw_stretch(

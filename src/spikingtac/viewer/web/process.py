@@ -50,8 +50,8 @@ class SessionProcess:
         realtime: bool = False,
     ) -> None:
         self.dropped_commands = 0
-        self._frames = SharedRing.create(FRAME_BYTES)
-        self._greetings = SharedRing.create(GREETING_BYTES)
+        self._frames = SharedRing.for_latest(FRAME_BYTES)
+        self._greetings = SharedRing.for_latest(GREETING_BYTES)
         self._summary: dict[str, Any] | None = None
         options = {"repeat": repeat, "tracks": tracks, "picture": picture, "realtime": realtime}
         given = {

@@ -1,1 +1,0 @@
-"""Recording a camera: files that grow, a manifest beside them, and a live copy for viewers."""

@@ -1,0 +1,154 @@
+"""Two clocks from an external sync line: both cameras time its edges on a trigger input."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.events.clock import PPM, TimeMap, through_moments
+from spikingtac.events.formats.codec import Triggers
+from spikingtac.events.formats.file_source import FileSource
+
+JITTER_US = 200.0
+"""Most that the two cameras' times of one edge differ, beside their clocks, us (ours: inputs are
+sampled every microsecond, slow firmware stamps within 0.1 ms)."""
+MOST_DRIFT_PPM = 200.0
+"""Most that two cameras' clocks drift apart, parts per million (two crystals of 100 ppm)."""
+STEP_US = 1.0
+"""Resolution of trigger times, us: the least error of one edge."""
+CLEARLY = 0.5
+"""A second place that fits to this share of the best one makes the best one a guess (ours)."""
+LEAST_VOTES = 2
+"""Like intervals at one place from which on it is more than a chance (ours)."""
+LEAST_SHARED = 0.5
+"""More than this share of one camera's edges, where both lines overlap, the other one has seen."""
+MOST_FITS = 1_000_000
+"""Pairs of like intervals that are looked at; a regular line has their number squared."""
+BEFORE_FIRST = 1.5
+"""A line began while a camera recorded where its first edge comes after so many times
+its longest interval (ours)."""
+
+_Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
+
+
+@dataclass(frozen=True, slots=True)
+class SyncLine:
+    """The trigger edges of a recording.
+
+    Attributes:
+        begun_us: Time of its first event, us.
+        triggers: Its edges.
+    """
+
+    begun_us: int
+    triggers: Triggers
+
+    @classmethod
+    def of(cls, source: FileSource) -> SyncLine:
+        """Read a whole recording for its edges."""
+        firsts = [int(packet.t[0]) for packet in source if len(packet)][:1]
+        return cls(firsts[0] if firsts else 0, source.triggers.select(slice(None)))
+
+
+def through_triggers(own: SyncLine, base: SyncLine, channel: int | None = None) -> TimeMap:
+    """Return the map from one clock to the other, from the edges that both cameras have seen.
+
+    Args:
+        own: The line as the mapped clock has timed it.
+        base: The line as the base clock has.
+        channel: The trigger input; None for the only one of which both hold edges.
+
+    Raises:
+        ConfigError: The channel is not in both, or several are and none was chosen.
+        RecordingError: The edges do not agree, or agree at several places.
+    """
+    mine, theirs = _edges(own.triggers, base.triggers, channel)
+    pairs = _alike(mine, theirs)
+    if pairs is None:
+        single = len(mine) == len(theirs) == 1
+        longest_us = max(np.diff(edges).max(initial=0) for edges in (mine, theirs))
+        late_us = min(mine[0] - own.begun_us, theirs[0] - base.begun_us)
+        if not single and late_us <= BEFORE_FIRST * longest_us:
+            raise RecordingError(
+                "the trigger edges agree at no place or at several, as a regular line's do; start "
+                "the line after both recordings, or send edges at odd moments"
+            )
+        pairs = _from_the_first(mine, theirs)
+    return _fitted(mine, theirs, pairs)
+
+
+def _edges(own: Triggers, base: Triggers, channel: int | None) -> list[NDArray[np.int64]]:
+    """Return both lines' times of rising edges, or of falling ones where one has no others."""
+    both = sorted({*own.channel.tolist()} & {*base.channel.tolist()})
+    if channel is None and len(both) != 1:
+        told = f"of several channels ({', '.join(map(str, both))})" if both else "of no channel"
+        hint = "choose one with --trigger-channel" if both else "use --by motion"
+        raise ConfigError(f"both recordings hold triggers {told}; {hint}")
+    chosen = both[0] if channel is None else channel
+    for rising in (True, False):
+        seen = [line.t_us[(line.channel == chosen) & (line.edge == rising)] for line in (own, base)]
+        if all(map(len, seen)):
+            return [np.sort(times) for times in seen]
+    raise ConfigError(
+        f"the recordings have no kind of edge on channel {chosen} in common; channels with "
+        f"triggers in both: {', '.join(map(str, both)) or 'none'}"
+    )
+
+
+def _alike(own: NDArray[np.int64], base: NDArray[np.int64]) -> _Pairs | None:
+    """Return pairs of edges where intervals of like length lie at one place; None if nowhere."""
+    gaps, others = np.diff(own), np.diff(base)
+    order = np.argsort(others, kind="stable")
+    low, high = (np.searchsorted(others[order], gaps + s * _reach_us(gaps)) for s in (-1, 1))
+    some = np.arange(0, len(gaps), int((high - low).sum()) // MOST_FITS + 1)
+    counts = (high - low)[some]
+    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    first, second = np.repeat(some, counts), order[np.repeat(low[some], counts) + within]
+    shifts = base[second] - own[first]
+    ascending = np.sort(shifts)
+    width = 2.0 * _reach_us(np.ptp(own))
+    votes = np.searchsorted(ascending, ascending + width, side="right") - np.arange(len(shifts))
+    best = int(votes.argmax()) if len(votes) else 0
+    if not len(votes) or votes[best] < LEAST_VOTES:
+        return None
+    start = ascending[best]
+    rivals = votes[(ascending < start - width) | (ascending > start + 2.0 * width)]
+    if rivals.max(initial=0) >= CLEARLY * votes[best]:
+        return None
+    near = (shifts >= start) & (shifts <= start + width)
+    first, second = first[near], second[near]
+    return np.concatenate([first, first + 1]), np.concatenate([second, second + 1])
+
+
+def _from_the_first(own: NDArray[np.int64], base: NDArray[np.int64]) -> _Pairs:
+    """Return the edges in pairs from the first one on, as long as their intervals are alike."""
+    both = min(len(own), len(base))
+    gaps, others = np.diff(own[:both]), np.diff(base[:both])
+    alike = np.append(np.abs(gaps - others) <= _reach_us(gaps), False)
+    number = np.arange(int(alike.argmin()) + 1)
+    return number, number
+
+
+def _reach_us(span_us: Any) -> Any:
+    """Return by how much the two clocks may time a span differently, us."""
+    return JITTER_US + MOST_DRIFT_PPM * PPM * span_us
+
+
+def _fitted(own: NDArray[np.int64], base: NDArray[np.int64], pairs: _Pairs) -> TimeMap:
+    """Return the map through all edges that lie where the pairs put them."""
+    placed = through_moments(own[pairs[0]], base[pairs[1]])(own)
+    after = np.searchsorted(base, placed).clip(1, max(len(base) - 1, 1))
+    around = base[np.stack([after - 1, after.clip(max=len(base) - 1)])]
+    nearest = around[np.abs(around - placed).argmin(axis=0), np.arange(len(own))]
+    hit = np.abs(nearest - placed) <= JITTER_US
+    inside = (placed >= base[0] - JITTER_US) & (placed <= base[-1] + JITTER_US)
+    if np.count_nonzero(hit) <= LEAST_SHARED * np.count_nonzero(inside):
+        raise RecordingError(
+            f"{np.count_nonzero(hit)} of {np.count_nonzero(inside)} trigger edges agree, more than "
+            f"{LEAST_SHARED:.0%} are needed; is it one line, on the same channel?"
+        )
+    return through_moments(own[hit], nearest[hit], "triggers", STEP_US)

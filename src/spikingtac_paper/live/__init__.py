@@ -1,0 +1,1 @@
+"""The live runtime under load and under faults: ``spikingtac bench live``."""

@@ -1,0 +1,86 @@
+"""Faults and loads of the live runtime, in their long forms, each event accounted for (simulated).
+
+``--quick`` runs the short forms, those of the suite. The page is the table of
+docs/reference/live-faults.md with the figures of this machine.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from spikingtac.batch import begin_run
+from spikingtac.config import digest
+from spikingtac_paper.harness.report import Report, Row, write_report
+from spikingtac_paper.harness.run import RunOptions, code_digest, kept, provenance
+from spikingtac_paper.live.faults import FAULTS
+from spikingtac_paper.live.loads import LOADS, run_load
+
+NAME = "live"
+DEFINITIONS = {
+    "sent": "events that were sent to the camera's port",
+    "kept": "events that can be read, or were taken",
+    "lost": "events that were counted as lost, missed, or dropped by the kernel",
+    "unaccounted": "sent less kept less lost: 0 where nothing is lost in silence",
+    "recovered": "1 where it went on as the table says",
+    "lost_by_kernel": "events of datagrams that the kernel says it dropped",
+    "peak_mb": "most memory that the recorder held",
+    "user_unaccounted": "published less taken less missed, of a plain user of the ring",
+    "user_missed": "events that the plain user was too slow for",
+    "frames_missed": "frames that the loop was too slow for",
+    "loop_overflows": "events and datagrams that the loop's tracker was too slow for",
+    "view_missed": "events that the view was too slow for",
+    "loop_late_p50_ms": "median of how much later than the events a frame was made",
+    "loop_late_p99_ms": "99th percentile of the same",
+}
+UNITS = {"peak_mb": "MB", "loop_late_p50_ms": "ms", "loop_late_p99_ms": "ms", "recovered": "1"}
+
+
+def run(options: RunOptions) -> dict[str, Any]:
+    """Run the bench, write its report, and return a summary."""
+    settings = {"bench": NAME, "quick": options.quick, "seed": options.seed}
+    begin_run(options.output, settings, options.resume, options.overwrite)
+    rows: list[Row] = []
+    findings: list[str] = []
+    names = [*FAULTS, *LOADS]
+    for done, name in enumerate(names, 1):
+        key = digest({"name": name, "settings": settings, "code": code_digest()})
+        path = options.output / "parts" / f"{done}.json"
+        part = kept(path, key, lambda name=name: _part(name, options.quick))
+        figures: dict[str, Any] = part["figures"]
+        findings.append(f"{name}: {part['seen']}")
+        rows += [
+            Row(method="live", case=name, metric=metric, value=value, n=1,
+                unit=UNITS.get(metric, "events"), definition=DEFINITIONS[metric])
+            for metric, value in figures.items()
+        ]  # fmt: skip
+        options.report_progress(done, len(names))
+    report = Report(
+        experiment=NAME,
+        title="The live runtime under faults and loads",
+        provenance=provenance(options.command("bench", NAME), settings),
+        rows=rows,
+        first=names,
+        findings=findings,
+    )
+    return write_report(report, options.output)
+
+
+def _part(name: str, quick: bool) -> dict[str, Any]:
+    """Cause a fault, or run a load."""
+    with tempfile.TemporaryDirectory() as folder:
+        if name in LOADS:
+            load = LOADS[name]
+            figures = run_load(load, Path(folder), load.seconds[0 if quick else 1])
+            return {"figures": figures, "seen": f"{figures['unaccounted']} unaccounted"}
+        fault, short_s, long_s = FAULTS[name]
+        found = fault(Path(folder), short_s if quick else long_s)
+    figures = {
+        "sent": found.sent,
+        "kept": found.kept,
+        "lost": found.lost,
+        "unaccounted": found.unaccounted,
+        "recovered": int(found.recovered),
+    }
+    return {"figures": figures, "seen": f"{found.unaccounted} unaccounted; {found.seen}"}

@@ -1,0 +1,85 @@
+"""``spikingtac record`` of a board's events, run as a user runs it, and what it tells."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from spikingtac.events import open_events
+from spikingtac_paper.live.board import EVENTS, SIZE
+
+PATIENCE_S = 120.0
+"""Longest wait for the verb, s: it may compile first."""
+LOOK_S = 0.02
+SETTLED_S = 0.3
+"""Time for the last events to be taken, s."""
+
+
+class Recording:
+    """A recording in a process of its own.
+
+    Args:
+        folder: Where to record.
+        address: The camera's.
+    """
+
+    def __init__(self, folder: Path, address: str) -> None:
+        self.folder, self._most_kb = folder, 0
+        code = "from spikingtac.cli.main import main; import sys; sys.exit(main())"
+        words = [sys.executable, "-c", code, "record", address, "-o", str(folder), "--json"]
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True)
+        until_s = time.monotonic() + PATIENCE_S
+        while not (folder / "manifest.json").exists():
+            if self.process.poll() is not None or time.monotonic() > until_s:
+                raise RuntimeError(f"no recording: {self.process.communicate()}")
+            time.sleep(LOOK_S)
+
+    def look(self) -> None:
+        """Take note of the memory that it holds now."""
+        with suppress(OSError):
+            for line in Path(f"/proc/{self.process.pid}/status").read_text().splitlines():
+                if line.startswith("VmRSS:"):
+                    self._most_kb = max(self._most_kb, int(line.split()[1]))
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass, and look at the memory meanwhile."""
+        until_s = time.monotonic() + seconds
+        while time.monotonic() < until_s:
+            self.look()
+            time.sleep(min(0.1, max(until_s - time.monotonic(), 0.0)))
+
+    def end(self, number: int = signal.SIGINT) -> dict[str, Any]:
+        """End it by a signal, and return its summary with the exit code and the memory."""
+        time.sleep(SETTLED_S)
+        if self.process.poll() is None:
+            os.kill(self.process.pid, number)
+        out, error = self.process.communicate(timeout=PATIENCE_S)
+        told = json.loads(out) if out.strip() else {}
+        readable = sum(map(len, open_events(self.folder))) if self.readable else 0
+        found = {"code": self.process.returncode, "said": error, "peak_mb": self._most_kb / 1024}
+        return {**told, **found, "readable": readable}
+
+    @property
+    def readable(self) -> bool:
+        """Whether there is anything to read."""
+        file = self.folder / "events.raw"
+        return file.is_file() and file.stat().st_size > 0
+
+
+def address(port: int, share: str = "", encoding: str = "evt2") -> str:
+    """Return a board's address."""
+    text = f"udp:127.0.0.1:{port}?encoding={encoding}&size={SIZE[0]}x{SIZE[1]}"
+    return f"{text}&share={share}" if share else text
+
+
+def lost_by_kernel(told: dict[str, Any]) -> int:
+    """Return the events in datagrams that the kernel has dropped, and was seen to drop."""
+    return told.get("losses", {}).get("overflow", 0) * EVENTS

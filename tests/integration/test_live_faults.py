@@ -1,0 +1,38 @@
+"""The faults of docs/reference/live-faults.md, in their short forms: every event accounted for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from spikingtac.errors import DeviceError
+from spikingtac_paper.live.faults import FAULTS
+from spikingtac_paper.live.loads import Load, run_load
+
+pytestmark = pytest.mark.waits
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize("name", list(FAULTS))
+def test_a_fault_is_told_and_every_event_accounted_for(name: str, tmp_path: Path) -> None:
+    fault, short_s, _ = FAULTS[name]
+    try:
+        found = fault(tmp_path, short_s)
+    except DeviceError as error:
+        pytest.skip(str(error))
+    assert found.unaccounted == 0, found
+    assert found.recovered, found
+    assert found.kept > 0
+
+
+def test_every_fault_stands_in_the_table() -> None:
+    table = (ROOT / "docs" / "reference" / "live-faults.md").read_text(encoding="utf-8")
+    assert all(f"| {name} |" in table for name in FAULTS)
+
+
+def test_sensors_side_by_side_lose_nothing_unseen(tmp_path: Path) -> None:
+    figures = run_load(Load(sensors=2, mev_s=1.0, seconds=(1.0, 1.0)), tmp_path, 1.0)
+    assert figures["unaccounted"] == 0
+    assert figures["kept"] > 0

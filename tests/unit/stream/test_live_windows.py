@@ -1,0 +1,141 @@
+"""Two cameras in step: none waits long for one that is silent, and nothing else changes."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from spikingtac.contact.detector import DetectorSummary
+from spikingtac.contact.recording import find_contacts, paired_windows
+from spikingtac.contact.window import WINDOW_US, Window, packets_of
+from spikingtac.errors import RecordingError
+from spikingtac.events.source import PacketSource
+from spikingtac.stream.windows import live_windows
+from spikingtac.types import Contact, EventPacket, LossCounters
+
+SIZE = (4, 4)
+LONG_S = 20.0
+"""Nobody waits so long in a test that passes."""
+
+
+def packet(*t_us: int, begin_us: int | None = None, end_us: int | None = None) -> EventPacket:
+    t = np.array(t_us, np.int64)
+    flat = np.zeros(len(t), np.uint16)
+    begin = t_us[0] if begin_us is None else begin_us
+    return EventPacket(
+        flat, flat, flat > 0, t, begin, t_us[-1] + 1 if end_us is None else end_us, SIZE
+    )
+
+
+class Camera(PacketSource):
+    """Gives out packets; between two groups of them it is silent until the test goes on."""
+
+    def __init__(self, *groups: list[EventPacket]) -> None:
+        super().__init__([], SIZE)
+        self._groups = groups
+        self.speak = threading.Event()
+        self.said = threading.Event()
+
+    def __iter__(self) -> Iterator[EventPacket]:
+        for number, group in enumerate(self._groups):
+            if number:
+                assert self.speak.wait(LONG_S), "the silent camera was waited for"
+            yield from group
+        self.said.set()
+
+
+class OnFirst:
+    """A detector of nothing but events of the first sensor."""
+
+    in_contact = False
+
+    def update(self, window: Window) -> Contact | None:
+        begun, self.in_contact = not self.in_contact, len(packets_of(window)[0]) > 0
+        return Contact(packets_of(window)[0].t_end_us, 1, 1) if begun and self.in_contact else None
+
+    def reset(self) -> None: ...
+
+    def details(self) -> None: ...
+
+    def summary(self) -> DetectorSummary:
+        return DetectorSummary(rule="any event of the first sensor")
+
+
+def stream(*t_us: int, cuts: tuple[int, ...] = ()) -> list[EventPacket]:
+    """Return events in packets that follow each other, cut at some times."""
+    edges = [t_us[0], *cuts, t_us[-1] + 1]
+    return [
+        packet(*inside, begin_us=begin, end_us=end)
+        if (inside := [t for t in t_us if begin <= t < end])
+        else EventPacket.empty(begin, end, SIZE)
+        for begin, end in itertools.pairwise(edges)
+    ]
+
+
+def told(windows: Iterator[tuple[EventPacket, ...]] | Iterator[Window]) -> list[object]:
+    return [
+        [(one.t_start_us, one.t_end_us, one.t.tolist()) for one in packets_of(window)]
+        for window in windows
+    ]
+
+
+ONE, OTHER = (1_000, 1_400, 3_100, 7_999, 8_000, 11_400), (1_250, 2_250, 9_000, 9_001, 11_999)
+
+
+@pytest.mark.parametrize("cuts", [(), (3_100,), (2_000, 8_000), (1_001, 5_000, 5_001, 9_999)])
+def test_any_packets_of_two_cameras_give_the_windows_of_two_recordings(
+    cuts: tuple[int, ...],
+) -> None:
+    recorded = told(paired_windows([PacketSource(stream(*t), SIZE) for t in (ONE, OTHER)]))
+    cameras = [PacketSource(stream(*ONE, cuts=cuts), SIZE), PacketSource(stream(*OTHER), SIZE)]
+    assert told(live_windows(cameras, silent_s=LONG_S, starting_s=LONG_S)) == recorded
+    cameras = [PacketSource(stream(*ONE), SIZE), PacketSource(stream(*OTHER, cuts=cuts), SIZE)]
+    assert told(live_windows(cameras, silent_s=LONG_S, starting_s=LONG_S)) == recorded
+    assert len(recorded) == 10
+
+
+def test_the_first_fingers_contact_is_told_while_the_second_one_is_silent() -> None:
+    busy = Camera([packet(1_000), packet(1_500, 5_500)], [])
+    silent = Camera([packet(1_000)], [])
+    found = find_contacts([busy, silent], OnFirst(), live_windows([busy, silent]))
+    assert next(found).contact.t_us == 2_000
+    assert not silent.speak.is_set()
+    for camera in (busy, silent):
+        camera.speak.set()
+
+
+def test_what_comes_after_its_time_was_told_is_counted_and_later_events_count() -> None:
+    busy = Camera([packet(1_000, 4_500)], [packet(9_500)])
+    silent = Camera([packet(1_000)], [packet(2_500, 3_500, 8_500, 9_600)])
+    windows = live_windows([busy, silent], silent_s=0.01, starting_s=LONG_S)
+    assert [next(windows)[0].t_start_us for _ in range(3)] == [1_000, 2_000, 3_000]
+    silent.speak.set()
+    assert silent.said.wait(LONG_S)
+    busy.speak.set()
+    rest = told(windows)
+    assert silent.losses["late"] == 2
+    assert rest[-1] == [(8_000, 9_000, []), (8_000, 9_000, [8_500])]
+
+
+def test_a_camera_whose_time_leaps_does_not_silence_the_other_one() -> None:
+    """A wrong time of one sensor is no reason to go on without the other, which still delivers."""
+    hours_us = 7_200_000_000
+    wrong = Camera([packet(1_000), packet(1_500, hours_us)], [])
+    sound = Camera([packet(1_000 + 100 * n) for n in range(30)], [])
+    windows = live_windows([wrong, sound], silent_s=LONG_S, starting_s=LONG_S)
+    assert [len(next(windows)[1]) for _ in range(2)] == [10, 10]
+    sound.speak.set()
+    wrong.speak.set()
+    assert list(windows) == []
+
+
+def test_cameras_that_end_without_events_are_refused() -> None:
+    nothing = PacketSource([], SIZE)
+    assert isinstance(nothing.losses, LossCounters)
+    with pytest.raises(RecordingError, match="no events"):
+        list(live_windows([nothing, nothing]))
+    assert WINDOW_US == 1_000

@@ -1,0 +1,116 @@
+"""A stream that a thread or a process reads: in order, exact about loss, and open to others."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import DeviceError, RecordingError
+from spikingtac.events.formats.codec import Triggers
+from spikingtac.stream.host import Factory
+from spikingtac.stream.reader import EventReader, new_ring
+from spikingtac.stream.sources import RemoteSource
+from spikingtac.types import EventPacket
+from stand_ins.packets import SIZE, Stream, packet
+
+
+def read(stream: Stream, room_bytes: int = 1 << 20) -> EventReader:
+    return EventReader.in_thread(stream, stream, new_ring(SIZE, room_bytes))
+
+
+def test_everything_comes_in_order_with_losses_and_edges() -> None:
+    reader = read(Stream(30))
+    found = list(reader)
+    whole = EventPacket.concatenate([one.packet for one in found])
+    sent = EventPacket.concatenate([packet(number) for number in range(30)])
+    for column in ("x", "y", "p", "t"):
+        np.testing.assert_array_equal(getattr(whole, column), getattr(sent, column))
+        assert getattr(whole, column).flags.writeable
+    assert (reader.losses, reader.lost_events) == ({"gap": 10}, 0)
+    edges = Triggers()
+    for one in found:
+        edges.extend(one.triggers or Triggers())
+    assert edges.t_us.tolist() == [10_000 * number for number in range(2, 30, 3)]
+    with pytest.raises(EOFError):
+        reader.take()
+    reader.release()
+
+
+def test_a_slow_user_is_told_what_it_missed_and_slows_nobody() -> None:
+    reader = read(Stream(400, pause_s=0.0002), room_bytes=20_000)
+    slow, quick = reader.ring.reader(), reader.ring.reader()
+    taken = 0
+    for one in reader:
+        taken += len(one.packet)
+        time.sleep(0.002)
+    assert reader.lost_events > 0
+    assert taken + reader.lost_events == 40_000
+    assert reader.losses["missed"] == reader.lost_events
+    for other in (slow, quick):
+        count = sum(1 for _ in other)
+        assert 100 * count + other.lost == 40_000
+    reader.release()
+
+
+def test_a_packet_that_is_larger_than_the_ring_is_cut_and_counted() -> None:
+    stream = Stream(0)
+    reader = EventReader.in_thread(iter([packet(0, 20_000)]), stream, new_ring(SIZE, 40_000))
+    taken = sum(len(one.packet) for one in reader)
+    assert taken + reader.lost_events == 20_000
+    assert taken > 0
+    reader.release()
+
+
+@pytest.mark.parametrize("error", [RecordingError("cable"), OSError("usb")])
+def test_what_ends_a_stream_is_raised_after_its_last_event(error: Exception) -> None:
+    reader, taken = read(Stream(5, error)), []
+    with pytest.raises(type(error), match=str(error)):
+        taken.extend(reader)
+    assert len(taken) == 5
+    reader.release()
+
+
+def test_times_of_hours_and_spans_of_silence_are_kept() -> None:
+    t = np.array([-5, 1 << 40], np.int64)
+    flat = np.zeros(2, np.uint16)
+    long = EventPacket(flat, flat, flat > 0, t, -10, (1 << 40) + 7, SIZE)
+    stream = Stream(0)
+    reader = EventReader.in_thread(iter([long, EventPacket.empty(5, 9, SIZE)]), stream)
+    first, second = (one.packet for one in reader)
+    np.testing.assert_array_equal(first.t, t)
+    assert (first.t_start_us, first.t_end_us, first.size) == (-10, (1 << 40) + 7, SIZE)
+    assert (len(second), second.t_start_us, second.t_end_us) == (0, 5, 9)
+    reader.release()
+
+
+def stepping(count: int) -> Iterator[tuple[EventPacket, Any]]:
+    for number in range(count):
+        yield packet(number), number
+
+
+def test_a_simulation_waits_for_its_user_and_tells_before_each_packet() -> None:
+    beside: list[int] = []
+    source = RemoteSource(
+        Factory(function=stepping, arguments={"count": 1_000}), SIZE, beside.append
+    )
+    time.sleep(0.5)  # it has run ahead by now
+    for number, found in enumerate(source):
+        assert number in beside
+        assert found.t_start_us == 10_000 * number
+        if number == 0:
+            assert len(beside) < 500
+    assert len(beside) == 1_000
+    source.close()
+
+
+def refused() -> Iterator[tuple[EventPacket, Any]]:
+    raise DeviceError("there is no such camera")
+
+
+def test_what_cannot_be_opened_says_so_at_once() -> None:
+    with pytest.raises(DeviceError, match="no such camera"):
+        EventReader.in_process(Factory(function=refused))
