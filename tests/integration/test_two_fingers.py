@@ -79,8 +79,13 @@ def test_two_cameras_are_recorded_on_their_clocks_and_read_on_one(tmp_path: Path
     sources = two_cameras()
     prepare_folder(tmp_path / "day", overwrite=False)
     sender = threading.Thread(target=send_both, args=(sources,))
-    sender.start()
-    told = record(sources, tmp_path / "day", RecordOptions(seconds=1.2))
+
+    def begun(_: object) -> None:
+        """Send once both cameras are read: what waited for its reader would arrive late."""
+        if not sender.ident:
+            sender.start()
+
+    told = record(sources, tmp_path / "day", RecordOptions(seconds=2.0), begun)
     sender.join()
     assert told["events"] == told["second"]["events"] == 200 * BURSTS
     assert told["time_base"]["learned_from"] == "host"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.cli import guard
+from spikingtac.cli.verbs import guard
 from spikingtac.errors import DeviceError
 from spikingtac.events.evt.encode import Evt2Encoder
 from spikingtac.events.evt.header import format_header
