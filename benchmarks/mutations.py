@@ -54,14 +54,14 @@ class Mutation:
 MUTATIONS = (
     Mutation(
         name="evt3-vector-advance",
-        old="state[VECTOR_X] = column + length",
-        new="state[VECTOR_X] = column + 12",
+        old="state[at.VECTOR_X] = column + length",
+        new="state[at.VECTOR_X] = column + 12",
         tests=("tests/unit/events/evt/test_raw.py",),
     ),
     Mutation(
         name="evt-clock-wrap",
-        old="state[EPOCH] += np.int64(1) << (low_bits + high_bits)",
-        new="state[EPOCH] += np.int64(0)",
+        old="state[at.EPOCH] += np.int64(1) << (low_bits + high_bits)",
+        new="state[at.EPOCH] += np.int64(0)",
         tests=("tests/unit/events/evt/test_raw.py",),
     ),
     Mutation(

@@ -20,12 +20,6 @@ from spikingtac.events.manifest import name_of
 from spikingtac.file_kinds import told_kind
 from spikingtac.plugins import with_plugins
 
-READABLE = (
-    ".raw", ".npz", ".npy", ".csv", ".txt", ".tsv", ".es", ".dat", ".aedat", ".aedat4", ".h5",
-    ".hdf5", ".db3", ".mcap", ".bag", ".gz", ".zip",
-)  # fmt: skip
-"""Endings of what can be read; the content decides first."""
-
 FOREIGN = (".pdf", ".png", ".jpg", ".gif", ".svg", ".mp4", ".avi", ".json", ".toml", ".html", ".md")
 """Endings of what is no slip of the pen."""
 RECORDING_NAME = "events.raw"
@@ -254,6 +248,8 @@ _KINDS = {
     ".hdf5": "hdf5", ".db3": "ros", ".mcap": "ros", ".bag": "ros", ".gz": "packed",
     ".zip": "packed",
 }  # fmt: skip
+READABLE = tuple(_KINDS)
+"""Endings of what can be read; the content decides first."""
 
 
 def _named_inside(folder: Path) -> str:

@@ -50,15 +50,6 @@ def test_a_soft_link_within_the_file_is_followed(tmp_path: Path) -> None:
     assert packet.x.tolist() == list(range(8))
 
 
-def test_virtual_data_sets_are_not_read(tmp_path: Path) -> None:
-    with write(tmp_path / "a.h5") as file:
-        layout = h5py.VirtualLayout((8,), "u1")
-        layout[:] = h5py.VirtualSource("b.h5", "x", (8,))
-        file.create_virtual_dataset("events/x", layout)
-    with pytest.raises(FormatError, match="other files"):
-        open_events(tmp_path / "a.h5")
-
-
 def test_a_huge_chunk_is_refused(tmp_path: Path) -> None:
     with write(tmp_path / "a.h5") as file:
         file.create_dataset("events/x", (1 << 30,), "u1", chunks=(1 << 30,))

@@ -38,11 +38,6 @@ def test_hot_pixels_are_found_also_in_corners_and_side_by_side() -> None:
     assert found(pixel) == hot
 
 
-def test_noise_alone_has_none() -> None:
-    assert found(noise(5_000)) == set()
-    assert found(np.empty(0, np.int64)) == set()
-
-
 def test_a_rim_that_moves_in_the_quietest_windows_is_not_hot() -> None:
     rim = [at(column, row, 60) for column in range(15, 25) for row in (10, 11)]
     assert found(mixed(noise(600), *rim)) == set()

@@ -54,21 +54,6 @@ def test_a_leap_of_18_000_years_takes_a_minute_of_windows() -> None:
     assert found[-1].t_start_us % 1_000 == 0
 
 
-def test_windows_go_on_upon_the_same_grid() -> None:
-    stream = [packet([3, 95], 0, 100)]
-    assert spans(list(windows(stream, 10, silence_limit_us=25))) == [
-        (0, 10, [3]),
-        (10, 20, []),
-        (20, 30, []),
-        (90, 100, [95]),
-    ]
-
-
-def test_a_simulation_may_be_silent_for_as_long_as_it_says() -> None:
-    found = list(windows([packet([], 0, 2 * SILENCE_LIMIT_US)], 1_000_000, silence_limit_us=None))
-    assert len(found) == 2 * SILENCE_LIMIT_US // 1_000_000
-
-
 def test_stretches_end_where_the_silence_is_too_long() -> None:
     parts = [packet([0, 5], 0, 40), packet([], 40, 90), packet([90, 200], 90, 201)]
     assert [spans(list(stretch)) for stretch in stretches(parts, 30)] == [

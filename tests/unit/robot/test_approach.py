@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import DeviceError
-from spikingtac.robot.approacher import Approach, ApproachConfig, Approacher, approach
+from spikingtac.robot.approacher import Approach, ApproachConfig, approach
 from spikingtac.robot.arm import ArmState
 from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
 from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
@@ -76,17 +76,3 @@ def test_a_trip_of_the_watchdog_ends_the_approach() -> None:
         bench.approach(watchdog)
     bench.arm.advance_to(1_000_000)
     assert bench.arm.state() is ArmState.IDLE
-
-
-def test_an_arm_that_stops_by_itself_is_reported() -> None:
-    bench = Bench()
-    windows = bench.windows()
-
-    def stopping() -> Iterator[int]:
-        for window in windows:
-            if window == 300_000:
-                bench.arm.protective_stop()
-            yield window
-
-    with pytest.raises(DeviceError, match="stopped by itself: protective stop"):
-        Approacher(bench.arm, stopping(), bench, QUICK).approach(TARGET_MM)

@@ -1,29 +1,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.optics import DiscConfig, Optics, OpticsConfig, draw_discs
-from spikingtac.sim.states import SkinState
-
-EXACT = DiscConfig(radius_sigma_mm=0.0, position_sigma_mm=0.0)
-STRAIGHT = OpticsConfig(k1=0.0, discs=EXACT)
-
-
-def skin(marker_mm, gradient=None) -> SkinState:
-    marker_mm = np.array(marker_mm, np.float64)
-    if gradient is None:
-        gradient = np.tile(np.eye(2), (len(marker_mm), 1, 1))
-    zero = np.zeros(3)
-    return SkinState(0, marker_mm, gradient, zero, zero, zero, in_contact=False)
-
-
-def test_an_indentation_magnifies_as_the_distance_shrinks():
-    rest, pressed = skin([[9.0, 0, 0]]), skin([[9.0, 0, 0.6]])
-    optics = Optics(STRAIGHT)
-    moved = optics.project(pressed).center_px - optics.project(rest).center_px
-    r_px = 9.0 * 15.5
-    assert moved[0, 0] == pytest.approx(r_px * 0.6 / (13.0 - 0.6))
-    shape = optics.project(pressed).shape[0]
-    np.testing.assert_allclose(shape, np.eye(2) * (13.0 - 0.6) / 13.0, atol=1e-12)
+from spikingtac.sim.optics import DiscConfig, draw_discs
 
 
 def test_equal_seeds_are_one_skin_and_damage_changes_no_other_marker():

@@ -15,39 +15,13 @@ from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from spikingtac.events.evt import fields as at
 from spikingtac.events.evt.wire import TIME_HIGH, TimeWords, WordFormat, WordView, time_words
 from spikingtac.events.formats.codec import JUMP_US, RESET_US
 from spikingtac.types import LossCounters
 
-HIGH, EPOCH, BASE, NOW, ROW, VECTOR_X, VECTOR_P, WIDTH, HEIGHT = range(9)
-REPEATS, CHANGES, UNCONFIRMED, EARLIER, EVENTS_BEFORE = range(9, 14)
-FIRST_COUNTER = 14
-BACKWARDS, RESET, JUMP, GAP, OUTSIDE, MISSING, UNKNOWN, TRIGGERS, PADDINGS, VENDOR, GLITCH = range(
-    14, 25
-)
-FIELDS = 25
-"""Fields of the ``int64`` state: clock, address, sensor, continuity, counters."""
-
-_COUNTED = {
-    "time_backwards": BACKWARDS,
-    "time_reset": RESET,
-    "time_jump": JUMP,
-    "gap": GAP,
-    "out_of_range": OUTSIDE,
-    "missing_state": MISSING,
-    "unknown_word": UNKNOWN,
-    "trigger": TRIGGERS,
-    "padding": PADDINGS,
-    "vendor_word": VENDOR,
-    "time_glitch": GLITCH,
-}
-
 Integer = int | np.integer[Any]
 """A number inside of a kernel."""
-
-NONE = -1
-NO_ROW = 1 << 30
-"""A row that no sensor has: nothing can be placed yet."""
 
 LEAP_US = 1 << 24
 """The artefact leap of streams that were restarted on an open device."""
@@ -63,22 +37,22 @@ def new_state(size: tuple[int, int], continuous: bool = False) -> NDArray[np.int
         size: ``(width, height)`` beyond which events are dropped, px.
         continuous: Whether the writer is known to leave no time word out, so that holes are gaps.
     """
-    state = np.zeros(FIELDS, np.int64)
-    state[[HIGH, UNCONFIRMED, VECTOR_X, NOW, EVENTS_BEFORE]] = NONE
-    state[ROW] = NO_ROW
-    state[WIDTH], state[HEIGHT] = size
+    state = np.zeros(at.FIELDS, np.int64)
+    state[[at.HIGH, at.UNCONFIRMED, at.VECTOR_X, at.NOW, at.EVENTS_BEFORE]] = at.NONE
+    state[at.ROW] = at.NO_ROW
+    state[at.WIDTH], state[at.HEIGHT] = size
     if continuous:
-        state[REPEATS] = 1 << 40
+        state[at.REPEATS] = 1 << 40
     return state
 
 
 def take_counts(state: NDArray[np.int64], losses: LossCounters) -> None:
     """Move the state's counters to the losses."""
-    if not state[FIRST_COUNTER:].any():  # as nearly always: this is asked at every read
+    if not state[at.FIRST_COUNTER :].any():  # as nearly always: this is asked at every read
         return
-    for kind, field in _COUNTED.items():
-        losses.add(kind, int(state[field]))
-    state[FIRST_COUNTER:] = 0
+    for kind, count in zip(at.COUNTED, state[at.FIRST_COUNTER :].tolist(), strict=True):
+        losses.add(kind, count)
+    state[at.FIRST_COUNTER :] = 0
 
 
 @njit(cache=True, nogil=True)
@@ -90,54 +64,54 @@ def time_high_kernel(
     position: Integer,
 ) -> None:
     """Advance the clock to the upper time ``value`` of the word at ``position``."""
-    if value == state[HIGH]:
-        state[REPEATS] += 1
-        state[UNCONFIRMED] = NONE
+    if value == state[at.HIGH]:
+        state[at.REPEATS] += 1
+        state[at.UNCONFIRMED] = at.NONE
         return
-    fresh = state[HIGH] < 0
-    step = value - state[HIGH]
-    state[HIGH] = value
-    state[UNCONFIRMED] = NONE
+    fresh = state[at.HIGH] < 0
+    step = value - state[at.HIGH]
+    state[at.HIGH] = value
+    state[at.UNCONFIRMED] = at.NONE
     if fresh:
-        state[BASE] = state[EPOCH] + (value << low_bits)
-        state[NOW] = max(state[NOW], state[BASE])
+        state[at.BASE] = state[at.EPOCH] + (value << low_bits)
+        state[at.NOW] = max(state[at.NOW], state[at.BASE])
         return
-    state[CHANGES] += 1
+    state[at.CHANGES] += 1
     if step < 0:
         if -step >= 1 << (high_bits - 1):
-            state[EPOCH] += np.int64(1) << (low_bits + high_bits)
+            state[at.EPOCH] += np.int64(1) << (low_bits + high_bits)
             step += 1 << high_bits
         elif -step << low_bits >= RESET_US:
-            state[EPOCH] = state[NOW] - (value << low_bits)
-            state[RESET] += 1
+            state[at.EPOCH] = state[at.NOW] - (value << low_bits)
+            state[at.RESET] += 1
     if step > 1:
         if step << low_bits >= RESET_US:
-            state[UNCONFIRMED] = position
+            state[at.UNCONFIRMED] = position
         _leap_kernel(state, step, low_bits)
-    state[BASE] = state[EPOCH] + (value << low_bits)
-    if state[BASE] > state[NOW]:
-        state[NOW] = state[BASE]
+    state[at.BASE] = state[at.EPOCH] + (value << low_bits)
+    if state[at.BASE] > state[at.NOW]:
+        state[at.NOW] = state[at.BASE]
 
 
 @njit(cache=True, nogil=True)
 def _leap_kernel(state: NDArray[np.int64], step: Integer, low_bits: Integer) -> None:
     leap_us = step << low_bits
     if leap_us >= JUMP_US:
-        state[JUMP] += 1
+        state[at.JUMP] += 1
         if abs(leap_us - LEAP_US) < RESET_US:
-            state[EPOCH] -= LEAP_US
-    elif state[REPEATS] >= REPEATS_OF_A_SENSOR and state[REPEATS] >= state[CHANGES]:
-        state[GAP] += 1
+            state[at.EPOCH] -= LEAP_US
+    elif state[at.REPEATS] >= REPEATS_OF_A_SENSOR and state[at.REPEATS] >= state[at.CHANGES]:
+        state[at.GAP] += 1
 
 
 @njit(cache=True, nogil=True)
 def time_low_kernel(state: NDArray[np.int64], low: Integer) -> Any:
     """Return the time of the lower part ``low``, us, held where it would go back."""
-    now = state[BASE] + low
-    if now < state[NOW]:
-        state[BACKWARDS] += 1
-        return state[NOW]
-    state[NOW] = now
+    now = state[at.BASE] + low
+    if now < state[at.NOW]:
+        state[at.BACKWARDS] += 1
+        return state[at.NOW]
+    state[at.NOW] = now
     return now
 
 
@@ -153,18 +127,18 @@ def lone_low_kernel(state: NDArray[np.int64], low: Integer, events: Integer) -> 
         low: Lower time.
         events: Events decoded so far in this chunk.
     """
-    if state[HIGH] < 0:
-        return state[NOW]
-    now = state[BASE] + low
-    if now < state[NOW]:
-        if state[EVENTS_BEFORE] != events or now < state[EARLIER]:
-            state[BACKWARDS] += 1
-            return state[NOW]
-        state[GLITCH] += 1
+    if state[at.HIGH] < 0:
+        return state[at.NOW]
+    now = state[at.BASE] + low
+    if now < state[at.NOW]:
+        if state[at.EVENTS_BEFORE] != events or now < state[at.EARLIER]:
+            state[at.BACKWARDS] += 1
+            return state[at.NOW]
+        state[at.GLITCH] += 1
     else:
-        state[EARLIER] = state[NOW]
-    state[EVENTS_BEFORE] = events
-    state[NOW] = now
+        state[at.EARLIER] = state[at.NOW]
+    state[at.EVENTS_BEFORE] = events
+    state[at.NOW] = now
     return now
 
 
@@ -252,8 +226,8 @@ class WordDecoder:
 
     def _expected_high(self, data: NDArray[np.uint8]) -> int:
         """Return the upper time that the words of a chunk should be near."""
-        if self.state[HIGH] >= 0:
-            return int(self.state[HIGH])
+        if self.state[at.HIGH] >= 0:
+            return int(self.state[at.HIGH])
         end = len(data) // self.word.itemsize * self.word.itemsize
         times = time_words(self.view(data[:end].view(self.word))).value
         return int(np.median(times)) if len(times) else 0

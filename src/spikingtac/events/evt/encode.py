@@ -8,21 +8,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.events.evt.decoder import NONE, Integer
-from spikingtac.events.evt.wire import (
-    ADDR_X,
-    ADDR_Y,
-    BASE_X,
-    EVT2,
-    EVT3,
-    TIME_HIGH,
-    TIME_LOW,
-    TRIGGER,
-    VECT_8,
-    VECT_12,
-    VECTOR_WIDTH_PX,
-    WordFormat,
-)
+from spikingtac.events.evt import fields as at
+from spikingtac.events.evt import wire
+from spikingtac.events.evt.decoder import Integer
+from spikingtac.events.evt.wire import EVT2, EVT3, WordFormat
 
 VECTOR_WORDS = 3
 REPEAT_BITS = 8
@@ -73,7 +62,7 @@ class Evt2Encoder(WordEncoder):
     _shift = 0
 
     def __init__(self) -> None:
-        self._high = NONE
+        self._high = at.NONE
 
     def encode(self, t: Times, x: Pixels, y: Pixels, p: Signs) -> NDArray[Any]:
         """Return the words for events; see :class:`WordEncoder`."""
@@ -82,7 +71,7 @@ class Evt2Encoder(WordEncoder):
 
     def trigger(self, t_us: int, channel: int, rising: bool) -> NDArray[Any]:
         """Return the words for a trigger edge; see :class:`WordEncoder`."""
-        head = TRIGGER << 28 | (t_us & 0x3F) << 22 | channel << 8 | int(rising)
+        head = wire.TRIGGER << 28 | (t_us & 0x3F) << 22 | channel << 8 | int(rising)
         return self._with_times(np.array([t_us]), np.array([head << self._shift]).astype(self.word))
 
     def _with_times(self, t: Times, words: NDArray[Any]) -> NDArray[Any]:
@@ -92,12 +81,12 @@ class Evt2Encoder(WordEncoder):
         high = t >> EVT2.low_bits
         before = np.concatenate(([self._high], high[:-1]))
         new = np.flatnonzero(high != before)
-        steps = np.where(before[new] == NONE, 1, high[new] - before[new])
+        steps = np.where(before[new] == at.NONE, 1, high[new] - before[new])
         counts = (steps - 1) // SILENCE_STEP + 1
         number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + 1
         times = np.repeat(before[new], counts) + number * SILENCE_STEP
         times = np.where(number == np.repeat(counts, counts), np.repeat(high[new], counts), times)
-        heads = (TIME_HIGH << 28 | times & 0xFFFFFFF).astype(self.word)
+        heads = (wire.TIME_HIGH << 28 | times & 0xFFFFFFF).astype(self.word)
         self._high = int(high[-1])
         return np.insert(
             words.astype(self.word), np.repeat(new, counts), heads << self.word.type(self._shift)
@@ -139,7 +128,7 @@ class Evt3Encoder(WordEncoder):
     word = np.dtype(np.uint16)
 
     def __init__(self) -> None:
-        self._state = np.full(5, NONE, np.int64)
+        self._state = np.full(5, at.NONE, np.int64)
 
     def encode(self, t: Times, x: Pixels, y: Pixels, p: Signs) -> NDArray[Any]:
         """Return the words for events; see :class:`WordEncoder`."""
@@ -152,12 +141,12 @@ class Evt3Encoder(WordEncoder):
         """Return the words for a trigger edge; see :class:`WordEncoder`."""
         words = self._room(t_us, t_us, EVT3_WORDS)
         count = time_words_kernel(t_us, words, 0, self._state)
-        words[count] = TRIGGER << 12 | channel << 8 | int(rising)
+        words[count] = wire.TRIGGER << 12 | channel << 8 | int(rising)
         return words[: count + 1]
 
     def _room(self, first_us: int, last_us: int, words: int) -> NDArray[Any]:
         known = int(self._state[0])
-        first = first_us >> EVT3.low_bits if known == NONE else known
+        first = first_us >> EVT3.low_bits if known == at.NONE else known
         return np.empty(words + (last_us >> EVT3.low_bits) - first + 1, self.word)
 
 
@@ -176,7 +165,7 @@ def encode_evt3_kernel(t: Times, x: Pixels, y: Pixels, p: Signs, out: Pixels, st
             n = time_words_kernel(t[i], out, n, state)
         if y[i] != state[2]:
             state[2] = y[i]
-            out[n] = (ADDR_Y << 12) | y[i]
+            out[n] = (wire.ADDR_Y << 12) | y[i]
             n += 1
         last, mask = _run_kernel(t, x, y, p, i)
         joined = state[3] == x[i] and state[4] == p[i]
@@ -184,7 +173,7 @@ def encode_evt3_kernel(t: Times, x: Pixels, y: Pixels, p: Signs, out: Pixels, st
             n = _vector_kernel(x[i], p[i], mask, joined, out, n, state)
             i = last
         else:
-            out[n] = (ADDR_X << 12) | (np.int64(p[i]) << 11) | x[i]
+            out[n] = (wire.ADDR_X << 12) | (np.int64(p[i]) << 11) | x[i]
             n += 1
             i += 1
     return n
@@ -197,14 +186,14 @@ def time_words_kernel(t: Integer, out: Pixels, n: Integer, state: Times) -> Any:
     if high != state[0]:
         first = high if state[0] < 0 else state[0] + 1
         for value in range(first, high + 1):
-            out[n] = (TIME_HIGH << 12) | (value & 0xFFF)
+            out[n] = (wire.TIME_HIGH << 12) | (value & 0xFFF)
             n += 1
         state[0] = high
     elif (t & 0xFFF) >> REPEAT_BITS != state[1] >> REPEAT_BITS:
-        out[n] = (TIME_HIGH << 12) | (high & 0xFFF)
+        out[n] = (wire.TIME_HIGH << 12) | (high & 0xFFF)
         n += 1
     state[1] = t & 0xFFF
-    out[n] = (TIME_LOW << 12) | state[1]
+    out[n] = (wire.TIME_LOW << 12) | state[1]
     return n + 1
 
 
@@ -215,7 +204,7 @@ def _run_kernel(t: Times, x: Pixels, y: Pixels, p: Signs, i: Integer) -> tuple[i
     while (
         last < len(t)
         and x[last] > x[last - 1]
-        and x[last] < x[i] + VECTOR_WIDTH_PX
+        and x[last] < x[i] + wire.VECTOR_WIDTH_PX
         and y[last] == y[i]
         and t[last] == t[i]
         and p[last] == p[i]
@@ -230,11 +219,11 @@ def _vector_kernel(
     x: Integer, p: Any, mask: Integer, joined: Any, out: Pixels, n: Integer, state: Times
 ) -> Any:
     if not joined:
-        out[n] = (BASE_X << 12) | (np.int64(p) << 11) | x
+        out[n] = (wire.BASE_X << 12) | (np.int64(p) << 11) | x
         n += 1
-    out[n] = (VECT_12 << 12) | (mask & 0xFFF)
-    out[n + 1] = (VECT_12 << 12) | ((mask >> 12) & 0xFFF)
-    out[n + 2] = (VECT_8 << 12) | ((mask >> 24) & 0xFF)
-    state[3] = np.int64(x) + VECTOR_WIDTH_PX
+    out[n] = (wire.VECT_12 << 12) | (mask & 0xFFF)
+    out[n + 1] = (wire.VECT_12 << 12) | ((mask >> 12) & 0xFFF)
+    out[n + 2] = (wire.VECT_8 << 12) | ((mask >> 24) & 0xFF)
+    state[3] = np.int64(x) + wire.VECTOR_WIDTH_PX
     state[4] = np.int64(p)
     return n + VECTOR_WORDS

@@ -13,19 +13,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.events.evt import fields as at
+from spikingtac.events.evt import wire
 from spikingtac.events.evt.decoder import (
-    BACKWARDS,
-    BASE,
-    HEIGHT,
-    HIGH,
-    MISSING,
-    NOW,
-    OUTSIDE,
-    PADDINGS,
-    TRIGGERS,
-    UNKNOWN,
-    VENDOR,
-    WIDTH,
     Columns,
     Integer,
     WordDecoder,
@@ -33,15 +23,7 @@ from spikingtac.events.evt.decoder import (
     time_high_kernel,
     time_low_kernel,
 )
-from spikingtac.events.evt.wire import (
-    EVENT_ON,
-    EVT2,
-    EVT2_PADDING,
-    TIME_HIGH,
-    TRIGGER,
-    WordView,
-    view_evt2,
-)
+from spikingtac.events.evt.wire import EVT2, WordView, view_evt2
 
 LOW_BITS, HIGH_BITS, KNOWN_TYPES = EVT2.low_bits, EVT2.high_bits, EVT2.known_types
 
@@ -67,31 +49,31 @@ class Evt2Decoder(WordDecoder):
 def decode_kernel(words: NDArray[np.uint32], out: Columns, state: NDArray[np.int64]) -> Any:
     """Decode words into the columns; return the number of events."""
     x, y, p, t, triggers = out
-    width, height = state[WIDTH], state[HEIGHT]
-    n, base, now = 0, state[BASE], state[NOW]
+    width, height = state[at.WIDTH], state[at.HEIGHT]
+    n, base, now = 0, state[at.BASE], state[at.NOW]
     for i in range(len(words)):
         word = np.int64(words[i])
         kind = word >> 28
-        if kind <= EVENT_ON:
+        if kind <= wire.EVENT_ON:
             column, row = (word >> 11) & 0x7FF, word & 0x7FF
             if now >= 0 and column < width and row < height:
-                wire = base + ((word >> 22) & 0x3F)
-                if wire >= now:
-                    now = wire
+                stamped = base + ((word >> 22) & 0x3F)
+                if stamped >= now:
+                    now = stamped
                 else:
-                    state[BACKWARDS] += 1
+                    state[at.BACKWARDS] += 1
                 x[n], y[n], p[n], t[n] = column, row, kind, now
                 n += 1
             else:
-                state[OUTSIDE if now >= 0 else MISSING] += 1
+                state[at.OUTSIDE if now >= 0 else at.MISSING] += 1
         else:
-            state[NOW] = now
-            if kind == TIME_HIGH:
+            state[at.NOW] = now
+            if kind == wire.TIME_HIGH:
                 time_high_kernel(state, word & 0xFFFFFFF, LOW_BITS, HIGH_BITS, i)
             else:
                 rare_kernel(word, triggers, state)
-            base, now = state[BASE], state[NOW]
-    state[NOW] = now
+            base, now = state[at.BASE], state[at.NOW]
+    state[at.NOW] = now
     return n
 
 
@@ -99,15 +81,15 @@ def decode_kernel(words: NDArray[np.uint32], out: Columns, state: NDArray[np.int
 def rare_kernel(word: Integer, triggers: NDArray[np.int64], state: NDArray[np.int64]) -> None:
     """Take a 32-bit word (of EVT2, or the upper half of one of EVT2.1) that is no event."""
     kind = word >> 28
-    if kind == TRIGGER:
-        if state[HIGH] >= 0:
-            triggers[state[TRIGGERS], 0] = time_low_kernel(state, (word >> 22) & 0x3F)
-            triggers[state[TRIGGERS], 1] = (word >> 8) & 0x1F
-            triggers[state[TRIGGERS], 2] = word & 1
-            state[TRIGGERS] += 1
-    elif word == EVT2_PADDING:
-        state[PADDINGS] += 1
+    if kind == wire.TRIGGER:
+        if state[at.HIGH] >= 0:
+            triggers[state[at.TRIGGERS], 0] = time_low_kernel(state, (word >> 22) & 0x3F)
+            triggers[state[at.TRIGGERS], 1] = (word >> 8) & 0x1F
+            triggers[state[at.TRIGGERS], 2] = word & 1
+            state[at.TRIGGERS] += 1
+    elif word == wire.EVT2_PADDING:
+        state[at.PADDINGS] += 1
     elif (KNOWN_TYPES >> kind) & 1:
-        state[VENDOR] += 1
+        state[at.VENDOR] += 1
     else:
-        state[UNKNOWN] += 1
+        state[at.UNKNOWN] += 1

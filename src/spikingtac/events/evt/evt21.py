@@ -14,12 +14,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.events.evt import fields as at
+from spikingtac.events.evt import wire
 from spikingtac.events.evt.decoder import (
-    HEIGHT,
-    HIGH,
-    MISSING,
-    OUTSIDE,
-    WIDTH,
     Columns,
     Integer,
     WordDecoder,
@@ -28,14 +25,7 @@ from spikingtac.events.evt.decoder import (
     time_low_kernel,
 )
 from spikingtac.events.evt.evt2 import HIGH_BITS, LOW_BITS, rare_kernel
-from spikingtac.events.evt.wire import (
-    EVENT_ON,
-    EVT2,
-    TIME_HIGH,
-    VECTOR_WIDTH_PX,
-    WordView,
-    view_evt2,
-)
+from spikingtac.events.evt.wire import EVT2, WordView, view_evt2
 
 LOWEST_BIT = np.array([0] + [(m & -m).bit_length() - 1 for m in range(1, 1 << 16)], np.uint8)
 """Index of the lowest set bit of each 16-bit mask."""
@@ -52,7 +42,7 @@ class Evt21Decoder(WordDecoder):
 
     name = "evt21"
     form = EVT2
-    events_per_word = VECTOR_WIDTH_PX
+    events_per_word = wire.VECTOR_WIDTH_PX
 
     def __init__(
         self, size: tuple[int, int], continuous: bool = False, byte_order: str = "little"
@@ -90,7 +80,7 @@ def decode_kernel(
     for i in range(len(halves)):
         head = np.int64(halves[i, upper])
         kind = head >> 28
-        if kind <= EVENT_ON:
+        if kind <= wire.EVENT_ON:
             mask = _visible_kernel(head, np.int64(halves[i, 1 - upper]), state)
             if not mask:
                 continue
@@ -104,7 +94,7 @@ def decode_kernel(
                     n += 1
                 mask >>= 16
                 column += 16
-        elif kind == TIME_HIGH:
+        elif kind == wire.TIME_HIGH:
             time_high_kernel(state, head & 0xFFFFFFF, LOW_BITS, HIGH_BITS, i)
         else:
             rare_kernel(head, triggers, state)
@@ -115,13 +105,13 @@ def decode_kernel(
 def _visible_kernel(head: Integer, mask: Integer, state: NDArray[np.int64]) -> Any:
     """Return the part of the mask that lies on the sensor; count the rest."""
     column, row = (head >> 11) & 0x7FF, head & 0x7FF
-    timed = state[HIGH] >= 0
-    if timed and column + VECTOR_WIDTH_PX <= state[WIDTH] and row < state[HEIGHT]:
+    timed = state[at.HIGH] >= 0
+    if timed and column + wire.VECTOR_WIDTH_PX <= state[at.WIDTH] and row < state[at.HEIGHT]:
         return mask
-    room = min(max(state[WIDTH] - column, 0), VECTOR_WIDTH_PX)
-    kept = mask & ((np.int64(1) << room) - 1) if timed and row < state[HEIGHT] else np.int64(0)
+    room = min(max(state[at.WIDTH] - column, 0), wire.VECTOR_WIDTH_PX)
+    kept = mask & ((np.int64(1) << room) - 1) if timed and row < state[at.HEIGHT] else np.int64(0)
     lost = mask & ~kept
     while lost:
-        state[OUTSIDE if timed else MISSING] += 1
+        state[at.OUTSIDE if timed else at.MISSING] += 1
         lost &= lost - 1
     return kept

@@ -13,23 +13,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.events.evt import fields as at
+from spikingtac.events.evt import wire
 from spikingtac.events.evt.decoder import (
-    EVENTS_BEFORE,
-    HEIGHT,
-    HIGH,
-    MISSING,
-    NO_ROW,
-    NONE,
-    NOW,
-    OUTSIDE,
-    PADDINGS,
-    ROW,
-    TRIGGERS,
-    UNKNOWN,
-    VECTOR_P,
-    VECTOR_X,
-    VENDOR,
-    WIDTH,
     Columns,
     Integer,
     WordDecoder,
@@ -38,24 +24,7 @@ from spikingtac.events.evt.decoder import (
     time_high_kernel,
 )
 from spikingtac.events.evt.salvage import mend_high_kernel
-from spikingtac.events.evt.wire import (
-    ADDR_X,
-    ADDR_Y,
-    BASE_X,
-    CONTINUED_4,
-    CONTINUED_12,
-    EVT3,
-    EVT3_PADDING,
-    OTHERS,
-    TIME_HIGH,
-    TIME_LOW,
-    TRIGGER,
-    VECT_8,
-    VECT_12,
-    TimeWords,
-    WordView,
-    view_evt3,
-)
+from spikingtac.events.evt.wire import EVT3, TimeWords, WordView, view_evt3
 
 NO_WRAP_BITS = 62
 """Bits of a counter that never wraps, as the lower time within a unit of the upper."""
@@ -83,14 +52,14 @@ class Evt3Decoder(WordDecoder):
     def time_words(self, words: NDArray[Any]) -> TimeWords:
         """Mend the lower times in place, within each unit of the upper, and return the upper."""
         times = super().time_words(words)
-        before = np.concatenate(([self.state[HIGH]], times.value[:-1]))
+        before = np.concatenate(([self.state[at.HIGH]], times.value[:-1]))
         units = times.position[times.value != before]
-        low = np.flatnonzero(words >> 12 == TIME_LOW)
+        low = np.flatnonzero(words >> 12 == wire.TIME_LOW)
         for places in np.split(low, np.searchsorted(low, units)):
             value = (words[places] & 0xFFF).astype(np.int64)
             whole = np.zeros(len(value), np.bool_)
-            self.mended += int(mend_high_kernel(value, whole, NONE, NO_WRAP_BITS))
-            words[places] = (TIME_LOW << 12) | value
+            self.mended += int(mend_high_kernel(value, whole, at.NONE, NO_WRAP_BITS))
+            words[places] = (wire.TIME_LOW << 12) | value
         return super().time_words(words)
 
 
@@ -98,34 +67,34 @@ class Evt3Decoder(WordDecoder):
 def decode_kernel(words: NDArray[np.uint16], out: Columns, state: NDArray[np.int64]) -> Any:
     """Decode words into the columns; return the number of events."""
     x, y, p, t, triggers = out
-    width, height = state[WIDTH], state[HEIGHT]
-    row, now, n = state[ROW], state[NOW], 0
-    state[EVENTS_BEFORE] = NONE
+    width, height = state[at.WIDTH], state[at.HEIGHT]
+    row, now, n = state[at.ROW], state[at.NOW], 0
+    state[at.EVENTS_BEFORE] = at.NONE
     for i in range(len(words)):
         kind, value = words[i] >> 12, np.int64(words[i] & 0xFFF)
-        if kind == ADDR_X:
+        if kind == wire.ADDR_X:
             if (value & 0x7FF) < width and row < height and now >= 0:
                 x[n], y[n], p[n], t[n] = value & 0x7FF, row, value >> 11, now
                 n += 1
             else:
-                state[OUTSIDE if row < NO_ROW and now >= 0 else MISSING] += 1
-        elif kind == ADDR_Y:
+                state[at.OUTSIDE if row < at.NO_ROW and now >= 0 else at.MISSING] += 1
+        elif kind == wire.ADDR_Y:
             row = value & 0x7FF
-        elif kind == TIME_LOW:
+        elif kind == wire.TIME_LOW:
             now = lone_low_kernel(state, value, n)
-        elif kind in (VECT_12, VECT_8):
-            column, polarity = state[VECTOR_X], state[VECTOR_P] != 0
-            mask = _visible_kernel(value, 12 if kind == VECT_12 else 8, row, state)
+        elif kind in (wire.VECT_12, wire.VECT_8):
+            column, polarity = state[at.VECTOR_X], state[at.VECTOR_P] != 0
+            mask = _visible_kernel(value, 12 if kind == wire.VECT_12 else 8, row, state)
             while mask:
                 x[n], y[n], p[n], t[n] = column + LOWEST_BIT[mask], row, polarity, now
                 mask &= mask - 1
                 n += 1
-        elif kind == BASE_X:
-            state[VECTOR_X], state[VECTOR_P] = value & 0x7FF, value >> 11
+        elif kind == wire.BASE_X:
+            state[at.VECTOR_X], state[at.VECTOR_P] = value & 0x7FF, value >> 11
         else:
             _rare_kernel(np.int64(words[i]), i, triggers, state)
-            now = state[NOW]
-    state[ROW], state[NOW] = row, now
+            now = state[at.NOW]
+    state[at.ROW], state[at.NOW] = row, now
     return n
 
 
@@ -133,17 +102,17 @@ def decode_kernel(words: NDArray[np.uint16], out: Columns, state: NDArray[np.int
 def _visible_kernel(mask: Integer, length: Integer, row: Integer, state: NDArray[np.int64]) -> Any:
     """Return the part of a vector's mask on the sensor, count the rest, move the base on."""
     mask &= (1 << length) - 1
-    column = state[VECTOR_X]
+    column = state[at.VECTOR_X]
     if column >= 0:
-        state[VECTOR_X] = column + length
-    if column >= 0 and column + length <= state[WIDTH] and row < state[HEIGHT] and state[NOW] >= 0:
+        state[at.VECTOR_X] = column + length
+    known = column >= 0 and row < at.NO_ROW and state[at.NOW] >= 0
+    if known and column + length <= state[at.WIDTH] and row < state[at.HEIGHT]:
         return mask
-    known = column >= 0 and row < NO_ROW and state[NOW] >= 0
-    room = max(state[WIDTH] - column, 0) if known and row < state[HEIGHT] else 0
+    room = max(state[at.WIDTH] - column, 0) if known and row < state[at.HEIGHT] else 0
     kept = mask & ((1 << min(room, length)) - 1)
     lost = mask & ~kept
     while lost:
-        state[OUTSIDE if known else MISSING] += 1
+        state[at.OUTSIDE if known else at.MISSING] += 1
         lost &= lost - 1
     return kept
 
@@ -153,17 +122,17 @@ def _rare_kernel(
     word: Integer, i: Integer, triggers: NDArray[np.int64], state: NDArray[np.int64]
 ) -> None:
     kind = word >> 12
-    if kind == TIME_HIGH:
+    if kind == wire.TIME_HIGH:
         time_high_kernel(state, word & 0xFFF, LOW_BITS, HIGH_BITS, i)
-    elif kind == TRIGGER:
-        if state[NOW] >= 0:
-            triggers[state[TRIGGERS], 0] = state[NOW]
-            triggers[state[TRIGGERS], 1] = (word >> 8) & 0xF
-            triggers[state[TRIGGERS], 2] = word & 1
-            state[TRIGGERS] += 1
-    elif word == EVT3_PADDING:
-        state[PADDINGS] += 1
-    elif kind in (OTHERS, CONTINUED_4, CONTINUED_12):
-        state[VENDOR] += 1
+    elif kind == wire.TRIGGER:
+        if state[at.NOW] >= 0:
+            triggers[state[at.TRIGGERS], 0] = state[at.NOW]
+            triggers[state[at.TRIGGERS], 1] = (word >> 8) & 0xF
+            triggers[state[at.TRIGGERS], 2] = word & 1
+            state[at.TRIGGERS] += 1
+    elif word == wire.EVT3_PADDING:
+        state[at.PADDINGS] += 1
+    elif kind in (wire.OTHERS, wire.CONTINUED_4, wire.CONTINUED_12):
+        state[at.VENDOR] += 1
     else:
-        state[UNKNOWN] += 1
+        state[at.UNKNOWN] += 1

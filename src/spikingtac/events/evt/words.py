@@ -7,20 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.events.evt import fields as at
 from spikingtac.events.evt import salvage
-from spikingtac.events.evt.decoder import (
-    BACKWARDS,
-    HIGH,
-    JUMP,
-    OUTSIDE,
-    RESET,
-    TRIGGERS,
-    UNCONFIRMED,
-    UNKNOWN,
-    Columns,
-    WordDecoder,
-    take_counts,
-)
+from spikingtac.events.evt.decoder import Columns, WordDecoder, take_counts
 from spikingtac.events.evt.salvage import may_be_filled, without_fill
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import LossCounters
@@ -83,12 +72,12 @@ class WordStream:
         words = buffer[:end].view(decoder.word)
         before = decoder.state.copy()
         count = self._decode(words)
-        misplaced = int(decoder.state[UNKNOWN] + decoder.state[OUTSIDE])
+        misplaced = int(decoder.state[at.UNKNOWN] + decoder.state[at.OUTSIDE])
         if self._is_suspect(final):
             decoder.state[:] = before
             words, end = self._mended(buffer, misplaced >= ALIGNMENT_SUSPECTS)
             count = self._decode(words)
-            held = int(decoder.state[UNCONFIRMED])
+            held = int(decoder.state[at.UNCONFIRMED])
             if not final and held > 0 and len(buffer) < CARRY_LIMIT_BYTES:
                 decoder.state[:] = before
                 count = self._decode(words[:held])
@@ -106,11 +95,11 @@ class WordStream:
 
     def _is_suspect(self, final: bool) -> bool:
         state = self._decoder.state
-        fallen = state[BACKWARDS] + state[RESET] + state[JUMP]
+        fallen = state[at.BACKWARDS] + state[at.RESET] + state[at.JUMP]
         return bool(
             fallen
-            or state[UNKNOWN] + state[OUTSIDE] >= ALIGNMENT_SUSPECTS
-            or (state[UNCONFIRMED] >= 0 and not final)
+            or state[at.UNKNOWN] + state[at.OUTSIDE] >= ALIGNMENT_SUSPECTS
+            or (state[at.UNCONFIRMED] >= 0 and not final)
         )
 
     def _mended(self, buffer: NDArray[np.uint8], misaligned: bool) -> tuple[NDArray[Any], int]:
@@ -126,7 +115,7 @@ class WordStream:
             words, blocks = salvage.without_garbage(words, unknown)
             self._losses.add("garbage", blocks)
         times = decoder.time_words(words)
-        last = int(decoder.state[HIGH])
+        last = int(decoder.state[at.HIGH])
         mended = salvage.mend_high_kernel(times.value, times.wrapped, last, decoder.form.high_bits)
         decoder.set_time_words(words, times)
         self._losses.add("time_glitch", int(mended) + decoder.mended)
@@ -135,8 +124,8 @@ class WordStream:
 
     def _taken(self, count: int) -> Rows:
         out, state = self._out, self._decoder.state
-        if state[TRIGGERS]:
-            t_us, channel, edge = out.triggers[: state[TRIGGERS]].T
+        if state[at.TRIGGERS]:
+            t_us, channel, edge = out.triggers[: state[at.TRIGGERS]].T
             self._triggers.append(t_us + self._base_us, channel, edge)
         take_counts(state, self._losses)
         t = out.t[:count] + self._base_us if self._base_us else out.t[:count]

@@ -80,12 +80,6 @@ def test_standard_input_is_a_stream(raw: Path, monkeypatch: pytest.MonkeyPatch) 
     np.testing.assert_array_equal(columns(list(open_events("-"))), columns(list(open_events(raw))))
 
 
-def test_a_terminal_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stdin", type("Terminal", (), {"isatty": lambda _: True})())
-    with pytest.raises(RecordingError, match="terminal"):
-        open_events("-")
-
-
 @pytest.mark.parametrize("head", [b"% end\n", b""])
 def test_a_stream_without_a_size_is_refused(head: bytes, raw: Path, tmp_path: Path) -> None:
     PipedCamera(tmp_path / "live", head + without_header(raw.read_bytes()))

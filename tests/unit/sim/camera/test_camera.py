@@ -82,13 +82,3 @@ def test_missing_markers_make_nothing_and_broken_ones_less():
     near_first = np.hypot(whole.x - 43.0, whole.y - 40.1) < 20
     fraction = (np.hypot(broken.x - 43.0, broken.y - 40.1) < 20).sum() / near_first.sum()
     assert 0.4 < fraction < 0.6
-
-
-def test_markers_that_meet_are_covered_once():
-    pair = np.array([[60.0, 60.0], [67.0, 60.0]])
-    apart = [image(k * PERIOD_US, (0.1 * k, 0.0), pair) for k in range(40)]
-    events = film(camera(), apart, "fresh")
-    inside = (np.abs(events.x - 65.0) < 2) & (np.abs(events.y - 60.0) < 2)
-    assert not inside.any()  # light does not change where both pass
-    steady = film(camera(), [image(0, (0, 0), pair), image(50_000, (0, 0), pair)], "fresh")
-    assert len(steady) == 0

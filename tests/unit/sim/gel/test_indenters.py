@@ -25,17 +25,6 @@ def test_a_turn_about_the_normal_turns_the_shape(kind: str) -> None:
     np.testing.assert_allclose(turned[near], expected[near], atol=1e-6)
 
 
-def test_a_ball_is_a_sphere_in_any_orientation() -> None:
-    body = make_indenter(IndenterConfig(kind="ball"))
-    r2 = X**2 + Y**2
-    inside = r2 < 15.0
-    expected = np.sqrt(16.0 - r2[inside]) - 4.0
-    for angle in (0.0, 0.7):
-        turn = rotation_about(np.array([0.6, 0.8, 0.0]), angle)
-        np.testing.assert_allclose(body.heights_mm(X, Y, turn)[inside], expected, atol=1e-9)
-        assert body.center_mm(turn) == pytest.approx(-4.0)
-
-
 def test_wrong_names_are_named() -> None:
     with pytest.raises(ConfigError, match="did you mean 'spoon'"):
         make_indenter(IndenterConfig(kind="spon"))

@@ -5,8 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from spikingtac.errors import DeviceError, MissingExtraError
-from spikingtac.robot.arm import ArmState
+from spikingtac.errors import MissingExtraError
 from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin, plan_move
 
 FAST_MM_S = 180.0
@@ -61,18 +60,6 @@ def test_the_reported_pose_is_up_to_one_cycle_old() -> None:
     assert lag.mean() == pytest.approx(-0.72, abs=0.05)
     assert lag.min() >= -1.44 - 1e-6
     assert lag.max() <= 1e-9
-
-
-def test_a_protective_stop_halts_the_arm_and_refuses_motions_until_recovery() -> None:
-    arm = approaching(np.random.default_rng(7))
-    arm.protective_stop()
-    arm.advance_to(1_500_000)
-    assert arm.true_position_mm()[0] < 130.0
-    assert arm.state() is ArmState.PROTECTIVE_STOP
-    with pytest.raises(DeviceError, match="protective stop"):
-        arm.move_linear(np.zeros(3), 10.0)
-    arm.recover()
-    arm.move_linear(np.zeros(3), 10.0)
 
 
 def test_a_machine_without_ruckig_is_told_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -56,18 +56,6 @@ def test_a_wrong_file_names_the_key_and_what_is_valid(text: str, expected: str):
         scene(text)
 
 
-def test_settings_lie_over_the_preset_and_survive_another_one():
-    own = scene("[camera.settings.light]\ntexture = 0.2")
-    typical, clean = (
-        own.with_camera(name).camera.resolve(own.size) for name in ("typical", "clean")
-    )
-    assert typical.light.texture == clean.light.texture == 0.2
-    assert typical.light.contrast == 6.0
-    assert typical.background.rate_hz == 0.1
-    assert clean.background.rate_hz == 0.0
-    assert own.with_camera(None) is own
-
-
 def test_the_digest_follows_every_value_that_counts():
     first = scene(CONTACT)
     assert first.digest() == scene(CONTACT).digest()
