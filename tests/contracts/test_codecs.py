@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, DamageError, FormatError, RecordingError
 from spikingtac.events import EventSource, create_events, open_events
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import assert_equal, random_packet, whole
 
 SIZE = (320, 240)
 FORMATS = [
@@ -31,31 +30,13 @@ def _libraries(request: pytest.FixtureRequest) -> None:
 
 
 def sample(n: int = 5_000, first_us: int = 70) -> EventPacket:
-    rng = np.random.default_rng(n)
-    t = np.sort(rng.integers(first_us, first_us + 40_000, n)).astype(np.int64)
-    x, y = rng.integers(0, SIZE[0], n), rng.integers(0, SIZE[1], n)
-    span = (int(t[0]), int(t[-1]) + 1) if n else (0, 0)
-    p = rng.random(n) < 0.6
-    return EventPacket(x.astype(np.uint16), y.astype(np.uint16), p, t, *span, SIZE)
+    return random_packet(n, n, SIZE, 17, first_us)
 
 
 def write(path: Path, encoding: str | None, packets: list[EventPacket]) -> None:
     with create_events(path, SIZE, encoding=encoding) as writer:
         for packet in packets:
             writer.write(packet)
-
-
-def whole(source: EventSource) -> EventPacket:
-    found = list(source)
-    for before, after in itertools.pairwise(found):
-        assert before.t_end_us == after.t_start_us
-    return EventPacket.concatenate(found) if found else EventPacket.empty(0, 0, source.size)
-
-
-def assert_equal(found: EventPacket, expected: EventPacket) -> None:
-    for column in ("t", "x", "y", "p"):
-        np.testing.assert_array_equal(getattr(found, column), getattr(expected, column))
-        assert getattr(found, column).dtype == getattr(expected, column).dtype
 
 
 @every_format

@@ -3,7 +3,6 @@
 SPIKINGTAC_EXAMPLES=10000 sets the number of examples of each property (100 unless given).
 """
 
-import itertools
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -16,6 +15,7 @@ from hypothesis import strategies as st
 from spikingtac.errors import RecordingError
 from spikingtac.events import create_events, open_events
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import assert_equal, packet_of, random_packet, whole
 
 EXAMPLES = int(os.environ.get("SPIKINGTAC_EXAMPLES", "100"))
 SIZE = (320, 240)
@@ -27,19 +27,6 @@ many = settings(
 )
 
 
-def packet_of(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> EventPacket:
-    start, end = (int(t[0]), int(t[-1]) + 1) if len(t) else (0, 0)
-    return EventPacket(
-        x.astype(np.uint16),
-        y.astype(np.uint16),
-        p.astype(bool),
-        t.astype(np.int64),
-        start,
-        end,
-        SIZE,
-    )
-
-
 @st.composite
 def packets(draw: st.DrawFn) -> EventPacket:
     n = draw(st.integers(0, 200))
@@ -48,22 +35,7 @@ def packets(draw: st.DrawFn) -> EventPacket:
     t = np.cumsum(steps) + draw(st.sampled_from([0, 5, (1 << 24) - 3, (1 << 34) + 7]))
     y = rng.integers(0, draw(st.sampled_from([1, 3, 240])), n)
     x = np.sort(rng.integers(0, 320, n)) if draw(st.booleans()) else rng.integers(0, 320, n)
-    return packet_of(t, x, y, rng.random(n) < 0.5)
-
-
-def joined(source) -> EventPacket:
-    found = list(source)
-    for packet in found:
-        assert packet.t_start_us <= packet.t[0]
-        assert packet.t[-1] < packet.t_end_us
-    for before, after in itertools.pairwise(found):
-        assert before.t_end_us == after.t_start_us
-    return EventPacket.concatenate(found) if found else EventPacket.empty(0, 0, source.size)
-
-
-def assert_equal(found: EventPacket, expected: EventPacket) -> None:
-    for name in ("t", "x", "y", "p"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    return packet_of(t, x, y, rng.random(n) < 0.5, SIZE)
 
 
 def assert_sound(events: EventPacket) -> None:
@@ -81,7 +53,7 @@ def test_raw_round_trip(tmp_path: Path, encoding: str, packet, cut: int, chunk: 
         writer.write(packet.part(0, cut, 0, 0))
         writer.write(packet.part(cut, len(packet), 0, 0))
     source = open_events(path, strict=True, chunk_events=chunk)
-    assert_equal(joined(source), packet)
+    assert_equal(whole(source), packet)
     assert not source.losses or set(source.losses) == {"time_jump"}
 
 
@@ -123,10 +95,7 @@ class Files(dict[str, bytes]):
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory: pytest.TempPathFactory) -> "Files":
-    rng = np.random.default_rng(1)
-    n = 3_000
-    t = np.cumsum(rng.integers(0, 12, n))
-    packet = packet_of(t, rng.integers(0, 320, n), rng.integers(0, 240, n), rng.random(n) < 0.5)
+    packet = random_packet(1, 3_000, SIZE, 12)
     files = Files()
     for name in (*ENCODINGS, "npz", "csv", "h5", "aedat4"):
         path = tmp_path_factory.mktemp("sound") / f"a.{'raw' if name in ENCODINGS else name}"
@@ -139,7 +108,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> "Files":
 
 def survive(path: Path) -> None:
     with suppress(RecordingError):  # anything else, and anything unsound, fails the test
-        assert_sound(joined(open_events(path)))
+        assert_sound(whole(open_events(path)))
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
@@ -187,7 +156,7 @@ def test_local_damage_costs_little(tmp_path: Path, encoding: str, kind: str, see
     n = 30_000
     t = np.cumsum(rng.integers(0, 3, n))
     rows = np.sort(rng.integers(0, 240, n).reshape(-1, 20), axis=1).ravel()
-    truth = packet_of(t, rng.integers(0, 320, n), rows, rng.random(n) < 0.5)
+    truth = packet_of(t, rng.integers(0, 320, n), rows, rng.random(n) < 0.5, SIZE)
     path = tmp_path / "a.raw"
     with create_events(path, SIZE, encoding=encoding) as writer:
         writer.write(truth)
@@ -195,6 +164,6 @@ def test_local_damage_costs_little(tmp_path: Path, encoding: str, kind: str, see
     data = path.read_bytes()
     orders = [(kind, share, int(rng.integers(1, 400))) for share in rng.random(4)]
     path.write_bytes(data[:header] + damaged(data[header:], orders))
-    found = joined(open_events(path))
+    found = whole(open_events(path))
     assert_sound(found)
     assert share_recovered(truth, found) > 0.9

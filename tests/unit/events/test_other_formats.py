@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from spikingtac.events import open_events
-from spikingtac.types import EventPacket
 from stand_ins.bags import cdr, rows, write_db3
+from stand_ins.random_packets import random_packet
 
 ROWS = [(10, 1, 2, 1), (20, 3, 4, 0), (20, 319, 100, 1)]
 
@@ -96,11 +96,7 @@ def test_aedat4_reads_as_the_library_does(tmp_path: Path) -> None:
     aedat = pytest.importorskip("aedat", reason="the oracle comes with the extra [formats]")
     from spikingtac.events import create_events
 
-    rng = np.random.default_rng(0)
-    n = 9_000
-    x, y = rng.integers(0, 320, n).astype(np.uint16), rng.integers(0, 240, n).astype(np.uint16)
-    t = np.cumsum(rng.integers(0, 5, n))
-    packet = EventPacket(x, y, rng.random(n) < 0.5, t, 0, int(t[-1]) + 1, (320, 240))
+    packet = random_packet(0, 9_000, (320, 240), 5)
     with create_events(tmp_path / "a.aedat4", (320, 240)) as writer:
         writer.write(packet)
     decoder = aedat.Decoder(str(tmp_path / "a.aedat4"))

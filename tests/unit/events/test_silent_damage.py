@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,27 +12,21 @@ import pytest
 from spikingtac.errors import DamageError, FormatError
 from spikingtac.events import create_events, open_events
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import random_packet
 
 SIZE = (320, 320)
 N = 20_000
+SAMPLE = random_packet(3, N, SIZE, 60, 1_000)
 
 
-def sample(n: int = N) -> EventPacket:
-    rng = np.random.default_rng(3)
-    t = np.cumsum(rng.integers(0, 60, n)).astype(np.int64) + 1_000
-    x, y = rng.integers(0, 320, n).astype(np.uint16), rng.integers(0, 320, n).astype(np.uint16)
-    return EventPacket(x, y, rng.random(n) < 0.5, t, 1_000, int(t[-1]) + 1, SIZE)
-
-
-def whole(path: Path, **options: object) -> tuple[EventPacket, dict[str, int]]:
-    source = open_events(path, **options)  # type: ignore[arg-type]
+def whole(path: Path, **options: Any) -> tuple[EventPacket, dict[str, int]]:
+    source = open_events(path, **options)
     found = EventPacket.concatenate(list(source))
     return found, dict(source.losses)
 
 
 def save(path: Path, **changes: np.ndarray) -> None:
-    events = sample()
-    columns = {name: getattr(events, name).copy() for name in "txyp"} | changes
+    columns = {name: getattr(SAMPLE, name).copy() for name in "txyp"} | changes
     np.savez(path, **{"size": np.array(SIZE)} | columns)  # type: ignore[arg-type]
 
 
@@ -48,7 +43,7 @@ def test_impossible_sizes_are_refused(tmp_path: Path, size: tuple[int, int]) -> 
 def test_a_false_count_in_an_aedat4_packet_loses_nothing(tmp_path: Path) -> None:
     path = tmp_path / "a.aedat4"
     with create_events(path, SIZE) as writer:
-        writer.write(sample())
+        writer.write(SAMPLE)
     data = bytearray(path.read_bytes())
     place = data.index(b"EVTS", data.index(b"</dv>")) + 4
     count = data.index(struct.pack("<I", 4_096), place)
@@ -56,14 +51,14 @@ def test_a_false_count_in_an_aedat4_packet_loses_nothing(tmp_path: Path) -> None
         data[count : count + 4] = struct.pack("<I", claimed)
         path.write_bytes(data)
         found, losses = whole(path)
-        np.testing.assert_array_equal(found.t, sample().t)
+        np.testing.assert_array_equal(found.t, SAMPLE.t)
         assert losses == {"bad_record": 1}
 
 
 def test_a_wrong_length_in_an_aedat4_file_is_overcome(tmp_path: Path) -> None:
     path = tmp_path / "a.aedat4"
     with create_events(path, SIZE) as writer:
-        writer.write(sample())
+        writer.write(SAMPLE)
     data = bytearray(path.read_bytes())
     second = data.index(b"EVTS", data.index(b"EVTS", data.index(b"</dv>")) + 4) - 16
     data[second + 7] = 0x7F
@@ -79,7 +74,7 @@ def test_compressed_aedat4_is_read_and_a_damaged_packet_left_out(tmp_path: Path,
     pack = module.compress if kind == "lz4" else module.ZstdCompressor(write_checksum=True).compress
     path = tmp_path / "a.aedat4"
     with create_events(path, SIZE) as writer:
-        writer.write(sample())
+        writer.write(SAMPLE)
     data = path.read_bytes()
     (head,) = struct.unpack_from("<I", data, 14)
     first = 18 + head
@@ -92,7 +87,7 @@ def test_compressed_aedat4_is_read_and_a_damaged_packet_left_out(tmp_path: Path,
     out = _with_compression(data[:first], 1 if kind == "lz4" else 3)
     path.write_bytes(out + b"".join(packets))
     found, losses = whole(path)
-    np.testing.assert_array_equal(found.t, sample().t)
+    np.testing.assert_array_equal(found.t, SAMPLE.t)
     assert losses == {}
     packets[1] = packets[1][:40] + bytes(20) + packets[1][60:]
     path.write_bytes(out + b"".join(packets))
@@ -117,17 +112,16 @@ def _with_compression(head: bytes, number: int) -> bytes:
 def write_h5(path: Path, **columns: np.ndarray) -> None:
     import h5py
 
-    events = sample()
     with h5py.File(path, "w") as file:
         for name in "txyp":
-            file[f"events/{name}"] = columns.get(name, getattr(events, name))
+            file[f"events/{name}"] = columns.get(name, getattr(SAMPLE, name))
         if "t_offset" in columns:
             file["t_offset"] = columns["t_offset"]
 
 
 def test_hdf5_columns_of_unequal_length_are_counted(tmp_path: Path) -> None:
     pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
-    write_h5(tmp_path / "a.h5", y=sample().y[:-5_000])
+    write_h5(tmp_path / "a.h5", y=SAMPLE.y[:-5_000])
     found, losses = whole(tmp_path / "a.h5")
     assert len(found) == N - 5_000
     assert losses == {"truncated": 1}
@@ -139,7 +133,7 @@ def test_an_absurd_offset_of_an_hdf5_file_is_counted(tmp_path: Path) -> None:
     pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
     write_h5(tmp_path / "a.h5", t_offset=np.uint64((1 << 64) - 1))
     found, losses = whole(tmp_path / "a.h5")
-    np.testing.assert_array_equal(found.t, sample().t)
+    np.testing.assert_array_equal(found.t, SAMPLE.t)
     assert losses == {"bad_record": 1}
-    write_h5(tmp_path / "b.h5", t=sample().t.astype(np.int32), t_offset=np.int64(1 << 40))
-    np.testing.assert_array_equal(whole(tmp_path / "b.h5")[0].t, sample().t + (1 << 40))
+    write_h5(tmp_path / "b.h5", t=SAMPLE.t.astype(np.int32), t_offset=np.int64(1 << 40))
+    np.testing.assert_array_equal(whole(tmp_path / "b.h5")[0].t, SAMPLE.t + (1 << 40))

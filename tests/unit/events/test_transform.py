@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
 from spikingtac.events import transform
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.transform import Transform
-from spikingtac.types import EventPacket
+from stand_ins.random_packets import random_packet, rows
 
 SIZE = (12, 9)
-Rows = list[tuple[int, int, int, bool]]
-
-
-def events(seed: int, n: int = 200) -> EventPacket:
-    rng = np.random.default_rng(seed)
-    t = np.cumsum(rng.integers(0, 9, n))
-    x, y = (rng.integers(0, side, n).astype(np.uint16) for side in SIZE)
-    return EventPacket(x, y, rng.random(n) < 0.5, t, 0, int(t[-1]) + 1, SIZE)
-
-
-def rows(*packets: EventPacket) -> Rows:
-    return [
-        (int(t), int(x), int(y), bool(p))
-        for packet in packets
-        for t, x, y, p in zip(packet.t, packet.x, packet.y, packet.p, strict=True)
-    ]
 
 
 def test_time_slice_is_half_open() -> None:
-    whole = events(4)
+    whole = random_packet(4, 200, SIZE)
     inside = list(transform.time_slice([whole], 50, 200))
     assert rows(*inside) == [row for row in rows(whole) if 50 <= row[0] < 200]
     assert (inside[0].t_start_us, inside[-1].t_end_us) == (50, 200)
@@ -55,7 +38,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_every_event_goes_where_arithmetic_says(name: str) -> None:
     change, rule, size = CASES[name]
-    whole = events(1)
+    whole = random_packet(1, 200, SIZE)
     expected = [rule(*row) for row in rows(whole)]
     for pieces in ([whole], list(whole.split(300))):
         changed = list(change.packets(pieces))
@@ -66,7 +49,7 @@ def test_every_event_goes_where_arithmetic_says(name: str) -> None:
 
 
 def test_a_crop_keeps_its_rectangle_and_moves_the_origin() -> None:
-    whole = events(2)
+    whole = random_packet(2, 200, SIZE)
     (cropped,) = Transform(crop_px=(2, 3, 10, 9)).packets([whole])
     kept = [(t, x - 2, y - 3, p) for t, x, y, p in rows(whole) if 2 <= x < 10 and 3 <= y < 9]
     assert rows(cropped) == kept

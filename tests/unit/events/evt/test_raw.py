@@ -11,6 +11,7 @@ from spikingtac.errors import ConfigError, DamageError, FormatError
 from spikingtac.events import create_events, open_events
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import random_packet
 
 HEAD3 = b"% evt 3.0\n% geometry 320x240\n% end\n"
 HEAD2 = b"% evt 2.0\n% geometry 320x240\n% end\n"
@@ -157,11 +158,8 @@ def test_a_gap_is_seen_where_time_words_never_miss(tmp_path: Path) -> None:
 @pytest.mark.parametrize("claimed", ["evt2", "evt21", "evt3"])
 @pytest.mark.parametrize("actual", ["evt2", "evt21", "evt3"])
 def test_a_wrong_header_is_refused_and_names_both(tmp_path: Path, claimed, actual) -> None:
-    rng = np.random.default_rng(0)
     n = 20_000
-    x, y = rng.integers(0, 320, n).astype(np.uint16), rng.integers(0, 240, n).astype(np.uint16)
-    t = np.cumsum(rng.integers(0, 9, n))
-    packet = EventPacket(x, y, rng.random(n) < 0.5, t, 0, int(t[-1]) + 1, (320, 240))
+    packet = random_packet(0, n, (320, 240))
     for encoding in (claimed, actual):
         with create_events(tmp_path / f"{encoding}.raw", (320, 240), encoding=encoding) as writer:
             writer.write(packet)

@@ -4,36 +4,24 @@ import io
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from spikingtac.errors import FormatError, RecordingError
 from spikingtac.events import create_events, open_events
 from spikingtac.types import EventPacket
 from stand_ins.piped_camera import PipedCamera
+from stand_ins.random_packets import assert_equal, random_packet, whole
 
 SIZE = (320, 320)
 EVENTS = 60_000
-
-
-def events() -> EventPacket:
-    rng = np.random.default_rng(3)
-    t = np.sort(rng.integers(0, 400_000, EVENTS))
-    x, y = (rng.integers(0, 320, EVENTS).astype(np.uint16) for _ in range(2))
-    return EventPacket(x, y, rng.random(EVENTS) < 0.5, t, 0, 400_000, SIZE)
 
 
 @pytest.fixture(params=["evt2", "evt21", "evt3"])
 def raw(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     path = tmp_path / "whole.raw"
     with create_events(path, SIZE, encoding=request.param) as writer:
-        writer.write(events())
+        writer.write(random_packet(3, EVENTS, SIZE, 13))
     return path
-
-
-def columns(packets: list[EventPacket]) -> np.ndarray:
-    whole = EventPacket.concatenate(packets)
-    return np.stack([whole.x, whole.y, whole.p, whole.t])
 
 
 def without_header(data: bytes) -> bytes:
@@ -46,7 +34,7 @@ def test_a_pipe_gives_the_events_of_the_file(raw: Path, tmp_path: Path) -> None:
     packets = list(source)
     camera.join()
     assert source.size == SIZE
-    np.testing.assert_array_equal(columns(packets), columns(list(open_events(raw))))
+    assert_equal(EventPacket.concatenate(packets), whole(open_events(raw)))
     ends = [packet.t_end_us for packet in packets]
     assert ends[:-1] == [packet.t_start_us for packet in packets[1:]]
     with pytest.raises(RecordingError, match="only once"):
@@ -56,7 +44,7 @@ def test_a_pipe_gives_the_events_of_the_file(raw: Path, tmp_path: Path) -> None:
 def test_events_come_before_the_stream_ends(tmp_path: Path) -> None:
     path = tmp_path / "whole.raw"
     with create_events(path, SIZE) as writer:
-        writer.write(events())
+        writer.write(random_packet(3, EVENTS, SIZE, 13))
     camera = PipedCamera(tmp_path / "live", path.read_bytes())
     camera.pause_after(0.5)
     source = iter(open_events(tmp_path / "live"))
@@ -77,7 +65,7 @@ def test_standard_input_is_a_stream(raw: Path, monkeypatch: pytest.MonkeyPatch) 
             return False
 
     monkeypatch.setattr(sys, "stdin", Piped())
-    np.testing.assert_array_equal(columns(list(open_events("-"))), columns(list(open_events(raw))))
+    assert_equal(whole(open_events("-")), whole(open_events(raw)))
 
 
 @pytest.mark.parametrize("head", [b"% end\n", b""])

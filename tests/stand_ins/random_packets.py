@@ -1,0 +1,55 @@
+"""Events drawn at random, and what sources give of them."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from spikingtac.events import EventSource
+from spikingtac.types import EventPacket
+
+Rows = list[tuple[int, int, int, bool]]
+
+
+def packet_of(
+    t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, size: tuple[int, int]
+) -> EventPacket:
+    """Return a packet from its first event to its last."""
+    span_us = (int(t[0]), int(t[-1]) + 1) if len(t) else (0, 0)
+    address = x.astype(np.uint16), y.astype(np.uint16)
+    return EventPacket(*address, p.astype(np.bool_), t.astype(np.int64), *span_us, size)
+
+
+def random_packet(
+    seed: int, n: int, size: tuple[int, int], steps_us: int = 9, first_us: int = 0
+) -> EventPacket:
+    """Return events evenly over the sensor, in steps below ``steps_us``."""
+    rng = np.random.default_rng(seed)
+    t = first_us + np.cumsum(rng.integers(0, steps_us, n))
+    x, y = (rng.integers(0, side, n) for side in size)
+    return packet_of(t, x, y, rng.random(n) < 0.5, size)
+
+
+def whole(source: EventSource) -> EventPacket:
+    """Return all events of a source, whose packets must follow each other without gaps."""
+    found = list(source)
+    for packet in found:
+        assert packet.t_start_us <= packet.t[0]
+        assert packet.t[-1] < packet.t_end_us
+    for before, after in itertools.pairwise(found):
+        assert before.t_end_us == after.t_start_us
+    return EventPacket.concatenate(found) if found else EventPacket.empty(0, 0, source.size)
+
+
+def rows(*packets: EventPacket) -> Rows:
+    """Return the events as (t, x, y, p)."""
+    columns = ([getattr(packet, name).tolist() for name in "txyp"] for packet in packets)
+    return [row for parts in columns for row in zip(*parts, strict=True)]
+
+
+def assert_equal(found: EventPacket, expected: EventPacket) -> None:
+    """Require equal columns of equal types."""
+    for name in "txyp":
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        assert getattr(found, name).dtype == getattr(expected, name).dtype
