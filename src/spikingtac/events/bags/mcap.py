@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-from spikingtac.events.bags.message import Count, RawMessage
+from spikingtac.events.bags.storages import Count, RawMessage
 from spikingtac.events.formats.limits import DamagedPieceError, decompressed, refuse_piece
 
 MAGIC_BYTES = 8

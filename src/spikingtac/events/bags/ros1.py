@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from spikingtac.events.bags.message import Count, RawMessage
+from spikingtac.events.bags.storages import Count, RawMessage
 from spikingtac.events.formats.limits import DamagedPieceError, decompressed, refuse_piece
 
 MAGIC = b"#ROSBAG V2.0\n"

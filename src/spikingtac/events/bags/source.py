@@ -15,8 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from spikingtac.errors import FormatError
-from spikingtac.events.bags.message import RawMessage
-from spikingtac.events.bags.storages import messages_of
+from spikingtac.events.bags.storages import RawMessage, messages_of
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
 
 MONO_EVENT = np.dtype("<u8")

@@ -6,12 +6,25 @@ Of sqlite3 only plain tables are read, nothing that the file would compute.
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 from spikingtac.errors import FormatError
-from spikingtac.events.bags.message import Count, RawMessage
 from spikingtac.events.formats.limits import piece_limit_bytes
+
+Count = Callable[[str], None]
+"""Counts one more of a kind of damage."""
+
+
+class RawMessage(NamedTuple):
+    """A message as it was stored; ``cdr`` for ROS 2, else the ROS 1 serialisation."""
+
+    topic: str
+    data: bytes
+    cdr: bool
+    kind: str
+
 
 TABLES = ("messages", "topics")
 STORED = 0
