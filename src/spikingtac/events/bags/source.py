@@ -8,9 +8,9 @@ ros2idl) are read as well. Source: ``event_camera_msgs/EventPacket`` (words of a
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -182,10 +182,8 @@ def _parsed(message: RawMessage) -> _Packet:
     return _Packet(width, height, sequence, base_ns, encoding, cursor.block(), order)
 
 
-class _Reader(Protocol):
-    def __call__(self, packet: _Packet) -> Iterator[Rows]:
-        """Yield the columns of a packet's events."""
-        ...
+_Reader = Callable[[_Packet], Iterator[Rows]]
+"""Yields the columns of a packet's events."""
 
 
 class _WordReader:

@@ -10,10 +10,9 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.arrays import FloatArray
 from spikingtac.errors import named
@@ -39,31 +38,6 @@ class SoftLayer:
 
     def __post_init__(self) -> None:
         require_within(self, shear_modulus_kpa=(0.1, 1e6), thickness_mm=(0.1, 100.0))
-
-
-class Indenter(Protocol):
-    """A body that can be pressed into the skin."""
-
-    @property
-    def soft(self) -> SoftLayer | None:
-        """Compliance of the body, or None where it is rigid."""
-        ...
-
-    def heights_mm(
-        self, x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]
-    ) -> FloatArray:
-        """Return the surface's height below the deepest point, mm (zero or negative).
-
-        Args:
-            x_mm: Offsets from the reference point to the right, mm, any shape.
-            y_mm: Offsets downwards in the image, mm, same shape.
-            rotation: ``(3, 3)`` orientation of the body.
-        """
-        ...
-
-    def center_mm(self, rotation: NDArray[np.float64]) -> float:
-        """Return the height of the point about which the body turns, mm (zero or negative)."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,10 +67,14 @@ class Ellipsoid:
         # At the pole of an ellipsoid with semi-axes (a, b, c) the curvature radii are a²/c, b²/c.
         return np.array((self.radius_x_mm * height, self.radius_y_mm * height, height**2))
 
-    def heights_mm(
-        self, x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]
-    ) -> FloatArray:
-        """Return the surface's height below the deepest point; see :class:`Indenter`."""
+    def heights_mm(self, x_mm: FloatArray, y_mm: FloatArray, rotation: FloatArray) -> FloatArray:
+        """Return the surface's height below the deepest point, mm (zero or negative).
+
+        Args:
+            x_mm: Offsets from the reference point to the right, mm, any shape.
+            y_mm: Offsets downwards in the image, mm, same shape.
+            rotation: ``(3, 3)`` orientation of the body.
+        """
         m = (rotation / self._squares_mm2) @ rotation.T
         linear = m[0, 2] * x_mm + m[1, 2] * y_mm
         rest = m[0, 0] * x_mm**2 + 2.0 * m[0, 1] * x_mm * y_mm + m[1, 1] * y_mm**2 - 1.0
@@ -104,8 +82,8 @@ class Ellipsoid:
         top = (np.sqrt(np.maximum(root, 0.0)) - linear) / m[2, 2]
         return np.where(root > 0.0, top + self.center_mm(rotation), NO_SURFACE_MM)
 
-    def center_mm(self, rotation: NDArray[np.float64]) -> float:
-        """Return the centre's height below the deepest point; see :class:`Indenter`."""
+    def center_mm(self, rotation: FloatArray) -> float:
+        """Return the height of the point about which the body turns, mm (zero or negative)."""
         return -math.sqrt(float(rotation[2] ** 2 @ self._squares_mm2))
 
 
@@ -126,18 +104,16 @@ class Punch:
     def __post_init__(self) -> None:
         require_within(self, radius_mm=LENGTH_MM, rim_mm=(0.0, self.radius_mm))
 
-    def heights_mm(
-        self, x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]
-    ) -> FloatArray:
-        """Return the surface's height below the deepest point; see :class:`Indenter`."""
+    def heights_mm(self, x_mm: FloatArray, y_mm: FloatArray, rotation: FloatArray) -> FloatArray:
+        """Return the surface's height below the deepest point; see :class:`Ellipsoid`."""
         flat = self.radius_mm - self.rim_mm
         plane = _plane_mm(x_mm, y_mm, rotation)
         beyond = np.maximum(np.hypot(x_mm, y_mm) - flat, 0.0)
         rim = _arc_mm(beyond, self.rim_mm)
         return plane + rim + self.center_mm(rotation)
 
-    def center_mm(self, rotation: NDArray[np.float64]) -> float:
-        """Return the face centre's height below the deepest point; see :class:`Indenter`."""
+    def center_mm(self, rotation: FloatArray) -> float:
+        """Return the face centre's height below the deepest point; see :class:`Ellipsoid`."""
         flat = self.radius_mm - self.rim_mm
         return -flat * math.hypot(rotation[0, 2], rotation[1, 2]) / rotation[2, 2]
 
@@ -166,10 +142,8 @@ class Rods:
         require_within(self, count=(1, 1000), pitch_mm=LENGTH_MM, radius_mm=LENGTH_MM)
         require_within(self, length_mm=(0.0, 1e3))
 
-    def heights_mm(
-        self, x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]
-    ) -> FloatArray:
-        """Return the surface's height below the deepest point; see :class:`Indenter`."""
+    def heights_mm(self, x_mm: FloatArray, y_mm: FloatArray, rotation: FloatArray) -> FloatArray:
+        """Return the surface's height below the deepest point; see :class:`Ellipsoid`."""
         plane = _plane_mm(x_mm, y_mm, rotation)
         across = rotation[0, 0] * x_mm + rotation[1, 0] * y_mm + rotation[2, 0] * plane
         along = rotation[0, 1] * x_mm + rotation[1, 1] * y_mm + rotation[2, 1] * plane
@@ -179,13 +153,13 @@ class Rods:
         distance = np.hypot(across - rod * self.pitch_mm, beyond)
         return plane + _arc_mm(distance, self.radius_mm) + self.center_mm(rotation)
 
-    def center_mm(self, rotation: NDArray[np.float64]) -> float:
-        """Return the middle's height below the deepest point; see :class:`Indenter`."""
+    def center_mm(self, rotation: FloatArray) -> float:
+        """Return the middle's height below the deepest point; see :class:`Ellipsoid`."""
         corner = np.array([0.5 * (self.count - 1) * self.pitch_mm, 0.5 * self.length_mm])
         return -float(np.abs(rotation[2, :2]) @ corner)
 
 
-def _plane_mm(x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]) -> FloatArray:
+def _plane_mm(x_mm: FloatArray, y_mm: FloatArray, rotation: FloatArray) -> FloatArray:
     """Return the height of the plane through the origin that is normal to the body's axis."""
     return -(rotation[0, 2] * x_mm + rotation[1, 2] * y_mm) / rotation[2, 2]
 
@@ -195,6 +169,9 @@ def _arc_mm(distance_mm: FloatArray, radius_mm: float) -> FloatArray:
     root = np.sqrt(np.maximum(radius_mm**2 - distance_mm**2, 0.0)) - radius_mm
     return np.where(distance_mm < radius_mm, root, NO_SURFACE_MM)
 
+
+Indenter = Ellipsoid | Punch | Rods
+"""A body that can be pressed into the skin."""
 
 FINGER_PULP = SoftLayer(shear_modulus_kpa=30.0, thickness_mm=6.0)
 """Finger pulp as a layer over bone (ours: the middle of 20 to 50 kPa; adult distal phalanx)."""

@@ -9,12 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
 from spikingtac.arrays import FloatArray
-from spikingtac.sim.rig.fingers import VIBRATION_MM, Vibration
+from spikingtac.sim.rig.fingers import VIBRATION_MM, SensingFinger, Vibration
 from spikingtac.sim.rig.pad import Pad
 from spikingtac.sim.rig.probe import Probe, ProbeConfig, ProbeState
 from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
@@ -28,22 +27,6 @@ NEAR_MM = 0.04
 """Longest travel in one step near the wall and in contact, mm."""
 WAIT_S = 0.001
 """Period at which a waiting loop checks its condition, s: one controller window."""
-
-
-class Finger(Protocol):
-    """One finger's optics and camera; see :class:`spikingtac.sim.rig.fingers.SensingFinger`."""
-
-    def project(self, state: SkinState) -> MarkerImage:
-        """Return the image of the markers."""
-        ...
-
-    def settle(self, image: MarkerImage) -> None:
-        """Set every pixel to its steady state under an image."""
-        ...
-
-    def advance(self, images: Sequence[MarkerImage]) -> EventPacket:
-        """Return the events up to the last image. The pixels keep their references."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +100,7 @@ class Rig:
         self,
         config: RigConfig,
         wall: Wall,
-        fingers: Sequence[Finger],
+        fingers: Sequence[SensingFinger],
         start_mm: FloatArray,
         rng: np.random.Generator,
     ) -> None:

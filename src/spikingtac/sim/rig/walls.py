@@ -19,7 +19,6 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numba import njit
@@ -39,8 +38,9 @@ _TINY = float(np.finfo(np.float64).tiny)
 """Smallest distance from an axis, so that a point on it has a direction."""
 
 
-class Wall(Protocol):
-    """A rigid surface. All points must stay on its free side."""
+@dataclass(frozen=True, kw_only=True)
+class NoWall:
+    """Free air: no wall."""
 
     def gap(self, point_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the distance ``(n,)`` to the surface and its outward normal ``(n, 3)``.
@@ -48,27 +48,10 @@ class Wall(Protocol):
         Args:
             point_mm: ``(n, 3)`` points in the base frame, mm; a negative gap is a penetration.
         """
-        ...
-
-    def curvature(self, point_mm: FloatArray) -> FloatArray:
-        """Return the curvature tensors ``(n, 3, 3)``, 1/mm: minus the derivative of the normal.
-
-        Args:
-            point_mm: ``(n, 3)`` points in the base frame, mm.
-        """
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class NoWall:
-    """Free air: no wall."""
-
-    def gap(self, point_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return infinite gaps; see :class:`Wall`."""
         return np.full(len(point_mm), np.inf), np.zeros((len(point_mm), 3))
 
     def curvature(self, point_mm: FloatArray) -> FloatArray:
-        """Return zeros; see :class:`Wall`."""
+        """Return the curvature tensors ``(n, 3, 3)``, 1/mm: minus the derivative of the normal."""
         return np.zeros((len(point_mm), 3, 3))
 
 
@@ -85,14 +68,14 @@ class PlaneWall:
     normal: tuple[float, float, float] = (-1.0, 0.0, 0.0)
 
     def gap(self, point_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return distance and normal; see :class:`Wall`."""
+        """Return distance and normal."""
         place_mm, away = self._geometry
         normal = np.empty(point_mm.shape)
         normal[:] = away
         return (point_mm - place_mm) @ away, normal
 
     def curvature(self, point_mm: FloatArray) -> FloatArray:
-        """Return zeros, because the wall is flat; see :class:`Wall`."""
+        """Return zeros, because the wall is flat."""
         return np.zeros((len(point_mm), 3, 3))
 
     @functools.cached_property
@@ -120,18 +103,22 @@ class HoleWall:
             raise ValueError(f"radius_mm is {self.radius_mm}, a hole needs a positive radius")
 
     def gap(self, point_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return distance and normal (towards the axis); see :class:`Wall`."""
+        """Return distance and normal (towards the axis)."""
         inward, distance = radial_kernel(point_mm, *self._geometry)
         return self.radius_mm - distance, inward
 
     def curvature(self, point_mm: FloatArray) -> FloatArray:
-        """Return the curvature around the hole, 1 / distance from the axis; see :class:`Wall`."""
+        """Return the curvature around the hole, 1 / distance from the axis."""
         return axis_curvature_kernel(point_mm, *self._geometry)
 
     @functools.cached_property
     def _geometry(self) -> tuple[FloatArray, FloatArray]:
         """A point of the axis and its unit direction, as arrays."""
         return np.array(self.center_mm, np.float64), _unit(self.axis)
+
+
+Wall = NoWall | PlaneWall | HoleWall
+"""A rigid surface. All points must stay on its free side."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -166,20 +153,6 @@ def axis_curvature_kernel(
     return curvature
 
 
-class Bit(Protocol):
-    """The end of the probe: balls of one radius around a few points."""
-
-    @property
-    def points_mm(self) -> FloatArray:
-        """Offsets ``(n, 3)`` of the touching points from the tip's centre, base frame, mm."""
-        ...
-
-    @property
-    def radius_mm(self) -> float:
-        """Radius around each point, mm (zero for sharp corners)."""
-        ...
-
-
 @dataclass(frozen=True, kw_only=True)
 class RoundBit:
     """A cylindrical bit; 0.375 mm is the paper's R_offset (Section V-C).
@@ -192,7 +165,7 @@ class RoundBit:
 
     @property
     def points_mm(self) -> FloatArray:
-        """The axis alone; see :class:`Bit`."""
+        """Offsets ``(n, 3)`` of the touching points from the tip's centre, base frame, mm."""
         return np.zeros((1, 3))
 
 
@@ -212,10 +185,14 @@ class HexBit:
 
     @property
     def points_mm(self) -> FloatArray:
-        """The six corners; see :class:`Bit`."""
+        """The six corners."""
         angle = self.heading_rad + np.arange(HEXAGON_CORNERS) * (2 * np.pi / HEXAGON_CORNERS)
         corner_mm = self.across_flats_mm / 2 / np.cos(np.pi / HEXAGON_CORNERS)
         return corner_mm * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(6)])
+
+
+Bit = RoundBit | HexBit
+"""The end of the probe: balls of one radius around a few points."""
 
 
 def _unit(direction: tuple[float, float, float]) -> FloatArray:
