@@ -131,17 +131,14 @@ def track_to_file(
             moved = frame.detected_px - calibration.reference_px
             if wrench := estimator.update(frame.t_us, moved) if estimator else None:
                 more = {**more, **_columns(wrench)}
-            if more:
-                writer.measure(more)
-            writer.write(frame)
+            writer.write(frame, more)
             counts.add(frame, wrench)
             if counts.estimates % PROGRESS_EVERY == 0:
                 advance(source.progress)
         _mark(writer, source, before=False)
-        provenance = provenance_of(source, config, file_digest(source.path))
         found = {"health": source.counters().summary(), "calibration_misfit": checked.misfit}
         found |= _ageing(runs.swing())
-        writer.close({**provenance, **calibration.scale(), **found})
+        writer.close({**provenance_of(source, config), **calibration.scale(), **found})
     except BaseException:
         writer.abandon()
         raise
@@ -214,14 +211,12 @@ def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) ->
         )
 
 
-def provenance_of(
-    source: FileSource | CheckedSource, config: TrackingConfig, digest: str | None
-) -> dict[str, Any]:
+def provenance_of(source: FileSource | CheckedSource, config: TrackingConfig) -> dict[str, Any]:
     """Return the metadata of tracks: configuration, input, version and losses."""
     return {
         "config": {"tracking": to_mapping(config)},
         "input": source.path.name,
-        "input_sha256": digest,
+        "input_sha256": file_digest(source.path),
         "package_version": package_version(),
         "losses": dict(source.losses.kinds()),
     }

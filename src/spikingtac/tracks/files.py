@@ -23,6 +23,9 @@ PARQUET_META = "spikingtac"
 """Key of a Parquet file's metadata that holds what CSV has beside it, as JSON."""
 FRAMES_PER_CHUNK = 1_024
 """Frames that are kept in memory before they are written."""
+Measured = Mapping[str, NDArray[Any]]
+"""Name of a column -> its value at one time."""
+NOTHING: Measured = {}
 
 
 class TracksWriter(ABC):
@@ -38,19 +41,16 @@ class TracksWriter(ABC):
     def __init__(self, markers: int) -> None:
         self._markers = markers
         self._frames: list[MarkerFrame] = []
-        self._measured: list[Mapping[str, NDArray[np.float64]]] = []
+        self._measured: list[Measured] = []
         self._triggers: Mapping[str, NDArray[Any]] = {}
         self._last_us: int | None = None
 
-    def write(self, frame: MarkerFrame) -> None:
-        """Append a frame."""
+    def write(self, frame: MarkerFrame, measured: Measured = NOTHING) -> None:
+        """Append a frame, and what else was measured then: the same names with every frame."""
         self._frames.append(frame)
+        self._measured.append(measured)
         if len(self._frames) == FRAMES_PER_CHUNK:
             self._flush()
-
-    def measure(self, columns: Mapping[str, NDArray[np.float64]]) -> None:
-        """Add what was measured in the next frame: the same names with every frame, or never."""
-        self._measured.append(columns)
 
     def mark(self, triggers: Mapping[str, NDArray[Any]]) -> None:
         """Tell the trigger edges by their keys in a file: where rows are marked, first."""
@@ -78,7 +78,7 @@ class TracksWriter(ABC):
         measured, self._measured = self._measured, []
         if frames:
             columns = stacked(frames, self._markers)
-            for name in measured[0] if measured else ():
+            for name in measured[0]:
                 columns[name] = np.stack([row[name] for row in measured]).astype(np.float32)
             if self.marks_rows:
                 columns |= trigger_column(columns["t_us"], self._triggers, self._last_us)

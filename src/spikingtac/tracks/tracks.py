@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+import spikingtac.tracks.files as files
 from spikingtac.calibration.lens import SkinScale
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
@@ -29,12 +30,6 @@ from spikingtac.tracks.columns import (
     require_shapes,
     stacked,
     trigger_column,
-)
-from spikingtac.tracks.files import (
-    CsvTracksWriter,
-    ParquetTracksWriter,
-    TracksWriter,
-    create_tracks,
 )
 from spikingtac.types import MarkerFrame, SourceHealth
 
@@ -145,16 +140,14 @@ class Tracks:
 
     def save(self, path: str | Path) -> None:
         """Write the tracks; see :func:`spikingtac.tracks.files.create_tracks`."""
-        self._write(create_tracks(path, self.reference_px.astype(np.float64)))
+        self._write(files.create_tracks(path, self.reference_px.astype(np.float64)))
 
-    def _write(self, writer: TracksWriter) -> None:
+    def _write(self, writer: files.TracksWriter) -> None:
         felt = self._known((SIGMA, *FORCES))
         writer.mark(self._known(TRIGGERS))
         try:
             for number, frame in enumerate(self.frames()):
-                if felt:
-                    writer.measure({name: values[number] for name, values in felt.items()})
-                writer.write(frame)
+                writer.write(frame, {name: values[number] for name, values in felt.items()})
             writer.close(self.meta)
         except BaseException:
             writer.abandon()
@@ -227,14 +220,14 @@ class Tracks:
             mean rate), ``px_per_mm`` and ``force_max_n``; None where unknown.
         """
         estimates, markers = self.coasted.shape
-        figures: dict[str, Any] = {"markers": markers, "estimates": estimates}
         moved_px = np.hypot(*np.moveaxis(self.displacement_px, 2, 0))
         empty = moved_px.size == 0
         at, marker = (0, 0) if empty else np.unravel_index(moved_px.argmax(), moved_px.shape)
         largest_px = 0.0 if empty else float(moved_px[at, marker])
         steps_us = np.diff(self.t_us)
-        seen = ~self.coasted
-        return figures | {
+        return {
+            "markers": markers,
+            "estimates": estimates,
             "t_first_us": int(self.t_us[0]) if estimates else None,
             "t_last_us": int(self.t_us[-1]) if estimates else None,
             "duration_s": float(steps_us.sum() / US_PER_S),
@@ -246,7 +239,9 @@ class Tracks:
             if self.px_per_mm is None
             else longest(self.displacement_mm),
             "held_share": 0.0 if empty else float(self.coasted.mean()),
-            "never_observed": np.flatnonzero(~seen.any(axis=0)).tolist() if estimates else [],
+            "never_observed": np.flatnonzero(self.coasted.all(axis=0)).tolist()
+            if estimates
+            else [],
             "health": self._health_at_the_end(),
             "px_per_mm": self.px_per_mm,
             "force_max_n": None if self.force_n is None else longest(self.force_n),
@@ -276,11 +271,11 @@ class Tracks:
 
     def to_parquet(self, path: str | Path) -> None:
         """Write the tracks as Parquet in long form, whatever the ending; see :meth:`save`."""
-        self._write(ParquetTracksWriter(Path(path), len(self.reference_px)))
+        self._write(files.ParquetTracksWriter(Path(path), len(self.reference_px)))
 
     def to_csv(self, path: str | Path) -> None:
         """Write the tracks as CSV in long form, whatever the ending; see :meth:`save`."""
-        self._write(CsvTracksWriter(Path(path), len(self.reference_px)))
+        self._write(files.CsvTracksWriter(Path(path), len(self.reference_px)))
 
     def plot(
         self,

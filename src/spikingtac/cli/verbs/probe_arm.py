@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.interrupt import ended_by_sigterm
-from spikingtac.cli.verbs.probe import (
+from spikingtac.cli.probe_search import (
     ASSUMPTIONS,
     Args,
     probing_style,

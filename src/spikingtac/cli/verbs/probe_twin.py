@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from spikingtac.cli.messages import progress, remark
-from spikingtac.cli.verbs.probe import (
+from spikingtac.cli.probe_search import (
     ASSUMPTIONS,
     Args,
     probing_style,
