@@ -41,6 +41,8 @@ def named(tmp_path_factory: pytest.TempPathFactory) -> Path:
         radius_px=np.asarray(at_rest.radius_px),
         grid=scene.skin.grid,
         size=scene.size,
+        step_on=0.14,
+        step_off=0.14,
     ).save(folder / "left_finger.json")
     simulate(scene, folder / "twist", seed=1, duration_s=1.0)
     for name in ("tracks.npz", "other.npz"):

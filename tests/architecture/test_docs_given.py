@@ -46,6 +46,8 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
         radius_px=np.asarray(source.radius_px),
         grid=(8, 8),
         size=source.size,
+        step_on=0.14,
+        step_off=0.14,
     )
     skin = synthetic_series(SkinConfig(), own.reference_px, 15.4, config=SMALL)
     fit_force(skin).save(folder / "force.onnx")

@@ -45,6 +45,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             radius_px=truth["radius_px"].astype(float),
             grid=(8, 8),
             size=(320, 320),
+            step_on=0.14,
+            step_off=0.14,
         ).save(where / "finger.json")
     assert main(["track", str(where / "press.raw"), "--calibration", str(where / "finger.json"),
                  "-o", str(where / "press.npz")]) == 0  # fmt: skip
@@ -70,7 +72,7 @@ def test_a_task_is_done_by_its_commands(
 ) -> None:
     for name in ("press.raw", "finger.json", "press.npz"):
         shutil.copy(folder / name, tmp_path / name)
-    if task == "track":
+    if any("-o press.npz" in command for command in tasks()[task]):
         (tmp_path / "press.npz").unlink()
     monkeypatch.chdir(tmp_path)
     for command in tasks()[task]:
@@ -80,7 +82,8 @@ def test_a_task_is_done_by_its_commands(
             continue
         _, verb, *rest = shlex.split(command)
         assert _parsed(importlib.import_module(module_of(verb)).Args, verb, rest) is not None
-        if verb in ELSEWHERE or "openmv:" in command or command in shown:
+        given = "openmv:" in command or "--force" in rest  # a camera, a model of forces
+        if verb in ELSEWHERE or given or command in shown:
             continue
         if verb in SHOWN and "--export" not in rest:
             shown.add(command)

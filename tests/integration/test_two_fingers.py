@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -140,7 +141,7 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
             for packet in CirclingDots(duration_us=500_000, noise_per_ms=2):
                 writer.write(packet)
     for name in ("calibration.json", "calibration_1.json"):
-        open_circling().calibration.save(made / name)
+        replace(open_circling().calibration, step_on=0.2, step_off=0.2).save(made / name)
     return made
 
 
