@@ -352,7 +352,7 @@ def _watches(process: ContactProcess) -> bool:
         TimeoutError: It has tripped before its fault.
     """
     phase = process.status().get("phase")
-    if phase not in (None, "ready"):
+    if phase not in (None, "starting", "ready"):
         raise TimeoutError(f"{phase}: {process.status().get('reason')}")
     return phase == "ready"
 

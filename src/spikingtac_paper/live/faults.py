@@ -60,13 +60,15 @@ class Outcome:
         return self.sent - self.kept - self.lost
 
 
-def _recorded(sent: int, told: dict[str, Any], seen: str, recovered: bool = True) -> Outcome:
+def recorded(sent: int, told: dict[str, Any], seen: str, recovered: bool = True) -> Outcome:
+    """Return what became of events that were recorded."""
     lost = told["lost_events"] + lost_by_kernel(told)
     good = recovered and told["events"] == told["readable"]
     return Outcome(sent=sent, kept=told["readable"], lost=lost, seen=seen, recovered=good)
 
 
-def _kinds(told: dict[str, Any]) -> str:
+def kinds_of(told: dict[str, Any]) -> str:
+    """Return what a recording has counted, in words."""
     return ", ".join(f"{kind} {count}" for kind, count in sorted(told["losses"].items()))
 
 
@@ -104,8 +106,8 @@ def unplugged(folder: Path, seconds: float) -> Outcome:
     for number in ends:
         os.close(number)
     gap_s = sum(gap["t_to_us"] - gap["t_from_us"] for gap in told["gaps"]) / 1e6
-    seen = f"{_kinds(told)}; a gap of {gap_s:.1f} s in the manifest"
-    return _recorded(sent, told, seen, told["delivery"]["reconnects"] == 1)
+    seen = f"{kinds_of(told)}; a gap of {gap_s:.1f} s in the manifest"
+    return recorded(sent, told, seen, told["delivery"]["reconnects"] == 1)
 
 
 def killed_user(folder: Path, seconds: float) -> Outcome:
@@ -124,7 +126,7 @@ def killed_user(folder: Path, seconds: float) -> Outcome:
     seen = (
         f"the recorder and the other user go on: {other['taken']} taken, {other['missed']} missed"
     )
-    return _recorded(sent, told, seen, whole)
+    return recorded(sent, told, seen, whole)
 
 
 def paused(folder: Path, seconds: float) -> Outcome:
@@ -142,8 +144,8 @@ def paused(folder: Path, seconds: float) -> Outcome:
     told = recording.end()
     counts = user.counts()
     whole = counts["taken"] + counts["missed"] == counts["published"] == told["received_events"]
-    seen = f"user: {counts['missed']} missed; reader: {_kinds(told) or 'nothing lost'}"
-    return _recorded(sent, told, seen, whole)
+    seen = f"user: {counts['missed']} missed; reader: {kinds_of(told) or 'nothing lost'}"
+    return recorded(sent, told, seen, whole)
 
 
 def overrun(folder: Path, seconds: float) -> Outcome:
@@ -192,7 +194,7 @@ def disk_full(folder: Path, seconds: float) -> Outcome:
         sent_before = told["received_events"] + lost_by_kernel(told)
         board.sent()  # what came after the recorder's end was sent to nobody
     said = told["said"].strip().splitlines()[-1] if told["said"] else ""
-    return _recorded(sent_before, told, f"exit {told['code']}: {said}", told["code"] == 3)
+    return recorded(sent_before, told, f"exit {told['code']}: {said}", told["code"] == 3)
 
 
 def clock_step(folder: Path, seconds: float, step_s: float = STEP_S) -> Outcome:
@@ -203,7 +205,7 @@ def clock_step(folder: Path, seconds: float, step_s: float = STEP_S) -> Outcome:
     sent = board.sent()
     told = recording.end()
     noticed = bool(told["losses"].keys() & {"time_jump", "time_reset", "gap"})
-    return _recorded(sent, told, _kinds(told), noticed)
+    return recorded(sent, told, kinds_of(told), noticed)
 
 
 def clock_step_back(folder: Path, seconds: float) -> Outcome:

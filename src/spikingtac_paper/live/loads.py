@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ import numpy as np
 
 import spikingtac as st
 from spikingtac_paper.live.board import SIZE, Board, free_port
-from spikingtac_paper.live.recording import Recording, address, lost_by_kernel
+from spikingtac_paper.live.recording import Recording, address, lost_by_kernel, verb
 from spikingtac_paper.live.user import User
 
 MEGA = 1e6
@@ -71,8 +70,7 @@ class _Users:
     def __init__(self, name: str, folder: Path, seconds: float) -> None:
         path = folder / "calibration.json"
         calibration().save(path)
-        code = "from spikingtac.cli.main import main; import sys; sys.exit(main())"
-        view = [sys.executable, "-c", code, "view", f"ring:{name}", "--calibration", str(path)]
+        view = verb("view", f"ring:{name}", "--calibration", str(path))
         view += ["--preset", "fast", "--rate-hz", "1000", "--headless", "--json"]
         view += ["--seconds", str(seconds), "--no-browser", "--port", "0"]
         pipe = subprocess.PIPE

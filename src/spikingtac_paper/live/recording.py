@@ -18,8 +18,14 @@ from spikingtac_paper.live.board import EVENTS, SIZE
 PATIENCE_S = 120.0
 """Longest wait for the verb, s: it may compile first."""
 LOOK_S = 0.02
-SETTLED_S = 0.3
-"""Time for the last events to be taken, s."""
+SETTLED_S = 0.5
+"""Time in which a recorder takes some of what waits for it, s."""
+
+
+def verb(*words: str) -> list[str]:
+    """Return the command line of a verb."""
+    code = "from spikingtac.cli.main import main; import sys; sys.exit(main())"
+    return [sys.executable, "-c", code, *words]
 
 
 class Recording:
@@ -32,8 +38,7 @@ class Recording:
 
     def __init__(self, folder: Path, address: str) -> None:
         self.folder, self._most_kb = folder, 0
-        code = "from spikingtac.cli.main import main; import sys; sys.exit(main())"
-        words = [sys.executable, "-c", code, "record", address, "-o", str(folder), "--json"]
+        words = verb("record", address, "-o", str(folder), "--json")
         pipe = subprocess.PIPE
         self.process = subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True)
         until_s = time.monotonic() + PATIENCE_S
@@ -58,7 +63,7 @@ class Recording:
 
     def end(self, number: int = signal.SIGINT) -> dict[str, Any]:
         """End it by a signal, and return its summary with the exit code and the memory."""
-        time.sleep(SETTLED_S)
+        self._settle()
         if self.process.poll() is None:
             os.kill(self.process.pid, number)
         out, error = self.process.communicate(timeout=PATIENCE_S)
@@ -66,6 +71,13 @@ class Recording:
         readable = sum(map(len, open_events(self.folder))) if self.readable else 0
         found = {"code": self.process.returncode, "said": error, "peak_mb": self._most_kb / 1024}
         return {**told, **found, "readable": readable}
+
+    def _settle(self) -> None:
+        """Wait until the files grow no more: what waits in the kernel is taken."""
+        before = -1
+        while (now := sum(path.stat().st_size for path in self.folder.glob("*.raw"))) != before:
+            before = now
+            time.sleep(SETTLED_S)
 
     @property
     def readable(self) -> bool:
