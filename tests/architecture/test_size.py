@@ -24,7 +24,7 @@ class Size:
 
 MOST = {
     "src/spikingtac": Size(402, 38_600, 34_200),
-    "src/spikingtac_paper": Size(83, 7_510, 6_080),
+    "src/spikingtac_paper": Size(83, 7_510, 6_120),
     "src/spikingtac_hardware": Size(13, 1_580, 1_430),
     "integrations": Size(25, 1_830, 1_700),
     "tests": Size(356, 30_350, 26_160),
