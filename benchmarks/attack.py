@@ -52,6 +52,7 @@ from spikingtac.contact.detector import (  # noqa: E402
     DetectorSummary,
 )
 from spikingtac.contact.window import Window  # noqa: E402
+from spikingtac.errors import DeviceError  # noqa: E402
 from spikingtac.robot.ur import URArm  # noqa: E402
 from spikingtac.stream.guard import ContactProcess  # noqa: E402
 from spikingtac.stream.guard_loop import Arrival  # noqa: E402
@@ -336,7 +337,7 @@ def trial(kind: str, folder: Path) -> dict[str, Any]:
                 process.kill()
             controller.half_open = kind == "half-open"
             found = _follow(controller, process, note)
-        except TimeoutError as error:
+        except (TimeoutError, DeviceError) as error:  # the robot has stopped by itself, too
             found = {"early": True, "why": str(error)}
         finally:
             controller.half_open = False
