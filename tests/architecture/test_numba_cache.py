@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from numba_cache import DIGESTS_NAME, KEPT_FOLDERS, closure_digests, prepare_cache
+from numba_cache import DIGESTS_NAME, KEPT_FOLDERS, prepare_cache
 
 PACKAGE = "somepackage"
 CALLEE = "from numba import njit\n@njit(cache=True)\ndef one():\n    return {value}\n"
@@ -62,17 +62,3 @@ def test_folders_of_former_sources_go(tmp_path: Path) -> None:
     assert folder in left
     assert len(left) == KEPT_FOLDERS
     assert (root / "not-a-cache").is_dir()
-
-
-def test_imports_within_functions_and_for_annotations_count(tmp_path: Path) -> None:
-    sources = package(tmp_path)
-    head = "from typing import TYPE_CHECKING\nfrom numba import njit\n"
-    late = f"def f():\n    from {PACKAGE} import callee\n"
-    typed = f"if TYPE_CHECKING:\n    from {PACKAGE}.callee import one\n"
-    (sources / "late.py").write_text(head + late, encoding="utf-8")
-    (sources / "typed.py").write_text(head + typed, encoding="utf-8")
-    before = closure_digests(sources.parent)
-    (sources / "callee.py").write_text(CALLEE.format(value=5), encoding="utf-8")
-    after = closure_digests(sources.parent)
-    changed = {name for name in before if before[name] != after[name]}
-    assert changed == {f"{PACKAGE}/{name}.py" for name in ("callee", "caller", "late", "typed")}

@@ -7,14 +7,12 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 import spikingtac
 from spikingtac.events.cameras.kinds import KINDS
 from spikingtac.events.open import READABLE
-from stand_ins.programs import program
 
 PROJECT = Path(__file__).resolve().parents[2]
 DOCS = PROJECT / "docs"
@@ -25,10 +23,6 @@ LOADED = re.compile(
     r"\bhref=\"?(?P<link>(?:https?:)?//[^\s\">]+)"
 )
 """What a browser fetches from elsewhere while it shows a page."""
-
-
-def hooks() -> ModuleType:
-    return program("scripts/site_hooks.py")
 
 
 @pytest.fixture(scope="module")
@@ -86,17 +80,6 @@ def test_links_out_of_the_documentation_lead_to_files(site: Path) -> None:
     }
     assert "CONTRIBUTING.md" in targets
     assert [target for target in sorted(targets) if not (PROJECT / target).exists()] == []
-
-
-def test_only_links_that_leave_are_sent_to_the_repository() -> None:
-    outward = hooks().outward
-    text = (
-        "[a](../../results/x.json#y) [b](calibrate.md) [c](../reference/cli.md) [d](https://e.org)"
-    )
-    assert outward(text, "how-to/page.md", REPOSITORY) == (
-        f"[a]({REPOSITORY}/blob/main/results/x.json#y) [b](calibrate.md) [c](../reference/cli.md) "
-        "[d](https://e.org)"
-    )
 
 
 def test_every_kind_of_camera_and_file_is_listed() -> None:

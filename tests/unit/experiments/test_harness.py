@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.batch.run_folder import begin_run
 from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.report import Metric, Report, interval, rows_of, write_report
@@ -96,18 +95,6 @@ def test_jobs_come_back_in_order_and_are_counted() -> None:
         with pytest.raises(TypeError):
             progress.run(pool, abs, ["x"])
     assert shares == [0.25, 0.5, 0.75]
-
-
-def test_a_folder_never_mixes_settings_and_a_foreign_one_is_left_alone(tmp_path: Path) -> None:
-    folder = tmp_path / "run"
-    begin_run(folder, {"seeds": 1, "methods": ["a"]}, resume=False)
-    begin_run(folder, {"seeds": 1, "methods": ["a"]}, resume=True)
-    with pytest.raises(ConfigError, match="--resume"):
-        begin_run(folder, {"seeds": 1, "methods": ["a"]}, resume=False)
-    with pytest.raises(ConfigError, match=r"seeds 1 -> 2.*never mixed"):
-        begin_run(folder, {"seeds": 2, "methods": ["a"]}, resume=True)
-    with pytest.raises(ConfigError, match="not empty"):
-        begin_run(tmp_path, {"seeds": 1}, resume=False)
 
 
 def test_an_unknown_experiment_names_the_valid_ones() -> None:
