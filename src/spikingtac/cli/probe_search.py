@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import tyro
 
 from spikingtac.cli.options import WriteArgs
@@ -67,9 +66,6 @@ class Args(WriteArgs):
     """With --arm: standard deviation of this travel from touch to touch, mm."""
     radius_mm: float = 2.0
     """On the twin: true radius of the hole, mm."""
-    start_mm: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="X Y")] = None
-    """On the twin: start of the probe, mm from the hole's centre; random inside the hole unless
-    given."""
     seed: int = 0
     """On the twin: seed of everything random."""
     search: Annotated[str, tyro.conf.arg(metavar="|".join(SEARCHES))] = "default"
@@ -104,8 +100,6 @@ def check(args: Args) -> None:
             f"--radius-mm is {args.radius_mm:g}; the bit reaches 0.433 mm and needs some room: "
             f"at least {LEAST_RADIUS_MM} mm"
         )
-    if args.start_mm is not None and not np.isfinite(args.start_mm).all():
-        raise ConfigError(f"--start-mm is {args.start_mm}; it must be two finite numbers, mm")
     if args.arm is not None:
         _check_arm(args)
     elif args.rehearsal:
@@ -129,10 +123,6 @@ def _check_arm(args: Args) -> None:
         raise ConfigError(
             f"--events is {str(args.events)!r}, which is no camera's named pipe: an arm that moves "
             "by a recording feels nothing. Give the pipe, or --rehearsal if nothing can be touched"
-        )
-    if args.start_mm is not None:
-        raise ConfigError(
-            "--start-mm is for the twin; an arm begins where it stands: move it there"
         )
 
 

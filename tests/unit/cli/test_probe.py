@@ -79,7 +79,6 @@ def test_an_arm_moves_by_a_recording_only_in_a_rehearsal(
         ({"radius_mm": float("nan")}, "--radius-mm is nan"),
         ({"travel_limit_mm": 0.0}, "--travel-limit-mm is 0; it must be above 0"),
         ({"force_limit_n": -1.0}, "--force-limit-n is -1"),
-        ({"start_mm": (float("inf"), 0.0)}, "two finite numbers"),
         ({"contacts": 2}, "contacts is 2"),
         ({"output": Path("hole.txt")}, r"ends in \.json, \.png"),
     ],

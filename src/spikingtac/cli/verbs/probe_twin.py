@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from spikingtac.cli.messages import progress, remark
@@ -20,7 +18,7 @@ from spikingtac.geometry.travel import TravelModel
 from spikingtac.plots.hole import HolePicture
 from spikingtac.robot.prober import ArmProber
 from spikingtac.sim.rig import wall_calibration
-from spikingtac.sim.rig.hole_site import Grasp, HoleSite, HoleTrial, hole_trial
+from spikingtac.sim.rig.hole_site import Grasp, HoleSite, hole_trial
 from spikingtac.sim.rig.wall_calibration import (
     CORNER_MM,
     CROSS,
@@ -28,7 +26,6 @@ from spikingtac.sim.rig.wall_calibration import (
     PLANNING_MM,
     RecordingProber,
 )
-from spikingtac.sim.rig.walls import NoWall
 
 CYCLES = {CROSS: 4, DEFAULT: 3}
 """Calibration touches per direction: 16 for the cross, 36 for the adaptive search."""
@@ -51,7 +48,7 @@ def on_twin(args: Args) -> ProbedHole:
         SearchError: There is no wall, no room, or no circle; the arm is at rest.
     """
     site = HoleSite(Grasp.of(args.seed), args.seed)
-    trial = trial_of(args)
+    trial = hole_trial(args.radius_mm, np.zeros(2), CORNER_MM, args.seed)
     remark("calibrating on a flat wall, then probing the hole; this takes about half a minute")
     with progress("calibrate on a flat wall, then probe") as advance:
         detector, travel = calibrate(args, site)
@@ -82,19 +79,6 @@ def on_twin(args: Args) -> ProbedHole:
         config=resolved_config(args) | given,
         assumed=ASSUMPTIONS_ON_TWIN,
     )
-
-
-def trial_of(args: Args) -> HoleTrial:
-    """Return the twin's hole and the start of the probe.
-
-    A start whose bit lies beyond the rim is outside the hole: there is no wall around it.
-    """
-    trial = hole_trial(args.radius_mm, np.zeros(2), CORNER_MM, args.seed)
-    if args.start_mm is None:
-        return trial
-    trial = replace(trial, start_mm=np.array(args.start_mm, np.float64))
-    outside = float(np.linalg.norm(trial.start_mm)) > args.radius_mm + CORNER_MM
-    return replace(trial, wall=NoWall()) if outside else trial
 
 
 def calibrate(args: Args, site: HoleSite) -> tuple[ContactDetector, TravelModel]:
