@@ -62,7 +62,7 @@ def compared(one: Path, other: Path) -> Comparison:
 
     path = other / "truth.npz" if other.is_dir() else other
     kind = kind_of(path)
-    if kind == "tracks" and kind_of(one) in ("recording", "truth"):
+    if kind == "tracks" and one.exists() and kind_of(one) != "tracks":
         raise ConfigError(f"the tracks come first: spikingtac compare {other} {one}")
     tracks = Tracks.load(one)
     if kind not in ("tracks", "truth") and path.exists():
