@@ -11,7 +11,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from spikingtac.markers.published.blobs import BlobDetector
+from spikingtac.markers.blobs import BlobDetector
 from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.paint import paint_discs
 from spikingtac.types import EventPacket

@@ -1,11 +1,11 @@
-"""Association by all pairs against the k-d tree and against plain Python."""
+"""Association by the k-d tree against plain Python."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from spikingtac.markers.published.associate import UNMATCHED, associate, associate_tree
+from spikingtac.markers.blobs import UNMATCHED, associate
 
 GRID = np.stack(np.meshgrid(np.arange(20, 300, 37.0), np.arange(20, 300, 37.0)), -1).reshape(-1, 2)
 
@@ -26,15 +26,12 @@ def naive(previous: np.ndarray, detected: np.ndarray, proximity_px: float) -> li
 @pytest.mark.parametrize("markers", [0, 1, 2, 64])
 @pytest.mark.parametrize("centroids", [0, 1, 2, 50, 300])
 @pytest.mark.parametrize("proximity_px", [0.0, 8.0, 60.0, np.inf])
-def test_pairs_tree_and_plain_python_agree(
-    markers: int, centroids: int, proximity_px: float
-) -> None:
+def test_the_tree_and_plain_python_agree(markers: int, centroids: int, proximity_px: float) -> None:
     rng = np.random.default_rng(markers + centroids)
     for _ in range(4):
         previous = rng.uniform(0, 320, (markers, 2))
         detected = rng.uniform(0, 320, (centroids, 2))
         match = associate(previous, detected, proximity_px)
-        assert match.tolist() == associate_tree(previous, detected, proximity_px).tolist()
         assert match.tolist() == naive(previous, detected, proximity_px)
 
 
@@ -62,10 +59,3 @@ def test_a_missing_marker_leaves_its_neighbours_alone() -> None:
     moved = np.delete(GRID, [9, 30], axis=0) + 5.0
     match = associate(GRID, moved, 16.0)
     assert np.flatnonzero(match == UNMATCHED).tolist() == [9, 30]
-
-
-def test_equal_distances_give_the_lower_index() -> None:
-    one = np.array([[10.0, 10.0]])
-    pair = np.array([[9.0, 10.0], [11.0, 10.0]])
-    assert associate(one, pair, 5.0).tolist() == [0]
-    assert associate(pair, one, 5.0).tolist() == [0, UNMATCHED]

@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 
 from spikingtac.errors import ConfigError
-from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
+from spikingtac.markers.blobs import BlobConfig, BlobDetector
 from spikingtac.state_map.paint import paint_binary_discs, paint_discs
 
 EVERYTHING = BlobConfig(min_area_px=0.0, max_area_px=1e9)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from spikingtac.markers.hysteresis import PaperLaw, PaperLawConfig
-from spikingtac.markers.published.associate import UNMATCHED
-from spikingtac.markers.published.blob_tracker import _take_kernel
 
 MARKERS = 9
 
@@ -26,21 +24,3 @@ def test_the_law_equals_equations_2_to_5() -> None:
         inside += int((distance < 4.0).sum())
         np.testing.assert_allclose(law.update(detected.copy(), reference_px), expected, atol=1e-9)
     assert 0 < inside < path.size // 2
-
-
-def test_markers_take_their_blobs() -> None:
-    rng = np.random.default_rng(4)
-    match = np.array([2, UNMATCHED, 0, 4, UNMATCHED, 1, 3, 6, 5])
-    center_px, area_px = rng.uniform(0.0, 300.0, (7, 2)), rng.uniform(80.0, 250.0, 7)
-    disc_px = rng.uniform(120.0, 180.0, MARKERS)
-    detected_px = rng.uniform(0.0, 300.0, (MARKERS, 2))
-    expected_px = detected_px.copy()
-    held, confidence = np.empty(MARKERS, np.bool_), np.empty(MARKERS)
-    _take_kernel(match, (center_px, area_px), disc_px, detected_px, held, confidence)
-    found = match != UNMATCHED
-    expected_px[found] = center_px[match[found]]
-    share = area_px[match[found]] / disc_px[found]
-    np.testing.assert_array_equal(held, ~found)
-    np.testing.assert_array_equal(detected_px, expected_px)
-    np.testing.assert_array_equal(confidence[~found], 0.0)
-    np.testing.assert_allclose(confidence[found], np.minimum(share, 1.0 / share))

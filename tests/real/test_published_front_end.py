@@ -17,8 +17,8 @@ from spikingtac.denoise.classical import Box7, Median3
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import cut, windows
-from spikingtac.markers.published.blob_tracker import PAPER_RATE_HZ, BlobTracker, BlobTrackerConfig
-from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
+from spikingtac.markers.blobs import BlobConfig, BlobDetector
+from spikingtac.markers.paper import PAPER_RATE_HZ, BlobTracker, BlobTrackerConfig
 from spikingtac.state_map.binary import BinaryStateMap
 
 SECOND_US = 1_000_000

@@ -19,8 +19,8 @@ from spikingtac.events.filters import RandomDrop
 from spikingtac.events.open import open_events
 from spikingtac.events.transform import time_slice
 from spikingtac.events.windows import windows
+from spikingtac.markers.blobs import BlobConfig, BlobDetector
 from spikingtac.markers.calibration.calibrate import calibrate
-from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.state_map.graded import GradedStateMap

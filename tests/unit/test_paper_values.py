@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from spikingtac.markers.hysteresis import PaperLawConfig
-from spikingtac.markers.published.blob_tracker import PAPER_RATE_HZ
+from spikingtac.markers.paper import PAPER_RATE_HZ
 
 PROJECT = Path(__file__).resolve().parents[2]
 PAPER_MAP = PROJECT / "docs" / "explanation" / "paper-map.md"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.published.blobs import BlobDetector
+from spikingtac.markers.blobs import BlobDetector
 from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.paint import paint_binary_discs
 from stand_ins.ideal_events import ideal_events

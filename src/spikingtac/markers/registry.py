@@ -12,7 +12,7 @@ from spikingtac.markers.anchored_law import AnchoredLaw
 from spikingtac.markers.graded.appearance import has_rare_off
 from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw, PaperLaw
-from spikingtac.markers.published.blob_tracker import BlobTracker
+from spikingtac.markers.paper import BlobTracker
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.plugins import with_plugins

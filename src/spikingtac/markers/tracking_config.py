@@ -9,7 +9,7 @@ from spikingtac.denoise.registry import DENOISERS
 from spikingtac.markers.anchored_law import AnchoredLawConfig
 from spikingtac.markers.graded.tracker import GradedTrackerConfig
 from spikingtac.markers.hysteresis import PaperLawConfig
-from spikingtac.markers.published.blob_tracker import BlobTrackerConfig
+from spikingtac.markers.paper import BlobTrackerConfig
 from spikingtac.types import LawName
 
 

@@ -59,7 +59,7 @@ def neutac_tracker(config: NeutacConfig, calibration: Calibration) -> BlobTracke
     denoiser = make_denoiser(load_config("paper").tracking.denoiser)
     start = paint_binary_discs(calibration.size, calibration.reference_px, calibration.radius_px)
     surface = TimeSurface(start, config.decay_us, dark_markers=calibration.polarity == "dark")
-    blobs = BlobTrackerConfig(threshold=config.level, support_us=config.support_us)
+    blobs = BlobTrackerConfig(threshold=config.level, support_us=config.support_us, refresh_us=0)
     return BlobTracker(blobs, calibration, denoiser, state_map=surface)
 
 

@@ -15,7 +15,7 @@ from spikingtac.events import BackgroundActivityFilter
 from spikingtac.markers import (
     UNMATCHED,
     BlobTrackerConfig,
-    associate_tree,
+    associate,
     painted_binary_map,
     smallest_spacing_px,
 )
@@ -67,7 +67,7 @@ class PeerTracker:
         if self._tracks:
             self._detected_px, coasted = found, np.zeros(len(found), np.bool_)
         else:
-            match = associate_tree(self._detected_px, found, self._proximity_px)
+            match = associate(self._detected_px, found, self._proximity_px)
             coasted = match == UNMATCHED
             self._detected_px[~coasted] = found[match[~coasted]]
         given = self._detected_px.copy()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.markers.blobs import BlobConfig, BlobDetector, Blobs
 from spikingtac.markers.calibration.buffered_events import BufferedEvents, with_support
 from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.layout import Layout, find_layout
@@ -23,7 +24,6 @@ from spikingtac.markers.calibration.rests import (
     moving_events,
     unloaded_rests,
 )
-from spikingtac.markers.published.blobs import BlobConfig, BlobDetector, Blobs
 
 SMOOTH_PX = 1.0
 """Width of the Gaussian that takes single pixels' noise off before blobs are looked for."""

@@ -43,7 +43,7 @@ STILL_PX_S = 0.2
 DUE_PX = 0.02
 """Motion whose events ask for a fit at once, px (ours)."""
 
-LATE_US = 4_000
+LATE_US = 6_000
 """Fewer events are looked at after this time, us (ours)."""
 
 OUTLINE_PER_S = 150.0

@@ -26,11 +26,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.blobs import UNMATCHED, BlobConfig, BlobDetector, associate
 from spikingtac.markers.graded.event_loss import BACKGROUND_SHARE, FAST_PX_S, SLOW_PX_S, CellCounts
 from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, VX, VY
 from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
-from spikingtac.markers.published.associate import UNMATCHED, associate
-from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
 from spikingtac.state_map.graded import Array
 
 LEAST_AGREEMENT = 0.35

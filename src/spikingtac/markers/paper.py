@@ -1,8 +1,8 @@
-"""The published front end, one screen: map, denoiser, blobs, association, hold, output law.
+"""The published pipeline, one screen: map, network, blobs, k-d tree, hold, hysteresis law.
 
-Paper sections IV-A to IV-C. Two things are ours, and optional: a filter of lone events before the
-map, and that the cleaned map goes back into the map now and then, so that noise cannot gather. The
-error against truth is dominated by the bias of the last-polarity map
+Paper sections IV-A to IV-C. Two things are ours, and can be switched off: a filter of lone events
+before the map, and that the cleaned map goes back into the map now and then, so that noise cannot
+gather. The error against truth is dominated by the bias of the last-polarity map
 (:mod:`spikingtac.state_map.binary`), which no later stage can see: about 1 px in motion.
 """
 
@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
@@ -19,19 +18,17 @@ from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.filters import BackgroundActivityFilter
 from spikingtac.events.hot_pixels import HotPixelWatch
+from spikingtac.markers.blobs import UNMATCHED, BlobConfig, BlobDetector, associate
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
 from spikingtac.markers.neighbours import smallest_spacing_px
-from spikingtac.markers.periodic_task import PeriodicTask
-from spikingtac.markers.published.associate import UNMATCHED, associate
-from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
 from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.paint import paint_binary_discs
 from spikingtac.state_map.state_map import StateMap
 from spikingtac.types import EventPacket, MarkerFrame
 
 RARE_OFF_RATIO = 1.5
-"""OFF events are rare where each stands for so many ON events. (Ours: the twin and v2e have 1.04, a
-simulated sensor of the recorded kind 2.8.)"""
+"""OFF events are rare where each stands for so many ON events: they come alone, so that the filter
+takes them for noise. (Ours: the twin and v2e have 1.04, a simulated recorded sensor 2.8.)"""
 
 RARE_OFF_SUPPORT_US = 20_000
 """Window of the filter of lone events there. (Ours, on one simulated recording: 5 ms 3.1 px, 20 ms
@@ -61,25 +58,20 @@ class BlobTrackerConfig:
         proximity_share: Association threshold as a share of the smallest distance between two
             resting markers (ours: one half, beyond which a neighbour could be nearer than the
             marker itself).
-        support_us: Window of a background-activity filter before the map, us; 0 is none, as
-            published (ours: nothing else keeps leak, which is always ON, from painting a map of
-            last polarities white).
+        support_us: Window of a background-activity filter before the map, us; 0 is none, as printed
+            (ours: nothing else keeps leak, which is always ON, from painting a map of last
+            polarities white within seconds; tuned by benchmarks/tune_baselines.py).
         refresh_us: Time after which the cleaned, binarised map replaces the map, us; 0 is never, as
-            published (ours: a map of last polarities forgets nothing, so that noise fills it within
-            seconds, while one network's errors in a tenth of a second are few).
-        adapt_to_rare_off: Whether a sensor whose OFF events are rare gets a support of at least
-            :data:`RARE_OFF_SUPPORT_US`, no refresh, and a threshold of at least
-            :data:`RARE_OFF_THRESHOLD` (ours: its OFF events come alone, and the filter takes them
-            for noise; what they leave behind is speckled).
+            printed (ours: a map of last polarities forgets nothing, so that noise fills it: at 5
+            Hz/px every fifth marker is lost after some seconds).
     """
 
     threshold: float = field(default=0.5, metadata={"range": (0.05, 0.95)})
     min_area_share: float = field(default=0.5, metadata={"range": (0.05, 0.95)})
     max_area_share: float = field(default=2.5, metadata={"range": (1.05, 6.0)})
     proximity_share: float = field(default=0.5, metadata={"range": (0.1, 1.0)})
-    support_us: int = field(default=0, metadata={"range": (0, 100_000)})
-    refresh_us: int = field(default=0, metadata={"range": (0, 1_000_000)})
-    adapt_to_rare_off: bool = False
+    support_us: int = field(default=5_000, metadata={"range": (0, 100_000)})
+    refresh_us: int = field(default=100_000, metadata={"range": (0, 1_000_000)})
 
     def __post_init__(self) -> None:
         for name, none in (("support_us", "no filter"), ("refresh_us", "never")):
@@ -123,37 +115,25 @@ class BlobTracker:
             ConfigError: ``refresh_us`` is not 0, and the map is not a binary one.
         """
         self._config = config = _adapted(config, calibration)
-        self._calibration = calibration
-        self._denoiser = denoiser
+        self._calibration, self._denoiser, self._law = calibration, denoiser, law or NoLaw()
         self._map = state_map or painted_binary_map(calibration)
-        self._refreshed = _refreshable(self._map, config.refresh_us)
-        self._law = law or NoLaw()
-        disc_px = np.pi * calibration.radius_px**2
-        self._disc_area_px: NDArray[np.float64] = disc_px
-        self._detector = BlobDetector(
-            calibration.size,
-            BlobConfig(
-                threshold=config.threshold,
-                min_area_px=config.min_area_share * float(disc_px.min()),
-                max_area_px=config.max_area_share * float(disc_px.max()),
-            ),
+        if config.refresh_us and not isinstance(self._map, BinaryStateMap):
+            raise ConfigError(
+                f"refresh_us is {config.refresh_us}, but only the binary map can be refreshed; "
+                "set it to 0"
+            )
+        self._disc_area_px: NDArray[np.float64] = np.pi * calibration.radius_px**2
+        blobs = BlobConfig(
+            threshold=config.threshold,
+            min_area_px=config.min_area_share * float(self._disc_area_px.min()),
+            max_area_px=config.max_area_share * float(self._disc_area_px.max()),
         )
+        self._detector = BlobDetector(calibration.size, blobs)
         self._proximity_px = config.proximity_share * smallest_spacing_px(calibration.reference_px)
-        self._detected_px = calibration.reference_px.astype(np.float64)
         self._start()
 
-    @property
-    def state_map(self) -> StateMap:
-        """The map as it stands; to be read, for a display or a picture, and not changed."""
-        return self._map
-
-    @property
-    def hot_pixels(self) -> int:
-        """How many pixels became hot meanwhile; their events are ignored."""
-        return self._hot.found
-
     def absorb(self, packet: EventPacket) -> None:
-        """Take in every event of the next stretch of time.
+        """Take in every event of the next stretch of time (section IV-A, Eq. 1).
 
         Raises:
             CalibrationError: The recording comes from a sensor of another size.
@@ -168,90 +148,65 @@ class BlobTracker:
         self._map.absorb(packet if self._filter is None else self._filter(packet))
 
     def estimate(self, t_us: int) -> MarkerFrame:
-        """Return the markers at ``t_us``, the end of what was absorbed."""
+        """Return the markers at ``t_us``, the end of what was absorbed (sections IV-B and IV-C)."""
         cleaned = self._denoiser.clean(self._map.values)
         blobs = self._detector.detect(cleaned)
-        # Its first turn, after 0 s, passes: a map that was just painted needs no mending.
-        if self._refreshed is not None and self._refreshing.turn_s(t_us):
-            self._refreshed.repaint(cleaned >= self._config.threshold)
+        self._refresh(t_us, cleaned)
         match = associate(self._detected_px, blobs.center_px, self._proximity_px)
-        coasted, confidence = np.empty(len(match), np.bool_), np.empty(len(match))
-        _take_kernel(
-            match,
-            (blobs.center_px, blobs.area_px),
-            self._disc_area_px,
-            self._detected_px,
-            coasted,
-            confidence,
-        )
+        found = match != UNMATCHED
+        self._detected_px[found] = blobs.center_px[match[found]]  # the others: zero-order hold
+        confidence, share = np.zeros(len(match)), blobs.area_px[match[found]]
+        share = share / self._disc_area_px[found]
+        confidence[found] = np.minimum(share, 1.0 / share)
         reference_px = self._calibration.reference_px
         position_px = self._law.update(self._detected_px, reference_px)
-        return MarkerFrame(
-            t_us=t_us,
-            detected_px=self._detected_px.copy(),
-            position_px=position_px,
-            displacement_px=position_px - reference_px,
-            coasted=coasted,
-            confidence=confidence,
-        )
+        places = self._detected_px.copy(), position_px, position_px - reference_px
+        return MarkerFrame(t_us, *places, ~found, confidence)
 
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
         self._map.reset()
         self._law.reset()
-        self._detected_px = self._calibration.reference_px.astype(np.float64)
         self._start()
 
+    @property
+    def state_map(self) -> StateMap:
+        """The map as it stands; to be read, for a display or a picture, and not changed."""
+        return self._map
+
+    @property
+    def hot_pixels(self) -> int:
+        """How many pixels became hot meanwhile; their events are ignored."""
+        return self._hot.found
+
     def _start(self) -> None:
-        self._hot = HotPixelWatch(self._calibration.hot_px, self._calibration.size)
-        self._filter = self._new_filter()
-        self._refreshing = PeriodicTask(self._config.refresh_us)
+        size, support_us = self._calibration.size, self._config.support_us
+        self._hot = HotPixelWatch(self._calibration.hot_px, size)
+        self._detected_px = self._calibration.reference_px.astype(np.float64)
+        self._refreshed_us: int | None = None
+        self._filter: BackgroundActivityFilter | None = None
+        if support_us:
+            self._filter = BackgroundActivityFilter(size, support_us)
 
-    def _new_filter(self) -> BackgroundActivityFilter | None:
-        if not self._config.support_us:
-            return None
-        return BackgroundActivityFilter(self._calibration.size, self._config.support_us)
-
-
-@njit(cache=True, nogil=True)
-def _take_kernel(
-    match: NDArray[np.int64],
-    blobs: tuple[NDArray[np.float64], NDArray[np.float64]],
-    disc_area_px: NDArray[np.float64],
-    detected_px: NDArray[np.float64],
-    coasted: NDArray[np.bool_],
-    confidence: NDArray[np.float64],
-) -> None:  # pragma: no cover - compiled
-    """Move each marker to its blob, if it has one; ``blobs`` are their centres and areas."""
-    center_px, area_px = blobs
-    for m in range(match.size):
-        blob = match[m]
-        coasted[m] = blob == UNMATCHED
-        confidence[m] = 0.0
-        if not coasted[m]:
-            detected_px[m, 0], detected_px[m, 1] = center_px[blob, 0], center_px[blob, 1]
-            share = area_px[blob] / disc_area_px[m]
-            confidence[m] = min(share, 1.0 / share)
+    def _refresh(self, t_us: int, cleaned: NDArray[np.float32]) -> None:
+        """Write the cleaned map back; a map that was just painted needs no mending."""
+        if self._refreshed_us is None:
+            self._refreshed_us = t_us
+        if not self._config.refresh_us or t_us - self._refreshed_us < self._config.refresh_us:
+            return
+        self._refreshed_us = t_us
+        if isinstance(self._map, BinaryStateMap):
+            self._map.repaint(cleaned >= self._config.threshold)
 
 
 def _adapted(config: BlobTrackerConfig, calibration: Calibration) -> BlobTrackerConfig:
-    """Return what suits a sensor whose OFF events are rare, where that is asked for."""
+    """Return what suits a sensor whose OFF events are rare: their filter waits, no refresh."""
     on, off = calibration.step_on, calibration.step_off
-    if not config.adapt_to_rare_off or on is None or off is None or off < RARE_OFF_RATIO * on:
+    if on is None or off is None or off < RARE_OFF_RATIO * on:
         return config
     support_us = max(config.support_us, RARE_OFF_SUPPORT_US) if config.support_us else 0
     threshold = max(config.threshold, RARE_OFF_THRESHOLD)
     return replace(config, support_us=support_us, refresh_us=0, threshold=threshold)
-
-
-def _refreshable(state_map: StateMap, refresh_us: int) -> BinaryStateMap | None:
-    if not refresh_us:
-        return None
-    if not isinstance(state_map, BinaryStateMap):
-        raise ConfigError(
-            f"refresh_us is {refresh_us}, but only the binary map can be refreshed; set it to 0"
-        )
-    return state_map
 
 
 def painted_binary_map(calibration: Calibration) -> BinaryStateMap:

@@ -10,7 +10,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.classical import Median3, NoDenoiser
 from spikingtac.errors import ConfigError
 from spikingtac.markers.hysteresis import PaperLaw
-from spikingtac.markers.published.blob_tracker import (
+from spikingtac.markers.paper import (
     BlobTracker,
     BlobTrackerConfig,
     painted_binary_map,
@@ -25,6 +25,7 @@ GRID = (3, 4)
 RADIUS_PX = 6.0
 REST_PX = np.stack(np.meshgrid(np.arange(20, 140, 33.0), np.arange(20, 110, 33.0)), -1)
 REST_PX = REST_PX.reshape(-1, 2)
+PLAIN = BlobTrackerConfig(support_us=0, refresh_us=0)
 STEPS = 60
 """Estimates over the path; five steps of 1 ms each."""
 
@@ -40,7 +41,7 @@ def calibration(polarity: str = "white", rest_px: np.ndarray = REST_PX) -> Calib
 
 
 def tracker(polarity: str = "white") -> BlobTracker:
-    return BlobTracker(BlobTrackerConfig(), calibration(polarity), Median3())
+    return BlobTracker(PLAIN, calibration(polarity), Median3())
 
 
 def loop_path() -> np.ndarray:
@@ -85,7 +86,7 @@ def test_dark_markers_are_the_same_with_swapped_polarity(
 
 def test_a_vanished_marker_is_held_and_comes_back() -> None:
     state_map = painted_binary_map(calibration())
-    follower = BlobTracker(BlobTrackerConfig(), calibration(), NoDenoiser(), state_map)
+    follower = BlobTracker(PLAIN, calibration(), NoDenoiser(), state_map)
     before = follower.estimate(0)
     kept = state_map.values[8:33, 8:33].copy()
     state_map.values[8:33, 8:33] = 0.0
@@ -101,7 +102,7 @@ def test_a_vanished_marker_is_held_and_comes_back() -> None:
 
 def test_half_a_marker_is_held_rather_than_followed() -> None:
     state_map = painted_binary_map(calibration())
-    follower = BlobTracker(BlobTrackerConfig(), calibration(), NoDenoiser(), state_map)
+    follower = BlobTracker(PLAIN, calibration(), NoDenoiser(), state_map)
     state_map.values[8:20, 8:33] = 0.0  # more than half of marker 0
     state_map.values[20, 8:33] = 0.0
     assert follower.estimate(0).coasted[0]
@@ -109,7 +110,7 @@ def test_half_a_marker_is_held_rather_than_followed() -> None:
 
 def test_one_blob_never_serves_two_markers() -> None:
     state_map = painted_binary_map(calibration())
-    follower = BlobTracker(BlobTrackerConfig(), calibration(), NoDenoiser(), state_map)
+    follower = BlobTracker(PLAIN, calibration(), NoDenoiser(), state_map)
     state_map.values[10:31, 10:64] = 0.0
     state_map.values[15:26, 30:41] = 1.0  # one blob between markers 0 and 1, nearer to 0
     frame = follower.estimate(0)
@@ -120,7 +121,7 @@ def test_the_law_acts_on_the_position_alone(moving: tuple[EventPacket, np.ndarra
     packet, _ = moving
     plain = tracker()
     law = PaperLaw()
-    damped = BlobTracker(BlobTrackerConfig(), calibration(), Median3(), law=PaperLaw())
+    damped = BlobTracker(PLAIN, calibration(), Median3(), law=PaperLaw())
     for window in windows(packet, 20):
         plain.absorb(window)
         damped.absorb(window)
@@ -132,7 +133,7 @@ def test_the_law_acts_on_the_position_alone(moving: tuple[EventPacket, np.ndarra
 
 
 def test_a_refreshed_map_forgets_its_noise_and_no_marker() -> None:
-    config = BlobTrackerConfig(refresh_us=1_000)
+    config = BlobTrackerConfig(support_us=0, refresh_us=1_000)
     state_map = painted_binary_map(calibration())
     follower = BlobTracker(config, calibration(), Median3(), state_map)
     follower.estimate(0)
@@ -149,13 +150,15 @@ def test_a_refreshed_map_forgets_its_noise_and_no_marker() -> None:
 def test_only_a_binary_map_can_be_refreshed() -> None:
     graded = GradedStateMap(painted_binary_map(calibration()).values)
     with pytest.raises(ConfigError, match="binary"):
-        BlobTracker(BlobTrackerConfig(refresh_us=1_000), calibration(), Median3(), graded)
+        BlobTracker(
+            BlobTrackerConfig(support_us=0, refresh_us=1_000), calibration(), Median3(), graded
+        )
 
 
 def test_a_single_marker_has_no_neighbours() -> None:
     assert smallest_spacing_px(REST_PX[:1]) == np.inf
     assert smallest_spacing_px(REST_PX) == pytest.approx(33.0)
-    alone = BlobTracker(BlobTrackerConfig(), calibration(rest_px=REST_PX[:1]), Median3())
+    alone = BlobTracker(PLAIN, calibration(rest_px=REST_PX[:1]), Median3())
     assert not alone.estimate(0).coasted.any()
 
 
@@ -178,8 +181,7 @@ def test_unfit_settings_are_refused(values: dict[str, float]) -> None:
 def test_where_off_events_are_rare_the_filter_waits_for_them(off: float, adapted: bool) -> None:
     """OFF events that are 15 ms apart erase a disc there, and only there."""
     sensor = replace(calibration(), step_on=0.15, step_off=off)
-    config = BlobTrackerConfig(support_us=5_000, refresh_us=100_000, adapt_to_rare_off=True)
-    follower = BlobTracker(config, sensor, NoDenoiser())
+    follower = BlobTracker(BlobTrackerConfig(), sensor, NoDenoiser())
     x, y = (int(value) for value in sensor.reference_px[0])
     before = int((follower.state_map.values > 0.5).sum())
     columns = np.arange(x - 2, x + 3, dtype=np.uint16)

@@ -1,1 +1,0 @@
-"""The published pipeline: blobs, association, hold."""
