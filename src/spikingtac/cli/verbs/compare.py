@@ -62,7 +62,8 @@ def compared(one: Path, other: Path) -> Comparison:
 
     path = other / "truth.npz" if other.is_dir() else other
     kind = kind_of(path)
-    if kind == "tracks" and one.exists() and kind_of(one) != "tracks":
+    events = kind_of(one) in ("recording", "truth") or (one.is_file() and one.suffix != ".npz")
+    if kind == "tracks" and events:
         raise ConfigError(f"the tracks come first: spikingtac compare {other} {one}")
     tracks = Tracks.load(one)
     if kind not in ("tracks", "truth") and path.exists():
