@@ -39,7 +39,6 @@ def small_scenes() -> Iterator[None]:
     scenes = {"bootstrap": slides_scene(), "finger-torsion": build(Scene, twist, "small twin")}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(catalog, "load", lambda name: scenes[name])
-        patch.setattr("spikingtac.touch.force.fit.network_trainer", lambda: None)
         yield
 
 

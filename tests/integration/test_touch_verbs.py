@@ -39,12 +39,6 @@ def tracks_of(path: Path, places_px: np.ndarray) -> Path:
     return path
 
 
-@pytest.fixture(autouse=True)
-def without_torch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ridge regression is fitted at once; networks have a test of their own."""
-    monkeypatch.setattr("spikingtac.touch.force.fit.network_trainer", lambda: None)
-
-
 def test_tracks_keep_their_scale(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tracks_of(tmp_path / "arrays.npz", 24.0 * REFERENCE[:, :2] + 50.0)
     with np.load(file) as arrays_alone:

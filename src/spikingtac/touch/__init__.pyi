@@ -25,7 +25,6 @@ from .vibration import VibrationMonitor as VibrationMonitor
 # Forces
 from .force.fit import ForceScore as ForceScore
 from .force.fit import fit_force as fit_force
-from .force.fit import network_trainer as network_trainer
 from .force.fit import r_squared as r_squared
 from .force.fit import score_force as score_force
 from .force.model import ForceEstimator as ForceEstimator
@@ -38,8 +37,5 @@ from .elastic import SkinConfig as SkinConfig
 from .synthetic_contacts import synthetic_series as synthetic_series
 
 # What the experiments use besides
-from .force.quadratic_law import FLOOR as FLOOR
-from .force.quadratic_law import NORMAL as NORMAL
-from .force.quadratic_law import QuadraticLaw as QuadraticLaw
 from .network import OPSET as OPSET
 from .network import with_record as with_record

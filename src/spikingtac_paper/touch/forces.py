@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,11 @@ from spikingtac.touch import (
     WrenchSeries,
     fit_force,
     load_series,
-    network_trainer,
     r_squared,
     synthetic_series,
 )
 from spikingtac_paper.harness.report import Metric
+from spikingtac_paper.touch.force_baselines import BASELINES, MeanDisplacement
 from spikingtac_paper.touch.watched import record, watch
 
 Field = NDArray[np.float64]
@@ -45,8 +45,9 @@ QUICK_TESTED = TESTED[:3]
 CAMERAS = ("typical", "noisy")
 """Cameras through which the tested contacts are also seen, and tracked by ``default``."""
 RECORDED_METHODS = {
-    "network": "the force network (needs torch), in-plane displacements only",
-    "ridge": "the ridge regression on the field's shape, in-plane displacements only",
+    "force": "ridge regression and Gaussian process on the field's shape (spikingtac force fit)",
+    "mlp": "a plain multilayer perceptron, 512-256-128, dropout, 70 epochs (needs torch)",
+    "ridge": "a linear ridge regression on the displacements",
     "mean-displacement": "a linear function of the mean displacement and its length",
 }
 TWIN_METHODS = {
@@ -68,27 +69,6 @@ METRICS = (
 )  # fmt: skip
 
 
-class MeanDisplacement:
-    """Linear regression of the wrench on the markers' mean displacement and its length."""
-
-    def __init__(self, series: Iterable[WrenchSeries]) -> None:
-        """Learn from labelled series."""
-        taught = list(series)
-        features = np.concatenate([self._features(one) for one in taught])
-        wrench = np.concatenate([one.wrench for one in taught])
-        self._weights = np.linalg.lstsq(features, wrench, rcond=None)[0]
-
-    def estimate(self, series: WrenchSeries) -> Field:
-        """Return the wrench ``(n, c)`` of a series."""
-        return self._features(series) @ self._weights
-
-    @staticmethod
-    def _features(series: WrenchSeries) -> Field:
-        mean = series.displacement.mean(axis=1)
-        length = np.sqrt((series.displacement**2).sum(axis=2)).mean(axis=1)
-        return np.column_stack([mean, length, np.ones(len(mean))])
-
-
 def force_records(folder: Path, methods: list[str]) -> list[dict[str, Any]]:
     """Return the scores of every method on every recorded series and on all pooled."""
     series = [load_series(path) for path in sorted((folder / FOLDER).glob("*.npz"))]
@@ -102,7 +82,10 @@ def force_records(folder: Path, methods: list[str]) -> list[dict[str, Any]]:
             records.append(record(method, [case], 0, _force_scores(*parts[-1]), "recorded"))
         if parts:
             pooled = _force_scores(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+            each = [_force_scores(*part) for part in parts]
+            mean = {name: float(np.mean([one[name] for one in each])) for name in pooled}
             records.append(record(method, [f"{FOLDER}/pooled"], 0, pooled, "recorded"))
+            records.append(record(method, [f"{FOLDER}/mean"], 0, mean, "recorded"))
     return records
 
 
@@ -110,12 +93,12 @@ def _predicted(
     method: str, taught: list[WrenchSeries], left_out: WrenchSeries
 ) -> tuple[Field, Field]:
     """Return forces ``(n, 3)`` of a series and their 90 % half-widths, nan where none is stated."""
-    if method == "mean-displacement":
-        estimate = MeanDisplacement(one.in_image() for one in taught).estimate(left_out.in_image())
-        return estimate[:, :3], np.full((len(estimate), 3), np.nan)
-    model = fit_force(taught, network_trainer() if method == "network" else None)
-    values, widths = model.estimate(left_out)
-    return values[:, :3], widths[:, :3]
+    if method == "force":
+        values, widths = fit_force(taught).estimate(left_out)
+        return values[:, :3], widths[:, :3]
+    flat = [one.in_image() for one in taught]
+    estimate = BASELINES[method](flat).estimate(left_out.in_image())
+    return estimate[:, :3], np.full((len(estimate), 3), np.nan)
 
 
 def _force_scores(truth: Field, estimate: Field, width: Field) -> dict[str, float]:

@@ -33,8 +33,7 @@ class Args(WriteArgs):
 
     Each file is one series with its own zero: tracks of this package, or arrays t_us,
     reference_mm (m, 3), displacement_mm (n, m, 3). It holds a wrench (n, 6) in N and Nm, or the
-    forces come from a file of their own. With PyTorch installed a network is learned, without it a
-    ridge regression.
+    forces come from a file of their own.
     """
 
     action: Annotated[
@@ -87,24 +86,16 @@ def _series(args: Args) -> list[WrenchSeries]:
 
 
 def _fit(args: Args) -> int:
-    from spikingtac.touch.force.fit import about, fit_force, network_trainer
+    from spikingtac.touch.force.fit import about, fit_force
 
     output = MODEL if args.output is None else args.output
     args.claim(output)
-    trainer = network_trainer()
-    if trainer is None:
-        remark(
-            "note: PyTorch is not installed, so a ridge regression is fitted instead of a network; "
-            "for that: pip install 'spikingtac[train]'"
-        )
-    else:
-        remark("learning forces with a network; this takes some minutes")
-    with progress("learning forces"):
-        model = fit_force([*_series(args), *_drawn(args)], trainer)
+    with progress("learning forces") as advance:
+        model = fit_force([*_series(args), *_drawn(args)], advance)
     model.save(output)
     told = about(model)
     table = Table(
-        f"{output}: a {told['kind']} from {told['frames']} frames of {len(told['series'])} series",
+        f"{output}: {told['kind']} from {told['frames']} frames of {len(told['series'])} series",
         ("component", "range", "R2 between series"),
         [
             (name, "{:g} to {:g}".format(*told["range"][name]), f"{r2:.3f}")

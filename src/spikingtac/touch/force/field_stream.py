@@ -23,7 +23,8 @@ LONGEST_STEP_S = 0.1
 MEMORY_SHARES, MEMORY_S = np.array([[0.15], [0.3]]), np.array([[0.3], [5.0]])
 """What a field gains from its own past: shares of its means over two times, s. A gel that has just
 been pressed gives way: the same force moves it less far than the tared field says (ours: R2 of the
-normal force between the series of data/force 0.89 instead of 0.86; 0.02 to 8 s were tried)."""
+normal force between the series of data/force 0.89 instead of 0.86; 0.02 to 8 s were tried). Other
+gels do not: the fit decides whether there is a memory."""
 LONGEST_GAP_S = 0.2
 """Frames farther apart, s, tell nothing of what was between: the memory fades as at rest."""
 
@@ -31,14 +32,15 @@ LONGEST_GAP_S = 0.2
 class FieldStream:
     """One series, frame by frame. How often frames come does not matter."""
 
-    def __init__(self, radius: float, size: int) -> None:
+    def __init__(self, radius: float, size: int, memory: bool) -> None:
         """Start at the calibrated rest.
 
         Args:
             radius: Largest rms distance of a rest frame to the zero, in the fields' unit.
             size: Numbers in a frame.
+            memory: Whether fields gain from their past.
         """
-        self._radius, self._size = radius, size
+        self._radius, self._size, self._memory = radius, size, memory
         self.reset()
 
     def reset(self) -> None:
@@ -65,7 +67,7 @@ class FieldStream:
             self._rested_s = min(self._rested_s + step_s, AVERAGE_S)
             self._zero = self._zero + step_s / self._rested_s * away
             away = displacement - self._zero
-        return self._with_memory(elapsed_s, away)
+        return self._with_memory(elapsed_s, away) if self._memory else away
 
     def _with_memory(self, elapsed_s: float, away: Field) -> Field:
         """Solve e = u + sum of c_i ((1 - g_i) m_i + g_i e) for e; the means m_i follow it."""
@@ -79,9 +81,9 @@ class FieldStream:
         return told
 
 
-def fields_of(t_us: NDArray[np.int64], displacement: Field, radius: float) -> Field:
+def fields_of(t_us: NDArray[np.int64], displacement: Field, radius: float, memory: bool) -> Field:
     """Return the fields ``(n, size)`` of a series of displacements ``(n, m, d)``."""
     flat = displacement.reshape(len(t_us), -1)
-    stream = FieldStream(radius, flat.shape[1])
+    stream = FieldStream(radius, flat.shape[1], memory)
     rows = [stream.update(time_us, row) for time_us, row in zip(t_us.tolist(), flat, strict=True)]
     return np.array(rows).reshape(flat.shape)

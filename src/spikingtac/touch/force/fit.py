@@ -6,8 +6,7 @@ is only one, each of its parts from the rest). The intervals hold 90 % of the er
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from importlib import metadata
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,20 +15,26 @@ from scipy.optimize import nnls
 
 from spikingtac.errors import ConfigError
 from spikingtac.touch.force.field_stream import RADIUS_SHARE, fields_of
+from spikingtac.touch.force.mirror import with_mirrored
 from spikingtac.touch.force.model import SCHEMA, ForceModel, rest_share, zero_wrench
-from spikingtac.touch.force.quadratic_law import QuadraticLaw, fit_quadratic
+from spikingtac.touch.force.regression import NORMAL, fit_regression
 from spikingtac.touch.force.series import COMPONENTS, WrenchSeries
 from spikingtac.touch.network import Network, with_record
 
 Field = NDArray[np.float64]
-Trainer = Callable[[Field, Field, QuadraticLaw], bytes]
 
-TRAINERS = "spikingtac.trainers"
-"""Entry point group of what trains networks: ``force`` -> :data:`Trainer`."""
 PARTS = 5
 """Parts into which a single series is cut, in time, so that each is predicted from the rest."""
-FRAMES_PER_SERIES = 3_000
-"""Frames of a series that are learned from, evenly chosen."""
+KIND = "ridge and Gaussian process"
+FRAMES_PER_SERIES, FRAMES = 3_000, 6_000
+"""Frames of a series, and of all, that are learned from at most, evenly chosen."""
+CHOOSING_PART, CHOOSING_SHARE = 3, 0.4
+"""Part of the frames by which a memory is chosen, and the share of the time that it takes."""
+TINY = 1e-12
+"""Least variance of a force that is divided by, N squared."""
+LIGHT_SHARE = 0.08
+"""Normal force of a light press, over its rms: the other components of the labels then read their
+zero (ours: the zero of the sensor of data/force moves by 0.1 N from series to series)."""
 LEAST_FRAMES = 200
 """Fewer labelled frames make no model."""
 COVERAGE = 0.9
@@ -61,23 +66,23 @@ class ForceScore(NamedTuple):
     unit: str
 
 
-def network_trainer() -> Trainer | None:
-    """Return what trains the force network; None where PyTorch is not installed."""
-    for point in metadata.entry_points(group=TRAINERS, name="force"):
-        try:
-            return point.load()
-        except ImportError:
-            return None
-    return None
+class _Taught(NamedTuple):
+    """Frames of one series: fields ``(n, size)``, labels ``(n, c)`` and their zero ``(c,)``."""
+
+    fields: Field
+    wrench: Field
+    zero: Field
 
 
-def fit_force(series: Sequence[WrenchSeries], trainer: Trainer | None = None) -> ForceModel:
+def fit_force(
+    series: Sequence[WrenchSeries], advance: Callable[[float], object] = lambda done: None
+) -> ForceModel:
     """Learn a force model from labelled series of one sensor.
 
     Args:
         series: Displacements with wrenches, in order of time, each with its own zero; of three
             coordinates those in the image are used.
-        trainer: Trains a network (:func:`network_trainer`); a ridge regression unless given.
+        advance: Receives the share that is done, 0 to 1.
 
     Raises:
         ConfigError: There is too little to learn from, or the series do not fit each other.
@@ -86,24 +91,27 @@ def fit_force(series: Sequence[WrenchSeries], trainer: Trainer | None = None) ->
     _check(kept)
     moved = np.concatenate([one.displacement.ravel() for one in kept])
     radius = RADIUS_SHARE * float(np.sqrt((moved**2).mean()))
-    groups = [_taught(one, radius) for one in kept]
-    cut = groups if len(groups) > 1 else _parts(*groups[0])
-    left_out = [
-        (_network(cut[:number] + cut[number + 1 :], trainer), *cut[number])
-        for number in range(len(cut))
-    ]
-    told = [_told(network, fields, radius) for network, fields, _ in left_out]
+    reference = np.mean([one.reference for one in kept], axis=0)
+    memory = _remembers(kept, radius, reference)
+    advance(CHOOSING_SHARE)
+    groups = [_taught(one, radius, memory, FRAMES // len(kept)) for one in kept]
+    cut = _cut(groups)
+    told = []
+    for number, network in enumerate(_left_out(cut, reference)):
+        told.append(_told(network, cut[number].fields, radius))
+        advance(CHOOSING_SHARE + (1.0 - CHOOSING_SHARE) * (number + 1) / (len(cut) + 1))
     record = {
         "schema": SCHEMA,
         "unit": kept[0].unit,
-        "reference": np.mean([one.reference for one in kept], axis=0).round(5).tolist(),
+        "reference": reference.round(5).tolist(),
         "rest_radius": radius,
-        "kind": "ridge" if trainer is None else "network",
+        "memory": memory,
+        "kind": KIND,
         "series": [one.name for one in kept],
-        **_judged(told, [wrench for _, _, wrench in left_out]),
+        **_judged(told, [one.wrench for one in cut]),
     }
-    network = _network(groups, trainer)
-    return ForceModel(Network(with_record(network.content, record), "the force model"))
+    content = with_record(_fitted(groups, reference), record)
+    return ForceModel(Network(content, "the force model"))
 
 
 def _judged(told: list[tuple[Field, Field]], truths: list[Field]) -> dict[str, Any]:
@@ -174,22 +182,62 @@ def _check(series: Sequence[WrenchSeries]) -> None:
         raise ConfigError(f"{frames} frames are too few for a model, at least {LEAST_FRAMES}")
 
 
-def _taught(series: WrenchSeries, radius: float) -> tuple[Field, Field]:
-    fields = fields_of(series.t_us, series.displacement, radius)
-    every = -(-len(fields) // FRAMES_PER_SERIES)
-    return fields[::every], series.wrench[::every]
+def _taught(series: WrenchSeries, radius: float, memory: bool, frames: int) -> _Taught:
+    fields = fields_of(series.t_us, series.displacement, radius, memory)
+    every = -(-len(fields) // min(FRAMES_PER_SERIES, frames))
+    return _Taught(fields[::every], series.wrench[::every], _label_zero(series.wrench))
 
 
-def _parts(fields: Field, wrench: Field) -> list[tuple[Field, Field]]:
-    cuts = np.array_split(fields, PARTS), np.array_split(wrench, PARTS)
-    return list(zip(*cuts, strict=True))
+def _remembers(series: Sequence[WrenchSeries], radius: float, reference: Field) -> bool:
+    """Return whether a memory makes the errors of forces between the series smaller."""
+    errors = []
+    for memory in (False, True):
+        frames = FRAMES // CHOOSING_PART // len(series)
+        cut = _cut([_taught(one, radius, memory, frames) for one in series])
+        left_out = [
+            one.wrench[:, : NORMAL + 1] - _told(network, one.fields, radius)[0][:, : NORMAL + 1]
+            for one, network in zip(cut, _left_out(cut, reference), strict=True)
+        ]
+        force = np.concatenate([one.wrench[:, : NORMAL + 1] for one in cut])
+        error = (np.concatenate(left_out) ** 2).mean(axis=0)
+        errors.append(float((error / np.maximum(force.var(axis=0), TINY)).sum()))
+    return errors[1] < errors[0]
 
 
-def _network(groups: Sequence[tuple[Field, Field]], trainer: Trainer | None) -> Network:
-    fields, wrench = (np.concatenate(column) for column in zip(*groups, strict=True))
-    law = fit_quadratic(fields, wrench)
-    content = law.onnx() if trainer is None else trainer(fields, wrench, law)
-    return Network(content, "the force model")
+def _cut(groups: list[_Taught]) -> list[_Taught]:
+    """Return what is left out in turn: the series, or the parts of a single one."""
+    return groups if len(groups) > 1 else _parts(groups[0])
+
+
+def _left_out(cut: list[_Taught], reference: Field) -> Iterator[Network]:
+    """Yield the model of all others for each."""
+    for number in range(len(cut)):
+        others = cut[:number] + cut[number + 1 :]
+        yield Network(_fitted(others, reference), "the force model")
+
+
+def _label_zero(wrench: Field) -> Field:
+    """Return what a force sensor reads of no force: the median of what it reads of light presses.
+
+    A normal force of its own cannot be told from a light press, so it stays.
+    """
+    pressing = np.abs(wrench[:, NORMAL])
+    light = pressing <= LIGHT_SHARE * np.sqrt((pressing**2).mean())
+    zero = np.median(wrench[light], axis=0) if light.any() else np.zeros(wrench.shape[1])
+    zero[NORMAL] = 0.0
+    return zero
+
+
+def _parts(one: _Taught) -> list[_Taught]:
+    cuts = np.array_split(one.fields, PARTS), np.array_split(one.wrench, PARTS)
+    return [_Taught(fields, wrench, one.zero) for fields, wrench in zip(*cuts, strict=True)]
+
+
+def _fitted(groups: Sequence[_Taught], reference: Field) -> bytes:
+    fields = np.concatenate([one.fields for one in groups])
+    wrench = np.concatenate([one.wrench - one.zero for one in groups])
+    zero = np.mean([one.zero for one in groups], axis=0)
+    return fit_regression(*with_mirrored(reference, fields, wrench), zero)
 
 
 def _told(network: Network, fields: Field, radius: float) -> tuple[Field, Field]:
@@ -223,5 +271,5 @@ def _interval(each: list[Field], truths: list[Field], spreads: list[Field]) -> l
 
 def about(model: ForceModel) -> dict[str, Any]:
     """Return the record of a model without its numbers, for a summary."""
-    left_out = ("schema", "reference", "interval", "rest_radius")
+    left_out = ("schema", "reference", "interval", "rest_radius", "memory")
     return {key: value for key, value in model.record.items() if key not in left_out}

@@ -17,7 +17,7 @@ from spikingtac.touch.network import Network, read
 
 Field = NDArray[np.float64]
 
-SCHEMA = 4
+SCHEMA = 5
 """Version of the record."""
 SIGMAS_90 = 1.645
 """Standard deviations in half of a 90 % interval of normal errors."""
@@ -80,6 +80,7 @@ class ForceModel:
             self.components = COMPONENTS[: len(self.record["interval"])]
             self._interval = np.array(self.record["interval"], np.float64).T
             self.rest_radius = float(self.record["rest_radius"])
+            self.memory = bool(self.record["memory"])
             self._zero = zero_wrench(self._network, self.reference.size)
         except (KeyError, TypeError, ValueError) as error:
             raise ConfigError(f"{where} holds no force model: {error}; {HINT}") from error
@@ -180,7 +181,7 @@ class ForceEstimator:
 
     def __init__(self, model: ForceModel) -> None:
         self._model = model
-        self._fields = FieldStream(model.rest_radius, model.reference.size)
+        self._fields = FieldStream(model.rest_radius, model.reference.size, model.memory)
         self._last: Field | None = None
 
     def reset(self) -> None:
