@@ -68,16 +68,17 @@ def test_a_mirrored_contact_is_told_mirrored() -> None:
 
 
 def test_rest_is_no_force_however_far_it_moved(model: ForceModel) -> None:
-    rng, estimator = np.random.default_rng(0), model.estimator()
-    for k in range(200):
+    rng, estimator, inside = np.random.default_rng(0), model.estimator(), []
+    for k in range(700):
         moved = 0.02 * min(k / 100, 1.0) + rng.normal(0.0, NOISE_MM, REFERENCE.shape)
         wrench = estimator.update(k * 20_000, moved)
-        if k > 140:  # the zero has caught up
-            assert (np.abs(wrench.force_n) <= wrench.half_width[:3]).all()
+        if k > 600:  # the zero, a mean over 3 s, has caught up
+            inside.append(np.abs(wrench.force_n) <= wrench.half_width[:3])
+    assert np.mean(inside) >= 0.9
     far = 0.3 * np.ones(REFERENCE.shape)
-    estimator.update(5_000_000, far)
+    estimator.update(15_000_000, far)
     estimator.tare()
-    wrench = estimator.update(5_020_000, far)
+    wrench = estimator.update(15_020_000, far)
     assert np.abs(wrench.force_n).max() < 0.02
     np.testing.assert_allclose(wrench.force_sigma_n, wrench.half_width[:3] / 1.645)
     estimator.reset()
