@@ -134,7 +134,7 @@ def _fit(rows: Field, targets: Field, weight: Field, penalty: Field, gaussians: 
 def _penalties(
     free: int, quadratic: int, amounts: tuple[float, float, float], between: Field
 ) -> Field:
-    """Return the penalties ``(2, f, f)`` of both regressions on ``free``, quadratic and Gaussian features.
+    """Return the penalties ``(2, f, f)`` of both regressions on free, quadratic, near features.
 
     Args:
         free: Number of features without a penalty, which come first.
