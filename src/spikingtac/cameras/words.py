@@ -39,6 +39,8 @@ _TIME_WORDS = {
 above those hold the word's type."""
 TIME_HIGH = 8
 """Type of the words of upper time in all three encodings."""
+LATEST_STEPS = {"evt2": 2_000, "evt21": 2_000, "evt3": 30}
+"""Steps of the upper time, 0.13 s, by which a piece may be late; beyond, the sensor began anew."""
 
 
 class BareWords:
@@ -110,6 +112,8 @@ class BareWords:
             if time is not None:
                 self._reached = time if self._reached is None else self._reached
                 step = self._ahead(time, self._reached)
+                if step < -LATEST_STEPS[self.encoding]:
+                    self._reached, step = time, 0
                 late += step < max(steps, default=0)
             steps.append(step)  # a piece without a time word follows the one before it
         self._losses.add("reordered", late)

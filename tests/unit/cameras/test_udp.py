@@ -86,6 +86,15 @@ def test_what_comes_too_late_keeps_its_events(camera: UdpCamera, out: socket.soc
     )
 
 
+def test_a_sensor_that_begins_anew_is_not_late(camera: UdpCamera, out: socket.socket) -> None:
+    for first_us in (5_000_000, 1_000):
+        for piece in datagrams(events(5_000, first_us=first_us)):
+            out.sendto(piece, ("127.0.0.1", camera.port))
+        assert len(received(camera)) > 4_000
+    assert camera.losses["reordered"] == 0
+    assert camera.losses["time_reset"] == 1
+
+
 def test_what_comes_twice_counts_once(camera: UdpCamera, out: socket.socket) -> None:
     for piece in datagrams(SENT)[:30]:
         for _ in range(2):
