@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from spikingtac.cameras.words import warm_up
-from spikingtac.contact.window import Window
 from spikingtac.errors import DeviceError
 from spikingtac.events.address import Address, is_address
 from spikingtac.events.cameras.source import CameraSource
@@ -19,7 +18,6 @@ from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.stream.clock import StreamClock
 from spikingtac.stream.guard_loop import Arrival
-from spikingtac.types import LossCounters
 
 SILENCE_US = 500_000
 """Longest silence that is filled with windows, us (ours: the watchdog stops the arm far sooner, and
@@ -55,20 +53,8 @@ def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arriva
         DeviceError: There is no such camera; CameraLostError where it is gone.
     """
     source = _opened(path)
-    regular = windows(source, period_us, silence_limit_us=SILENCE_US)
-    return timed(((window,) for window in regular), source.losses)
-
-
-def timed(stream: Iterable[Window], losses: LossCounters | None = None) -> Iterator[Arrival]:
-    """Yield windows with the time at which they came.
-
-    Args:
-        stream: The windows.
-        losses: Counters of the source; None knows of none.
-    """
-    counted = LossCounters() if losses is None else losses
-    for window in stream:
-        yield Arrival(window, time.monotonic(), dict(counted))
+    for window in windows(source, period_us, silence_limit_us=SILENCE_US):
+        yield Arrival((window,), time.monotonic(), dict(source.losses))
 
 
 def _opened(path: str | Path) -> FileSource:

@@ -95,11 +95,6 @@ class Host:
         """True once a signal has ended the process, from here or from elsewhere."""
         return (self._process.poll() or 0) < 0
 
-    @property
-    def ended_well(self) -> bool:
-        """True once the work is complete."""
-        return self._process.poll() == 0
-
     @ordinary_priority()
     def alive(self) -> bool:
         """Return whether the process runs."""

@@ -280,10 +280,6 @@ class RingReader:
             return data
         return None
 
-    def waiting(self) -> int:
-        """Return the weight that was published and not taken yet."""
-        return self._ring.get(WEIGHT) - self._weight
-
     def give_up(self) -> None:
         """Count what was published and not taken as lost."""
         self._count(self._ring.get(COUNT), self._ring.get(WEIGHT))
