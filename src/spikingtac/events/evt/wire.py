@@ -145,6 +145,7 @@ def time_words(view: WordView) -> TimeWords:
     # The lower time before each: that of the latest word which holds one.
     latest = np.maximum.accumulate(np.where(high, -1, np.arange(len(clock))))
     before = np.where(latest >= 0, low[latest], 0)
-    falls = np.append(~high[1:] & (low[1:] < before[:-1]), [False] * bool(len(clock)))
+    # An empty list would make floats of it where there is no time word, and compile a kernel anew.
+    falls = np.append(~high[1:] & (low[1:] < before[:-1]), np.zeros(min(len(clock), 1), np.bool_))
     position = clock[high]
     return TimeWords(position, view.time[position], falls[high])
