@@ -1,7 +1,45 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.optics import DiscConfig, draw_discs
+from spikingtac.sim.optics import DiscConfig, Optics, OpticsConfig, draw_discs
+from spikingtac.sim.states import SkinState
+
+EXACT = DiscConfig(radius_sigma_mm=0.0, position_sigma_mm=0.0)
+STRAIGHT = OpticsConfig(k1=0.0, discs=EXACT)
+BENT = OpticsConfig(k1=-0.06, k2=0.01, discs=EXACT)
+
+
+def skin(marker_mm, gradient=None) -> SkinState:
+    marker_mm = np.array(marker_mm, np.float64)
+    if gradient is None:
+        gradient = np.tile(np.eye(2), (len(marker_mm), 1, 1))
+    zero = np.zeros(3)
+    return SkinState(0, marker_mm, gradient, zero, zero, zero, in_contact=False)
+
+
+def test_an_indentation_magnifies_as_the_distance_shrinks():
+    rest, pressed = skin([[9.0, 0, 0]]), skin([[9.0, 0, 0.6]])
+    optics = Optics(STRAIGHT)
+    moved = optics.project(pressed).center_px - optics.project(rest).center_px
+    r_px = 9.0 * 15.5
+    assert moved[0, 0] == pytest.approx(r_px * 0.6 / (13.0 - 0.6))
+    shape = optics.project(pressed).shape[0]
+    np.testing.assert_allclose(shape, np.eye(2) * (13.0 - 0.6) / 13.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("lens", [STRAIGHT, BENT])
+def test_a_discs_rim_maps_onto_the_images_ellipse(lens):
+    gradient = np.array([[[1.1, 0.07], [-0.04, 0.9]]])
+    center = np.array([[5.0, -6.0, 0.3]])
+    optics = Optics(lens)
+    image = optics.project(skin(center, gradient))
+    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    tiny_mm = 1e-4 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rim = np.concatenate([center[:, :2] + tiny_mm @ gradient[0].T, np.full((12, 1), 0.3)], axis=1)
+    around = optics.project(skin(rim))
+    offset_px = around.center_px - image.center_px
+    undeformed_px = offset_px @ image.shape[0].T
+    np.testing.assert_allclose(undeformed_px, tiny_mm * 15.5, rtol=1e-3, atol=1e-8)
 
 
 def test_equal_seeds_are_one_skin_and_damage_changes_no_other_marker():
