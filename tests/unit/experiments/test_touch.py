@@ -109,7 +109,7 @@ def test_each_recorded_series_is_predicted_from_the_others(tmp_path: Path) -> No
         )
     records = force_records(tmp_path, ["mean-displacement"])
     cases = [record["trial"]["case"] for record in records]
-    assert cases == ["force/s1", "force/s2", "force/pooled"]
+    assert cases == ["force/s1", "force/s2", "force/pooled", "force/mean"]
     rows = rows_of(records, experiment.METRICS)
     assert "r2_fx 1" in lines_of(rows, ["force/pooled"], ["mean-displacement"])[0]
 
