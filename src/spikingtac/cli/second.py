@@ -75,8 +75,7 @@ def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSou
         SpikingTacError: As of :func:`~spikingtac.events.open.open_events`.
     """
     from spikingtac.events.evt.raw_stream import is_stream
-    from spikingtac.events.open import open_events
-    from spikingtac.events.retimed import open_second
+    from spikingtac.events.open import open_events, open_second
 
     live = [is_stream(first), is_stream(second)]
     if all(live):

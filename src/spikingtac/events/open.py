@@ -96,6 +96,33 @@ def open_events(
     return RosSource(bags[0], options, tuple(bags[1:]))
 
 
+def open_second(first: Path, second: Path, *, strict: bool = False) -> tuple[FileSource, bool]:
+    """Open the other finger's recording.
+
+    Args:
+        first: Recording whose clock is the time base.
+        second: The other one; the same folder again means its second sensor.
+        strict: As of :func:`open_events`.
+
+    Returns:
+        The events, and whether their times are known to be on the first one's clock: else they are
+        as the recording tells them.
+
+    Raises:
+        RecordingError: It cannot be read.
+    """
+    from spikingtac.events.retimed import RetimedSource, clock_beside, is_same_folder
+
+    if is_same_folder(first, second):
+        return open_events(first, strict=strict, sensor=1), True
+    source = open_events(second, strict=strict)
+    base, own = clock_beside(first), clock_beside(second)
+    time_map = None if base is None or own is None else own.on(base)
+    if time_map is None:
+        return source, False
+    return RetimedSource(source, time_map, ReadOptions(strict=strict)), True
+
+
 def _of_folder(folder: Path, file: Path, sensor: int, options: ReadOptions) -> FileSource:
     """Return the events of one sensor of a folder, all its parts, on the first sensor's clock."""
     from spikingtac.events.evt.raw import RawParts, parts_of

@@ -20,8 +20,8 @@ from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.address import is_address
 from spikingtac.events.evt.raw_stream import is_stream
 from spikingtac.events.manifest import name_of
-from spikingtac.events.open import open_events
-from spikingtac.events.retimed import is_same_folder, open_second
+from spikingtac.events.open import open_events, open_second
+from spikingtac.events.retimed import is_same_folder
 from spikingtac.events.source import EventSource
 from spikingtac.sim.twin_camera import is_twin
 from spikingtac.stream.host import Factory

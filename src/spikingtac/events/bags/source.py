@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spikingtac.errors import FormatError
-from spikingtac.events.bags.storages import RawMessage, messages_of
+from spikingtac.events.bags.storages import Count, RawMessage, database_messages
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
 
 MONO_EVENT = np.dtype("<u8")
@@ -249,3 +249,27 @@ def _reader(encoding: str, source: RosSource) -> _Reader:
     if encoding == "array":
         return _array_reader
     return _MonoReader() if encoding == "mono" else _WordReader(encoding, source)
+
+
+def messages_of(path: Path, types: tuple[str, ...], count: Count) -> Iterator[RawMessage]:
+    """Yield the messages of the given types in the order of their recording.
+
+    Raises:
+        FormatError: The file is no bag, or claims more than an input may.
+        MissingExtraError: The storage needs a library that is not installed.
+    """
+    with path.open("rb") as file:
+        start = file.read(16)
+    if start.startswith(b"SQLite"):
+        return database_messages(path, types, count)
+    if start.startswith(b"\x89MCAP"):
+        from spikingtac.events.bags.mcap import mcap_messages
+
+        return mcap_messages(path, types, count)
+    if start.startswith(b"#ROSBAG"):
+        from spikingtac.events.bags.ros1 import ros1_messages
+
+        return ros1_messages(path, types, count)
+    raise FormatError(
+        f"{str(path)!r} begins like no bag (valid: ROS 2 sqlite3 .db3, .mcap, ROS 1 .bag)"
+    )

@@ -74,27 +74,3 @@ def _require_tables(database: sqlite3.Connection, path: Path) -> None:
                     f"{str(path)!r}: {name!r} is no plain table but computed by the file (a view, "
                     "a virtual table or a generated column), which is not read; export the bag anew"
                 )
-
-
-def messages_of(path: Path, types: tuple[str, ...], count: Count) -> Iterator[RawMessage]:
-    """Yield the messages of the given types in the order of their recording.
-
-    Raises:
-        FormatError: The file is no bag, or claims more than an input may.
-        MissingExtraError: The storage needs a library that is not installed.
-    """
-    with path.open("rb") as file:
-        start = file.read(16)
-    if start.startswith(b"SQLite"):
-        return database_messages(path, types, count)
-    if start.startswith(b"\x89MCAP"):
-        from spikingtac.events.bags.mcap import mcap_messages
-
-        return mcap_messages(path, types, count)
-    if start.startswith(b"#ROSBAG"):
-        from spikingtac.events.bags.ros1 import ros1_messages
-
-        return ros1_messages(path, types, count)
-    raise FormatError(
-        f"{str(path)!r} begins like no bag (valid: ROS 2 sqlite3 .db3, .mcap, ROS 1 .bag)"
-    )
