@@ -9,7 +9,8 @@ import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.touch.force.fit import fit_force, score_force
-from spikingtac.touch.force.model import ForceModel, load_force
+from spikingtac.touch.force.model import ForceModel, Wrench, load_force
+from spikingtac.touch.force.retarget import retarget
 from spikingtac.touch.force.series import WrenchSeries
 from spikingtac.touch.network import Network, with_record
 
@@ -67,6 +68,30 @@ def test_a_mirrored_contact_is_told_mirrored() -> None:
     assert fx.mae < 0.12
 
 
+def test_a_model_serves_another_sensor_after_a_few_presses(
+    model: ForceModel, tmp_path: Path
+) -> None:
+    """Twice as stiff, in px, with fewer markers at other places."""
+    x, y = np.meshgrid(np.linspace(0.0, 5.0, 5), np.linspace(0.0, 4.0, 5))
+    places = np.column_stack([x.ravel(), y.ravel()])
+    near = np.exp(-4.0 * ((places[:, None] - REFERENCE) ** 2).sum(axis=2))
+    near /= near.sum(axis=1, keepdims=True)
+
+    def other(seed: int, frames: int) -> WrenchSeries:
+        one = series(seed).part(np.arange(frames))
+        moved = 24.0 * np.einsum("km,nmd->nkd", near, one.displacement)
+        wrench = 2.0 * one.wrench
+        return WrenchSeries(one.t_us, 24.0 * places, moved, wrench, "px", f"other {seed}")
+
+    retarget(model, [other(31, 130)]).save(tmp_path / "other.onnx")  # ten presses
+    again = load_force(tmp_path / "other.onnx")
+    scores = score_force(again, other(32, 700))
+    assert min(score.r2 for score in scores) > 0.9
+    assert min(score.coverage90 for score in scores) > 0.7
+    with pytest.raises(ConfigError, match="20 labelled frames"):
+        retarget(model, [other(31, 10)])
+
+
 def test_rest_is_no_force_however_far_it_moved(model: ForceModel) -> None:
     rng, estimator, inside = np.random.default_rng(0), model.estimator(), []
     for k in range(700):
@@ -81,6 +106,8 @@ def test_rest_is_no_force_however_far_it_moved(model: ForceModel) -> None:
     wrench = estimator.update(15_020_000, far)
     assert np.abs(wrench.force_n).max() < 0.02
     np.testing.assert_allclose(wrench.force_sigma_n, wrench.half_width[:3] / 1.645)
+    told = Wrench(0, np.array([3.0, 0.0, -4.0]), np.array([0.0, 1.0, 1.0]))
+    assert (told.exceeds(4.2), told.exceeds(4.3)) == (True, False)  # 3 and 3 N surely
     estimator.reset()
     assert np.abs(estimator.update(0, far).force_n).max() > 0.3
 

@@ -50,6 +50,8 @@ class Args(WriteArgs):
     output: Output = None
     """The file to write: fit force.onnx unless given, apply tracks with force_n and force_sigma_n
     (n, 3) beside them."""
+    base: Annotated[Path | None, tyro.conf.arg(aliases=["--from"])] = None
+    """fit: a model of another sensor, which is fitted to this one by the presses in the files."""
     shear_modulus_kpa: float | None = None
     """fit: the skin's shear modulus, kPa; contacts are drawn from its equations, instead of files
     or beside them."""
@@ -70,6 +72,8 @@ def run(args: Args) -> int:
         raise ConfigError("--camera-distance-mm needs --shear-modulus-kpa")
     if not args.files and args.shear_modulus_kpa is None:
         raise ConfigError("no file was given; give files with displacements and wrenches")
+    if args.base is not None and (args.action != "fit" or args.shear_modulus_kpa is not None):
+        raise ConfigError("--from is used to fit, with labelled files alone")
     if args.wrench and len(args.wrench) != len(args.files):
         raise ConfigError(f"{len(args.wrench)} wrenches were given for {len(args.files)} files")
     return {"fit": _fit, "check": _check, "apply": _apply}[args.action](args)
@@ -90,8 +94,14 @@ def _fit(args: Args) -> int:
 
     output = MODEL if args.output is None else args.output
     args.claim(output)
-    with progress("learning forces") as advance:
-        model = fit_force([*_series(args), *_drawn(args)], advance)
+    if args.base is not None:
+        from spikingtac.touch.force.model import load_force
+        from spikingtac.touch.force.retarget import retarget
+
+        model = retarget(load_force(args.base), _series(args))
+    else:
+        with progress("learning forces") as advance:
+            model = fit_force([*_series(args), *_drawn(args)], advance)
     model.save(output)
     told = about(model)
     table = Table(

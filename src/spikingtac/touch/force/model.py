@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError
 from spikingtac.touch.force.field_stream import FieldStream
 from spikingtac.touch.force.series import COMPONENTS, WrenchSeries
-from spikingtac.touch.network import Network, read
+from spikingtac.touch.network import Network, read, with_record
 
 Field = NDArray[np.float64]
 
@@ -53,6 +53,33 @@ class Wrench:
         """``(3,)`` one standard deviation of it, N."""
         return self.half_width[:3] / SIGMAS_90
 
+    def exceeds(self, limit_n: float) -> bool:
+        """Return whether the force is surely larger than a limit, N: less its 90 % interval."""
+        nearest = np.maximum(np.abs(self.force_n) - self.half_width[:3], 0.0)
+        return bool(np.sqrt((nearest**2).sum()) > limit_n)
+
+
+class Target(NamedTuple):
+    """Another sensor, on which a model is used that was learned elsewhere.
+
+    Attributes:
+        resample: ``(m, k)`` from the displacements of its k markers to those of the m learned.
+        gain: ``(c, c)`` from the wrench that is told of them to its own.
+    """
+
+    resample: Field
+    gain: Field
+
+    @classmethod
+    def read(cls, record: dict[str, Any]) -> Target:
+        """Return the target of a model's record."""
+        return cls(np.array(record["resample"], np.float64), np.array(record["gain"], np.float64))
+
+    def fields(self, fields: Field) -> Field:
+        """Return fields ``(n, 2 k)`` of its markers as ``(n, 2 m)`` of those that were learned."""
+        moved = fields.reshape(len(fields), -1, 2)
+        return np.einsum("mk,nkd->nmd", self.resample, moved).reshape(len(fields), -1)
+
 
 class ForceModel:
     """A network from displacements to a wrench, with its record.
@@ -81,7 +108,10 @@ class ForceModel:
             self._interval = np.array(self.record["interval"], np.float64).T
             self.rest_radius = float(self.record["rest_radius"])
             self.memory = bool(self.record["memory"])
-            self._zero = zero_wrench(self._network, self.reference.size)
+            target = self.record.get("target")
+            self._target = None if target is None else Target.read(target)
+            size = self.reference.size if self._target is None else 2 * len(self._target.resample)
+            self._zero = zero_wrench(self._network, size)
         except (KeyError, TypeError, ValueError) as error:
             raise ConfigError(f"{where} holds no force model: {error}; {HINT}") from error
 
@@ -132,10 +162,22 @@ class ForceModel:
 
     def wrench(self, field: Field) -> tuple[Field, Field]:
         """Return wrench and half-width ``(c,)`` of a field ``(size,)`` from its zero."""
-        values, spread = (out[0] for out in self._network(field[None]))
+        seen = field if self._target is None else self._target.fields(field[None])[0]
+        values, spread = (out[0] for out in self._network(seen[None]))
         values = values - self._zero * rest_share(field, self.rest_radius)
+        if self._target is not None:
+            values, spread = values @ self._target.gain, spread @ np.abs(self._target.gain)
         floor, share, factor = self._interval
         return values, floor + share * np.abs(values) + factor * spread
+
+    def with_record(self, changes: dict[str, Any]) -> ForceModel:
+        """Return the same network with another record."""
+        content = with_record(self._network.content, {**self.record, **changes})
+        return ForceModel(Network(content, "the force model"))
+
+    def told(self, fields: Field) -> Field:
+        """Return what the network tells ``(n, c)`` of fields of the markers that it learned."""
+        return self._network(fields)[0]
 
     def save(self, path: str | Path) -> None:
         """Write ``force.onnx``.
