@@ -69,12 +69,6 @@ class AlarmConfig:
     hold_us: int
     end_share: float = 0.5
 
-    def __post_init__(self) -> None:
-        if not 0.0 < self.probability < 1.0:
-            raise ValueError(f"probability is {self.probability}, valid is between 0 and 1")
-        if self.hold_us < 0 or not 0.0 < self.end_share <= 1.0:
-            raise ValueError("hold_us must not be negative, end_share must be in (0, 1]")
-
 
 @dataclass(frozen=True, kw_only=True)
 class SlipConfig:
@@ -92,10 +86,6 @@ class SlipConfig:
     incipient: AlarmConfig = AlarmConfig(probability=0.985, hold_us=0)
     gross: AlarmConfig = AlarmConfig(probability=0.83, hold_us=0)
     settle_us: int = 20_000
-
-    def __post_init__(self) -> None:
-        if self.settle_us < 0:
-            raise ValueError(f"settle_us is {self.settle_us}, it must not be negative")
 
 
 class Alarm:
