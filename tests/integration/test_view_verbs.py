@@ -67,19 +67,6 @@ def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(demo: tuple[P
     assert tracks.meta["config"]["tracking"]["rate_hz"] == 1_000
 
 
-@pytest.mark.parametrize("ending", [".png", ".tracks.npz"])
-def test_demo_replaces_nobody_elses_files(
-    ending: str, tmp_path: Path, called: Callable[..., Done]
-) -> None:
-    theirs = tmp_path / f"mine{ending}"
-    theirs.write_bytes(b"years of work")
-    picture = str(tmp_path / "mine.png")
-    refused = called("demo", "--headless", "--seconds", "0.2", "--port", "0", "-o", picture)
-    assert refused.returncode == 2
-    assert theirs.name in refused.stderr
-    assert theirs.read_bytes() == b"years of work"
-
-
 def test_view_of_a_folder_without_a_page_ends_where_it_ends(
     recording: Path, tmp_path: Path, called: Callable[..., Done]
 ) -> None:

@@ -68,13 +68,6 @@ def test_one_recording_is_not_many(day: Path) -> None:
     assert is_many([day / "a.raw", day / "b.raw"])
 
 
-def test_a_file_whose_name_has_brackets_is_that_file(tmp_path: Path) -> None:
-    odd = tmp_path / "a[1].raw"
-    odd.write_bytes(b"x")
-    assert not is_many([odd])
-    assert find_recordings([odd, tmp_path]) == [odd]
-
-
 def test_results_lie_as_their_recordings_do(day: Path) -> None:
     outputs = outputs_of([day / "press.2", day / "later" / "slide.raw"], Path("/out"), ".npz")
     assert outputs == [Path("/out/press.2.npz"), Path("/out/later/slide.npz")]

@@ -88,22 +88,6 @@ def test_convert_drops_hot_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert len(converted(tmp_path / "a.raw")) == len(t) > len(found) > len(t) // 3
 
 
-@pytest.mark.parametrize(
-    ("option", "at_us", "told"),
-    [("--from-us", "20500", "ends at 20500 us"), ("--to-us", "-5", "begins at 0 us")],
-)
-def test_a_part_outside_of_the_recording_is_an_error(
-    recorded: Path, option: str, at_us: str, told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    target = recorded.with_name("b.npz")
-    assert main(["convert", str(recorded), str(target), option, at_us]) == 1
-    assert told in capsys.readouterr().err
-    assert not target.exists()
-    # A silence within the recording is a part of it.
-    silence = ["--from-us", "12000", "--to-us", "13000"]
-    assert main(["convert", str(recorded), str(target), *silence]) == 0
-
-
 def test_triggers_stay_where_the_format_holds_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
