@@ -7,7 +7,7 @@ neither the reader nor each other: one that is too slow is told what it missed (
 from __future__ import annotations
 
 import time
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from spikingtac.errors import CameraLostError, DeviceError
 from spikingtac.events.address import Address
@@ -18,6 +18,10 @@ from spikingtac.stream.reader import shared_name
 from spikingtac.stream.reading import LOOK_S
 from spikingtac.stream.ring import SharedRing
 
+LATE_S, LONGEST_LATE_S = 1.0, 3600.0
+"""A user that is so late goes on with the newest events, and is told what it missed, s (ours); and
+the most that an address may ask for: ``ring:NAME?late=60`` for one that records."""
+
 
 class RingCamera(Camera):
     """What is read elsewhere, from now on.
@@ -26,10 +30,14 @@ class RingCamera(Camera):
         published: Events that were published since it was opened.
     """
 
+    OPTIONS: ClassVar[tuple[str, ...]] = ("late",)
     checked = True
 
-    def __init__(self, ring: SharedRing, size: tuple[int, int], name: str) -> None:
+    def __init__(
+        self, ring: SharedRing, size: tuple[int, int], name: str, late_s: float = LATE_S
+    ) -> None:
         super().__init__()
+        self._late_s = late_s
         self.size, self._name = size, name
         self._ring: SharedRing | None = ring
         self._reader, self._packets = ring.reader(from_now=True), PacketReader(size)
@@ -51,7 +59,7 @@ class RingCamera(Camera):
         if size is None or not ring.written:
             ring.close()
             raise DeviceError(f"what was shared under {address.target!r} has ended; start it again")
-        return cls(ring, size, address.target)
+        return cls(ring, size, address.target, address.number("late", LATE_S, 1e-3, LONGEST_LATE_S))
 
     def read(self, timeout_s: float) -> Rows | None:
         """Return the next events; see :meth:`Camera.read`."""
@@ -83,6 +91,8 @@ class RingCamera(Camera):
 
     def _rows(self, data: bytearray) -> Rows:
         found = self._packets.delivery(data)
+        if time.monotonic() - found.received_s > self._late_s:
+            self._reader.give_up()  # the newest events matter more to who follows live
         if found.losses is not None:
             before = found.losses if self._told is None else self._told
             for kind, count in found.losses.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -38,6 +39,8 @@ class Recording:
 
     def __init__(self, folder: Path, address: str) -> None:
         self.folder, self._most_kb = folder, 0
+        found = re.match(r"udp:127.0.0.1:(\d+)", address)
+        self._port = f":{int(found[1]):04X}" if found else ""
         words = verb("record", address, "-o", str(folder), "--json")
         pipe = subprocess.PIPE
         self.process = subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True)
@@ -73,11 +76,19 @@ class Recording:
         return {**told, **found, "readable": readable}
 
     def _settle(self) -> None:
-        """Wait until the files grow no more: what waits in the kernel is taken."""
+        """Wait until nothing waits in the kernel, and the files grow no more."""
+        while self._port and self._waits():
+            time.sleep(LOOK_S)
         before = -1
         while (now := sum(path.stat().st_size for path in self.folder.glob("*.raw"))) != before:
             before = now
             time.sleep(SETTLED_S)
+
+    def _waits(self) -> bool:
+        """Return whether datagrams wait for the port to be read."""
+        sockets = [line.split() for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
+        queued = [words[4].split(":")[1] for words in sockets if words[1].endswith(self._port)]
+        return any(int(length, 16) for length in queued) and self.process.poll() is None
 
     @property
     def readable(self) -> bool:

@@ -41,12 +41,26 @@ def test_another_user_takes_the_same_events_and_knows_their_losses() -> None:
 def test_a_user_that_is_too_slow_is_told_what_it_missed() -> None:
     stream = Stream(300, pause_s=0.001)
     reader = EventReader.in_thread(stream, stream, new_ring(SIZE, 20_000, NAME))
-    camera = RingCamera.open(ADDRESS)
+    camera = RingCamera.open(Address.parse(f"ring:{NAME}?late=60"))
     before = reader.ring.weight
     while not reader.ended:
         time.sleep(0.01)
     taken = all_of(camera)
     assert camera.losses["missed"] > 0
+    assert taken + camera.losses["missed"] == 30_000 - before
+    reader.release()
+
+
+def test_a_user_that_is_late_goes_on_with_the_newest_events() -> None:
+    stream = Stream(300, pause_s=0.001)
+    reader = EventReader.in_thread(stream, stream, new_ring(SIZE, share=NAME))
+    camera = RingCamera.open(Address.parse(f"ring:{NAME}?late=0.1"))
+    before = reader.ring.weight
+    while not reader.ended:
+        time.sleep(0.01)
+    time.sleep(0.2)
+    taken = all_of(camera)
+    assert 0 < taken < 1_000
     assert taken + camera.losses["missed"] == 30_000 - before
     reader.release()
 
