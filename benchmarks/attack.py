@@ -87,8 +87,7 @@ BATCH = 500
 
 LIMIT_S = 0.2
 """Within so long of the fault the arm rests, or its not resting is told."""
-REST_MM_S = 1.0
-SPEED_MM_S = 40.0
+REST_MM_S, SPEED_MM_S = 1.0, 40.0
 FAR_MM = (800.0, 0.0, 0.0)
 WINDOW_S = 0.001
 PATIENCE_S = 30.0
