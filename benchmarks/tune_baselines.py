@@ -26,12 +26,10 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
-from spikingtac_paper.baselines.ekalibr import RATE_HZ as EKALIBR_HZ
 from spikingtac_paper.baselines.ekalibr import EkalibrConfig, EkalibrTracker
 from spikingtac_paper.baselines.evetac import EvetacConfig, EvetacTracker
-from spikingtac_paper.baselines.neutac import RATE_HZ as NEUTAC_HZ
 from spikingtac_paper.baselines.neutac import NeutacConfig, neutac_tracker
-from spikingtac_paper.trials.methods import Method
+from spikingtac_paper.trials.methods import Method, main_methods
 from spikingtac_paper.trials.metrics import point_scores
 from spikingtac_paper.trials.runner import predict
 from spikingtac_paper.trials.trial import Trial, calibration_of
@@ -99,12 +97,9 @@ def build(name: str, values: dict[str, Any], calibration: Calibration) -> Marker
 
 def rate_hz(name: str) -> float:
     """Return the method's own rate."""
-    rates = {
-        "ekalibr": EKALIBR_HZ,
-        "neutac": NEUTAC_HZ,
-        "paper": load_config("paper").tracking.rate_hz,
-    }
-    return rates.get(name, SLICED_HZ)
+    if name.startswith("evetac"):
+        return SLICED_HZ
+    return main_methods()[name].rate_hz
 
 
 def tuned(name: str, folder: Path, tell: Callable[[str], None]) -> list[dict[str, Any]]:

@@ -24,6 +24,7 @@ NEEDS = {
     "openmv:": "a camera",
     "st.approach(": "an arm that moves",
     "MineSource": "an installed package",
+    "spikingtac_mujoco": "the package of an integration",
 }
 """What a block names -> what no test can give it; its names are looked up."""
 

@@ -21,6 +21,11 @@ def compiled(tree: ast.AST) -> list[tuple[ast.FunctionDef, dict[str, ast.expr]]]
     return found
 
 
+def may_regroup(fastmath: ast.expr | None) -> bool:
+    """Return whether sums may be regrouped; the set ``SAME_BITS`` allows nothing of that kind."""
+    return fastmath is not None and getattr(fastmath, "id", "") != "SAME_BITS"
+
+
 def test_regrouped_sums_are_compiled_into_their_callers() -> None:
     trees = {path: tree_of(path) for path in FILES if "njit" in text_of(path)}
     kernels = [(path, *kernel) for path, tree in trees.items() for kernel in compiled(tree)]
@@ -30,8 +35,8 @@ def test_regrouped_sums_are_compiled_into_their_callers() -> None:
         for node in ast.walk(function)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     }
-    regrouped = [entry for entry in kernels if "fastmath" in entry[2]]
-    assert len(regrouped) >= 10  # it looks at something
+    assert len(kernels) >= 50  # it looks at something
+    regrouped = [entry for entry in kernels if may_regroup(entry[2].get("fastmath"))]
     twice = [
         f"{path.relative_to(PACKAGE)}: {function.name}"
         for path, function, options in regrouped

@@ -75,7 +75,7 @@ class _Taught(NamedTuple):
 
 
 def fit_force(
-    series: Sequence[WrenchSeries], advance: Callable[[float], object] = lambda done: None
+    series: Sequence[WrenchSeries], advance: Callable[[float], object] | None = None
 ) -> ForceModel:
     """Learn a force model from labelled series of one sensor.
 
@@ -87,19 +87,19 @@ def fit_force(
     Raises:
         ConfigError: There is too little to learn from, or the series do not fit each other.
     """
-    kept = [one.in_image() for one in series]
+    kept, told_share = [one.in_image() for one in series], advance or (lambda done: None)
     _check(kept)
     moved = np.concatenate([one.displacement.ravel() for one in kept])
     radius = RADIUS_SHARE * float(np.sqrt((moved**2).mean()))
     reference = np.mean([one.reference for one in kept], axis=0)
     memory = _remembers(kept, radius, reference)
-    advance(CHOOSING_SHARE)
+    told_share(CHOOSING_SHARE)
     groups = [_taught(one, radius, memory, FRAMES // len(kept)) for one in kept]
     cut = _cut(groups)
     told = []
     for number, network in enumerate(_left_out(cut, reference)):
         told.append(_told(network, cut[number].fields, radius))
-        advance(CHOOSING_SHARE + (1.0 - CHOOSING_SHARE) * (number + 1) / (len(cut) + 1))
+        told_share(CHOOSING_SHARE + (1.0 - CHOOSING_SHARE) * (number + 1) / (len(cut) + 1))
     record = {
         "schema": SCHEMA,
         "unit": kept[0].unit,
