@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.disc_profile import DiscProfile
-from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.disc_corrections import (
     RESIDUAL_LEVEL,
     common_sums_kernel,
@@ -42,6 +41,7 @@ from spikingtac.markers.calibration.following import (
 )
 from spikingtac.markers.calibration.level_maps import MeanSteps, level_maps, swings_kernel
 from spikingtac.markers.calibration.offset_memory import OffsetMemory, remove_offsets_kernel
+from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.markers.calibration.swing_counts import count_swings_kernel
 from spikingtac.markers.calibration.swings import steps_of_counts
 from spikingtac.markers.calibration_check import (

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.calibration.guide_levels import (
-    DARK,
+from spikingtac.markers.calibration.guide import (
     SLOWEST_SWING_US,
     SWUNG_LEVEL,
-    WHITE,
     StreamedLevels,
     levels_kernel,
 )
@@ -24,7 +22,7 @@ def plain(code: np.ndarray, t_us: np.ndarray, on: float, off: float) -> tuple[np
     for one, t in zip(code.tolist(), t_us.tolist(), strict=True):
         pixel, brighter = divmod(one, 2)
         step = np.float32(on if brighter else -off)
-        for row, sign in ((WHITE, 1), (DARK, -1)):
+        for row, sign in ((0, 1), (1, -1)):
             before = level[row, pixel]
             after = np.clip(before + np.float32(sign) * step, np.float32(0), np.float32(1))
             if before == 0 and after > 0:
@@ -59,8 +57,8 @@ def test_a_slow_rise_is_noise() -> None:
                 second * 600_000, (second + 1) * 600_000, (2, 1),
             )
         )  # fmt: skip
-    assert levels.level("white")[0, 0] == 1.0
-    assert not levels.swung("white").any()
+    assert levels.level[0, 0, 0] == 1.0
+    assert not levels.swung.any()
 
 
 def test_steps_are_learned_from_swings() -> None:

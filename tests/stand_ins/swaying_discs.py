@@ -9,7 +9,7 @@ import numpy as np
 
 from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.recording import BufferedEvents
 from stand_ins.rare_off import RADIUS_PX, SIZE, levels
 
 REST_PX = np.array([[24.0, 20.0], [60.0, 20.0], [24.0, 46.0], [60.0, 46.0]])

@@ -12,7 +12,6 @@ distance q outside of the nominal radius is
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +19,8 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 
-TABLE_STEP_PX = 1.0 / 64.0
-"""Resolution of the tables: S changes by at most 0.01 per step for edges of 0.4 px and wider."""
-
 REACH_EDGES = 6.5
-"""The tables reach this many edge scales to both sides; S is within 0.005 of its limits there."""
+"""S is within 0.005 of its limits this many edge scales to both sides of the rim."""
 
 CONTRAST_DEFAULT = 6.0
 """Marker over ground intensity where nothing was calibrated (the twin's presets)."""
@@ -71,23 +67,6 @@ class DiscProfile:
         inside = 1.0 / (1.0 + np.exp(np.clip(np.asarray(q_px, float) / self.edge_px, -40.0, 40.0)))
         numerator = -k * inside * (1.0 - inside) / self.edge_px
         return numerator / (1.0 + k * inside) / np.log1p(k)
-
-    def distance(self, level: NDArray[np.floating] | float) -> NDArray[np.float64]:
-        """Return the q at which S(q) equals ``level`` (clipped to 0.001 ... 0.999), px."""
-        k = self.contrast - 1.0
-        clipped = np.clip(np.asarray(level, float), 1e-3, 1.0 - 1e-3)
-        inside = np.expm1(clipped * np.log1p(k)) / k
-        return self.edge_px * np.log(1.0 / inside - 1.0)
-
-    @cached_property
-    def tables(self) -> NDArray[np.float32]:
-        """``(2, n)`` float32: S and dS/dq from -reach to +reach in steps of TABLE_STEP_PX."""
-        steps = int(np.ceil(2.0 * self.reach_px / TABLE_STEP_PX)) + 1
-        q_px = -self.reach_px + TABLE_STEP_PX * np.arange(steps)
-        table = np.stack([self.level(q_px), self.slope(q_px)])
-        table[:, 0] = 1.0, 0.0
-        table[:, -1] = 0.0, 0.0
-        return table.astype(np.float32)
 
 
 def disc_profiles(calibration: Calibration) -> list[DiscProfile]:

@@ -21,20 +21,6 @@ def test_slope_is_the_derivative() -> None:
     np.testing.assert_allclose(profile.slope(q), numeric, atol=1e-6)
 
 
-def test_distance_inverts_level() -> None:
-    profile = DiscProfile()
-    level = np.linspace(0.02, 0.98, 20)
-    np.testing.assert_allclose(profile.level(profile.distance(level)), level, atol=1e-12)
-
-
-def test_tables_follow_the_formula() -> None:
-    profile = DiscProfile()
-    q = -profile.reach_px + np.arange(profile.tables.shape[1]) / 64.0
-    inner = slice(1, -1)
-    np.testing.assert_allclose(profile.tables[0, inner], profile.level(q[inner]), atol=1e-6)
-    np.testing.assert_allclose(profile.tables[1, inner], profile.slope(q[inner]), atol=1e-6)
-
-
 @pytest.mark.parametrize(("contrast", "edge"), [(1.0, 0.5), (0.3, 0.5), (6.0, 0.0)])
 def test_unfit_values_are_refused(contrast: float, edge: float) -> None:
     with pytest.raises(ConfigError):

@@ -148,7 +148,7 @@ def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> Event
 
     if not (args.guide or args.until_ready or is_stream(args.recordings[0])):
         return source
-    guide = CalibrationGuide(source.size, config.grid, config.polarity, config.layout)
+    guide = CalibrationGuide(source.size, config)
     return GuidedSource(
         source, guide, lambda view: remark(progress_line(view)), until_ready=args.until_ready
     )

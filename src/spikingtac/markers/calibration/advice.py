@@ -12,10 +12,10 @@ from spikingtac.events.source import EventSource
 from spikingtac.markers.calibration.guide import (
     ENOUGH_SHARE,
     FEWEST_RESTS,
+    OPPOSITE,
     CalibrationGuide,
     GuideView,
 )
-from spikingtac.markers.calibration.guide_levels import OPPOSITE
 from spikingtac.markers.calibration.quality import region
 from spikingtac.types import EventPacket, LossCounters
 

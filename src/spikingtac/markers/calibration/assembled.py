@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.document import MARKER_NUMBERS, MEASURED
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.disc_levels import Course
+from spikingtac.markers.calibration.find_markers import Overview
 from spikingtac.markers.calibration.first_course import choose_samples
 from spikingtac.markers.calibration.lattice import expected_places
 from spikingtac.markers.calibration.quality import (
@@ -23,9 +24,6 @@ from spikingtac.markers.calibration.reference import (
     reference,
 )
 from spikingtac.markers.calibration.refine import Refined
-from spikingtac.markers.calibration.sighting import (
-    Look,
-)
 from spikingtac.markers.calibration.swings import LearnedSteps
 from spikingtac.markers.graded.appearance import nearest_marker
 
@@ -39,13 +37,13 @@ pixels differ by where the rim stops as well as by their thresholds (simulated: 
 twin's tracks err by 0.017 px more, and those on v2e by 0.007 px less)."""
 
 
-def cells(look: Look) -> NDArray[np.int64]:
+def cells(look: Overview) -> NDArray[np.int64]:
     """Return the nearest marker of each pixel, row by row."""
-    return nearest_marker(look.sighting.center_px, look.events.size).ravel().astype(np.int64)
+    return nearest_marker(look.markers.center_px, look.events.size).ravel().astype(np.int64)
 
 
 def assembled(
-    look: Look,
+    look: Overview,
     found: tuple[Refined, LearnedSteps],
     quality: Quality,
     method: Method,
@@ -55,7 +53,7 @@ def assembled(
     measured = quality.measured
     rest_px = refined.course.center_px[choose_samples(look)[1][look.unloaded, 1]]
     reference_px = _reference_px(look, refined.course, rest_px, method)
-    layout = look.sighting.layout
+    layout = look.markers.layout
     if layout.shape is not None and not layout.staggered:
         expected_px = expected_places(reference_px, measured, layout.shape)
         reference_px[~measured] = expected_px[~measured]
@@ -77,14 +75,14 @@ def assembled(
             "residual": np.round(refined.residual, 4).tolist(),
             "scatter_px": np.round(scatter_px, 4).tolist(),
             **provenance(quality),
-            "stray_px": look.sighting.stray_px.round(1).tolist(),
+            "stray_px": look.markers.stray_px.round(1).tolist(),
             "fitting_grid": layout.fits,
         },
     )
 
 
 def _reference_px(
-    look: Look, course: Course, rest_px: NDArray[np.float64], method: Method
+    look: Overview, course: Course, rest_px: NDArray[np.float64], method: Method
 ) -> NDArray[np.float64]:
     rests_us = look.rests_us[look.unloaded]
     at_us = look.events.times_at(course.index)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -19,14 +18,14 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.source import EventSource, refuse_path
 from spikingtac.markers.calibration.assembled import assembled, cells, within_sight
-from spikingtac.markers.calibration.buffered_events import (
-    BufferedSource,
-    buffer_events,
-    without_hot_pixels,
-)
 from spikingtac.markers.calibration.disc_levels import REACH_EDGES, Discs
+from spikingtac.markers.calibration.find_markers import (
+    FindingConfig,
+    Overview,
+    SeenMarkers,
+    look_over,
+)
 from spikingtac.markers.calibration.first_course import choose_samples, first_course
-from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.layout import Layout
 from spikingtac.markers.calibration.quality import (
     judge,
@@ -34,17 +33,12 @@ from spikingtac.markers.calibration.quality import (
     refuse_gaps,
     refuse_without_grid,
 )
+from spikingtac.markers.calibration.recording import buffer_events, without_hot_pixels
 from spikingtac.markers.calibration.recovery import with_recovery
 from spikingtac.markers.calibration.reference import (
     Method,
 )
 from spikingtac.markers.calibration.refine import Refined, choose_states, refine
-from spikingtac.markers.calibration.sighting import (
-    FindingConfig,
-    Look,
-    Sighting,
-    look_at,
-)
 from spikingtac.markers.calibration.swings import LearnedSteps
 from spikingtac.markers.calibration.trial_tracking import with_step_scale, with_tracked_reference
 from spikingtac.markers.lag.recording_lag import slide_lag_us
@@ -70,47 +64,33 @@ by some 0.1 px (ours)."""
 FIRST_US = 15_000_000
 """Beginning of a recording from which a calibration by hand is completed, us: a few contacts."""
 
-MOST_EVENTS = 100_000_000
-"""Bound of the memory: 8 bytes each."""
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class CalibrationConfig:
+class CalibrationConfig(FindingConfig):
     """What is known of a sensor beforehand; every field has a default.
 
     Attributes:
-        grid: ``(rows, columns)``, or None to find it.
-        layout: What the markers are; "auto" tells grids from staggered rows, "free" are any.
         pitch_mm: Distance of neighbouring markers on the skin, mm, for ``px_per_mm``.
         lens: Whether to fit a lens to the grid, which must be flat and needs ``pitch_mm``.
-        polarity: White markers on dark ground, dark on light, or "auto" to find out.
         method: How rests become a reference
             (:mod:`spikingtac.markers.calibration.reference`).
         allow_missing: So many markers may be missing: they are put where their neighbours expect
             them, and named. None allows a third.
     """
 
-    grid: tuple[int, int] | None = None
-    layout: LayoutKind = "auto"
     pitch_mm: float | None = None
     lens: bool = False
-    polarity: Literal["auto", "white", "dark"] = "auto"
     method: Method = "rest-mean"
     allow_missing: int | None = None
 
     def __post_init__(self) -> None:
+        FindingConfig.__post_init__(self)
         if self.pitch_mm is not None and not self.pitch_mm > 0.0:
             raise ConfigError(f"pitch_mm is {self.pitch_mm}, it must be positive")
         if self.lens and self.pitch_mm is None:
             raise ConfigError("the lens is fitted to a grid of known pitch; give pitch_mm, too")
         if self.allow_missing is not None and self.allow_missing < 0:
             raise ConfigError(f"allow_missing is {self.allow_missing}, it must not be negative")
-        _ = self.finding  # checks its own part
-
-    @property
-    def finding(self) -> FindingConfig:
-        """The part that the search for markers reads."""
-        return FindingConfig(grid=self.grid, layout=self.layout, polarity=self.polarity)
 
 
 def calibrate(
@@ -132,13 +112,13 @@ def calibrate(
     """
     refuse_path(source)
     config = config or CalibrationConfig()
-    events, hot_px = without_hot_pixels(buffer_events(source, MOST_EVENTS))
-    look = look_at(events, config.finding)
+    events, hot_px = without_hot_pixels(buffer_events(source))
+    look = look_over(events, config)
     calibration = within_sight(_learned(look, config))
     if config.pitch_mm is not None and len(calibration.radius_px) > 1:
         calibration = calibration.with_pitch(config.pitch_mm)
         if config.lens:
-            staggered = look.sighting.layout.staggered
+            staggered = look.markers.layout.staggered
             calibration = with_lens(calibration, config.pitch_mm, staggered=staggered)
     return _with_lag(replace(calibration, hot_px=hot_px), look, estimate_lag)
 
@@ -157,11 +137,11 @@ def completed(source: EventSource, known: Calibration) -> Calibration:
         return known
     place_px = known.reference_px
     layout = Layout(known.grid, np.arange(len(place_px)), place_px)
-    given = Sighting(layout, place_px, place_px[:0], float(np.median(known.radius_px)))
+    given = SeenMarkers(layout, place_px, place_px[:0], float(np.median(known.radius_px)))
     config = CalibrationConfig(polarity="dark" if known.polarity == "dark" else "white")
     try:
-        events, hot_px = without_hot_pixels(buffer_events(source, MOST_EVENTS, FIRST_US))
-        look = look_at(events, config.finding, given)
+        events, hot_px = without_hot_pixels(buffer_events(source, FIRST_US))
+        look = look_over(events, config, given)
         learned = _with_lag(_learned(look, config), look, slide_lag_us)
     except CalibrationError:
         return known
@@ -176,12 +156,12 @@ def completed(source: EventSource, known: Calibration) -> Calibration:
     )
 
 
-def _learned(look: Look, config: CalibrationConfig) -> Calibration:
+def _learned(look: Overview, config: CalibrationConfig) -> Calibration:
     refined, learned = _explained(look)
     noise = look.noise(_reach_px(refined.discs))
     quality = judge(level_changes(look.events, refined), refined.events, noise)
     refuse_without_grid(quality)
-    layout = look.sighting.layout
+    layout = look.markers.layout
     if layout.shape is not None:
         missing = np.flatnonzero(~quality.measured)
         refuse_gaps(layout, look.events.size, missing, config.allow_missing)
@@ -194,18 +174,18 @@ def _learned(look: Look, config: CalibrationConfig) -> Calibration:
 
 
 def _with_lag(
-    calibration: Calibration, look: Look, estimate_lag: LagEstimator | None
+    calibration: Calibration, look: Overview, estimate_lag: LagEstimator | None
 ) -> Calibration:
     seen = look.events if look.polarity == "white" else look.events.inverted()
-    lag_us = estimate_lag(BufferedSource(seen), calibration) if estimate_lag else None
+    lag_us = estimate_lag(seen, calibration) if estimate_lag else None
     return calibration if lag_us is None else replace(calibration, lag_us=lag_us)
 
 
-def _explained(look: Look) -> tuple[Refined, LearnedSteps]:
-    events, markers = look.events, len(look.sighting.center_px)
+def _explained(look: Overview) -> tuple[Refined, LearnedSteps]:
+    events, markers = look.events, len(look.markers.center_px)
     index, still = choose_samples(look)
     discs = Discs(
-        np.full(markers, FIRST_RADIUS_SHARE * look.sighting.radius_px),
+        np.full(markers, FIRST_RADIUS_SHARE * look.markers.radius_px),
         np.full(markers, FIRST_EDGE_PX),
         np.full(markers, FIRST_CONTRAST),
     )

@@ -17,7 +17,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.disc_levels import (
     Course,
     Discs,
@@ -25,6 +24,7 @@ from spikingtac.markers.calibration.disc_levels import (
     draw_kernel,
     stretched_kernel,
 )
+from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.state_map.two_threads import divide
 
 PHASES = 4

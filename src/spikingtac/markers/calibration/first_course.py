@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.disc_levels import Course, Discs, PixelSteps, led_by_neighbours
+from spikingtac.markers.calibration.find_markers import Overview
 from spikingtac.markers.calibration.following import Follower
+from spikingtac.markers.calibration.recording import moving_events
 from spikingtac.markers.calibration.reference import CREPT_SHARE
-from spikingtac.markers.calibration.rests import moving_events
-from spikingtac.markers.calibration.sighting import Look
 from spikingtac.markers.calibration.swings import LearnedSteps, learn_steps
 from spikingtac.markers.graded.appearance import nearest_marker
 
@@ -24,7 +24,7 @@ followed."""
 
 
 def first_course(
-    look: Look, index: NDArray[np.int64], still: NDArray[np.int64], discs: Discs
+    look: Overview, index: NDArray[np.int64], still: NDArray[np.int64], discs: Discs
 ) -> tuple[Course, LearnedSteps]:
     """Follow all markers, pale ones too, and learn what an event of each stands for.
 
@@ -34,9 +34,10 @@ def first_course(
         still: ``(rests, 3)`` first, typical and last sample of each rest.
         discs: A first guess of how the markers look.
     """
-    events, rest_px = look.events, look.sighting.center_px
+    events, rest_px = look.events, look.markers.center_px
     even = [np.full(events.shape, step, np.float32) for step in (look.steps.on, look.steps.off)]
-    longest = int(np.where(look.unloaded, look.length_us, 0).argmax())
+    length_us = np.diff(look.rests_us, axis=1)[:, 0]
+    longest = int(np.where(look.unloaded, length_us, 0).argmax())
     seen = (int(still[longest, 1]), look.maps[longest], rest_px)
     follower = Follower(events, index)
     course = follower.both_ways(seen, discs, PixelSteps(*even))
@@ -50,9 +51,9 @@ def first_course(
     return course, learned
 
 
-def _stuck(look: Look, swings: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _stuck(look: Overview, swings: NDArray[np.float64]) -> NDArray[np.bool_]:
     # Pale markers: they send events, but steps of the others' size never erase them from the map.
-    cell = nearest_marker(look.sighting.center_px, look.events.size).ravel()
+    cell = nearest_marker(look.markers.center_px, look.events.size).ravel()
     moving = moving_events(look.events, look.rests_us)
     pixel = look.events.code[moving] >> 1
     sent = np.bincount(cell[pixel], minlength=len(swings))
@@ -75,7 +76,7 @@ REST_SHARES = (CREPT_SHARE, 0.8, 0.95)
 rest."""
 
 
-def choose_samples(look: Look) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def choose_samples(look: Overview) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return how many events come before each sample, and which samples lie in rests.
 
     Args:
@@ -87,9 +88,9 @@ def choose_samples(look: Look) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """
     events = look.events
     # Both rims of a disc that moves by a pixel sweep its diameter, one up and one down a swing.
-    diameter_px = 2.0 * look.sighting.radius_px * len(look.sighting.center_px)
+    diameter_px = 2.0 * look.markers.radius_px * len(look.markers.center_px)
     events_per_px = diameter_px * (1.0 / look.steps.on + 1.0 / look.steps.off)
-    fewest = min(FEWEST_SAMPLES, FEWEST_FITS // len(look.sighting.center_px))
+    fewest = min(FEWEST_SAMPLES, FEWEST_FITS // len(look.markers.center_px))
     apart = min(int(SAMPLE_PX * events_per_px), len(events) // max(fewest, 1))
     apart = max(apart, len(events) // MOST_SAMPLES, 1)
     begin_us, length_us = look.rests_us[:, :1], np.diff(look.rests_us, axis=1)

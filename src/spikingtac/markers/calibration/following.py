@@ -15,7 +15,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.disc_fits import Scene, fit_room, fit_some_kernel
 from spikingtac.markers.calibration.disc_levels import (
     Course,
@@ -24,6 +23,7 @@ from spikingtac.markers.calibration.disc_levels import (
     draw_kernel,
     nearest_markers,
 )
+from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.state_map.two_threads import divide
 
 PULL = 0.2

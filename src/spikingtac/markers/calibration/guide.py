@@ -1,118 +1,166 @@
-"""How much of each marker's disc has been seen to change, and on which side."""
+"""What a calibration still lacks while events stream in: how far each marker has moved so far.
+
+The calibration reads a recording forwards and backwards; a guide has seen only what came so far.
+Levels begin at the ground and are added up as in
+:mod:`spikingtac.markers.calibration.level_maps`. A pixel that a marker covers at rest shows it once
+the marker has left it and has come back: exactly then its steps can be learned.
+"""
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
-from spikingtac.markers.calibration.guide_levels import Coverage, StreamedLevels, coverage
-from spikingtac.markers.calibration.lattice import LayoutKind
-from spikingtac.markers.calibration.rests import (
-    BIN_US,
-    SHORTEST_REST_US,
-    SMOOTH_BINS,
-    quiet_limit,
-)
-from spikingtac.markers.calibration.sighting import (
+from spikingtac.markers.calibration.find_markers import (
     FindingConfig,
-    Sighting,
+    SeenMarkers,
     lit_share,
-    sight_markers,
+    see_markers,
 )
+from spikingtac.markers.calibration.level_maps import MeanSteps, SwingHistogram
+from spikingtac.markers.calibration.recording import RestWatch
 from spikingtac.types import EventPacket, Polarity
 
-MOST_BINS = 1_200
-"""Bins that are remembered: a minute of 50 ms each."""
+SWUNG_LEVEL = 0.9
+"""A pixel has shown a marker when it came from the ground to this level: steps are estimated to
+30 %, so that most pixels reach the full level, not all."""
 
-NOISE_DEVIATIONS = 5.0
-"""Quiet counts reach from 1.6 standard deviations of Poisson noise below their mean (the fifth
-percentile) to some three above it."""
+SLOWEST_SWING_US = 1_000_000
+"""A rise from ground to marker lasts no longer, us; noise that piles up takes longer. A rim 3 px
+wide passes in this time at 3 px/s."""
 
+FIRST_STEP = 0.2
+"""Share of a full swing of an event before any swing was seen: five events a swing."""
 
-BIN_SUM_US = BIN_US * SMOOTH_BINS
-"""Length of a bin, us: as long as the calibration sums over."""
+FEWEST_EVENTS, BALANCE = 2_000, (0.1, 10.0)
+"""Events after which the ratio of ON to OFF events is believed, and its bounds."""
 
+SIDES = ("right", "left", "lower", "upper")
+"""Quarters of a disc, in the order of :attr:`GuideView.sides`."""
 
-class RestWatch:
-    """Counts events in bins and separates rest from motion, as the calibration does afterwards.
-
-    Attributes:
-        rests: Rests so far, the present one included.
-        resting: Whether the skin rests now.
-    """
-
-    def __init__(self) -> None:
-        self._bins: deque[int] = deque(maxlen=MOST_BINS)
-        self._begin_us: int | None = None
-        self._count = 0
-        self._quiet_us = 0
-        self.rests = 0
-
-    @property
-    def resting(self) -> bool:
-        """Whether the quiet has lasted for as long as a rest does."""
-        return self._quiet_us >= SHORTEST_REST_US
-
-    def absorb(self, packet: EventPacket) -> None:
-        """Take the next events."""
-        if self._begin_us is None:
-            self._begin_us = packet.t_start_us
-        first = 0
-        while packet.t_end_us >= self._begin_us + BIN_SUM_US:
-            last = int(np.searchsorted(packet.t, self._begin_us + BIN_SUM_US))
-            self._end_bin(self._count + last - first)
-            first, self._count = last, 0
-            self._begin_us += BIN_SUM_US
-            self._begin_us += self._silent_us(packet, first)
-        self._count += len(packet) - first
-
-    def _silent_us(self, packet: EventPacket, first: int) -> int:
-        # A long silence is one rest; its bins are not counted one by one.
-        assert self._begin_us is not None
-        next_us = int(packet.t[first]) if first < len(packet) else packet.t_end_us
-        skipped = (next_us - self._begin_us) // BIN_SUM_US
-        if skipped < MOST_BINS:
-            return 0
-        self._bins.extend([0] * MOST_BINS)
-        return int(skipped) * BIN_SUM_US
-
-    def _end_bin(self, count: int) -> None:
-        self._bins.append(count)
-        was = self.resting
-        self._quiet_us = (
-            self._quiet_us + BIN_SUM_US
-            if count <= quiet_limit(np.array(self._bins, float), NOISE_DEVIATIONS)
-            else 0
-        )
-        self.rests += self.resting and not was
-
+OPPOSITE = ("left", "right", "up", "down")
+"""The way that a marker must go and come back from, to uncover each of :data:`SIDES`."""
 
 LOOK_US = 500_000
-"""Sensor time between two looks for the grid, us (ours: a look takes some 20 ms)."""
+"""Sensor time between two searches for the markers, us: one takes some 20 ms."""
 
-ENOUGH_SHARE = 0.7
-"""A marker has moved enough when this share of its disc has swung. (Ours: noise and blurred rims
-leave some pixels of every disc below the level.)"""
+ENOUGH_SHARE, DOUBTFUL_SHARE = 0.7, 0.4
+"""Share of its disc that has swung from which a marker has moved enough (noise and blurred rims
+leave some pixels of every disc below the level), and below which a calibration hardly measures
+it."""
 
 CORE_SHARE = 0.8
 """Radius within which the disc is measured, as a share of its own: the rim is blurred."""
 
-DOUBTFUL_SHARE = 0.4
-"""Below this share the calibration will hardly measure the marker."""
-
 MOST_UNMOVED_SHARE = 0.05
 """Share of the markers that may lack motion while the guide says that all is there."""
 
-
 FEWEST_RESTS = 2
-"""Rests without which a calibration is less sure: one before and one after the contacts. (On the
-twin's slides, simulated: 0.137 px mean error from one slide before the second rest, 0.110 px after
-it, 0.096 px from all of six seconds.)"""
+"""Rests without which a calibration is less sure: one before and one after the contacts (slides of
+the twin: 0.137 px mean error from one slide before the second rest, 0.110 px after it)."""
+
+
+class StreamedLevels:
+    """Levels of all pixels for white and for dark markers, and which of them swung.
+
+    Attributes:
+        steps: What one event stands for, as far as it is known.
+        level: ``(2, height, width)`` from 0 (ground) to 1 (marker), for white and dark markers.
+        swung: The same shape: which pixels came from the ground to a marker.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self._width, shape = size[0], (2, size[1], size[0])
+        self.steps = MeanSteps(FIRST_STEP, FIRST_STEP)
+        self.level, self.swung = np.zeros(shape, np.float32), np.zeros(shape, np.bool_)
+        self._left_us = np.zeros(shape, np.int64)
+        self._swings = SwingHistogram(size[0] * size[1])
+        self._counts = np.zeros(2, np.int64)
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Take the next events."""
+        self._counts += np.bincount(packet.p, minlength=2)
+        pixel = packet.y.astype(np.uint32) * np.uint32(self._width) + packet.x
+        code = pixel * np.uint32(2) + packet.p
+        self._swings.absorb(code, self._on_per_off)
+        level, swung = self.level.reshape(2, -1), self.swung.reshape(2, -1)
+        left_us = self._left_us.reshape(2, -1)
+        levels_kernel(code, packet.t, self.steps.pair, (level, swung, left_us))
+
+    def refresh(self) -> None:
+        """Estimate the steps anew from the swings so far."""
+        if self._swings.counts.any():
+            self.steps = self._swings.steps(self._on_per_off)
+
+    @property
+    def _on_per_off(self) -> float:
+        off, on = self._counts.tolist()
+        return 1.0 if on + off < FEWEST_EVENTS else float(np.clip(on / max(off, 1), *BALANCE))
+
+
+@njit(cache=True)
+def levels_kernel(
+    code: NDArray[np.uint32],
+    t_us: NDArray[np.int64],
+    steps: NDArray[np.float32],
+    maps: tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.int64]],
+) -> None:
+    """Add each event to both maps, clipped to [0, 1], and note what rose from the ground in time.
+
+    ``maps`` holds, for white and dark markers, the levels, which pixels swung, and when each left
+    the ground last, ``(2, pixels)``.
+    """
+    level, swung, left_us = maps
+    for i in range(len(code)):
+        pixel = code[i] >> 1
+        step = steps[0] if code[i] & 1 else -steps[1]
+        for row in range(2):
+            before = level[row, pixel]
+            after = before + (step if row == 0 else -step)
+            after = min(max(after, np.float32(0.0)), np.float32(1.0))
+            level[row, pixel] = after
+            if before <= 0.0 and after > 0.0:
+                left_us[row, pixel] = t_us[i]
+            if after >= SWUNG_LEVEL and t_us[i] - left_us[row, pixel] <= SLOWEST_SWING_US:
+                swung[row, pixel] = True
+
+
+def coverage(
+    swung: NDArray[np.bool_], center_px: NDArray[np.float64], radius_px: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return shares of each disc that swung: ``(m,)`` of all, ``(m, 4)`` of its :data:`SIDES`.
+
+    Args:
+        swung: ``(height, width)`` which pixels swung.
+        center_px: ``(m, 2)`` where the markers rest, px; discs may reach over the border.
+        radius_px: Their radius, px.
+
+    Example:
+        >>> seen = np.zeros((9, 9), bool)
+        >>> seen[:, 5:] = True  # the right half of a disc in the middle
+        >>> coverage(seen, np.array([[4.0, 4.0]]), 3.0)[1].tolist()
+        [[1.0, 0.0, 0.4, 0.4]]
+    """
+    reach = int(np.ceil(radius_px)) + 1
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    nearest = np.rint(center_px).astype(np.int64)
+    column, row = nearest[:, :1] + x.ravel(), nearest[:, 1:] + y.ravel()
+    dx, dy = column - center_px[:, :1], row - center_px[:, 1:]
+    height, width = swung.shape
+    inside = (np.hypot(dx, dy) <= radius_px) & (column >= 0) & (row >= 0)
+    inside &= (column < width) & (row < height)
+    seen = swung[row.clip(0, height - 1), column.clip(0, width - 1)]
+    across = np.abs(dx) > np.abs(dy)
+    quarters = (across & (dx > 0), across & (dx < 0), ~across & (dy > 0), ~across & (dy < 0))
+    whole, *sides = (
+        (inside & part & seen).sum(axis=1) / np.maximum((inside & part).sum(axis=1), 1)
+        for part in (inside, *quarters)
+    )
+    return whole, np.column_stack(sides)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,12 +174,9 @@ class GuideView:
         place_px: ``(m, 2)`` where each marker is seen or expected, px.
         radius_px: Typical radius of the markers, px.
         share: ``(m,)`` share of each disc that has been seen to change.
-        sides: ``(m, 4)`` the same by
-            :data:`~spikingtac.markers.calibration.guide_levels.SIDES`.
+        sides: ``(m, 4)`` the same by :data:`SIDES`.
         rests: How often the skin has rested.
         resting: Whether it rests now.
-        polarity: White or dark markers.
-        missing: Why there is no grid, or an empty string.
     """
 
     size: tuple[int, int]
@@ -143,8 +188,6 @@ class GuideView:
     sides: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 4)))
     rests: int = 0
     resting: bool = False
-    polarity: Polarity = "white"
-    missing: str = ""
 
     @property
     def enough(self) -> NDArray[np.bool_]:
@@ -169,34 +212,25 @@ class CalibrationGuide:
 
     Args:
         size: ``(width, height)`` of the sensor, px.
-        grid: ``(rows, columns)``, or None to find it.
-        polarity: White or dark markers, or "auto" to find out.
-        layout: What the markers are; "auto" tells grids from staggered rows.
+        config: What is known of the markers beforehand.
     """
 
-    def __init__(
-        self,
-        size: tuple[int, int],
-        grid: tuple[int, int] | None = None,
-        polarity: Literal["auto"] | Polarity = "auto",
-        layout: LayoutKind = "auto",
-    ) -> None:
-        self._config = FindingConfig(grid=grid, polarity=polarity, layout=layout)
+    def __init__(self, size: tuple[int, int], config: FindingConfig | None = None) -> None:
+        self._config = config or FindingConfig()
         self._size = size
         self.reset()
 
     def reset(self) -> None:
         """Forget all events."""
         self._levels, self._rests = StreamedLevels(self._size), RestWatch()
-        self._sighting: Sighting | None = None
-        self._known = 0
+        self._seen: SeenMarkers | None = None
         self._looked_us: int | None = None
         self._t_us = 0
         self._polarity: Polarity = "white"
-        self._missing = "nothing has moved yet"
 
     def absorb(self, packet: EventPacket) -> None:
         """Take the next events, in order of time."""
+        packet = packet.sound()
         self._levels.absorb(packet)
         self._rests.absorb(packet)
         self._t_us = packet.t_end_us
@@ -214,57 +248,35 @@ class CalibrationGuide:
     @property
     def level(self) -> NDArray[np.float32]:
         """``(height, width)`` how bright each pixel is, from 0 (ground) to 1 (marker)."""
-        return self._levels.level(self._polarity)
+        return self._levels.level[self._row]
+
+    @property
+    def _row(self) -> int:
+        return ("white", "dark").index(self._polarity)
 
     def view(self) -> GuideView:
         """Return what is known now."""
-        seen = self._sighting
+        seen, rests = self._seen, (self._rests.rests, self._rests.resting)
         if seen is None:
-            return GuideView(
-                self._size,
-                self._t_us,
-                rests=self._rests.rests,
-                resting=self._rests.resting,
-                missing=self._missing,
-            )
-        known = self._coverage(seen)
-        return GuideView(
-            self._size,
-            self._t_us,
-            seen.layout.shape,
-            seen.center_px,
-            seen.radius_px,
-            known.share,
-            known.sides,
-            self._rests.rests,
-            self._rests.resting,
-            self._polarity,
-        )
-
-    def _coverage(self, seen: Sighting) -> Coverage:
-        swung = self._levels.swung(self._polarity)
-        return coverage(swung, seen.center_px, CORE_SHARE * seen.radius_px)
+            return GuideView(self._size, self._t_us, rests=rests[0], resting=rests[1])
+        core_px = CORE_SHARE * seen.radius_px
+        share, sides = coverage(self._levels.swung[self._row], seen.center_px, core_px)
+        known = seen.layout.shape, seen.center_px, seen.radius_px, share, sides
+        return GuideView(self._size, self._t_us, *known, *rests)
 
     def _look(self) -> None:
         self._levels.refresh()
-        polarity = self._judged_polarity()
+        polarity = self._config.polarity
+        if polarity == "auto":
+            lit = [lit_share(level[np.newaxis]) for level in self._levels.level]
+            polarity = self._polarity if lit[0] == lit[1] else ("white", "dark")[np.argmin(lit)]
         if polarity != self._polarity:
-            self._polarity, self._sighting, self._known = polarity, None, 0
-        config = self._config
+            self._polarity, self._seen = polarity, None
         try:
-            seen = sight_markers(self.level, self._size, config)
-        except CalibrationError as error:
-            self._missing = str(error)
+            seen = see_markers(self.level, self._config)
+        except CalibrationError:
             return
-        found = len(seen.layout.point) - len(seen.layout.missing)
+        known = 0 if self._seen is None else self._seen.count
         # While markers move they are seen elsewhere; only what is new is worth that.
-        if found > self._known or (self._rests.resting and found >= 0.9 * self._known):
-            self._sighting, self._known = seen, found
-
-    def _judged_polarity(self) -> Polarity:
-        if self._config.polarity != "auto":
-            return self._config.polarity
-        lit: dict[Polarity, float] = {}
-        for polarity in ("white", "dark"):
-            lit[polarity] = lit_share(self._levels.level(polarity)[np.newaxis])
-        return min(lit, key=lambda name: (lit[name], name != self._polarity))
+        if seen.count > known or (self._rests.resting and seen.count >= 0.9 * known):
+            self._seen = seen

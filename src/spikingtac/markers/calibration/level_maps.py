@@ -14,8 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
-from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.rests import moving_events
+from spikingtac.markers.calibration.recording import BufferedEvents, moving_events
 
 BINS_PER_EVENT, LARGEST_SWING = 4, 100
 """Resolution and range of the histogram of brightness swings, in ON events."""
@@ -26,8 +25,8 @@ noise."""
 
 SWING_QUANTILE = 0.5
 """Quantile of the swings, weighted with their size, that stands for a full one: most of the
-change in a picture of moving discs is made of full swings (ours: within 30 % on fifteen simulated
-sensors; it only starts the estimate of :mod:`spikingtac.markers.calibration.swings`)."""
+change in a picture of moving discs is made of full swings (within 30 % on fifteen simulated
+sensors; :mod:`spikingtac.markers.calibration.first_model` begins with it)."""
 
 ON_SHARES = (0.02, 0.98)
 """Shares of ON events among the events of motion between which a calibration is tried."""
@@ -48,6 +47,11 @@ class MeanSteps:
     def inverted(self) -> MeanSteps:
         """Return the steps for swapped polarities."""
         return MeanSteps(self.off, self.on)
+
+    @property
+    def pair(self) -> NDArray[np.float32]:
+        """``(2,)`` ON and OFF step, for kernels."""
+        return np.array([self.on, self.off], np.float32)
 
 
 def mean_steps(events: BufferedEvents, moving: NDArray[np.bool_]) -> MeanSteps:
@@ -71,14 +75,32 @@ def mean_steps(events: BufferedEvents, moving: NDArray[np.bool_]) -> MeanSteps:
             f"{share:.0%} of the events of motion are ON events, so brightness never comes back "
             "and no marker can be followed; check the camera's thresholds (biases)"
         )
-    ratio = on / off
-    histogram = np.zeros(LARGEST_SWING * BINS_PER_EVENT, np.int64)
-    swings_kernel(events.code, ratio, np.zeros((4, events.pixels), np.float32), histogram)
-    weight = histogram * np.arange(1, len(histogram) + 1)
-    reached = np.cumsum(weight) >= SWING_QUANTILE * weight.sum()
-    swing = max(float(np.argmax(reached)) / BINS_PER_EVENT, 1.0)
-    step = 1.0 / (swing + 0.5)
-    return MeanSteps(min(step, 1.0), min(step * ratio, 1.0))
+    swings = SwingHistogram(events.pixels)
+    swings.absorb(events.code, on / off)
+    return swings.steps(on / off)
+
+
+class SwingHistogram:
+    """How far brightness goes between two turns, in ON events, of all pixels together.
+
+    Attributes:
+        counts: Swings by size, in bins of 1 / BINS_PER_EVENT.
+    """
+
+    def __init__(self, pixels: int) -> None:
+        self.counts = np.zeros(LARGEST_SWING * BINS_PER_EVENT, np.int64)
+        self._turns = np.zeros((4, pixels), np.float32)
+
+    def absorb(self, code: NDArray[np.uint32], on_per_off: float) -> None:
+        """Take the next events, by pixel and polarity as in :class:`BufferedEvents`."""
+        swings_kernel(code, on_per_off, self._turns, self.counts)
+
+    def steps(self, on_per_off: float) -> MeanSteps:
+        """Return the steps of which :data:`SWING_QUANTILE` of the swings are a full one."""
+        weight = self.counts * np.arange(1, len(self.counts) + 1)
+        reached = np.cumsum(weight) >= SWING_QUANTILE * weight.sum()
+        step = 1.0 / (max(float(np.argmax(reached)) / BINS_PER_EVENT, 1.0) + 0.5)
+        return MeanSteps(min(step, 1.0), min(step * on_per_off, 1.0))
 
 
 def level_maps(
@@ -95,22 +117,26 @@ def level_maps(
         index: How many events came before each map, increasing.
         start: ``(height, width)`` levels when the recording begins.
     """
-    both = np.array([steps.on, steps.off], np.float32)
     level = start.ravel().copy()
-    add_kernel(level, events.code, both)
+    add_kernel(level, events.code, steps.pair)
     maps = np.empty((len(index), events.pixels), np.float32)
     last = len(events)
     for row in range(len(index) - 1, -1, -1):
-        undo_kernel(level, events.code[index[row] : last], both)
+        _undo(level, events.code[index[row] : last], steps)
         last = int(index[row])
         maps[row] = level
-    undo_kernel(level, events.code[:last], both)
+    _undo(level, events.code[:last], steps)
     last = 0
     for row, at in enumerate(index):
-        add_kernel(level, events.code[last:at], both)
+        add_kernel(level, events.code[last:at], steps.pair)
         last = int(at)
         maps[row] = 0.5 * (maps[row] + level)
     return maps.reshape(len(index), *events.shape)
+
+
+def _undo(level: NDArray[np.float32], code: NDArray[np.uint32], steps: MeanSteps) -> None:
+    # Take each event's step back, last event first: the inverted events, backwards in time.
+    add_kernel(level, np.ascontiguousarray(code[::-1] ^ np.uint32(1)), steps.inverted().pair)
 
 
 @njit(cache=True)
@@ -160,21 +186,6 @@ def add_kernel(
             level[pixel] = max(level[pixel] - off, np.float32(0.0))
 
 
-@njit(cache=True)
-def undo_kernel(
-    level: NDArray[np.float32], code: NDArray[np.uint32], steps: NDArray[np.float32]
-) -> None:
-    """Take each event's step back, last event first, clipped to [0, 1]."""
-    on, off = steps[0], steps[1]
-    for back in range(1, len(code) + 1):
-        i = len(code) - back
-        pixel = code[i] >> 1
-        if code[i] & 1:
-            level[pixel] = max(level[pixel] - on, np.float32(0.0))
-        else:
-            level[pixel] = min(level[pixel] + off, np.float32(1.0))
-
-
 SMOOTH_PX = 1.0
 """Width of the Gaussian over which events of motion are counted: single pixels are noisy."""
 
@@ -187,7 +198,7 @@ UNDECIDED = 0.5
 tell the level: less is left where a pixel swung over more than half."""
 
 GROWN_PX = 5
-"""How far beside silent pixels those that swing a little are covered, too (ours, on four sensors: 5
+"""How far beside silent pixels those that swing a little are covered, too (four sensors: 5
 and 8 are alike; with 3 a gap stays inside of large discs, without a bound feet of edges count)."""
 
 RIM_PX = 6
@@ -195,7 +206,7 @@ RIM_PX = 6
 
 LEAST_LIT = 0.1
 """Share of that rim, where events tell how it began, that begins bright where a marker covers the
-silent pixels (ours)."""
+silent pixels."""
 
 
 def starting_levels(
@@ -254,9 +265,8 @@ def _first_levels(
     They differ where a pixel never swings.
     """
     dark, bright = np.zeros(events.pixels, np.float32), np.ones(events.pixels, np.float32)
-    both = np.array([steps.on, steps.off], np.float32)
     for level in dark, bright:
-        undo_kernel(level, events.code, both)
+        _undo(level, events.code, steps)
     return dark.reshape(events.shape), bright.reshape(events.shape)
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
-from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.disc_corrections import corrections
 from spikingtac.markers.calibration.expected_levels import walk
 from spikingtac.markers.calibration.layout import Layout
 from spikingtac.markers.calibration.offset_memory import OffsetMemory
+from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.markers.calibration.refine import Refined
 
 FEWEST_EXPLAINED_SHARE = 0.5

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.markers.calibration.refine import MOST_ROUNDS, Refined, refine
 
 RECOVERY_S = 0.2

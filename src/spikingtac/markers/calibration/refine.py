@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.disc_corrections import (
     RESIDUAL_LEVEL,
     Corrections,
@@ -21,6 +20,7 @@ from spikingtac.markers.calibration.disc_corrections import (
 from spikingtac.markers.calibration.disc_levels import Course, Discs, PixelSteps
 from spikingtac.markers.calibration.expected_levels import Walk, walk
 from spikingtac.markers.calibration.offset_memory import RIM_LEVELS, OffsetMemory
+from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.state_map.two_threads import divide
 
 MOST_ROUNDS = 10

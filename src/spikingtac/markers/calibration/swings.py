@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.disc_levels import Course, Discs, PixelSteps
 from spikingtac.markers.calibration.level_maps import MeanSteps
+from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.markers.calibration.swing_counts import count_swings
 from spikingtac.markers.graded.appearance import nearest_marker
 

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.markers.calibration.reference import CREPT_SHARE, typical
 from spikingtac.markers.calibration.refine import Refined
 from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
@@ -179,8 +179,7 @@ def _windows(
     for end in range(1, last + 1):
         enough = index[end] - index[start] >= EVENTS_PER_MARKER * markers
         if enough or end - start >= longest or end == last:
-            span_us = start * period_us, end * period_us
-            yield events.packet((index[start], index[end]), span_us)
+            yield events.packet(start * period_us, end * period_us)
             start = end
 
 

@@ -7,7 +7,6 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.source import PacketSource
-from spikingtac.markers.calibration.buffered_events import BufferedSource
 from spikingtac.markers.calibration.calibrate import completed
 from spikingtac.types import EventPacket
 from stand_ins.swaying_discs import REST_PX, STEP, calibration, swaying_discs
@@ -21,7 +20,7 @@ def by_hand() -> Calibration:
 
 
 def test_steps_are_learned_and_places_stay() -> None:
-    found = completed(BufferedSource(swaying_discs()), by_hand())
+    found = completed(swaying_discs(), by_hand())
     assert found.step_on == pytest.approx(STEP, rel=0.15)
     assert found.step_off == pytest.approx(STEP, rel=0.15)
     np.testing.assert_array_equal(found.reference_px, REST_PX)

@@ -7,8 +7,8 @@ import pytest
 
 from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration import level_maps as module
-from spikingtac.markers.calibration.buffered_events import BufferedEvents, buffer_events
 from spikingtac.markers.calibration.level_maps import MeanSteps, starting_levels
+from spikingtac.markers.calibration.recording import BufferedEvents, buffer_events
 from stand_ins.ideal_events import ideal_events
 
 SIZE, STEPS = (80, 60), MeanSteps(0.15, 0.15)
@@ -22,7 +22,7 @@ def discs_moved(amplitude_px: float, centers: list[tuple[float, float]]) -> Buff
     path = np.concatenate([trip[:, np.newaxis] * np.array(way) for way in WAYS])
     moving = np.array(centers) + path[:, np.newaxis]
     packet = ideal_events(moving, RADIUS_PX, SIZE, 4_000)
-    return buffer_events(PacketSource([packet], SIZE), 1_000_000)
+    return buffer_events(PacketSource([packet], SIZE))
 
 
 def away_px() -> np.ndarray:

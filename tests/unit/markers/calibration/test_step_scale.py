@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.markers.calibration.trial_tracking import fit_step_scale
 from stand_ins.swaying_discs import (
     PERIOD_US,

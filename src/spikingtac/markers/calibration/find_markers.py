@@ -1,0 +1,232 @@
+"""Find the markers in maps of the skin at rest: discs of equal size, in rows or free."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.markers.blobs import BlobConfig, BlobDetector
+from spikingtac.markers.calibration.lattice import LayoutKind
+from spikingtac.markers.calibration.layout import Layout, find_layout
+from spikingtac.markers.calibration.level_maps import (
+    MeanSteps,
+    level_maps,
+    mean_steps,
+    starting_levels,
+)
+from spikingtac.markers.calibration.recording import (
+    BufferedEvents,
+    find_rests,
+    moving_events,
+    unloaded_rests,
+)
+from spikingtac.types import Polarity
+
+SMOOTH_PX = 1.0
+"""Width of the Gaussian that takes single pixels' noise off before discs are looked for."""
+
+AREA_SHARES = (0.25, 3.0)
+"""Spots of a smaller or larger share of the median area are no markers, or two."""
+
+CANDIDATES = BlobConfig(threshold=0.45, min_area_px=12.0, max_area_px=20_000.0)
+"""Spots of the smoothed map that may be markers: radii of 2 px and more. Blur takes a little off
+the level of small discs, so that the threshold is below one half."""
+
+FEWEST_MARKERS = 3
+"""Fewer markers are no grid."""
+
+MOST_STRAY_SHARE = 0.5
+"""Spots that fit into no grid, as a share of those that do, above which there is no grid."""
+
+HAZE_EVENTS = 1.0
+"""Events of noise of a pixel over the recording from which a second search leaves lone events out:
+their steps add up to a haze, in which pale markers are lost. (Not in the first search: where
+markers are seen nevertheless, lone events of slow motions count.)"""
+
+EVEN_MAPS = 16
+"""Maps at regular times where a recording has no rest."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FindingConfig:
+    """What is known of the markers before they are looked for.
+
+    Attributes:
+        grid: ``(rows, columns)``, or None to find it.
+        layout: What the markers are; "auto" tells grids from staggered rows.
+        polarity: White markers on dark ground, dark on light, or "auto" to find out.
+    """
+
+    grid: tuple[int, int] | None = None
+    layout: LayoutKind = "auto"
+    polarity: Literal["auto"] | Polarity = "auto"
+
+    def __post_init__(self) -> None:
+        if self.grid is not None and min(self.grid) < 1:
+            raise ConfigError(f"grid is {self.grid}, rows and columns must be positive")
+        if self.grid is not None and self.layout == "free":
+            raise ConfigError("a free layout has no rows and columns; give no grid")
+
+
+@dataclass(frozen=True, slots=True)
+class SeenMarkers:
+    """The markers as they are seen at rest.
+
+    Attributes:
+        layout: Which spot is which marker.
+        center_px: ``(m, 2)`` where each marker was seen; missing ones: is expected.
+        stray_px: ``(k, 2)`` where spots are that belong to no marker.
+        radius_px: Typical radius of the markers, px.
+    """
+
+    layout: Layout
+    center_px: NDArray[np.float64]
+    stray_px: NDArray[np.float64]
+    radius_px: float
+
+    @property
+    def count(self) -> int:
+        """Markers that were seen."""
+        return len(self.layout.point) - len(self.layout.missing)
+
+
+@dataclass(frozen=True, slots=True)
+class Overview:
+    """A recording and what its maps at rest show.
+
+    Attributes:
+        events: The recording, markers brighter than the ground.
+        polarity: White or dark markers.
+        steps: What an event stands for on the average.
+        rests_us: ``(rests, 2)`` when the skin rested, us since the start.
+        unloaded: ``bool[rests]`` at which of them nothing touched it.
+        maps: ``(rests, height, width)`` levels 0 to 1.
+        markers: Where the markers are.
+    """
+
+    events: BufferedEvents
+    polarity: Polarity
+    steps: MeanSteps
+    rests_us: NDArray[np.int64]
+    unloaded: NDArray[np.bool_]
+    maps: NDArray[np.float32]
+    markers: SeenMarkers
+
+    def noise(self, reach_px: float) -> NDArray[np.float64]:
+        """Return ON and OFF events within a reach over the recording, as the rests have them."""
+        silent = ~moving_events(self.events, self.rests_us)
+        silence_us = float(np.diff(self.rests_us, axis=1).sum())
+        if not len(self.rests_us) or silent.all():
+            return np.zeros(2)
+        off, on = np.bincount(self.events.code[silent] & 1, minlength=2)
+        share = np.pi * reach_px**2 / self.events.pixels
+        return np.array([on, off]) * share * self.events.duration_us / max(silence_us, 1.0)
+
+
+def look_over(
+    events: BufferedEvents, config: FindingConfig, known: SeenMarkers | None = None
+) -> Overview:
+    """Find out polarity, rests and markers of a recording.
+
+    Args:
+        events: The recording.
+        config: What is known beforehand.
+        known: Where the markers are, where they need not be found.
+
+    Raises:
+        CalibrationError: There are no markers.
+    """
+    rests_us = find_rests(events)
+    try:
+        return _overview(events, events, rests_us, config, known)
+    except CalibrationError:
+        silence_us = float(np.diff(rests_us, axis=1).sum())
+        silent = np.count_nonzero(~moving_events(events, rests_us))
+        noise = silent / events.pixels * events.duration_us
+        if noise < HAZE_EVENTS * silence_us or not silence_us:
+            raise
+    return _overview(events, events.supported(), rests_us, config, known)
+
+
+def _overview(
+    events: BufferedEvents,
+    shown: BufferedEvents,
+    rests_us: NDArray[np.int64],
+    config: FindingConfig,
+    known: SeenMarkers | None,
+) -> Overview:
+    steps = mean_steps(shown, moving_events(shown, rests_us))
+    spans_us = rests_us
+    if not len(rests_us):
+        edges_us = np.linspace(0, events.duration_us, EVEN_MAPS + 1).astype(np.int64)
+        spans_us = np.column_stack([edges_us[:-1], edges_us[1:]])
+    index = shown.index_at(spans_us.mean(axis=1).astype(np.int64))
+    polarities: tuple[Polarity, ...] = ("white", "dark")
+    views = {}
+    for polarity in polarities:
+        if config.polarity in ("auto", polarity):
+            white = polarity == "white"
+            seen, mean = (shown, steps) if white else (shown.inverted(), steps.inverted())
+            start = starting_levels(seen, rests_us, mean)
+            views[polarity] = level_maps(seen, mean, index, start)
+    polarity = min(views, key=lambda name: lit_share(views[name]))
+    length_us = np.diff(spans_us, axis=1)[:, 0]
+    unloaded = unloaded_rests(views[polarity], length_us)
+    level = np.average(views[polarity][unloaded], axis=0, weights=length_us[unloaded])
+    markers = known or see_markers(level.astype(np.float32), config)
+    if polarity == "dark":
+        events, steps = events.inverted(), steps.inverted()
+    return Overview(events, polarity, steps, spans_us, unloaded, views[polarity], markers)
+
+
+def lit_share(maps: NDArray[np.float32]) -> float:
+    """Return which share of the pixels shows a marker, on the average over maps.
+
+    Of the two polarities the right one shows the fewer: discs, and not what they passed.
+    """
+    return float(np.mean([_smoothed(level) > 0.5 for level in maps]))
+
+
+def _smoothed(level: NDArray[np.float32]) -> NDArray[np.float32]:
+    # A late import: every verb's start would wait for it.
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(level, SMOOTH_PX), np.float32)
+
+
+def see_markers(level: NDArray[np.float32], config: FindingConfig) -> SeenMarkers:
+    """Find the markers in a map ``(height, width)`` of the skin at rest.
+
+    Raises:
+        CalibrationError: No markers are there; says what was seen instead.
+    """
+    size = level.shape[1], level.shape[0]
+    spots = BlobDetector(size, CANDIDATES).detect(_smoothed(level))
+    whole = spots.area_px[~spots.cut] if (~spots.cut).any() else spots.area_px
+    usual = float(np.median(whole)) if len(whole) else 0.0
+    alike = (spots.area_px >= AREA_SHARES[0] * usual) & (spots.area_px <= AREA_SHARES[1] * usual)
+    center_px = spots.center_px[alike]
+    if len(center_px) < FEWEST_MARKERS:
+        raise CalibrationError(
+            f"no grid of markers: {len(center_px)} spots of equal size appeared where a grid has "
+            f"at least {FEWEST_MARKERS}; record the sensor while something presses or slides on "
+            "all of its skin, so that every marker moves by more than its diameter"
+        )
+    layout = find_layout(center_px, size, config.grid, config.layout)
+    seen = layout.point >= 0
+    count, stray = int(seen.sum()), len(layout.stray)
+    if count < FEWEST_MARKERS or (stray > MOST_STRAY_SHARE * count and layout.fits is None):
+        raise CalibrationError(
+            f"no grid of markers: of {len(center_px)} spots only {count} lie in rows and columns; "
+            "the recording seems to show something else than a marker sensor. If its markers lie "
+            "in no rows, give --layout free"
+        )
+    place_px = layout.expected_px.copy()
+    place_px[seen] = center_px[layout.point[seen]]
+    kept = alike & ~spots.cut if (alike & ~spots.cut).any() else alike
+    radius_px = float(np.sqrt(np.median(spots.area_px[kept]) / np.pi))
+    return SeenMarkers(layout, place_px, center_px[layout.stray], radius_px)

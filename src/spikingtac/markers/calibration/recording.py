@@ -1,0 +1,292 @@
+"""The events of a recording in memory, to be read several times and backwards, and its rests.
+
+A static press is as silent as no contact, so a stretch of silence is only a candidate for a rest
+without load: the skin looks the same at all rests without load, while presses differ.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import CalibrationError
+from spikingtac.events.filters import BackgroundActivityFilter
+from spikingtac.events.hot_pixels import find_hot_pixels, hot_mask, quiet_events
+from spikingtac.events.source import EventSource
+from spikingtac.types import EventPacket, LossCounters
+
+LONGEST_US = int(np.iinfo(np.uint32).max)
+"""Longest recording whose times fit 32 bits: 71 minutes."""
+
+MOST_EVENTS = 100_000_000
+"""Bound of the memory: 8 bytes for each event."""
+
+REPLAYED_US = 10_000
+"""Length of the packets in which buffered events are read again, us."""
+
+
+@dataclass(slots=True)
+class BufferedEvents:
+    """The events of a recording in 8 bytes each: a source that can be read repeatedly.
+
+    Attributes:
+        code: ``uint32[n]``, ``2 * (y * width + x)`` plus 1 where the pixel became brighter.
+        time_us: ``uint32[n]`` since ``t_start_us``.
+        size: ``(width, height)``, px.
+        t_start_us: Where the recording begins, us.
+        duration_us: Its length, us.
+        losses: Nothing is lost in memory.
+    """
+
+    code: NDArray[np.uint32]
+    time_us: NDArray[np.uint32]
+    size: tuple[int, int]
+    t_start_us: int
+    duration_us: int
+    losses: LossCounters = field(default_factory=LossCounters)
+
+    def __len__(self) -> int:
+        return len(self.code)
+
+    def __iter__(self) -> Iterator[EventPacket]:
+        """Yield packets of equal duration."""
+        edges_us = [*range(0, self.duration_us, REPLAYED_US), max(self.duration_us, 1)]
+        for begin_us, end_us in pairwise(edges_us):
+            yield self.packet(begin_us, end_us)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(height, width)`` of an image."""
+        return (self.size[1], self.size[0])
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels of the sensor."""
+        return self.size[0] * self.size[1]
+
+    def index_at(self, times_us: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return how many events came before each time since the start."""
+        return np.searchsorted(self.time_us, times_us.clip(0, LONGEST_US).astype(np.uint32))
+
+    def times_at(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the times of events by their number, us; of the last one where they end before."""
+        return self.time_us[np.minimum(index, len(self) - 1)].astype(np.int64)
+
+    def packet(self, begin_us: int, end_us: int) -> EventPacket:
+        """Return the events from one time since the start to another."""
+        first, last = self.index_at(np.array([begin_us, end_us], np.int64)).tolist()
+        pixel, polarity = np.divmod(self.code[first:last], 2)
+        y, x = np.divmod(pixel, self.size[0])
+        return EventPacket(
+            x=x.astype(np.uint16),
+            y=y.astype(np.uint16),
+            p=polarity.astype(bool),
+            t=self.time_us[first:last].astype(np.int64) + self.t_start_us,
+            size=self.size,
+            t_start_us=int(begin_us) + self.t_start_us,
+            t_end_us=int(end_us) + self.t_start_us,
+            checked=True,
+        )
+
+    def inverted(self) -> BufferedEvents:
+        """Return the same events with swapped polarities (dark markers become bright ones)."""
+        return replace(self, code=self.code ^ np.uint32(1))
+
+    def supported(self) -> BufferedEvents:
+        """Return the events that a neighbour supports: most of the noise is left out."""
+        keep = BackgroundActivityFilter(self.size)
+        kept = keep(self.packet(0, self.duration_us))
+        time_us = (kept.t - self.t_start_us).astype(np.uint32)
+        return replace(self, code=_coded(kept), time_us=time_us)
+
+
+def buffer_events(source: EventSource, most_us: int | None = None) -> BufferedEvents:
+    """Read a source once, to its end or for so long.
+
+    Raises:
+        CalibrationError: The source holds no events, more than :data:`MOST_EVENTS`, or more than
+            71 minutes; says how to cut it.
+    """
+    codes: list[NDArray[np.uint32]] = []
+    times: list[NDArray[np.uint32]] = []
+    start_us = end_us = events = 0
+    for packet in source:
+        start_us = start_us if codes else packet.t_start_us
+        end_us = packet.t_end_us
+        events += len(packet)
+        if events > MOST_EVENTS or end_us - start_us > LONGEST_US:
+            raise CalibrationError(
+                f"the recording holds more than {MOST_EVENTS:,} events or 71 minutes; contacts of "
+                "some ten seconds are enough, cut them out with: "
+                "spikingtac convert RECORDING OUT --from-us N --to-us N"
+            )
+        codes.append(_coded(packet))
+        times.append((packet.t - start_us).astype(np.uint32))
+        if most_us is not None and end_us - start_us >= most_us:
+            break
+    if not events:
+        raise CalibrationError(
+            "the recording holds no events, so no marker can be found; record the sensor while "
+            "something touches all of its skin"
+        )
+    code, time_us = np.concatenate(codes), np.concatenate(times)
+    return BufferedEvents(code, time_us, source.size, start_us, end_us - start_us)
+
+
+def _coded(packet: EventPacket) -> NDArray[np.uint32]:
+    packet = packet.sound()
+    pixel = packet.y.astype(np.uint32) * np.uint32(packet.size[0]) + packet.x
+    return pixel * np.uint32(2) + packet.p
+
+
+def without_hot_pixels(events: BufferedEvents) -> tuple[BufferedEvents, NDArray[np.int64]]:
+    """Return the events of all pixels but the hot ones, and these ``(h, 2)``, columns and rows."""
+    quiet, _ = quiet_events(events.time_us, 0, events.duration_us)
+    pixel = events.code >> 1
+    hot_px = find_hot_pixels(pixel[quiet].astype(np.int64), events.size)
+    keep = ~hot_mask(hot_px, events.size).ravel()[pixel]
+    return replace(events, code=events.code[keep], time_us=events.time_us[keep]), hot_px
+
+
+BIN_US, SMOOTH_BINS = 10_000, 5
+"""Events are counted in bins of this length, and summed over so many: 10 ms hold a hundred events
+of a quiet 320x320 sensor at 0.1 Hz a pixel."""
+
+QUIET_SHARE, QUIET_PERCENTILE = 0.03, 5.0
+"""A bin is quiet up to this share of the way from the quietest, the fifth percentile, to the busy
+ones (measured: creep after a contact is 0.01 to 0.02)."""
+
+SHORTEST_REST_US = 100_000
+"""A rest lasts at least this long; a slide turns round in less."""
+
+MOST_RESTS = 40
+"""The longest so many rests are used: each keeps a map in memory."""
+
+
+def quiet_limit(counts: NDArray[np.float64], deviations: float = 3.0) -> float:
+    """Return the count up to which a bin is quiet.
+
+    Args:
+        counts: Events of each bin.
+        deviations: Standard deviations of Poisson noise, above the quietest, that are no motion.
+    """
+    floor = float(np.percentile(counts, QUIET_PERCENTILE))
+    # Half of all events fall into bins at least as busy as this one.
+    busiest = np.sort(counts)[::-1]
+    busy = float(busiest[np.searchsorted(np.cumsum(busiest), 0.5 * busiest.sum())])
+    return floor + max(QUIET_SHARE * (busy - floor), deviations * (np.sqrt(floor) + 1.0))
+
+
+def find_rests(events: BufferedEvents) -> NDArray[np.int64]:
+    """Return ``(n, 2)`` first and last time of each rest, us since the start, in order."""
+    edges_us = np.arange(max(1, events.duration_us // BIN_US) + 1, dtype=np.int64) * BIN_US
+    single = np.diff(events.index_at(edges_us)).astype(float)
+    counts = np.convolve(single, np.ones(SMOOTH_BINS), "same")
+    quiet = np.concatenate([[0], counts <= quiet_limit(counts), [0]]).astype(int)
+    begins, ends = (np.flatnonzero(np.diff(quiet) == change) for change in (1, -1))
+    rests = np.column_stack([begins, ends]) * BIN_US
+    rests = rests[np.diff(rests, axis=1)[:, 0] >= SHORTEST_REST_US]
+    longest = np.argsort(rests[:, 0] - rests[:, 1], kind="stable")[:MOST_RESTS]
+    return rests[np.sort(longest)]
+
+
+def moving_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return ``bool[n]``: which events fall outside of the rests (all, where that is none)."""
+    moving = np.ones(len(events), bool)
+    for first, last in events.index_at(rests_us.ravel()).reshape(-1, 2):
+        moving[first:last] = False
+    return moving if moving.any() else ~moving
+
+
+MOST_BINS = 1_200
+"""Bins that are remembered: a minute of 50 ms each."""
+
+NOISE_DEVIATIONS = 5.0
+"""Quiet counts reach from 1.6 standard deviations of Poisson noise below their mean (the fifth
+percentile) to some three above it."""
+
+BIN_SUM_US = BIN_US * SMOOTH_BINS
+"""Length of a bin, us: as long as the calibration sums over."""
+
+
+class RestWatch:
+    """Counts events in bins and separates rest from motion, as the calibration does afterwards.
+
+    Attributes:
+        rests: Rests so far, the present one included.
+    """
+
+    def __init__(self) -> None:
+        self._bins: deque[int] = deque(maxlen=MOST_BINS)
+        self._begin_us: int | None = None
+        self._count = self._quiet_bins = self.rests = 0
+
+    @property
+    def resting(self) -> bool:
+        """Whether the quiet has lasted for as long as a rest does."""
+        return self._quiet_bins * BIN_SUM_US >= SHORTEST_REST_US
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Take the next events."""
+        if self._begin_us is None:
+            self._begin_us = packet.t_start_us
+        ended = max(packet.t_end_us - self._begin_us, 0) // BIN_SUM_US
+        counts = np.bincount((packet.t - self._begin_us) // BIN_SUM_US, minlength=ended + 1)
+        counts[0] += self._count
+        # Of a silence of more than a minute the last minute tells all.
+        for count in counts[max(ended - MOST_BINS, 0) : ended].tolist():
+            self._end_bin(count)
+        self._count = int(counts[ended:].sum())
+        self._begin_us += ended * BIN_SUM_US
+
+    def _end_bin(self, count: int) -> None:
+        self._bins.append(count)
+        was = self.resting
+        quiet = count <= quiet_limit(np.array(self._bins, float), NOISE_DEVIATIONS)
+        self._quiet_bins = self._quiet_bins + 1 if quiet else 0
+        self.rests += self.resting and not was
+
+
+SMOOTH_PX = 3
+"""Width of the box mean before two maps are compared: single pixels are noise."""
+
+CHANGED_LEVEL = 0.5
+"""A pixel differs between two rests when its level differs by half a swing."""
+
+ALIKE_SHARE, ALIKE_PX = 0.05, 40.0
+"""Two rests are alike up to this share of the pixels that differ between unlike rests, and up to so
+many pixels, a third of one marker. Creep leaves a share of less than 0.02, a light press 0.1 and
+more (simulated and recorded presses)."""
+
+FIRST_BONUS = 0.5
+"""A recording mostly begins without load: its first rest counts half as much again."""
+
+
+def unloaded_rests(maps: NDArray[np.float32], length_us: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return ``bool[rests]``: at which rests nothing touches the skin.
+
+    Rests that look alike, or are linked by others that do, are one group; the group that lasts
+    longest is without load.
+
+    Args:
+        maps: ``(rests, height, width)`` level maps.
+        length_us: ``(rests,)`` how long each lasts, us.
+    """
+    # Late imports: together they take a fifth of a second, which every verb's start would wait for.
+    from scipy.ndimage import uniform_filter
+    from scipy.sparse.csgraph import connected_components
+
+    smooth = np.array([uniform_filter(level, SMOOTH_PX) for level in maps])
+    changed = np.array(
+        [[(np.abs(one - other) > CHANGED_LEVEL).sum() for other in smooth] for one in smooth]
+    )
+    limit = max(ALIKE_SHARE * float(np.percentile(changed, 90)), ALIKE_PX)
+    _, group = connected_components(changed < limit)
+    weight = np.bincount(group, length_us).astype(float)
+    weight[group[0]] += FIRST_BONUS * length_us[0]
+    return np.asarray(group == weight.argmax())
