@@ -163,7 +163,7 @@ def track(
     t_us, center_px = [], []
     for window in _windows(events, len(calibration.reference_px), *periods_us):
         tracker.absorb(window)
-        t_us.append(window.t_end_us)
+        t_us.append(window.t_end_us - events.t_start_us)
         center_px.append(tracker.estimate(window.t_end_us).detected_px)
     return np.array(t_us), np.array(center_px)
 
