@@ -34,13 +34,6 @@ def test_the_first_window_above_the_threshold_is_the_contact() -> None:
     assert not detector.in_contact
 
 
-@pytest.mark.parametrize(("rate", "threshold"), [(0.1, 4), (1.0, 8), (10.0, 28), (100.0, 150)])
-def test_poisson_thresholds_for_one_false_stop_in_ten_minutes(rate: float, threshold: int) -> None:
-    """The values of the design study: exceeded 6 times an hour at most."""
-    quiet = QuietStatistics(mean=rate, variance=rate, highest=9, windows=10**6, period_s=1e-3)
-    assert quiet.threshold(6.0) == pytest.approx(threshold, abs=1)
-
-
 def test_bursts_raise_the_threshold_and_keep_the_budget() -> None:
     rng = np.random.default_rng(1)
     size = 10.0

@@ -50,11 +50,6 @@ def test_a_quiet_recording_of_one_polarity_is_refused(on: bool, name: str) -> No
         quiet_evidence([TABLE], one)
 
 
-def test_a_short_recording_allows_for_fewer_scales() -> None:
-    quiet = quiet_evidence([TABLE], windows(300, seed=1))
-    assert scale_test(quiet, 1.0).windows.tolist() == [1, 2, 4, 8, 16, 32]
-
-
 def test_whitened_evidence_of_other_quiet_windows_has_unit_variance_at_most() -> None:
     test = scale_test(quiet_evidence([TABLE], windows(6000, seed=1)), 1.0)
     fresh = quiet_evidence([TABLE], windows(6000, seed=2)).evidence

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.contact.rims import (
-    AFFINE_MODES,
     OFF_RIM,
-    affine_field,
     rim_table,
 )
 from stand_ins.moving_rims import GRID, RADIUS_PX, SIZE, calibration
@@ -36,14 +34,3 @@ def test_only_the_rims_count_and_each_pixel_belongs_to_the_nearest() -> None:
     np.testing.assert_array_equal(table.marker[table.row[rows, columns]], distance.argmin(axis=1))
     none = table.without(np.ones((SIZE[1], SIZE[0]), np.bool_))
     assert (none.row == OFF_RIM).all()
-
-
-def test_the_modes_hold_every_linear_field() -> None:
-    field = affine_field(GRID).reshape(-1, AFFINE_MODES)
-    rng = np.random.default_rng(1)
-    motion = (GRID @ rng.normal(size=(2, 2)) + rng.normal(size=2)).ravel()
-    solution, residual, rank, _ = np.linalg.lstsq(field, motion)
-    assert rank == AFFINE_MODES
-    assert residual[0] == pytest.approx(0.0, abs=1e-12)
-    np.testing.assert_allclose((field**2).sum(axis=0) / len(GRID), 1.0)
-    del solution

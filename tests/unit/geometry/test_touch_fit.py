@@ -49,16 +49,6 @@ def test_a_hexagon_of_known_heading_is_undone_to_a_micrometre(radius_mm: float) 
     assert hole.radius_mm == pytest.approx(radius_mm, abs=1.5e-3)
 
 
-def test_sliding_contacts_are_taken_back_along_the_force() -> None:
-    """From 0.8 of the free travel the cross meets the wall at up to 53 degrees."""
-    prober = IdealProber(2.0, heading_rad=HEADING_RAD)
-    start = 0.8 * (2.0 - 0.433) * np.array([math.cos(1.9), math.sin(1.9)])
-    reading, direction = touched(prober, start, np.arange(6) * np.pi / 3)
-    hole = estimate_hole(reading, direction, start, known_travel(), OPEN)
-    assert np.linalg.norm(hole.center_mm) < 4e-3
-    assert hole.radius_mm == pytest.approx(2.0, abs=4e-3)
-
-
 @pytest.mark.parametrize(("contacts", "trials"), [(4, 700), (12, 300)])
 def test_no_divergence_and_honest_regions_with_measured_errors(contacts: int, trials: int) -> None:
     """A thousand holes, errors resampled from measured ones, calibration by measured touches."""

@@ -9,7 +9,7 @@ from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
 from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig, SegmentConfig
 from spikingtac.sim.scene.scene import SkinConfig
 from spikingtac.touch.layout import SquareLattice
-from spikingtac.touch.patch import SQUARE, Patch, PatchEstimator, patch_of_cells
+from spikingtac.touch.patch import Patch, PatchEstimator
 
 PITCH_MM, DISTANCE_MM = 2.4, 13.0
 GRID = SkinConfig().rest_mm()
@@ -121,19 +121,3 @@ def test_a_tenth_of_a_press_is_told_within_it(press: tuple) -> None:
     found = Outline(patch.outline).contains_points(cells)
     assert found.sum() >= 0.15 * touched.sum()
     assert (found & ~touched).sum() < 0.1 * touched.sum()
-
-
-def test_a_field_that_all_markers_share_is_nowhere_a_touch() -> None:
-    estimator = PatchEstimator(GRID)
-    assert estimator.probability(np.full((64, 2), 1e-4)).max() < 0.01
-    kind, settings, depth_mm, place_mm = PRESSES[0]
-    moved, *_ = pressed(kind, settings, depth_mm, place_mm, GRID)
-    assert estimator.probability(moved).max() > 0.9
-
-
-def test_cells_make_up_an_area_an_outline_and_a_weighted_centre() -> None:
-    corners = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])[:, None] + SQUARE
-    patch = patch_of_cells(corners, np.array([1.0, 1.0, 2.0]))
-    assert patch.area == pytest.approx(3.0)
-    np.testing.assert_allclose(patch.place, [1.25, 0.0])
-    assert np.ptp(patch.outline, axis=0).tolist() == [3.0, 1.0]

@@ -47,14 +47,6 @@ def test_contacts_that_are_drawn_obey_friction_and_repeat() -> None:
         assert np.abs(one.displacement).max() > 1.0
 
 
-def test_twice_the_stiffness_takes_twice_the_force() -> None:
-    config = SyntheticContactConfig(frames=20, series=1, noise_mm=0.0)
-    soft = synthetic_series(SKIN, grid(), 15.4, config=config)[0]
-    stiff = synthetic_series(SkinConfig(shear_modulus_kpa=60.0), grid(), 15.4, config=config)[0]
-    np.testing.assert_allclose(stiff.displacement, soft.displacement, atol=1e-9)
-    np.testing.assert_allclose(stiff.wrench, 2.0 * soft.wrench)
-
-
 def test_depth_is_the_fourier_solution() -> None:
     cells = GridConfig(cells=128, span_mm=60.0)
     x, y = np.meshgrid(cells.axis_mm, cells.axis_mm)

@@ -84,9 +84,3 @@ def test_a_truncated_truth_is_refused(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-200])
     with pytest.raises(RecordingError, match="no forces"):
         load_labels(path)
-
-
-def test_an_empty_truth_is_refused(tmp_path: Path) -> None:
-    np.savez(tmp_path / "truth.npz", contact_t_us=np.arange(0), force_n=np.zeros((0, 3)))
-    with pytest.raises(RecordingError, match="700 frames and 0 forces"):
-        labelled(watched(), load_labels(tmp_path))

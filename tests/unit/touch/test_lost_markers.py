@@ -7,7 +7,6 @@ from spikingtac.touch.lost_markers import EVERY, LostMarkers
 from spikingtac.touch.onset import (
     NOTHING_UNSEEN,
     STRING_PX,
-    Backlash,
     UnseenMotion,
     unseen_px,
 )
@@ -46,16 +45,6 @@ def test_a_lost_marker_is_believed_again_only_when_it_is_well_back() -> None:
             lost.repaired(moved)
         found.append(not lost.lost[20])
     assert found == [False, False, True, True]
-
-
-def test_the_string_lies_along_the_last_motion() -> None:
-    backlash, string = Backlash(1), np.zeros((1, 2))
-    for place in np.linspace(0.0, 2.0, 21):
-        string = backlash.update(np.array([[place, 0.0]]))
-    np.testing.assert_allclose(string, [[STRING_PX, 0.0]])
-    for place in np.linspace(2.0, 1.0, 21):
-        string = backlash.update(np.array([[place, 0.0]]))
-    np.testing.assert_allclose(string, [[-STRING_PX, 0.0]])
 
 
 def test_more_is_unseen_after_a_reversal() -> None:
