@@ -20,8 +20,9 @@ ABOUT = {
     "are against the true displacement, those in N are of one force model "
     "(`spikingtac.fit_force`), fitted on other episodes of `markers` only. `events` solves the gel "
     "on 64 x 64 cells, `markers` on 32 x 32.",
-    "speed": "## Speed\n\nOne core, the scripted policy, no pictures; a machine of {cores} cores, "
-    "shared with others at the time.",
+    "speed": "## Speed\n\nSteps in a second of one core (CPU time), the scripted policy, "
+    "no pictures. The last row is by the clock, on a machine of {cores} cores that others used "
+    "as well.",
     "policies": "## What touch is worth\n\nMeans over the seeds from 0 on, with 95 % intervals "
     "(Wilson for shares, bootstrap for means). Excess is the grip force at the end over the least "
     "that holds; aside is the distance between the axes of peg and bore.",
