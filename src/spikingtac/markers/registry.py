@@ -20,14 +20,7 @@ from spikingtac.plugins import with_plugins
 Builder = Callable[[TrackingConfig, Calibration, OutputLaw], MarkerTracker]
 
 
-RECOVERING_STEPS = 0.7
-"""Steps of a tracker over those of the calibration, on sensors whose pixels recover (ours: on the
-recorded gel 0.55 to 0.8 give 0.68 to 0.76 px under load, 1 gives 0.85; bands gave 0.81)."""
-
-
 def _disc(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> MarkerTracker:
-    if calibration.recovery_s is not None:
-        calibration = calibration.with_steps_scaled(RECOVERING_STEPS, RECOVERING_STEPS)
     return GradedTracker(config.disc, calibration, law)
 
 

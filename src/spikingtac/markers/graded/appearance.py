@@ -63,12 +63,9 @@ def appearance_of(calibration: Calibration) -> Appearance:
 
 
 def has_rare_off(calibration: Calibration) -> bool:
-    """Return whether OFF events tell so little that levels alone do not place a disc.
-
-    Where pixels recover, every rest is an anchor, and levels alone do.
-    """
+    """Return whether OFF events tell so little that levels alone do not place a disc."""
     on, off = calibration.step_on or STEP_DEFAULT, calibration.step_off or STEP_DEFAULT
-    return calibration.recovery_s is None and off > RARE_OFF_RATIO * on
+    return calibration.recovery_s is not None or off > RARE_OFF_RATIO * on
 
 
 def roam_px(calibration: Calibration) -> float:
