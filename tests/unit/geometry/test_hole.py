@@ -65,6 +65,22 @@ def test_the_stated_region_covers_the_truth(spread: float) -> None:
     assert 0.92 < covered / trials < 0.98
 
 
+@pytest.mark.parametrize("contacts", [3, 6])
+def test_contacts_on_one_side_state_how_little_they_tell(contacts: int) -> None:
+    """Some touch one wall only: the circle may come out small, its stated region must not."""
+    rng = np.random.default_rng(8)
+    config, covered, trials = HoleFitConfig(), 0, 600
+    for _ in range(trials):
+        radius = rng.uniform(config.radius_mm, 5.0)
+        center = rng.uniform(-0.3, 0.3, 2) * radius
+        angle = rng.uniform(0, 2 * np.pi) + np.linspace(0, 0.5, contacts)
+        points = on_circle(tuple(center), radius, angle) + rng.normal(0, 0.03, (contacts, 2))
+        circle = fit_circle(points, np.zeros(2), config, SIGMA_MM)
+        away = np.append(circle.center_mm - center, circle.radius_mm - radius)
+        covered += away @ np.linalg.solve(circle.covariance_mm2, away) < 7.815
+    assert covered / trials > 0.95
+
+
 def test_unfit_input_is_refused() -> None:
     with pytest.raises(ValueError, match="need"):
         fit_circle(np.zeros((0, 2)), np.zeros(2), OPEN, SIGMA_MM)
