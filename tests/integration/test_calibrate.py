@@ -13,7 +13,6 @@ from spikingtac.cli.main import main
 from spikingtac.errors import CalibrationError
 from spikingtac.events.open import open_events
 from spikingtac.events.source import PacketSource
-from spikingtac.markers.calibration import trial_tracking
 from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
 from spikingtac.sim.scene.render import simulate
 from spikingtac.types import EventPacket
@@ -78,12 +77,6 @@ def errors_px(calibration: Calibration, truth_px: np.ndarray) -> np.ndarray:
     return np.hypot(*(calibration.reference_px - truth_px).T)
 
 
-@pytest.fixture
-def no_trials(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out the tracks of trial, a third of the time: rests and levels are known before."""
-    monkeypatch.setattr(trial_tracking, "fit_step_scale", lambda *_: (1.0, 1.0))
-
-
 @pytest.mark.parametrize(
     ("shape", "size", "pitch_px", "radius_px", "noise_hz"),
     [
@@ -110,10 +103,7 @@ def test_grids_of_many_sizes(
     assert calibration.px_per_mm == pytest.approx(pitch_px / 2.0, rel=0.03)
     # The stand-in's edge is a ramp, not a logistic, which shifts the radius.
     assert np.abs(calibration.radius_px - radius_px).max() < 0.4
-    # What an event stands for, before the step is scaled to what suits the tracker.
-    assert calibration.step_on is not None
-    explained = calibration.step_on / calibration.provenance["step_scale"][0]
-    assert explained == pytest.approx(0.25 / np.log(6), rel=0.12)
+    assert calibration.step_on == pytest.approx(0.25 / np.log(6), rel=0.12)
 
 
 @pytest.mark.slow
@@ -132,7 +122,6 @@ def test_noise_is_taken_neither_for_small_steps_nor_for_blur(tmp_path: Path) -> 
     assert found.edge_px == pytest.approx(0.328, rel=0.15)
 
 
-@pytest.mark.usefixtures("no_trials")
 def test_dark_markers() -> None:
     size = (200, 160)
     truth_px = markers(3, 4, size, 40.0)
@@ -170,7 +159,6 @@ def with_hot_pixels(events: EventPacket, hot_px: list[list[int]], rate_hz: int) 
     return EventPacket(x, y, p, t[order], 0, events.t_end_us, events.size)
 
 
-@pytest.mark.usefixtures("no_trials")
 def test_large_discs_that_presses_move_by_less_than_their_radius() -> None:
     # Maps that begin dark show crescents: this sensor was refused, and on a simulated one, discs of
     # 12.6 px that presses move by 10, places were 1.6 px off instead of 0.04.
@@ -181,7 +169,6 @@ def test_large_discs_that_presses_move_by_less_than_their_radius() -> None:
     assert found.radius_px == pytest.approx(np.full(12, 13.0), abs=0.4)
 
 
-@pytest.mark.usefixtures("no_trials")
 def test_events_of_hot_pixels_are_ignored() -> None:
     # Counted as events of the marker, which moves little, they made one of them seem to stand for
     # less and less, until its place was lost: it was 0.83 px off.
@@ -195,7 +182,6 @@ def test_events_of_hot_pixels_are_ignored() -> None:
     assert errors_px(found, truth_px).max() < 0.15
 
 
-@pytest.mark.usefixtures("no_trials")
 def test_a_haze_of_noise_hides_no_markers() -> None:
     # 24 events of noise in every pixel add up to any level: it was refused as no grid of markers.
     truth_px, events = pressed_discs(9.0, rest_us=1_500_000)
@@ -204,7 +190,6 @@ def test_a_haze_of_noise_hides_no_markers() -> None:
     assert errors_px(found, truth_px).max() < 0.2
 
 
-@pytest.mark.usefixtures("no_trials")
 def test_packets_do_not_matter() -> None:
     size = (120, 80)
     events = slides_of(markers(2, 3, size, 36.0), 6.0, size)
@@ -216,7 +201,6 @@ def test_packets_do_not_matter() -> None:
     np.testing.assert_array_equal(whole.reference_px, again.reference_px)
 
 
-@pytest.mark.usefixtures("no_trials")
 def test_a_marker_that_never_moves_is_expected_from_the_others() -> None:
     size = (150, 150)
     truth_px = markers(3, 3, size, 37.0)
@@ -271,7 +255,6 @@ def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "3 of 9 markers" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("no_trials")
 def test_the_verb_learns_the_lens_of_a_flat_grid(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -15,7 +15,6 @@ from spikingtac.markers.graded.band_fit import MODEL_VARIANCE, SOFT_RESIDUAL
 from spikingtac.markers.graded.band_locator import (
     GROUPS,
     BandLocator,
-    banded,
     recover_levels_kernel,
     recovering_px,
 )
@@ -258,9 +257,3 @@ def test_a_reset_forgets_everything_but_the_calibration(packet: EventPacket) -> 
     first = course()
     tracker.reset()
     np.testing.assert_array_equal(course(), first)
-
-
-def test_the_steps_of_the_bands_are_scaled_apart() -> None:
-    stored = rare_off_calibration().with_steps_scaled(0.8, 0.5)
-    scaled = banded(replace(stored, band_scale_on=1.25, band_scale_off=2.0))
-    assert (scaled.step_on, scaled.step_off) == pytest.approx((STEP_ON, STEP_OFF))

@@ -11,7 +11,6 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.errors import CalibrationError
 from spikingtac.events.source import PacketSource
-from spikingtac.markers.calibration import trial_tracking
 from spikingtac.markers.calibration.calibrate import calibrate
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
@@ -93,13 +92,7 @@ def test_a_real_sensor_has_one_marker_that_never_moves(data_dir: Path) -> None:
     assert np.flatnonzero(~found.marker_measured).tolist() == [17], "row 3, column 4"
 
 
-def test_a_recording_twice_as_long_is_calibrated_as_well(
-    data_dir: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # Markers are found, and judged, before the tracks of trial, most of the time, are asked.
-    monkeypatch.setattr(trial_tracking, "fit_step_scale", lambda *_: (1.0, 1.0))
-    last = f"{calibrate.__module__}.with_tracked_reference"
-    monkeypatch.setattr(last, lambda _, found, *__: found)
+def test_a_recording_twice_as_long_is_calibrated_as_well(data_dir: Path) -> None:
     recorded = corner(data_dir / "gel" / "real_presses.aedat4", CORNER_PX)
     once = EventPacket.concatenate(list(recorded))
     rng = np.random.default_rng(3)

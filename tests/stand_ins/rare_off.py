@@ -70,7 +70,5 @@ def rare_off_calibration() -> Calibration:
         edge_px=PROFILE.edge_px,
         step_on=STEP_ON,
         step_off=STEP_OFF,
-        band_scale_on=1.0,
-        band_scale_off=1.0,
         lag_us=0.0,
     )

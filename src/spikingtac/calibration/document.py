@@ -19,7 +19,7 @@ LARGEST_AREA_PX = 1 << 24
 """Largest sensor, px: 16 megapixels, of which a map takes 64 MB."""
 
 STEP = (1e-4, 1.0)
-"""Range of what an event stands for, shares of a full swing: one count of a packed map, and all."""
+"""Range of what an event stands for: a thousandth of a usual step, and the full swing."""
 
 CONTRAST = (1.0001, 1e4)
 """Range of marker over ground intensity: above one, and the dynamic range of a camera, 80 dB."""
@@ -35,8 +35,6 @@ NUMBERS = {
     "lag_us": (0.0, 1e5),  # photoreceptors in the dark and USB together take less than 0.1 s
     "px_per_mm": (1e-2, 1e4),  # from a pixel for 100 mm to 0.1 um a pixel
     "recovery_s": (1e-3, 100.0),
-    "band_scale_on": (1e-2, 100.0),
-    "band_scale_off": (1e-2, 100.0),
 }
 """Numbers that may be absent, and their ranges."""
 
@@ -62,6 +60,15 @@ COUNTS_PER_UNIT = 10_000
 
 FORMER_COUNTS_PER_UNIT = 1000
 """Files of version 0.1 hold one byte per pixel, and one count stands for 0.001."""
+
+FORMER_SCALES = {
+    "band_scale_on": ("step_on", "marker_step_on", "step_on_map"),
+    "band_scale_off": ("step_off", "marker_step_off", "step_off_map"),
+}
+"""Keys of earlier files: factors from the steps that they hold to the measured ones."""
+
+FORMER_SCALE = (1e-2, 100.0)
+"""Range of these factors."""
 
 
 def checked_document(document: Any, where: str) -> dict[str, Any]:
@@ -99,13 +106,13 @@ def _checked(document: Any) -> dict[str, Any]:
         raise ValueError(f"a sensor of {size[0]}x{size[1]} px is not possible")
     grid = None if document["grid"] is None else _whole_pair(document["grid"], "grid")
     markers = _markers(document, grid, size)
+    values = _numbers(document, NUMBERS) | _marker_values(document, len(markers["radius_px"]))
+    values |= {name: unpack_map(document[name], size, name) for name in MAPS if document.get(name)}
     return {
         "size": size,
         "grid": grid,
         **markers,
-        **_numbers(document),
-        **_marker_values(document, len(markers["radius_px"])),
-        **{name: unpack_map(document[name], size, name) for name in MAPS if document.get(name)},
+        **_steps_as_measured(document, values),
         HOT_PIXELS: _pixels(document.get(HOT_PIXELS), size),
         "polarity": polarity,
         "hysteresis": document.get("hysteresis"),
@@ -166,16 +173,25 @@ def _require_places(
         raise ValueError(f"markers {pair[0]} and {pair[1]} lie at one and the same pixel")
 
 
-def _numbers(document: dict[str, Any]) -> dict[str, float]:
+def _numbers(document: dict[str, Any], ranges: dict[str, tuple[float, float]]) -> dict[str, float]:
     numbers = {}
-    for name, (low, high) in NUMBERS.items():
+    for name, (low, high) in ranges.items():
         if document.get(name) is not None:
             numbers[name] = float(document[name])
             if not low <= numbers[name] <= high:
                 raise ValueError(f"{name} is {document[name]}, it must lie in {low:g} to {high:g}")
-    if ("band_scale_on" in numbers) != ("band_scale_off" in numbers):
-        raise ValueError("band_scale_on and band_scale_off must both be given, or both be absent")
     return numbers
+
+
+def _steps_as_measured(document: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
+    scales = _numbers(document, dict.fromkeys(FORMER_SCALES, FORMER_SCALE))
+    scaled = {
+        name: np.minimum(values[name] * scale, STEP[1])
+        for key, scale in scales.items()
+        for name in FORMER_SCALES[key]
+        if name in values
+    }
+    return values | scaled
 
 
 def _marker_values(document: dict[str, Any], markers: int) -> dict[str, NDArray[Any]]:

@@ -54,12 +54,8 @@ class Calibration:
         lag_us: Delay of the events behind the motion, us, or None.
         px_per_mm: Image scale at the skin, or None where no pitch was given.
         lens: Where on the flat skin each pixel looks, or None: ``px_per_mm`` stands for all.
-        band_scale_on: Factor from ``step_on`` to the step of the band fit, or None: the graded map
-            serves this sensor better
-            (:mod:`spikingtac.markers.calibration.trial_tracking`).
-        band_scale_off: The same for ``step_off``.
         recovery_s: Time in which pixels forget light that they lost without an event, s, or None:
-            they do not (:mod:`spikingtac.markers.calibration.recovery`).
+            they do not (:mod:`spikingtac.markers.calibration.refine`).
         hot_px: ``(h, 2)`` columns and rows of pixels whose events tell nothing, or None
             (:mod:`spikingtac.events.hot_pixels`).
         hysteresis: Output law that this sensor's owner asked for, or None (the preset's).
@@ -85,8 +81,6 @@ class Calibration:
     lag_us: float | None = None
     px_per_mm: float | None = None
     lens: Lens | None = None
-    band_scale_on: float | None = None
-    band_scale_off: float | None = None
     recovery_s: float | None = None
     hot_px: NDArray[np.int64] | None = None
     hysteresis: str | None = None
@@ -97,16 +91,6 @@ class Calibration:
     def with_polarity(self, polarity: str | None) -> Calibration:
         """Return a copy for the given polarity; None keeps this one."""
         return self if polarity is None else dataclasses.replace(self, polarity=polarity)
-
-    def with_steps_scaled(self, on: float, off: float) -> Calibration:
-        """Return a copy whose ON and OFF steps are multiplied, up to 1."""
-        changed = {}
-        for side, factor in (("on", on), ("off", off)):
-            for name in (f"step_{side}", f"step_{side}_map", f"marker_step_{side}"):
-                value = getattr(self, name)
-                if value is not None:
-                    changed[name] = np.minimum(value * factor, 1.0)
-        return dataclasses.replace(self, **changed)
 
     def with_pitch(self, pitch_mm: float) -> Calibration:
         """Return a copy with the scale in which neighbouring markers lie ``pitch_mm`` apart.

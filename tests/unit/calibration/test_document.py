@@ -78,3 +78,11 @@ def test_what_is_no_json_is_refused(tmp_path: Path) -> None:
     (tmp_path / "c.json").write_text("grid = 8")
     with pytest.raises(CalibrationError, match="not JSON"):
         Calibration.load(tmp_path / "c.json")
+
+
+def test_an_earlier_file_holds_steps_for_another_map() -> None:
+    former = {**MINIMAL, "step_on": 0.4, "step_off": 0.2, "marker_step_on": [0.4, 0.5]}
+    former |= {"band_scale_on": 0.41, "band_scale_off": 1.0}
+    calibration = Calibration.from_document(former)
+    assert (calibration.step_on, calibration.step_off) == pytest.approx((0.164, 0.2))
+    np.testing.assert_allclose(calibration.marker_step_on, [0.164, 0.205])

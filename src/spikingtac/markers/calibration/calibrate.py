@@ -40,7 +40,6 @@ from spikingtac.markers.calibration.reference import (
 )
 from spikingtac.markers.calibration.refine import Refined, choose_states, refine
 from spikingtac.markers.calibration.swings import LearnedSteps
-from spikingtac.markers.calibration.trial_tracking import with_step_scale, with_tracked_reference
 from spikingtac.markers.lag.recording_lag import slide_lag_us
 
 LagEstimator = Callable[[EventSource, Calibration], float | None]
@@ -165,12 +164,7 @@ def _learned(look: Overview, config: CalibrationConfig) -> Calibration:
     if layout.shape is not None:
         missing = np.flatnonzero(~quality.measured)
         refuse_gaps(layout, look.events.size, missing, config.allow_missing)
-    calibration = assembled(look, (refined, learned), quality, config.method)
-    calibration, own_rests = with_step_scale(look.events, refined, calibration)
-    if config.method == "rest-mean" and own_rests:
-        rests_us = look.rests_us[look.unloaded]
-        return with_tracked_reference(look.events, calibration, rests_us)
-    return calibration
+    return assembled(look, (refined, learned), quality, config.method)
 
 
 def _with_lag(

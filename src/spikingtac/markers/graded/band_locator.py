@@ -107,14 +107,6 @@ class BandLocator(Locator):
         )
 
 
-def banded(calibration: Calibration) -> Calibration:
-    """Return a calibration with the steps that the band fit should have."""
-    on, off = calibration.band_scale_on, calibration.band_scale_off
-    if on is None or off is None:
-        return calibration
-    return calibration.with_steps_scaled(on, off)
-
-
 def recovering_px(
     reference_px: NDArray[np.float64],
     radius_px: NDArray[np.float64],

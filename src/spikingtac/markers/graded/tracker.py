@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.hot_pixels import HotPixelWatch
-from spikingtac.markers.graded.band_locator import BandLocator, banded
+from spikingtac.markers.graded.band_locator import BandLocator
 from spikingtac.markers.graded.corrections import OutputCorrections
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.event_loss import EventLoss, events_per_px
@@ -104,7 +104,7 @@ class GradedTracker:
                 (motion is counted in full swings, which rare OFF events do not show), and it has no
                 backlash: what has not fired pulls only where the disc would leave the band.
         """
-        self._calibration = calibration = banded(calibration) if fit == "bands" else calibration
+        self._calibration = calibration
         self._law = law or NoLaw()
         self._adapts = config.adapt_to_loss and fit == "disc"
         self._locator: DiscLocator | BandLocator

@@ -9,6 +9,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.source import EventSource
 from spikingtac.events.windows import windows
+from spikingtac.markers.graded.appearance import has_rare_off
 from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
 from spikingtac.markers.lag.crossings import CrossingObserver, MarkerTrack
 from spikingtac.markers.lag.estimate import LagConfig, LagEstimate, estimate_lag
@@ -60,13 +61,14 @@ def recording_lag(
 def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
     """Return the lag of a recording of slides, us, or None where it cannot be seen.
 
-    The recording is tracked by the disc fit, without any lag correction of its own.
+    The recording is tracked without any lag correction.
 
     Args:
         source: The slides; read twice.
         calibration: What the slides taught so far.
     """
-    tracker = GradedTracker(GradedTrackerConfig(lag_us=0.0, backlash=0.0), calibration)
+    fit = "bands" if has_rare_off(calibration) else "disc"
+    tracker = GradedTracker(GradedTrackerConfig(lag_us=0.0, backlash=0.0), calibration, fit=fit)
     estimate = recording_lag(source, tracker, calibration)
     return estimate.lag_us if estimate.samples else None
 
