@@ -69,7 +69,7 @@ def test_lost_markers_are_repaired_by_medians(neighbours: int) -> None:
 def test_fields_are_told_from_their_zero_with_their_past() -> None:
     """The zero as a mean of rests, and the memory marker by marker, in plain Python."""
     rng, radius = np.random.default_rng(3), 0.5
-    stream, zero, rested_s, t_us = FieldStream(radius, 8), np.zeros(8), PRIOR_S, 0
+    stream, zero, rested_s, t_us = FieldStream(radius, 8, memory=True), np.zeros(8), PRIOR_S, 0
     means, seen, gaps = np.zeros((2, 8)), 0, 0
     for number in range(200):
         step_us = int(rng.integers(1_000, 250_000)) if number else 0
