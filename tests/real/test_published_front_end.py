@@ -49,7 +49,7 @@ def tracked(folder: Path, name: str, denoiser: Denoiser) -> tuple[np.ndarray, np
         grid=(8, 8),
         size=(320, 320),
     )
-    tracker = BlobTracker(BlobTrackerConfig(), calibration, denoiser)
+    tracker = BlobTracker(BlobTrackerConfig(support_us=0, refresh_us=0), calibration, denoiser)
     packets = list(open_events(folder / f"{name}.raw"))
     times = edges(packets[0].t_start_us, packets[-1].t_end_us, PAPER_RATE_HZ)
     frames = []
