@@ -23,11 +23,11 @@ class Size:
 
 
 MOST = {
-    "src/spikingtac": Size(402, 38_600, 34_200),
-    "src/spikingtac_paper": Size(83, 7_510, 6_120),
+    "src/spikingtac": Size(386, 37_680, 33_900),
+    "src/spikingtac_paper": Size(80, 7_470, 6_090),
     "src/spikingtac_hardware": Size(13, 1_580, 1_430),
     "integrations": Size(25, 1_830, 1_700),
-    "tests": Size(356, 30_350, 26_160),
+    "tests": Size(346, 26_920, 23_230),
     "benchmarks": Size(4, 930, 720),
 }
 """Folder -> what it may hold."""
