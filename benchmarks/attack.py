@@ -74,37 +74,33 @@ from stand_ins.ur_controller import EVERYTHING, URController  # noqa: E402
 
 TIME_LIMIT_S = 30.0
 MEMORY_LIMIT_MB = 512
-GRACE_S = 10.0
-"""A process that does not heed its own alarm is killed so much later."""
+GRACE_S = 10.0  # A process that does not heed its own alarm is killed so much later.
 
-WARM_UP = 12
-"""Mutants that are read before anything is measured: they compile what damage needs."""
+WARM_UP = 12  # Mutants that are read before anything is measured: they compile what damage needs.
 WARM_UP_LIMIT_S = 600.0
 
+# Mutants after which a process is replaced, so that its peak memory is told for few of them.
 BATCH = 500
-"""Mutants after which a process is replaced, so that its peak memory is told for few of them."""
 
 
-LIMIT_S = 0.2
-"""Within so long of the fault the arm rests, or its not resting is told."""
+LIMIT_S = 0.2  # Within so long of the fault the arm rests, or its not resting is told.
 REST_MM_S, SPEED_MM_S = 1.0, 40.0
 FAR_MM = (800.0, 0.0, 0.0)
 WINDOW_S = 0.001
 PATIENCE_S = 30.0
+
+# The robot's stand-in shares the machine; a real controller does not wait for its turn, s.
 ROBOT_LATE_S = 0.05
-"""The robot's stand-in shares the machine; a real controller does not wait for its turn, s."""
 CORES = sorted(os.sched_getaffinity(0))
-ROBOT_PRIORITY = 30
-"""Real-time priority of the robot's stand-in, above a guard's."""
+ROBOT_PRIORITY = 30  # Real-time priority of the robot's stand-in, above a guard's.
+
+# The system ends a stand-in that runs so long without a pause: one took the core for good.
 BUSY_LIMIT_US = 2_000_000
-"""The system ends a stand-in that runs so long without a pause: one took the core for good."""
-SLOW_S = 0.002
-"""What the detector needs for a window of 1 ms under the attack "lag", s."""
+SLOW_S = 0.002  # What the detector needs for a window of 1 ms under the attack "lag", s.
 DETECTOR_FAULTS = ("lag", "hang", "exception", "ignored")
 STREAM_FAULTS = ("leap", "stall")
 ATTACKS = (*DETECTOR_FAULTS, *STREAM_FAULTS, "kill", "half-open")
-POOL = 200
-"""Windows that are made once and given again and again with new times."""
+POOL = 200  # Windows that are made once and given again and again with new times.
 
 
 def attack_files(kind: str, count: int, known: dict[str, Any] | None) -> Iterator[dict[str, Any]]:

@@ -26,10 +26,10 @@ from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[1]
 COPIED = ("src", "tests", "benchmarks", "docs", "examples", "pyproject.toml", "README.md")
-PASSED, FAILED = 0, 1
-"""Exit codes of pytest; any other one means that the tests did not run."""
+PASSED, FAILED = 0, 1  # Exit codes of pytest; any other one means that the tests did not run.
+
+# File in the copy with what pytest printed last, and how much of its end is shown.
 LAST_OUTPUT, SHOWN_CHARACTERS = "last-output.txt", 4_000
-"""File in the copy with what pytest printed last, and how much of its end is shown."""
 PATIENCE_S = 3600.0
 ACCURACY = "tests/regression"
 

@@ -35,15 +35,13 @@ from spikingtac_paper.trials.runner import predict
 from spikingtac_paper.trials.trial import Trial, calibration_of
 
 RECORD = Path(__file__).with_name("records") / "tune_baselines.json"
-SERIAL, SEED = 101, 1_001
-"""A sensor and a seed that no experiment uses."""
+SERIAL, SEED = 101, 1_001  # A sensor and a seed that no experiment uses.
 
 SCENES = ("train-circles", "train-drag", "train-rubs", "train-torsion")
 CAMERAS = ("typical", "noisy")
 DURATION_S = 3.0
 
-SLICED_HZ = 250.0
-"""Rate at which a tracker with slices of its own is looked at."""
+SLICED_HZ = 250.0  # Rate at which a tracker with slices of its own is looked at.
 
 GRIDS: dict[str, dict[str, list[Any]]] = {
     "evetac": {

@@ -15,8 +15,7 @@ import numpy as np
 import spikingtac as st
 
 PERIOD_US = 100_000
-HOT_SHARE = 20.0
-"""A pixel is hot that sends so many times what the median active pixel does."""
+HOT_SHARE = 20.0  # A pixel is hot that sends so many times what the median active pixel does.
 
 
 def main(source: Iterable[st.EventPacket], size: tuple[int, int]) -> None:

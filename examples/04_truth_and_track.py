@@ -15,8 +15,7 @@ import numpy as np
 import spikingtac as st
 
 SCENE, SEED, RATE_HZ = "spoon-circles", 3, 1_000.0
-SLIDES_S = 5.4
-"""Four of the eight slides are enough for a calibration."""
+SLIDES_S = 5.4  # Four of the eight slides are enough for a calibration.
 
 
 def main(picture: str) -> None:

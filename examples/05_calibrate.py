@@ -15,10 +15,8 @@ import numpy as np
 
 import spikingtac as st
 
-PITCH_MM = 2.4
-"""Distance of neighbouring markers on the simulated skin; measure that of yours."""
-SECONDS = 5.4
-"""Four of the eight slides are enough."""
+PITCH_MM = 2.4  # Distance of neighbouring markers on the simulated skin; measure that of yours.
+SECONDS = 5.4  # Four of the eight slides are enough.
 
 
 def main(recording: str | Path, output: str | Path) -> st.Calibration:

@@ -11,8 +11,7 @@ from itertools import islice
 
 import spikingtac as st
 
-QUIET_WINDOWS = 300
-"""Windows of 1 ms at the beginning in which nothing may touch the skin."""
+QUIET_WINDOWS = 300  # Windows of 1 ms at the beginning in which nothing may touch the skin.
 
 
 def main(packets: Iterable[st.EventPacket]) -> list[st.Contact]:

@@ -9,8 +9,7 @@ import numpy as np
 
 import spikingtac as st
 
-SHARE = 0.005
-"""By how much an event draws its marker towards itself."""
+SHARE = 0.005  # By how much an event draws its marker towards itself.
 
 
 class EventCentroids:

@@ -22,17 +22,16 @@ from spikingtac_paper.touch.contacts import KINDS, Body, draw_contact
 
 Field = NDArray[np.float64]
 
-PLACE_MM = 6.0
-"""Contacts begin within this distance of the middle, per axis, mm."""
+PLACE_MM = 6.0  # Contacts begin within this distance of the middle, per axis, mm.
+
+# Steps of the gel, Hz (ours: scenes take 250 to 500; a field without events does with fewer).
 MECHANICS_HZ = 100.0
-"""Steps of the gel, Hz (ours: scenes take 250 to 500; a field without events does with fewer)."""
-EVERY = 4
-"""Steps of the gel of which one is kept."""
+EVERY = 4  # Steps of the gel of which one is kept.
+
+# Range of Brown's first radial coefficient, in units of the tangent of the view angle: from a
+# little more than the twin's barrel (-0.05) to none (ours).
 DISTORTION = (-0.06, 0.0)
-"""Range of Brown's first radial coefficient, in units of the tangent of the view angle: from a
-little more than the twin's barrel (-0.05) to none (ours)."""
-SYMMETRIES = 8
-"""Ways to turn and mirror a square."""
+SYMMETRIES = 8  # Ways to turn and mirror a square.
 SKIN = SkinConfig()
 
 

@@ -31,6 +31,8 @@ _CAPS_MM = {
     ("radius_y_mm",): (2.0, 20.0),
     ("half_height_mm",): (4.0, 12.0),
 }
+
+# What is drawn: hard and soft, round, flat and long bodies, small and large.
 BODIES = (
     Body("small ball", "ball", {BOTH_RADII: (1.0, 10.0)}, (0.1, 1.3)),
     Body("ball", "ball", {BOTH_RADII: (3.0, 10.0)}, (0.1, 1.0)),
@@ -46,27 +48,23 @@ BODIES = (
         turned=True,
     ),
 )
-"""What is drawn: hard and soft, round, flat and long bodies, small and large."""
 GELS = 3 * (GelConfig(),) + tuple(GelConfig(thickness_mm=h) for h in (2.0, 2.5, 3.5, 4.0, 5.0))
 DRAW = Draw(first_seed=700_000, bodies=BODIES, gels=GELS)
 CONTACTS, VALIDATION = 12_000, 300
+
+# Cameras to which each contact is shown (ours: with one, the network learns it by heart).
 VIEWS = 3
-"""Cameras to which each contact is shown (ours: with one, the network learns it by heart)."""
-FRAMES = 12
-"""Frames of a contact that a camera sees, at most."""
-LEAST_DEPTH_MM = 0.03
-"""Skins that are indented by less are left out, mm."""
-DISTANCE_MM = (9.0, 30.0)
-"""Range of the cameras' distances from the skin, mm."""
-PLACE_SIGMA_PX = (0.03, 0.12)
-"""Range of the tracks' errors, px per axis, of frame after frame."""
+FRAMES = 12  # Frames of a contact that a camera sees, at most.
+LEAST_DEPTH_MM = 0.03  # Skins that are indented by less are left out, mm.
+DISTANCE_MM = (9.0, 30.0)  # Range of the cameras' distances from the skin, mm.
+PLACE_SIGMA_PX = (0.03, 0.12)  # Range of the tracks' errors, px per axis, of frame after frame.
 HIDDEN = (192, 96)
 BATCH = 16
 SCHEDULE = Schedule(rate=3e-3, decay=1e-3, largest_gradient=1.0, epochs=14)
+
+# Share of the markers far from the contact that is looked at, each with the weight of many.
 COLD_SHARE = 0.15
-"""Share of the markers far from the contact that is looked at, each with the weight of many."""
-JUDGED_MM = 3.0
-"""Diameter from which a patch is judged, mm, by its area."""
+JUDGED_MM = 3.0  # Diameter from which a patch is judged, mm, by its area.
 
 
 @dataclass(frozen=True, slots=True)

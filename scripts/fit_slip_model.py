@@ -24,35 +24,38 @@ from spikingtac_paper.training.small_networks import Schedule, export, fit
 Field = NDArray[np.float64]
 Weights = dict[str, Any]
 
-OUTPUTS = 2
-"""The sticking share, and the probability of incipient slip."""
+OUTPUTS = 2  # The sticking share, and the probability of incipient slip.
+
+# Steps after which the hidden state of an untouched skin no longer changes (ours).
 SETTLING_STEPS = 500
-"""Steps after which the hidden state of an untouched skin no longer changes (ours)."""
-HIDDEN = ENCODING = 40
-"""Sizes of hidden state and encoding (ours: 32 learns more slowly)."""
+HIDDEN = ENCODING = 40  # Sizes of hidden state and encoding (ours: 32 learns more slowly).
 FRAME_US = 1_000
+
+# Frames between two of its steps (ours: 4 tells fewer slips ahead, 2 costs more and is alike).
 STEP_FRAMES = 3
-"""Frames between two of its steps (ours: 4 tells fewer slips ahead, 2 costs more and is alike)."""
+
+# Noise on the features while learning, in their deviations: as much again stays for the whole
+# contact. The model must not lean on details.
 NOISE = 0.3 / np.sqrt(2.0)
-"""Noise on the features while learning, in their deviations: as much again stays for the whole
-contact. The model must not lean on details."""
+
+# Sticking share, incipient and gross slip; the last only steadies the learning: alarms on the
+# share itself err less.
 TARGETS = 3
-"""Sticking share, incipient and gross slip; the last only steadies the learning: alarms on the
-share itself err less."""
 RATE, DECAY = 4e-3, 1e-2
-BATCH = 24
-"""Contacts at a time."""
-WHOLLY = 0.2
-"""Sticking share below which all of a contact slips."""
+BATCH = 24  # Contacts at a time.
+WHOLLY = 0.2  # Sticking share below which all of a contact slips.
+
+# A contact slips in part, too, where all of it does so many frames later. Between slipping and
+# holding for long lies what is not judged.
 ANNOUNCED_FRAMES = 80
-"""A contact slips in part, too, where all of it does so many frames later. Between slipping and
-holding for long lies what is not judged."""
+
+# Frames after which a slip is no news, and what the further ones weigh.
 LATE_FRAMES, LATE_WEIGHT = 100, 0.3
-"""Frames after which a slip is no news, and what the further ones weigh."""
+
+# Long contacts are learned in pieces, each from so many frames before it on: an unrolled network
+# takes one step after the other, so short courses side by side are faster (ours; a second of
+# run-up is taken to be all that the memory needs).
 PIECE_FRAMES, RUN_UP_FRAMES = 4_000, 1_000
-"""Long contacts are learned in pieces, each from so many frames before it on: an unrolled network
-takes one step after the other, so short courses side by side are faster (ours; a second of run-up
-is taken to be all that the memory needs)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,13 +87,12 @@ RECIPES = tuple(
         [(0.75, 15, (0.0, 2.0, 0.5)), (0.8, 30, (0.0, 3.0, 1.0))]
     )
 )  # fmt: skip
+
+# A contact holds where more than this share sticks from so many frames before to so many after:
+# no incipient slip may be told of it.
 HOLDS, HOLDS_FRAMES = 0.85, (20, 300)
-"""A contact holds where more than this share sticks from so many frames before to so many after: no
-incipient slip may be told of it."""
-GRIPS, GRIPS_FRAMES = 0.3, (20, 100)
-"""The same of gross slip."""
-SLIPS = 0.05
-"""Sticking share below which all of it slips."""
+GRIPS, GRIPS_FRAMES = 0.3, (20, 100)  # The same of gross slip.
+SLIPS = 0.05  # Sticking share below which all of it slips.
 
 
 def main() -> None:

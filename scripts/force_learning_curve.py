@@ -15,8 +15,7 @@ import numpy as np
 
 from spikingtac.touch import fit_force, load_series, r_squared
 
-PRESSES = (15, 30, 60, 120, 180)
-"""Presses of a series that are learned from."""
+PRESSES = (15, 30, 60, 120, 180)  # Presses of a series that are learned from.
 
 
 def main() -> None:

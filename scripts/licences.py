@@ -10,8 +10,9 @@ import sys
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
 
 PROJECT = "spikingtac"
+
+# Licences that ask the same of what uses them.
 RECIPROCAL = re.compile(r"(?<!L)GPL|Affero|General Public", re.IGNORECASE)
-"""Licences that ask the same of what uses them."""
 
 
 def main() -> int:

@@ -43,10 +43,10 @@ import spikingtac as st
 These names are public: they are imported when they are first used, and do not change without an
 entry in the changelog. Everything else may. This page is made by `scripts/reference_pages.py`.
 """
+
+# End of a first sentence: the page gives that of each argument, ``help`` gives the rest.
 SENTENCE = re.compile(r"(?<=[a-z0-9)`])\. (?=[A-Z`])")
-"""End of a first sentence: the page gives that of each argument, ``help`` gives the rest."""
-SHARED = 3
-"""Number of verbs from which on an option with one description is described once."""
+SHARED = 3  # Number of verbs from which on an option with one description is described once.
 TABLE_HEAD = ["| argument | what it is | default |", "| --- | --- | --- |"]
 SECTION = re.compile(r"^(Args|Attributes|Returns|Yields|Raises|Example|Examples):$", re.M)
 

@@ -19,11 +19,12 @@ from spikingtac_paper.touch.slip import WatchedContact, watch_contact
 
 Field = NDArray[np.float64]
 
+# Seed of the first contact and of the first carried body; the experiment's lie below.
 FIRST_SEED, FIRST_CARRIED_SEED = 20_000, 320_000
-"""Seed of the first contact and of the first carried body; the experiment's lie below."""
 USUAL_GELS = (GelConfig(),)
+
+# The contract's gel, and others, in which half of the contacts are.
 GELS = 3 * USUAL_GELS + tuple(GelConfig(thickness_mm=h_mm) for h_mm in (2.0, 2.5, 4.0))
-"""The contract's gel, and others, in which half of the contacts are."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,8 +18,9 @@ from typing import Any
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "tutorial" / "first-figure.md"
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```\n?", re.S | re.M)
 SAVED = re.compile(r"^(\w+)\.savefig\(", re.M)
+
+# The line by which the page leads to the notebook; the notebook leads nowhere by it.
 PAIR = re.compile(r"\n.*\(first-figure\.ipynb\).*\n", re.M)
-"""The line by which the page leads to the notebook; the notebook leads nowhere by it."""
 
 
 def notebook(page: str) -> dict[str, Any]:

@@ -43,13 +43,12 @@ def pytest_xdist_auto_num_workers() -> int:
     return (cores or 1) + 1
 
 
+# What is tested first: what compiles the kernels, and the longest files. A long file at the end
+# would keep one core busy alone.
 FOLDERS = ("naive", "real", "integration")
-"""What is tested first: what compiles the kernels, and the longest files. A long file at the end
-would keep one core busy alone."""
 
 
-WAITING_SHARE = 0.5
-"""Part of all files that the last one of those that wait comes after."""
+WAITING_SHARE = 0.5  # Part of all files that the last one of those that wait comes after.
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

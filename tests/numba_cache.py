@@ -17,17 +17,14 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-DIGEST_LENGTH = 16
-"""Hexadecimal digits of a folder's name: 64 bits."""
+DIGEST_LENGTH = 16  # Hexadecimal digits of a folder's name: 64 bits.
 
+# The present one, and the one before it: another session may still run on the former sources.
 KEPT_FOLDERS = 2
-"""The present one, and the one before it: another session may still run on the former sources."""
 
-COMPILER = "njit"
-"""A file that does not name it defines no kernel."""
+COMPILER = "njit"  # A file that does not name it defines no kernel.
 
-DIGESTS_NAME = "digests.json"
-"""File of a cache folder that says for which sources it was made."""
+DIGESTS_NAME = "digests.json"  # File of a cache folder that says for which sources it was made.
 
 
 def prepare_cache(root: Path, sources: Path) -> Path:

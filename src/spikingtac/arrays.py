@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-"""Array of float64 of any shape."""
+FloatArray = NDArray[np.float64]  # Array of float64 of any shape.
+
+# Longer arrays are printed by type and shape, longer values are cut.
 MOST_NUMBERS, MOST_LETTERS = 6, 60
-"""Longer arrays are printed by type and shape, longer values are cut."""
 
 
 def one_line(self: Any) -> str:

@@ -12,8 +12,8 @@ from typing import IO, Any
 
 from spikingtac.errors import ConfigError
 
+# What the name of an unfinished file holds, before the number of the process that writes it.
 PARTIAL = ".partial-"
-"""What the name of an unfinished file holds, before the number of the process that writes it."""
 
 
 class WholeFile:

@@ -15,8 +15,7 @@ from spikingtac.markers.calibration.calibrate import CalibrationConfig
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.schema import build, read_toml, to_mapping
 
-PRESETS = ("default", "fast", "paper")
-"""Named configurations, as package data under ``configs/``."""
+PRESETS = ("default", "fast", "paper")  # Named configurations, as package data under ``configs/``.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

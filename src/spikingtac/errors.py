@@ -13,8 +13,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-SHORTEST_STEM = 4
-"""Letters of a name that a longer word must begin with to be taken for it."""
+SHORTEST_STEM = 4  # Letters of a name that a longer word must begin with to be taken for it.
 
 
 class SpikingTacError(Exception):

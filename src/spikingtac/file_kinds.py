@@ -7,23 +7,24 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+# Kind -> members that its archive has.
 ARCHIVES = {
     "tracks": {"t_us.npy", "displacement_px.npy"},
     "truth": {"marker_t_us.npy", "marker_px.npy"},
     "series": {"t_us.npy", "reference_mm.npy", "displacement_mm.npy"},
 }
-"""Kind -> members that its archive has."""
+
+# Kind -> keys that its JSON has.
 DOCUMENTS = {
     "calibration": {"schema", "grid", "reference_px"},
     "force": {"schema", "components", "reference"},
     "report": {"experiment", "rows"},
     "manifest": {"t_start_us", "t_end_us", "size"},
 }
-"""Kind -> keys that its JSON has."""
-RECORDING = "events.raw"
-"""What a recording folder has."""
-LARGEST_BYTES = 16 << 20
-"""Larger JSON files are not looked into."""
+RECORDING = "events.raw"  # What a recording folder has.
+LARGEST_BYTES = 16 << 20  # Larger JSON files are not looked into.
+
+# Kind -> what it is and what reads it.
 TOLD = {
     "tracks": "it holds tracks, which spikingtac info, plot and compare read",
     "truth": "it holds the truth of a simulation, which spikingtac compare reads",
@@ -34,7 +35,6 @@ TOLD = {
     "manifest": "it is the manifest of a recording: give its folder to spikingtac info",
     "recording": "it is a recording, which spikingtac info, view and track read",
 }
-"""Kind -> what it is and what reads it."""
 
 
 def kind_of(path: str | Path) -> str | None:

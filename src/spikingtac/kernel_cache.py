@@ -14,8 +14,7 @@ from pathlib import Path
 
 VARIABLE = "NUMBA_CACHE_DIR"
 PACKAGE = Path(__file__).parent
-OWN_ONLY = 0o700
-"""Permissions of the folder: what lies in a kernel cache is executed."""
+OWN_ONLY = 0o700  # Permissions of the folder: what lies in a kernel cache is executed.
 
 
 def provide_kernel_cache(package: Path = PACKAGE) -> None:

@@ -16,19 +16,23 @@ from spikingtac.errors import ConfigError
 
 T = TypeVar("T")
 
+# Group of trackers: builder ``(TrackingConfig, Calibration, OutputLaw) -> MarkerTracker``.
 TRACKERS = "spikingtac.trackers"
-"""Group of trackers: builder ``(TrackingConfig, Calibration, OutputLaw) -> MarkerTracker``."""
-DETECTORS = "spikingtac.contact_detectors"
-"""Group of contact detectors: the builder of :mod:`spikingtac.contact.registry`."""
-CAMERAS = "spikingtac.cameras"
-"""Group of cameras: the kind in an address -> a class like ``spikingtac.cameras.camera.Camera``."""
-READERS = "spikingtac.readers"
-"""Group of event formats to read: the ending without its dot -> a class like ``FileSource``."""
-WRITERS = "spikingtac.writers"
-"""Group of event formats to write: the same -> ``(path, size) -> EventWriter``."""
 
+# Group of contact detectors: the builder of :mod:`spikingtac.contact.registry`.
+DETECTORS = "spikingtac.contact_detectors"
+
+# Group of cameras: the kind in an address -> a class like ``spikingtac.cameras.camera.Camera``.
+CAMERAS = "spikingtac.cameras"
+
+# Group of event formats to read: the ending without its dot -> a class like ``FileSource``.
+READERS = "spikingtac.readers"
+
+# Group of event formats to write: the same -> ``(path, size) -> EventWriter``.
+WRITERS = "spikingtac.writers"
+
+# Group of sensor designs: ``design`` -> ``(Scene, name) -> Scene``, the scene on that sensor.
 SCENE_DESIGNS = "spikingtac.scene_designs"
-"""Group of sensor designs: ``design`` -> ``(Scene, name) -> Scene``, the scene on that sensor."""
 
 
 class _WithPlugins(Mapping[str, T]):

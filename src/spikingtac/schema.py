@@ -17,12 +17,13 @@ from spikingtac.errors import ConfigError, SettingsFileError, nearest
 T = TypeVar("T")
 
 
-LARGEST = 1e300
-"""Largest number of a setting."""
+LARGEST = 1e300  # Largest number of a setting.
+
+# Largest file of settings, bytes, and deepest nesting of its tables and lists.
 MOST_BYTES, DEEPEST = 1 << 20, 32
-"""Largest file of settings, bytes, and deepest nesting of its tables and lists."""
+
+# A dotted key of a hundred parts.
 LONG_KEY = re.compile(r"""(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""")
-"""A dotted key of a hundred parts."""
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:

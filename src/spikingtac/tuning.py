@@ -16,6 +16,8 @@ from typing import Any, TypeVar
 from spikingtac.errors import ConfigError, nearest
 
 T = TypeVar("T")
+
+# Method or law -> the fields of the tracking configuration that it reads.
 _STAGES = {
     "disc": ("disc",),
     "bands": ("disc",),
@@ -23,9 +25,7 @@ _STAGES = {
     "paper": ("paper_law",),
     "anchored": ("anchored_law",),
 }
-"""Method or law -> the fields of the tracking configuration that it reads."""
-STEPS = 200
-"""Positions of a slider where the field names no step."""
+STEPS = 200  # Positions of a slider where the field names no step.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)

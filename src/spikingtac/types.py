@@ -17,14 +17,12 @@ from numpy.typing import NDArray
 from spikingtac.arrays import one_line
 from spikingtac.errors import ConfigError
 
-FloatArray = NDArray[np.float64]
-"""Array of float64; each use states its shape."""
+FloatArray = NDArray[np.float64]  # Array of float64; each use states its shape.
 
+# White markers on dark ground, or dark markers on light ground.
 Polarity = Literal["white", "dark"]
-"""White markers on dark ground, or dark markers on light ground."""
 
-LawName = Literal["none", "paper", "anchored"]
-"""Laws of the output position, by name."""
+LawName = Literal["none", "paper", "anchored"]  # Laws of the output position, by name.
 
 
 @dataclass(frozen=True, slots=True)

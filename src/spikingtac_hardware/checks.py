@@ -15,38 +15,46 @@ from spikingtac_hardware.layout import BAFFLE_WALL_MM, FIT_GAP_MM, POST_MM, Layo
 from spikingtac_hardware.light import light_figures
 from spikingtac_hardware.optics import Imaging
 
-LEDGE_BEARING_MM = 1.0
-"""Least width on which the window rests, mm (ours: a bead of glue)."""
+LEDGE_BEARING_MM = 1.0  # Least width on which the window rests, mm (ours: a bead of glue).
+
+# Least engagement of a screw in its insert, in thread diameters (textbook, brass).
 ENGAGED_DIAMETERS = 1.5
-"""Least engagement of a screw in its insert, in thread diameters (textbook, brass)."""
-TIP_ROOM_MM = 0.3
-"""Least room between a screw's tip and the bottom of its hole, mm (ours)."""
+TIP_ROOM_MM = 0.3  # Least room between a screw's tip and the bottom of its hole, mm (ours).
+
+# Least height by which the gel stands free over the rim, mm (ours: what is touched first).
 RIM_BELOW_SKIN_MM = 1.0
-"""Least height by which the gel stands free over the rim, mm (ours: what is touched first)."""
-HOLDER_WALL_MM = 0.8
-"""Wall of the lens holder, mm (class)."""
-MARGIN_MM = 0.3
-"""Least gap between parts that must not touch, mm (ours)."""
+HOLDER_WALL_MM = 0.8  # Wall of the lens holder, mm (class).
+MARGIN_MM = 0.3  # Least gap between parts that must not touch, mm (ours).
+
+# Least gap to a bought sheet in its pocket, mm on each side (tolerance of laser cutting).
 SHEET_GAP_MM = 0.05
-"""Least gap to a bought sheet in its pocket, mm on each side (tolerance of laser cutting)."""
+
+# Least gap between lens and window, mm (ours: focus travel, and a window that bends).
 LENS_GAP_MM = 1.0
-"""Least gap between lens and window, mm (ours: focus travel, and a window that bends)."""
+
+# Least gap between a ray of use and a printed part, mm (ours: print and focus tolerances).
 RAY_MARGIN_MM = 0.3
-"""Least gap between a ray of use and a printed part, mm (ours: print and focus tolerances)."""
+
+# Least radius of a disc on the sensor, px: the trackers' discs of 7 px have room to shrink.
 DISC_RADIUS_PX = 4.0
-"""Least radius of a disc on the sensor, px: the trackers' discs of 7 px have room to shrink."""
+
+# Least pitch in radii: two neighbours that approach each other by a radius stay apart.
 PITCH_RADII = 3.0
-"""Least pitch in radii: two neighbours that approach each other by a radius stay apart."""
+
+# Largest diameter of the blur disc at the deepest press, px (ours: three times that at rest).
 BLUR_PX = 1.5
-"""Largest diameter of the blur disc at the deepest press, px (ours: three times that at rest)."""
+
+# Least distance of the outer discs' edges from the sensor's edge, px (ours: a slide of 0.6 mm).
 MOTION_PX = 10.0
-"""Least distance of the outer discs' edges from the sensor's edge, px (ours: a slide of 0.6 mm)."""
+
+# Least illuminance of the skin, lx: the twin's latency and bandwidth are assumed for 1 klx.
 SKIN_LUX = 1000.0
-"""Least illuminance of the skin, lx: the twin's latency and bandwidth are assumed for 1 klx."""
+
+# Least over largest illuminance of the discs: a factor of two, a fifth of the contrast's log.
 UNIFORMITY = 0.5
-"""Least over largest illuminance of the discs: a factor of two, a fifth of the contrast's log."""
+
+# Largest warming, K (ours: dark noise doubles every 6 to 10 K, cold skin must not sweat).
 WARMING_K = 15.0
-"""Largest warming, K (ours: dark noise doubles every 6 to 10 K, cold skin must not sweat)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,20 +27,22 @@ TOLERANCE_MM, TURN_RAD = 0.02, 0.3  # of the triangles that fill a section
 LIFT_MM = 6.0  # between the parts of the exploded view
 ASIDE_MM = 1e-3  # by which a cut stays off a plane of symmetry, where faces may lie
 INK, FIGURES, RAYS = "#22272b", "#0b3c6f", "#d55e00"
+
+# Part of the sensor -> its colour in the section.
 COLORS = {
     "screws": "#b8bdc4", "base": "#8c96a1", "connector": "#d9d4bd", "camera-board": "#297854",
     "event-sensor": "#4d4d4d", "lens-holder": "#424242", "lens": "#808799", "led-board": "#e6e3d6",
     "leds": "#fad659", "shading-plate": "#6f7680", "inserts": "#dba847", "shell": "#8c96a1",
     "window": "#9eccea", "gel": "#bfe0f2", "discs": "#f7f7f7", "cover": "#383838",
 }  # fmt: skip
-"""Part of the sensor -> its colour in the section."""
+
+# View -> where the eye stands, and what is up.
 VIEWS = {
     "front": ((0.0, -FAR_MM, 0.0), (0.0, 0.0, 1.0)),
     "above": ((0.0, 0.0, FAR_MM), (0.0, 1.0, 0.0)),
     "below": ((0.0, 0.0, -FAR_MM), (0.0, 1.0, 0.0)),
     "slanted": ((400.0, -800.0, 400.0), (0.0, 0.0, 1.0)),
 }
-"""View -> where the eye stands, and what is up."""
 
 
 def exploded_view(parts: Sequence[Part]) -> Figure:

@@ -17,12 +17,11 @@ from spikingtac_hardware.light import light_figures
 from spikingtac_hardware.optics import Imaging
 
 MM3_PER_CM3 = 1000.0
+
+# Densities: steel, brass, glass-fibre board, packages and glass, g/cm³ (textbook).
 STEEL_G_CM3, BRASS_G_CM3, BOARD_G_CM3, PARTS_G_CM3 = 7.9, 8.5, 1.9, 2.3
-"""Densities: steel, brass, glass-fibre board, packages and glass, g/cm³ (textbook)."""
-SHARP_PX = 1.0
-"""Blur disc up to which the skin counts as sharp, px."""
-SEARCH_MM = np.linspace(0.0, 5.0, 501)
-"""Indentations at which sharpness is looked up, mm."""
+SHARP_PX = 1.0  # Blur disc up to which the skin counts as sharp, px.
+SEARCH_MM = np.linspace(0.0, 5.0, 501)  # Indentations at which sharpness is looked up, mm.
 
 
 def figures_of(design: Design) -> dict[str, Any]:

@@ -12,14 +12,13 @@ from typing import Literal
 
 from spikingtac_hardware.design import Design
 
+# Gap about boards that lie in a pocket, mm on each side (a board shop's outline tolerance).
 FIT_GAP_MM = 0.1
-"""Gap about boards that lie in a pocket, mm on each side (a board shop's outline tolerance)."""
+
+# Radius of inner upright edges, mm: a printed or laser-cut corner is never sharp.
 SMALL_RADIUS_MM = 0.5
-"""Radius of inner upright edges, mm: a printed or laser-cut corner is never sharp."""
-POST_MM = 1.2
-"""Diameter of the posts of the shading plate that hold the camera board, mm (ours)."""
-BAFFLE_WALL_MM = 1.0
-"""Wall of the rim about the lens, mm (ours)."""
+POST_MM = 1.2  # Diameter of the posts of the shading plate that hold the camera board, mm (ours).
+BAFFLE_WALL_MM = 1.0  # Wall of the rim about the lens, mm (ours).
 
 
 @dataclass(frozen=True, slots=True)

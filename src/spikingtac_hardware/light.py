@@ -18,14 +18,14 @@ from spikingtac_hardware.layout import Layout
 from spikingtac_hardware.optics import Imaging
 
 MM2_PER_M2 = 1e6
-DARK_LUX = 1e-6
-"""Illuminance that stands for none where one is divided by it, lx."""
-LENS_TRANSMISSION = 0.9
-"""Share of the light that a coated lens lets through (class)."""
+DARK_LUX = 1e-6  # Illuminance that stands for none where one is divided by it, lx.
+LENS_TRANSMISSION = 0.9  # Share of the light that a coated lens lets through (class).
+
+# Heat transfer to still air by convection and radiation, W/(m² K) (textbook: 5 to 15).
 FILM_W_M2_K = 10.0
-"""Heat transfer to still air by convection and radiation, W/(m² K) (textbook: 5 to 15)."""
+
+# Share of the LEDs' electrical power that stays as heat (class: the rest is light).
 SHARE_OF_LED_HEAT = 0.75
-"""Share of the LEDs' electrical power that stays as heat (class: the rest is light)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

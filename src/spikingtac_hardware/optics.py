@@ -16,10 +16,8 @@ from spikingtac.arrays import FloatArray
 from spikingtac_hardware.layout import Layout
 
 UM_PER_MM = 1000.0
-NEWTON_STEPS = 12
-"""Steps to the tangent of a ray; six reach the last digit at 60 degrees."""
-FIT_POINTS = 200
-"""Radii at which the twin's lens is fitted."""
+NEWTON_STEPS = 12  # Steps to the tangent of a ray; six reach the last digit at 60 degrees.
+FIT_POINTS = 200  # Radii at which the twin's lens is fitted.
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,28 +25,22 @@ from spikingtac_hardware.solids import (
 
 Made = Literal["printed", "bought", "cut", "cast", "tool"]
 
+# Common volume below which two parts only touch, mm³ (rounding of the modeller).
 TOUCHING_MM3 = 1e-4
-"""Common volume below which two parts only touch, mm³ (rounding of the modeller)."""
+
+# Thickness of a printed disc, mm: it lies in the cover (class: two passes of a screen).
 PAINT_MM = 0.05
-"""Thickness of a printed disc, mm: it lies in the cover (class: two passes of a screen)."""
-SOCKET_MM = 0.7
-"""Depth of the hexagon socket of a screw, mm (ISO 4762 M1.6, least value)."""
-SOCKET_RADIUS_MM = 0.87
-"""Its radius across corners, mm (1.5 mm across flats)."""
-FRONT_GLASS_MM = 0.3
-"""Depth of the front glass in the barrel, mm (drawing only)."""
-BOARD_LEDGE_MM = 1.0
-"""Width on which the camera board rests, mm (ours)."""
-TONGUE_MM = 0.8
-"""Height and width of the plate's tongue, which centres the shell, mm (ours)."""
-BEYOND_MM = 1.0
-"""By which a cut reaches beyond the part, mm."""
-VENT_MM = 1.5
-"""Diameter of the lid's holes, through which air and spare silicone leave, mm (ours)."""
+SOCKET_MM = 0.7  # Depth of the hexagon socket of a screw, mm (ISO 4762 M1.6, least value).
+SOCKET_RADIUS_MM = 0.87  # Its radius across corners, mm (1.5 mm across flats).
+FRONT_GLASS_MM = 0.3  # Depth of the front glass in the barrel, mm (drawing only).
+BOARD_LEDGE_MM = 1.0  # Width on which the camera board rests, mm (ours).
+TONGUE_MM = 0.8  # Height and width of the plate's tongue, which centres the shell, mm (ours).
+BEYOND_MM = 1.0  # By which a cut reaches beyond the part, mm.
+VENT_MM = 1.5  # Diameter of the lid's holes, through which air and spare silicone leave, mm (ours).
+
+# Diameter of the hole in the tray's floor through which the window is pushed out, mm (ours).
 PUSH_MM = 8.0
-"""Diameter of the hole in the tray's floor through which the window is pushed out, mm (ours)."""
-DOWEL_HEIGHT_MM = 2.5
-"""Height of the dowels, mm (ours)."""
+DOWEL_HEIGHT_MM = 2.5  # Height of the dowels, mm (ours).
 
 
 def window(layout: Layout) -> Solid:
@@ -297,6 +291,7 @@ class Part:
     solid: Solid
 
 
+# The parts from below to above: name, kind, function.
 _SENSOR: tuple[tuple[str, Made, Callable[[Layout], Solid]], ...] = (
     ("screws", "bought", screws),
     ("base", "printed", base),
@@ -315,7 +310,6 @@ _SENSOR: tuple[tuple[str, Made, Callable[[Layout], Solid]], ...] = (
     ("discs", "cast", discs),
     ("cover", "cast", cover),
 )
-"""The parts from below to above: name, kind, function."""
 
 _TOOLS: tuple[tuple[str, Callable[[Layout], Solid]], ...] = (
     ("mould-tray", tray),

@@ -9,10 +9,8 @@ from typing import Any
 from spikingtac.errors import MissingExtraError
 from spikingtac_hardware.layout import SMALL_RADIUS_MM, Outline
 
-Solid = Any
-"""A solid of build123d; the library is optional, so that its types are not named."""
-TOUCHING_MM = 1e-5
-"""Overlap of bounding boxes that only touch, mm (rounding of the modeller)."""
+Solid = Any  # A solid of build123d; the library is optional, so that its types are not named.
+TOUCHING_MM = 1e-5  # Overlap of bounding boxes that only touch, mm (rounding of the modeller).
 
 Places = Iterable[tuple[float, float]]
 

@@ -32,20 +32,19 @@ from spikingtac_hardware.solids import Solid, face, mesh_checker, modeller
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FIGURES = "figures.json"
-"""The file that says that a folder holds a design."""
+FIGURES = "figures.json"  # The file that says that a folder holds a design.
 SIZE_TOLERANCE_MM = 1e-6
-ENDINGS = ("pdf", "svg")
-"""Kinds of file of a drawing."""
+ENDINGS = ("pdf", "svg")  # Kinds of file of a drawing.
 
 Advance = Callable[[float], None]
+
+# Largest distance of an STL's triangles from the surface, mm (an eighth of a layer of powder).
 STL_TOLERANCE_MM = 0.01
-"""Largest distance of an STL's triangles from the surface, mm (an eighth of a layer of powder)."""
 STL_TURN_RAD = 0.15
-STEP_VOLUME = 1e-6
-"""Largest relative difference of a volume after STEP has been read again."""
+STEP_VOLUME = 1e-6  # Largest relative difference of a volume after STEP has been read again.
+
+# Largest relative difference of a mesh's volume: chords of curves cut a little off.
 MESH_VOLUME = 5e-3
-"""Largest relative difference of a mesh's volume: chords of curves cut a little off."""
 
 
 def require_free_folder(folder: Path, overwrite: bool) -> None:

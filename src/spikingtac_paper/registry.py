@@ -31,6 +31,7 @@ class Study:
     divided: bool = True
 
 
+# Name -> experiment, for ``spikingtac experiment``.
 EXPERIMENTS: dict[str, Study] = {
     "point-tracking": Study(
         "spikingtac_paper.point_tracking.experiment", "marker tracking, section V-A"
@@ -41,8 +42,8 @@ EXPERIMENTS: dict[str, Study] = {
     "touch": Study("spikingtac_paper.touch.experiment", "forces, wrenches, touches", divided=False),
     "real": Study("spikingtac_paper.real_gels.experiment", "recordings of real gels"),
 }
-"""Name -> experiment, for ``spikingtac experiment``."""
 
+# Name -> bench, for ``spikingtac bench``.
 BENCHES: dict[str, Study] = {
     "throughput": Study("spikingtac_paper.throughput.bench", "rates and latencies of this machine"),
     "live": Study("spikingtac_paper.live.bench", "the live runtime under faults and loads"),
@@ -50,7 +51,6 @@ BENCHES: dict[str, Study] = {
         "spikingtac_paper.throughput.skins", "how the cost grows with markers and events"
     ),
 }
-"""Name -> bench, for ``spikingtac bench``."""
 
 
 def choices_text(studies: dict[str, Study]) -> str:

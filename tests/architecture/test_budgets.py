@@ -8,12 +8,10 @@ from pathlib import Path
 
 from stand_ins.source_trees import FILES, PACKAGE, SOURCES, code_lines, text_of, tree_of
 
-FILE_LINES = 300
-"""In the product all lines, in the other packages those that hold code."""
+FILE_LINES = 300  # In the product all lines, in the other packages those that hold code.
 FUNCTION_LINES = 40
 PARAMETERS = 6
-FOLDER_FILES = 26
-"""Rooms are flat: a file a step, no folder within a folder for its own sake."""
+FOLDER_FILES = 26  # Rooms are flat: a file a step, no folder within a folder for its own sake.
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 

@@ -16,6 +16,8 @@ from stand_ins.source_trees import FILES, tree_of
 
 PROJECT = Path(__file__).resolve().parents[2]
 OWN = ("spikingtac", "spikingtac_paper", "spikingtac_hardware")
+
+# Names of distributions that differ from what they are imported as.
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "cv2": "opencv-python-headless",
@@ -23,7 +25,8 @@ DISTRIBUTIONS = {
     "rtde_control": "ur-rtde",
     "rtde_receive": "ur-rtde",
 }
-"""Names of distributions that differ from what they are imported as."""
+
+# Declared, and used without an import statement.
 BY_NAME_ONLY = {
     "build123d": "imported by a name in a string",
     "mkdocs": "builds the documentation",
@@ -37,7 +40,6 @@ BY_NAME_ONLY = {
     "trimesh": "imported by a name in a string",
     "websockets": "uvicorn loads it as its protocol",
 }
-"""Declared, and used without an import statement."""
 
 
 def imported() -> set[str]:

@@ -20,13 +20,13 @@ from spikingtac.sim.scene.source import SceneSource
 from spikingtac.touch import SkinConfig, fit_force, synthetic_series
 from spikingtac.touch.synthetic_contacts import SyntheticContactConfig
 
+# What a block names -> what no test can give it; its names are looked up.
 NEEDS = {
     "openmv:": "a camera",
     "st.approach(": "an arm that moves",
     "MineSource": "an installed package",
     "spikingtac_mujoco": "the package of an integration",
 }
-"""What a block names -> what no test can give it; its names are looked up."""
 
 
 def blocks() -> Iterator[tuple[str, str]]:

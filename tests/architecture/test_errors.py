@@ -10,17 +10,20 @@ from spikingtac import errors
 from stand_ins.source_trees import FILES, SOURCES, tree_of
 
 OURS = {name for name, _ in inspect.getmembers(errors, inspect.isclass) if name.endswith("Error")}
+
+# What a wrong use of code raises.
 ARGUMENTS = {"ValueError", "TypeError", "AttributeError", "NotImplementedError"}
-"""What a wrong use of code raises."""
+
+# Errors of one room: they descend from those of ``errors``, or its callers turn them into one.
 WITHIN = {
     "CommandError": "viewer/web/wire.py",
     "DamagedPieceError": "events/formats/limits.py",
     "_MisfitError": "robot/adaptive_search.py",
     "NoCalibrationError": "viewer/opening.py",
 }
-"""Errors of one room: they descend from those of ``errors``, or its callers turn them into one."""
+
+# What stands for the operating system, a map, or a fault of this package.
 SYSTEM = {"EOFError", "TimeoutError", "ConnectionResetError", "KeyError", "RuntimeError"}
-"""What stands for the operating system, a map, or a fault of this package."""
 
 
 def raised(path: Path) -> set[str]:

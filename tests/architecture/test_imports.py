@@ -7,9 +7,10 @@ import pytest
 
 PROJECT = Path(__file__).resolve().parents[2]
 HEAVY = ("numba", "scipy", "matplotlib", "torch", "onnxruntime", "onnx", "h5py", "starlette")
+
+# Modules of the package that ``--help`` may load. It takes 0.1 s, nearly all of it Python's own
+# start; a time would measure what else the machine does, the modules are what it consists of.
 OWN_MODULES = 9
-"""Modules of the package that ``--help`` may load. It takes 0.1 s, nearly all of it Python's own
-start; a time would measure what else the machine does, the modules are what it consists of."""
 
 
 def modules_after(statement: str) -> set[str]:

@@ -20,10 +20,8 @@ PAGES = [
 ]
 PICTURE = re.compile(r"!\[[^\]]*\]\(([^)\s]+)\)")
 COMMAND = re.compile(r"`((?:spikingtac|python) [^`]+)`", re.S)
-NEAR = 900
-"""Letters before and after a picture in which its command stands."""
-SCREENSHOTS = {"viewer.png"}
-"""Pictures of a browser, which no command of this package makes."""
+NEAR = 900  # Letters before and after a picture in which its command stands.
+SCREENSHOTS = {"viewer.png"}  # Pictures of a browser, which no command of this package makes.
 
 
 def pictures() -> Iterator[tuple[Path, str, str]]:

@@ -17,12 +17,13 @@ from spikingtac.events.open import READABLE
 PROJECT = Path(__file__).resolve().parents[2]
 DOCS = PROJECT / "docs"
 REPOSITORY = "https://github.com/spikingtac/spikingtac"
+
+# What a browser fetches from elsewhere while it shows a page.
 LOADED = re.compile(
     r"<(?:script|img|iframe|source|video)\b[^>]*\bsrc=\"?(?P<source>(?:https?:)?//[^\s\">]+)"
     r"|<link\b(?=[^>]*\brel=\"?(?:stylesheet|preconnect|preload|prefetch|icon))[^>]*"
     r"\bhref=\"?(?P<link>(?:https?:)?//[^\s\">]+)"
 )
-"""What a browser fetches from elsewhere while it shows a page."""
 
 
 @pytest.fixture(scope="module")

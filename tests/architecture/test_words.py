@@ -17,11 +17,12 @@ PAGES = [
     *sorted((PROJECT / "docs").rglob("*.md")),
 ]
 MOST_WORDS = 30
+
+# Former private words: hysteresis of pixels, leak, direction of motion, observation.
 RETIRED = re.compile(
     r"\b(eas(?:ed|ing) outlines?|backlash|ground returns?|turn votes?|desk|sightings?|custody)\b",
     re.I,
 )
-"""Former private words: hysteresis of pixels, leak, direction of motion, observation."""
 CODE = re.compile(r"^```.*?^```|^ {4,}\S[^\n]*$|^#[^\n]*$", re.S | re.M)
 NEW_ITEM = re.compile(r"\n(?=\s*(?:[-*]|\d+\.) )")
 END = re.compile(r"(?<=[.!?;])\s+(?=[A-Z`*\[(\d])|(?<=:)\s+(?=[A-Z`])")

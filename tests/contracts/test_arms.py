@@ -18,8 +18,7 @@ pytestmark = pytest.mark.waits
 
 REPEATS_WITHIN_MM = 0.2
 PATIENCE_S = 20.0
-FAR_MM = 800.0
-"""An arm on its way there is still under way when a slow machine has done its part."""
+FAR_MM = 800.0  # An arm on its way there is still under way when a slow machine has done its part.
 
 
 @dataclass

@@ -23,10 +23,9 @@ from spikingtac.types import Contact, EventPacket
 from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows
 from stand_ins.plugin_package import install
 
+# Those of this package, and of every installed package that registers one.
 NAMES = sorted(detectors().keys() - ALIASES.keys())
-"""Those of this package, and of every installed package that registers one."""
-TOUCH = 500
-"""Window in which the markers begin to move."""
+TOUCH = 500  # Window in which the markers begin to move.
 
 
 def push(window: int) -> tuple[float, float]:

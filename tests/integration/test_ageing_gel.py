@@ -14,9 +14,9 @@ from spikingtac.cli.main import main
 from spikingtac.sim.scene.catalog import load
 from spikingtac.sim.scene.render import simulate
 
+# What an event stands for, as counted: an edge gives six (a threshold is 0.14 of the swing, and
+# the first and the last part of one give none).
 STEP = 0.17
-"""What an event stands for, as counted: an edge gives six (a threshold is 0.14 of the swing, and
-the first and the last part of one give none)."""
 
 
 @pytest.fixture(scope="module")

@@ -20,8 +20,9 @@ from stand_ins.ideal_events import ideal_events
 from stand_ins.small_twin import slides_scene
 
 REST_US, SLIDE_STEPS, STEP_US, AMPLITUDE_PX = 150_000, 24, 6_000, 16.0
+
+# A corner of v2e's recording with sixteen of its 64 markers: a quarter of the time.
 CORNER_PX = 160
-"""A corner of v2e's recording with sixteen of its 64 markers: a quarter of the time."""
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 

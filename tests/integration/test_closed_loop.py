@@ -20,8 +20,7 @@ WALL = PlaneWall(point_mm=(FREE_MM + 0.375, 0.0, 0.0))
 SETTLE = 100
 
 
-RADIUS_PX = 7.0
-"""Nominal radius of a disc; in the grip it shows as up to 7.5."""
+RADIUS_PX = 7.0  # Nominal radius of a disc; in the grip it shows as up to 7.5.
 
 
 def moving(rig: Rig, speed_mm_s: float, windows: int) -> list[tuple[EventPacket, ...]]:

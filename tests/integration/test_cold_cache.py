@@ -45,12 +45,12 @@ print(digest.hexdigest())
 """
 
 
+# What lets a process take this machine for one with the oldest processor of its kind.
 SIMPLEST = {
     "NUMBA_CPU_NAME": "generic",
     "OPENBLAS_CORETYPE": "Prescott",
     "NPY_DISABLE_CPU_FEATURES": "AVX512F AVX2 FMA3",
 }
-"""What lets a process take this machine for one with the oldest processor of its kind."""
 
 
 def digest(cache: Path, **processor: str) -> str:

@@ -24,8 +24,9 @@ from spikingtac_paper.free_motion.free_rig import (
 
 STEPS = 3_000
 SEED = 7
+
+# Ten false contacts a second: enough in three seconds to compare two rates.
 BUDGET_PER_HOUR = 36_000.0
-"""Ten false contacts a second: enough in three seconds to compare two rates."""
 
 
 @dataclass(frozen=True)

@@ -30,17 +30,19 @@ from stand_ins.ur_controller import EVERYTHING, WATCHDOG, URController
 
 pytestmark = pytest.mark.waits
 
+# What a loaded machine may add to a stated time; 0.3 holds on an idle one.
 SLACK_S = float(os.environ.get("SPIKINGTAC_SLACK_S", "5"))
-"""What a loaded machine may add to a stated time; 0.3 holds on an idle one."""
+
+# Far above the 40 ms that a robot is given, so that a busy machine's pauses are no silence.
 STALE_S = 2.0
-"""Far above the 40 ms that a robot is given, so that a busy machine's pauses are no silence."""
 PATIENCE_S = 90.0
+
+# A busy machine may let the controller's own watchdog end the first start: the guard refuses.
 STARTS = 6
-"""A busy machine may let the controller's own watchdog end the first start: the guard refuses."""
-TOUCH = 150
-"""Window at which something happens: 0.75 s after the stream was opened."""
+TOUCH = 150  # Window at which something happens: 0.75 s after the stream was opened.
+
+# A touch whose time is compared: a busy machine, late at first, has caught up by then.
 LATE_TOUCH = 300
-"""A touch whose time is compared: a busy machine, late at first, has caught up by then."""
 CALM = WatchdogConfig(stale_s=STALE_S, backlog_s=60.0)
 
 

@@ -33,8 +33,7 @@ PROTOCOLS = ["foxglove.sdk.v1", "foxglove.websocket.v1"]
 MESSAGE_DATA = 1
 FRAMES = 300
 PATIENCE_S = 60.0
-CLOSING_S = 0.2
-"""A client that never read waits for so long for the end of a server that is gone."""
+CLOSING_S = 0.2  # A client that never read waits for so long for the end of a server that is gone.
 FIELD = np.dtype([(name, "<f4") for name in ("x", "y", "z", "u", "v", "du", "dv", "valid")])
 
 

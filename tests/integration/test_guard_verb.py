@@ -19,8 +19,7 @@ from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows
 pytestmark = pytest.mark.waits
 
 CALM = WatchdogConfig(stale_s=2.0, backlog_s=60.0)  # a busy machine is neither
-TOUCH = 300
-"""Window at which something happens: 1.5 s after the stream was opened."""
+TOUCH = 300  # Window at which something happens: 1.5 s after the stream was opened.
 
 
 @pytest.fixture

@@ -35,12 +35,13 @@ pytestmark = pytest.mark.waits
 COMMAND = Path(sys.executable).with_name("spikingtac")
 SLOWLY = "--rate-hz", "200"
 TOUCH_MS = 400
-LATE_TOUCH_MS = 3_000
-"""A touch for which a guard on a busy machine is ready."""
+LATE_TOUCH_MS = 3_000  # A touch for which a guard on a busy machine is ready.
+
+# How long a camera of 2 s is shown: a machine that compiles meanwhile is given more.
 LONGER_AND_LONGER_S = (2.5, 8.0, 20.0)
-"""How long a camera of 2 s is shown: a machine that compiles meanwhile is given more."""
+
+# The pipe's thread shares its processor with the tests beside it.
 PATIENT = WatchdogConfig(stale_s=2.0, backlog_s=5.0)
-"""The pipe's thread shares its processor with the tests beside it."""
 
 
 @pytest.fixture(scope="module")
@@ -159,9 +160,9 @@ def test_a_touch_in_a_pipe_stops_the_arm(tmp_path: Path) -> None:
     assert len(stops(notes)) == 2  # the self-test, and the contact
 
 
+# A busy machine may fall behind before the camera stalls: that stops the arm as well, and the
+# test begins again.
 TRIES = 4
-"""A busy machine may fall behind before the camera stalls: that stops the arm as well, and the
-test begins again."""
 
 
 def test_a_camera_that_stalls_stops_a_probing_arm(

@@ -56,8 +56,8 @@ def test_a_file_is_replaced_only_when_asked(
     assert not list(tmp_path.glob(".*"))
 
 
+# Names of the arguments that say where something is written.
 WRITTEN = {"output", "picture", "target", "export"}
-"""Names of the arguments that say where something is written."""
 
 
 def arguments_of(kind: object) -> list[type]:

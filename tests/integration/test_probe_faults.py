@@ -18,12 +18,12 @@ from spikingtac.sim.rig.hole_site import Grasp, HoleSite
 from spikingtac.sim.rig.walls import HoleWall, Wall
 from spikingtac.types import EventPacket
 
-FORCE_LIMIT_N = 0.05
-"""Ten times below what is allowed unless told: 1.25 mm of push."""
+FORCE_LIMIT_N = 0.05  # Ten times below what is allowed unless told: 1.25 mm of push.
 QUIET = 150
+
+# A probe that is put onto a rim from one step to the next is knocked off it at first; the arm
+# does not move yet.
 PLACING_WINDOWS = 30
-"""A probe that is put onto a rim from one step to the next is knocked off it at first; the arm does
-not move yet."""
 Window = tuple[EventPacket, ...]
 
 

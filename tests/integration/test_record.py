@@ -34,8 +34,7 @@ from stand_ins.camera_counterparts import SIZE, datagrams, events
 pytestmark = pytest.mark.waits
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
-PATIENCE_S = 120.0
-"""A cold cache is compiled first."""
+PATIENCE_S = 120.0  # A cold cache is compiled first.
 
 
 def free_port() -> int:

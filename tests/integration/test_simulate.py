@@ -16,6 +16,7 @@ from spikingtac.sim.scene.source import SceneSource
 from spikingtac.sim.states import TruthChunk
 from spikingtac.types import EventPacket
 
+# A third of a second on a small sensor.
 SMALL = {
     "lead_in_s": 0.05,
     "lead_out_s": 0.1,
@@ -37,7 +38,6 @@ SMALL = {
         }
     ],
 }
-"""A third of a second on a small sensor."""
 
 
 @pytest.fixture(scope="module")

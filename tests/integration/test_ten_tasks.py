@@ -21,8 +21,9 @@ from stand_ins.pasted import SHOWN
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "README.md"
 MOST_COMMANDS = 3
 PYTHON = "st."
+
+# Calibration takes half a minute and is run for the tutorial; cameras are no part of a test.
 ELSEWHERE = ("calibrate", "cameras")
-"""Calibration takes half a minute and is run for the tutorial; cameras are no part of a test."""
 
 
 def tasks() -> dict[str, list[str]]:

@@ -35,8 +35,7 @@ from stand_ins.viewer import CirclingDots, open_circling
 
 pytestmark = pytest.mark.waits
 
-LATER_US = 7_000_000
-"""The second sensor's clock is ahead of the first one's by so much."""
+LATER_US = 7_000_000  # The second sensor's clock is ahead of the first one's by so much.
 BURSTS, PERIOD_S = 40, 0.02
 FAST = "--preset", "fast", "--rate-hz", "1000"
 

@@ -16,13 +16,15 @@ from stand_ins.ur_controller import URController
 
 pytestmark = pytest.mark.waits
 
+# What a loaded machine may add to a stated time; 0.3 holds on an idle one.
 SLACK_S = float(os.environ.get("SPIKINGTAC_SLACK_S", "5"))
-"""What a loaded machine may add to a stated time; 0.3 holds on an idle one."""
+
+# So far that an arm at 40 mm/s is still under way when a slow machine has done its part.
 FAR_MM = 800.0
-"""So far that an arm at 40 mm/s is still under way when a slow machine has done its part."""
 PATIENCE_S = 60.0
+
+# Ten times what a robot would be given, so that a busy machine's own pauses are no silence.
 STALE_S = 0.5
-"""Ten times what a robot would be given, so that a busy machine's own pauses are no silence."""
 
 
 def until(done: Callable[[], bool], patience_s: float = PATIENCE_S) -> float:

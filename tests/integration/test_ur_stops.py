@@ -31,8 +31,8 @@ from stand_ins.ur_controller import (
 
 pytestmark = pytest.mark.waits
 
+# What a loaded machine may add to a stated time; 0.3 holds on an idle one.
 SLACK_S = float(os.environ.get("SPIKINGTAC_SLACK_S", "5"))
-"""What a loaded machine may add to a stated time; 0.3 holds on an idle one."""
 FAR_MM = 800.0
 PATIENCE_S = 60.0
 

@@ -18,8 +18,7 @@ from spikingtac.viewer.opening import open_view_source
 from spikingtac.viewer.session import Session
 from stand_ins.viewer import CirclingDots, open_circling
 
-QUIET_US = 4_321
-"""The first event comes this long after the start of the stream, off every grid."""
+QUIET_US = 4_321  # The first event comes this long after the start of the stream, off every grid.
 
 
 class Dropped:

@@ -24,8 +24,8 @@ from stand_ins.wire import decode
 
 pytestmark = pytest.mark.waits
 
+# A loaded machine takes long for everything; a page that gets nothing takes for ever.
 PATIENCE_S = 60.0
-"""A loaded machine takes long for everything; a page that gets nothing takes for ever."""
 WATCHED_FRAMES = 200
 
 

@@ -21,11 +21,9 @@ from spikingtac_paper.trials.prediction import Prediction
 from stand_ins.calibrated import calibrated, corner
 
 DEFAULT = load_config("default").tracking
-CORNER_PX = (138, 144)
-"""Two borders of the sensor, and four by four of its five by seven markers."""
+CORNER_PX = (138, 144)  # Two borders of the sensor, and four by four of its five by seven markers.
 
-GEL_CORNER_PX = (160, 160)
-"""Four by four of the eight by eight markers of v2e's gel."""
+GEL_CORNER_PX = (160, 160)  # Four by four of the eight by eight markers of v2e's gel.
 
 
 def errors_px(found: Calibration, truth: Path) -> np.ndarray:

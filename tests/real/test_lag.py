@@ -16,8 +16,9 @@ from spikingtac.markers.lag.photoreceptor import EdgeProfile
 from spikingtac.markers.lag.recording_lag import recording_lag
 
 LAG_US = 2_600.0
+
+# As the recording was made; a calibration finds them.
 EDGE = EdgeProfile(contrast=170 / 28, edge_px=0.55)
-"""As the recording was made; a calibration finds them."""
 
 
 def test_the_bootstraps_lag_is_found(data_dir: Path) -> None:

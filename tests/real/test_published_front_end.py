@@ -22,8 +22,9 @@ from spikingtac.markers.paper import PAPER_RATE_HZ, BlobTracker, BlobTrackerConf
 from spikingtac.state_map.binary import BinaryStateMap
 
 SECOND_US = 1_000_000
+
+# The dot moves 13 px per window of 1 ms, so that it is whole after three to four of them.
 SETTLED_AFTER_WINDOWS = 5
-"""The dot moves 13 px per window of 1 ms, so that it is whole after three to four of them."""
 
 
 def edges(first_us: int, last_us: int, rate_hz: int) -> list[int]:

@@ -27,10 +27,12 @@ from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket
 
 RATE_HZ = 1_000.0
+
+# A marker counts as lost when it is off by more than 5 px for more than 50 ms.
 LOST_PX, LOST_FRAMES = 5.0, 50
-"""A marker counts as lost when it is off by more than 5 px for more than 50 ms."""
+
+# Enough for a bias; the whole recording is tracked like that in test_published_front_end.py.
 HALF_OF_MIX_US = 4_500_000
-"""Enough for a bias; the whole recording is tracked like that in test_published_front_end.py."""
 
 
 @cache

@@ -30,10 +30,8 @@ from stand_ins.small_twin import (
 
 PRESETS = ("default", "fast")
 FAST_PX_S, SLOW_PX_S, RESTING_PX_S = 200.0, 30.0, 5.0
-COVERED = 5
-"""A marker with neighbours all around it."""
-COVER_PX = 24.0
-"""The marker as far as it goes, and no neighbour before it has moved by a few px."""
+COVERED = 5  # A marker with neighbours all around it.
+COVER_PX = 24.0  # The marker as far as it goes, and no neighbour before it has moved by a few px.
 
 
 @dataclass(frozen=True)

@@ -33,10 +33,10 @@ from stand_ins.camera_modules import DriversDevice, HalDevice, drivers_module, h
 from stand_ins.openmv_board import OpenMvBoard
 
 SIZE = (320, 320)
+
+# What the STM32 firmware sends: an Ethernet frame's worth, eight bytes' multiple.
 DATAGRAM_BYTES = 1472
-"""What the STM32 firmware sends: an Ethernet frame's worth, eight bytes' multiple."""
-FRAME_BYTES = 4096 * 32
-"""Frames of a test; the driver's have 391 lines."""
+FRAME_BYTES = 4096 * 32  # Frames of a test; the driver's have 391 lines.
 ENCODERS = {"evt2": Evt2Encoder, "evt21": Evt21Encoder, "evt3": Evt3Encoder}
 
 
@@ -345,6 +345,7 @@ END_MARKS = {
 }
 
 
+# Every camera that the contract suite runs: name -> opens it with its counterpart.
 COUNTERPARTS = {
     "pipe": pipe,
     "serial": serial_port,
@@ -361,4 +362,3 @@ COUNTERPARTS = {
     "udp-evt21": partial(udp, encoding="evt21"),
     "udp-evt3": partial(udp, encoding="evt3"),
 }
-"""Every camera that the contract suite runs: name -> opens it with its counterpart."""

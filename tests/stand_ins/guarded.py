@@ -22,8 +22,7 @@ from spikingtac.types import EventPacket, Pose
 from stand_ins.moving_rims import PERIOD_US, calibration, windows
 
 NEVER = 1 << 30
-SLOWED = 5
-"""Host time and sensor time of a window, in periods of the detector."""
+SLOWED = 5  # Host time and sensor time of a window, in periods of the detector.
 LEAP_US = 600_000_000
 
 
@@ -63,8 +62,7 @@ class NotingArm:
         self.stop()
 
 
-SLOW_S = 1.5
-"""For so long an arm that is slow to tell its state holds up the loop of its guard, s."""
+SLOW_S = 1.5  # For so long an arm that is slow to tell its state holds up the loop of its guard, s.
 
 
 class SlowArm(NotingArm):
@@ -130,8 +128,7 @@ def paced(
         yield Arrival(slowed(window, LEAP_US if number >= leap else 0), time.monotonic())
 
 
-BEGUN_MM_S = 10.0
-"""Speed above which the arm has begun to move, mm/s."""
+BEGUN_MM_S = 10.0  # Speed above which the arm has begun to move, mm/s.
 
 
 def moving_ur(host: str, speed_mm_s: float) -> Arm:

@@ -22,8 +22,9 @@ CONTAINERS = (
 KINDS = (*RAW_KINDS, *CONTAINERS)
 
 FILE_NAMES = {kind: "a.raw" for kind in RAW_KINDS} | {kind: f"a.{kind}" for kind in CONTAINERS}
+
+# Numbers that lengths and times are replaced by.
 ODD_NUMBERS = (0, 1, 0x7F, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 1 << 59, (1 << 64) - 1)
-"""Numbers that lengths and times are replaced by."""
 
 
 def seed_file(kind: str, folder: Path) -> Path:

@@ -18,8 +18,8 @@ except ImportError:  # a system without locks of files: each process makes its o
 
 T = TypeVar("T")
 
+# Environment variable with the folder of the run; ``conftest.py`` sets it for all processes.
 FOLDER_VARIABLE = "SPIKINGTAC_TESTS_MADE_ONCE"
-"""Environment variable with the folder of the run; ``conftest.py`` sets it for all processes."""
 
 
 def made_once(name: str, make: Callable[[], T]) -> T:

@@ -15,11 +15,10 @@ GRID = np.array(
     [[28.0 + 37.0 * column, 28.0 + 37.0 * row] for row in range(3) for column in range(3)]
 )
 PERIOD_US = 1000
-VOTES_PER_PX = 200.0
-"""Events of one marker per px of motion: 2 d ln C / theta."""
+VOTES_PER_PX = 200.0  # Events of one marker per px of motion: 2 d ln C / theta.
 
+# Window number -> speed of every marker, px per window.
 Speed = Callable[[int], tuple[float, float]]
-"""Window number -> speed of every marker, px per window."""
 
 
 def calibration() -> Calibration:

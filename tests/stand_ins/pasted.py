@@ -14,12 +14,11 @@ from typing import Any
 from spikingtac.cli.main import main
 
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.S | re.M)
-SHOWN = ("view", "demo")
-"""Verbs that show a page until they are ended."""
-SHORT = "--seconds", "1"
-"""What such verbs show here, and what they export."""
+SHOWN = ("view", "demo")  # Verbs that show a page until they are ended.
+SHORT = "--seconds", "1"  # What such verbs show here, and what they export.
+
+# Scene -> what is simulated here: all slides, and a finger that turned both ways.
 SHORTER = {"bootstrap": (), "finger-torsion": ("--duration-s", "4.2")}
-"""Scene -> what is simulated here: all slides, and a finger that turned both ways."""
 
 
 def pieces(page: str) -> Iterator[tuple[str, str]]:

@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+# Pictures are compared in cells of this side, so that the smoothing of a line counts little.
 CELL_PX = 8
-"""Pictures are compared in cells of this side, so that the smoothing of a line counts little."""
-MOST_DIFFERENT_CELLS = 0.02
-"""Share of the cells that may differ."""
-CELL_LEVELS = 24.0
-"""Grey levels of 255 from which on a cell differs."""
+MOST_DIFFERENT_CELLS = 0.02  # Share of the cells that may differ.
+CELL_LEVELS = 24.0  # Grey levels of 255 from which on a cell differs.
 
 
 def different_cells(one: Path, other: Path, frame: int = 0, later: int = 0) -> float:

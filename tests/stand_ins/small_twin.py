@@ -27,14 +27,14 @@ SENSOR: dict[str, Any] = {
     "optics": {"size": [176, 176]},
     "gel": {"grid": {"cells": 24, "span_mm": 28.0}},
 }
+
+# Nine of its markers.
 SMALLEST = SENSOR | {"skin": {"grid": [3, 3]}, "optics": {"size": [140, 140]}}
-"""Nine of its markers."""
-PLATE = {"kind": "punch", "settings": {"radius_mm": 12.5}}
-"""It carries all markers alike."""
+PLATE = {"kind": "punch", "settings": {"radius_mm": 12.5}}  # It carries all markers alike.
 
-OUT_MM = 1.0
-"""Some 16 px, almost half of the markers' pitch."""
+OUT_MM = 1.0  # Some 16 px, almost half of the markers' pitch.
 
+# Slow and fast slides up to 500 px/s, a sudden release, then a finger that presses and twists.
 TOUCHES = SENSOR | {
     "lead_in_s": 0.35,
     "lead_out_s": LAST_LEAD_S,
@@ -71,10 +71,9 @@ TOUCHES = SENSOR | {
         },
     ],
 }
-"""Slow and fast slides up to 500 px/s, a sudden release, then a finger that presses and twists."""
 
+# When the first slide begins, and ends; when the way back begins, and ends.
 FIRST_SLIDE_US, HOLD_US, RETURN_US, HOME_US = 450_000, 700_000, 950_000, 1_200_000
-"""When the first slide begins, and ends; when the way back begins, and ends."""
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ from spikingtac.errors import SearchError
 from spikingtac.robot.prober import Touched
 from spikingtac.sim.rig.walls import HexBit
 
-BISECTIONS = 36
-"""11 mm to less than a nanometre."""
+BISECTIONS = 36  # 11 mm to less than a nanometre.
 
 
 @dataclass

@@ -27,10 +27,11 @@ READY, DONE = 1, 2
 NO_CMD, MOVE_L, STOP_SCRIPT, STOP_L, SET_WATCHDOG = 0, 3, 255, 33, 35
 POWER_ON, PROGRAM_RUNNING = 1, 2
 NORMAL_MODE, PROTECTIVE_STOPPED = 1, 4
+
+# Means to stop that a controller can be deaf to: it acknowledges them, and moves on.
 STOPL, SCRIPT, PROTECTIVE, DASHBOARD, WATCHDOG, POWER = (
     "stopl", "stop script", "protective stop", "dashboard stop", "watchdog", "power off",
 )  # fmt: skip
-"""Means to stop that a controller can be deaf to: it acknowledges them, and moves on."""
 EVERYTHING = frozenset((STOPL, SCRIPT, PROTECTIVE, DASHBOARD, WATCHDOG, POWER))
 ROTATION_VECTOR = (0.0, np.pi, 0.0)
 _addresses = itertools.count()

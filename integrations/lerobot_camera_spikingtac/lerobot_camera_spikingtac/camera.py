@@ -16,8 +16,7 @@ from lerobot_camera_spikingtac.field_image import field_image
 from spikingtac.stream.sensor import LiveFrame
 
 NAME = "sensor"
-START_S = 30.0
-"""Longest wait for the first frame, s: kernels may have to be compiled."""
+START_S = 30.0  # Longest wait for the first frame, s: kernels may have to be compiled.
 LOOK_S = 0.001
 NS_PER_MS = 1_000_000
 

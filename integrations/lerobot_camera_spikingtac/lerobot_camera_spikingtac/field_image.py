@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+# Level of a marker at rest, and levels on either side of it that are used.
 NONE_LEVEL, LEVELS = 128, 127
-"""Level of a marker at rest, and levels on either side of it that are used."""
 
 
 def field_image(

@@ -15,8 +15,8 @@ from spikingtac_mujoco.draw import write_gif
 from spikingtac_mujoco.export import export_episodes
 from spikingtac_mujoco.policies import POLICIES, play
 
+# Steps of a task between two pictures (60 ms), and how often the last picture is repeated.
 VIDEO_STEPS, LAST_FRAMES = 6, 12
-"""Steps of a task between two pictures (60 ms), and how often the last picture is repeated."""
 
 
 def show(task: str, sense: str, seed: int, output: Path) -> dict[str, Any]:

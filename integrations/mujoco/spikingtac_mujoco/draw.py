@@ -17,12 +17,10 @@ from spikingtac_mujoco.sensor import Floats, Reading
 
 Image = NDArray[np.uint8]
 
+# Size of each of the two pictures, px, and height of the text below the skin.
 HEIGHT, WIDTH, TEXT = 288, 240, 48
-"""Size of each of the two pictures, px, and height of the text below the skin."""
-ARROW_GAIN = 4.0
-"""Length of an arrow over the displacement."""
-DISC_PX = 6.0
-"""Radius of a marker on the sensor, px."""
+ARROW_GAIN = 4.0  # Length of an arrow over the displacement.
+DISC_PX = 6.0  # Radius of a marker on the sensor, px.
 GIF_COLORS, GIF_MS = 48, 60
 
 

@@ -13,8 +13,7 @@ import spikingtac as st
 from spikingtac.datasets.export import ExportConfig, export
 from spikingtac_mujoco.policies import POLICIES, play
 
-FPS = 50
-"""Frames per second of the data set, of 100 a second of the task."""
+FPS = 50  # Frames per second of the data set, of 100 a second of the task.
 
 
 def export_episodes(task: str, folder: Path, count: int, overwrite: bool = False) -> dict[str, Any]:

@@ -7,8 +7,9 @@ import os
 import sys
 
 OFF = "disabled"
+
+# What MuJoCo draws with where there is no display -> its library, in the order of trial.
 BACKENDS = {"egl": "EGL", "osmesa": "OSMesa"}
-"""What MuJoCo draws with where there is no display -> its library, in the order of trial."""
 
 
 def choose() -> str:

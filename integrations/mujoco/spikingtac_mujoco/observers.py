@@ -10,21 +10,23 @@ from spikingtac.sim import Optics, SensingFinger, SkinState, image_radius_px
 from spikingtac_mujoco.pad import Mount
 
 Floats = NDArray[np.float64]
-Seen = tuple[Floats, NDArray[np.bool_], Floats]
-"""Displacements ``(m, 2)`` as they are told, px; ``(m,)`` predicted markers; the true ones, px."""
 
-DELAY_US = 250.0
-"""Delay of the tracker behind the motion, us (measured, results/mujoco)."""
+# Displacements ``(m, 2)`` as they are told, px; ``(m,)`` predicted markers; the true ones, px.
+Seen = tuple[Floats, NDArray[np.bool_], Floats]
+
+DELAY_US = 250.0  # Delay of the tracker behind the motion, us (measured, results/mujoco).
+
+# Standard deviation of a marker's error, px a coordinate (measured), and the path over which it
+# is renewed, px: pixels are silent where nothing moves, so that the error moves with the marker.
 NOISE_PX, NOISE_PATH_PX = 0.10, 1.0
-"""Standard deviation of a marker's error, px a coordinate (measured), and the path over which it is
-renewed, px: pixels are silent where nothing moves, so that the error moves with the marker."""
-REST_PX = 0.002
-"""Standard deviation of the error that is renewed at each look, px (measured)."""
+REST_PX = 0.002  # Standard deviation of the error that is renewed at each look, px (measured).
+
+# Share of the markers that are predicted at a time (none in 150,000 looks: at most 3 over that
+# number with 95 % confidence).
 LOST_SHARE = 2e-5
-"""Share of the markers that are predicted at a time (none in 150,000 looks: at most 3 over that
-number with 95 % confidence)."""
+
+# Period of the tracker's estimates, us: with 10 ms its error would be twice as large.
 ESTIMATE_US = 1_000
-"""Period of the tracker's estimates, us: with 10 ms its error would be twice as large."""
 
 
 def at_rest(mount: Mount) -> SkinState:

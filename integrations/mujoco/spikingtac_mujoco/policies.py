@@ -14,11 +14,11 @@ from spikingtac_mujoco.tasks.task import STEP_S, Observation
 Floats = NDArray[np.float64]
 Program = Iterator[list[float]]
 
-BASELINE_STEPS = 5
-"""Steps at rest whose mean is the skin before a touch."""
+BASELINE_STEPS = 5  # Steps at rest whose mean is the skin before a touch.
+
+# Change of the field, px rms over the markers, that is a touch (ours: half of a moving marker's
+# error, twenty times that of a marker at rest).
 CONTACT_PX = {"ideal": 0.02, "markers": 0.05, "events": 0.05}
-"""Change of the field, px rms over the markers, that is a touch (ours: half of a moving marker's
-error, twenty times that of a marker at rest)."""
 
 
 class Policy:
@@ -194,10 +194,10 @@ def _along(axis: int, speed: float) -> list[float]:
     return action
 
 
+# Task -> policy.
 POLICIES: dict[str, type[Policy]] = {
     policy.TASK: policy for policy in (PegPolicy, GripPolicy, StopPolicy)
 }
-"""Task -> policy."""
 
 
 def play(task: Any, policy: Any, seed: int) -> Iterator[dict[str, Any]]:

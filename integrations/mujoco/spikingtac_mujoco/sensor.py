@@ -25,31 +25,39 @@ from spikingtac_mujoco.shapes import MM_PER_M, BodyIndenter
 Floats = NDArray[np.float64]
 Fidelity = Literal["markers", "events", "ideal"]
 
+# Cells of the gel along a side: half of the twin's, where speed counts.
 CELLS: dict[str, int] = {"markers": 32, "events": 64, "ideal": 32}
-"""Cells of the gel along a side: half of the twin's, where speed counts."""
+
+# Least and largest stiffness of the springs, N/m (ours): below that of the lightest touch, and
+# that of a pad that is touched all over.
 STIFFNESS_N_M = (300.0, 60_000.0)
-"""Least and largest stiffness of the springs, N/m (ours): below that of the lightest touch, and
-that of a pad that is touched all over."""
+
+# Lateral over normal stiffness (ours; 0.2 to 0.4 on the twin: too stiff follows, too soft
+# swings).
 SHEAR_SHARE = 0.5
-"""Lateral over normal stiffness (ours; 0.2 to 0.4 on the twin: too stiff follows, too soft
-swings)."""
+
+# Joints along which the skin has no zero of its own: a cell sticks where it was first touched.
 SIDEWAYS = np.array([True, True, False, False, False, True])
-"""Joints along which the skin has no zero of its own: a cell sticks where it was first touched."""
+
+# The wrench on a pad that faces this one, turned by half a turn about the site's y axis.
 MIRROR = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
-"""The wrench on a pad that faces this one, turned by half a turn about the site's y axis."""
+
+# Share of the way to the gel's stiffness in a step (ours): a sudden change drives the body.
 FOLLOW = 0.5
-"""Share of the way to the gel's stiffness in a step (ours): a sudden change drives the body."""
+
+# Least mean square radius of a contact, for the springs of the hinges, mm² (ours).
 LEAST_TURN_MM2 = 4.0
-"""Least mean square radius of a contact, for the springs of the hinges, mm² (ours)."""
+
+# Damping over stiffness of the springs, s (ours; with half of it a ball bounces on).
 DAMPING_S = 0.01
-"""Damping over stiffness of the springs, s (ours; with half of it a ball bounces on)."""
-STILL_MM = 0.02
-"""Least indentation for a secant, mm."""
+STILL_MM = 0.02  # Least indentation for a secant, mm.
+
+# Longest step of the gel, s: friction and creep take a traction as constant in it.
 LONGEST_STEP_S = 0.02
-"""Longest step of the gel, s: friction and creep take a traction as constant in it."""
+
+# A held object lies between two pads, of which one is the sensor; how long it has been held
+# before time zero, s, and in how many steps.
 HELD_PADS, SETTLE_S, SETTLE_STEPS = 2.0, 4.0, 8
-"""A held object lies between two pads, of which one is the sensor; how long it has been held before
-time zero, s, and in how many steps."""
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,14 @@ from spikingtac.sim import SoftLayer
 Floats = NDArray[np.float64]
 
 MM_PER_M = 1e3
-NO_SURFACE_MM = -1e6
-"""Height where there is no body, far away from any skin, mm."""
+NO_SURFACE_MM = -1e6  # Height where there is no body, far away from any skin, mm.
+
+# Height of the reference point over the body's origin, mm: above any body, so that the gel never
+# takes one for out of reach.
 REACH_MM = 1e5
-"""Height of the reference point over the body's origin, mm: above any body, so that the gel never
-takes one for out of reach."""
+
+# Parts of a mesh that lie further than this above the skin never touch it, mm (ours).
 BULGE_MM = 1.0
-"""Parts of a mesh that lie further than this above the skin never touch it, mm (ours)."""
 TINY = 1e-12
 GEOM = mujoco.mjtGeom
 PLANE, SPHERE, CAPSULE = int(GEOM.mjGEOM_PLANE), int(GEOM.mjGEOM_SPHERE), int(GEOM.mjGEOM_CAPSULE)

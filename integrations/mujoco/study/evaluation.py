@@ -22,14 +22,14 @@ SENSES = {
     "ideal": "ideal sensor",
     "events": "by touch, event camera and tracker",
 }
-EVENT_SHARE = 5
-"""With events only one seed of so many is run: they take ten times as long."""
+EVENT_SHARE = 5  # With events only one seed of so many is run: they take ten times as long.
+
+# Task -> figures of its episodes besides success and return.
 FIGURES = {
     "PegInHole": ("time_s", "aside_mm"),
     "GripWithoutSlip": ("mean_force_n", "excess", "slip_mm"),
     "StopOnTouch": ("overshoot_mm", "time_s"),
 }
-"""Task -> figures of its episodes besides success and return."""
 WARM_STEPS, TIMED_STEPS = 60, 400
 
 

@@ -16,13 +16,14 @@ from spikingtac_mujoco.tasks.task import STEP_S
 Floats = NDArray[np.float64]
 
 TASK = "spikingtac/GripWithoutSlip-v0"
+
+# Steps of the task for one action (40 ms), and former fields that the policy sees as well.
 HOLD_STEPS, PAST = 4, 3
-"""Steps of the task for one action (40 ms), and former fields that the policy sees as well."""
 FIELD_SCALE = np.array([1.0, 1.0, 1.0, 2.0])
-TARGET_N = (0.2, 4.0)
-"""Grip force for the actions -1 and 1, N."""
+TARGET_N = (0.2, 4.0)  # Grip force for the actions -1 and 1, N.
+
+# Neurons of each of two layers; logarithm of the first spread of the actions: 0.4 N.
 HIDDEN, FIRST_SPREAD = 64, -1.5
-"""Neurons of each of two layers; logarithm of the first spread of the actions: 0.4 N."""
 ENVIRONMENTS = 4
 SETTINGS = {"n_steps": 300, "batch_size": 256, "n_epochs": 8, "learning_rate": 5e-4}
 

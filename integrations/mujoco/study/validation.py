@@ -14,12 +14,14 @@ import spikingtac as st
 
 Floats = NDArray[np.float64]
 
+# Episodes of each motion for the table, and others from which the force model is fitted.
 SEEDS, FORCE_SEEDS = 3, 6
-"""Episodes of each motion for the table, and others from which the force model is fitted."""
+
+# Markers that move faster than this tell the delay; those that move less in a step are at rest.
 MOVING_PX_S, STILL_PX = 20.0, 0.002
-"""Markers that move faster than this tell the delay; those that move less in a step are at rest."""
-PATH_PX = 1.0
-"""Path of a marker after which its error has been renewed, px."""
+PATH_PX = 1.0  # Path of a marker after which its error has been renewed, px.
+
+# Name -> task, steps, action at a step: objects are pressed in, one is held, a peg is levered.
 MOTIONS: dict[str, tuple[str, int, Callable[[int], list[float]]]] = {
     "presses": ("StopOnTouch", 300, lambda k: [0.25 * np.sin(k / 12.0) + 0.06]),
     "holds": ("GripWithoutSlip", 250, lambda k: [0.4 * np.sin(k / 15.0)]),
@@ -29,7 +31,6 @@ MOTIONS: dict[str, tuple[str, int, Callable[[int], list[float]]]] = {
         lambda k: [0.6 * np.sin(k / 25.0), 0.5 * np.cos(k / 40.0), -0.1 * (k > 150)],
     ),
 }
-"""Name -> task, steps, action at a step: objects are pressed in, one is held, a peg is levered."""
 
 
 def record(motion: str, sense: str, seed: int) -> tuple[list[Reading], st.WrenchSeries]:

@@ -14,14 +14,16 @@ from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
 from spikingtac.events.open import READABLE, RECORDING_NAME
 
 WILDCARDS = frozenset("*?[")
+
+# Endings of many kinds of tables: in a folder they are no recordings, by name they may be.
 TABLES = frozenset({".csv", ".txt"})
-"""Endings of many kinds of tables: in a folder they are no recordings, by name they may be."""
-BAG = "metadata.yaml"
-"""What a folder with a bag of ROS 2 holds."""
+BAG = "metadata.yaml"  # What a folder with a bag of ROS 2 holds.
+
+# What tells an archive of events from one of tracks or of a truth.
 EVENT_MEMBERS = ("x.npy", "events.npy")
-"""What tells an archive of events from one of tracks or of a truth."""
+
+# What tells an archive of events or of displacements over time.
 SERIES_MEMBERS = (*EVENT_MEMBERS, "displacement_px.npy", "displacement_mm.npy")
-"""What tells an archive of events or of displacements over time."""
 
 
 def is_many(given: Sequence[Path]) -> bool:

@@ -19,15 +19,14 @@ from spikingtac.batch.run_folder import RUN, begin_run
 from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.errors import ConfigError, DeviceError, SpikingTacError
 
-JOURNAL = "journal.jsonl"
-"""File of a run with one line for each recording, written when it ends."""
-TABLE = "results.csv"
-"""File of a run with one row for each recording, written at its end."""
-Row = dict[str, Any]
-"""``source, output, status`` (done, failed), ``error, seconds``, and the figures of the work."""
+JOURNAL = "journal.jsonl"  # File of a run with one line for each recording, written when it ends.
+TABLE = "results.csv"  # File of a run with one row for each recording, written at its end.
 
+# ``source, output, status`` (done, failed), ``error, seconds``, and the figures of the work.
+Row = dict[str, Any]
+
+# Takes recording and output; writes the output and returns figures by name.
 Work = Callable[[Path, Path], Mapping[str, Any]]
-"""Takes recording and output; writes the output and returns figures by name."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -11,8 +11,7 @@ from typing import Any
 from spikingtac.atomic_files import write_json
 from spikingtac.errors import ConfigError
 
-RUN = "run.json"
-"""The settings that the folder was begun with."""
+RUN = "run.json"  # The settings that the folder was begun with.
 
 
 def begin_run(

@@ -19,12 +19,12 @@ from urllib.parse import urlsplit
 from spikingtac._version import package_version
 from spikingtac.errors import ConfigError, DeviceError, MissingExtraError
 
+# Variables that keep a library from starting threads of its own in every worker.
 SINGLE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Variables that keep a library from starting threads of its own in every worker."""
+
+# Deaths of a worker after which its task counts as failed: one may be the machine's fault.
 ATTEMPTS = 2
-"""Deaths of a worker after which its task counts as failed: one may be the machine's fault."""
-CONNECT_S = 10.0
-"""Longest wait for a Dask scheduler, s."""
+CONNECT_S = 10.0  # Longest wait for a Dask scheduler, s.
 
 
 def cpu_count() -> int:

@@ -19,14 +19,13 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 
-REACH_EDGES = 6.5
-"""S is within 0.005 of its limits this many edge scales to both sides of the rim."""
+REACH_EDGES = 6.5  # S is within 0.005 of its limits this many edge scales to both sides of the rim.
 
+# Marker over ground intensity where nothing was calibrated (the twin's presets).
 CONTRAST_DEFAULT = 6.0
-"""Marker over ground intensity where nothing was calibrated (the twin's presets)."""
 
+# Logistic edge scale where nothing was calibrated: a pixel box with half a pixel of lens blur.
 EDGE_DEFAULT_PX = 0.55
-"""Logistic edge scale where nothing was calibrated: a pixel box with half a pixel of lens blur."""
 
 
 @dataclass(frozen=True)

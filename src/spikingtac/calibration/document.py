@@ -15,18 +15,17 @@ from spikingtac.errors import CalibrationError
 
 CALIBRATION_SCHEMA = 1
 
-LARGEST_AREA_PX = 1 << 24
-"""Largest sensor, px: 16 megapixels, of which a map takes 64 MB."""
+LARGEST_AREA_PX = 1 << 24  # Largest sensor, px: 16 megapixels, of which a map takes 64 MB.
 
+# Range of what an event stands for: a thousandth of a usual step, and the full swing.
 STEP = (1e-4, 1.0)
-"""Range of what an event stands for: a thousandth of a usual step, and the full swing."""
 
+# Range of marker over ground intensity: above one, and the dynamic range of a camera, 80 dB.
 CONTRAST = (1.0001, 1e4)
-"""Range of marker over ground intensity: above one, and the dynamic range of a camera, 80 dB."""
 
-EDGE_PX = (1e-3, 100.0)
-"""Range of a marker's blur: beyond it nothing is an edge."""
+EDGE_PX = (1e-3, 100.0)  # Range of a marker's blur: beyond it nothing is an edge.
 
+# Numbers that may be absent, and their ranges.
 NUMBERS = {
     "step_on": STEP,
     "step_off": STEP,
@@ -36,39 +35,34 @@ NUMBERS = {
     "px_per_mm": (1e-2, 1e4),  # from a pixel for 100 mm to 0.1 um a pixel
     "recovery_s": (1e-3, 100.0),
 }
-"""Numbers that may be absent, and their ranges."""
 
+# Lists with a number for each marker that may be absent, and their ranges.
 MARKER_NUMBERS = {
     "marker_contrast": CONTRAST,
     "marker_edge_px": EDGE_PX,
     "marker_step_on": STEP,
     "marker_step_off": STEP,
 }
-"""Lists with a number for each marker that may be absent, and their ranges."""
 
-MEASURED = "marker_measured"
-"""Key that may be absent: one true or false for each marker."""
+MEASURED = "marker_measured"  # Key that may be absent: one true or false for each marker.
 
-HOT_PIXELS = "hot_px"
-"""Key that may be absent: column and row of each hot pixel."""
+HOT_PIXELS = "hot_px"  # Key that may be absent: column and row of each hot pixel.
 
-MAPS = ("step_on_map", "step_off_map")
-"""Keys that may be absent: packed maps."""
+MAPS = ("step_on_map", "step_off_map")  # Keys that may be absent: packed maps.
 
+# One count of a packed map stands for 0.0001 of the full swing: a thousandth of a usual step.
 COUNTS_PER_UNIT = 10_000
-"""One count of a packed map stands for 0.0001 of the full swing: a thousandth of a usual step."""
 
+# Files of version 0.1 hold one byte per pixel, and one count stands for 0.001.
 FORMER_COUNTS_PER_UNIT = 1000
-"""Files of version 0.1 hold one byte per pixel, and one count stands for 0.001."""
 
+# Keys of earlier files: factors from the steps that they hold to the measured ones.
 FORMER_SCALES = {
     "band_scale_on": ("step_on", "marker_step_on", "step_on_map"),
     "band_scale_off": ("step_off", "marker_step_off", "step_off_map"),
 }
-"""Keys of earlier files: factors from the steps that they hold to the measured ones."""
 
-FORMER_SCALE = (1e-2, 100.0)
-"""Range of these factors."""
+FORMER_SCALE = (1e-2, 100.0)  # Range of these factors.
 
 
 def checked_document(document: Any, where: str) -> dict[str, Any]:

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
 
-LARGEST_RADIAL = 0.9
-"""Beyond 1 the model folds the image over itself inside of the sensor."""
+LARGEST_RADIAL = 0.9  # Beyond 1 the model folds the image over itself inside of the sensor.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -92,12 +91,11 @@ def projected(homography: NDArray[np.float64], place: NDArray[np.float64]) -> ND
     return moved[..., :2] / moved[..., 2:]
 
 
-PARAMETERS = 9
-"""Eight of the homography, one of the lens."""
-FEWEST_MARKERS = 12
-"""Twice as many numbers as are sought, and half of them again (ours)."""
+PARAMETERS = 9  # Eight of the homography, one of the lens.
+FEWEST_MARKERS = 12  # Twice as many numbers as are sought, and half of them again (ours).
+
+# Standard error of the scale at the outermost marker up to which a lens is believed (ours).
 LARGEST_DOUBT = 0.01
-"""Standard error of the scale at the outermost marker up to which a lens is believed (ours)."""
 
 
 def fit_lens(
@@ -192,8 +190,7 @@ def _upright(homography: NDArray[np.float64]) -> NDArray[np.float64]:
     return turn @ homography
 
 
-HALF_STEP_PX = 0.5
-"""Half the distance of the places from which a local scale is taken."""
+HALF_STEP_PX = 0.5  # Half the distance of the places from which a local scale is taken.
 
 
 @dataclass(frozen=True, slots=True)

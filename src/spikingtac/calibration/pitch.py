@@ -9,9 +9,9 @@ from spikingtac.errors import ConfigError
 
 FEWEST_MARKERS = 2
 
+# Markers up to this many times the distance of the nearest one are neighbours: the other axis of
+# a rectangular grid is, the diagonal of a square one is not.
 NEIGHBOUR_SHARE = 1.25
-"""Markers up to this many times the distance of the nearest one are neighbours: the other axis of a
-rectangular grid is, the diagonal of a square one is not."""
 
 
 def marker_pitch_px(reference_px: NDArray[np.float64]) -> float:

@@ -21,8 +21,7 @@ from spikingtac.events.address import Address
 from spikingtac.events.formats.file_source import Rows
 
 WORD_BYTES = 4
-NO_TIME = 1 << 7
-"""Bit 31 of a word, in the last one of its bytes."""
+NO_TIME = 1 << 7  # Bit 31 of a word, in the last one of its bytes.
 WRAP_US = 1 << 32
 US_PER_S = 1e6
 

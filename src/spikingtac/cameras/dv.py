@@ -15,15 +15,14 @@ from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
 from spikingtac.events.formats.file_source import Rows
 
-AT_ONCE = 64
-"""Batches that one read takes at most."""
-POLL_S = 0.0002
-"""Sleep between two looks for a batch, s; the library's reader has no waiting call."""
+AT_ONCE = 64  # Batches that one read takes at most.
+POLL_S = 0.0002  # Sleep between two looks for a batch, s; the library's reader has no waiting call.
+
+# Settings of a DVXplorer -> their getters.
 THRESHOLDS = {
     "contrast_threshold_on": "getContrastThresholdOn",
     "contrast_threshold_off": "getContrastThresholdOff",
 }
-"""Settings of a DVXplorer -> their getters."""
 
 
 class DvCamera(Camera):

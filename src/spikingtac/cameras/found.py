@@ -11,8 +11,9 @@ from spikingtac.cameras.libraries import require
 from spikingtac.events.cameras.kinds import KINDS
 
 VIDEO = Path("/sys/class/video4linux")
+
+# Names of the video devices that a Prophesee sensor's driver makes on a Raspberry Pi.
 VIDEO_NAMES = ("genx320", "imx636", "rp1-cfe-csi2_ch0")
-"""Names of the video devices that a Prophesee sensor's driver makes on a Raspberry Pi."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

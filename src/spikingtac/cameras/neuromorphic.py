@@ -14,10 +14,11 @@ from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
 from spikingtac.events.formats.file_source import Rows
 
+# The library waits so long for a packet, s; it takes the time once, when the device is opened.
 WAIT_S = 0.02
-"""The library waits so long for a packet, s; it takes the time once, when the device is opened."""
+
+# What the events are called: since version 0.15, and before.
 EVENT_NAMES = ("polarity_events", "dvs_events")
-"""What the events are called: since version 0.15, and before."""
 
 
 class NeuromorphicCamera(Camera):

@@ -25,15 +25,17 @@ T = TypeVar("T")
 
 SCRIPT = "genx320_on_openmv.micropython"
 CHANNEL = "events"
+
+# Words of one transfer unless the address names another number; what the firmware accepts.
 WORDS, FEWEST_WORDS, MOST_WORDS = 2048, 1024, 65536
-"""Words of one transfer unless the address names another number; what the firmware accepts."""
+
+# Longest time that the script may take to start, s (ours: the sensor's reset takes under two).
 SCRIPT_S = 8.0
-"""Longest time that the script may take to start, s (ours: the sensor's reset takes under two)."""
-STOP_S = 0.5
-"""Wait after the running script was stopped, s; that of the maker's examples."""
+STOP_S = 0.5  # Wait after the running script was stopped, s; that of the maker's examples.
 POLL_S = 0.001
+
+# USB vendor numbers of OpenMV boards: OpenMV's own, and pid.codes' that older ones carry.
 USB_VENDORS = (0x37C5, 0x1209)
-"""USB vendor numbers of OpenMV boards: OpenMV's own, and pid.codes' that older ones carry."""
 
 
 class OpenMvCamera(Camera):

@@ -25,11 +25,11 @@ from spikingtac.events.evt.header import HEADER_LIMIT_BYTES, RawHeader, read_hea
 from spikingtac.events.evt.raw import NAMES, word_decoder
 from spikingtac.events.evt.words import Rows, WordStream
 
-CHUNK_BYTES = 1 << 18
-"""Most bytes that one read takes and decodes."""
+CHUNK_BYTES = 1 << 18  # Most bytes that one read takes and decodes.
 END_OF_HEADER = b"% end\n"
+
+# Longest wait for a writer and its header, s (ours: a camera's software starts in a few).
 PATIENCE_S = 30.0
-"""Longest wait for a writer and its header, s (ours: a camera's software starts in a few)."""
 
 
 class PipeCamera(Camera):

@@ -16,12 +16,13 @@ from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
 from spikingtac.events.evt.words import Rows
 
-POLL_S = 0.0002
-"""Sleep between two looks for a buffer, s."""
+POLL_S = 0.0002  # Sleep between two looks for a buffer, s.
+
+# Names of the hardware layer -> ours.
 ENCODINGS = {"EVT2": "evt2", "EVT21": "evt21", "EVT3": "evt3"}
-"""Names of the hardware layer -> ours."""
+
+# Sensors that send EVT2.1 as two 32-bit halves, the upper one first.
 LEGACY_SENSORS = ("IMX636", "Gen41", "Gen4.1", "Gen3")
-"""Sensors that send EVT2.1 as two 32-bit halves, the upper one first."""
 
 
 class PropheseeCamera(Camera):

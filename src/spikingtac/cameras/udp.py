@@ -22,22 +22,21 @@ from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
 from spikingtac.events.evt.words import Rows
 
+# Where is listened unless an address of this machine is given; 0.0.0.0 hears every network.
 LOOPBACK = "127.0.0.1"
-"""Where is listened unless an address of this machine is given; 0.0.0.0 hears every network."""
-LARGEST_BYTES = 1 << 16
-"""No datagram is larger."""
-AT_ONCE = 64
-"""Datagrams that one read takes at most: 3 Mev/s bring 8 in a millisecond."""
+LARGEST_BYTES = 1 << 16  # No datagram is larger.
+AT_ONCE = 64  # Datagrams that one read takes at most: 3 Mev/s bring 8 in a millisecond.
+
+# Socket buffer that is asked for: 0.7 s at 3 Mev/s. The kernel may grant less.
 BUFFER_BYTES = 8 << 20
-"""Socket buffer that is asked for: 0.7 s at 3 Mev/s. The kernel may grant less."""
+
+# A sender that has been silent for so long may be followed by another one, s (ours).
 SILENT_S = 1.0
-"""A sender that has been silent for so long may be followed by another one, s (ours)."""
-JUDGED_BYTES = 1 << 14
-"""Refused bytes from which on is said which encoding they fit."""
-REMEMBERED = 32
-"""Latest datagrams that a new one is compared with, to tell one that came twice."""
+JUDGED_BYTES = 1 << 14  # Refused bytes from which on is said which encoding they fit.
+REMEMBERED = 32  # Latest datagrams that a new one is compared with, to tell one that came twice.
+
+# Linux: figures of a socket's memory; the last one is the count of datagrams that were dropped.
 SO_MEMINFO = 55
-"""Linux: figures of a socket's memory; the last one is the count of datagrams that were dropped."""
 _MEMINFO = struct.Struct("=9I")
 LONGEST_WORD = 8  # bytes, of EVT2.1
 

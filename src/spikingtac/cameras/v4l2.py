@@ -26,16 +26,20 @@ from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
 from spikingtac.events.evt.words import Rows
 
-FRAME = (4096, 391)
-"""Width and height of a frame, bytes."""
+FRAME = (4096, 391)  # Width and height of a frame, bytes.
 TOOL = "v4l2-ctl"
+
+# Most that is read before the mark is looked for: 16 ms of EVT2 words at 1 Mev/s.
 READ_BYTES = 1 << 16
-"""Most that is read before the mark is looked for: 16 ms of EVT2 words at 1 Mev/s."""
+
+# First stretch in which the mark is looked for: 0.5 ms of EVT2 words at 1 Mev/s; each further one
+# is as long as all before.
 LOOK_BYTES = 1 << 11
-"""First stretch in which the mark is looked for: 0.5 ms of EVT2 words at 1 Mev/s; each further one
-is as long as all before."""
+
+# Room that is asked for in the tool's pipe, what Linux grants to anybody: two reads a frame.
 PIPE_BYTES = 1 << 20
-"""Room that is asked for in the tool's pipe, what Linux grants to anybody: two reads a frame."""
+
+# Numbers among which a mark is looked for, which of them, the bits that count, and their value.
 _MARKS = {
     "evt2": ("<u4", slice(None), 0xF00000FF, 0xE0000019),
     "evt21/little": ("<u4", slice(1, None, 2), 0xF0000FFF, 0xE0000019),
@@ -43,7 +47,6 @@ _MARKS = {
     "evt21/big": (">u4", slice(0, None, 2), 0xF0000FFF, 0xE0000019),
     "evt3": ("<u2", slice(None), 0xFFFF, 0xE019),
 }
-"""Numbers among which a mark is looked for, which of them, the bits that count, and their value."""
 
 
 class V4l2Camera(Camera):

@@ -20,14 +20,18 @@ from spikingtac.events.evt.words import Rows, WordStream
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import LossCounters
 
+# Width and height of the sensor that is assumed unless an address names another, px.
 GENX320_SIZE = (320, 320)
-"""Width and height of the sensor that is assumed unless an address names another, px."""
+
+# Orders of EVT2.1 words: a GenX320 sends ``little``, an IMX636 ``legacy``.
 BYTE_ORDERS = ("little", "legacy", "big")
-"""Orders of EVT2.1 words: a GenX320 sends ``little``, an IMX636 ``legacy``."""
+
+# Options of addresses whose words come without a header.
 WORD_OPTIONS = ("encoding", "size", "order")
-"""Options of addresses whose words come without a header."""
 
 
+# Numbers among which the time words are, which of them, and the bits of the upper time; the bits
+# above those hold the word's type.
 _TIME_WORDS = {
     "evt2": ("<u4", slice(None), 28),
     "evt21/little": ("<u4", slice(1, None, 2), 28),
@@ -35,12 +39,10 @@ _TIME_WORDS = {
     "evt21/big": (">u4", slice(0, None, 2), 28),
     "evt3": ("<u2", slice(None), 12),
 }
-"""Numbers among which the time words are, which of them, and the bits of the upper time; the bits
-above those hold the word's type."""
-TIME_HIGH = 8
-"""Type of the words of upper time in all three encodings."""
+TIME_HIGH = 8  # Type of the words of upper time in all three encodings.
+
+# Steps of the upper time, 0.13 s, by which a piece may be late; beyond, the sensor began anew.
 LATEST_STEPS = {"evt2": 2_000, "evt21": 2_000, "evt3": 30}
-"""Steps of the upper time, 0.13 s, by which a piece may be late; beyond, the sensor began anew."""
 
 
 class BareWords:
@@ -152,8 +154,7 @@ def warm_up(encoding: str, size: tuple[int, int], order: str = "little") -> None
     stream.feed(np.random.default_rng(0).bytes(NOISE_BYTES), final=True)
 
 
-NOISE_BYTES = 1 << 14
-"""Noise in which everything is to be mended, bytes."""
+NOISE_BYTES = 1 << 14  # Noise in which everything is to be mended, bytes.
 
 
 def _step(placed: tuple[int, bytes]) -> int:

@@ -12,8 +12,7 @@ from typing import Any
 from spikingtac.cli.messages import remark
 from spikingtac.errors import ConfigError
 
-EXIT_TERMINATED = 143
-"""128 + SIGTERM, what a shell reports of a program that was terminated."""
+EXIT_TERMINATED = 143  # 128 + SIGTERM, what a shell reports of a program that was terminated.
 
 
 @contextmanager

@@ -17,15 +17,15 @@ from spikingtac.cli.registry import VERBS, module_of, overview, verbs
 from spikingtac.errors import ConfigError, SpikingTacError, nearest
 
 EXIT_INPUT, EXIT_ARGUMENTS, EXIT_MACHINE = 1, 2, 3
-EXIT_INTERRUPTED = 130
-"""128 + SIGINT, what a shell reports of a program stopped by Ctrl-C."""
-EXIT_BROKEN_PIPE = 141
-"""128 + SIGPIPE, what a shell reports when the reader of a pipe has left."""
+EXIT_INTERRUPTED = 130  # 128 + SIGINT, what a shell reports of a program stopped by Ctrl-C.
+EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE, what a shell reports when the reader of a pipe has left.
+
+# Matrices are small here: beside other work, a second thread makes a product of 64 by 10 numbers
+# take 11 ms instead of 0.1 ms (ours). NumPy reads this when it is first imported.
 ONE_THREAD = "1"
-"""Matrices are small here: beside other work, a second thread makes a product of 64 by 10 numbers
-take 11 ms instead of 0.1 ms (ours). NumPy reads this when it is first imported."""
 _INPUT_ERRORS = (errno.ENOENT, errno.EISDIR, errno.ENOTDIR, errno.EACCES, errno.EPERM)
 
+# Error of the operating system -> what its text leaves open.
 _WAYS_OUT = {
     errno.ENOENT: "; check the path",
     errno.EISDIR: "; a file is needed here",
@@ -34,7 +34,6 @@ _WAYS_OUT = {
     errno.EROFS: "; choose a folder that can be written",
     errno.ENOSPC: "; free some space, or choose another folder",
 }
-"""Error of the operating system -> what its text leaves open."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

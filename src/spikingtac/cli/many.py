@@ -15,10 +15,10 @@ from spikingtac.errors import ConfigError
 if TYPE_CHECKING:
     from spikingtac.batch.run import BatchResult
 
-SHOWN = 20
-"""Failures that are printed; the table holds all."""
+SHOWN = 20  # Failures that are printed; the table holds all.
+
+# Options that change no result.
 APART = frozenset(("json", "overwrite", "workers", "scheduler", "resume", "output"))
-"""Options that change no result."""
 
 
 @dataclass(frozen=True, kw_only=True)

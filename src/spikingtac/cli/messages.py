@@ -8,13 +8,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple, Protocol
 
-PIPE_COLUMNS = 1_000
-"""Width of a table that no terminal shows, in characters: wider than any."""
+PIPE_COLUMNS = 1_000  # Width of a table that no terminal shows, in characters: wider than any.
+
+# Ending of a figure's name -> its unit; the first that fits counts.
 UNITS = {"_mev_s": "million events/s", "_us": "us", "_ms": "ms", "_s": "s",
          "_hz": "Hz", "_px": "px", "_mm": "mm", "_n": "N"}  # fmt: skip
-"""Ending of a figure's name -> its unit; the first that fits counts."""
-SHARES = ("_fraction", "_share")
-"""Endings of what a reader is told in per cent."""
+SHARES = ("_fraction", "_share")  # Endings of what a reader is told in per cent.
 
 
 class Advance(Protocol):

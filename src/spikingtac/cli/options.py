@@ -17,8 +17,7 @@ import tyro
 from spikingtac.atomic_files import require_free
 from spikingtac.errors import ConfigError, nearest
 
-Output = Annotated[Path | None, tyro.conf.arg(aliases=["-o"])]
-"""Option -o: what is written."""
+Output = Annotated[Path | None, tyro.conf.arg(aliases=["-o"])]  # Option -o: what is written.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,14 +69,13 @@ class TrackerArgs(ReadArgs):
     """Estimates per second; the preset's unless given."""
 
 
-COMMON = ("--help",)
-"""Options of every verb that its dataclass does not list."""
+COMMON = ("--help",)  # Options of every verb that its dataclass does not list.
 
-NARROWEST = 40
-"""Width of a terminal below which help is not wrapped further, characters."""
+NARROWEST = 40  # Width of a terminal below which help is not wrapped further, characters.
 HELP = frozenset(("-h", "--help"))
+
+# Defaults that say nothing to a reader: the text of the option says what happens without it.
 EMPTY: tuple[object, ...] = (None, False, ())
-"""Defaults that say nothing to a reader: the text of the option says what happens without it."""
 
 
 def for_help(arguments: type) -> type:

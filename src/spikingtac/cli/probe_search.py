@@ -20,19 +20,18 @@ from spikingtac.robot.cross_search import calibrated_circle, cross_search
 from spikingtac.robot.prober import Prober, ProbingConfig, Touched
 from spikingtac.types import FloatArray
 
+# Arguments that must be above 0.
 POSITIVE = ("travel_mm", "travel_sigma_mm", "travel_limit_mm", "force_limit_n")
-"""Arguments that must be above 0."""
-LEAST_RADIUS_MM = 0.5
-"""Radius of the narrowest hole of the twin, mm: the bit reaches 0.433 mm."""
+LEAST_RADIUS_MM = 0.5  # Radius of the narrowest hole of the twin, mm: the bit reaches 0.433 mm.
+
+# Assumptions of every search.
 ASSUMPTIONS = (
     "the hole is round, and deep enough that only its side is met",
     "the bit is a hexagon of 0.75 mm across flats",
 )
-"""Assumptions of every search."""
 
 
-SEARCHES = ("default", "cross4")
-"""Names of the searches: adaptive, and the paper's four contacts."""
+SEARCHES = ("default", "cross4")  # Names of the searches: adaptive, and the paper's four contacts.
 
 
 @dataclass(frozen=True, kw_only=True)

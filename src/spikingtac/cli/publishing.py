@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     from spikingtac.ros2.feed import Feed, Pace
     from spikingtac.ros2.stream import Publisher, SensorStream
 
-LOOK_S = 0.01
-"""Time between two looks for a reader, s."""
-ENDING_S = 0.1
-"""Time for the last messages to leave before the topics end, s."""
+LOOK_S = 0.01  # Time between two looks for a reader, s.
+ENDING_S = 0.1  # Time for the last messages to leave before the topics end, s.
 
 
 @dataclass(frozen=True, kw_only=True)

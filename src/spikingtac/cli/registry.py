@@ -14,9 +14,9 @@ import textwrap
 from importlib import metadata, util
 from pathlib import Path
 
-GROUP = "spikingtac.verbs"
-"""Entry point group of the verbs that other packages add."""
+GROUP = "spikingtac.verbs"  # Entry point group of the verbs that other packages add.
 
+# Verb -> one line of help; the module of that name has ``Args`` and ``run(args)``.
 VERBS: dict[str, str] = {
     "demo": "watch a simulated finger press, twist and slide, tracked live; no hardware needed",
     "info": "print the content of an event file: format, size, counts, rates, damage",
@@ -40,7 +40,6 @@ VERBS: dict[str, str] = {
     "cameras": "list the cameras that are plugged in, and the ways to reach one",
     "doctor": "check this machine: extras, kernel cache, CPU governor, ports; measure a camera",
 }
-"""Verb -> one line of help; the module of that name has ``Args`` and ``run(args)``."""
 
 OVERVIEW = """\
 usage: spikingtac VERB [options]

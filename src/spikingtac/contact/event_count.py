@@ -100,14 +100,16 @@ class EventCountDetector:
         )
 
 
+# The first windows, which are taken for quiet: 0.3 s, as every scene of the twin begins.
 QUIET_WINDOWS = 300
-"""The first windows, which are taken for quiet: 0.3 s, as every scene of the twin begins."""
+
+# The threshold is at least this many times the quiet mean (ours: the first windows may be the
+# calmest of all).
 MARGIN = 3.0
-"""The threshold is at least this many times the quiet mean (ours: the first windows may be the
-calmest of all)."""
+
+# A contact ends after this many quiet windows in a row (ours: a finger that holds still is as
+# silent as one that left).
 RELEASE_WINDOWS = 300
-"""A contact ends after this many quiet windows in a row (ours: a finger that holds still is as
-silent as one that left)."""
 
 
 class SelfCalibratingDetector:

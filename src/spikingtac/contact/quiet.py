@@ -14,14 +14,12 @@ from spikingtac.contact.window import Window, count_of, packets_of
 from spikingtac.errors import CalibrationError, ConfigError
 
 SECONDS_PER_HOUR = 3600.0
-BLOCK_WINDOWS = 30
-"""Windows of a block: half a period of the arm's vibration, 15 Hz."""
-CLEAR_SIGMA = 5.0
-"""A block this many standard deviations above others holds more than noise."""
+BLOCK_WINDOWS = 30  # Windows of a block: half a period of the arm's vibration, 15 Hz.
+CLEAR_SIGMA = 5.0  # A block this many standard deviations above others holds more than noise.
+
+# Fewest events of a block of an even stream, and largest share by which its blocks differ.
 LEAST_EVEN, EVEN_SHARE = 20, 0.5
-"""Fewest events of a block of an even stream, and largest share by which its blocks differ."""
-LEAST_WINDOWS = 100
-"""Fewer windows determine a variance to no better than 15 %."""
+LEAST_WINDOWS = 100  # Fewer windows determine a variance to no better than 15 %.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,14 +21,14 @@ from spikingtac.contact.window import Window, packets_of
 from spikingtac.errors import CalibrationError
 from spikingtac.types import EventPacket
 
+# Shares of the highest blocks that make the tail. Rare swings of an arm stand out from the noise
+# of the pixels only in the outermost blocks. Each share gives a threshold; the highest is taken.
 TAIL_SHARES = (0.05, 0.02, 0.01)
-"""Shares of the highest blocks that make the tail. Rare swings of an arm stand out from the noise
-of the pixels only in the outermost blocks. Each share gives a threshold; the highest is taken."""
+
+# Fewest blocks of the first share, which a short recording uses too, and of the other shares.
+# Their mean excess is known to a third and to two fifths.
 WHOLE_TAIL, LEAST_TAIL = 10, 6
-"""Fewest blocks of the first share, which a short recording uses too, and of the other shares.
-Their mean excess is known to a third and to two fifths."""
-STANDARD_ERRORS = 2.0
-"""The mean excess is raised by this many of its standard errors (ours)."""
+STANDARD_ERRORS = 2.0  # The mean excess is raised by this many of its standard errors (ours).
 
 
 def tail_threshold(values: NDArray[np.float64], block: int, per_block: float) -> float:
@@ -66,25 +66,27 @@ def _extrapolated(peaks: NDArray[np.float64], tail: int, per_block: float) -> fl
     return level + excess * math.log(max(tail / len(peaks) / per_block, 1.0))
 
 
+# The covariance of the evidence of one window needs ten windows per element (12 elements per
+# sensor).
 LEAST_WINDOWS = 200
-"""The covariance of the evidence of one window needs ten windows per element (12 elements per
-sensor)."""
+
+# A scale is used where the quiet windows hold at least this many of its sums: all nine scales
+# from 1.8 s on.
 LEAST_SUMS = 7
-"""A scale is used where the quiet windows hold at least this many of its sums: all nine scales from
-1.8 s on."""
-MEMORY_S = 0.1
-"""Time constant of the arm's vibration, s: Q / (pi f) at 15 Hz and Q = 5."""
+MEMORY_S = 0.1  # Time constant of the arm's vibration, s: Q / (pi f) at 15 Hz and Q = 5.
 
 
+# Largest number of time scales, of 1, 2, 4, ... windows: up to 256 ms, in which the tip travels
+# 0.2 mm at 0.8 mm/s. A short quiet recording allows for fewer.
 SCALES = 9
-"""Largest number of time scales, of 1, 2, 4, ... windows: up to 256 ms, in which the tip travels
-0.2 mm at 0.8 mm/s. A short quiet recording allows for fewer."""
+
+# Pixels with more events per second are ignored, Hz (the twin's hot pixels fire at 10 to 500, its
+# background at 1).
 HOT_HZ = 8.0
-"""Pixels with more events per second are ignored, Hz (the twin's hot pixels fire at 10 to 500, its
-background at 1)."""
+
+# Largest imbalance of the leak between opposite directions, as a share of all leak events: after
+# a contact one side of each rim is closer to its threshold (measured on the twin, 1 s after one).
 LEAK_BIAS = 0.5
-"""Largest imbalance of the leak between opposite directions, as a share of all leak events: after a
-contact one side of each rim is closer to its threshold (measured on the twin, 1 s after one)."""
 
 
 @dataclass(frozen=True, slots=True)

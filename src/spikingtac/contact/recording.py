@@ -19,14 +19,13 @@ from spikingtac.events.source import EventSource
 from spikingtac.events.windows import windows
 from spikingtac.types import Contact, EventPacket
 
+# A recording has to begin with at least this stretch without contact: 0.3 s.
 LEAST_QUIET_WINDOWS = 300
-"""A recording has to begin with at least this stretch without contact: 0.3 s."""
-MOST_WINDOWS = 120_000
-"""Two minutes tell as much about a vibration of 15 Hz as an hour."""
-MOST_UNSETTLED = 2000
-"""Most windows at the beginning that are passed over, 2 s."""
+MOST_WINDOWS = 120_000  # Two minutes tell as much about a vibration of 15 Hz as an hour.
+MOST_UNSETTLED = 2000  # Most windows at the beginning that are passed over, 2 s.
+
+# A contact is described from the 20 ms after its decision: one window may hold a dozen events.
 DETAIL_WINDOWS = 20
-"""A contact is described from the 20 ms after its decision: one window may hold a dozen events."""
 
 
 def paired_windows(sources: Sequence[EventSource]) -> Iterator[Window]:

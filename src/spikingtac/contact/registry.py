@@ -40,10 +40,10 @@ class DetectionConfig:
         check_budget(self.false_alarms_per_hour)
 
 
+# Builds a detector from settings, the sensors' calibrations, and quiet windows.
 DetectorBuilder = Callable[
     [DetectionConfig, Sequence[Calibration], Iterable[Window]], ContactDetector
 ]
-"""Builds a detector from settings, the sensors' calibrations, and quiet windows."""
 
 
 def _event_count(
@@ -63,10 +63,9 @@ def _motion(
     return SequentialMotionDetector.from_quiet(config.motion, calibrations, quiet, budget)
 
 
+# Name -> builder of the detectors of this package, as reports name them.
 DETECTORS: dict[str, DetectorBuilder] = {"event_count": _event_count, "default": _motion}
-"""Name -> builder of the detectors of this package, as reports name them."""
-ALIASES = {"motion": "default"}
-"""Further name -> name in :data:`DETECTORS`."""
+ALIASES = {"motion": "default"}  # Further name -> name in :data:`DETECTORS`.
 
 
 def detectors() -> Mapping[str, DetectorBuilder]:

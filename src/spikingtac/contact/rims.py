@@ -25,14 +25,14 @@ from spikingtac.contact.scales import Vector
 from spikingtac.contact.window import Window, packets_of
 from spikingtac.errors import ConfigError
 
+# Motions of the whole field that a sensor is tested for: see :func:`affine_field`.
 AFFINE_MODES = 6
-"""Motions of the whole field that a sensor is tested for: see :func:`affine_field`."""
 OFF_RIM = -1
 
 
+# How far a rim reaches towards the disc's centre and outwards, px. The first events of a contact
+# come from where the logarithm of the light is steepest: at the rim and a little outside it.
 INSIDE_PX, OUTSIDE_PX = 2.0, 3.0
-"""How far a rim reaches towards the disc's centre and outwards, px. The first events of a contact
-come from where the logarithm of the light is steepest: at the rim and a little outside it."""
 
 
 class RimTable(NamedTuple):
@@ -106,8 +106,7 @@ def affine_field(points_px: Vector) -> Vector:
     return np.stack([along_x, along_y], axis=1)
 
 
-POLARITIES = 2
-"""OFF and ON evidence are summed apart: the leak of the pixels fires ON only."""
+POLARITIES = 2  # OFF and ON evidence are summed apart: the leak of the pixels fires ON only.
 SENSOR_VALUES = POLARITIES * AFFINE_MODES
 
 

@@ -130,9 +130,9 @@ def exceeded_kernel(values: Vector, threshold: Vector) -> int:
     return best
 
 
+# A marker counts as moved where its squared evidence exceeds that of noise by this factor. Under
+# noise alone the ratio is exponentially distributed: 1 in 150 by chance.
 MOVED_RATIO = 5.0
-"""A marker counts as moved where its squared evidence exceeds that of noise by this factor. Under
-noise alone the ratio is exponentially distributed: 1 in 150 by chance."""
 
 
 def gel_touch(evidence: Vector, center_px: Vector, noise: float) -> GelTouch | None:

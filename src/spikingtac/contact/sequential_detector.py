@@ -38,9 +38,9 @@ from spikingtac.contact.window import Window, packets_of
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.types import Contact
 
+# The contact ends once the markers have come back by this share of their largest displacement,
+# less the dead travel (ours: light presses of the twin come back by no more).
 BACK_SHARE = 0.4
-"""The contact ends once the markers have come back by this share of their largest displacement,
-less the dead travel (ours: light presses of the twin come back by no more)."""
 
 
 @dataclass(frozen=True, kw_only=True)

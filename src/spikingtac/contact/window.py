@@ -6,11 +6,10 @@ from typing import TypeAlias
 
 from spikingtac.types import EventPacket
 
-WINDOW_US = 1_000
-"""Raw events are counted in windows of 1 ms (paper section V-B)."""
+WINDOW_US = 1_000  # Raw events are counted in windows of 1 ms (paper section V-B).
 
+# The events of one period: of one sensor, or one packet per sensor, in the sensors' order.
 Window: TypeAlias = EventPacket | tuple[EventPacket, ...]
-"""The events of one period: of one sensor, or one packet per sensor, in the sensors' order."""
 
 
 def packets_of(window: Window) -> tuple[EventPacket, ...]:

@@ -14,14 +14,14 @@ from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.tracks import Tracks
 
 US_PER_S = 1_000_000
+
+# Displacements, px: x and y of every marker, row by row.
 DISPLACEMENT = "observation.tactile.displacement"
-"""Displacements, px: x and y of every marker, row by row."""
-SEEN = "observation.tactile.seen"
-"""1 where a marker was seen, 0 where its place is a prediction."""
+SEEN = "observation.tactile.seen"  # 1 where a marker was seen, 0 where its place is a prediction.
+
+# Forces in N, then moments in Nm, where a force model told them.
 WRENCH = "observation.tactile.wrench"
-"""Forces in N, then moments in Nm, where a force model told them."""
-LOG_NAMES = {"state": "observation.state", "action": "action"}
-"""Array of a robot's log -> feature."""
+LOG_NAMES = {"state": "observation.state", "action": "action"}  # Array of a robot's log -> feature.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,16 +19,15 @@ from spikingtac.tracks import FRAMES_PER_CHUNK, Tracks
 from spikingtac.tracks.columns import COLUMN_TYPES, FORCES
 
 Form = Literal["lerobot", "zarr"]
-ROOT = "zarr.json"
-"""What says that a folder is a Zarr store, version 3."""
+ROOT = "zarr.json"  # What says that a folder is a Zarr store, version 3.
+
+# Arrays of a recording, as tracks.npz names them; those that it lacks are left out.
 ARRAYS = ("t_us", *COLUMN_TYPES, *FORCES, "reference_px")
-"""Arrays of a recording, as tracks.npz names them; those that it lacks are left out."""
-CHUNK_ROWS = 16 * FRAMES_PER_CHUNK
-"""Times of a chunk."""
-MEMBERS = ("displacement_px.npy",)
-"""What tells tracks from other archives."""
+CHUNK_ROWS = 16 * FRAMES_PER_CHUNK  # Times of a chunk.
+MEMBERS = ("displacement_px.npy",)  # What tells tracks from other archives.
+
+# Form -> the file that says that a folder is such a data set.
 MARKS: dict[Form, str] = {"lerobot": INFO, "zarr": ROOT}
-"""Form -> the file that says that a folder is such a data set."""
 LARGEST_FPS = 1_000
 
 

@@ -18,17 +18,14 @@ from spikingtac.atomic_files import write_json
 from spikingtac.datasets.episode import Episode
 from spikingtac.errors import ConfigError, MissingExtraError
 
-VERSION = "v3.0"
-"""The data set's version, ``CODEBASE_VERSION`` of LeRobot 0.4 to 0.6."""
-INFO = "meta/info.json"
-"""What says that a folder is such a data set; written last."""
+VERSION = "v3.0"  # The data set's version, ``CODEBASE_VERSION`` of LeRobot 0.4 to 0.6.
+INFO = "meta/info.json"  # What says that a folder is such a data set; written last.
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 FIRST_FILE = FILE.format(chunk_index=0, file_index=0)
 INDICES = ("frame_index", "episode_index", "index", "task_index")
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 
-Columns = dict[str, NDArray[Any]]
-"""Name of a feature -> ``(n,)`` or ``(n, k)`` values."""
+Columns = dict[str, NDArray[Any]]  # Name of a feature -> ``(n,)`` or ``(n, k)`` values.
 
 
 def write_lerobot(folder: Path, episodes: Iterable[Episode], fps: int, task: str) -> dict[str, Any]:

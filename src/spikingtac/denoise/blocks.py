@@ -12,16 +12,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-LEVELS = 255
-"""Byte of level 1."""
-SMOOTH_SUM = 256
-"""Sum of the 25 weights of :func:`smooth_kernel`."""
-SMOOTH_REACH = 2
-"""Number of pixels on each side of the centre of the smoothing kernel."""
-LOGIT_LIMIT = 4.0
-"""Logit beyond which the level is 0 or 1."""
+LEVELS = 255  # Byte of level 1.
+SMOOTH_SUM = 256  # Sum of the 25 weights of :func:`smooth_kernel`.
+SMOOTH_REACH = 2  # Number of pixels on each side of the centre of the smoothing kernel.
+LOGIT_LIMIT = 4.0  # Logit beyond which the level is 0 or 1.
+
+# Side of a block, px -> type of the machine word that holds one of its rows.
 WORDS: dict[int, Any] = {1: np.uint8, 2: np.uint16, 4: np.uint32, 8: np.uint64}
-"""Side of a block, px -> type of the machine word that holds one of its rows."""
 
 
 @njit(cache=True)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from spikingtac.denoise.denoiser import Denoiser
 
+# Pixels on each side of the centre of the 7x7 box: about half a marker's radius on 320x320.
 BOX_REACH = 3
-"""Pixels on each side of the centre of the 7x7 box: about half a marker's radius on 320x320."""
 
 
 class NoDenoiser:
@@ -80,12 +80,12 @@ class Box7:
         return self._out
 
 
+# Name in the ``denoise`` experiment -> class; none of them has anything to set.
 CLASSICAL_DENOISERS: dict[str, type[Denoiser]] = {
     "none": NoDenoiser,
     "median3": Median3,
     "box7": Box7,
 }
-"""Name in the ``denoise`` experiment -> class; none of them has anything to set."""
 
 
 # The comparisons are spelled out because Numba's min and max honour NaN, which keeps LLVM from

@@ -32,23 +32,26 @@ from spikingtac.denoise.fold import (
 )
 from spikingtac.errors import ConfigError
 
-FORMAT = "spikingtac-denoiser-1"
-"""Format name in the metadata of a network file."""
+FORMAT = "spikingtac-denoiser-1"  # Format name in the metadata of a network file.
+
+# Names of a float graph's inputs and output. Not every network has the second input.
 INPUT, EVIDENCE, OUTPUT = "folded", "evidence", "cleaned"
-"""Names of a float graph's inputs and output. Not every network has the second input."""
+
+# Names of an int8 graph's input and output (:mod:`spikingtac_paper.training.block_graph`).
 BLOCKS, ANSWER = "blocks", "answer"
-"""Names of an int8 graph's input and output (:mod:`spikingtac_paper.training.block_graph`)."""
+
+# Its metadata: the logit of one step of the output, and the byte of logit 0.
 LOGIT_STEP, LOGIT_ZERO = "logit_step", "logit_zero"
-"""Its metadata: the logit of one step of the output, and the byte of logit 0."""
-MANIFEST = "weights.json"
-"""File beside network files with their SHA-256, which reveals damage."""
+MANIFEST = "weights.json"  # File beside network files with their SHA-256, which reveals damage.
+
+# Name of a denoiser -> file among the weights of the package.
 SHIPPED = {
     "network": "lean.onnx",
     "network-int8": "lean-int8.onnx",
 }
-"""Name of a denoiser -> file among the weights of the package."""
+
+# ONNX Runtime's log level for fatal errors. Other failures are raised as exceptions.
 _LOG_FATAL_ONLY = 4
-"""ONNX Runtime's log level for fatal errors. Other failures are raised as exceptions."""
 
 
 class NetworkDenoiser:

@@ -18,11 +18,11 @@ def _network(name: str) -> Callable[[], Denoiser]:
     return build
 
 
+# ``tracking.denoiser`` -> builder.
 DENOISERS: dict[str, Callable[[], Denoiser]] = {
     **CLASSICAL_DENOISERS,
     **{name: _network(name) for name in ("network", "network-int8")},
 }
-"""``tracking.denoiser`` -> builder."""
 
 
 def make_denoiser(name: str) -> Denoiser:

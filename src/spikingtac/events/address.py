@@ -14,8 +14,9 @@ from typing import Self
 from spikingtac.errors import ConfigError, nearest
 
 _FORM = re.compile(r"(?P<kind>[a-z][a-z0-9]+):(?P<target>[^?]*)(?:\?(?P<options>.*))?", re.DOTALL)
+
+# Schemes of files elsewhere: no cameras.
 _NET = frozenset({"http", "https", "ftp", "ftps", "file", "rtsp", "ssh", "s3"})
-"""Schemes of files elsewhere: no cameras."""
 _SIZE = re.compile(r"([1-9]\d{0,4})x([1-9]\d{0,4})")
 
 

@@ -14,21 +14,20 @@ from spikingtac.errors import ConfigError, RecordingError
 
 PPM = 1e-6
 US_PER_S = 1e6
+
+# Shared moments further from the line than this are taken for mistakes (ours: with a hundred of
+# them a good one is that far off by chance once in 160 times).
 REJECTED_SIGMA = 4.0
-"""Shared moments further from the line than this are taken for mistakes (ours: with a hundred of
-them a good one is that far off by chance once in 160 times)."""
+
+# Standard deviation over median absolute deviation of a normal distribution.
 SIGMA_PER_MAD = 1.4826
-"""Standard deviation over median absolute deviation of a normal distribution."""
-MOST_FOR_PAIRS = 600
-"""Moments whose pairs are looked at: there are half of its square."""
-LEAST_FOR_DRIFT = 3
-"""Moments from which on a drift has an error that can be told."""
+MOST_FOR_PAIRS = 600  # Moments whose pairs are looked at: there are half of its square.
+LEAST_FOR_DRIFT = 3  # Moments from which on a drift has an error that can be told.
+
+# Moments from which on some are left out: of fewer, which one is mistaken cannot be told.
 LEAST_TO_REJECT = 8
-"""Moments from which on some are left out: of fewer, which one is mistaken cannot be told."""
-MOST_ROUNDS = 50
-"""Rounds of leaving moments out: those at the very limit may come and go for ever."""
-ONE_SIGMA = 0.8413
-"""Share of a normal distribution below one standard deviation."""
+MOST_ROUNDS = 50  # Rounds of leaving moments out: those at the very limit may come and go for ever.
+ONE_SIGMA = 0.8413  # Share of a normal distribution below one standard deviation.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -10,6 +10,7 @@ from spikingtac.errors import ConfigError, nearest
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.plugins import with_plugins
 
+# Ending -> module and class that writes it.
 _WRITERS = {
     ".raw": ("evt.raw_writer", "RawWriter"),
     ".npz": ("tables.writers", "NpzWriter"),
@@ -19,7 +20,6 @@ _WRITERS = {
     ".hdf5": ("tables.hdf5_writer", "Hdf5Writer"),
     ".aedat4": ("tables.writers", "Aedat4Writer"),
 }
-"""Ending -> module and class that writes it."""
 WRITABLE = tuple(_WRITERS)
 
 

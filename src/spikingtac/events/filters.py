@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket
 
+# How long an event supports its neighbours, us (ours: an edge at 1 px/ms passes a neighbour
+# within 1 ms; 5 ms leaves room for slow motion).
 SUPPORT_US = 5_000
-"""How long an event supports its neighbours, us (ours: an edge at 1 px/ms passes a neighbour within
-1 ms; 5 ms leaves room for slow motion)."""
 
 
 class BackgroundActivityFilter:
@@ -70,8 +70,7 @@ class RandomDrop:
         return packet.select(self._random.random(len(packet)) >= self._share)
 
 
-ONE, TWO = np.uint64(1), np.uint64(2)
-"""Unsigned, so that no index can be meant from the end."""
+ONE, TWO = np.uint64(1), np.uint64(2)  # Unsigned, so that no index can be meant from the end.
 
 
 @njit(cache=True, nogil=True)

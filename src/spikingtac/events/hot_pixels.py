@@ -12,35 +12,40 @@ from numpy.typing import NDArray
 
 from spikingtac.types import EventPacket
 
+# Window by which quiet stretches are found: long enough for some noise events on 320x320 px.
 WINDOW_US = 10_000
-"""Window by which quiet stretches are found: long enough for some noise events on 320x320 px."""
+
+# Fraction of the windows, those with the fewest events, that counts as noise alone (ours: a
+# sensor that is touched rests for more of its time than this).
 QUIET_SHARE = 0.1
-"""Fraction of the windows, those with the fewest events, that counts as noise alone (ours: a sensor
-that is touched rests for more of its time than this)."""
+
+# A pixel is hot beyond so many standard deviations of the noise of the others and so many events
+# (ours). Noise is Poisson distributed, its standard deviation the root of its mean; where a pixel
+# has less than one event on the average, chance goes beyond any number of deviations.
 HOT_DEVIATIONS, HOT_EVENTS = 6.0, 5
-"""A pixel is hot beyond so many standard deviations of the noise of the others and so many events
-(ours). Noise is Poisson distributed, its standard deviation the root of its mean; where a pixel has
-less than one event on the average, chance goes beyond any number of deviations."""
+
+# Parts of the quiet events, one after the other; in how many of them a hot pixel sends more than
+# this share of what it sends on the average. (A pixel on a resting rim may flicker for as long as
+# the marker stays.)
 QUARTERS, FEWEST_QUARTERS, EVEN_SHARE = 4, 3, 0.25
-"""Parts of the quiet events, one after the other; in how many of them a hot pixel sends more than
-this share of what it sends on the average. (A pixel on a resting rim may flicker for as long as the
-marker stays.)"""
+
+# A hot pixel sends so many times what the second busiest of its eight neighbours does. (A rim
+# that moves even in the quietest windows makes several pixels busy; two hot pixels may touch.)
 OVER_NEIGHBOURS = 4.0
-"""A hot pixel sends so many times what the second busiest of its eight neighbours does. (A rim that
-moves even in the quietest windows makes several pixels busy; two hot pixels may touch.)"""
-WATCH_US = 500_000
-"""Window of the watch for pixels that become hot later, us of data time (ours)."""
+WATCH_US = 500_000  # Window of the watch for pixels that become hot later, us of data time (ours).
+
+# A new hot pixel sends so many events in every window, 40 Hz (ours: rims at rest are silent).
 WATCH_EVENTS = 20
-"""A new hot pixel sends so many events in every window, 40 Hz (ours: rims at rest are silent)."""
+
+# Windows in which it is busy and its neighbours are not, 2 s (ours). One in which they move is no
+# evidence either way; one in which it is silent begins anew.
 WATCH_WINDOWS = 4
-"""Windows in which it is busy and its neighbours are not, 2 s (ours). One in which they move is
-no evidence either way; one in which it is silent begins anew."""
+
+# How far around it every pixel sends :data:`OVER_NEIGHBOURS` times less, px. (Stricter than at
+# rest: the end of a thin arc that a vibration keeps busy has one busy neighbour. So two new hot
+# pixels that touch are not found.)
 NEAR_PX = 2
-"""How far around it every pixel sends :data:`OVER_NEIGHBOURS` times less, px. (Stricter than at
-rest: the end of a thin arc that a vibration keeps busy has one busy neighbour. So two new hot
-pixels that touch are not found.)"""
-HOT = 255
-"""Mark of a hot pixel among the counted windows."""
+HOT = 255  # Mark of a hot pixel among the counted windows.
 
 
 def quiet_events(

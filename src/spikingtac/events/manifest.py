@@ -8,8 +8,7 @@ from typing import Any
 
 from spikingtac.errors import RecordingError
 
-SCHEMA = 1
-"""Version of the manifest that this package writes and reads."""
+SCHEMA = 1  # Version of the manifest that this package writes and reads.
 
 MANIFEST, TRUTH = "manifest.json", "truth.npz"
 

@@ -20,13 +20,11 @@ from spikingtac.events.manifest import name_of
 from spikingtac.file_kinds import told_kind
 from spikingtac.plugins import with_plugins
 
+# Endings of what is no slip of the pen.
 FOREIGN = (".pdf", ".png", ".jpg", ".gif", ".svg", ".mp4", ".avi", ".json", ".toml", ".html", ".md")
-"""Endings of what is no slip of the pen."""
 RECORDING_NAME = "events.raw"
-SAMPLE_BYTES = 1 << 16
-"""First bytes by which a file of an unknown ending is told."""
-MOST_NAMED = 3
-"""Recordings of a folder that an error names."""
+SAMPLE_BYTES = 1 << 16  # First bytes by which a file of an unknown ending is told.
+MOST_NAMED = 3  # Recordings of a folder that an error names.
 
 
 class _Opener(Protocol):
@@ -242,6 +240,7 @@ def _own_opener(kind: str, path: Path) -> _Opener:
     return getattr(import_module(f"spikingtac.events.{module}"), name)
 
 
+# Kind -> module and class that reads it.
 _READERS = {
     "raw": ("evt.raw", "RawSource"),
     "npz": ("tables.arrays", "ArraySource"),
@@ -252,7 +251,6 @@ _READERS = {
     "hdf5": ("tables.hdf5", "Hdf5Source"),
     "ros": ("bags.source", "RosSource"),
 }
-"""Kind -> module and class that reads it."""
 _SIGNATURES = (
     (b"\x93NUMPY", "npz"),
     (b"\x1f\x8b", "packed"),
@@ -264,19 +262,19 @@ _SIGNATURES = (
     (b"\x89MCAP", "ros"),
     (b"#ROSBAG", "ros"),
 )
+
+# Fields of a header that only RAW files of cameras have.
 _RAW_FIELDS = {
     "evt", "format", "integrator_name", "camera_integrator_name", "plugin_name", "system_ID",
     "serial_number", "firmware_version", "sensor_generation",
 }  # fmt: skip
-"""Fields of a header that only RAW files of cameras have."""
 _KINDS = {
     ".raw": "raw", ".npz": "npz", ".npy": "npz", ".csv": "text", ".txt": "text", ".tsv": "text",
     ".es": "es", ".dat": "dat", ".aedat4": "aedat4", ".aedat": "aedat", ".h5": "hdf5",
     ".hdf5": "hdf5", ".db3": "ros", ".mcap": "ros", ".bag": "ros", ".gz": "packed",
     ".zip": "packed",
 }  # fmt: skip
-READABLE = tuple(_KINDS)
-"""Endings of what can be read; the content decides first."""
+READABLE = tuple(_KINDS)  # Endings of what can be read; the content decides first.
 
 
 def _named_inside(folder: Path) -> str:

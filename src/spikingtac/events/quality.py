@@ -13,9 +13,10 @@ from spikingtac.events.hot_pixels import find_hot_pixels, hot_mask, quiet_events
 from spikingtac.types import EventPacket
 
 US_PER_S = 1_000_000
+
+# Beginning of a recording in which hot pixels are looked for, us (ours: one at 10 Hz sends 300
+# events meanwhile).
 HOT_PIXEL_US = 30_000_000
-"""Beginning of a recording in which hot pixels are looked for, us (ours: one at 10 Hz sends 300
-events meanwhile)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,9 @@ from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.manifest import MANIFEST, name_of, read_manifest
 
+# Hosts whose monotonic clocks began within this time are one host, s (ours: setting the time of
+# day moves it by less, a start takes longer).
 SAME_START_S = 5.0
-"""Hosts whose monotonic clocks began within this time are one host, s (ours: setting the time of
-day moves it by less, a start takes longer)."""
 
 
 @dataclass(frozen=True, slots=True)

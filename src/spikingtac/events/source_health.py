@@ -11,13 +11,13 @@ from collections.abc import Callable, Mapping
 from spikingtac.events.formats.codec import HARMLESS
 from spikingtac.types import EventPacket, SourceHealth
 
-GAPS = frozenset({"gap", "time_jump", "disconnected"})
-"""Kinds that say: a stretch is missing."""
+GAPS = frozenset({"gap", "time_jump", "disconnected"})  # Kinds that say: a stretch is missing.
 OVERFLOWS = frozenset({"overflow", "missed"})
 RECONNECTS = frozenset({"reconnected"})
+
+# Stretch over which the rate is told, us (ours: a press lasts longer, and at 320x320 px a resting
+# sensor sends some events in it).
 SLOT_US = 100_000
-"""Stretch over which the rate is told, us (ours: a press lasts longer, and at 320x320 px a resting
-sensor sends some events in it)."""
 US_PER_S = 1e6
 
 

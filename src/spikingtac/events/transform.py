@@ -18,8 +18,8 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import EventPacket
 
+# Angle, degrees -> quarter turns, clockwise as the picture is seen.
 QUARTER_TURNS = {90: 1, 180: 2, 270: 3}
-"""Angle, degrees -> quarter turns, clockwise as the picture is seen."""
 
 
 def time_slice(

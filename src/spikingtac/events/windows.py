@@ -16,12 +16,11 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.source import refuse_path
 from spikingtac.types import EventPacket
 
+# Longest silence that is filled: a minute (ours: a 320x320 sensor at rest sends events of noise
+# within a second, and a minute of windows or estimates takes seconds, not hours).
 SILENCE_LIMIT_US = 60_000_000
-"""Longest silence that is filled: a minute (ours: a 320x320 sensor at rest sends events of noise
-within a second, and a minute of windows or estimates takes seconds, not hours)."""
 
-_WINDOWS_AT_ONCE = 1000
-"""Windows of a long packet whose edges are searched together."""
+_WINDOWS_AT_ONCE = 1000  # Windows of a long packet whose edges are searched together.
 
 
 def cut(packets: Iterable[EventPacket], edges_us: Iterator[int]) -> Iterator[EventPacket]:

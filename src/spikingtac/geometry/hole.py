@@ -17,14 +17,12 @@ from scipy.optimize import least_squares
 from spikingtac.arrays import one_line
 from spikingtac.types import FloatArray
 
-HEXAGON_STEP_RAD = math.pi / 3
-"""Angle between neighbouring corners of a hexagon, rad."""
-TOLERANCE = 1e-12
-"""Relative change of the circle at which the fit ends (ours: below a nanometre)."""
+HEXAGON_STEP_RAD = math.pi / 3  # Angle between neighbouring corners of a hexagon, rad.
+TOLERANCE = 1e-12  # Relative change of the circle at which the fit ends (ours: below a nanometre).
+
+# Relative change of the cost at which it ends: the cost is flat at its minimum.
 COST_TOLERANCE = 1e-15
-"""Relative change of the cost at which it ends: the cost is flat at its minimum."""
-TINY = float(np.finfo(np.float64).tiny)
-"""Smallest divisor: a point may lie at the centre."""
+TINY = float(np.finfo(np.float64).tiny)  # Smallest divisor: a point may lie at the centre.
 
 
 def hexagon_reach_mm(across_flats_mm: float, angle_rad: float | FloatArray) -> FloatArray:

@@ -18,8 +18,7 @@ from spikingtac.geometry.hole import Circle, HoleFitConfig, fit_circle
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.types import FloatArray
 
-ROUNDS = 4
-"""Number of repeated fits: the third one changes the estimate by less than a micrometre."""
+ROUNDS = 4  # Number of repeated fits: the third one changes the estimate by less than a micrometre.
 
 
 @dataclass(frozen=True, kw_only=True)

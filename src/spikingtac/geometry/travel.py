@@ -22,19 +22,19 @@ from spikingtac.geometry.hole import (
 )
 from spikingtac.types import FloatArray
 
-HEADINGS = 120
-"""Number of headings that are tried: half a degree apart, 1 um of reach at most."""
-HARMONICS = 5
-"""Number of coefficients of a travel: constant, first and second harmonic."""
+HEADINGS = 120  # Number of headings that are tried: half a degree apart, 1 um of reach at most.
+HARMONICS = 5  # Number of coefficients of a travel: constant, first and second harmonic.
+
+# Least number of directions from which harmonics and heading are fitted: six unknowns, and three
+# more.
 LEAST_DIRECTIONS = 9
-"""Least number of directions from which harmonics and heading are fitted: six unknowns, and three
-more."""
+
+# Least variance of a direction as a fraction of the mean one: it is estimated from few touches.
 LEAST_VARIANCE = 0.2
-"""Least variance of a direction as a fraction of the mean one: it is estimated from few touches."""
-SAME_RAD = 1e-3
-"""Directions nearer to each other than this count as one, rad."""
+SAME_RAD = 1e-3  # Directions nearer to each other than this count as one, rad.
+
+# Typical error of a fitted heading, rad: the step of the derivative of the reach.
 HEADING_ERROR_RAD = math.radians(2.0)
-"""Typical error of a fitted heading, rad: the step of the derivative of the reach."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -20,11 +20,9 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 
-UNMATCHED = -1
-"""What a marker without a centroid gets."""
+UNMATCHED = -1  # What a marker without a centroid gets.
 
-AREA, MASS, MOMENT_X, MOMENT_Y, AT_BORDER = range(5)
-"""Sums over the pixels of a blob."""
+AREA, MASS, MOMENT_X, MOMENT_Y, AT_BORDER = range(5)  # Sums over the pixels of a blob.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -26,20 +26,20 @@ from spikingtac.state_map.paint import paint_binary_discs
 from spikingtac.state_map.state_map import StateMap
 from spikingtac.types import EventPacket, MarkerFrame
 
+# OFF events are rare where each stands for so many ON events: they come alone, so that the filter
+# takes them for noise. (Ours: the twin and v2e have 1.04, a simulated recorded sensor 2.8.)
 RARE_OFF_RATIO = 1.5
-"""OFF events are rare where each stands for so many ON events: they come alone, so that the filter
-takes them for noise. (Ours: the twin and v2e have 1.04, a simulated recorded sensor 2.8.)"""
 
+# Window of the filter of lone events there. (Ours, on one simulated recording: 5 ms 3.1 px, 20 ms
+# 1.8 px, and without a refresh 0.7 px.)
 RARE_OFF_SUPPORT_US = 20_000
-"""Window of the filter of lone events there. (Ours, on one simulated recording: 5 ms 3.1 px, 20 ms
-1.8 px, and without a refresh 0.7 px.)"""
 
+# Level at which the cleaned map is binarised there (ours: 0.66 px, none lost, for 0.73 px, two
+# lost).
 RARE_OFF_THRESHOLD = 0.6
-"""Level at which the cleaned map is binarised there (ours: 0.66 px, none lost, for 0.73 px, two
-lost)."""
 
+# Estimates per second of the published tracker (paper, abstract and section VI).
 PAPER_RATE_HZ = 350
-"""Estimates per second of the published tracker (paper, abstract and section VI)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -32,12 +32,12 @@ def _blobs(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> 
     return BlobTracker(config.blobs, calibration, make_denoiser(config.denoiser), law=law)
 
 
+# ``tracking.method`` -> builder, of this package.
 TRACKERS: dict[str, Builder] = {
     "disc": _disc,
     "bands": _bands,
     "blobs": _blobs,
 }
-"""``tracking.method`` -> builder, of this package."""
 
 
 def trackers() -> Mapping[str, Builder]:

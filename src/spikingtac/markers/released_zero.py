@@ -18,28 +18,24 @@ from numpy.typing import NDArray
 
 from spikingtac.markers.neighbours import Neighbourhood
 
-LOADED_PX = 1.5
-"""Mean displacement from which there is a contact."""
+LOADED_PX = 1.5  # Mean displacement from which there is a contact.
 
+# Mean and largest displacement up to which the skin may have been released, each marker averaged
+# with its neighbours: what pixels forget differs from marker to marker, a press does not. (The
+# recorded sensor leaves up to 0.54 and 1.47 px behind, calibrated from half of its contacts; its
+# presses are 2.4 px and more.)
 NEAR_PX, NEAR_MOST_PX = 0.65, 1.6
-"""Mean and largest displacement up to which the skin may have been released, each marker averaged
-with its neighbours: what pixels forget differs from marker to marker, a press does not. (The
-recorded sensor leaves up to 0.54 and 1.47 px behind, calibrated from half of its contacts; its
-presses are 2.4 px and more.)"""
 
-FARTHEST_PX = 3.5
-"""The same for a marker by itself (the recorded sensor up to 3.0 px)."""
+FARTHEST_PX = 3.5  # The same for a marker by itself (the recorded sensor up to 3.0 px).
 
-STILL_PX_S = 3.0
-"""Mean speed below which the skin stands still: the jitter of a filtered velocity."""
+STILL_PX_S = 3.0  # Mean speed below which the skin stands still: the jitter of a filtered velocity.
 
+# How long the skin stands still before the zero follows what is left; how long it follows; and
+# the time constant of that.
 WAIT_S, LEARN_S, SETTLE_S = 0.1, 2.0, 0.1
-"""How long the skin stands still before the zero follows what is left; how long it follows; and
-the time constant of that."""
 
 
-FADE_PX = 2.0
-"""Displacement of a marker at which a third of it is still taken off."""
+FADE_PX = 2.0  # Displacement of a marker at which a third of it is still taken off.
 
 
 class ReleasedZero:

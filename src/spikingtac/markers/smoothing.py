@@ -30,21 +30,19 @@ from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.state_map.graded import Array
 from spikingtac.types import MarkerFrame
 
-SCATTER_PX = 0.039
-"""Standard deviation of places everywhere, px."""
+SCATTER_PX = 0.039  # Standard deviation of places everywhere, px.
 
+# Standard deviation of what dead bands hide at worst, px, and the displacement where they do.
 DEAD_BAND_PX, DEAD_BAND_WAY_PX = 0.134, 0.41
-"""Standard deviation of what dead bands hide at worst, px, and the displacement where they do."""
 
-DELAY_SHARE = 0.09
-"""Standard deviation of the delay's own error, as a share of it."""
+DELAY_SHARE = 0.09  # Standard deviation of the delay's own error, as a share of it.
 
+# Standard deviation of a marker that is held, px: it is looked for within about as much (ours).
 LOST_PX = 10.0
-"""Standard deviation of a marker that is held, px: it is looked for within about as much (ours)."""
 
+# Columns of a state after those of its motion: what was given beyond the filter's place and its
+# extrapolation, px; and whether the marker was held. Instead of a time there is how long ago, s.
 AHEAD_X, AHEAD_Y, HELD = 8, 9, 10
-"""Columns of a state after those of its motion: what was given beyond the filter's place and its
-extrapolation, px; and whether the marker was held. Instead of a time there is how long ago, s."""
 
 
 @runtime_checkable

@@ -17,8 +17,7 @@ from spikingtac.events.windows import cut, stretches
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.types import EventPacket, MarkerFrame
 
-LARGEST_RATE_HZ = 1.0e6
-"""Events carry microseconds; no estimate can be asked for more often."""
+LARGEST_RATE_HZ = 1.0e6  # Events carry microseconds; no estimate can be asked for more often.
 
 
 def follow(

@@ -33,8 +33,7 @@ from spikingtac.tracks import Tracks, TracksWriter, create_tracks
 from spikingtac.tracks.columns import SIGMA
 from spikingtac.types import EventPacket, MarkerFrame
 
-PROGRESS_EVERY = 64
-"""Estimates between two reports of progress."""
+PROGRESS_EVERY = 64  # Estimates between two reports of progress.
 
 
 def track(

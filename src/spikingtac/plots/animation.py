@@ -25,20 +25,19 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from PIL.Image import Image
 
+# Twenty pictures per second: GIF counts in 10 ms, and browsers slow down what is below 20 ms.
 FRAME_MS = 50
-"""Twenty pictures per second: GIF counts in 10 ms, and browsers slow down what is below 20 ms."""
-MOST_PICTURES = 600
-"""Half a minute; more would take megabytes and minutes."""
+MOST_PICTURES = 600  # Half a minute; more would take megabytes and minutes.
 MOST_COLORS = 64
-SCREEN_DPI = 120
-"""Dots per inch: 420 px for one column."""
+SCREEN_DPI = 120  # Dots per inch: 420 px for one column.
+
+# Width of the field without its scale, height of the course, and what titles and labels take:
+# over the figure's width.
 FIELD_WIDTH, COURSE_HEIGHT, AROUND = 0.67, 0.24, 0.44
-"""Width of the field without its scale, height of the course, and what titles and labels take: over
-the figure's width."""
-COURSE_POINTS = 800
-"""Estimates of the course that are drawn: two a pixel."""
+COURSE_POINTS = 800  # Estimates of the course that are drawn: two a pixel.
+
+# Shown before and after the largest displacement where no stretch was given, us.
 AROUND_US = 1_000_000
-"""Shown before and after the largest displacement where no stretch was given, us."""
 
 
 def save_animation(

@@ -12,18 +12,17 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.plots.theme import new_figure, style_axes
 from spikingtac.plots.tracks import save_figure
 
-MARGIN = 0.09
-"""Height of title and legend over the figure's width."""
+MARGIN = 0.09  # Height of title and legend over the figure's width.
+
+# Colour and line of a marker's circle, by what is known of it; told apart by deuteranopes, too
+# (Okabe and Ito, 2008).
 STATUS: dict[str, tuple[str, Literal["-", "--"]]] = {
     "good": ("#009e73", "-"),
     "doubtful": ("#e69f00", "-"),
     "expected": ("#cc79a7", "--"),
 }
-"""Colour and line of a marker's circle, by what is known of it; told apart by deuteranopes, too
-(Okabe and Ito, 2008)."""
 
-LEVELS = {"white": (0.15, 0.85), "dark": (0.85, 0.15)}
-"""Grey of the ground and of the markers."""
+LEVELS = {"white": (0.15, 0.85), "dark": (0.85, 0.15)}  # Grey of the ground and of the markers.
 
 
 def save_calibration_plot(calibration: Calibration, path: str | Path) -> None:

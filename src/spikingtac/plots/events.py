@@ -21,12 +21,15 @@ if TYPE_CHECKING:
 
 EventKind = Literal["overview", "moment", "rate", "surface", "hot"]
 US_PER_S = 1_000_000
+
+# Time over which events are counted, us: a slow motion still fills it, a tap is not blurred.
 RATE_US = 10_000
-"""Time over which events are counted, us: a slow motion still fills it, a tap is not blurred."""
+
+# Time constant of the surface, us: exp(-age / constant), as in Lagorce et al., "HOTS" (2017).
 SURFACE_US = 50_000
-"""Time constant of the surface, us: exp(-age / constant), as in Lagorce et al., "HOTS" (2017)."""
+
+# Height over width of figures that are no picture of the sensor.
 HEIGHTS: dict[str, float] = {"rate": 0.62, "overview": 1.0}
-"""Height over width of figures that are no picture of the sensor."""
 
 
 @dataclass(frozen=True)

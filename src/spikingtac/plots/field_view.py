@@ -13,10 +13,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
 
+# Free space around the markers of a field, px: about half a pitch of the usual grids.
 MARGIN_PX = 20.0
-"""Free space around the markers of a field, px: about half a pitch of the usual grids."""
-TIP_PX = 2.0
-"""Free space around the tip of an arrow, px."""
+TIP_PX = 2.0  # Free space around the tip of an arrow, px.
 
 
 def view_px(rest_px: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:

@@ -21,18 +21,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.patches import Ellipse
 
-PLANE_REGION = 5.991
-"""95 % quantile of chi-squared with two degrees of freedom: the centre alone."""
+PLANE_REGION = 5.991  # 95 % quantile of chi-squared with two degrees of freedom: the centre alone.
+
+# Possible magnifications; the largest that fits is taken.
 FACTORS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-"""Possible magnifications; the largest that fits is taken."""
+
+# Largest size of ellipse and residuals as a fraction of the radius.
 CENTER_FRACTION, RESIDUAL_FRACTION = 0.5, 0.25
-"""Largest size of ellipse and residuals as a fraction of the radius."""
-HALF_WIDTH = 1.3
-"""Half the picture's width, in radii: the residuals need room outside."""
+HALF_WIDTH = 1.3  # Half the picture's width, in radii: the residuals need room outside.
+
+# Line widths: the estimate is a thin line over the broad one of the truth.
 TRUTH_WIDTH, ESTIMATE_WIDTH = 3.0, 1.2
-"""Line widths: the estimate is a thin line over the broad one of the truth."""
-HEIGHT = 1.2
-"""Height of the figure over its width: the legend stands below."""
+HEIGHT = 1.2  # Height of the figure over its width: the legend stands below.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,8 +20,7 @@ GROUND, PANEL, TEXT, SOFT = "#0b0d0e", "#161a1d", "#dbe0e3", "#8d979e"
 RING_COLOR = "#4b545b"
 WIDTH_IN, HEIGHT_IN, DPI = 10.0, 5.6, 130
 PICTURE_ENDINGS = (".png", ".svg", ".pdf")
-CREATOR = "spikingtac summary"
-"""Creator field in the metadata of the picture."""
+CREATOR = "spikingtac summary"  # Creator field in the metadata of the picture.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,16 +17,12 @@ if TYPE_CHECKING:
 ThemeName = Literal["light", "dark"]
 WidthName = Literal["single", "double"]
 
+# Widths of one and of two columns of an IEEE paper, inches (IEEE author centre).
 WIDTHS_IN: dict[WidthName, float] = {"single": 3.5, "double": 7.16}
-"""Widths of one and of two columns of an IEEE paper, inches (IEEE author centre)."""
-DPI = 300
-"""Dots per inch of bitmaps: what publishers ask for."""
-PAD_IN = 0.03
-"""Free space around a figure, inches: Matplotlib's own of its layout, about."""
-COLORS = 256
-"""Steps of a colour map: those of a picture of 8 bits."""
-FONT_PT = 8.0
-"""Size of text in a figure of one column, points."""
+DPI = 300  # Dots per inch of bitmaps: what publishers ask for.
+PAD_IN = 0.03  # Free space around a figure, inches: Matplotlib's own of its layout, about.
+COLORS = 256  # Steps of a colour map: those of a picture of 8 bits.
+FONT_PT = 8.0  # Size of text in a figure of one column, points.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +57,8 @@ class Theme:
 
 
 # The two hues are told apart by deuteranopes too (Okabe and Ito, 2008: blue and orange).
+
+# Name -> colours.
 THEMES: dict[ThemeName, Theme] = {
     "light": Theme(
         ground="white", text="#1a1a1a", soft="#9aa3aa", strong="#0072b2", second="#d55e00",
@@ -71,7 +69,6 @@ THEMES: dict[ThemeName, Theme] = {
         sequential=(0.25, 1.0), diverging="RdBu_r",
     ),
 }  # fmt: skip
-"""Name -> colours."""
 
 
 def new_figure(theme: str, width: str, height_share: float) -> tuple[Figure, Theme]:

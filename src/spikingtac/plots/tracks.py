@@ -34,13 +34,12 @@ if TYPE_CHECKING:
 
 Kind = Literal["course", "field", "map", "strain"]
 US_PER_S = 1_000_000
-MOST_TICKS = 6
-"""Most intervals between the ticks of an axis of a field."""
-ARROW_SHARE = 0.9
-"""Length of the longest arrow over the distance of neighbouring markers."""
+MOST_TICKS = 6  # Most intervals between the ticks of an axis of a field.
+ARROW_SHARE = 0.9  # Length of the longest arrow over the distance of neighbouring markers.
+
+# Height of a time course, the largest of a field with its scale, and that of a comparison, over
+# the width.
 COURSE_HEIGHT, FIELD_HEIGHT, COMPARISON_HEIGHT = 0.62, 1.3, 1.05
-"""Height of a time course, the largest of a field with its scale, and that of a comparison, over
-the width."""
 
 
 @dataclass(frozen=True)

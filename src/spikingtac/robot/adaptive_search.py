@@ -24,32 +24,37 @@ from spikingtac.robot.cross_search import require_room
 from spikingtac.robot.prober import Prober, Touched
 from spikingtac.types import FloatArray
 
-LEAST_CONTACTS = 3
-"""A circle has three unknowns."""
+LEAST_CONTACTS = 3  # A circle has three unknowns.
+
+# Least difference of the radii of hole and bit, mm; the plate's narrowest hole has 0.27.
 LEAST_CLEARANCE_MM = 0.1
-"""Least difference of the radii of hole and bit, mm; the plate's narrowest hole has 0.27."""
+
+# Number of searches before an error: a false one of the first three contacts is not identified.
 SEARCHES = 2
-"""Number of searches before an error: a false one of the first three contacts is not identified."""
+
+# Largest angle to the wall's normal of a head-on touch, rad: it is inside the friction cone of
+# 0.18, the least friction of steel on dry plastic.
 HEAD_ON_RAD = math.radians(10.0)
-"""Largest angle to the wall's normal of a head-on touch, rad: it is inside the friction cone of
-0.18, the least friction of steel on dry plastic."""
-FIRST_RAD = math.pi / 4
-"""Direction of the first touch, rad (ours: inside the sector)."""
+FIRST_RAD = math.pi / 4  # Direction of the first touch, rad (ours: inside the sector).
+
+# Direction along the pads, rad: a rod that turns in their plane moves the markers, one that tilts
+# out of it hardly does.
 AXIS_RAD = 0.0
-"""Direction along the pads, rad: a rod that turns in their plane moves the markers, one that tilts
-out of it hardly does."""
+
+# Largest angle between a touch and this axis, either way, rad (ours: four contacts at 45 degrees
+# give as much information as four along the axes).
 SECTOR_RAD = math.radians(50.0)
-"""Largest angle between a touch and this axis, either way, rad (ours: four contacts at 45 degrees
-give as much information as four along the axes)."""
+
+# Free travel that a touch needs before the wall, mm (ours: arm and detector settle there).
 RUN_UP_MM = 0.1
-"""Free travel that a touch needs before the wall, mm (ours: arm and detector settle there)."""
+
+# Number of directions that are compared for the next touch (ours: five degrees apart).
 DIRECTIONS = 72
-"""Number of directions that are compared for the next touch (ours: five degrees apart)."""
+
+# Directions with an uncertainty within this fraction of the best count as equal (ours). The one
+# farthest from all touched directions is taken, since neighbours share errors.
 INDIFFERENCE = 0.05
-"""Directions with an uncertainty within this fraction of the best count as equal (ours). The one
-farthest from all touched directions is taken, since neighbours share errors."""
-MISFIT_SIGMA = 6.0
-"""Largest distance of a contact from the circle, in standard deviations (ours)."""
+MISFIT_SIGMA = 6.0  # Largest distance of a contact from the circle, in standard deviations (ours).
 
 
 @dataclass(frozen=True, kw_only=True)

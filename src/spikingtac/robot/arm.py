@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError
 from spikingtac.types import Pose
 
-SPEED_LIMIT_MM_S = 1000.0
-"""Largest tool speed that is accepted, mm/s (UR3 manual, 1 m/s)."""
+SPEED_LIMIT_MM_S = 1000.0  # Largest tool speed that is accepted, mm/s (UR3 manual, 1 m/s).
 
 
 class ArmState(enum.Enum):

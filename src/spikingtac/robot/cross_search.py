@@ -16,19 +16,24 @@ from spikingtac.types import FloatArray
 
 EAST, WEST = np.array([1.0, 0.0]), np.array([-1.0, 0.0])
 NORTH, SOUTH = np.array([0.0, 1.0]), np.array([0.0, -1.0])
+
+# Opposite readings nearer than this leave no room, mm, where the travel is not known: the
+# narrowest hole leaves 0.23 mm plus twice the travel, even at 0.9 of the free way.
 LEAST_ROOM_MM = 0.25
-"""Opposite readings nearer than this leave no room, mm, where the travel is not known: the
-narrowest hole leaves 0.23 mm plus twice the travel, even at 0.9 of the free way."""
+
+# Least distance besides the travel, mm, where the travel is known: a probe on the rim is detected
+# on both sides at once, which leaves nothing.
 LEAST_FREE_MM = 0.06
-"""Least distance besides the travel, mm, where the travel is known: a probe on the rim is detected
-on both sides at once, which leaves nothing."""
+
+# How far the two chords may contradict each other, mm, where the travel is not known: 0.3 mm is
+# the largest difference of the travels along and across the pads.
 MISFIT_MM = 0.45
-"""How far the two chords may contradict each other, mm, where the travel is not known: 0.3 mm is
-the largest difference of the travels along and across the pads."""
+
+# The same where it is known: five times the spread of a touch that is not conditioned.
 KNOWN_MISFIT_MM = 0.25
-"""The same where it is known: five times the spread of a touch that is not conditioned."""
+
+# Of the angle at which a chord meets the wall: a start at 0.9 of the free way meets it at 0.44.
 LEAST_COSINE = 0.2
-"""Of the angle at which a chord meets the wall: a start at 0.9 of the free way meets it at 0.44."""
 
 
 def cross_search(

@@ -8,8 +8,8 @@ from spikingtac.errors import ConfigError
 from spikingtac.robot.arm import Arm
 from spikingtac.robot.ur import URArm
 
+# Module of the simulated arm, which is built on this package's protocol of an arm.
 TWIN_ARM = "spikingtac.sim.twin_arm"
-"""Module of the simulated arm, which is built on this package's protocol of an arm."""
 
 
 def open_arm(address: str) -> Arm:

@@ -19,8 +19,8 @@ from spikingtac.robot.arm import Arm
 from spikingtac.robot.watchdog import Watchdog
 from spikingtac.types import Contact, FloatArray
 
+# Stiffness of the grasped probe at its tip, N/mm (twin.md: at 40 mm stick-out).
 TIP_STIFFNESS_N_MM = 0.04
-"""Stiffness of the grasped probe at its tip, N/mm (twin.md: at 40 mm stick-out)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,19 +118,17 @@ class Prober(Protocol):
         ...
 
 
+# Brings the probe through free air to a start ``(2,)`` of an approach in a direction ``(2,)``, or
+# as far ahead of it as the air is free: the twin's fast path. Where it says False, the arm moves.
 FreeTravel = Callable[[FloatArray, FloatArray], bool]
-"""Brings the probe through free air to a start ``(2,)`` of an approach in a direction ``(2,)``, or
-as far ahead of it as the air is free: the twin's fast path. Where it says False, the arm moves."""
 
-MOST_TRIES = 3
-"""Number of pairs of touches before an error; about one touch in a hundred is false."""
+MOST_TRIES = 3  # Number of pairs of touches before an error; about one touch in a hundred is false.
+
+# Largest distance of finding and measuring touch, mm; beyond it, one of them is false (ours: five
+# times the spread of a touch).
 AGREE_MM = 0.12
-"""Largest distance of finding and measuring touch, mm; beyond it, one of them is false (ours: five
-times the spread of a touch)."""
-TIME_LIMIT_S = 60.0
-"""Longest duration of one approach, s (ours)."""
-WINDOW_S = 0.001
-"""Period of the detector's windows, s (Section V-B)."""
+TIME_LIMIT_S = 60.0  # Longest duration of one approach, s (ours).
+WINDOW_S = 0.001  # Period of the detector's windows, s (Section V-B).
 
 
 @dataclass

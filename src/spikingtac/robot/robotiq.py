@@ -17,14 +17,12 @@ from spikingtac.errors import ConfigError, DeviceError
 
 PORT = 63352
 FULL_SCALE = 255
-LONGEST_ANSWER = 1024
-"""Bytes that may come before the end of an answer."""
-ACTIVE = 3
-"""Value of ``STA`` once the activation has ended."""
+LONGEST_ANSWER = 1024  # Bytes that may come before the end of an answer.
+ACTIVE = 3  # Value of ``STA`` once the activation has ended.
+
+# From this value on ``FLT`` is a major fault, below a warning (Robotiq 2F manual).
 FAULTS_THAT_STOP = 8
-"""From this value on ``FLT`` is a major fault, below a warning (Robotiq 2F manual)."""
-POLL_S = 0.02
-"""Time between two looks, s."""
+POLL_S = 0.02  # Time between two looks, s.
 
 
 class Grip(enum.IntEnum):

@@ -30,22 +30,21 @@ from spikingtac.types import Pose
 Vector = NDArray[np.float64]
 
 MM_PER_M = 1000.0
-PROGRAM_RUNNING = 0b10
-"""Bit of the robot's status: a program runs."""
-ACCELERATION_M_S2 = 1.2
-"""Acceleration of ``movel``, m/s2 (URScript's default)."""
-START_PATIENCE_S = 0.5
-"""Longest wait for a commanded motion to begin, s."""
+PROGRAM_RUNNING = 0b10  # Bit of the robot's status: a program runs.
+ACCELERATION_M_S2 = 1.2  # Acceleration of ``movel``, m/s2 (URScript's default).
+START_PATIENCE_S = 0.5  # Longest wait for a commanded motion to begin, s.
+
+# Longest wait for a command, s (ours: 60 cycles of CB3). A controller that takes longer counts as
+# lost, until :meth:`URArm.reconnect`.
 CALL_LIMIT_S = 0.5
-"""Longest wait for a command, s (ours: 60 cycles of CB3). A controller that takes longer counts as
-lost, until :meth:`URArm.reconnect`."""
-REST_MM_S = 0.01
-"""Set-point speed below which the arm rests, mm/s; set points carry no noise."""
+REST_MM_S = 0.01  # Set-point speed below which the arm rests, mm/s; set points carry no noise.
+
+# Whether an arm that is seen to move after every means to stop is switched off at the dashboard;
+# its brakes then hold it.
 POWER_OFF = True
-"""Whether an arm that is seen to move after every means to stop is switched off at the dashboard;
-its brakes then hold it."""
+
+# Age of the last report at which the stream counts as lost, s (ours: 12 cycles of CB3).
 PATIENCE_S = 0.1
-"""Age of the last report at which the stream counts as lost, s (ours: 12 cycles of CB3)."""
 
 
 @dataclass(frozen=True, kw_only=True)

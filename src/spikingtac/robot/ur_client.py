@@ -23,9 +23,9 @@ from typing import Any
 from spikingtac.errors import DeviceError, MissingExtraError
 from spikingtac.robot.ur_ports import require_controller
 
+# Longest time for which a call runs with real-time priority, s (ours: two cycles of CB3 and some;
+# a controller that answers does so within them).
 SPIN_S = 0.02
-"""Longest time for which a call runs with real-time priority, s (ours: two cycles of CB3 and some;
-a controller that answers does so within them)."""
 
 
 def step_back() -> None:
@@ -146,16 +146,16 @@ class BoundedCalls:
                 call.late()
 
 
+# What is asked of the controller: enough for the protocol, little enough for CB3 at 125 Hz.
 RECEIVED = [
     "timestamp", "actual_TCP_pose", "actual_TCP_speed", "target_TCP_speed", "robot_status_bits",
     "safety_status_bits", "runtime_state",
 ]  # fmt: skip
-"""What is asked of the controller: enough for the protocol, little enough for CB3 at 125 Hz."""
 
 
+# Longest wait for an interface to disconnect, or for its last call, s (ur_rtde's own take half a
+# second each; a call on a silent controller returns after 2.8).
 DISCONNECT_S = 3.0
-"""Longest wait for an interface to disconnect, or for its last call, s (ur_rtde's own take half a
-second each; a call on a silent controller returns after 2.8)."""
 
 
 def connect(host: str, limit_s: float) -> tuple[Any, Any]:

@@ -23,10 +23,10 @@ from spikingtac.robot.verified_stop import Means, Report, StopConfig, VerifiedSt
 DASHBOARD_PORT = 29999
 SCRIPT_PORT = 30002
 RTDE_PORT = 30004
+
+# RTDE package: length, type, version of the protocol that is asked for.
 ASK_PROTOCOL_2 = struct.pack(">HBH", 5, ord("V"), 2)
-"""RTDE package: length, type, version of the protocol that is asked for."""
-LONGEST_LINE = 4096
-"""Bytes of the longest line that is taken for an answer."""
+LONGEST_LINE = 4096  # Bytes of the longest line that is taken for an answer.
 
 
 def send_script(host: str, script: str, limit_s: float) -> None:
@@ -104,8 +104,8 @@ def _line(connection: socket.socket, rest: bytes, until_s: float) -> tuple[str, 
     return line.decode(errors="replace").strip(), rest
 
 
+# Program that makes the controller stop the arm as on a limit of force.
 PROTECT = "def spikingtac_protect():\n  protective_stop()\nend\n"
-"""Program that makes the controller stop the arm as on a limit of force."""
 
 
 @dataclass(frozen=True, kw_only=True)

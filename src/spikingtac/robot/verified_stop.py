@@ -14,15 +14,15 @@ from dataclasses import dataclass
 
 from spikingtac.errors import ConfigError, DeviceError
 
-POLL_S = 0.002
-"""Time between two looks at the reported speed, s: a quarter of a cycle of CB3."""
+POLL_S = 0.002  # Time between two looks at the reported speed, s: a quarter of a cycle of CB3.
+
+# Least share of the asked deceleration that counts as braking (ours: jerk and servo lag).
 BRAKING_SHARE = 0.5
-"""Least share of the asked deceleration that counts as braking (ours: jerk and servo lag)."""
-SPEED_NOISE_MM_S = 2.0
-"""What a reported speed may rise by without a motion, mm/s (ours)."""
+SPEED_NOISE_MM_S = 2.0  # What a reported speed may rise by without a motion, mm/s (ours).
+
+# Reported speed below which the arm rests, mm/s (ours: measured speeds of an arm at rest stay
+# below 0.5).
 REST_MM_S = 1.0
-"""Reported speed below which the arm rests, mm/s (ours: measured speeds of an arm at rest stay
-below 0.5)."""
 
 
 @dataclass(frozen=True, kw_only=True)

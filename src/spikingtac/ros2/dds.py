@@ -17,16 +17,15 @@ from typing import Any
 from spikingtac.errors import ConfigError, DeviceError, MissingExtraError
 from spikingtac.ros2.types import idl_struct, sample, type_hash
 
-LOOPBACK = "lo"
-"""The interface name that stands for this machine alone."""
-LARGEST_DOMAIN = 101
-"""Above it the ports of ROS 2 domains meet those that Linux gives away."""
-SENSOR_DEPTH = 5
-"""Depth of the history of the profile "sensor data" (rmw, ``qos_profiles.h``)."""
+LOOPBACK = "lo"  # The interface name that stands for this machine alone.
+LARGEST_DOMAIN = 101  # Above it the ports of ROS 2 domains meet those that Linux gives away.
+SENSOR_DEPTH = 5  # Depth of the history of the profile "sensor data" (rmw, ``qos_profiles.h``).
+
+# Messages that are kept to be sent again: a second at 1 kHz, 2.4 MB of fields (ours).
 RELIABLE_DEPTH = 1_000
-"""Messages that are kept to be sent again: a second at 1 kHz, 2.4 MB of fields (ours)."""
+
+# Processes with a participant on one machine, as rmw_cyclonedds sets it for localhost.
 MOST_PARTICIPANTS = 32
-"""Processes with a participant on one machine, as rmw_cyclonedds sets it for localhost."""
 _TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 

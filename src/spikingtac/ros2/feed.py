@@ -28,15 +28,14 @@ from spikingtac.tracks import Tracks, is_tracks_file
 from spikingtac.types import EventPacket, MarkerFrame
 
 US_PER_S = 1_000_000
-EVENTS_US = 10_000
-"""Span of a message of events: 100 per second, as event camera drivers send them."""
-STEP_US = 1_000
-"""Step at which recordings are played."""
-LATENESSES = 65_536
-"""Frames whose lateness is kept: the last minute at 1 kHz."""
 
+# Span of a message of events: 100 per second, as event camera drivers send them.
+EVENTS_US = 10_000
+STEP_US = 1_000  # Step at which recordings are played.
+LATENESSES = 65_536  # Frames whose lateness is kept: the last minute at 1 kHz.
+
+# A frame, and its wrench where it is known already.
 Felt = tuple[MarkerFrame, NDArray[np.floating] | None]
-"""A frame, and its wrench where it is known already."""
 
 
 class Pace:

@@ -26,18 +26,17 @@ if TYPE_CHECKING:
     from websockets.http11 import Request, Response
     from websockets.sync.server import ServerConnection
 
+# Names of the protocol's version 1, the newer one first.
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-"""Names of the protocol's version 1, the newer one first."""
-MESSAGE_DATA = 1
-"""Operation code of a message (ws-protocol.md)."""
-BACKLOG = 256
-"""Messages that wait for a slow client: 4 s of a display. The oldest are dropped then."""
-LARGEST_PORT = 65_535
-PATIENCE_S = 1.0
-"""Time for a client to take what waits for it when the server ends."""
+MESSAGE_DATA = 1  # Operation code of a message (ws-protocol.md).
 
+# Messages that wait for a slow client: 4 s of a display. The oldest are dropped then.
+BACKLOG = 256
+LARGEST_PORT = 65_535
+PATIENCE_S = 1.0  # Time for a client to take what waits for it when the server ends.
+
+# Returns why a request is refused, from its headers and token; an empty text lets it in.
 Refusal = Callable[[Mapping[str, str], str | None], str]
-"""Returns why a request is refused, from its headers and token; an empty text lets it in."""
 
 
 class FoxglovePublisher:

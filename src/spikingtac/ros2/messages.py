@@ -15,18 +15,15 @@ from spikingtac.types import EventPacket, MarkerFrame
 
 NS_PER_S, NS_PER_US = 1_000_000_000, 1_000
 FRAME_ID = "tactile_sensor"
+
+# A marker: rest position in mm about the image's centre (px where the scale is unknown), position
+# u, v and displacement du, dv in px, and 1 where it was seen.
 FIELD = np.dtype([(name, "<f4") for name in ("x", "y", "z", "u", "v", "du", "dv", "valid")])
-"""A marker: rest position in mm about the image's centre (px where the scale is unknown), position
-u, v and displacement du, dv in px, and 1 where it was seen."""
 MM_PER_M = 1_000.0
-DRAWN_MM_PER_PX = 0.1
-"""Scale of the arrows in RViz where none is known (ours)."""
-FLOAT32 = 7
-"""Datatype code of a PointField."""
-LINE_LIST = 5
-"""Kind of a Marker: a line for each two points."""
-LINE_MM = 0.08
-"""Width of an arrow's line (ours)."""
+DRAWN_MM_PER_PX = 0.1  # Scale of the arrows in RViz where none is known (ours).
+FLOAT32 = 7  # Datatype code of a PointField.
+LINE_LIST = 5  # Kind of a Marker: a line for each two points.
+LINE_MM = 0.08  # Width of an arrow's line (ours).
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,17 +30,14 @@ from spikingtac.touch.touch import TouchConfig
 from spikingtac.types import EventPacket, MarkerFrame
 
 US_PER_S, NS_PER_S = 1_000_000, 1_000_000_000
-DIAGNOSTICS_US = US_PER_S
-"""Period of /diagnostics; ROS tools call them stale after 5 s."""
+DIAGNOSTICS_US = US_PER_S  # Period of /diagnostics; ROS tools call them stale after 5 s.
 DIAGNOSTICS = "/diagnostics"
-MOST_HZ = 10_000.0
-"""Fields per second that the fastest tracker makes."""
-ARROWS_HZ = 30.0
-"""Arrows per second: what a display shows."""
+MOST_HZ = 10_000.0  # Fields per second that the fastest tracker makes.
+ARROWS_HZ = 30.0  # Arrows per second: what a display shows.
+
+# Frames of the rehearsal: rest, a press of 150 ms, and its release until it is told.
 REHEARSED = 600
-"""Frames of the rehearsal: rest, a press of 150 ms, and its release until it is told."""
-REHEARSED_STRAIN = 0.08
-"""Stretch of the skin in the rehearsal's press."""
+REHEARSED_STRAIN = 0.08  # Stretch of the skin in the rehearsal's press.
 
 
 class Publisher(Protocol):

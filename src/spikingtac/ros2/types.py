@@ -14,13 +14,14 @@ import numpy as np
 
 from spikingtac.errors import MissingExtraError
 
+# Definition of event_camera_msgs/EventPacket (ros-event-camera/event_camera_msgs).
 EVENT_PACKET = (
     "std_msgs/Header header\nuint32 height\nuint32 width\nuint64 seq\nuint64 time_base\n"
     "string encoding\nbool is_bigendian\nuint8[] events"
 )
-"""Definition of event_camera_msgs/EventPacket (ros-event-camera/event_camera_msgs)."""
+
+# Types of one byte; since ROS 2 they are uint8 on the wire (rosidl_adapter).
 OCTETS = ("octet", "char", "byte")
-"""Types of one byte; since ROS 2 they are uint8 on the wire (rosidl_adapter)."""
 
 
 def encode(message: str, values: Mapping[str, Any]) -> bytes:

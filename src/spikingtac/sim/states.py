@@ -40,8 +40,8 @@ class ContactPatch:
         return cls(np.packbits(touching.ravel()), np.packbits(sticking.ravel()))
 
 
+# What a model without cells knows of its patch.
 NO_PATCH = ContactPatch(np.empty(0, np.uint8), np.empty(0, np.uint8))
-"""What a model without cells knows of its patch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +95,11 @@ class MarkerImage:
     chord: NDArray[np.float64] | None = None
 
 
+# Longest time between two rows, us.
+#
+# The camera interpolates the images linearly between the gel's steps. Rows fall on those steps
+# and between them, so that linear interpolation of the truth is exact.
 ROW_US = 1000
-"""Longest time between two rows, us.
-
-The camera interpolates the images linearly between the gel's steps. Rows fall on those steps and
-between them, so that linear interpolation of the truth is exact.
-"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,9 @@ from spikingtac.robot.arm import ArmState
 from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
 from spikingtac.types import Pose
 
+# Longest wait for the end of a stop, and time between two looks, s; a UR3 at full speed stops
+# within 0.15 s.
 STOP_S, POLL_S = 0.2, 0.002
-"""Longest wait for the end of a stop, and time between two looks, s; a UR3 at full speed stops
-within 0.15 s."""
 
 
 class RealTimeArm(UR3Twin):

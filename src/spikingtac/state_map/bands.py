@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket
 
+# Standard deviation of the pixels' steps, as a share of a step (Lichtsteiner et al. 2008,
+# doi:10.1109/JSSC.2007.914337: 2.1 % contrast at a threshold of 15 %).
 THRESHOLD_MISMATCH = 0.12
-"""Standard deviation of the pixels' steps, as a share of a step (Lichtsteiner et al. 2008,
-doi:10.1109/JSSC.2007.914337: 2.1 % contrast at a threshold of 15 %)."""
 
+# A pixel that has swung fully fired last so many steps before the end, on the average.
 END_SHARE = 0.5
-"""A pixel that has swung fully fired last so many steps before the end, on the average."""
 
 
 class BandStateMap(GradedStateMap):

@@ -19,17 +19,16 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket
 
-Array = NDArray[Any]
-"""Array of a compiled function, whose compiler knows its type."""
+Array = NDArray[Any]  # Array of a compiled function, whose compiler knows its type.
 
+# Margin around the sensor in the padded arrays, so that fits at the border need no bounds.
 PAD_PX = 24
-"""Margin around the sensor in the padded arrays, so that fits at the border need no bounds."""
 
+# Level of the margin: so far from any marker that a robust fit gives it no weight.
 OUTSIDE_LEVEL = np.float32(-1.0e4)
-"""Level of the margin: so far from any marker that a robust fit gives it no weight."""
 
+# One event's share of the swing at contrast 6 and threshold 0.25: 0.25 / ln 6.
 STEP_DEFAULT = 0.139
-"""One event's share of the swing at contrast 6 and threshold 0.25: 0.25 / ln 6."""
 
 
 class GradedStateMap:

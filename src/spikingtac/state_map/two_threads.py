@@ -14,12 +14,11 @@ from typing import TypeVar
 
 Part = TypeVar("Part")
 
-PARTS = 4
-"""Parts of divided work: so few that handing them over costs little, 10 us each (ours)."""
+PARTS = 4  # Parts of divided work: so few that handing them over costs little, 10 us each (ours).
 
+# One thread for all trackers of the process, begun when it is first needed; trackers are copied,
+# and a thread cannot be.
 _pool: ThreadPoolExecutor | None = None
-"""One thread for all trackers of the process, begun when it is first needed; trackers are copied,
-and a thread cannot be."""
 
 
 def divide(count: int, work: Callable[[slice], Part]) -> list[Part]:

@@ -19,17 +19,21 @@ from spikingtac.events.windows import windows
 from spikingtac.stream.clock import StreamClock
 from spikingtac.stream.guard_loop import Arrival
 
+# Longest silence that is filled with windows, us (ours: the watchdog stops the arm far sooner,
+# and the empty windows of a leap would only delay the ones after it).
 SILENCE_US = 500_000
-"""Longest silence that is filled with windows, us (ours: the watchdog stops the arm far sooner, and
-the empty windows of a leap would only delay the ones after it)."""
+
+# Width and height of a sensor whose words are made up, px; kernels are alike for all sizes.
 WARM_UP_SIZE = (320, 320)
-"""Width and height of a sensor whose words are made up, px; kernels are alike for all sizes."""
+
+# Windows before the guard arms: one of them at least arrives without delay (ours).
 LEARNED_WINDOWS = 50
-"""Windows before the guard arms: one of them at least arrives without delay (ours)."""
+
+# Host time over sensor time of these windows from which on they are no pile that is read off.
 LEAST_PACE = 0.9
-"""Host time over sensor time of these windows from which on they are no pile that is read off."""
+
+# Longest time that a stream may take to catch up with its sensor after it was opened, s (ours).
 CATCH_UP_S = 10.0
-"""Longest time that a stream may take to catch up with its sensor after it was opened, s (ours)."""
 
 
 def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arrival]:

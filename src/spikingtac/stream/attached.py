@@ -18,9 +18,9 @@ from spikingtac.stream.reader import shared_name
 from spikingtac.stream.reading import LOOK_S
 from spikingtac.stream.ring import SharedRing
 
+# A user that is so late goes on with the newest events, and is told what it missed, s (ours); and
+# the most that an address may ask for: ``ring:NAME?late=60`` for one that records.
 LATE_S, LONGEST_LATE_S = 1.0, 3600.0
-"""A user that is so late goes on with the newest events, and is told what it missed, s (ours); and
-the most that an address may ask for: ``ring:NAME?late=60`` for one that records."""
 
 
 class RingCamera(Camera):

@@ -9,18 +9,22 @@ from __future__ import annotations
 from collections import deque
 
 US_PER_S = 1e6
+
+# Largest drift between the clocks, s/s (ours: two crystals of 50 ppm each). A backlog that grows
+# more slowly than this is taken for drift.
 DRIFT = 100e-6
-"""Largest drift between the clocks, s/s (ours: two crystals of 50 ppm each). A backlog that grows
-more slowly than this is taken for drift."""
+
+# A sensor time that runs ahead of host time by this much is a leap, s (ours: filled with empty
+# windows it costs a detector 20 ms; transport varies by less).
 LEAP_S = 0.5
-"""A sensor time that runs ahead of host time by this much is a leap, s (ours: filled with empty
-windows it costs a detector 20 ms; transport varies by less)."""
+
+# What stays ahead by the first for as long as the second is a small leap, s, which is counted
+# (ours: transport varies by less, and the windows that fill a leap are read within it).
 SMALL_LEAP_S, SETTLED_S = 0.1, 0.1
-"""What stays ahead by the first for as long as the second is a small leap, s, which is counted
-(ours: transport varies by less, and the windows that fill a leap are read within it)."""
+
+# A backlog counts once it has lasted this long, s (ours: USB transfers deliver several windows at
+# once, of which the first are late).
 SPAN_S = 0.020
-"""A backlog counts once it has lasted this long, s (ours: USB transfers deliver several windows at
-once, of which the first are late)."""
 
 
 class StreamClock:

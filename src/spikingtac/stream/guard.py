@@ -24,19 +24,22 @@ from spikingtac.stream.host import Asker, Factory, Host
 from spikingtac.stream.ring import SharedRing
 
 STATUS_BYTES = 1 << 14
+
+# Largest number of characters of a reason; JSON needs at most 12 bytes for each.
 LONGEST_REASON = 1_000
-"""Largest number of characters of a reason; JSON needs at most 12 bytes for each."""
+
+# Period at which the guard checks controller and parent, and publishes its status.
 STATUS_PERIOD_S = 0.02
-"""Period at which the guard checks controller and parent, and publishes its status."""
-CUT_MARK = "... (cut)"
-"""End of a reason that was too long for the status."""
+CUT_MARK = "... (cut)"  # End of a reason that was too long for the status.
 SHUTDOWN_S = 5.0
+
+# Time for which a guard that has to end stops an arm that moves on again and again; less than
+# :data:`SHUTDOWN_S`, after which its parent ends it.
 INSISTENCE_S = 4.0
-"""Time for which a guard that has to end stops an arm that moves on again and again; less than
-:data:`SHUTDOWN_S`, after which its parent ends it."""
+
+# Pause between these stops: one that fails at once, since the controller is gone, would keep a
+# core from everything else, another arm's guard included.
 INSISTENCE_PERIOD_S = 0.002
-"""Pause between these stops: one that fails at once, since the controller is gone, would keep a
-core from everything else, another arm's guard included."""
 
 
 class ContactProcess:

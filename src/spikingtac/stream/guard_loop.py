@@ -18,8 +18,7 @@ from spikingtac.robot.watchdog import Health, Watchdog
 from spikingtac.stream.clock import StreamClock
 from spikingtac.types import Contact
 
-RECENT_WINDOWS = 4096
-"""Decision times kept for the percentiles: 4 s at 1 kHz."""
+RECENT_WINDOWS = 4096  # Decision times kept for the percentiles: 4 s at 1 kHz.
 US_PER_S = 1e6
 
 

@@ -27,14 +27,14 @@ from spikingtac.stream.real_time import ordinary_priority
 
 T = TypeVar("T")
 
-TERMINATE_S = 2.0
-"""Wait between the request to end and the kill of a process that hangs, s (ours)."""
-LOOK_S = 0.005
-"""Time between two looks whether a copy of this process has ended, s."""
+TERMINATE_S = 2.0  # Wait between the request to end and the kill of a process that hangs, s (ours).
+LOOK_S = 0.005  # Time between two looks whether a copy of this process has ended, s.
+
+# Name of the thread that hears the asker; it waits in a read, and holds no lock.
 ASKER = "spikingtac-asker"
-"""Name of the thread that hears the asker; it waits in a read, and holds no lock."""
+
+# Longest time that a process may take to complete its files once its asker is gone, s (ours).
 LONGEST_GRACE_S = 30.0
-"""Longest time that a process may take to complete its files once its asker is gone, s (ours)."""
 
 
 @dataclass(frozen=True, kw_only=True)

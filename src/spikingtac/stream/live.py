@@ -32,12 +32,9 @@ from spikingtac.stream.sensor import (
 from spikingtac.types import SourceHealth
 
 State = Literal["starting", "running", "ended", "failed", "killed"]
-SLOTS = 2048
-"""Frames that a reader may be behind: 2 s at 1 kHz."""
-LOOK_S = 0.0002
-"""Time between two looks for the next frame, s."""
-END_S = 1.0
-"""Wait for how a process has ended, s."""
+SLOTS = 2048  # Frames that a reader may be behind: 2 s at 1 kHz.
+LOOK_S = 0.0002  # Time between two looks for the next frame, s.
+END_S = 1.0  # Wait for how a process has ended, s.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

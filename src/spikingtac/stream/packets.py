@@ -15,12 +15,11 @@ from spikingtac.events.formats.codec import Triggers
 from spikingtac.stream.ring import NOTE, SharedRing
 from spikingtac.types import EventPacket
 
+# Events of one message, and room of a ring for each of them, bytes: a message takes a fifth of
+# the ring at most. A longer packet is cut.
 MOST_EVENTS, ROOM_PER_EVENT = 1 << 17, 64
-"""Events of one message, and room of a ring for each of them, bytes: a message takes a fifth of the
-ring at most. A longer packet is cut."""
 _HEAD = struct.Struct("<qqdIII?3x")  # span, arrival, events, edges, bytes of losses, long times
-SHORT_US = 1 << 32
-"""A packet that spans less has its times as four bytes each."""
+SHORT_US = 1 << 32  # A packet that spans less has its times as four bytes each.
 SIDE_BITS = 20
 
 

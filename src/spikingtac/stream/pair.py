@@ -20,16 +20,17 @@ from spikingtac.events.retimed import RetimedSource
 from spikingtac.stream.reader import POLL_S
 from spikingtac.stream.sources import LiveSource
 
+# Time between two looks at the clocks, us: milliseconds are learned in it at first, microseconds
+# later.
 RENEW_US = 1_000_000
-"""Time between two looks at the clocks, us: milliseconds are learned in it at first, microseconds
-later."""
-SLOWEST, FASTEST = -0.5, 1.0
-"""Bounds of the correction of the pace: time goes on, at half to twice its pace."""
 
-Known = Callable[[], TimeMap | None]
-"""Tells what is known of a clock now."""
+# Bounds of the correction of the pace: time goes on, at half to twice its pace.
+SLOWEST, FASTEST = -0.5, 1.0
+
+Known = Callable[[], TimeMap | None]  # Tells what is known of a clock now.
+
+# Wait of a camera that delivers for one that is silent, s (ours: cameras start within one).
 SILENCE_S = 2.0
-"""Wait of a camera that delivers for one that is silent, s (ours: cameras start within one)."""
 
 
 class LiveMap:

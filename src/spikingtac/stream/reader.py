@@ -20,12 +20,9 @@ from spikingtac.stream.reading import Reading, ReadingProcess, ReadingThread, fi
 from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket, LossCounters
 
-ROOM_BYTES = 16 << 20
-"""Room for events that wait for their users: 1.8 million, 0.6 s at 3 Mev/s."""
-AHEAD_BYTES = 4 << 20
-"""Room of a simulation that waits for its user."""
-POLL_S = 0.05
-"""Longest wait of a user before it looks whether it shall end, s."""
+ROOM_BYTES = 16 << 20  # Room for events that wait for their users: 1.8 million, 0.6 s at 3 Mev/s.
+AHEAD_BYTES = 4 << 20  # Room of a simulation that waits for its user.
+POLL_S = 0.05  # Longest wait of a user before it looks whether it shall end, s.
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 

@@ -16,12 +16,10 @@ from spikingtac.stream.packets import PacketWriter, tell_size
 from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket
 
+# Most packets that a simulation may be ahead of the user it waits for: 0.5 s at 500 steps/s.
 AHEAD = 256
-"""Most packets that a simulation may be ahead of the user it waits for: 0.5 s at 500 steps/s."""
-LOOK_S = 0.0005
-"""Time between two looks at a ring that another process fills, s."""
-END_S = 0.1
-"""Wait for how a process has ended, s."""
+LOOK_S = 0.0005  # Time between two looks at a ring that another process fills, s.
+END_S = 0.1  # Wait for how a process has ended, s.
 
 
 def at_once(source: FileSource) -> Iterator[EventPacket]:

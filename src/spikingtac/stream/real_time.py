@@ -11,16 +11,18 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+# Real-time priorities, 1 to 99 (ours: above ordinary work, below drivers; what guards an arm runs
+# before a tracker or a display on the same core).
 PRIORITY, GUARD_PRIORITY = 10, 20
-"""Real-time priorities, 1 to 99 (ours: above ordinary work, below drivers; what guards an arm runs
-before a tracker or a display on the same core)."""
+
+# Flags of mlockall (sys/mman.h of Linux). Without the last one every library is read from the
+# disk as a whole, and every new thread's stack is filled, while nothing else runs: 0.1 s and
+# more.
 LOCK_CURRENT, LOCK_FUTURE, LOCK_ON_FAULT = 1, 2, 4
-"""Flags of mlockall (sys/mman.h of Linux). Without the last one every library is read from the disk
-as a whole, and every new thread's stack is filled, while nothing else runs: 0.1 s and more."""
+
+# Where an administrator permits priority and locked memory to a user.
 LIMITS = "/etc/security/limits.conf"
-"""Where an administrator permits priority and locked memory to a user."""
-THREADS = Path("/proc/self/task")
-"""Where Linux lists the threads of this process."""
+THREADS = Path("/proc/self/task")  # Where Linux lists the threads of this process.
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,18 +23,12 @@ from spikingtac.stream.recorder import Recorder, RecorderState
 from spikingtac.stream.segments import Split
 from spikingtac.types import EventPacket
 
-ROOM_BYTES = 256 << 20
-"""Memory for events that wait for the disk: 9 s at 3 Mev/s."""
-JOINED_EVENTS = 1 << 16
-"""Small packets are joined up to so many events before they are encoded."""
-WAIT_S = 0.02
-"""Longest wait for events before the recording looks at the time, s."""
-DESCRIBE_S = 1.0
-"""Time between two looks at the camera for the manifest, s."""
-SHOW_S = 0.2
-"""Time between two reports of progress, s."""
-TIME_BASE = "time_base"
-"""Key of the second manifest: the map from its clock to the first sensor's."""
+ROOM_BYTES = 256 << 20  # Memory for events that wait for the disk: 9 s at 3 Mev/s.
+JOINED_EVENTS = 1 << 16  # Small packets are joined up to so many events before they are encoded.
+WAIT_S = 0.02  # Longest wait for events before the recording looks at the time, s.
+DESCRIBE_S = 1.0  # Time between two looks at the camera for the manifest, s.
+SHOW_S = 0.2  # Time between two reports of progress, s.
+TIME_BASE = "time_base"  # Key of the second manifest: the map from its clock to the first sensor's.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,10 +9,10 @@ from pathlib import Path
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.events.manifest import MANIFEST, TRUTH, name_of
 
-SENSORS = 2
-"""Sensors that one folder holds at most."""
+SENSORS = 2  # Sensors that one folder holds at most.
+
+# File that a recorder holds locked; the system releases it however the recorder ends.
 LOCK = ".recording"
-"""File that a recorder holds locked; the system releases it however the recorder ends."""
 
 
 @contextmanager

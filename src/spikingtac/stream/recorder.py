@@ -24,13 +24,12 @@ from spikingtac.events.manifest import MANIFEST, SCHEMA, name_of
 from spikingtac.stream.segments import FIRST_NAME, Segments, Split
 from spikingtac.types import EventPacket
 
-MANIFEST_S = 5.0
-"""Time between two manifests, s: what a killed recorder leaves is at most so old."""
-LOST_GAPS = 1000
-"""Stretches of lost events that are told one by one; later ones are counted only."""
+MANIFEST_S = 5.0  # Time between two manifests, s: what a killed recorder leaves is at most so old.
+LOST_GAPS = 1000  # Stretches of lost events that are told one by one; later ones are counted only.
 RESERVE = ".reserve"
+
+# Space that is kept for the last manifest of a disk that runs full: one of 1,000 files fits.
 RESERVE_BYTES = 1 << 18
-"""Space that is kept for the last manifest of a disk that runs full: one of 1,000 files fits."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

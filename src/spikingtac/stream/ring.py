@@ -18,13 +18,14 @@ from typing import Any
 from spikingtac.errors import DeviceError
 from spikingtac.stream.shared_memory import attached, reserve
 
+# Largest messages that a ring for the latest one holds: the writer publishes three more of them
+# before it overwrites the latest.
 SLOTS = 4
-"""Largest messages that a ring for the latest one holds: the writer publishes three more of them
-before it overwrites the latest."""
+
+# Offsets in the head, bytes: room for messages; places of the oldest message, of the end and of
+# the newest message; messages and weight so far; whether the writer has ended, and its process;
+# place and messages of a reader that is waited for; a number that the writer tells.
 ROOM, OLDEST, END, NEWEST, COUNT, WEIGHT, CLOSED, WRITER, TAKEN, TAKEN_COUNT, NOTE = range(0, 88, 8)
-"""Offsets in the head, bytes: room for messages; places of the oldest message, of the end and of
-the newest message; messages and weight so far; whether the writer has ended, and its process; place
-and messages of a reader that is waited for; a number that the writer tells."""
 HEAD_BYTES = 128
 _NUMBER = struct.Struct("<Q")
 _MESSAGE = struct.Struct("<QQIIII")  # number, weight before, weight, length, checksum, filler

@@ -24,10 +24,10 @@ from spikingtac.stream.ring import SharedRing
 from spikingtac.stream.sources import LiveSource, open_live
 from spikingtac.types import EventPacket, MarkerFrame, SourceHealth
 
-CLOCK_S = 1.0
-"""Time between two reports of the sensor's clock, s."""
+CLOCK_S = 1.0  # Time between two reports of the sensor's clock, s.
+
+# Length of the packets in which a recording is played, us (ours: a camera delivers as often).
 PLAY_US = 2_000
-"""Length of the packets in which a recording is played, us (ours: a camera delivers as often)."""
 NS_PER_US, NS_PER_MS, NS_PER_S = 1_000, 1_000_000, 1_000_000_000
 _HEAD = struct.Struct("<qqdd4qd")  # t, told, behind, most behind, health, rate
 _COLUMNS = 8  # detected, position, displacement, confidence, coasted

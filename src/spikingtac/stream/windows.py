@@ -19,13 +19,11 @@ from spikingtac.events.windows import SILENCE_LIMIT_US
 from spikingtac.stream.reader import EventReader
 from spikingtac.types import EventPacket
 
+# A camera that delivered nothing for so long is silent, s (ours: the slowest of the counterparts
+# delivers within 0.07 s in 99 % while a skin moves, see results/cameras/latency.md).
 SILENT_S = 0.1
-"""A camera that delivered nothing for so long is silent, s (ours: the slowest of the counterparts
-delivers within 0.07 s in 99 % while a skin moves, see results/cameras/latency.md)."""
-STARTING_S = 2.0
-"""The same before its first delivery, s (ours: cameras start within one)."""
-LOOK_S = 0.001
-"""Time between two looks whether a window is complete, s."""
+STARTING_S = 2.0  # The same before its first delivery, s (ours: cameras start within one).
+LOOK_S = 0.001  # Time between two looks whether a window is complete, s.
 NEVER_US = -(1 << 62)
 
 

@@ -21,21 +21,22 @@ from spikingtac.types import EventPacket
 
 Field = NDArray[np.float64]
 
+# Motion of a marker that sweeps its edge wholly, px (ours: three widths of an edge).
 LEAST_MOTION_PX = 4.0
-"""Motion of a marker that sweeps its edge wholly, px (ours: three widths of an edge)."""
-LEAST_MARKERS = 8
-"""Markers that must have moved so far before anything is told."""
-RIM_PX = 2.0
-"""Pixels within this distance of the resting edge are looked at, px."""
+LEAST_MARKERS = 8  # Markers that must have moved so far before anything is told.
+RIM_PX = 2.0  # Pixels within this distance of the resting edge are looked at, px.
+
+# Share of a marker's pixels whose longest run is no longer than the one that counts: most of the
+# rim along the motion is swept, and no run is longer than a swing but by noise.
 QUANTILE = 0.9
-"""Share of a marker's pixels whose longest run is no longer than the one that counts: most of the
-rim along the motion is swept, and no run is longer than a swing but by noise."""
+
+# Events further apart are no run: the leak of a resting pixel would make one (ours: the leak of a
+# pixel comes every ten seconds, an edge at 1 px/s crosses in two).
 LONGEST_GAP_US = 2_000_000
-"""Events further apart are no run: the leak of a resting pixel would make one (ours: the leak of a
-pixel comes every ten seconds, an edge at 1 px/s crosses in two)."""
+
+# Share of the calibrated swing below which it has faded (ours, simulated: 21 recordings of a
+# fresh gel 0.87 to 1.14).
 FADED_SWING = 0.85
-"""Share of the calibrated swing below which it has faded (ours, simulated: 21 recordings of a
-fresh gel 0.87 to 1.14)."""
 LONGEST_RUN = np.iinfo(np.int16).max
 
 

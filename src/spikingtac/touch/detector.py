@@ -27,21 +27,22 @@ from spikingtac.types import MarkerFrame
 
 Field = NDArray[np.float64]
 
+# Share of the peak's spread below which the skin is released, whatever few markers say (ours).
 SPREAD_SHARE = 0.1
-"""Share of the peak's spread below which the skin is released, whatever few markers say (ours)."""
+
+# Times the scatter of a marker that the spread must have reached for that (ours).
 SPREAD_FACTOR = 5.0
-"""Times the scatter of a marker that the spread must have reached for that (ours)."""
-SPREAD_MARKERS = 0.6
-"""Share of the markers that must be back (ours)."""
+SPREAD_MARKERS = 0.6  # Share of the markers that must be back (ours).
+
+# Share of the strength at which a touch begins below which it is over, whatever its peak: a faint
+# one leaves as much behind in the tracker (ours: 0.79 to 0.87 of it after presses of a ball that
+# reach 1.5 to 3 times of it, simulated).
 FAINT_SHARE = 0.95
-"""Share of the strength at which a touch begins below which it is over, whatever its peak: a faint
-one leaves as much behind in the tracker (ours: 0.79 to 0.87 of it after presses of a ball that
-reach 1.5 to 3 times of it, simulated)."""
-RESTING_US = 2_000_000
-"""Time constant of the rest otherwise, us (ours: slower presses are lost)."""
+RESTING_US = 2_000_000  # Time constant of the rest otherwise, us (ours: slower presses are lost).
+
+# Strength against the calibrated rest up to which that holds (ours: a real gel, which creeps,
+# rested at 0.009 to 0.031 from where it was calibrated; its presses reach 0.09 and more).
 START_STRENGTH = 0.05
-"""Strength against the calibrated rest up to which that holds (ours: a real gel, which creeps,
-rested at 0.009 to 0.031 from where it was calibrated; its presses reach 0.09 and more)."""
 
 
 @dataclass(slots=True)

@@ -21,8 +21,8 @@ from spikingtac.errors import ConfigError
 
 Field = NDArray[np.float64]
 
+# Limit of kh, before cosh overflows; 1/cosh² is zero in double precision long before.
 MAX_ARGUMENT = 300.0
-"""Limit of kh, before cosh overflows; 1/cosh² is zero in double precision long before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +68,11 @@ def layer_response(wavenumber_per_mm: Field, thickness_mm: float) -> LayerRespon
 
 
 KPA_PER_MPA = 1e3
-WAVENUMBERS = 400
-"""Steps of the integral over wavenumbers (ours: 800 give the same to 1e-4)."""
+WAVENUMBERS = 400  # Steps of the integral over wavenumbers (ours: 800 give the same to 1e-4).
+
+# Largest wavenumber times smoothing radius; the smoothing leaves exp(-32) there.
 LARGEST_ARGUMENT = 8.0
-"""Largest wavenumber times smoothing radius; the smoothing leaves exp(-32) there."""
-TABLE_POINTS = 400
-"""Distances at which the response is tabulated; in between it is linear."""
+TABLE_POINTS = 400  # Distances at which the response is tabulated; in between it is linear.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,14 +13,13 @@ from spikingtac.touch.layout import straightened
 
 Field = NDArray[np.float64]
 
+# Markers whose displacements make a gradient, the marker itself included: the 3 by 3 block of a
+# square grid, or half of it at the border.
 NEIGHBOURS = 9
-"""Markers whose displacements make a gradient, the marker itself included: the 3 by 3 block of a
-square grid, or half of it at the border."""
-LEAST_MARKERS = 4
-"""Fewer markers do not span a gradient with an error to judge it by."""
+LEAST_MARKERS = 4  # Fewer markers do not span a gradient with an error to judge it by.
 
+# Share of the largest singular value below which a neighbourhood has no extent: rounding.
 LEAST_EXTENT = 1e-9
-"""Share of the largest singular value below which a neighbourhood has no extent: rounding."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,9 @@ from spikingtac.calibration.pitch import marker_pitch_px
 
 Field = NDArray[np.float64]
 
+# Root mean square distance from a line, in pitches, up to which markers lie on it (ours): a row's
+# places err and bend as much, and it is too little to tell a slope by.
 TOLERANCE = 0.1
-"""Root mean square distance from a line, in pitches, up to which markers lie on it (ours): a row's
-places err and bend as much, and it is too little to tell a slope by."""
 
 
 def straightened(reference: Field) -> Field | None:
@@ -31,22 +31,17 @@ def straightened(reference: Field) -> Field | None:
     return middle + np.outer(away @ axes[0], axes[0])
 
 
-REACH = 2
-"""Rows and columns of neighbours on each side."""
-NEIGHBOURS = (2 * REACH + 1) ** 2
-"""Places of a neighbourhood, the marker itself included."""
-WITHIN_PITCHES = 0.4
-"""Largest distance of a neighbour from its place in a square grid, in pitches."""
+REACH = 2  # Rows and columns of neighbours on each side.
+NEIGHBOURS = (2 * REACH + 1) ** 2  # Places of a neighbourhood, the marker itself included.
+WITHIN_PITCHES = 0.4  # Largest distance of a neighbour from its place in a square grid, in pitches.
+
+# Factor of the neighbours' displacements from the marker's, per pitch: a press makes a tenth of a
+# pitch. It and the next two make all features of the order of one (ours); laws are fitted with
+# them.
 DIFFERENCE_SCALE = 10.0
-"""Factor of the neighbours' displacements from the marker's, per pitch: a press makes a tenth of a
-pitch. It and the next two make all features of the order of one (ours); laws are fitted with
-them."""
-OWN_SCALE = 5.0
-"""Factor of the marker's own displacement, per pitch."""
-PRESENT_SCALE = 0.3
-"""What stands for a neighbour that is there; 0 for none."""
-MOTION_FEATURES = 3 * NEIGHBOURS + 2
-"""Number of features of a marker's neighbourhood in motion."""
+OWN_SCALE = 5.0  # Factor of the marker's own displacement, per pitch.
+PRESENT_SCALE = 0.3  # What stands for a neighbour that is there; 0 for none.
+MOTION_FEATURES = 3 * NEIGHBOURS + 2  # Number of features of a marker's neighbourhood in motion.
 
 
 class Neighbourhoods:
@@ -107,15 +102,16 @@ class Neighbourhoods:
         return values[..., self._near] * self._there
 
 
+# Markers within so many pitches of a marker are its neighbours: in a square grid four, not the
+# diagonal ones.
 NEIGHBOUR_SHARE = 1.3
-"""Markers within so many pitches of a marker are its neighbours: in a square grid four, not the
-diagonal ones."""
+
+# Pitches from its place in a square grid within which a neighbour must lie (ours).
 GRID_TOLERANCE = 0.15
-"""Pitches from its place in a square grid within which a neighbour must lie (ours)."""
+
+# Share of a square grid's neighbours that must lie so for the markers to be one (ours).
 GRID_SHARE = 0.8
-"""Share of a square grid's neighbours that must lie so for the markers to be one (ours)."""
-LEAST_MESH_MARKERS = 4
-"""Markers without which there is nothing to interpolate between."""
+LEAST_MESH_MARKERS = 4  # Markers without which there is nothing to interpolate between.
 
 
 @dataclass(frozen=True)

@@ -15,21 +15,24 @@ from spikingtac.calibration.pitch import marker_pitch_px
 
 Field = NDArray[np.float64]
 
+# Markers of a neighbourhood, the marker itself included: the 3 by 3 block of a square grid.
 NEIGHBOURS = 9
-"""Markers of a neighbourhood, the marker itself included: the 3 by 3 block of a square grid."""
+
+# Deviation that is always believed, as a share of the markers' pitch (ours: 1.1 px of 37 px; good
+# trackers err by 0.3 px).
 LEAST_PITCH_SHARE = 0.03
-"""Deviation that is always believed, as a share of the markers' pitch (ours: 1.1 px of 37 px; good
-trackers err by 0.3 px)."""
+
+# Median deviations of the neighbourhood that are believed (ours: 3 rejects markers at the rim of
+# a dragged punch on the ten scenes).
 SPREAD_FACTOR = 4.0
-"""Median deviations of the neighbourhood that are believed (ours: 3 rejects markers at the rim of
-a dragged punch on the ten scenes)."""
 
 
+# Frames between two looks: a lost marker stays lost for long, and the look costs most of it.
 EVERY = 5
-"""Frames between two looks: a lost marker stays lost for long, and the look costs most of it."""
+
+# Share of the deviation that makes a marker lost below which it is believed again (ours: without
+# it markers flicker between the two).
 FOUND_SHARE = 0.5
-"""Share of the deviation that makes a marker lost below which it is believed again (ours: without
-it markers flicker between the two)."""
 
 
 class LostMarkers:

@@ -21,12 +21,11 @@ from spikingtac.errors import ConfigError
 
 Field = NDArray[np.float64]
 
-RECORD = "spikingtac.record"
-"""Key of the record in a file's metadata."""
+RECORD = "spikingtac.record"  # Key of the record in a file's metadata.
+
+# Versions of the format that files are written in; ONNX Runtime 1.18 reads them.
 IR_VERSION, OPSET = 8, 17
-"""Versions of the format that files are written in; ONNX Runtime 1.18 reads them."""
-FATAL_ONLY = 4
-"""Severity from which the runtime writes to the screen by itself."""
+FATAL_ONLY = 4  # Severity from which the runtime writes to the screen by itself.
 
 
 class Network:

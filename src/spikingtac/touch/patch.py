@@ -14,8 +14,8 @@ from spikingtac.touch.network import packaged
 Field = NDArray[np.float64]
 
 
+# Corners of a square about its centre, in its sides.
 SQUARE = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
-"""Corners of a square about its centre, in its sides."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +49,8 @@ def patch_of_cells(corners: Field, weights: Field) -> Patch:
     return Patch(place, float(hull.volume), points[hull.vertices])  # in a plane, its area
 
 
-PLACE_SCALE = 0.5
-"""Factor that makes places of the order of one; the model was fitted with it."""
-FEATURES = MOTION_FEATURES + 2
-"""Number of features of a marker."""
+PLACE_SCALE = 0.5  # Factor that makes places of the order of one; the model was fitted with it.
+FEATURES = MOTION_FEATURES + 2  # Number of features of a marker.
 
 
 class PatchFeatures:
@@ -83,13 +81,14 @@ class PatchFeatures:
         return np.concatenate([motion, place], axis=-1)
 
 
+# Cells along each side of a marker's share of the skin (ours: 0.48 mm of the twin's skin, whose
+# own cells are 0.41 mm). The network was fitted to contacts on the twin, whose touched cells are
+# known (``scripts/fit_patch_model.py``); it was never measured on a real skin.
 SIDE = 5
-"""Cells along each side of a marker's share of the skin (ours: 0.48 mm of the twin's skin, whose
-own cells are 0.41 mm). The network was fitted to contacts on the twin, whose touched cells are
-known (``scripts/fit_patch_model.py``); it was never measured on a real skin."""
+
+# Share of the largest probability, which is near 1 in all but faint touches, above which a cell
+# counts as touched.
 LIKELY = 0.5
-"""Share of the largest probability, which is near 1 in all but faint touches, above which a cell
-counts as touched."""
 
 
 class PatchEstimator:

@@ -16,27 +16,30 @@ from spikingtac.touch.touch import TouchConfig
 
 Field = NDArray[np.float64]
 
+# Share of the end's strength by which a release that is over may still fall in ``flat_us``.
 FLAT_SHARE = 0.1
-"""Share of the end's strength by which a release that is over may still fall in ``flat_us``."""
+
+# Share of the peak strength by which a skin that stands still may change (ours).
 STILL_SLACK = 0.02
-"""Share of the peak strength by which a skin that stands still may change (ours)."""
+
+# Time for which a skin below :data:`STILL_SHARE` must stand still to have been released before
+# (ours). Pixels that recover let it fall further later.
 STOOD_US = 50_000
-"""Time for which a skin below :data:`STILL_SHARE` must stand still to have been released before
-(ours). Pixels that recover let it fall further later."""
+
+# Longest time that they take for that (ours: 143 and 187 ms on a recorded gel; a comb that is
+# slid on the twin stands below that share for 250).
 RECOVERED_US = 200_000
-"""Longest time that they take for that (ours: 143 and 187 ms on a recorded gel; a comb that is slid
-on the twin stands below that share for 250)."""
+
+# Share of the peak strength below which the skin is released where it also stands still: a
+# tracker of a sensor with rare OFF events keeps some of it (ours: 0.26 on a recorded gel; holds
+# of the ten scenes lie above 0.3).
 STILL_SHARE = 0.3
-"""Share of the peak strength below which the skin is released where it also stands still: a tracker
-of a sensor with rare OFF events keeps some of it (ours: 0.26 on a recorded gel; holds of the ten
-scenes lie above 0.3)."""
-STILL_US = 400_000
-"""Time for which it must stand still for that, us (ours)."""
+STILL_US = 400_000  # Time for which it must stand still for that, us (ours).
+
+# Time below that share that is needed, us (ours: a shake of 12 Hz passes through its rest for 5
+# ms).
 END_HOLD_US = 40_000
-"""Time below that share that is needed, us (ours: a shake of 12 Hz passes through its rest for 5
-ms)."""
-RELEASE_US = 150_000
-"""Longest time that a release may take from there on, us (ours)."""
+RELEASE_US = 150_000  # Longest time that a release may take from there on, us (ours).
 
 
 class Release:
@@ -100,9 +103,9 @@ class Release:
         return None
 
 
+# Times the strength of the rest from which it began that a touch must reach which began towards
+# the calibrated rest; what is weaker was the way there (ours: that way by itself reaches one).
 RETURN_FACTOR = 1.5
-"""Times the strength of the rest from which it began that a touch must reach which began towards
-the calibrated rest; what is weaker was the way there (ours: that way by itself reaches one)."""
 
 
 class CalibratedRest:

@@ -18,32 +18,34 @@ Field = NDArray[np.float64]
 
 N_MM_PER_NM = 1e3
 US_PER_FRAME = 1_000
+
+# Distance between the places at which forces act, mm (ours: a third of a marker's pitch).
 SOURCE_PITCH_MM = 0.9
-"""Distance between the places at which forces act, mm (ours: a third of a marker's pitch)."""
+
+# Radius over which each is spread, in those distances (ours: their sum is smooth to 1 %).
 SPREAD = 0.6
-"""Radius over which each is spread, in those distances (ours: their sum is smooth to 1 %)."""
+
+# Reach of the table of responses: of the longer side of the marker field, and mm beyond it (ours:
+# no two places of a square field are farther apart than 1.42 sides).
 REACH_SHARE, REACH_MARGIN_MM = 1.6, 5.0
-"""Reach of the table of responses: of the longer side of the marker field, and mm beyond it (ours:
-no two places of a square field are farther apart than 1.42 sides)."""
-CENTER_SHARE = 0.8
-"""Share of the marker field on which contacts are centred."""
+CENTER_SHARE = 0.8  # Share of the marker field on which contacts are centred.
+
+# Powers of one less the radius squared: Hertz twice, a flatter and a more pointed pressure.
 PROFILE_POWERS = (0.5, 0.5, 0.2, 1.0)
-"""Powers of one less the radius squared: Hertz twice, a flatter and a more pointed pressure."""
+
+# Largest displacement of a stuck patch, mm (ours: beyond it every patch slides).
 LARGEST_DRAG_MM = 1.8
-"""Largest displacement of a stuck patch, mm (ours: beyond it every patch slides)."""
-LARGEST_TWIST_RAD = 1.2
-"""Largest turn of a stuck patch, rad."""
-LARGEST_KEPT = 0.5
-"""Largest share of the spreading under pressure that a stuck patch keeps (ours)."""
+LARGEST_TWIST_RAD = 1.2  # Largest turn of a stuck patch, rad.
+LARGEST_KEPT = 0.5  # Largest share of the spreading under pressure that a stuck patch keeps (ours).
+
+# Share of the mean response that is added before solving for the shear: spread forces overlap.
 STUCK_RIDGE = 0.02
-"""Share of the mean response that is added before solving for the shear: spread forces overlap."""
-SMALLEST_MM = 0.8
-"""Smallest semi-axis of a patch, mm."""
+SMALLEST_MM = 0.8  # Smallest semi-axis of a patch, mm.
+
+# Largest mean pressure over the shear modulus (ours: a layer is indented by two thirds of its
+# thickness at 3.3; what is pressed deeper is not learned).
 LARGEST_PRESSURE = 3.3
-"""Largest mean pressure over the shear modulus (ours: a layer is indented by two thirds of its
-thickness at 3.3; what is pressed deeper is not learned)."""
-REST_SHARE = 0.05
-"""Share of the frames that are rest."""
+REST_SHARE = 0.05  # Share of the frames that are rest.
 
 
 @dataclass(frozen=True, kw_only=True)

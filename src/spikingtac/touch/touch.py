@@ -56,9 +56,10 @@ class Touch:
 
 
 UNITS = ("px", "mm")
+
+# Scatter of markers of another sensor, as a share of their pitch (ours: 0.045 mm of 1.6 mm on a
+# published series at rest).
 SCATTER_SHARE = 0.03
-"""Scatter of markers of another sensor, as a share of their pitch (ours: 0.045 mm of 1.6 mm on a
-published series at rest)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,13 +129,14 @@ class TouchConfig:
         return cls(least_displacement_px=least, unseen=NOTHING_UNSEEN)
 
 
+# A touch moves so many markers, against the median of all, by this share of the one that moves
+# most: skin moves about its place. Less is noise in single markers (ours).
 SUPPORT_MARKERS, SUPPORT_SHARE = 3, 0.15
-"""A touch moves so many markers, against the median of all, by this share of the one that moves
-most: skin moves about its place. Less is noise in single markers (ours)."""
+
+# Least change of displacement over a pitch, root mean square, as a share of the shift that all
+# markers share. Trackers err by some hundredths of a shift, which strains nothing (ours: 0.02
+# under a plate that shifts the skin by 15 px; touches reach 0.8 and more).
 COMMON_SHARE = 0.1
-"""Least change of displacement over a pitch, root mean square, as a share of the shift that all
-markers share. Trackers err by some hundredths of a shift, which strains nothing (ours: 0.02 under a
-plate that shifts the skin by 15 px; touches reach 0.8 and more)."""
 
 
 @dataclass(slots=True)

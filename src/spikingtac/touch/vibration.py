@@ -14,16 +14,18 @@ from spikingtac.errors import ConfigError
 Field = NDArray[np.float64]
 
 US_PER_S = 1e6
+
+# Fewer frames make no spectrum: below 128 frames a second a window of 0.5 s is longer.
 LEAST_FRAMES = 64
-"""Fewer frames make no spectrum: below 128 frames a second a window of 0.5 s is longer."""
-LOWEST_HZ = 10.0
-"""Motions slower than this are touch, not vibration, Hz (ours)."""
+LOWEST_HZ = 10.0  # Motions slower than this are touch, not vibration, Hz (ours).
+
+# Amplitude of a line over the median of the spectrum (ours: white noise exceeds 5 once in 4,000
+# spectra of 250 bins).
 LINE_RATIO = 6.0
-"""Amplitude of a line over the median of the spectrum (ours: white noise exceeds 5 once in 4,000
-spectra of 250 bins)."""
+
+# Share of a period by which a frame may come earlier or later than expected (ours: times are
+# rounded to 1 us; a frame that is missing breaks the wave).
 IRREGULAR_SHARE = 0.25
-"""Share of a period by which a frame may come earlier or later than expected (ours: times are
-rounded to 1 us; a frame that is missing breaks the wave)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.types import MarkerFrame
 
+# Columns in long form, in their order: what CSV, Parquet and tables hold.
 CSV_COLUMNS = (
     "t_us",
     "marker",
@@ -23,11 +24,10 @@ CSV_COLUMNS = (
     "held",
     "confidence",
 )
-"""Columns in long form, in their order: what CSV, Parquet and tables hold."""
 
-FIELDS = {"held": "coasted"}
-"""Key of a file -> the attribute that holds it, where the two differ."""
+FIELDS = {"held": "coasted"}  # Key of a file -> the attribute that holds it, where the two differ.
 
+# Key of a file -> the type of its numbers.
 COLUMN_TYPES = {
     "detected_px": np.float32,
     "position_px": np.float32,
@@ -35,8 +35,8 @@ COLUMN_TYPES = {
     "held": np.bool_,
     "confidence": np.float32,
 }
-"""Key of a file -> the type of its numbers."""
 
+# Key of a file -> the type of a counter of the source, one a time; older files lack them.
 HEALTH_TYPES = {
     "gaps": np.int32,
     "overflows": np.int32,
@@ -44,16 +44,14 @@ HEALTH_TYPES = {
     "reconnects": np.int32,
     "rate_ev_s": np.float32,
 }
-"""Key of a file -> the type of a counter of the source, one a time; older files lack them."""
 
+# Force on the skin and its standard deviation, ``(n, 3)``: where a model estimated them.
 FORCES = ("force_n", "force_sigma_n", "torque_nm")
-"""Force on the skin and its standard deviation, ``(n, 3)``: where a model estimated them."""
 
+# Key of the places' standard deviation, ``(n, m, 2)``: where tracks were smoothed.
 SIGMA = "sigma_px"
-"""Key of the places' standard deviation, ``(n, m, 2)``: where tracks were smoothed."""
 
-VECTORS = ("detected_px", "position_px", "displacement_px")
-"""Those that have an x and a y."""
+VECTORS = ("detected_px", "position_px", "displacement_px")  # Those that have an x and a y.
 
 
 def by_attribute(values: Mapping[str, NDArray[Any]]) -> dict[str, Any]:

@@ -12,8 +12,7 @@ from spikingtac.arrays import one_line
 from spikingtac.errors import ConfigError, require_type
 from spikingtac.tracks.tracks import Tracks
 
-LOADED = "Tracks.load('tracks.npz')"
-"""How tracks are made, for errors."""
+LOADED = "Tracks.load('tracks.npz')"  # How tracks are made, for errors.
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,10 @@ from spikingtac.events.formats.array_file import ColumnFile
 from spikingtac.tracks.columns import CSV_COLUMNS, long_columns, stacked, trigger_column
 from spikingtac.types import MarkerFrame
 
+# Key of a Parquet file's metadata that holds what CSV has beside it, as JSON.
 PARQUET_META = "spikingtac"
-"""Key of a Parquet file's metadata that holds what CSV has beside it, as JSON."""
-FRAMES_PER_CHUNK = 1_024
-"""Frames that are kept in memory before they are written."""
-Measured = Mapping[str, NDArray[Any]]
-"""Name of a column -> its value at one time."""
+FRAMES_PER_CHUNK = 1_024  # Frames that are kept in memory before they are written.
+Measured = Mapping[str, NDArray[Any]]  # Name of a column -> its value at one time.
 NOTHING: Measured = {}
 
 

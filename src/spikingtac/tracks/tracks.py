@@ -38,8 +38,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 US_PER_S = 1_000_000
+
+# Module that draws tracks, found by its name: plots stand on tracks, and tracks on no plots.
 DRAWING = "spikingtac.plots.tracks"
-"""Module that draws tracks, found by its name: plots stand on tracks, and tracks on no plots."""
 
 
 @dataclass(frozen=True, repr=False)

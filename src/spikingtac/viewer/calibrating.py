@@ -25,15 +25,13 @@ from spikingtac.stream.host import Asker, Factory, Host, closed_by
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac.viewer.replay.event_store import EventStore
 
-SHOWN_S = 0.25
-"""How often the guide's view is made anew: faster than it can be read, s."""
+SHOWN_S = 0.25  # How often the guide's view is made anew: faster than it can be read, s.
+
+# Events of a camera that a calibration from the page takes, the latest ones: 60 MB on disk.
+# Contacts of ten seconds are a tenth of it.
 MOST_EVENTS = 20_000_000
-"""Events of a camera that a calibration from the page takes, the latest ones: 60 MB on disk.
-Contacts of ten seconds are a tenth of it."""
-FULL = 255
-"""A share of 1 as a byte."""
-WAYS = ("", "left", "right", "up", "down")
-"""Codes of the way that a marker should go."""
+FULL = 255  # A share of 1 as a byte.
+WAYS = ("", "left", "right", "up", "down")  # Codes of the way that a marker should go.
 
 
 class GuideTracker:

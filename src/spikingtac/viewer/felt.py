@@ -12,10 +12,8 @@ from spikingtac.touch.slip.held import HeldTouchDetector
 from spikingtac.touch.vibration import Spectrum, VibrationMonitor
 from spikingtac.types import MarkerFrame
 
-SPECTRUM_EVERY_US = 100_000
-"""How often the spectrum is made anew: faster than it can be read, us."""
-LARGEST_BINS = 250
-"""Bins of the spectrum that the page draws."""
+SPECTRUM_EVERY_US = 100_000  # How often the spectrum is made anew: faster than it can be read, us.
+LARGEST_BINS = 250  # Bins of the spectrum that the page draws.
 
 
 class FeltLayer:

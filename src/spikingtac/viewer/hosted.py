@@ -27,14 +27,16 @@ from spikingtac.viewer.snapshot import images, moving, starting
 from spikingtac.viewer.source import ViewSource
 from spikingtac.viewer.web.wire import STOP
 
+# Longest time to complete the tracks once the asker is gone, s; an idle machine needs 0.1 s.
 COMPLETE_S = 20.0
-"""Longest time to complete the tracks once the asker is gone, s; an idle machine needs 0.1 s."""
+
+# Objects made between two collections of garbage. Python's 700 or 2,000 cost 5 to 10 % of the
+# time that compiling takes; 10,000 cost 10 MiB (measured).
 COLLECT_AFTER = 10_000
-"""Objects made between two collections of garbage. Python's 700 or 2,000 cost 5 to 10 % of the time
-that compiling takes; 10,000 cost 10 MiB (measured)."""
+
+# Stretch of silence that is tracked first, us: long enough for a contact detector that learns
+# from the first 0.3 s.
 WARM_UP_US = 320_000
-"""Stretch of silence that is tracked first, us: long enough for a contact detector that learns from
-the first 0.3 s."""
 PACKET_US = 10_000
 BUDGET_S = 600.0
 

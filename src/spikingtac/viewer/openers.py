@@ -106,10 +106,9 @@ def no_markers(size: tuple[int, int]) -> Calibration:
     return Calibration(reference_px=np.empty((0, 2)), radius_px=np.empty(0), grid=(0, 0), size=size)
 
 
+# A longer list cannot be overlooked; a command of a page holds 1,024 characters.
 MOST_NAMES, LONGEST_NAME = 200, 500
-"""A longer list cannot be overlooked; a command of a page holds 1,024 characters."""
-LEVELS = 2
-"""Folders below the shelf's own that are looked into."""
+LEVELS = 2  # Folders below the shelf's own that are looked into.
 
 
 @dataclass(frozen=True, kw_only=True)

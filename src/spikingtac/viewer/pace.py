@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
 
+# Waiting this long for a live source is a standstill, s; an arm is stopped after 40 ms (ours).
 STALE_S = 0.5
-"""Waiting this long for a live source is a standstill, s; an arm is stopped after 40 ms (ours)."""
 
 
 class Pacer:

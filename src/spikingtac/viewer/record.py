@@ -26,11 +26,11 @@ from spikingtac.viewer.snapshot import (
 )
 from spikingtac.viewer.source import ViewSource
 
-EXPOSURE_US = 30_000
-"""Events of the last two frames of an ordinary camera, as on the page."""
+EXPOSURE_US = 30_000  # Events of the last two frames of an ordinary camera, as on the page.
+
+# Moments kept: 68 s at 60 per second; a longer record keeps every second, fourth... of them. A
+# row of 64 markers holds 512 bytes, so that a record stays at some 3 MiB however long it lasts.
 MOST_ROWS = 4_096
-"""Moments kept: 68 s at 60 per second; a longer record keeps every second, fourth... of them. A row
-of 64 markers holds 512 bytes, so that a record stays at some 3 MiB however long it lasts."""
 US_PER_S = 1e6
 
 

@@ -25,16 +25,15 @@ from spikingtac.viewer.snapshot import greeting, images, map_of, moving
 from spikingtac.viewer.source import ViewSource
 from spikingtac.viewer.web.wire import encode
 
-FRAME_HZ = 60.0
-"""Frames offered per second; displays show no more."""
+FRAME_HZ = 60.0  # Frames offered per second; displays show no more.
+
+# Share of a frame's time that tracking may take before the frame is published anyway.
 WORK_SHARE = 0.7
-"""Share of a frame's time that tracking may take before the frame is published anyway."""
-GREETING_S = 0.5
-"""How often the greeting is renewed while the length of the source still grows."""
+GREETING_S = 0.5  # How often the greeting is renewed while the length of the source still grows.
+
+# Further behind its aim, tracking repeats a stretch; the page keeps its picture meanwhile.
 CATCHING_UP_US = 50_000
-"""Further behind its aim, tracking repeats a stretch; the page keeps its picture meanwhile."""
-SLACK_US = 40_000
-"""A delay of up to this is made up for; a longer one stretches the time."""
+SLACK_US = 40_000  # A delay of up to this is made up for; a longer one stretches the time.
 
 
 class Session:

@@ -15,17 +15,16 @@ from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac.viewer.replay.playback import Playback
 from spikingtac.viewer.source import ViewSource
 
-WIDEST_PX = 640
-"""Larger sensors are shown at every second, third... pixel; a page is no wider."""
-AGE_BINS = 7
-"""Ages that are told apart; code 0 is no event, 1 to 7 ON, 9 to 15 OFF, oldest first."""
+WIDEST_PX = 640  # Larger sensors are shown at every second, third... pixel; a page is no wider.
+AGE_BINS = 7  # Ages that are told apart; code 0 is no event, 1 to 7 ON, 9 to 15 OFF, oldest first.
 OFF_CODE = 8
+
+# Events drawn in one image; older ones of a burst would be painted over anyway.
 MOST_EVENTS = 200_000
-"""Events drawn in one image; older ones of a burst would be painted over anyway."""
+
+# Grey values of a pixel without event, and of one whose last event was ON or OFF.
 GREY, ON_GREY, OFF_GREY = 128, 255, 0
-"""Grey values of a pixel without event, and of one whose last event was ON or OFF."""
-LEVELS = 15
-"""Code of a white pixel in the state map's image."""
+LEVELS = 15  # Code of a white pixel in the state map's image.
 
 
 def view_step(size: tuple[int, int]) -> int:
@@ -92,21 +91,19 @@ def unpack(packed: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8
     return flat[: size[0] * size[1]].reshape(size[1], size[0]).astype(np.uint8)
 
 
+# Windows of the count series sent with each frame: about 1 s, so that a page may miss sixty.
 COUNT_WINDOWS = 1_024
-"""Windows of the count series sent with each frame: about 1 s, so that a page may miss sixty."""
-OVERVIEW_BINS = 600
-"""Bars of the timeline."""
-SHOWN_CONTACTS = 200
-"""Contacts listed for the timeline, the latest ones."""
-HALF_SECOND_US = 500_000
-"""Stretch over which the event rate is averaged."""
+OVERVIEW_BINS = 600  # Bars of the timeline.
+SHOWN_CONTACTS = 200  # Contacts listed for the timeline, the latest ones.
+HALF_SECOND_US = 500_000  # Stretch over which the event rate is averaged.
+
+# Stretch of a recording that is judged, us: its first 20 s, so that a long one opens at once.
 JUDGED_US = 20_000_000
-"""Stretch of a recording that is judged, us: its first 20 s, so that a long one opens at once."""
+
+# A contact that makes no more events lasts while so many markers are displaced by so much, px.
+# (Ours: a released skin's creep is below it, and one lost marker is no touch.)
 TOUCHED_PX, TOUCHED_MARKERS = 1.0, 3
-"""A contact that makes no more events lasts while so many markers are displaced by so much, px.
-(Ours: a released skin's creep is below it, and one lost marker is no touch.)"""
-FULL = 255
-"""Confidence 1 as a byte."""
+FULL = 255  # Confidence 1 as a byte.
 
 
 def starting(view: ViewSource) -> dict[str, Any]:

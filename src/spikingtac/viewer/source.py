@@ -18,10 +18,8 @@ if TYPE_CHECKING:  # both need every kernel of the calibration and of touch
     from spikingtac.viewer.calibrating import CalibrationDesk
     from spikingtac.viewer.felt import FeltLayer
 
-FIRST_ROWS = 4_096
-"""Room for 4 s of truth at 1 kHz; it doubles."""
-BEYOND_US = 2_000
-"""How far the last line is prolonged: one step of a simulation at 500 Hz."""
+FIRST_ROWS = 4_096  # Room for 4 s of truth at 1 kHz; it doubles.
+BEYOND_US = 2_000  # How far the last line is prolonged: one step of a simulation at 500 Hz.
 
 
 class Recordings(Protocol):

@@ -6,11 +6,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-NEVER = -(2**62)
-"""Time of a pixel without any event, us."""
+NEVER = -(2**62)  # Time of a pixel without any event, us.
 
+# Smallest number of active pixels, of nine, for a plane: one more than its parameters.
 PLANE_POINTS = 4
-"""Smallest number of active pixels, of nine, for a plane: one more than its parameters."""
 
 
 @njit(cache=True)

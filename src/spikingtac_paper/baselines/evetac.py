@@ -33,30 +33,23 @@ from spikingtac.calibration import marker_pitch_px
 from spikingtac.events import BackgroundActivityFilter, HotPixelFilter
 from spikingtac.types import EventPacket, MarkerFrame
 
-SOURCE_PITCH_PX = 61.3
-"""Mean pitch of the original's dots, px. The following lengths refer to it."""
+SOURCE_PITCH_PX = 61.3  # Mean pitch of the original's dots, px. The following lengths refer to it.
 
-SOURCE_RING_PX = 13.75
-"""Width of the ring in which events count, px at the original's pitch."""
+SOURCE_RING_PX = 13.75  # Width of the ring in which events count, px at the original's pitch.
 
+# Largest calibrated distance of a neighbour, px at the original's pitch: the eight around.
 SOURCE_NEIGHBOUR_PX = 105.0
-"""Largest calibrated distance of a neighbour, px at the original's pitch: the eight around."""
 
-SOURCE_CLAMP_PX = 400.0
-"""Largest component of the summed attraction, px at the original's pitch."""
+SOURCE_CLAMP_PX = 400.0  # Largest component of the summed attraction, px at the original's pitch.
 
-SOURCE_CAP_PX = 1.2
-"""Largest step per slice and axis, px at the original's pitch."""
+SOURCE_CAP_PX = 1.2  # Largest step per slice and axis, px at the original's pitch.
 
 
-RATE_HZ = 500.0
-"""Rate at which the dots are read out, Hz (ours); they move in slices at any rate."""
+RATE_HZ = 500.0  # Rate at which the dots are read out, Hz (ours); they move in slices at any rate.
 
-SLICE_US = 1_000
-"""Length of a slice, us (original: 1 ms)."""
+SLICE_US = 1_000  # Length of a slice, us (original: 1 ms).
 
-TURN_RATIO = 1.25
-"""R divided by the outer radius of the ring (original)."""
+TURN_RATIO = 1.25  # R divided by the outer radius of the ring (original).
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

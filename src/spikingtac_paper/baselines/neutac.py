@@ -30,8 +30,7 @@ from spikingtac.markers import BlobTracker, BlobTrackerConfig
 from spikingtac.state_map import paint_binary_discs
 from spikingtac.types import EventPacket
 
-RATE_HZ = 300.0
-"""Estimates per second, Hz (table I of the SpikingTac paper)."""
+RATE_HZ = 300.0  # Estimates per second, Hz (table I of the SpikingTac paper).
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -63,11 +62,10 @@ def neutac_tracker(config: NeutacConfig, calibration: Calibration) -> BlobTracke
     return BlobTracker(blobs, calibration, denoiser, state_map=surface)
 
 
-GREY = np.float32(0.5)
-"""Value of a pixel without a recent event."""
+GREY = np.float32(0.5)  # Value of a pixel without a recent event.
 
+# Number of time constants after which time zero is moved; exp(20) is far from float32's limit.
 REBASE_DECAYS = 20.0
-"""Number of time constants after which time zero is moved; exp(20) is far from float32's limit."""
 
 
 class TimeSurface:

@@ -30,14 +30,11 @@ from spikingtac_paper.collision.scene import (
 
 Vector = NDArray[np.float64]
 
+# Speed of the motion back to the start, mm/s: it ends within the second after a release.
 RETREAT_MM_S = 180.0
-"""Speed of the motion back to the start, mm/s: it ends within the second after a release."""
-BEYOND_MM = 60.0
-"""Distance of the commanded target behind the wall, mm: no method stops that late."""
-FRAMES = "frames"
-"""Name of the frame sampler's decision in :attr:`ApproachRun.decided_us`."""
-WINDOW_US = 1000
-"""Length of a window of the detectors, us (Section V-B)."""
+BEYOND_MM = 60.0  # Distance of the commanded target behind the wall, mm: no method stops that late.
+FRAMES = "frames"  # Name of the frame sampler's decision in :attr:`ApproachRun.decided_us`.
+WINDOW_US = 1000  # Length of a window of the detectors, us (Section V-B).
 
 
 @dataclass(frozen=True, kw_only=True)

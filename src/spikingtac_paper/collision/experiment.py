@@ -24,15 +24,17 @@ from spikingtac_paper.harness.run import (
 )
 
 NAME = "collision"
+
+# Cases whose tables the page shows first.
 FIRST = tuple(f"{preset}/{case}" for preset in PRESETS for case in (ALL, FASTEST, SLOW))
-"""Cases whose tables the page shows first."""
-STRETCH_SEED = 500_000
-"""First seed of the motions without contact. No approach uses it."""
+STRETCH_SEED = 500_000  # First seed of the motions without contact. No approach uses it.
+
+# A run ends 4 mm or 36 ms after the touch, whichever is later: this is one frame at least. The
+# pads' linear fields are not valid beyond 8 mm.
 FORCED_MM, FRAMES_S = 4.0, 0.036
-"""A run ends 4 mm or 36 ms after the touch, whichever is later: this is one frame at least. The
-pads' linear fields are not valid beyond 8 mm."""
+
+# Travel after the touch at which the long series at 0.8 mm/s ends, mm: twice the largest aim.
 SERIES_MM = 0.8
-"""Travel after the touch at which the long series at 0.8 mm/s ends, mm: twice the largest aim."""
 SAFETY = (
     "Not a safety function: no performance level (ISO 13849), and no replacement for the robot's "
     "protective stop (ISO 10218)."

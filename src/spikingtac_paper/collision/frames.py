@@ -16,22 +16,21 @@ from scipy.stats import norm
 
 from spikingtac.arrays import FloatArray
 
-RATE_HZ = 32.0
-"""Frames per second (section V-B of the paper, on GelStereo 2.0)."""
-PERIOD_US = 1e6 / RATE_HZ
-"""Time between two frames, us."""
+RATE_HZ = 32.0  # Frames per second (section V-B of the paper, on GelStereo 2.0).
+PERIOD_US = 1e6 / RATE_HZ  # Time between two frames, us.
+
+# Standard deviation of a measured centre per axis, px (assumed: centroids of dots a dozen pixels
+# wide reach 0.02 to 0.1 px in frames; see the assumptions).
 NOISE_PX = 0.1
-"""Standard deviation of a measured centre per axis, px (assumed: centroids of dots a dozen pixels
-wide reach 0.02 to 0.1 px in frames; see the assumptions)."""
-FIRST_FRAMES = 3
-"""Number of frames whose mean gives the initial coordinates."""
+FIRST_FRAMES = 3  # Number of frames whose mean gives the initial coordinates.
+
+# False-alarm budget of the threshold, the same as that of the event detectors.
 FALSE_ALARMS_PER_HOUR = 1.0
-"""False-alarm budget of the threshold, the same as that of the event detectors."""
 SECONDS_PER_HOUR = 3600.0
+
+# Smallest number of frames without contact: fewer do not give a standard deviation to 10 %.
 MIN_FRAMES = 50
-"""Smallest number of frames without contact: fewer do not give a standard deviation to 10 %."""
-Truth = tuple[FloatArray, FloatArray]
-"""Times ``(k,)``, us, and true centres ``(k, m, 2)``, px."""
+Truth = tuple[FloatArray, FloatArray]  # Times ``(k,)``, us, and true centres ``(k, m, 2)``, px.
 
 
 def displacement_sum_px(frames_px: FloatArray, initial_px: FloatArray) -> FloatArray:

@@ -40,38 +40,40 @@ from spikingtac_paper.collision.scene import CollisionScene
 from spikingtac_paper.free_motion.free_rig import FreeRig
 from spikingtac_paper.harness.run import Record, code_digest, kept, load_windows, save_windows
 
-BUDGET_PER_HOUR = 1.0
-"""Budget of false stops of every detector."""
-QUIET_SEED = 900_000
-"""First seed of the quiet recordings. No approach uses it."""
+BUDGET_PER_HOUR = 1.0  # Budget of false stops of every detector.
+QUIET_SEED = 900_000  # First seed of the quiet recordings. No approach uses it.
+
+# Milliseconds of the moving arm from which every threshold is computed (contract.md: a minute).
 QUIET_STEPS = 60_000
-"""Milliseconds of the moving arm from which every threshold is computed (contract.md: a minute)."""
-CHUNK_STEPS = 10_000
-"""Milliseconds that are simulated at once: this bounds the memory."""
-STRETCH_STEPS = 100_000
-"""Length of one motion without contact, ms."""
+CHUNK_STEPS = 10_000  # Milliseconds that are simulated at once: this bounds the memory.
+STRETCH_STEPS = 100_000  # Length of one motion without contact, ms.
+
+# Windows of a motion without contact before the detectors listen: as many as between a release
+# and the listening of the next approach. Past motions leave the pixels' references displaced; the
+# first swings after them remove that.
 LEAD_WINDOWS = 900
-"""Windows of a motion without contact before the detectors listen: as many as between a release
-and the listening of the next approach. Past motions leave the pixels' references displaced; the
-first swings after them remove that."""
+
+# Numbers of the random streams of a trial's frames and of its starting place.
 FRAME_STREAM, START_STREAM = 1, 2
-"""Numbers of the random streams of a trial's frames and of its starting place."""
+
+# Methods that decide by frames -> their delay, us.
 FRAME_DELAYS_US = {"frame_sampling": 0.0, "frame_plus_one": PERIOD_US}
-"""Methods that decide by frames -> their delay, us."""
+
+# Methods that decide by the true first touch -> their delay, us. The paper's largest deviation of
+# its frame baseline, 24.3 mm at 0.18 m/s, is 135 ms.
 TOUCH_DELAYS_US = {"frame_paper": 135_000.0, "zero_delay": 0.0}
-"""Methods that decide by the true first touch -> their delay, us. The paper's largest deviation of
-its frame baseline, 24.3 mm at 0.18 m/s, is 135 ms."""
 ABOUT = {
     "event_count": "as published: events of 1 ms above a threshold, taken from the moving arm",
     "default": "sequential test of the signed rim events over nine time scales",
 }
+
+# Name -> one line about it: the contact detectors, then the baselines.
 METHODS: dict[str, str] = {name: ABOUT.get(name, "a contact detector") for name in DETECTORS} | {
     "frame_sampling": "displacement sum over the markers at 32 fps, no other latency",
     "frame_plus_one": "the same with one more frame of latency",
     "frame_paper": "135 ms after the touch: the paper's baseline with its undocumented latency",
     "zero_delay": "a perfect sensor: decides at the true first touch, on the same arm",
 }
-"""Name -> one line about it: the contact detectors, then the baselines."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

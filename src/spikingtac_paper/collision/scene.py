@@ -31,19 +31,16 @@ from spikingtac_paper.free_motion.free_rig import FreeRig
 
 Vector = NDArray[np.float64]
 
+# Direction of the approach in the base frame: along the pads, across the rod.
 DIRECTION: Vector = np.array([1.0, 0.0, 0.0])
-"""Direction of the approach in the base frame: along the pads, across the rod."""
-NEAR_MM = 0.5
-"""Distance from the wall at which the arm stands before its first touch, mm."""
+NEAR_MM = 0.5  # Distance from the wall at which the arm stands before its first touch, mm.
+
+# Windows at constant speed before the detectors listen: the rod's oscillation has decayed to a
+# fifth by then.
 SETTLE_WINDOWS = 100
-"""Windows at constant speed before the detectors listen: the rod's oscillation has decayed to a
-fifth by then."""
-MARGIN_S = 0.04
-"""Largest delay of the constant speed by report, cycle, network and servo, s."""
-STICKOUT_MM = 40.0
-"""Length of the probe beyond the fingers, mm (contract.md)."""
-RELEASED_S = 1.0
-"""Time from the release of one touch to the next touch, s (contract.md)."""
+MARGIN_S = 0.04  # Largest delay of the constant speed by report, cycle, network and servo, s.
+STICKOUT_MM = 40.0  # Length of the probe beyond the fingers, mm (contract.md).
+RELEASED_S = 1.0  # Time from the release of one touch to the next touch, s (contract.md).
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

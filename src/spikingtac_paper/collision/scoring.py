@@ -16,8 +16,9 @@ from spikingtac_paper.harness.report import CONFIDENCE, Metric, Row, by_name, in
 Outcome = Mapping[str, float]
 SECONDS_PER_HOUR = 3600.0
 SLOW, FASTEST = "0.0008", "0.18"
+
+# Speeds of the case ``all``, m/s: the paper names the range 0.01 to 0.18.
 SPEEDS = ("0.01", "0.02", "0.04", "0.06", "0.08", "0.1", "0.12", "0.14", "0.16", FASTEST)
-"""Speeds of the case ``all``, m/s: the paper names the range 0.01 to 0.18."""
 PRESETS = ("typical", "noisy")
 ALL = "all"
 METRICS = by_name(
@@ -40,18 +41,20 @@ METRICS = by_name(
     Metric("false_stops_lower95_per_hour", "1/h", "lower end of the same interval"),
     Metric("hours", "h", "length of that motion"),
 )  # fmt: skip
+
+# Metric -> the quantity of an outcome whose mean it is.
 MEANS = {
     "deviation_mean_mm": "deviation_mm",
     "deviation_read_mean_mm": "read_mm",
     "overshoot_mean_mm": "overshoot_mm",
 }
-"""Metric -> the quantity of an outcome whose mean it is."""
+
+# (method, case, metric) -> number that the paper prints, from its hardware (section V-B).
 PRINTED: dict[tuple[str, str, str], float] = {
     ("event_count", f"{PRESETS[0]}/{ALL}", "deviation_mean_mm"): 0.53,
     ("event_count", f"{PRESETS[0]}/{FASTEST}", "overshoot_max_mm"): 6.2,
     ("frame_paper", f"{PRESETS[0]}/{FASTEST}", "deviation_max_mm"): 24.3,
 }
-"""(method, case, metric) -> number that the paper prints, from its hardware (section V-B)."""
 
 
 def garwood(events: int, hours: float) -> tuple[float, float]:

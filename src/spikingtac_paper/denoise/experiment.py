@@ -47,15 +47,15 @@ from spikingtac_paper.training.dataset import US_PER_S
 from spikingtac_paper.trials.trial import V2E
 
 NAME = "denoise"
-FIRST_SEED = 1001
-"""Is added to the run's seed, since training uses seeds 1 and 2."""
-FULL_SEEDS = 2
-"""Seeds of a full run."""
+FIRST_SEED = 1001  # Is added to the run's seed, since training uses seeds 1 and 2.
+FULL_SEEDS = 2  # Seeds of a full run.
+
+# Settings of a quick run: fewer moments, but nearly full length, since noise accumulates in a
+# binary map.
 QUICK = {"duration_s": 5.0, "every_us": 500_000}
-"""Settings of a quick run: fewer moments, but nearly full length, since noise accumulates in a
-binary map."""
+
+# Cases on the first page: map, background (Hz/px) and fraction of dropped events.
 FIRST = ("binary@1.0-0.5", "binary@0.05-0.1", "graded@1.0-0.5")
-"""Cases on the first page: map, background (Hz/px) and fraction of dropped events."""
 ABOUT = {
     "none": "the map as it is",
     "median3": "3x3 median",
@@ -65,20 +65,23 @@ ABOUT = {
     "supervised": "SUPERVISED with the simulator's noise-free maps: an upper bound, not a method",
     f"{ACTIVITY}...": "the same behind the event-activity filter",
 }
+
+# Network that was trained with noise-free maps: an upper bound. Only the source tree has it.
 SUPERVISED = Path(__file__).resolve().parents[3] / "results" / "denoise" / "supervised.onnx"
-"""Network that was trained with noise-free maps: an upper bound. Only the source tree has it."""
+
+# Methods of the report. An installed package has no ``supervised``.
 METHODS = (
     *("none", "median3", "box7", "network", "network-int8"),
     *(("supervised",) if SUPERVISED.is_file() else ()),
 )
-"""Methods of the report. An installed package has no ``supervised``."""
+
+# Test recording with a kind of motion that is not in the training recordings.
 HELD_OUT = "finger-torsion"
-"""Test recording with a kind of motion that is not in the training recordings."""
+
+# Background rate times window of the activity filter (ours); about an eighth of the fraction of
+# noise events that pass. The filter is the same for all methods.
 FILTER_PRODUCT = 0.03
-"""Background rate times window of the activity filter (ours); about an eighth of the fraction of
-noise events that pass. The filter is the same for all methods."""
-FAST_PX_S = 20.0
-"""Markers that move faster count as fast, others as slow, px/s (ours)."""
+FAST_PX_S = 20.0  # Markers that move faster count as fast, others as slow, px/s (ours).
 METRICS = by_name(
     Metric("centroid_mean_px", "px", "distance of a found blob's centroid to the marker's true "
            "centre, mean"),
@@ -125,8 +128,7 @@ class DenoiseConfig:
         return round(min(US_PER_S * FILTER_PRODUCT / noise_hz, self.longest_us))
 
 
-Samples = dict[tuple[str, str], list["Sample"]]
-"""(case, method) -> samples of all recordings."""
+Samples = dict[tuple[str, str], list["Sample"]]  # (case, method) -> samples of all recordings.
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,10 +30,12 @@ from spikingtac.types import EventPacket
 from spikingtac_paper.training.dataset import with_background, with_drops
 
 MapKind = Literal["binary", "graded"]
+
+# Prefix of the names of methods with the event-activity filter before the map.
 ACTIVITY = "activity+"
-"""Prefix of the names of methods with the event-activity filter before the map."""
 
 
+# The typical camera without its noise.
 QUIET = CameraChoice(
     preset="typical",
     settings={
@@ -41,7 +43,6 @@ QUIET = CameraChoice(
         "pixel": {"leak_hz": 0.0},
     },
 )
-"""The typical camera without its noise."""
 
 
 @dataclass(frozen=True, slots=True)

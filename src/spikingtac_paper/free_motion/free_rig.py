@@ -41,10 +41,10 @@ from spikingtac_paper.free_motion.small_motion_camera import (
 )
 
 AXES = 3
+
+# Length of the impulse response, s: 25 decay times of the rocking mode (28 Hz, damping ratio
+# 0.1). What the creep chain keeps for longer is below 0.1 % of the motion.
 RESPONSE_S = 1.5
-"""Length of the impulse response, s: 25 decay times of the rocking mode (28 Hz, damping ratio 0.1).
-What the creep chain keeps for longer is below 0.1 % of the motion.
-"""
 
 
 class VibrationPath(Vibration):
@@ -120,11 +120,10 @@ def skin_state(pad: Pad, config: ProbeConfig, bushing: FloatArray) -> SkinState:
     return pad.skin(replace(at_rest, bushing=bushing))
 
 
+# Seed and length (steps of 1 ms) of the vibration that gives the bushing's covariance.
+#
+# Two minutes give it to 3 %.
 COVARIANCE_SEED, COVARIANCE_STEPS = 0, 120_000
-"""Seed and length (steps of 1 ms) of the vibration that gives the bushing's covariance.
-
-Two minutes give it to 3 %.
-"""
 
 
 class SmallMotionFinger(SensingFinger):

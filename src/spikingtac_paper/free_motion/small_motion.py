@@ -24,6 +24,7 @@ from spikingtac.sim import (
     log_intensity_kernel,
 )
 
+# A pixel near an edge, in one record, so that an update touches one place in memory.
 EDGE_DTYPE = np.dtype(
     [
         ("inside_px", "f4"),  # distance inside the edge at rest
@@ -37,18 +38,16 @@ EDGE_DTYPE = np.dtype(
     ],
     align=True,
 )
-"""A pixel near an edge, in one record, so that an update touches one place in memory."""
 
+# Steps for which a band of distances is computed; longer waits go to the timing wheel.
 BAND_STEPS = 64
-"""Steps for which a band of distances is computed; longer waits go to the timing wheel."""
-MIN_DELAY_STEPS = 2.0
-"""Shortest wait for which a pixel is put into the timing wheel, steps."""
+MIN_DELAY_STEPS = 2.0  # Shortest wait for which a pixel is put into the timing wheel, steps.
+
+# Bisection steps for the ends of a band: 1/1000 px, and never beyond the end.
 _BISECTION_STEPS = 12
-"""Bisection steps for the ends of a band: 1/1000 px, and never beyond the end."""
 
 
-EMPTY = -1
-"""End of a linked list."""
+EMPTY = -1  # End of a linked list.
 
 
 class TimingWheel(NamedTuple):

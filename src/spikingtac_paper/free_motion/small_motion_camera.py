@@ -31,26 +31,24 @@ from spikingtac_paper.free_motion.small_motion import (
     small_motion_kernel,
 )
 
-DEGREES_OF_FREEDOM = 6
-"""Translations and rotations of the rod against the pads."""
-STEP_S = 0.001
-"""Step of the mechanics, s; the same as that of the rig away from the wall."""
-STEP_US = STEP_S * 1e6
-"""Step of the motion, us."""
-BLOCK_STEPS = 200
-"""Steps between two readings of the event buffer."""
+DEGREES_OF_FREEDOM = 6  # Translations and rotations of the rod against the pads.
+STEP_S = 0.001  # Step of the mechanics, s; the same as that of the rig away from the wall.
+STEP_US = STEP_S * 1e6  # Step of the motion, us.
+BLOCK_STEPS = 200  # Steps between two readings of the event buffer.
+
+# Capacity of the event buffer for one block: 1.3 Mev/s, ten times the ``noisy`` preset.
 OUTBOX = 1 << 18
-"""Capacity of the event buffer for one block: 1.3 Mev/s, ten times the ``noisy`` preset."""
-WHEEL_SLOTS = 1 << 15
-"""Longest wait of a pixel, in steps."""
+WHEEL_SLOTS = 1 << 15  # Longest wait of a pixel, in steps.
+
+# Range of motion that a waiting pixel allows for; it is left less than once in ten hours.
 RANGE_SIGMAS = 6.0
-"""Range of motion that a waiting pixel allows for; it is left less than once in ten hours."""
-LAGS = 6
-"""Number of photoreceptor time constants that stand for all; neighbours differ by a third."""
+LAGS = 6  # Number of photoreceptor time constants that stand for all; neighbours differ by a third.
+
+# Distance outside an edge beyond which no marker is seen: edges reach 3 px, motion 1 px.
 FAR_OUTSIDE_PX = 8.0
-"""Distance outside an edge beyond which no marker is seen: edges reach 3 px, motion 1 px."""
+
+# Displacement (mm, rad) with which the slopes are taken; it moves a marker by 0.02 px.
 SLOPE_STEP = 1e-3
-"""Displacement (mm, rad) with which the slopes are taken; it moves a marker by 0.02 px."""
 
 
 class SmallMotionCamera(EventCamera):

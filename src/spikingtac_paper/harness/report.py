@@ -16,13 +16,12 @@ import numpy as np
 
 from spikingtac.atomic_files import write_json, write_text
 
-CONFIDENCE = 0.95
-"""Confidence level of the intervals."""
+CONFIDENCE = 0.95  # Confidence level of the intervals.
 REPORT = "report.json"
-COUNTED = ("markers", "approaches")
-"""Units of whole numbers."""
+COUNTED = ("markers", "approaches")  # Units of whole numbers.
+
+# Source of a row -> what the page calls it; these are never merged.
 SOURCES = {"twin": "simulated (twin)", "v2e": "simulated (v2e)", "recorded": "recorded"}
-"""Source of a row -> what the page calls it; these are never merged."""
 STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:72rem;padding:0 1rem}
 table{border-collapse:collapse;margin:.6rem 0;font-variant-numeric:tabular-nums}
@@ -304,8 +303,7 @@ def figure_text(value: float | None, unit: str) -> str:
     return f"{value:.0f}" if unit in COUNTED else f"{value:.3f}" if value < 100 else f"{value:.1f}"
 
 
-SALT = "spikingtac"
-"""Makes the ids in the SVG the same in every run."""
+SALT = "spikingtac"  # Makes the ids in the SVG the same in every run.
 
 
 def dot_figure(

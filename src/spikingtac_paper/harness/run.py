@@ -23,18 +23,19 @@ from spikingtac.batch import worker_pool
 from spikingtac.errors import named
 from spikingtac.types import EventPacket
 
-Advance = Callable[[float], None]
-"""Is called with the fraction of the work that is done, 0 to 1."""
+Advance = Callable[[float], None]  # Is called with the fraction of the work that is done, 0 to 1.
+
+# A result as JSON holds it; ``key`` is the digest of everything that it depends on.
 Record = dict[str, Any]
-"""A result as JSON holds it; ``key`` is the digest of everything that it depends on."""
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 SOURCES = Path(__file__).resolve().parents[2]
 PACKAGES = ("spikingtac", "spikingtac_paper")
 CODE = (".py", ".toml", ".onnx", ".json")
+
+# Packages whose versions every report states.
 VERSIONED = ("numpy", "scipy", "numba", "onnxruntime", "opencv-python-headless", "trackpy")
-"""Packages whose versions every report states."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -27,10 +27,8 @@ from spikingtac_paper.holes.jobs import (
 from spikingtac_paper.holes.scoring import METHODS, hole_rows
 
 NAME = "holes"
-FULL_SEEDS = 20
-"""Seeds of a full run."""
-FIRST = tuple(f"{prefix}/all" for prefix in SIGMAS_MM)
-"""Cases whose tables the page shows first."""
+FULL_SEEDS = 20  # Seeds of a full run.
+FIRST = tuple(f"{prefix}/all" for prefix in SIGMAS_MM)  # Cases whose tables the page shows first.
 
 
 def run(options: RunOptions) -> dict[str, Any]:

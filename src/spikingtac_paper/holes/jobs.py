@@ -48,26 +48,26 @@ from spikingtac.sim import (
 from spikingtac.types import FloatArray
 from spikingtac_paper.harness.run import Record, code_digest, kept, load_windows, save_windows
 
+# Ten radii from 0.7 to 5.0 mm, the range of section V-C.
 RADII_MM: tuple[float, ...] = tuple(round(0.7 + 4.3 / 9 * k, 3) for k in range(10))
-"""Ten radii from 0.7 to 5.0 mm, the range of section V-C."""
-PITCH_MM = 15.0
-"""Distance of neighbouring holes, mm (ours: the holes do not touch each other)."""
-COLUMNS = 5
-"""Holes in a row of the plate; it has two rows."""
-MOST_CONTACTS = 12
-"""Contacts of the adaptive search."""
+PITCH_MM = 15.0  # Distance of neighbouring holes, mm (ours: the holes do not touch each other).
+COLUMNS = 5  # Holes in a row of the plate; it has two rows.
+MOST_CONTACTS = 12  # Contacts of the adaptive search.
+
+# Touches in each direction of a calibration, at most 10 (contract.md). The calibration's error is
+# common to all contacts of a seed: with five touches in each of twelve directions it was a
+# seventh of the variance of a centre from twelve contacts (ours: measured).
 CYCLES = {CROSS: 4, DEFAULT: 10}
-"""Touches in each direction of a calibration, at most 10 (contract.md). The calibration's error is
-common to all contacts of a seed: with five touches in each of twelve directions it was a seventh
-of the variance of a centre from twelve contacts (ours: measured)."""
+
+# The same in a quick run, which has one seed and hence one calibration.
 QUICK_CYCLES = {CROSS: 2, DEFAULT: 3}
-"""The same in a quick run, which has one seed and hence one calibration."""
-DETECTOR = "default"
-"""Contact detector of all searches."""
+DETECTOR = "default"  # Contact detector of all searches.
+
+# Noise seeds of a hole and of a calibration, per experiment seed.
 HOLE_SEEDS, CALIBRATION_SEEDS = 1000, 500
-"""Noise seeds of a hole and of a calibration, per experiment seed."""
+
+# Numbers of the random streams of the readings and of the contacts before.
 CALIBRATION_STREAM, SEARCH_STREAM, PAST_STREAM = 4, 5, 6
-"""Numbers of the random streams of the readings and of the contacts before."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,20 +17,22 @@ from spikingtac_paper.harness.report import Metric, Row, by_name, interval
 from spikingtac_paper.holes.jobs import MOST_CONTACTS, trial_of
 
 CROSS_CONTACTS = 4
+
+# 95 % quantile of chi-squared with three degrees of freedom: centre and radius together.
 REGION = 7.8147
-"""95 % quantile of chi-squared with three degrees of freedom: centre and radius together."""
+
+# Error beyond which an estimate counts as diverged, mm: five times the paper's RMSE.
 DIVERGED_MM = 0.5
-"""Error beyond which an estimate counts as diverged, mm: five times the paper's RMSE."""
 
 
+# (method, metric) over all ten holes -> number of the paper's table 'Quantitative results of
+# position and radius deviation'. Its abstract calls the signed mean an RMSE; the RMSE here
+# follows from the ten printed errors.
 PUBLISHED: dict[tuple[str, str], float] = {
     ("cross4-published", "position_rmse_kabsch_mm"): 0.0952,
     ("cross4-published", "radius_rmse_mm"): 0.0780,
     ("cross4-published", "radius_mean_signed_mm"): 0.0452,
 }
-"""(method, metric) over all ten holes -> number of the paper's table 'Quantitative results of
-position and radius deviation'. Its abstract calls the signed mean an RMSE; the RMSE here follows
-from the ten printed errors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +50,7 @@ class HoleMethod:
     about: str
 
 
+# Name -> method.
 METHODS: dict[str, HoleMethod] = {
     "cross4-published": HoleMethod(
         CROSS, CROSS_CONTACTS, "the paper's search at 0.8 mm/s with its constants, R_offset "
@@ -59,7 +62,6 @@ METHODS: dict[str, HoleMethod] = {
     "default-4": HoleMethod(DEFAULT, 4, "the adaptive search, its first 4 contacts"),
     "default-12": HoleMethod(DEFAULT, MOST_CONTACTS, "the adaptive search with 12 contacts"),
 }  # fmt: skip
-"""Name -> method."""
 
 
 @dataclass(frozen=True, slots=True)

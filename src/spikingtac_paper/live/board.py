@@ -16,15 +16,14 @@ import time
 
 import numpy as np
 
-EVENTS = 3_600
-"""Events of a datagram, which takes 14 KB."""
+EVENTS = 3_600  # Events of a datagram, which takes 14 KB.
 SIZE = (320, 320)
-TIME_HIGH, LOW_BITS = 8, 6
-"""EVT2: type of a word with the upper time, and bits of the lower time."""
+TIME_HIGH, LOW_BITS = 8, 6  # EVT2: type of a word with the upper time, and bits of the lower time.
 US_PER_S = 1e6
 NAP_S = 0.0005
+
+# Groups of a datagram, and the time between two of them, us: a sensor repeats its upper time.
 GROUPS, GROUP_US = 24, 2
-"""Groups of a datagram, and the time between two of them, us: a sensor repeats its upper time."""
 
 
 class Datagrams:

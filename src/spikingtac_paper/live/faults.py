@@ -25,14 +25,10 @@ from spikingtac_paper.live.board import EVENTS, Board, Datagrams, free_port
 from spikingtac_paper.live.recording import SETTLED_S, Recording, address, lost_by_kernel
 from spikingtac_paper.live.user import User
 
-RATE_EV_S = 500_000.0
-"""Events per second of most faults: a skin that moves."""
-STEP_S = 2.0
-"""By how much the clock leaps, s."""
-SMALL_BYTES = 1 << 20
-"""Room of a ring that is to overrun: 0.1 million events."""
-DISK_BYTES = 2 << 20
-"""Size of the disk that runs full."""
+RATE_EV_S = 500_000.0  # Events per second of most faults: a skin that moves.
+STEP_S = 2.0  # By how much the clock leaps, s.
+SMALL_BYTES = 1 << 20  # Room of a ring that is to overrun: 0.1 million events.
+DISK_BYTES = 2 << 20  # Size of the disk that runs full.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -214,6 +210,8 @@ def clock_step_back(folder: Path, seconds: float) -> Outcome:
 
 
 Fault = Callable[[Path, float], Outcome]
+
+# Name -> fault, and the length of its short and its long form, s.
 FAULTS: dict[str, tuple[Fault, float, float]] = {
     "camera unplugged and back": (unplugged, 1.0, 20.0),
     "consumer killed": (killed_user, 1.0, 20.0),
@@ -223,4 +221,3 @@ FAULTS: dict[str, tuple[Fault, float, float]] = {
     "process paused": (paused, 1.0, 5.0),
     "ring overrun": (overrun, 1.0, 20.0),
 }
-"""Name -> fault, and the length of its short and its long form, s."""

@@ -14,10 +14,8 @@ from spikingtac_paper.live.board import EVENTS, Board, free_port
 from spikingtac_paper.live.faults import RATE_EV_S, Fault, Outcome, kinds_of, recorded
 from spikingtac_paper.live.recording import LOOK_S, Recording, address, lost_by_kernel, verb
 
-STRANGERS = 100
-"""Datagrams of strangers before the camera sends."""
-FLOOD = 4.0
-"""Rate of a flood over that of the camera."""
+STRANGERS = 100  # Datagrams of strangers before the camera sends.
+FLOOD = 4.0  # Rate of a flood over that of the camera.
 
 
 def flood(folder: Path, seconds: float) -> Outcome:
@@ -102,6 +100,7 @@ def killed_recorder(folder: Path, seconds: float) -> Outcome:
     return Outcome(sent=sent, kept=told["readable"], lost=0, seen=seen, recovered=recovered)
 
 
+# Name -> attack, and the length of its short and its long form, s.
 ATTACKS: dict[str, tuple[Fault, float, float]] = {
     "flood by another sender": (flood, 1.0, 10.0),
     "strangers before the camera": (lockout, 1.0, 10.0),
@@ -110,4 +109,3 @@ ATTACKS: dict[str, tuple[Fault, float, float]] = {
     "two recorders": (two_recorders, 3.0, 10.0),
     "recorder killed": (killed_recorder, 1.0, 10.0),
 }
-"""Name -> attack, and the length of its short and its long form, s."""

@@ -19,8 +19,9 @@ from spikingtac_paper.live.recording import Recording, address, lost_by_kernel, 
 from spikingtac_paper.live.user import User
 
 MEGA = 1e6
+
+# Markers of the sensor that the load stands for; its events are noise.
 GRID, PITCH_PX, RADIUS_PX = (8, 8), 36.0, 7.0
-"""Markers of the sensor that the load stands for; its events are noise."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -42,13 +43,13 @@ class Load:
     seconds: tuple[float, float]
 
 
+# Name -> load.
 LOADS = {
     "10 Mev/s, view + record + loop": Load(mev_s=10.0, used=True, seconds=(5.0, 60.0)),
     "4 sensors x 2 Mev/s": Load(sensors=4, mev_s=2.0, seconds=(5.0, 60.0)),
     "bursts of 50 Mev/s": Load(mev_s=50.0, burst_s=0.04, seconds=(5.0, 60.0)),
     "2 Mev/s, view + record + loop": Load(mev_s=2.0, used=True, seconds=(5.0, 60.0)),
 }
-"""Name -> load."""
 
 
 def calibration() -> st.Calibration:

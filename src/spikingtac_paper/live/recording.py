@@ -16,11 +16,9 @@ from typing import Any
 from spikingtac.events import open_events
 from spikingtac_paper.live.board import EVENTS, SIZE
 
-PATIENCE_S = 120.0
-"""Longest wait for the verb, s: it may compile first."""
+PATIENCE_S = 120.0  # Longest wait for the verb, s: it may compile first.
 LOOK_S = 0.02
-SETTLED_S = 0.5
-"""Time in which a recorder takes some of what waits for it, s."""
+SETTLED_S = 0.5  # Time in which a recorder takes some of what waits for it, s.
 
 
 def verb(*words: str) -> list[str]:

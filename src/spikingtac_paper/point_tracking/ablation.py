@@ -20,22 +20,19 @@ from spikingtac_paper.trials.methods import (
 )
 from spikingtac_paper.trials.trial import Trial
 
-ABLATION_SCENES = ("mixed", "finger-slides", "drag-release")
-"""Trajectories of the ablations."""
+ABLATION_SCENES = ("mixed", "finger-slides", "drag-release")  # Trajectories of the ablations.
 
+# Methods that run under every light, noise and loss; the variants run with three cameras.
 COMPARED = ("default", "fast", "paper")
-"""Methods that run under every light, noise and loss; the variants run with three cameras."""
 
 RATES_HZ = (100, 350, 2_000, 10_000)
 LOSSES = (0.1, 0.3, 0.5)
 CONTRASTS = (3.0, 4.5, 9.0, 12.0)
 CAPS_MEV_S = (0.5, 1.0)
 BLURS_PX = (1.0, 1.5)
-NOISES_HZ = (0.3, 1.0, 3.0)
-"""Background rates per pixel that replace the rate of ``typical``, Hz."""
+NOISES_HZ = (0.3, 1.0, 3.0)  # Background rates per pixel that replace the rate of ``typical``, Hz.
 
-SHIFT_PX = 1.0
-"""Error of the wrong calibration, px."""
+SHIFT_PX = 1.0  # Error of the wrong calibration, px.
 
 
 def ablation_methods() -> dict[str, Method]:

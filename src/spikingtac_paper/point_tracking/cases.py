@@ -8,30 +8,27 @@ from pathlib import Path
 from spikingtac.sim import TRAJECTORIES
 from spikingtac_paper.trials.trial import V2E, Trial
 
-ALL = "all"
-"""Case of all ten trajectories together."""
+ALL = "all"  # Case of all ten trajectories together.
 
+# Prefix of a case -> camera preset, and fraction of the events that is lost in addition.
 CAMERAS: dict[str, tuple[str, float]] = {
     "": ("typical", 0.0),
     "noisy/": ("noisy", 0.0),
     "noisy-loss30/": ("noisy", 0.3),
 }
-"""Prefix of a case -> camera preset, and fraction of the events that is lost in addition."""
 
-DAMAGES = (1, 4, 8)
-"""Numbers of damaged markers."""
+DAMAGES = (1, 4, 8)  # Numbers of damaged markers.
 
+# Trajectories with damaged markers; a quick run uses the first one.
 DAMAGE_SCENES = ("mixed", "finger-slides", "finger-torsion")
-"""Trajectories with damaged markers; a quick run uses the first one."""
 
 FIFTY, LOOPS = "fifty-contacts", "loops"
 
 
+# Methods that only a full run uses, with the typical camera and v2e.
 VARIANTS = ("paper-printed", "evetac-strong")
-"""Methods that only a full run uses, with the typical camera and v2e."""
 
-QUICK_MOTION_S = 1.5
-"""A quick run leaves out the motions of a trajectory that begin later, s."""
+QUICK_MOTION_S = 1.5  # A quick run leaves out the motions of a trajectory that begin later, s.
 
 
 def trajectory_trials(prefix: str, seeds: range) -> list[Trial]:

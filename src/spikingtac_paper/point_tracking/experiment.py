@@ -31,11 +31,14 @@ from spikingtac_paper.trials.runner import TrialJob, run_all
 from spikingtac_paper.trials.trial import V2E, Trial
 
 NAME = "point-tracking"
-FULL_SEEDS = 5
-"""Seeds of a full run."""
+FULL_SEEDS = 5  # Seeds of a full run.
+
+# Cases whose tables the page shows first.
 FIRST = (*(prefix + ALL for prefix in CAMERAS), f"{V2E}/mix", LOOPS, FIFTY,
          *(f"broken-{count}" for count in DAMAGES))  # fmt: skip
-"""Cases whose tables the page shows first."""
+
+# (method, metric) of the case ``all`` -> number in the paper's table 'Performance Comparison of
+# Point Tracking Algorithms', measured on its authors' hardware.
 PUBLISHED: dict[tuple[str, str], float] = {
     ("paper", "success_rate"): 1.0,
     ("paper", "return_mean_px"): 0.8039,
@@ -47,10 +50,9 @@ PUBLISHED: dict[tuple[str, str], float] = {
     ("neutac", "return_mean_px"): 1.4212,
     ("neutac", "return_std_px"): 0.5742,
 }
-"""(method, metric) of the case ``all`` -> number in the paper's table 'Performance Comparison of
-Point Tracking Algorithms', measured on its authors' hardware."""
+
+# Methods of the figures.
 DRAWN = ("default", "fast", "paper", "evetac", "neutac", "ekalibr", TRUTH)
-"""Methods of the figures."""
 
 
 def run(options: RunOptions) -> dict[str, Any]:

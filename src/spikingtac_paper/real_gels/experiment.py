@@ -29,17 +29,15 @@ from spikingtac_paper.trials.prediction import Prediction
 from spikingtac_paper.trials.trial import calibration_digest, kept_calibration
 
 NAME = "real"
-OWN = ("default", "fast", "paper")
-"""Methods whose results stand on the first page."""
-QUICK_CASES = ("real-presses", "sim-presses/itself")
-"""Cases of a quick run."""
-FOLDER = "gel"
-"""Folder of these recordings below that of the foreign recordings."""
+OWN = ("default", "fast", "paper")  # Methods whose results stand on the first page.
+QUICK_CASES = ("real-presses", "sim-presses/itself")  # Cases of a quick run.
+FOLDER = "gel"  # Folder of these recordings below that of the foreign recordings.
 
+# Where the events come from: a transparent model, the simulator v2e, or a real sensor.
 SIMULATED, V2E, RECORDED = "simulated", "v2e", "recorded"
-"""Where the events come from: a transparent model, the simulator v2e, or a real sensor."""
+
+# Rate at which estimates are stored and scored, Hz; a real recording lasts for minutes.
 KEPT_HZ = 250.0
-"""Rate at which estimates are stored and scored, Hz; a real recording lasts for minutes."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -77,6 +75,7 @@ class GelCase:
         return all((folder / name).is_file() for name in self.files())
 
 
+# All cases, the real recording first.
 CASES = (
     GelCase(name="real-presses", events="real_presses.aedat4", source=RECORDED,
             reference="real_presses.reference.npz"),
@@ -88,7 +87,6 @@ CASES = (
             slides="gel_bootstrap.raw", truth="gel.truth.npz"),
     GelCase(name="gel/itself", events="gel.raw", source=V2E, truth="gel.truth.npz"),
 )  # fmt: skip
-"""All cases, the real recording first."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

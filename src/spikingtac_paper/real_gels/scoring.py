@@ -18,13 +18,13 @@ from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.metrics import LOST_US, SUCCESS_PX, longest_duration_us
 from spikingtac_paper.trials.prediction import Prediction
 
+# Index of the first standing place that is scored: before it the reference is not good enough (it
+# closes to 0.2 to 0.5 px from the third contact on).
 FIRST_PLATEAU = 4
-"""Index of the first standing place that is scored: before it the reference is not good enough
-(it closes to 0.2 to 0.5 px from the third contact on)."""
 
-SETTLE_US = 300_000
-"""Time after a burst in which the gel still creeps visibly; it is left out."""
+SETTLE_US = 300_000  # Time after a burst in which the gel still creeps visibly; it is left out.
 
+# What is reported, in the order of the columns.
 METRICS: tuple[Metric, ...] = (
     Metric("error_mean_px", "px", "mean distance of detected_px to the truth, all markers, times"),
     Metric("error_p95_px", "px", "95th percentile of the same distances"),
@@ -40,7 +40,6 @@ METRICS: tuple[Metric, ...] = (
     Metric("missing_markers", "markers", "true markers that the calibration has not", "sum"),
     Metric("lost_markers", "markers", "markers more than 5 px off for more than 50 ms", "sum"),
 )  # fmt: skip
-"""What is reported, in the order of the columns."""
 
 TRUTH_METRICS = ("error_mean_px", "error_p95_px", "error_max_px", "lost_markers",
                  "rest_mean_px", "rest_max_px", "missing_markers")  # fmt: skip

@@ -32,15 +32,14 @@ NAME = "throughput"
 CAMERAS = ("typical", "noisy")
 OWN = ("default", "fast", "paper")
 PACED = ("default", "fast")
-FAST_US = 100
-"""Period of ``fast``: 10 kHz."""
+FAST_US = 100  # Period of ``fast``: 10 kHz.
 
-TURNS, QUICK_TURNS = 20, 6
-"""Full circles of the skin's motion in the stream: about 3.5 s, 1 s."""
+TURNS, QUICK_TURNS = 20, 6  # Full circles of the skin's motion in the stream: about 3.5 s, 1 s.
 
 PACED_S, QUICK_PACED_S = 30.0, 5.0
+
+# Slow peers estimate at every n-th window only, to bound the duration; times are per estimate.
 SLOW_EVERY = {"trackpy": 10}
-"""Slow peers estimate at every n-th window only, to bound the duration; times are per estimate."""
 
 METRICS = by_name(
     Metric("step_p50_us", "us", "median of absorb + estimate, free running, one core"),

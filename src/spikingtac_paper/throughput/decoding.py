@@ -14,12 +14,12 @@ from spikingtac.types import EventPacket
 from spikingtac_paper.harness.report import Metric, Row
 
 ENCODINGS = ("evt2", "evt21", "evt3")
+
+# Runs of each measurement; the fastest counts, since other load only makes a run slower.
 REPEATS = 5
-"""Runs of each measurement; the fastest counts, since other load only makes a run slower."""
 
 WINDOW_US = 1_000
-PACKET_US = 10_000
-"""Length of the packets of the count and map measurement."""
+PACKET_US = 10_000  # Length of the packets of the count and map measurement.
 
 
 def decoder_rows(events: EventPacket, folder: Path) -> Iterator[Row]:

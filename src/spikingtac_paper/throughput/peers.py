@@ -22,14 +22,11 @@ from spikingtac.markers import (
 from spikingtac.types import EventPacket, MarkerFrame
 
 WHITE = 255
-BLUR_PX = 7
-"""Side of the box that cleans the map: the best of those tried on recordings."""
+BLUR_PX = 7  # Side of the box that cleans the map: the best of those tried on recordings.
 
-FLOW_WINDOW_PX = 21
-"""Side of Lucas-Kanade's window: a marker and its edge."""
+FLOW_WINDOW_PX = 21  # Side of Lucas-Kanade's window: a marker and its edge.
 
-FIELDS_PER_MARKER = 1.5
-"""trackpy's separation, in marker diameters."""
+FIELDS_PER_MARKER = 1.5  # trackpy's separation, in marker diameters.
 
 Locate = Callable[[NDArray[np.uint8]], NDArray[np.float64]]
 
@@ -144,12 +141,12 @@ def lucas_kanade(calibration: Calibration) -> PeerTracker:
     return PeerTracker(locate, calibration, tracks=True)
 
 
+# Name -> how to build it.
 PEERS: dict[str, Callable[[Calibration], PeerTracker]] = {
     "opencv_tuned": opencv_tuned,
     "trackpy": trackpy_locate,
     "lucas_kanade": lucas_kanade,
 }
-"""Name -> how to build it."""
 
 
 def _opencv() -> Any:

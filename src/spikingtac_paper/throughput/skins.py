@@ -30,13 +30,12 @@ NAME = "skins"
 METHODS = ("default", "fast")
 RATES_MEV_S = (2, 10, 50)
 DURATION_US, QUICK_DURATION_US = 400_000, 120_000
+
+# Distance of the lens: a wide skin is seen without distortion, so that all its markers are alike
+# (ours).
 FAR_MM = 200.0
-"""Distance of the lens: a wide skin is seen without distortion, so that all its markers are alike
-(ours)."""
-TRY_US = 50_000
-"""Length of a trial, from which the speed for the wanted rate follows, us."""
-FIRST_TURNS_HZ = 2.0
-"""Circles per second of the first trial, for 64 markers and 1 Mev/s."""
+TRY_US = 50_000  # Length of a trial, from which the speed for the wanted rate follows, us.
+FIRST_TURNS_HZ = 2.0  # Circles per second of the first trial, for 64 markers and 1 Mev/s.
 METRICS = by_name(
     Metric("step_p50_us", "us", "median of absorb + estimate, every ms, free running"),
     Metric("step_p99_us", "us", "99th percentile of the same"),

@@ -16,11 +16,10 @@ from spikingtac.types import EventPacket
 from spikingtac_paper.throughput.stream import BenchStream
 
 US_PER_S = 1e6
-PACE_US = 1_000
-"""Period of the paced run: 1 kHz."""
+PACE_US = 1_000  # Period of the paced run: 1 kHz.
 
+# Fraction of the steps that runs first and is not timed: kernels compile, caches fill.
 WARM_UP_SHARE = 0.1
-"""Fraction of the steps that runs first and is not timed: kernels compile, caches fill."""
 
 
 @dataclass(frozen=True, slots=True)

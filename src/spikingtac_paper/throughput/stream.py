@@ -10,18 +10,14 @@ from spikingtac.sim import EventCamera, Optics, Scene, image_radius_px, load_sce
 from spikingtac.types import EventPacket
 from spikingtac_paper.trials.ground_truth import GroundTruth
 
-TARGET_HZ = 2.0e6
-"""Events per second of the throughput bench: a busy tactile recording."""
-CIRCLE_MM = 0.33
-"""Radius of the circle, mm: about 5 px."""
-FIRST_GUESS_HZ = 4.0
-"""Circles per second of the first trial; the rate of events grows with it."""
-IMAGE_US = 1_000
-"""Time between two images, us; the camera moves the markers linearly in between."""
-TRY_US = 500_000
-"""Length of a trial, us."""
+TARGET_HZ = 2.0e6  # Events per second of the throughput bench: a busy tactile recording.
+CIRCLE_MM = 0.33  # Radius of the circle, mm: about 5 px.
+FIRST_GUESS_HZ = 4.0  # Circles per second of the first trial; the rate of events grows with it.
+IMAGE_US = 1_000  # Time between two images, us; the camera moves the markers linearly in between.
+TRY_US = 500_000  # Length of a trial, us.
+
+# Noise and dead time make the rate less than proportional: after one trial it is 5 % low.
 TRIES = 2
-"""Noise and dead time make the rate less than proportional: after one trial it is 5 % low."""
 
 
 @dataclass(frozen=True, slots=True)

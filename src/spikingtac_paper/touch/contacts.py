@@ -49,82 +49,73 @@ class Body:
         return float(rng.uniform(0.0, 180.0)) if self.turned else 0.0
 
 
-BOTH_RADII = ("radius_x_mm", "radius_y_mm")
-"""Settings of a body that is round about its axis."""
+BOTH_RADII = ("radius_x_mm", "radius_y_mm")  # Settings of a body that is round about its axis.
+
+# Bodies that are alike from all sides.
 ROUND = (
     Body("ball", "ball", {BOTH_RADII: (3.0, 8.0)}, (0.4, 0.9)),
     Body("punch", "punch", {("radius_mm",): (2.0, 4.5)}, (0.2, 0.45)),
     Body("finger", "finger", {BOTH_RADII: (6.0, 8.0)}, (1.2, 2.2)),
 )
-"""Bodies that are alike from all sides."""
 _CAP_MM = {
     ("radius_x_mm",): (5.0, 20.0),
     ("radius_y_mm",): (5.0, 20.0),
     ("half_height_mm",): (5.0, 12.0),
 }
 _ROD_MM = {("radius_mm",): (2.0, 6.0), ("length_mm",): (2.0, 8.0)}
+
+# Bodies that are longer in one direction.
 LONG = (
     Body("ellipsoid", "ball", _CAP_MM, (0.4, 0.8), turned=True),
     Body("rod", "probe", _ROD_MM, (0.3, 0.8), turned=True),
 )
-"""Bodies that are longer in one direction."""
-TAUGHT = (*ROUND, *LONG)
-"""Bodies that the slip model is fitted to."""
-TESTED = (*ROUND, Body("spoon", "spoon", {}, (0.4, 0.8)))
-"""Bodies that it is tested on: the spoon was never seen."""
+TAUGHT = (*ROUND, *LONG)  # Bodies that the slip model is fitted to.
 
-FRICTIONS = (0.25, 0.95)
-"""Range of the coefficients of friction, unless some are given."""
-SPEEDS_MM_S = (2.0, 80.0)
-"""Range of the drags' speeds, mm/s; their logarithms are uniform."""
-FAST_MM_S = 20.0
-"""Speed above which the gel is stepped every 2 ms instead of 4."""
-SLIDE_MM = (2.5, 4.5)
-"""Range of the slides' lengths, mm; longer than any contact sticks."""
-SHORT_MM = (0.2, 1.2)
-"""Range of the drags that are to stick, mm per unit of friction."""
-TURN_DEG = (15.0, 60.0)
-"""Range of the twists' angles, degrees."""
+# Bodies that it is tested on: the spoon was never seen.
+TESTED = (*ROUND, Body("spoon", "spoon", {}, (0.4, 0.8)))
+
+FRICTIONS = (0.25, 0.95)  # Range of the coefficients of friction, unless some are given.
+SPEEDS_MM_S = (2.0, 80.0)  # Range of the drags' speeds, mm/s; their logarithms are uniform.
+FAST_MM_S = 20.0  # Speed above which the gel is stepped every 2 ms instead of 4.
+SLIDE_MM = (2.5, 4.5)  # Range of the slides' lengths, mm; longer than any contact sticks.
+SHORT_MM = (0.2, 1.2)  # Range of the drags that are to stick, mm per unit of friction.
+TURN_DEG = (15.0, 60.0)  # Range of the twists' angles, degrees.
+
+# Ranges of the twists' speeds at their rim, mm/s.
 TWIST_MM_S, SLOW_TWIST_MM_S = (1.0, 8.0), (1.0, 3.0)
-"""Ranges of the twists' speeds at their rim, mm/s."""
-TWIST_ARM_MM = 3.0
-"""Radius of that rim, mm."""
-LEAST_SPEED_MM_S = 4.0
-"""Slowest motion there and back, mm/s: slower ones take too long."""
-PLACE_MM = 2.5
-"""Contacts begin within this distance of the middle, per axis, mm."""
-LIFT_S = 0.2
-"""Duration of the release, s."""
+TWIST_ARM_MM = 3.0  # Radius of that rim, mm.
+LEAST_SPEED_MM_S = 4.0  # Slowest motion there and back, mm/s: slower ones take too long.
+PLACE_MM = 2.5  # Contacts begin within this distance of the middle, per axis, mm.
+LIFT_S = 0.2  # Duration of the release, s.
+
+# How every contact ends.
 RELEASE = (
     SegmentConfig(kind="hold", duration_s=0.2),
     SegmentConfig(kind="lift", height_mm=0.3, duration_s=LIFT_S),
 )
-"""How every contact ends."""
-SLOW_MM_S = (1.5, 6.0)
-"""Range of the speeds of motions that are slow by their kind, mm/s."""
-ROLL_MM, ROLLS_MM = 7.0, (3.0, 15.0)
-"""Radius of a rolling body, and range where it is drawn, mm."""
+SLOW_MM_S = (1.5, 6.0)  # Range of the speeds of motions that are slow by their kind, mm/s.
+ROLL_MM, ROLLS_MM = 7.0, (3.0, 15.0)  # Radius of a rolling body, and range where it is drawn, mm.
+
+# What is drawn from: slides count twice.
 KINDS = ("slide", "slide", "stick", "twist", "rub", "short-rub", "circle", "roll", "deepen",
          "twice")  # fmt: skip
-"""What is drawn from: slides count twice."""
+
+# What half of the slip model is fitted to: more slow motions, and rolls of any radius.
 VARIED_KINDS = (*KINDS, "slow-slide", "slow-twist", "slow-circle", "any-roll")
-"""What half of the slip model is fitted to: more slow motions, and rolls of any radius."""
+
+# A body that is held and disturbed, as when it is carried; drawn only where it is asked for.
 CARRY = "carry"
-"""A body that is held and disturbed, as when it is carried; drawn only where it is asked for."""
-HOLD = "hold"
-"""A body that is pressed and held still for long; drawn only where it is asked for."""
-HOLD_S = 20.0
-"""Duration of that, s."""
+HOLD = "hold"  # A body that is pressed and held still for long; drawn only where it is asked for.
+HOLD_S = 20.0  # Duration of that, s.
+
+# Kinds in which a body stays about where it was pressed.
 IN_PLACE = ("twist", "circle", "slow-twist", "slow-circle", CARRY, HOLD)
-"""Kinds in which a body stays about where it was pressed."""
-CARRY_MOVES = 10
-"""Disturbances of one carried body, a second each."""
+CARRY_MOVES = 10  # Disturbances of one carried body, a second each.
+
+# Largest distance of a carried body from where it was taken, mm per unit of friction.
 CARRY_MM = 0.3
-"""Largest distance of a carried body from where it was taken, mm per unit of friction."""
-CARRY_DEPTH = (0.9, 1.15)
-"""Range of its depths, as a share of the first."""
-CARRY_REST_S = (0.1, 1.0)
-"""Range of the rests between its moves, s."""
+CARRY_DEPTH = (0.9, 1.15)  # Range of its depths, as a share of the first.
+CARRY_REST_S = (0.1, 1.0)  # Range of the rests between its moves, s.
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,9 +50,10 @@ METRICS: tuple[Metric, ...] = (
     *patches.METRICS,
     *slip.METRICS,
 )
+
+# Cases on the first page.
 FIRST = ("force/pooled", "wrench/all", "wrench-typical/all", "wrench-noisy/all", "touches/all",
          "patch/all", "slip/all", "held/all")  # fmt: skip
-"""Cases on the first page."""
 
 
 def run(options: RunOptions) -> dict[str, Any]:

@@ -24,17 +24,12 @@ from spikingtac_paper.touch.watched import record, watch
 
 Field = NDArray[np.float64]
 
-FOLDER = "force"
-"""Folder of the series of a real gel below that of the recordings."""
+FOLDER = "force"  # Folder of the series of a real gel below that of the recordings.
 FORCES = ("fx", "fy", "fz")
-NOISE_PX = 0.1
-"""Error of a marker's place, per axis, px: that of the tracker ``default`` (ours)."""
-STEPS = 3
-"""Every so many steps of the gel are used."""
-RATE_HZ = 250.0
-"""Estimates per second: those of the gel's steps."""
-TESTED_SEED = 100
-"""Seed of the tested scenes, from that of the taught ones on."""
+NOISE_PX = 0.1  # Error of a marker's place, per axis, px: that of the tracker ``default`` (ours).
+STEPS = 3  # Every so many steps of the gel are used.
+RATE_HZ = 250.0  # Estimates per second: those of the gel's steps.
+TESTED_SEED = 100  # Seed of the tested scenes, from that of the taught ones on.
 N_MM_PER_NM = 1e3
 TAUGHT = tuple(
     f"train-{kind}" for kind in ("presses", "slides", "torsion", "rubs", "circles", "drag")
@@ -42,8 +37,9 @@ TAUGHT = tuple(
 TESTED = ("finger-presses", "finger-slides", "finger-torsion", "comb-slides", "spoon-circles",
           "finger-rolls", "mixed", "drag-release")  # fmt: skip
 QUICK_TESTED = TESTED[:3]
+
+# Cameras through which the tested contacts are also seen, and tracked by ``default``.
 CAMERAS = ("typical", "noisy")
-"""Cameras through which the tested contacts are also seen, and tracked by ``default``."""
 RECORDED_METHODS = {
     "force": "ridge regression and Gaussian process on the field's shape (spikingtac force fit)",
     "mlp": "a plain multilayer perceptron, 512-256-128, dropout, 70 epochs (needs torch)",

@@ -27,18 +27,17 @@ Field = NDArray[np.float64]
 
 PRESSES, QUICK_PRESSES = 120, 12
 BODIES = (*TESTED, *LONG)
-CAMERAS = ("typical", "noisy")
-"""Cameras, in turns."""
+CAMERAS = ("typical", "noisy")  # Cameras, in turns.
+
+# Seed of the first press, and how many further on those of the next seed begin.
 FIRST_SEED, SEED_STRIDE = 900_000, 1_000
-"""Seed of the first press, and how many further on those of the next seed begin."""
-PLACE_MM = 4.0
-"""Presses lie within this distance of the middle, per axis, mm."""
-WIDE_MM = 3.0
-"""Narrower diameter from which a patch is asked to be right, mm."""
+PLACE_MM = 4.0  # Presses lie within this distance of the middle, per axis, mm.
+WIDE_MM = 3.0  # Narrower diameter from which a patch is asked to be right, mm.
 ASKED = 0.7
+
+# Shares of the largest value from which a marker belongs to the simpler methods' regions (ours:
+# the best of 0.2 to 0.8 on 240 other presses).
 STRAIN_SHARE, EVENT_SHARE = 0.6, 0.75
-"""Shares of the largest value from which a marker belongs to the simpler methods' regions (ours:
-the best of 0.2 to 0.8 on 240 other presses)."""
 METHODS = {
     "patch-model": "the touched cells of the skin, from the motion of the markers around them",
     "strained-region": "markers that are strained by a share of the largest strain",
@@ -209,12 +208,12 @@ def region_above(reference_px: Field, values: Field, share: float) -> Patch:
     return patch_of_cells(corners, np.maximum(values[inside], 1e-12))
 
 
+# What each method tells of a press that was noticed.
 REGIONS: dict[str, Callable[[WatchedPress], Patch]] = {
     "patch-model": _model_patch,
     "strained-region": _strained,
     "event-region": _eventful,
 }
-"""What each method tells of a press that was noticed."""
 
 
 def patch_scores(press: WatchedPress, region: Callable[[WatchedPress], Patch]) -> dict[str, float]:

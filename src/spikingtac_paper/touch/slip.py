@@ -30,63 +30,64 @@ Flags = NDArray[np.bool_]
 
 FRICTIONS = (0.3, 0.45, 0.6, 0.75, 0.9)
 CONTACTS, QUICK_CONTACTS = 60, 12
+
+# Contacts that are held: false alarms are counted over their minutes.
 HELD_CONTACTS, QUICK_HELD_CONTACTS = 60, 2
-"""Contacts that are held: false alarms are counted over their minutes."""
-HELD_KINDS = (CARRY, CARRY, HOLD)
-"""What is done with them, in turns."""
+HELD_KINDS = (CARRY, CARRY, HOLD)  # What is done with them, in turns.
+
+# Generator's seed of the first of them, from that of the other contacts on. So the held bodies of
+# a seed have the bodies and frictions of the contacts five seeds later, under another motion.
 HELD_SEED = 5_000
-"""Generator's seed of the first of them, from that of the other contacts on. So the held bodies of
-a seed have the bodies and frictions of the contacts five seeds later, under another motion."""
+
+# Generators' seeds from here on are those of contacts that the model was fitted to.
 TAUGHT_SEED = 20_000
-"""Generators' seeds from here on are those of contacts that the model was fitted to."""
-SEED_STRIDE = 1_000
-"""Generators' seeds from one seed of the experiment to the next."""
+SEED_STRIDE = 1_000  # Generators' seeds from one seed of the experiment to the next.
+
+# Seeds whose contacts the model was not fitted to.
 SEEDS = range((TAUGHT_SEED - HELD_SEED) // SEED_STRIDE)
-"""Seeds whose contacts the model was not fitted to."""
+
+# Kinds in which a body does not slide as a whole for long; only false alarms count there.
 NO_KIND_OF_SLIDE = ("stick", "short-rub", "roll", CARRY, HOLD)
-"""Kinds in which a body does not slide as a whole for long; only false alarms count there."""
-SLOW_MM_S = 20.0
-"""Speed below which an incipient slip must be told ahead of the gross one, mm/s."""
+SLOW_MM_S = 20.0  # Speed below which an incipient slip must be told ahead of the gross one, mm/s.
 
-STOP_SHARE = 0.2
-"""Share of its fastest growth below which a shift has stopped (ours)."""
-STOP_SPAN = 20
-"""Frames over which growth is taken: 20 ms (ours)."""
+STOP_SHARE = 0.2  # Share of its fastest growth below which a shift has stopped (ours).
+STOP_SPAN = 20  # Frames over which growth is taken: 20 ms (ours).
+
+# Growth of the mean shift in that time above which the skin moves, px (ours: five times its
+# error).
 LEAST_GROWTH_PX = 0.1
-"""Growth of the mean shift in that time above which the skin moves, px (ours: five times its
-error)."""
 
-LEAST_CELLS = 20
-"""Cells of the skin below which a share of them says little (ours: 3 mm2)."""
-ARM_MM = 3.0
-"""Arm at which a turn counts as a motion, mm."""
-STILL_MM_S = 0.5
-"""Speed of the body below which it stands, mm/s."""
+LEAST_CELLS = 20  # Cells of the skin below which a share of them says little (ours: 3 mm2).
+ARM_MM = 3.0  # Arm at which a turn counts as a motion, mm.
+STILL_MM_S = 0.5  # Speed of the body below which it stands, mm/s.
+
+# Sticking share below which a contact has slipped: what it carries while it stands is no longer
+# told by what sticks.
 SLIPPED_SHARE = 0.9
-"""Sticking share below which a contact has slipped: what it carries while it stands is no longer
-told by what sticks."""
 
-GROSS_SHARE = 0.05
-"""Sticking share below which the whole contact slips."""
+GROSS_SHARE = 0.05  # Sticking share below which the whole contact slips.
+
+# Share from which on a gross slip may be noticed however early; before, it must come within 100
+# ms.
 EARLY_SHARE = 0.35
-"""Share from which on a gross slip may be noticed however early; before, it must come within
-100 ms."""
-LATE_US = 10_000
-"""Delay up to which a gross slip is noticed in time, us."""
-LEAD_US = 20_000
-"""Time by which an incipient slip must come before the gross one, us."""
+LATE_US = 10_000  # Delay up to which a gross slip is noticed in time, us.
+LEAD_US = 20_000  # Time by which an incipient slip must come before the gross one, us.
+
+# Share of a contact that holds: what was told before it held last announces nothing.
 HELD_SHARE = 0.98
-"""Share of a contact that holds: what was told before it held last announces nothing."""
-EARLIER_US = 100_000
-"""Time before that in which an alarm still belongs to this slip, us."""
+EARLIER_US = 100_000  # Time before that in which an alarm still belongs to this slip, us.
+
+# An incipient slip is a false alarm where more sticks all the while: 20 ms before to 300 after.
 STICKS_SHARE = 0.85
-"""An incipient slip is a false alarm where more sticks all the while: 20 ms before to 300 after."""
+
+# A gross slip is a false alarm where more sticks all the while: 20 ms before to 100 after.
 FALSE_GROSS_SHARE = 0.3
-"""A gross slip is a false alarm where more sticks all the while: 20 ms before to 100 after."""
 BEFORE_US, AFTER_INCIPIENT_US, AFTER_GROSS_US = 20_000, 300_000, 100_000
+
+# Share from which a contact counts as sticking: false alarms per ten minutes are counted over it.
+# What is told between the two shares is told of a contact that slips in part: early, if not
+# right.
 STICKING_SHARE = 0.9
-"""Share from which a contact counts as sticking: false alarms per ten minutes are counted over it.
-What is told between the two shares is told of a contact that slips in part: early, if not right."""
 US_PER_MS, US_PER_S = 1e3, 1e6
 
 METHODS = {

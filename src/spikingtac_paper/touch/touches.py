@@ -15,14 +15,10 @@ from spikingtac_paper.touch.watched import record, watch
 SCENES = ("finger-presses", "finger-slides", "finger-torsion", "spoon-rubs", "comb-slides",
           "spoon-circles", "finger-circles", "drag-release", "finger-rolls", "mixed")  # fmt: skip
 QUICK_SCENES = ("finger-slides", "spoon-rubs")
-WINDOW_US = 10_000
-"""Window of the event counts, us."""
-EVENT_SIGMAS = 6.0
-"""Deviations above the quiet mean at which a window of events is a touch."""
-QUIET_WINDOWS = 30
-"""Windows from the start of a recording that are quiet."""
-BEGIN_MS, END_MS = 10.0, 100.0
-"""Errors of begin and end that count as in time, ms."""
+WINDOW_US = 10_000  # Window of the event counts, us.
+EVENT_SIGMAS = 6.0  # Deviations above the quiet mean at which a window of events is a touch.
+QUIET_WINDOWS = 30  # Windows from the start of a recording that are quiet.
+BEGIN_MS, END_MS = 10.0, 100.0  # Errors of begin and end that count as in time, ms.
 US_PER_MS = 1e3
 METHODS = {
     "touches": "the strain of the field, tracker default",
@@ -35,8 +31,7 @@ METRICS = (
     Metric("end_in_time", "1", "share of the found ones whose end errs by 100 ms at most"),
 )
 
-Spans = list[tuple[int, int]]
-"""Begin and end of touches, us."""
+Spans = list[tuple[int, int]]  # Begin and end of touches, us.
 
 
 def touch_records(methods: list[str], seed: int, quick: bool) -> list[dict[str, Any]]:

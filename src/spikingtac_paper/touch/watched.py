@@ -10,8 +10,7 @@ from spikingtac.config import load_config
 from spikingtac.sim import SceneSource
 from spikingtac.types import EventPacket, MarkerFrame
 
-RATE_HZ = 1_000.0
-"""Estimates per second."""
+RATE_HZ = 1_000.0  # Estimates per second.
 
 
 def watch(

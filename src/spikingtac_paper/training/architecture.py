@@ -18,18 +18,14 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-EVFLOWNET_LEVELS = 4
-"""Number of encoders, and of decoders, of EV-FlowNet."""
-RESIDUAL_BLOCKS = 2
-"""Number of residual blocks between them, as in EV-FlowNet."""
-SMOOTHING = (1.0, 4.0, 6.0, 4.0, 1.0)
-"""Binomial weights of the smoothed map, along each axis."""
+EVFLOWNET_LEVELS = 4  # Number of encoders, and of decoders, of EV-FlowNet.
+RESIDUAL_BLOCKS = 2  # Number of residual blocks between them, as in EV-FlowNet.
+SMOOTHING = (1.0, 4.0, 6.0, 4.0, 1.0)  # Binomial weights of the smoothed map, along each axis.
+
+# Initial weight of the smoothed map in the logit. An untrained network is a sharpened blur.
 SMOOTH_GAIN = 6.0
-"""Initial weight of the smoothed map in the logit. An untrained network is a sharpened blur."""
-HALF = 0.5
-"""Level between ground and marker; it is subtracted from the smoothed map."""
-LEAN_LEVELS = 2
-"""Number of resolutions of the lean network: blocks, and pairs of blocks."""
+HALF = 0.5  # Level between ground and marker; it is subtracted from the smoothed map.
+LEAN_LEVELS = 2  # Number of resolutions of the lean network: blocks, and pairs of blocks.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

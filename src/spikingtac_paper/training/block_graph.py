@@ -20,8 +20,7 @@ from spikingtac.denoise import ANSWER, BLOCKS, FORMAT, LEVELS, LOGIT_STEP, LOGIT
 from spikingtac_paper.training.onnx_graph import IR_VERSION, OPSET, Weights, middle_layers
 
 DOMAIN = "com.microsoft"
-WEIGHT_LEVELS = 127
-"""Largest absolute value of a quantised weight."""
+WEIGHT_LEVELS = 127  # Largest absolute value of a quantised weight.
 
 
 class _BlockGraph:

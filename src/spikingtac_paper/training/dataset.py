@@ -23,8 +23,7 @@ from spikingtac.state_map import BinaryStateMap, GradedStateMap, StateMap
 from spikingtac.types import EventPacket
 
 US_PER_S = 1e6
-LEVELS = 255
-"""Largest value of a stored map, one byte per pixel; a step of a graded map is 35."""
+LEVELS = 255  # Largest value of a stored map, one byte per pixel; a step of a graded map is 35.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -29,13 +29,13 @@ from spikingtac.errors import ConfigError, MissingExtraError
 from spikingtac_paper.training.block_graph import build_block_model
 from spikingtac_paper.training.onnx_graph import build_model, lean_layers
 
+# Multiples of a block to which the sides of a map are padded: four halvings, or one.
 EVFLOWNET_MULTIPLE, LEAN_MULTIPLE = 16, 2
-"""Multiples of a block to which the sides of a map are padded: four halvings, or one."""
-RANGE_FRACTION = 1e-4
-"""Fraction of a layer's values that its int8 range excludes at either end.
 
-A finer step for all other values is worth more than a few outliers (ours, measured).
-"""
+# Fraction of a layer's values that its int8 range excludes at either end.
+#
+# A finer step for all other values is worth more than a few outliers (ours, measured).
+RANGE_FRACTION = 1e-4
 _Inputs = dict[str, NDArray[np.float32]]
 EXTRA = "exporting needs onnx and safetensors; install them with: pip install 'spikingtac[train]'"
 

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from spikingtac.denoise import EVIDENCE, FORMAT, INPUT, OUTPUT
 from spikingtac.errors import ConfigError
 
-OPSET = 17
-"""ONNX operator set: that of ONNX Runtime 1.18, the oldest supported version."""
-IR_VERSION = 9
-"""ONNX file version of that operator set."""
+OPSET = 17  # ONNX operator set: that of ONNX Runtime 1.18, the oldest supported version.
+IR_VERSION = 9  # ONNX file version of that operator set.
+
+# As in :mod:`spikingtac_paper.training.architecture`, which needs torch.
 EVFLOWNET_LEVELS, RESIDUAL_BLOCKS = 4, 2
-"""As in :mod:`spikingtac_paper.training.architecture`, which needs torch."""
 Weights = dict[str, NDArray[np.float32]]
 
 

@@ -20,18 +20,18 @@ from spikingtac_paper.training.dataset import LEVELS, Clip, load_clip, make_pair
 from spikingtac_paper.training.export import export_network
 from spikingtac_paper.training.train import LOG_FILE, TrainConfig, train
 
-Advance = Callable[[float], None]
-"""Is called with the fraction of the work that is done, 0 to 1."""
+Advance = Callable[[float], None]  # Is called with the fraction of the work that is done, 0 to 1.
+
+# Returns the recording of a scene and a seed; it renders the scene first if needed.
 SceneRecorder = Callable[[str, int], Path]
-"""Returns the recording of a scene and a seed; it renders the scene first if needed."""
+
+# Clips to train on, and clips of a motion that is not trained on.
 TrainingSet = tuple[list[Clip], list[Clip]]
-"""Clips to train on, and clips of a motion that is not trained on."""
-CONFIGS = ("lean", "evflownet")
-"""Configurations of the package, under ``configs``."""
+CONFIGS = ("lean", "evflownet")  # Configurations of the package, under ``configs``.
+
+# Seed, besides the run's, of the maps on which the int8 ranges are measured.
 CALIBRATION_SEED = 1 << 21
-"""Seed, besides the run's, of the maps on which the int8 ranges are measured."""
-CALIBRATION_MAPS = 128
-"""Number of these maps: few of a hundred are noisy enough to set the ranges."""
+CALIBRATION_MAPS = 128  # Number of these maps: few of a hundred are noisy enough to set the ranges.
 
 
 def load_training_config(name: str, **changes: Any) -> TrainConfig:

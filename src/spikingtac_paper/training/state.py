@@ -15,8 +15,7 @@ from spikingtac.errors import ConfigError, MissingExtraError
 from spikingtac.schema import to_mapping
 from spikingtac_paper.training.architecture import NetworkConfig
 
-FORMAT = "spikingtac-denoiser-1"
-"""Format name in the metadata of a weight file."""
+FORMAT = "spikingtac-denoiser-1"  # Format name in the metadata of a weight file.
 _MOMENTS = ("exp_avg", "exp_avg_sq", "step")
 
 

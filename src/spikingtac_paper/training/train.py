@@ -23,10 +23,10 @@ from spikingtac_paper.training.architecture import NetworkConfig, apply_network,
 from spikingtac_paper.training.dataset import LEVELS, Clip, PairConfig, Pairs, make_pairs
 from spikingtac_paper.training.state import TrainingState, load_state, save_state, save_weights
 
-HELD_OUT_SEED = 1 << 20
-"""Second seed of the held-out pairs; no round has this number."""
+HELD_OUT_SEED = 1 << 20  # Second seed of the held-out pairs; no round has this number.
+
+# Rounds between two evaluations of the held-out loss, which take as long as a dozen steps.
 HELD_OUT_EVERY = 5
-"""Rounds between two evaluations of the held-out loss, which take as long as a dozen steps."""
 CONFIG_FILE, LOG_FILE = "config.json", "log.jsonl"
 STATE_FILE, WEIGHTS_FILE = "state.safetensors", "weights.safetensors"
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from spikingtac.errors import RecordingError
 from spikingtac.events import load_arrays
 
+# Where the truth names no contacts, the last second counts as after the release, us.
 REST_US = 1_000_000
-"""Where the truth names no contacts, the last second counts as after the release, us."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,11 +34,11 @@ from spikingtac_paper.harness.run import code_digest
 from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.prediction import Prediction
 
+# Calibration fields of trackers that use neither steps nor contrast nor lag.
 READ_BY_BASELINES = ("reference_px", "radius_px", "polarity", "size")
-"""Calibration fields of trackers that use neither steps nor contrast nor lag."""
 
+# Name of the method that returns the truth; its return distance is the gel's own residual.
 TRUTH = "truth"
-"""Name of the method that returns the truth; its return distance is the gel's own residual."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,13 +16,13 @@ from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.prediction import Prediction
 
+# Largest return distance of a success and smallest error of a lost marker, px (section V-A).
 SUCCESS_PX = 5.0
-"""Largest return distance of a success and smallest error of a lost marker, px (section V-A)."""
 
-LOST_US = 50_000
-"""Shortest time with a large error after which a marker counts as lost, us (ours)."""
+LOST_US = 50_000  # Shortest time with a large error after which a marker counts as lost, us (ours).
 
 
+# All metrics, in the order of the tables.
 POINT_METRICS: tuple[Metric, ...] = (
     Metric("success_rate", "1", "fraction of trials whose markers all end within 5 px of rest"),
     Metric("return_mean_px", "px", "last estimate: mean distance of position_px to the reference"),
@@ -38,7 +38,6 @@ POINT_METRICS: tuple[Metric, ...] = (
     Metric("lost_markers", "markers", "markers more than 5 px off for more than 50 ms", "sum"),
     Metric("id_swaps", "markers", "markers nearest another's true place for over 50 ms", "sum"),
 )
-"""All metrics, in the order of the tables."""
 
 
 def point_scores(

@@ -23,8 +23,8 @@ from spikingtac_paper.trials.metrics import point_scores
 from spikingtac_paper.trials.prediction import Prediction
 from spikingtac_paper.trials.trial import V2E, Trial, calibration_digest, calibration_of
 
+# Rate at which predictions are stored and scored, Hz. Faster trackers still run at their rate.
 KEPT_HZ = 500.0
-"""Rate at which predictions are stored and scored, Hz. Faster trackers still run at their rate."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

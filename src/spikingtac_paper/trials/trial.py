@@ -20,11 +20,10 @@ from spikingtac.types import EventPacket
 from spikingtac_paper.harness.run import code_digest
 from spikingtac_paper.trials.ground_truth import GroundTruth
 
-BOOTSTRAP_SEED = 1_000_000
-"""Seed of all slides: no sequence of an experiment has it."""
+BOOTSTRAP_SEED = 1_000_000  # Seed of all slides: no sequence of an experiment has it.
 
+# Camera name of the recordings that were made with v2e; they are no part of the package.
 V2E = "v2e"
-"""Camera name of the recordings that were made with v2e; they are no part of the package."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

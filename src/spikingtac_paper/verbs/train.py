@@ -11,8 +11,7 @@ import tyro
 from spikingtac.cli import emit_json, progress, remark
 from spikingtac.errors import MissingExtraError
 
-RECORDINGS = "recordings"
-"""Folder of a run that holds the rendered scenes."""
+RECORDINGS = "recordings"  # Folder of a run that holds the rendered scenes.
 
 
 @dataclass(frozen=True, kw_only=True)

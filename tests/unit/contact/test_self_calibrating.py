@@ -7,8 +7,8 @@ from spikingtac.contact.event_count import QUIET_WINDOWS, RELEASE_WINDOWS, SelfC
 from spikingtac.contact.quiet import unsettled
 from spikingtac.types import EventPacket
 
+# Events per ms on a simulated typical camera: at rest, in a slow slide, while pressing.
 QUIET_COUNT, SLIDE_COUNT, PRESS_COUNT = 18, 46, 120
-"""Events per ms on a simulated typical camera: at rest, in a slow slide, while pressing."""
 
 
 def begun_at(counts: list[int], before: Sequence[int] = ()) -> list[int]:

@@ -12,8 +12,8 @@ from spikingtac.state_map.paint import paint_binary_discs
 from spikingtac_paper.training.export import export_network, read_weights
 from stand_ins.denoiser_training import lean_tensors, noisy_maps, write_weights
 
+# How far the int8 network's logistic function may be off (denoise/network/blocks.py).
 LOGISTIC_ERROR = 0.022
-"""How far the int8 network's logistic function may be off (denoise/network/blocks.py)."""
 
 
 @pytest.fixture(scope="module")

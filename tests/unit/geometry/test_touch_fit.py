@@ -12,12 +12,13 @@ from stand_ins.touching import IdealProber
 
 HEADING_RAD = math.pi / 3 * 30 / 120
 OPEN = TouchFitConfig(prior=HoleFitConfig(radius_sigma_mm=math.inf, center_sigma_mm=math.inf))
+
+# Errors of 30 touches of a flat wall by the default detector on the twin (simulated, seed 1001,
+# preset typical), without the arm's repeatability, um.
 MEASURED_UM = (
     3, -3, 18, 2, 7, -7, -3, 49, -3, -4, 33, 7, -33, 13, -21, -26, 1, -44, 11, 23, -16, -9, 2, -6,
     -8, 13, -1, 13, -8, -1,
 )  # fmt: skip
-"""Errors of 30 touches of a flat wall by the default detector on the twin (simulated, seed 1001,
-preset typical), without the arm's repeatability, um."""
 REPEATABILITY_MM = 0.028
 
 

@@ -26,8 +26,7 @@ RADIUS_PX = 6.0
 REST_PX = np.stack(np.meshgrid(np.arange(20, 140, 33.0), np.arange(20, 110, 33.0)), -1)
 REST_PX = REST_PX.reshape(-1, 2)
 PLAIN = BlobTrackerConfig(support_us=0, refresh_us=0)
-STEPS = 60
-"""Estimates over the path; five steps of 1 ms each."""
+STEPS = 60  # Estimates over the path; five steps of 1 ms each.
 
 
 def calibration(polarity: str = "white", rest_px: np.ndarray = REST_PX) -> Calibration:

@@ -11,8 +11,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from spikingtac.ros2.types import definition, encode, type_hash
 
+# Hash of PointCloud2 as it stands in rcl's own tests, test_type_hash.cpp.
 POINT_CLOUD_HASH = "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5"
-"""Hash of PointCloud2 as it stands in rcl's own tests, test_type_hash.cpp."""
 
 
 def test_the_hash_is_the_one_in_rcl() -> None:

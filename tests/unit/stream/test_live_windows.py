@@ -18,8 +18,7 @@ from spikingtac.stream.windows import live_windows
 from spikingtac.types import Contact, EventPacket, LossCounters
 
 SIZE = (4, 4)
-LONG_S = 20.0
-"""Nobody waits so long in a test that passes."""
+LONG_S = 20.0  # Nobody waits so long in a test that passes.
 
 
 def packet(*t_us: int, begin_us: int | None = None, end_us: int | None = None) -> EventPacket:

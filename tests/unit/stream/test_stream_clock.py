@@ -8,8 +8,7 @@ import pytest
 from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.stream.clock import LEAP_S, StreamClock
 
-OFFSET_S = 1234.5
-"""Host time less sensor time, of a transport that takes no time."""
+OFFSET_S = 1234.5  # Host time less sensor time, of a transport that takes no time.
 
 
 def run(

@@ -186,8 +186,8 @@ def test_a_model_steps_at_its_own_rate_however_often_frames_come() -> None:
 SOURCE_MM, RADIUS_MM, PEAK_MPA, FRICTION = 0.5, 4.0, 0.06, 0.5
 
 
+# Shares of the sliding force under a body that moves at a constant speed (Mindlin 1949).
 LOADS = 1.0 - (1.0 - np.linspace(0.0, 1.0, 400)) ** 1.5
-"""Shares of the sliding force under a body that moves at a constant speed (Mindlin 1949)."""
 
 
 def hertz(r_mm: np.ndarray, radius_mm: float) -> np.ndarray:

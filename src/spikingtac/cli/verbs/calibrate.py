@@ -22,12 +22,11 @@ if TYPE_CHECKING:
     from spikingtac.events.source import EventSource
     from spikingtac.markers.calibration.calibrate import CalibrationConfig
 
-EXIT_FOREIGN = 1
-"""The input is at fault: it does not fit the calibration."""
-MOST_NAMED = 8
-"""Stray spots that are named one by one."""
+EXIT_FOREIGN = 1  # The input is at fault: it does not fit the calibration.
+MOST_NAMED = 8  # Stray spots that are named one by one.
+
+# Figures of a calibration's notes that are told as they are.
 NOTED = ("missing", "doubtful", "explained", "events", "swings", "residual", "scatter_px")
-"""Figures of a calibration's notes that are told as they are."""
 
 
 @dataclass(frozen=True, kw_only=True)

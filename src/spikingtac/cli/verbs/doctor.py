@@ -20,12 +20,13 @@ from spikingtac.cli.options import JsonArgs
 from spikingtac.errors import ConfigError
 
 EXIT_MACHINE = 3
-VIEWER_PORT = 8765
-"""Port of ``spikingtac view`` unless given."""
+VIEWER_PORT = 8765  # Port of ``spikingtac view`` unless given.
+
+# Buffer that a camera's datagrams ask for (``cameras/udp.py``): 0.7 s at 3 Mev/s.
 SOCKET_BUFFER_BYTES = 8 << 20
-"""Buffer that a camera's datagrams ask for (``cameras/udp.py``): 0.7 s at 3 Mev/s."""
+
+# Interval of deliveries from which on a window of 1 ms is no latency of 1 ms.
 LATENCY_LIMIT_MS = 1.0
-"""Interval of deliveries from which on a window of 1 ms is no latency of 1 ms."""
 SLOW_DELIVERY = (
     "ask the maker's driver for smaller transfers (openmv: words=1024; OpenEB's kernel driver: "
     "mipi_frame_period)"
@@ -35,15 +36,16 @@ CACHE_REMEDY = (
     "it cannot be written: set NUMBA_CACHE_DIR to a folder of yours, or every start may compile "
     "again"
 )
+
+# A line of a package's requirements: the library, and the extra that brings it.
 REQUIREMENT = re.compile(r"([\w.-]+)[^;]*(?:;(?:.*\bextra == ['\"](\w+)['\"])?.*)?")
-"""A line of a package's requirements: the library, and the extra that brings it."""
+
+# Module of a distribution beside the package -> where it is installed from.
 INTEGRATIONS = {
     "spikingtac_mujoco": "./integrations/mujoco",
     "lerobot_camera_spikingtac": "./integrations/lerobot_camera_spikingtac",
 }
-"""Module of a distribution beside the package -> where it is installed from."""
-NO_USERS = ("dev",)
-"""Extras for who develops the package."""
+NO_USERS = ("dev",)  # Extras for who develops the package.
 
 
 @dataclass(frozen=True, kw_only=True)

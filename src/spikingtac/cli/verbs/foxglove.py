@@ -10,8 +10,8 @@ from functools import partial
 from spikingtac.cli.messages import remark
 from spikingtac.cli.publishing import PublishArgs, feed_of, publish
 
+# Origins of the Foxglove app in a browser.
 FOXGLOVE_ORIGINS = ("https://app.foxglove.dev", "https://studio.foxglove.dev")
-"""Origins of the Foxglove app in a browser."""
 
 
 @dataclass(frozen=True, kw_only=True)

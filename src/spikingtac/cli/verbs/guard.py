@@ -21,17 +21,16 @@ if TYPE_CHECKING:
     from spikingtac.robot.arm import Arm
     from spikingtac.stream.guard import ContactProcess
 
-POLL_S = 0.02
-"""Time between two looks at the state of the guarding process, s."""
+POLL_S = 0.02  # Time between two looks at the state of the guarding process, s.
+
+# Age of the last state of a guard that watches at which it counts as stalled, s; it is renewed
+# every 0.02 s, and its own watchdog has tripped by then unless it hangs.
 SILENCE_S = 0.15
-"""Age of the last state of a guard that watches at which it counts as stalled, s; it is renewed
-every 0.02 s, and its own watchdog has tripped by then unless it hangs."""
+
+# Wait for the camera or the arm after which the user is told what is waited for, s.
 WAITING_S = 2.0
-"""Wait for the camera or the arm after which the user is told what is waited for, s."""
-ENDED = ("ended", "failed")
-"""Phases after which the guarding process does nothing more."""
-TRIPPED_S = 0.5
-"""Wait after a trip for the end of the guarding process, s: its loop may hang."""
+ENDED = ("ended", "failed")  # Phases after which the guarding process does nothing more.
+TRIPPED_S = 0.5  # Wait after a trip for the end of the guarding process, s: its loop may hang.
 NOT_A_SAFETY_FUNCTION = (
     "note: this is no safety function: it does not replace the robot's protective stop"
 )

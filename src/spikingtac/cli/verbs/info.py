@@ -17,8 +17,7 @@ from spikingtac.file_kinds import TOLD, document_of, kind_of
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
 
-PEAK_WINDOW_US = 1_000
-"""Window of the peak rate, us: that of contact detection."""
+PEAK_WINDOW_US = 1_000  # Window of the peak rate, us: that of contact detection.
 
 US_PER_S = 1_000_000
 EVENTS_PER_MEV = 1_000_000
@@ -155,6 +154,7 @@ def _of_calibration(path: Path) -> dict[str, Any]:
     }
 
 
+# Kind of a file of ours that holds no events -> its figures.
 _FIGURES: dict[str, Callable[[Path], dict[str, Any]]] = {
     "tracks": _of_tracks,
     "truth": _of_truth,
@@ -164,7 +164,6 @@ _FIGURES: dict[str, Callable[[Path], dict[str, Any]]] = {
     "report": _of_report,
     "manifest": _of_manifest,
 }
-"""Kind of a file of ours that holds no events -> its figures."""
 
 
 def summary(source: FileSource) -> dict[str, Any]:

@@ -38,15 +38,15 @@ if TYPE_CHECKING:
     from spikingtac.robot.arm import Arm
     from spikingtac.stream.watched import WatchedWindows
 
-QUIET_WINDOWS = 4000
-"""Windows of the arm at rest from which the detector learns, 1 ms each."""
+QUIET_WINDOWS = 4000  # Windows of the arm at rest from which the detector learns, 1 ms each.
+
+# When a camera's stream counts as lost. The fastest touch then continues for 0.6 mm, or for 1.5
+# mm, which is a force of 0.06 N at 0.04 N/mm.
 LIVE = WatchdogConfig(stale_s=0.1, backlog_s=0.25)
-"""When a camera's stream counts as lost. The fastest touch then continues for 0.6 mm, or for
-1.5 mm, which is a force of 0.06 N at 0.04 N/mm."""
+
+# Wait after the gripper has closed, s (ours: the gel has crept most of its way by then).
 GRIP_SETTLE_S = 1.0
-"""Wait after the gripper has closed, s (ours: the gel has crept most of its way by then)."""
-OPEN = 0
-"""Position of the open gripper."""
+OPEN = 0  # Position of the open gripper.
 ASSUMPTIONS_ON_ARM = (
     *ASSUMPTIONS,
     "delta_crit is the given one in every direction, its spread holds the arm's repeatability",

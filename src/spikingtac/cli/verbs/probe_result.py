@@ -17,11 +17,9 @@ from spikingtac.plots.summary import PICTURE_ENDINGS
 from spikingtac.robot.prober import Touched
 from spikingtac.types import FloatArray
 
-DOCUMENT, PICTURE = "hole.json", "hole.png"
-"""File names in an output folder."""
+DOCUMENT, PICTURE = "hole.json", "hole.png"  # File names in an output folder.
 COORDINATES = ("x_mm", "y_mm", "radius_mm")
-DIGITS = 5
-"""Decimals of lengths in mm: a hundredth of a micrometre."""
+DIGITS = 5  # Decimals of lengths in mm: a hundredth of a micrometre.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,12 +27,12 @@ from spikingtac.sim.rig.wall_calibration import (
     RecordingProber,
 )
 
+# Calibration touches per direction: 16 for the cross, 36 for the adaptive search.
 CYCLES = {CROSS: 4, DEFAULT: 3}
-"""Calibration touches per direction: 16 for the cross, 36 for the adaptive search."""
+
+# Fraction of the computing time that the calibration takes (ours: measured).
 CALIBRATED_FRACTION = 0.6
-"""Fraction of the computing time that the calibration takes (ours: measured)."""
-CALIBRATION_STREAM, SEARCH_STREAM = 4, 5
-"""Numbers of the random streams of the readings."""
+CALIBRATION_STREAM, SEARCH_STREAM = 4, 5  # Numbers of the random streams of the readings.
 ASSUMPTIONS_ON_TWIN = (
     *ASSUMPTIONS,
     "gel, optics, camera, arm, bit and hole are simulated",

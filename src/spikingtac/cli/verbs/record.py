@@ -184,6 +184,7 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     return rows + [(kind, str(count)) for kind, count in summary["losses"].items()]
 
 
+# Why a recording ended, in words.
 ENDED = {
     "closed": "Ctrl-C",
     "seconds": "--seconds",
@@ -191,4 +192,3 @@ ENDED = {
     "lost": "the camera, which is gone",
     "disk": "the disk",
 }
-"""Why a recording ended, in words."""

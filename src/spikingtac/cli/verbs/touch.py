@@ -31,10 +31,8 @@ if TYPE_CHECKING:
     from spikingtac.touch.force.series import WrenchSeries
     from spikingtac.types import MarkerFrame
 
-VIBRATION_WINDOW_S = 1.0
-"""Length of a spectrum of vibration, s: bins of 1 Hz."""
-PROGRESS_EVERY = 256
-"""Frames between two reports of progress."""
+VIBRATION_WINDOW_S = 1.0  # Length of a spectrum of vibration, s: bins of 1 Hz.
+PROGRESS_EVERY = 256  # Frames between two reports of progress.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from spikingtac.touch.vibration import Spectrum
 
 UM_PER_MM = 1e3
-IN_THE_IMAGE = SkinScale(1.0)
-"""Lengths stay what they are."""
+IN_THE_IMAGE = SkinScale(1.0)  # Lengths stay what they are.
 
 
 def touch_row(held: HeldTouch, unit: str, scale: SkinScale | None) -> dict[str, Any]:

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from spikingtac.viewer.source import ViewSource
     from spikingtac.viewer.web.show import PageOptions
 
-HEADLESS_S = 10.0
-"""Duration of a live source with --headless where --seconds is not given, s."""
+HEADLESS_S = 10.0  # Duration of a live source with --headless where --seconds is not given, s.
 
 
 @dataclass(frozen=True, kw_only=True)

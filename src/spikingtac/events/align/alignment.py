@@ -20,16 +20,20 @@ from spikingtac.events.open import RECORDING_NAME, open_events
 from spikingtac.events.recording import RecordingWriter
 from spikingtac.events.retimed import RecordedClock, RetimedSource, clock_beside, is_same_folder
 
+# How two clocks meet: at the host that recorded both, in what both sensors felt, or in a line
+# whose edges both cameras timed; auto takes the host where the manifests know it, else the
+# motion.
 By = Literal["auto", "host", "motion", "triggers"]
-"""How two clocks meet: at the host that recorded both, in what both sensors felt, or in a line
-whose edges both cameras timed; auto takes the host where the manifests know it, else the motion."""
+
+# What the times of poses are: time of day, the host's monotonic clock, the sensor's own, or not
+# known, to be found by motion; auto tells the first two by their size.
 PoseClock = Literal["auto", "unix", "monotonic", "sensor", "motion"]
-"""What the times of poses are: time of day, the host's monotonic clock, the sensor's own, or not
-known, to be found by motion; auto tells the first two by their size."""
+
+# Times from here on are times of day, s: monotonic clocks begin with their host.
 UNIX_LEAST_S = 1e9
-"""Times from here on are times of day, s: monotonic clocks begin with their host."""
+
+# Poses are on the host's monotonic clock where they come so close to the recording, s.
 NEAR_S = 60.0
-"""Poses are on the host's monotonic clock where they come so close to the recording, s."""
 
 
 class SecondFinger:

@@ -15,12 +15,13 @@ from spikingtac.events.align.shared_motion import STEP_US, Course
 from spikingtac.events.clock import TimeMap
 
 US_PER_S = 1e6
+
+# Name of a time column -> its unit, us.
 TIME_COLUMNS = {"t_us": 1.0, "t_ns": 1e-3, "t_ms": 1e3, "t_s": US_PER_S, "timestamp": US_PER_S}
-"""Name of a time column -> its unit, us."""
+
+# Value that the 95th percentile of the speeds gets: that of a lively millisecond of events.
 LIVELY = 100.0
-"""Value that the 95th percentile of the speeds gets: that of a lively millisecond of events."""
-MOST_S = 86_400.0
-"""Longest log whose motion is compared: a day."""
+MOST_S = 86_400.0  # Longest log whose motion is compared: a day.
 
 
 @dataclass(frozen=True)

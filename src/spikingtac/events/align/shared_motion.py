@@ -18,25 +18,28 @@ from spikingtac.errors import RecordingError
 from spikingtac.events.clock import TimeMap, through_moments
 from spikingtac.types import EventPacket
 
-STEP_US = 1_000
-"""Step of the courses, us: the window of contact detection."""
+STEP_US = 1_000  # Step of the courses, us: the window of contact detection.
+
+# Steps that are joined for the first look: a drift of 100 ppm moves a course by one of the joined
+# ones in 200 s.
 COARSE_STEPS = 20
-"""Steps that are joined for the first look: a drift of 100 ppm moves a course by one of the joined
-ones in 200 s."""
+
+# Changes slower than this, in steps, are taken out: creep and noise differ between sensors.
 SLOW_STEPS = 500
-"""Changes slower than this, in steps, are taken out: creep and noise differ between sensors."""
-STRETCH_STEPS = 2_000
-"""Length of a stretch that is compared, steps (ours: it holds a whole touch)."""
+STRETCH_STEPS = 2_000  # Length of a stretch that is compared, steps (ours: it holds a whole touch).
+
+# How far a stretch is looked for from where the whole was found, steps: 100 ppm in 1,000 s.
 NEAR_STEPS = 100
-"""How far a stretch is looked for from where the whole was found, steps: 100 ppm in 1,000 s."""
+
+# Correlation from which on two courses show the same (ours; unrelated touches stay below 0.2).
 LEAST_ALIKE = 0.4
-"""Correlation from which on two courses show the same (ours; unrelated touches stay below 0.2)."""
+
+# A second place that is alike to this share of the best one makes the best one a guess (ours).
 CLEARLY = 0.9
-"""A second place that is alike to this share of the best one makes the best one a guess (ours)."""
-LEAST_STIR = 0.1
-"""A stretch counts where it holds this share of the liveliest one's stir (ours)."""
+LEAST_STIR = 0.1  # A stretch counts where it holds this share of the liveliest one's stir (ours).
+
+# How finely a stretch of 1 ms steps tells its shift, us (measured on simulated fingers).
 FLOOR_US = 100.0
-"""How finely a stretch of 1 ms steps tells its shift, us (measured on simulated fingers)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,24 +13,27 @@ from spikingtac.events.clock import PPM, TimeMap, through_moments
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource
 
+# Most that the two cameras' times of one edge differ, beside their clocks, us (ours: inputs are
+# sampled every microsecond, slow firmware stamps within 0.1 ms).
 JITTER_US = 200.0
-"""Most that the two cameras' times of one edge differ, beside their clocks, us (ours: inputs are
-sampled every microsecond, slow firmware stamps within 0.1 ms)."""
+
+# Most that two cameras' clocks drift apart, parts per million (two crystals of 100 ppm).
 MOST_DRIFT_PPM = 200.0
-"""Most that two cameras' clocks drift apart, parts per million (two crystals of 100 ppm)."""
-STEP_US = 1.0
-"""Resolution of trigger times, us: the least error of one edge."""
+STEP_US = 1.0  # Resolution of trigger times, us: the least error of one edge.
+
+# A second place that fits to this share of the best one makes the best one a guess (ours).
 CLEARLY = 0.5
-"""A second place that fits to this share of the best one makes the best one a guess (ours)."""
-LEAST_VOTES = 2
-"""Like intervals at one place from which on it is more than a chance (ours)."""
+LEAST_VOTES = 2  # Like intervals at one place from which on it is more than a chance (ours).
+
+# More than this share of one camera's edges, where both lines overlap, the other one has seen.
 LEAST_SHARED = 0.5
-"""More than this share of one camera's edges, where both lines overlap, the other one has seen."""
+
+# Pairs of like intervals that are looked at; a regular line has their number squared.
 MOST_FITS = 1_000_000
-"""Pairs of like intervals that are looked at; a regular line has their number squared."""
+
+# A line began while a camera recorded where its first edge comes after so many times its longest
+# interval (ours).
 BEFORE_FIRST = 1.5
-"""A line began while a camera recorded where its first edge comes after so many times
-its longest interval (ours)."""
 
 _Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 

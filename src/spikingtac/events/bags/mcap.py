@@ -22,12 +22,12 @@ FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06
 KNOWN = range(0x01, 0x10)
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 CHUNK_HEAD = struct.Struct("<QQQI")
-PROOF_RECORDS = 2
-"""Records in a row that have to make sense where reading goes on after damage."""
+PROOF_RECORDS = 2  # Records in a row that have to make sense where reading goes on after damage.
 
 SEARCH_BYTES = 1 << 20
+
+# Where a record shorter than 2^40 bytes may begin.
 _RECORD = re.compile(rb"(?=[\x01-\x0f].{5}\x00{3})", re.DOTALL)
-"""Where a record shorter than 2^40 bytes may begin."""
 
 
 class _Channel(NamedTuple):

@@ -18,12 +18,12 @@ from spikingtac.events.formats.limits import DamagedPieceError, decompressed, re
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, CHUNK, CONNECTION = b"\x02", b"\x05", b"\x07"
 LENGTH = struct.Struct("<I")
+
+# Longest header of a record that is believed; a connection's holds a topic's name.
 HEADER_LIMIT_BYTES = 1 << 20
-"""Longest header of a record that is believed; a connection's holds a topic's name."""
 
 SEARCH_BYTES = 1 << 20
-SEARCH_BACK_BYTES = 256
-"""How far before its field ``op`` a chunk's header is looked for."""
+SEARCH_BACK_BYTES = 256  # How far before its field ``op`` a chunk's header is looked for.
 
 _CHUNK_FIELD = re.compile(rb"\x04\x00\x00\x00op=\x05", re.DOTALL)
 

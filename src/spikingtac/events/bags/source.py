@@ -18,8 +18,8 @@ from spikingtac.errors import FormatError
 from spikingtac.events.bags.storages import Count, RawMessage, database_messages
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
 
+# Encoding ``mono``: from the lowest bit, 32 bits of time (ns after the base), 16 x, 15 y, 1 p.
 MONO_EVENT = np.dtype("<u8")
-"""Encoding ``mono``: from the lowest bit, 32 bits of time (ns after the base), 16 x, 15 y, 1 p."""
 
 PACKETS = ("event_camera_msgs/msg/EventPacket", "event_camera_msgs/EventPacket")
 ARRAYS = tuple(
@@ -27,18 +27,20 @@ ARRAYS = tuple(
     for package in ("dvs_msgs", "prophesee_event_msgs")
     for kind in ("", "/msg")
 )
+
+# How the events of a message are written; ``array`` stands for the messages of single events.
 ENCODINGS = ("evt3", "evt2", "evt21", "mono", "array")
-"""How the events of a message are written; ``array`` stands for the messages of single events."""
 
 NS_PER_US = 1_000
+
+# Bytes of a message that are decoded at once: a word may stand for 32 events.
 PIECE_BYTES = 1 << 18
-"""Bytes of a message that are decoded at once: a word may stand for 32 events."""
 
+# Messages among which the cameras of a bag are found: each has sent one by then (ours).
 FIRST_MESSAGES = 256
-"""Messages among which the cameras of a bag are found: each has sent one by then (ours)."""
 
+# Bytes of an event in an array of ROS 1, and of ROS 2, which aligns each field.
 ARRAY_EVENT_BYTES, ALIGNED_BYTES = 13, 16
-"""Bytes of an event in an array of ROS 1, and of ROS 2, which aligns each field."""
 
 
 class _Packet(NamedTuple):
@@ -182,8 +184,7 @@ def _parsed(message: RawMessage) -> _Packet:
     return _Packet(width, height, sequence, base_ns, encoding, cursor.block(), order)
 
 
-_Reader = Callable[[_Packet], Iterator[Rows]]
-"""Yields the columns of a packet's events."""
+_Reader = Callable[[_Packet], Iterator[Rows]]  # Yields the columns of a packet's events.
 
 
 class _WordReader:

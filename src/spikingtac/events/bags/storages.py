@@ -13,8 +13,7 @@ from typing import NamedTuple
 from spikingtac.errors import FormatError
 from spikingtac.events.formats.limits import piece_limit_bytes
 
-Count = Callable[[str], None]
-"""Counts one more of a kind of damage."""
+Count = Callable[[str], None]  # Counts one more of a kind of damage.
 
 
 class RawMessage(NamedTuple):
@@ -27,8 +26,7 @@ class RawMessage(NamedTuple):
 
 
 TABLES = ("messages", "topics")
-STORED = 0
-"""What ``table_xinfo`` says of a column that is stored; others are computed or hidden."""
+STORED = 0  # What ``table_xinfo`` says of a column that is stored; others are computed or hidden.
 
 
 def database_messages(path: Path, types: tuple[str, ...], count: Count) -> Iterator[RawMessage]:

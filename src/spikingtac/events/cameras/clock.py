@@ -13,18 +13,21 @@ from numpy.typing import NDArray
 
 from spikingtac.events.clock import PPM, US_PER_S, TimeMap
 
+# Stretch of which the fastest arrival counts, s (ours: at 1 kHz one in a hundred is undelayed).
 BIN_S = 0.1
-"""Stretch of which the fastest arrival counts, s (ours: at 1 kHz one in a hundred is undelayed)."""
-MOST_BINS = 4096
-"""Stretches that are kept: then neighbours are joined, so that memory stays bounded."""
-LEAST_SPAN_S = 2.0
-"""Span from which on a drift is fitted, s; below, jitter of 0.1 ms would pass for 50 ppm."""
-ROUNDS, LEAST_FASTEST = 4, 8
-"""Times that late arrivals are left out, half of those above the line each time, and how many stay
-at least."""
 
+# Stretches that are kept: then neighbours are joined, so that memory stays bounded.
+MOST_BINS = 4096
+
+# Span from which on a drift is fitted, s; below, jitter of 0.1 ms would pass for 50 ppm.
+LEAST_SPAN_S = 2.0
+
+# Times that late arrivals are left out, half of those above the line each time, and how many stay
+# at least.
+ROUNDS, LEAST_FASTEST = 4, 8
+
+# Number of each stretch, sensor time of its fastest arrival, and how late that was, s.
 _Bins = tuple[list[int], list[float], list[float]]
-"""Number of each stretch, sensor time of its fastest arrival, and how late that was, s."""
 
 
 class ClockFit:

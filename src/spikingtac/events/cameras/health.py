@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 
-RECENT_S = 2.0
-"""Time over which the rate is averaged, s."""
-LATEST = 1 << 15
-"""Deliveries whose intervals are reported: the latest 30 s at 1 kHz."""
+RECENT_S = 2.0  # Time over which the rate is averaged, s.
+LATEST = 1 << 15  # Deliveries whose intervals are reported: the latest 30 s at 1 kHz.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -35,6 +35,7 @@ class CameraKind:
     extra: str = ""
 
 
+# Kind -> what it is; those of other packages are not listed.
 KINDS: dict[str, CameraKind] = {
     "openmv": CameraKind(
         place="spikingtac.cameras.openmv:OpenMvCamera",
@@ -99,7 +100,6 @@ KINDS: dict[str, CameraKind] = {
         about="a scene of the digital twin in real time (simulated)",
     ),
 }
-"""Kind -> what it is; those of other packages are not listed."""
 
 
 def open_camera(address: Address) -> Camera:
@@ -116,8 +116,8 @@ def open_camera(address: Address) -> Camera:
     return chosen.open(address)
 
 
+# Options of every address: what the source itself understands.
 SOURCE_OPTIONS = ("seconds", "share")
-"""Options of every address: what the source itself understands."""
 
 
 def _classes() -> dict[str, str | type[Camera]]:

@@ -17,17 +17,18 @@ from spikingtac.events.cameras.health import CameraHealth, DeliveryMeter
 from spikingtac.events.cameras.kinds import open_camera
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
+# What to do when a camera is gone: end the stream and count it, raise, or wait until it is back.
+#
+# A robot's guard must never reconnect: the watchdog has to trip.
 WhenLost = Literal["end", "raise", "reconnect"]
-"""What to do when a camera is gone: end the stream and count it, raise, or wait until it is back.
 
-A robot's guard must never reconnect: the watchdog has to trip.
-"""
+# Longest wait for a camera before the source looks whether it shall stop, s (ours: nobody notices
+# it, and it costs nothing).
 POLL_S = 0.02
-"""Longest wait for a camera before the source looks whether it shall stop, s (ours: nobody notices
-it, and it costs nothing)."""
+
+# Time between two attempts to open a camera that is gone, s (ours: USB enumerates in about 0.5 s,
+# and an attempt costs a few ms).
 RETRY_S = 0.25
-"""Time between two attempts to open a camera that is gone, s (ours: USB enumerates in about 0.5 s,
-and an attempt costs a few ms)."""
 LONGEST_S = 1e7
 US_PER_S = 1e6
 

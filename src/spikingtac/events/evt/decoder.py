@@ -20,14 +20,12 @@ from spikingtac.events.evt.wire import TIME_HIGH, TimeWords, WordFormat, WordVie
 from spikingtac.events.formats.codec import JUMP_US, RESET_US
 from spikingtac.types import LossCounters
 
-Integer = int | np.integer[Any]
-"""A number inside of a kernel."""
+Integer = int | np.integer[Any]  # A number inside of a kernel.
 
-LEAP_US = 1 << 24
-"""The artefact leap of streams that were restarted on an open device."""
+LEAP_US = 1 << 24  # The artefact leap of streams that were restarted on an open device.
 
+# Repeated time words after which a stream is taken for a sensor's, which leaves none out.
 REPEATS_OF_A_SENSOR = 16
-"""Repeated time words after which a stream is taken for a sensor's, which leaves none out."""
 
 
 def new_state(size: tuple[int, int], continuous: bool = False) -> NDArray[np.int64]:

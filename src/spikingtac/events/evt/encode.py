@@ -14,12 +14,13 @@ from spikingtac.events.evt.decoder import Integer
 from spikingtac.events.evt.wire import EVT2, EVT3, WordFormat
 
 VECTOR_WORDS = 3
+
+# The upper time is repeated after 2^8 us, as sensors do: what is lost is found again sooner.
 REPEAT_BITS = 8
-"""The upper time is repeated after 2^8 us, as sensors do: what is lost is found again sooner."""
+
+# Upper times that one time word of EVT2 stands for in silence: there is one in 65,536 us.
 SILENCE_STEP = 1 << 10
-"""Upper times that one time word of EVT2 stands for in silence: there is one in 65,536 us."""
-EVT3_WORDS = 5
-"""Most words that an event of EVT3 takes."""
+EVT3_WORDS = 5  # Most words that an event of EVT3 takes.
 
 Times = NDArray[np.int64]
 Pixels = NDArray[np.uint16]
@@ -150,10 +151,10 @@ class Evt3Encoder(WordEncoder):
         return np.empty(words + (last_us >> EVT3.low_bits) - first + 1, self.word)
 
 
+# Name -> encoder.
 ENCODERS: dict[str, type[WordEncoder]] = {
     encoder.name: encoder for encoder in (Evt2Encoder, Evt21Encoder, Evt3Encoder)
 }
-"""Name -> encoder."""
 
 
 @njit(cache=True, nogil=True)

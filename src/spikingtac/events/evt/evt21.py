@@ -27,8 +27,8 @@ from spikingtac.events.evt.decoder import (
 from spikingtac.events.evt.evt2 import HIGH_BITS, LOW_BITS, rare_kernel
 from spikingtac.events.evt.wire import EVT2, WordView, view_evt2
 
+# Index of the lowest set bit of each 16-bit mask.
 LOWEST_BIT = np.array([0] + [(m & -m).bit_length() - 1 for m in range(1, 1 << 16)], np.uint8)
-"""Index of the lowest set bit of each 16-bit mask."""
 
 
 class Evt21Decoder(WordDecoder):

@@ -26,11 +26,12 @@ from spikingtac.events.evt.decoder import (
 from spikingtac.events.evt.salvage import mend_high_kernel
 from spikingtac.events.evt.wire import EVT3, TimeWords, WordView, view_evt3
 
+# Bits of a counter that never wraps, as the lower time within a unit of the upper.
 NO_WRAP_BITS = 62
-"""Bits of a counter that never wraps, as the lower time within a unit of the upper."""
 LOW_BITS, HIGH_BITS = EVT3.low_bits, EVT3.high_bits
+
+# Index of the lowest set bit of each 12-bit mask.
 LOWEST_BIT = np.array([12] + [(mask & -mask).bit_length() - 1 for mask in range(1, 4096)], np.uint8)
-"""Index of the lowest set bit of each 12-bit mask."""
 
 
 class Evt3Decoder(WordDecoder):

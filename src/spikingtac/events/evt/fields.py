@@ -10,12 +10,11 @@ BACKWARDS, RESET, JUMP, GAP, OUTSIDE, MISSING, UNKNOWN, TRIGGERS, PADDINGS, VEND
 )
 FIELDS = 25
 
+# Kinds of damage, in the order of their counters.
 COUNTED = (
     "time_backwards", "time_reset", "time_jump", "gap", "out_of_range", "missing_state",
     "unknown_word", "trigger", "padding", "vendor_word", "time_glitch",
 )  # fmt: skip
-"""Kinds of damage, in the order of their counters."""
 
 NONE = -1
-NO_ROW = 1 << 30
-"""A row that no sensor has: nothing can be placed yet."""
+NO_ROW = 1 << 30  # A row that no sensor has: nothing can be placed yet.

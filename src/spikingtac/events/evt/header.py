@@ -11,11 +11,9 @@ import numpy as np
 from spikingtac.events.evt import wire
 
 ENCODINGS = ("evt2", "evt21", "evt3")
-LINE_LIMIT = 4096
-"""Longest header line that is believed, bytes."""
+LINE_LIMIT = 4096  # Longest header line that is believed, bytes.
 
-HEADER_LIMIT_BYTES = 1 << 20
-"""Longest header that is read; those of cameras have a kilobyte."""
+HEADER_LIMIT_BYTES = 1 << 20  # Longest header that is read; those of cameras have a kilobyte.
 
 GENERATOR = "spikingtac"
 _VERSIONS = {"2.0": "evt2", "2.1": "evt21", "3.0": "evt3"}
@@ -142,11 +140,9 @@ def _number(text: str | None) -> int | None:
 
 
 CANDIDATES = ("evt3", "evt2", "evt21/little", "evt21/legacy", "evt21/big")
-FOREIGN_SHARE = 0.15
-"""Share of implausible words from which on a claimed format is doubted."""
+FOREIGN_SHARE = 0.15  # Share of implausible words from which on a claimed format is doubted.
 
-SOUND_SHARE = 0.04
-"""Share of implausible words up to which another format is believed instead."""
+SOUND_SHARE = 0.04  # Share of implausible words up to which another format is believed instead.
 
 
 def implausible_share(data: bytes, candidate: str, size: tuple[int, int] | None) -> float:

@@ -23,11 +23,9 @@ if TYPE_CHECKING:
     from spikingtac.events.evt.decoder import WordDecoder
     from spikingtac.events.evt.words import WordStream
 
-CHUNK_BYTES = 1 << 18
-"""Bytes that are decoded at once."""
+CHUNK_BYTES = 1 << 18  # Bytes that are decoded at once.
 
-SAMPLE_BYTES = 1 << 16
-"""Bytes that are judged before the first one is decoded."""
+SAMPLE_BYTES = 1 << 16  # Bytes that are judged before the first one is decoded.
 
 NAMES = {"evt2": "EVT2", "evt21": "EVT2.1", "evt3": "EVT3"}
 

@@ -19,10 +19,10 @@ from spikingtac.events.evt.header import HEADER_LIMIT_BYTES, LINE_LIMIT, read_he
 from spikingtac.events.evt.raw import CHUNK_BYTES, SAMPLE_BYTES, RawSource
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 
-STANDARD_INPUT = "-"
-"""The path that means standard input."""
+STANDARD_INPUT = "-"  # The path that means standard input.
+
+# With fewer bytes at hand the header's word is taken for the encoding.
 LEAST_SAMPLE_BYTES = 1 << 12
-"""With fewer bytes at hand the header's word is taken for the encoding."""
 
 
 def is_stream(path: Path) -> bool:

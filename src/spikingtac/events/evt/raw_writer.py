@@ -15,11 +15,9 @@ from spikingtac.events.evt.header import format_header
 from spikingtac.events.formats.codec import EventWriter, Triggers
 from spikingtac.types import EventPacket
 
-COORDINATE_LIMIT_PX = 1 << 11
-"""Rows and columns that the eleven bits of an address can name."""
+COORDINATE_LIMIT_PX = 1 << 11  # Rows and columns that the eleven bits of an address can name.
 
-SILENCE_LIMIT_US = 86_400_000_000
-"""Longest pause between two events that is written: a day."""
+SILENCE_LIMIT_US = 86_400_000_000  # Longest pause between two events that is written: a day.
 
 
 class Digest(Protocol):

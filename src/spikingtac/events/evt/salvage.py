@@ -19,35 +19,33 @@ from numpy.typing import NDArray
 from spikingtac.events.evt.decoder import Integer
 from spikingtac.events.formats.codec import JUMP_US
 
+# Price of leaving out a byte, in implausible words avoided; below it, words are believed.
 SKIP_COST = 4
-"""Price of leaving out a byte, in implausible words avoided; below it, words are believed."""
 
 BLOCK_WORDS = 64
+
+# Share of undefined types above which a stretch of so many words is noise (random EVT3 words have
+# 0.31; half of that, since only one half of the words about its border is noise).
 GARBAGE_SHARE = 0.14
-"""Share of undefined types above which a stretch of so many words is noise (random EVT3 words have
-0.31; half of that, since only one half of the words about its border is noise)."""
 
-GARBAGE_MARGIN_WORDS = 4
-"""Words about a stretch that go with it: noise may look sound."""
+GARBAGE_MARGIN_WORDS = 4  # Words about a stretch that go with it: noise may look sound.
 
-NEAR_STEPS = 16
-"""Steps of the upper time that cost nothing."""
+NEAR_STEPS = 16  # Steps of the upper time that cost nothing.
 
+# Prices of a longer step forward, of not believing a time word, of a second or more forward, and
+# of time going back: one time word speaks for a leap, two for a jump, four for a restart.
 LEAP_COST, DISCARD_COST, JUMP_COST, FALL_COST = 1, 2, 3, 7
-"""Prices of a longer step forward, of not believing a time word, of a second or more forward, and
-of time going back: one time word speaks for a leap, two for a jump, four for a restart."""
 
+# Stretches from this length on are no words (ours: no sensor sends 16 events of one pixel in one
+# microsecond, or so many empty words).
 FILL_BYTES = 64
-"""Stretches from this length on are no words (ours: no sensor sends 16 events of one pixel in one
-microsecond, or so many empty words)."""
 
+# Every fourth of the 64-bit numbers is looked at: 39 bytes of fill always hold one of them.
 _SAMPLE_STRIDE = 4
-"""Every fourth of the 64-bit numbers is looked at: 39 bytes of fill always hold one of them."""
 
 _ONES = np.uint64((1 << 64) - 1)
 
-HORIZON = 32
-"""Time words in a row that may be disbelieved."""
+HORIZON = 32  # Time words in a row that may be disbelieved.
 
 
 def may_be_filled(data: NDArray[np.uint8]) -> bool:

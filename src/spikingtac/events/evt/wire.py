@@ -13,21 +13,20 @@ from numpy.typing import NDArray
 Words = NDArray[Any]
 Flags = NDArray[np.bool_]
 
-TIME_HIGH = 0x8
-"""Type of the words that hold the upper time, in every format."""
+TIME_HIGH = 0x8  # Type of the words that hold the upper time, in every format.
 
 EVENT_OFF, EVENT_ON, TRIGGER = 0x0, 0x1, 0xA
-IMU, OTHERS, CONTINUED = 0xD, 0xE, 0xF
-"""Types of EVT2 and EVT2.1."""
+IMU, OTHERS, CONTINUED = 0xD, 0xE, 0xF  # Types of EVT2 and EVT2.1.
 EVT2_PADDING = 0x99999999
+
+# Pixels that one word of EVT2.1 covers, or a base of EVT3 and its 12 + 12 + 8 vectors.
 VECTOR_WIDTH_PX = 32
-"""Pixels that one word of EVT2.1 covers, or a base of EVT3 and its 12 + 12 + 8 vectors."""
 
 ADDR_Y, ADDR_X, BASE_X, VECT_12, VECT_8 = 0x0, 0x2, 0x3, 0x4, 0x5
+
+# Types of EVT3; triggers and others have the numbers that they have in EVT2.
 TIME_LOW, CONTINUED_4, CONTINUED_12 = 0x6, 0x7, 0xF
-"""Types of EVT3; triggers and others have the numbers that they have in EVT2."""
-EVT3_PADDING = 0x9999
-"""Filler that some USB bridges send to complete a buffer."""
+EVT3_PADDING = 0x9999  # Filler that some USB bridges send to complete a buffer.
 
 
 class WordFormat(NamedTuple):
@@ -50,10 +49,11 @@ class WordFormat(NamedTuple):
     known_types: int
 
 
+# Of EVT2 and EVT2.1: a minute is far, a second is a leap.
 EVT2 = WordFormat(6, 28, 60_000_000 >> 6, 8, 1 << 14, 0b1110_0101_0000_0011)
-"""Of EVT2 and EVT2.1: a minute is far, a second is a leap."""
+
+# Four seconds are far, one is a leap.
 EVT3 = WordFormat(12, 12, 4_000_000 >> 12, 64, 1 << 8, 0b1100_0101_1111_1101)
-"""Four seconds are far, one is a leap."""
 
 
 class WordView(NamedTuple):

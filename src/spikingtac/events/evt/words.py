@@ -14,14 +14,13 @@ from spikingtac.events.evt.salvage import may_be_filled, without_fill
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import LossCounters
 
+# Columns x, y, p and t of some consecutive events.
 Rows = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
-"""Columns x, y, p and t of some consecutive events."""
 
+# Unknown or outside words in a chunk from which on the word boundaries are questioned.
 ALIGNMENT_SUSPECTS = 4
-"""Unknown or outside words in a chunk from which on the word boundaries are questioned."""
 
-CARRY_LIMIT_BYTES = 1 << 20
-"""Most that is held back until a leap of the time is confirmed."""
+CARRY_LIMIT_BYTES = 1 << 20  # Most that is held back until a leap of the time is confirmed.
 
 
 class WordStream:

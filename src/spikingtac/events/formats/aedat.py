@@ -21,27 +21,28 @@ from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.formats.limits import refuse_piece
 from spikingtac.events.formats.time_course import unwrapped
 
+# Chips whose names stand in the header.
 SIZES_PX = {
     "dvs128": (128, 128), "davis128": (128, 128), "davis208": (208, 192), "davis240": (240, 180),
     "davis346": (346, 260), "davis640": (640, 480), "davishet640": (640, 480),
     "dvxplorer": (640, 480), "dvs132": (132, 104),
 }  # fmt: skip
-"""Chips whose names stand in the header."""
 HEADER_LIMIT_BYTES = 1 << 20
 LINE_LIMIT = 1 << 12
 CHUNK_WORDS = 1 << 17
 WORD = np.dtype([("address", ">u4"), ("t", ">u4")])
 
 POLARITY, SPECIAL = 1, 0
+
+# Type, source, bytes of an event, offset of its time, overflows of the time, capacity, number of
+# events, number of valid ones.
 PACKET = struct.Struct("<hhiiiiii")
-"""Type, source, bytes of an event, offset of its time, overflows of the time, capacity, number of
-events, number of valid ones."""
 EVENT = np.dtype([("data", "<u4"), ("t", "<u4")])
 TIME_BITS = 31
+
+# Type of a special event -> external input.
 EDGES = {2: 0, 3: 0, 4: 0, 6: 1, 7: 1, 8: 1, 9: 2, 10: 2, 11: 2}
-"""Type of a special event -> external input."""
-FALLING = (3, 7, 10)
-"""Types that tell the end of a signal; the others are its begin, or a pulse."""
+FALLING = (3, 7, 10)  # Types that tell the end of a signal; the others are its begin, or a pulse.
 
 
 class _Aedat(FileSource):

@@ -30,22 +30,22 @@ EVENT = np.dtype(
     }
 )
 PACKET_HEAD = struct.Struct("<iI")
+
+# What the head's number stands for.
 COMPRESSIONS = {0: "none", 1: "lz4", 2: "lz4", 3: "zstd", 4: "zstd"}
-"""What the head's number stands for."""
 
-STREAM_LIMIT = 1 << 10
-"""Numbers of streams that are believed."""
+STREAM_LIMIT = 1 << 10  # Numbers of streams that are believed.
 
+# Type of a trigger -> channel (0 the external input, 1 the camera's generator) and whether the
+# signal rose, which begins a pulse; other types are no edges of a signal.
 EDGES = {1: (0, True), 2: (0, False), 3: (0, True), 4: (1, True), 5: (1, False)}
-"""Type of a trigger -> channel (0 the external input, 1 the camera's generator) and whether the
-signal rose, which begins a pulse; other types are no edges of a signal."""
 
 SEARCH_BYTES = 1 << 20
-_MARKS = {"lz4": (b"\x04\x22\x4d\x18", 8), "zstd": (b"\x28\xb5\x2f\xfd", 8)}
-"""How a packet's bytes begin, and how far behind its head; uncompressed ones name their type."""
 
-HEAD_LIMIT_BYTES = 1 << 24
-"""Longest head that is believed."""
+# How a packet's bytes begin, and how far behind its head; uncompressed ones name their type.
+_MARKS = {"lz4": (b"\x04\x22\x4d\x18", 8), "zstd": (b"\x28\xb5\x2f\xfd", 8)}
+
+HEAD_LIMIT_BYTES = 1 << 24  # Longest head that is believed.
 
 
 @dataclass(frozen=True, kw_only=True)

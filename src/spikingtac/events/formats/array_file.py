@@ -19,21 +19,21 @@ from spikingtac.atomic_files import replacing
 from spikingtac.errors import RecordingError
 from spikingtac.events.formats.limits import piece_limit_bytes, refuse_piece
 
+# What zipfile and NumPy's header parser raise on damaged archives.
 ARCHIVE_DAMAGE = (
     OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError,
     SyntaxError, TokenError, RuntimeError, MemoryError, OverflowError, TypeError,
     KeyError, struct.error,
 )  # fmt: skip
-"""What zipfile and NumPy's header parser raise on damaged archives."""
 
+# What NumPy writes; Python unpacks others without a bound on what comes out.
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-"""What NumPy writes; Python unpacks others without a bound on what comes out."""
 
+# Most that arrays beyond the limit may be compressed: stored ones take what their file takes.
 BOMB_RATIO = 20
-"""Most that arrays beyond the limit may be compressed: stored ones take what their file takes."""
 
+# The earliest date that ZIP knows: archives must not depend on the clock.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The earliest date that ZIP knows: archives must not depend on the clock."""
 
 _COPY_BYTES = 1 << 20
 

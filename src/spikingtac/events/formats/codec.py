@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from spikingtac.types import EventPacket
 
+# Every kind that a source counts in its ``losses``, and what it means.
 KINDS: dict[str, str] = {
     "truncated": "the file ends inside a word, a record or a message",
     "resynchronised": "bytes were lost or inserted; the word boundary was found again",
@@ -44,8 +45,8 @@ KINDS: dict[str, str] = {
     "hot_pixels": "pixels that became hot while markers were followed; ignored since, no loss",
     "bad_record": "lines, records or chunks that do not parse or fail their checksum",
 }
-"""Every kind that a source counts in its ``losses``, and what it means."""
 
+# Kinds that lose nothing; ``strict`` does not refuse them.
 HARMLESS = frozenset(
     {
         "trigger",
@@ -58,16 +59,15 @@ HARMLESS = frozenset(
         "hot_pixels",
     }
 )
-"""Kinds that lose nothing; ``strict`` does not refuse them."""
 
+# Columns of trigger edges in archives, where there are any.
 TRIGGERS = ("trigger_t_us", "trigger_channel", "trigger_edge")
-"""Columns of trigger edges in archives, where there are any."""
 
+# A leap forward by so much is counted; sensors send events and time words far more often.
 JUMP_US = 1_000_000
-"""A leap forward by so much is counted; sensors send events and time words far more often."""
 
+# A fall of the time by less is held until the source catches up, a larger one re-based.
 RESET_US = 100_000
-"""A fall of the time by less is held until the source catches up, a larger one re-based."""
 
 
 class Triggers:

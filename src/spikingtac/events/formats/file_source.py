@@ -17,17 +17,16 @@ from spikingtac.events.formats.packing import ColumnCheck, Packer
 from spikingtac.events.source_health import HealthMeter
 from spikingtac.types import EventPacket, LossCounters, SourceHealth
 
+# Columns x, y, p and t of some consecutive events.
 Rows = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
-"""Columns x, y, p and t of some consecutive events."""
 
-CHUNK_EVENTS = 1 << 17
-"""About how many events a packet holds by default."""
+CHUNK_EVENTS = 1 << 17  # About how many events a packet holds by default.
 
+# Sensors that are assumed where a file names no size: the first that holds its events.
 SIZES_PX = ((320, 320), (346, 260), (640, 480), (1280, 720))
-"""Sensors that are assumed where a file names no size: the first that holds its events."""
 
+# Share of a file's events that may lie outside of the size that is read from them.
 STRAY_SHARE = 1e-3
-"""Share of a file's events that may lie outside of the size that is read from them."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,19 +9,17 @@ from typing import Any
 
 from spikingtac.errors import ConfigError, FormatError, MissingExtraError
 
+# Largest piece of an input (a chunk, a message, an array) that is taken into memory, MiB: an hour
+# of tracks stays below, and a piece costs at most thrice as much while it is decoded (ours).
 PIECE_LIMIT_MIB = 128
-"""Largest piece of an input (a chunk, a message, an array) that is taken into memory, MiB: an
-hour of tracks stays below, and a piece costs at most thrice as much while it is decoded (ours)."""
 
-LIMIT_VARIABLE = "SPIKINGTAC_PIECE_LIMIT_MIB"
-"""Environment variable that raises the limit."""
+LIMIT_VARIABLE = "SPIKINGTAC_PIECE_LIMIT_MIB"  # Environment variable that raises the limit.
 
-SIDE_LIMIT_PX = 1 << 16
-"""Columns and rows that a coordinate of two bytes can name."""
+SIDE_LIMIT_PX = 1 << 16  # Columns and rows that a coordinate of two bytes can name.
 
+# Largest sensor that is believed, px: 16 megapixels; a map of it takes 64 MB (the largest event
+# sensor on the market has one).
 AREA_LIMIT_PX = 1 << 24
-"""Largest sensor that is believed, px: 16 megapixels; a map of it takes 64 MB (the largest event
-sensor on the market has one)."""
 
 
 def piece_limit_bytes() -> int:

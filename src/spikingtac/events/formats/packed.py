@@ -18,15 +18,14 @@ from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, PACKINGS
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.formats.limits import piece_limit_bytes
 
+# Largest content that is unpacked, in pieces of an input: 4 GiB unless the environment raises it
+# (:mod:`spikingtac.events.formats.limits`).
 LIMIT_PIECES = 32
-"""Largest content that is unpacked, in pieces of an input: 4 GiB unless the environment raises it
-(:mod:`spikingtac.events.formats.limits`)."""
 
+# Most that content beyond one piece may be compressed; events gain 2 to 10 (ours).
 BOMB_RATIO = 100
-"""Most that content beyond one piece may be compressed; events gain 2 to 10 (ours)."""
 
-COPY_BYTES = 1 << 12
-"""Bytes unpacked at once: what a damaged archive loses of its sound part."""
+COPY_BYTES = 1 << 12  # Bytes unpacked at once: what a damaged archive loses of its sound part.
 
 
 def open_packed(path: Path, opener: Callable[[Path], FileSource]) -> FileSource:

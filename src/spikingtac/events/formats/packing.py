@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from spikingtac.events.formats.time_course import TIME_LIMIT_US, TimeCourse
 from spikingtac.types import EventPacket, LossCounters
 
+# Columns x, y, p and t of the package's types.
 Sound = tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.bool_], NDArray[np.int64]]
-"""Columns x, y, p and t of the package's types."""
 
 
 class ColumnCheck:
@@ -71,8 +71,7 @@ def _whole(t: NDArray[Any]) -> NDArray[np.int64]:
     return np.clip(t, -TIME_LIMIT_US, TIME_LIMIT_US).astype(np.int64)
 
 
-TIE_LIMIT = 1 << 22
-"""Events of one and the same microsecond that are held back at most."""
+TIE_LIMIT = 1 << 22  # Events of one and the same microsecond that are held back at most.
 
 
 class Packer:

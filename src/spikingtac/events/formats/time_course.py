@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 from spikingtac.events.formats.codec import JUMP_US, RESET_US
 from spikingtac.types import LossCounters
 
+# Times and shifts beyond are not believed: 36,000 years, and room for the sum of both.
 TIME_LIMIT_US = 1 << 60
-"""Times and shifts beyond are not believed: 36,000 years, and room for the sum of both."""
 
+# Events off the course that wait for the next chunk, which tells whether time comes back.
 HELD_EVENTS = 1 << 12
-"""Events off the course that wait for the next chunk, which tells whether time comes back."""
 
+# Up to so many first events are taken for the wrong ones where time falls after them, and so many
+# times as many follow.
 FIRST_EVENTS = 8
-"""Up to so many first events are taken for the wrong ones where time falls after them, and so many
-times as many follow."""
 
+# Leaps and restarts that are believed in one chunk; what follows more of them is noise, and time
+# stands still in it.
 BELIEVED_PER_CHUNK = 16
-"""Leaps and restarts that are believed in one chunk; what follows more of them is noise, and time
-stands still in it."""
 
 
 class TimeCourse:
@@ -137,8 +137,7 @@ class TimeCourse:
         return back
 
 
-TIME_PERIOD_US = 1 << 32
-"""Period of a counter of 32 bits, us."""
+TIME_PERIOD_US = 1 << 32  # Period of a counter of 32 bits, us.
 
 
 def unwrapped(t: NDArray[np.int64], epoch_us: int, last: int) -> tuple[NDArray[np.int64], int, int]:

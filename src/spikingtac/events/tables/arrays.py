@@ -21,15 +21,13 @@ from spikingtac.events.tables.columns import Order, order_named, order_of_values
 from spikingtac.events.tables.table_source import CHUNK_ROWS, TableSource, rows_of
 from spikingtac.file_kinds import told_kind
 
-TABLE_WIDTHS = (4, 5)
-"""Columns of an array of numbers that may be events."""
+TABLE_WIDTHS = (4, 5)  # Columns of an array of numbers that may be events.
 _SIZES = ("size", "resolution", "sensor_size")
 
 # The GenX320 recorder of OpenMV boards (openmv-genx320-recorder, MIT) writes rows of type (1 ON,
 # 0 OFF, else no event), seconds, milliseconds, microseconds, x and y.
 OPENMV_COLUMNS = 6
-OPENMV_SECONDS = 1 << 16
-"""The seconds are 16 bits wide: they wrap after 18 hours."""
+OPENMV_SECONDS = 1 << 16  # The seconds are 16 bits wide: they wrap after 18 hours.
 GENX320_SIZE = (320, 320)
 
 

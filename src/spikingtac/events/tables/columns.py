@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from spikingtac.errors import FormatError
 
 ROLES: tuple[str, ...] = ("x", "y", "p", "t")
+
+# Coordinates at or beyond it are not believed where no name tells them (the largest event sensor
+# on the market has 1280 columns).
 COORDINATE_LIMIT_PX = 1 << 13
-"""Coordinates at or beyond it are not believed where no name tells them (the largest event sensor
-on the market has 1280 columns)."""
 
 US_PER_UNIT = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 _UNITS = {
@@ -43,16 +44,17 @@ _NAME = re.compile(
 )
 _PREFIX = re.compile(r"^(events?|ev|dvs|cd)[._/]")
 
+# Whole numbers beyond are nanoseconds since 1970: as microseconds, they lie 3,000 years ahead.
 NANOSECOND_TIMES = 1e17
-"""Whole numbers beyond are nanoseconds since 1970: as microseconds, they lie 3,000 years ahead."""
-SECONDS_STEP = 0.05
-"""Mean step between events below which times with fractions are seconds: twenty events a second.
-As microseconds it would be 20 million events a second, more than any such file holds (ours)."""
 
-RARE_SHARE = 0.01
-"""Values of a polarity that make up less of a sample are taken for damage."""
+# Mean step between events below which times with fractions are seconds: twenty events a second.
+# As microseconds it would be 20 million events a second, more than any such file holds (ours).
+SECONDS_STEP = 0.05
+
+RARE_SHARE = 0.01  # Values of a polarity that make up less of a sample are taken for damage.
+
+# What -1 becomes in unsigned numbers.
 _WRAPPED = frozenset({(1 << bits) - 1 for bits in (8, 16, 32, 64)})
-"""What -1 becomes in unsigned numbers."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,14 +25,13 @@ from spikingtac.events.tables.hdf5_layout import (
 )
 from spikingtac.events.tables.table_source import CHUNK_ROWS, TableSource
 
+# What h5py raises on damaged files.
 DAMAGE = (
     OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, MemoryError,
     IndexError, AttributeError,
 )  # fmt: skip
-"""What h5py raises on damaged files."""
 
-ECF_FILTER = 0x8ECF
-"""Prophesee's compression, which hdf5plugin does not bring."""
+ECF_FILTER = 0x8ECF  # Prophesee's compression, which hdf5plugin does not bring.
 
 TRIGGERS = "EXT_TRIGGER/events"
 

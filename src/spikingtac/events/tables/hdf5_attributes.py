@@ -14,14 +14,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+# Longest search for attributes (ours: a sound file needs 0.3 s, the start of Python included).
 TIME_LIMIT_S = 20.0
-"""Longest search for attributes (ours: a sound file needs 0.3 s, the start of Python included)."""
 
+# Attributes that tell a sensor's size, in the files of Metavision, of this package and of DSEC.
 NAMES = ("geometry", "width", "height", "sensor_resolution")
-"""Attributes that tell a sensor's size, in the files of Metavision, of this package and of DSEC."""
 
-LONGEST_VALUE = 64
-"""Characters of a value that is told; what is longer is no size."""
+LONGEST_VALUE = 64  # Characters of a value that is told; what is longer is no size.
 
 
 def read_attributes(path: Path, objects: Sequence[str]) -> list[dict[str, Any]]:

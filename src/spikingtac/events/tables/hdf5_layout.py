@@ -15,23 +15,17 @@ from spikingtac.events.formats.time_course import TIME_LIMIT_US
 from spikingtac.events.tables.columns import ROLES, Order, order_named
 from spikingtac.events.tables.hdf5_attributes import read_attributes
 
-LEAST_STORED_BYTES = 1 << 14
-"""Stored bytes below which no claim is weighed against them."""
+LEAST_STORED_BYTES = 1 << 14  # Stored bytes below which no claim is weighed against them.
 
-ROW_LIMIT_BYTES = 1 << 10
-"""Longest row of a table that is read; an event takes 16."""
+ROW_LIMIT_BYTES = 1 << 10  # Longest row of a table that is read; an event takes 16.
 
-OBJECTS_LIMIT = 1 << 12
-"""Groups and data sets that are looked at."""
+OBJECTS_LIMIT = 1 << 12  # Groups and data sets that are looked at.
 
-COMPRESSION_LIMIT = 2_000
-"""Most that compression is believed to gain; deflate cannot exceed 1,032."""
+COMPRESSION_LIMIT = 2_000  # Most that compression is believed to gain; deflate cannot exceed 1,032.
 
-LINK_DEPTH = 8
-"""Links to links that are followed."""
+LINK_DEPTH = 8  # Links to links that are followed.
 
-TABLE_WIDTHS = (4, 5)
-"""Columns of a table of numbers that may be events."""
+TABLE_WIDTHS = (4, 5)  # Columns of a table of numbers that may be events.
 
 _RESOLUTIONS = ("calib/resolution", "resolution")
 

@@ -22,14 +22,12 @@ from spikingtac.types import EventPacket
 
 T = TypeVar("T")
 
-STORED_ROWS = 1 << 14
-"""Rows that are compressed together."""
+STORED_ROWS = 1 << 14  # Rows that are compressed together.
 
-INDEX_PERIOD_US = 2_000
-"""Time that one entry of the indexes stands for."""
+INDEX_PERIOD_US = 2_000  # Time that one entry of the indexes stands for.
 
+# Longest pause between two events that is indexed: a day.
 LONGEST_PAUSE_PERIODS = 86_400_000_000 // INDEX_PERIOD_US
-"""Longest pause between two events that is indexed: a day."""
 
 
 def _aligned(**kinds: str) -> np.dtype[Any]:

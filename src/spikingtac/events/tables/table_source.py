@@ -13,12 +13,11 @@ from spikingtac.events.formats.codec import RESET_US
 from spikingtac.events.formats.file_source import FileSource, Rows
 from spikingtac.events.tables.columns import ToMicroseconds, ToPolarity
 
+# All rows are sorted where more than this share of the first ones, and more than a few, come
+# before their predecessor: a restart is one such row, shuffled rows are half (ours).
 UNSORTED_SHARE, FEW_FALLS = 0.02, 3
-"""All rows are sorted where more than this share of the first ones, and more than a few, come
-before their predecessor: a restart is one such row, shuffled rows are half (ours)."""
 
-SORTED_ROWS_LIMIT = 1 << 25
-"""Most rows that are sorted, in memory: 33 million take 1.2 GB."""
+SORTED_ROWS_LIMIT = 1 << 25  # Most rows that are sorted, in memory: 33 million take 1.2 GB.
 
 CHUNK_ROWS = 1 << 17
 

@@ -18,20 +18,20 @@ from spikingtac.events.tables.columns import Order, order_named, order_of_values
 from spikingtac.events.tables.table_source import TableSource, rows_of
 
 CHUNK_BYTES = 1 << 20
+
+# Bytes at the beginning, in the middle and at the end that tell the order of the columns.
 SAMPLE_BYTES = 1 << 16
-"""Bytes at the beginning, in the middle and at the end that tell the order of the columns."""
 
-NUMBER_LIMIT = 1e19
-"""Numbers beyond are damage."""
+NUMBER_LIMIT = 1e19  # Numbers beyond are damage.
 
+# What may part words; a comma comes last, since it may be the decimal mark beside another one.
 _DELIMITERS = ";\t|,"
-"""What may part words; a comma comes last, since it may be the decimal mark beside another one."""
+
+# Words that are values, not names.
 _VALUES = {"true": "1", "false": "0", "nan": "nan", "inf": "inf"}
-"""Words that are values, not names."""
 _SIZE = re.compile(r"(?:size|geometry|resolution)\W{1,3}(\d+)\s*[x,;\s]\s*(\d+)", re.IGNORECASE)
 _WIDTH_HEIGHT = re.compile(r"width\W{1,3}(\d+).*?height\W{1,3}(\d+)", re.IGNORECASE)
-_BYTE_ORDER_MARK = "\ufeff"
-"""What some programs begin UTF-8 with."""
+_BYTE_ORDER_MARK = "\ufeff"  # What some programs begin UTF-8 with.
 
 
 class TextSource(TableSource):

@@ -17,8 +17,7 @@ from spikingtac.types import EventPacket
 _TYPES = {"t": np.dtype("<i8"), "x": np.dtype("<u2"), "y": np.dtype("<u2"), "p": np.dtype("?")}
 
 STREAM = 0
-PACKET_EVENTS = 4_096
-"""Events in a packet; readers load a packet at once."""
+PACKET_EVENTS = 4_096  # Events in a packet; readers load a packet at once.
 
 _NODE = (
     '<dv version="2.0"><node name="outInfo" path="/mainloop/Recorder/outInfo/">'

@@ -19,18 +19,17 @@ from spikingtac.markers.calibration.guide import (
 from spikingtac.markers.calibration.quality import region
 from spikingtac.types import EventPacket, LossCounters
 
+# A grid that ends further from the image's border than so many pitches may go on unseen. (Ours: a
+# pitch beyond the last marker there is room for one more.)
 NEAR_BORDER_PITCHES = 1.5
-"""A grid that ends further from the image's border than so many pitches may go on unseen. (Ours: a
-pitch beyond the last marker there is room for one more.)"""
 
+# What to do while there is no grid.
 FIRST = (
     "Slide a flat object or a finger over all of the skin, so that every marker moves by more than "
     "its diameter."
 )
-"""What to do while there is no grid."""
 
-MOST_REGIONS = 3
-"""Regions that a sentence names."""
+MOST_REGIONS = 3  # Regions that a sentence names.
 
 
 def advice(view: GuideView) -> list[str]:
@@ -103,8 +102,7 @@ def _unseen(view: GuideView) -> list[str]:
     return [f"No marker has appeared near the {named} edge: if there are any, slide there too."]
 
 
-TELL_US = 2_000_000
-"""Sensor time between two reports, us."""
+TELL_US = 2_000_000  # Sensor time between two reports, us.
 
 
 class GuidedSource:

@@ -27,14 +27,14 @@ from spikingtac.markers.calibration.refine import Refined
 from spikingtac.markers.calibration.swings import LearnedSteps
 from spikingtac.markers.graded.appearance import nearest_marker
 
+# A marker whose centre lies further beyond the border, in radii, is left out: the part in sight,
+# less than a fifth of it, does not tell its place.
 BEYOND_RADII = 0.5
-"""A marker whose centre lies further beyond the border, in radii, is left out: the part in sight,
-less than a fifth of it, does not tell its place."""
 
+# Share of a pixel's own deviation from its marker's step that the tracker is given. In few swings
+# pixels differ by where the rim stops as well as by their thresholds (simulated: with all of it
+# the twin's tracks err by 0.017 px more, and those on v2e by 0.007 px less).
 PIXEL_SHARE = 0.3
-"""Share of a pixel's own deviation from its marker's step that the tracker is given. In few swings
-pixels differ by where the rim stops as well as by their thresholds (simulated: with all of it the
-twin's tracks err by 0.017 px more, and those on v2e by 0.007 px less)."""
 
 
 def cells(look: Overview) -> NDArray[np.int64]:

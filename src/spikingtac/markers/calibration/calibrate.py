@@ -42,26 +42,25 @@ from spikingtac.markers.calibration.refine import Refined, choose_states, refine
 from spikingtac.markers.calibration.swings import LearnedSteps
 from spikingtac.markers.lag.recording_lag import slide_lag_us
 
+# Learns ``lag_us`` from the recording and the calibration so far; None where it cannot.
 LagEstimator = Callable[[EventSource, Calibration], float | None]
-"""Learns ``lag_us`` from the recording and the calibration so far; None where it cannot."""
 
-CONTRASTS = (1.3, 12.0)
-"""Least and largest contrast that the steps may stand for."""
+CONTRASTS = (1.3, 12.0)  # Least and largest contrast that the steps may stand for.
 
+# Edge width and contrast from which the refinement begins.
 FIRST_EDGE_PX, FIRST_CONTRAST = 0.8, 3.3
-"""Edge width and contrast from which the refinement begins."""
 
+# Radius from which it begins, as a share of that of the blobs, which the blur makes larger.
 FIRST_RADIUS_SHARE = 0.95
-"""Radius from which it begins, as a share of that of the blobs, which the blur makes larger."""
 
 
+# Contrast threshold of a camera at usual settings, log intensity. Only the product of steps and
+# contrast can be learnt from events, so it sets the scale of ``contrast``; a wrong one shifts
+# radii by some 0.1 px (ours).
 THRESHOLD = 0.25
-"""Contrast threshold of a camera at usual settings, log intensity. Only the product of steps and
-contrast can be learnt from events, so it sets the scale of ``contrast``; a wrong one shifts radii
-by some 0.1 px (ours)."""
 
+# Beginning of a recording from which a calibration by hand is completed, us: a few contacts.
 FIRST_US = 15_000_000
-"""Beginning of a recording from which a calibration by hand is completed, us: a few contacts."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -34,22 +34,21 @@ from spikingtac.markers.calibration.expected_levels import Walk
 from spikingtac.markers.calibration.offset_memory import OffsetMemory
 from spikingtac.state_map.two_threads import divide
 
-RESIDUAL_LEVEL = 0.35
-"""Residuals beyond this level count less (Cauchy weights)."""
+RESIDUAL_LEVEL = 0.35  # Residuals beyond this level count less (Cauchy weights).
 
+# Added to the curvature of a place at one state, of a shift of all places, of a radius and of an
+# edge (1 / px^2), so that what the events hardly tell stays where it is. A marker that moves has
+# 1,000 and more.
 PLACE_PRIOR, SHIFT_PRIOR, RADIUS_PRIOR, EDGE_PRIOR = 1.0, 30.0, 100.0, 300.0
-"""Added to the curvature of a place at one state, of a shift of all places, of a radius and of an
-edge (1 / px^2), so that what the events hardly tell stays where it is. A marker that moves has
-1,000 and more."""
 
+# The same for a stretch, but that draws it to none, since wide edges hardly tell it from a motion
+# (1 / px^2, ours: not drawn, rests of a sensor like the recorded one err by half as much again;
+# 1,000 is no better).
 STRETCH_PRIOR = 200.0
-"""The same for a stretch, but that draws it to none, since wide edges hardly tell it from a motion
-(1 / px^2, ours: not drawn, rests of a sensor like the recorded one err by half as much again; 1,000
-is no better)."""
 
+# Rows of the derivatives that all states share, and those of one state: x, y, radius, edge, and
+# the second harmonic of the radius.
 COMMON, OWN = (0, 1, 2, 3), (0, 1, 2, 4, 5)
-"""Rows of the derivatives that all states share, and those of one state: x, y, radius, edge, and
-the second harmonic of the radius."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,34 +18,29 @@ from spikingtac.markers.calibration.disc_levels import (
     nearer_kernel,
 )
 
+# Gauss-Newton steps at each sample: the markers move by less than a pixel between two.
 ITERATIONS = 3
-"""Gauss-Newton steps at each sample: the markers move by less than a pixel between two."""
 
-LARGEST_STEP_PX = 1.5
-"""Bound of one Gauss-Newton step."""
+LARGEST_STEP_PX = 1.5  # Bound of one Gauss-Newton step.
 
-RESIDUAL_LEVEL = 0.3
-"""Residuals beyond this level count less (Cauchy weights)."""
+RESIDUAL_LEVEL = 0.3  # Residuals beyond this level count less (Cauchy weights).
 
-IN_BAND_WEIGHT = 0.6
-"""A level inside of its band counts less than one outside of it."""
+IN_BAND_WEIGHT = 0.6  # A level inside of its band counts less than one outside of it.
 
-AGREEING_LEVEL = 0.35
-"""A pixel agrees with the disc within this level."""
+AGREEING_LEVEL = 0.35  # A pixel agrees with the disc within this level.
 
-SMALL_STEP_PX = 0.01
-"""A fit ends after a smaller step."""
+SMALL_STEP_PX = 0.01  # A fit ends after a smaller step.
 
+# Pixels are gathered this far beyond a fit's annulus, so that a fit that moves less needs no
+# others.
 REACH_MARGIN_PX = 1.5
-"""Pixels are gathered this far beyond a fit's annulus, so that a fit that moves less needs no
-others."""
 
+# What a fit knows of all discs: places, nearest others, shapes and ``fit_tables``.
 Scene = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float32]]
-"""What a fit knows of all discs: places, nearest others, shapes and ``fit_tables``."""
 
+# Rows of a fit's room: x and y of each gathered pixel, where its light probably is, the weight of
+# that, the ends of its band, and 1 where it is nearest to the fitted disc, otherwise 0.
 ROWS = 7
-"""Rows of a fit's room: x and y of each gathered pixel, where its light probably is, the weight of
-that, the ends of its band, and 1 where it is nearest to the fitted disc, otherwise 0."""
 
 
 def fit_room(shape: NDArray[np.float64]) -> NDArray[np.float64]:

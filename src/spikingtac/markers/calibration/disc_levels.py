@@ -14,22 +14,20 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import DiscProfile
 
+# Tables reach so many edge widths to both sides of the rim; the level is within 0.01 of its ends
+# there for contrasts up to 12.
 REACH_EDGES = 6.0
-"""Tables reach so many edge widths to both sides of the rim; the level is within 0.01 of its ends
-there for contrasts up to 12."""
 
-TABLE_STEPS = 256
-"""Entries of a table: the level changes by at most 0.02 between two."""
+TABLE_STEPS = 256  # Entries of a table: the level changes by at most 0.02 between two.
 
+# The annulus of a fit: so many edge widths, and this margin, inside and outside of the rim.
 INSIDE_EDGES, OUTSIDE_EDGES, MARGIN_PX = 4.5, 3.5, 1.0
-"""The annulus of a fit: so many edge widths, and this margin, inside and outside of the rim."""
 
+# Variance of a level apart from its step's: shape and thresholds are never exact. (0.055 of a
+# swing, ours: the rms of the levels that the model left over on simulated recordings.)
 LEVEL_VARIANCE = 0.003
-"""Variance of a level apart from its step's: shape and thresholds are never exact. (0.055 of a
-swing, ours: the rms of the levels that the model left over on simulated recordings.)"""
 
-NEIGHBOURS = 8
-"""Nearest markers that a disc is told from."""
+NEIGHBOURS = 8  # Nearest markers that a disc is told from.
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,8 +214,8 @@ def profile_kernel(z: Any, edge_px: Any, k: Any) -> tuple[float, float]:
     return np.log(light) / swing, k * cover * (1.0 - cover) / (edge_px * light * swing)
 
 
+# Nearest markers whose mean motion stands for that of a marker that could not be followed.
 LEADERS = 4
-"""Nearest markers whose mean motion stands for that of a marker that could not be followed."""
 
 
 @dataclass(frozen=True, slots=True)

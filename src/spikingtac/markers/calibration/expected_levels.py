@@ -27,11 +27,10 @@ from spikingtac.markers.calibration.disc_levels import (
 from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.state_map.two_threads import divide
 
+# Ideal pixels for each real one: their mean is within an eighth of a step of the true mean.
 PHASES = 4
-"""Ideal pixels for each real one: their mean is within an eighth of a step of the true mean."""
 
-STILL_LEVEL = 1e-4
-"""Smaller changes of the level are no motion."""
+STILL_LEVEL = 1e-4  # Smaller changes of the level are no motion.
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,29 +26,27 @@ from spikingtac.markers.calibration.recording import (
 )
 from spikingtac.types import Polarity
 
+# Width of the Gaussian that takes single pixels' noise off before discs are looked for.
 SMOOTH_PX = 1.0
-"""Width of the Gaussian that takes single pixels' noise off before discs are looked for."""
 
+# Spots of a smaller or larger share of the median area are no markers, or two.
 AREA_SHARES = (0.25, 3.0)
-"""Spots of a smaller or larger share of the median area are no markers, or two."""
 
+# Spots of the smoothed map that may be markers: radii of 2 px and more. Blur takes a little off
+# the level of small discs, so that the threshold is below one half.
 CANDIDATES = BlobConfig(threshold=0.45, min_area_px=12.0, max_area_px=20_000.0)
-"""Spots of the smoothed map that may be markers: radii of 2 px and more. Blur takes a little off
-the level of small discs, so that the threshold is below one half."""
 
-FEWEST_MARKERS = 3
-"""Fewer markers are no grid."""
+FEWEST_MARKERS = 3  # Fewer markers are no grid.
 
+# Spots that fit into no grid, as a share of those that do, above which there is no grid.
 MOST_STRAY_SHARE = 0.5
-"""Spots that fit into no grid, as a share of those that do, above which there is no grid."""
 
+# Events of noise of a pixel over the recording from which a second search leaves lone events out:
+# their steps add up to a haze, in which pale markers are lost. (Not in the first search: where
+# markers are seen nevertheless, lone events of slow motions count.)
 HAZE_EVENTS = 1.0
-"""Events of noise of a pixel over the recording from which a second search leaves lone events out:
-their steps add up to a haze, in which pale markers are lost. (Not in the first search: where
-markers are seen nevertheless, lone events of slow motions count.)"""
 
-EVEN_MAPS = 16
-"""Maps at regular times where a recording has no rest."""
+EVEN_MAPS = 16  # Maps at regular times where a recording has no rest.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

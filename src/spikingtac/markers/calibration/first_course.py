@@ -18,9 +18,9 @@ from spikingtac.markers.calibration.reference import CREPT_SHARE
 from spikingtac.markers.calibration.swings import LearnedSteps, learn_steps
 from spikingtac.markers.graded.appearance import nearest_marker
 
+# A marker with fewer full swings than this share of the others', but not so few events, was not
+# followed.
 STUCK_SHARE = 0.1
-"""A marker with fewer full swings than this share of the others', but not so few events, was not
-followed."""
 
 
 def first_course(
@@ -60,20 +60,20 @@ def _stuck(look: Overview, swings: NDArray[np.float64]) -> NDArray[np.bool_]:
     return (swings < STUCK_SHARE * np.median(swings)) & (sent > STUCK_SHARE * np.median(sent))
 
 
+# Samples are so far apart that the markers move by this much between two, on the average. (Ours:
+# 0.2 px is no better on simulated presses, and takes half as long again.)
 SAMPLE_PX = 0.5
-"""Samples are so far apart that the markers move by this much between two, on the average. (Ours:
-0.2 px is no better on simulated presses, and takes half as long again.)"""
 
+# Bounds of the samples: short recordings are sampled more finely, long ones more coarsely.
 FEWEST_SAMPLES, MOST_SAMPLES = 400, 6_000
-"""Bounds of the samples: short recordings are sampled more finely, long ones more coarsely."""
 
+# Short recordings of so many markers that this is exceeded are not sampled more finely. (Ours: of
+# 1,024 markers, 160 samples are as good as 400.)
 FEWEST_FITS = 160_000
-"""Short recordings of so many markers that this is exceeded are not sampled more finely. (Ours: of
-1,024 markers, 160 samples are as good as 400.)"""
 
+# Where in a rest it is sampled. The skin creeps in its first part; the middle one stands for the
+# rest.
 REST_SHARES = (CREPT_SHARE, 0.8, 0.95)
-"""Where in a rest it is sampled. The skin creeps in its first part; the middle one stands for the
-rest."""
 
 
 def choose_samples(look: Overview) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -26,20 +26,15 @@ from spikingtac.markers.calibration.disc_levels import (
 from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.state_map.two_threads import divide
 
-PULL = 0.2
-"""Share of a band's violation that is taken away at each sample."""
+PULL = 0.2  # Share of a band's violation that is taken away at each sample.
 
-FEWEST_AGREEMENT = 0.45
-"""A disc is believed when so much of its edge agrees."""
+FEWEST_AGREEMENT = 0.45  # A disc is believed when so much of its edge agrees.
 
-SPEED_KEPT = 0.8
-"""Share of the last step by which a marker is expected to go on."""
+SPEED_KEPT = 0.8  # Share of the last step by which a marker is expected to go on.
 
-LED_SHARE = 0.3
-"""Share by which a disc that is not believed is drawn to where its neighbours went."""
+LED_SHARE = 0.3  # Share by which a disc that is not believed is drawn to where its neighbours went.
 
-MANY_DISCS = 48
-"""Fewer discs are fitted in the time that dividing them takes, 0.1 ms (ours)."""
+MANY_DISCS = 48  # Fewer discs are fitted in the time that dividing them takes, 0.1 ms (ours).
 
 
 class Follower:

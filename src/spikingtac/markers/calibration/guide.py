@@ -25,43 +25,42 @@ from spikingtac.markers.calibration.level_maps import MeanSteps, SwingHistogram
 from spikingtac.markers.calibration.recording import RestWatch
 from spikingtac.types import EventPacket, Polarity
 
+# A pixel has shown a marker when it came from the ground to this level: steps are estimated to 30
+# %, so that most pixels reach the full level, not all.
 SWUNG_LEVEL = 0.9
-"""A pixel has shown a marker when it came from the ground to this level: steps are estimated to
-30 %, so that most pixels reach the full level, not all."""
 
+# A rise from ground to marker lasts no longer, us; noise that piles up takes longer. A rim 3 px
+# wide passes in this time at 3 px/s.
 SLOWEST_SWING_US = 1_000_000
-"""A rise from ground to marker lasts no longer, us; noise that piles up takes longer. A rim 3 px
-wide passes in this time at 3 px/s."""
 
+# Share of a full swing of an event before any swing was seen: five events a swing.
 FIRST_STEP = 0.2
-"""Share of a full swing of an event before any swing was seen: five events a swing."""
 
+# Events after which the ratio of ON to OFF events is believed, and its bounds.
 FEWEST_EVENTS, BALANCE = 2_000, (0.1, 10.0)
-"""Events after which the ratio of ON to OFF events is believed, and its bounds."""
 
+# Quarters of a disc, in the order of :attr:`GuideView.sides`.
 SIDES = ("right", "left", "lower", "upper")
-"""Quarters of a disc, in the order of :attr:`GuideView.sides`."""
 
+# The way that a marker must go and come back from, to uncover each of :data:`SIDES`.
 OPPOSITE = ("left", "right", "up", "down")
-"""The way that a marker must go and come back from, to uncover each of :data:`SIDES`."""
 
-LOOK_US = 500_000
-"""Sensor time between two searches for the markers, us: one takes some 20 ms."""
+LOOK_US = 500_000  # Sensor time between two searches for the markers, us: one takes some 20 ms.
 
+# Share of its disc that has swung from which a marker has moved enough (noise and blurred rims
+# leave some pixels of every disc below the level), and below which a calibration hardly measures
+# it.
 ENOUGH_SHARE, DOUBTFUL_SHARE = 0.7, 0.4
-"""Share of its disc that has swung from which a marker has moved enough (noise and blurred rims
-leave some pixels of every disc below the level), and below which a calibration hardly measures
-it."""
 
+# Radius within which the disc is measured, as a share of its own: the rim is blurred.
 CORE_SHARE = 0.8
-"""Radius within which the disc is measured, as a share of its own: the rim is blurred."""
 
+# Share of the markers that may lack motion while the guide says that all is there.
 MOST_UNMOVED_SHARE = 0.05
-"""Share of the markers that may lack motion while the guide says that all is there."""
 
+# Rests without which a calibration is less sure: one before and one after the contacts (slides of
+# the twin: 0.137 px mean error from one slide before the second rest, 0.110 px after it).
 FEWEST_RESTS = 2
-"""Rests without which a calibration is less sure: one before and one after the contacts (slides of
-the twin: 0.137 px mean error from one slide before the second rest, 0.110 px after it)."""
 
 
 class StreamedLevels:

@@ -19,30 +19,29 @@ from numpy.typing import NDArray
 
 LayoutKind = Literal["auto", "grid", "staggered", "free"]
 
+# Nearest points whose steps vote for the basis: the ring around a point of a square grid. So many
+# steps are compared at most.
 NEIGHBOURS, MOST_STEPS = 8, 1_500
-"""Nearest points whose steps vote for the basis: the ring around a point of a square grid. So many
-steps are compared at most."""
 
+# Two steps are alike up to this share of the shorter one: the jitter of hand-made grids is 0.07
+# pitches, and lenses change the pitch by 0.1 over an image.
 ALIKE = 0.2
-"""Two steps are alike up to this share of the shorter one: the jitter of hand-made grids is 0.07
-pitches, and lenses change the pitch by 0.1 over an image."""
 
+# A step of the basis has at least this share of the votes of the most frequent step.
 VOTES_SHARE = 0.5
-"""A step of the basis has at least this share of the votes of the most frequent step."""
 
-LEAST_SINE = 0.5
-"""Sine of the angle between two steps from which they span a lattice: 30 degrees."""
+LEAST_SINE = 0.5  # Sine of the angle between two steps from which they span a lattice: 30 degrees.
 
+# Cosine of the angle of the reduced basis from which rows are staggered. Rows that are shifted by
+# half a pitch have 0.3 to 0.5; 0.1 is a grid in perspective.
 LEAST_SKEW = 0.2
-"""Cosine of the angle of the reduced basis from which rows are staggered. Rows that are shifted by
-half a pitch have 0.3 to 0.5; 0.1 is a grid in perspective."""
 
+# How far a point may lie from where its neighbour expects it, as a share of the pitch.
 REACH = 0.33
-"""How far a point may lie from where its neighbour expects it, as a share of the pitch."""
 
+# Points from which the smooth model gets so many terms: affine, quadratic (perspective), cubic
+# (lens distortion); four points and more for each term.
 MODEL_TERMS = ((0, 3), (12, 6), (40, 10))
-"""Points from which the smooth model gets so many terms: affine, quadratic (perspective), cubic
-(lens distortion); four points and more for each term."""
 
 Label = tuple[int, int]
 

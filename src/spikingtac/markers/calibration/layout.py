@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.lattice import Label, Lattice, LayoutKind, bases, labelled
 
+# So near to its place, as a share of the pitch, a point beyond a nearly empty border line is a
+# marker; of points anywhere within REACH one in eight is.
 ON_LATTICE = 0.12
-"""So near to its place, as a share of the pitch, a point beyond a nearly empty border line is a
-marker; of points anywhere within REACH one in eight is."""
 
+# Slope of the rows, 3 degrees, up to which a grid is taken for a rectangle along the image: a
+# corner without a marker has lost it. Beyond, the image may cut the corners of the grid off.
 LEVEL_SLOPE = 0.05
-"""Slope of the rows, 3 degrees, up to which a grid is taken for a rectangle along the image: a
-corner without a marker has lost it. Beyond, the image may cut the corners of the grid off."""
 
+# A border row or column with a smaller share of its markers is taken for stray points.
 FEWEST_SHARE = 1 / 3
-"""A border row or column with a smaller share of its markers is taken for stray points."""
 
 
 ABSENT = -1

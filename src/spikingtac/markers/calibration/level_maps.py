@@ -16,20 +16,20 @@ from numpy.typing import NDArray
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.recording import BufferedEvents, moving_events
 
+# Resolution and range of the histogram of brightness swings, in ON events.
 BINS_PER_EVENT, LARGEST_SWING = 4, 100
-"""Resolution and range of the histogram of brightness swings, in ON events."""
 
+# A swing ends when brightness turns back by this many events of the rarer polarity: less is
+# noise.
 TURN_EVENTS = 1.5
-"""A swing ends when brightness turns back by this many events of the rarer polarity: less is
-noise."""
 
+# Quantile of the swings, weighted with their size, that stands for a full one: most of the change
+# in a picture of moving discs is made of full swings (within 30 % on fifteen simulated sensors;
+# :mod:`spikingtac.markers.calibration.first_model` begins with it).
 SWING_QUANTILE = 0.5
-"""Quantile of the swings, weighted with their size, that stands for a full one: most of the
-change in a picture of moving discs is made of full swings (within 30 % on fifteen simulated
-sensors; :mod:`spikingtac.markers.calibration.first_model` begins with it)."""
 
+# Shares of ON events among the events of motion between which a calibration is tried.
 ON_SHARES = (0.02, 0.98)
-"""Shares of ON events among the events of motion between which a calibration is tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,27 +186,26 @@ def add_kernel(
             level[pixel] = max(level[pixel] - off, np.float32(0.0))
 
 
+# Width of the Gaussian over which events of motion are counted: single pixels are noisy.
 SMOOTH_PX = 1.0
-"""Width of the Gaussian over which events of motion are counted: single pixels are noisy."""
 
+# A pixel fires where so many events of motion were counted, and so many times the noise of that
+# time, which the rests tell.
 FEWEST_EVENTS, OVER_NOISE = 1.0, 3.0
-"""A pixel fires where so many events of motion were counted, and so many times the noise of that
-time, which the rests tell."""
 
+# Difference between a map that began dark and one that began bright from which the events do not
+# tell the level: less is left where a pixel swung over more than half.
 UNDECIDED = 0.5
-"""Difference between a map that began dark and one that began bright from which the events do not
-tell the level: less is left where a pixel swung over more than half."""
 
+# How far beside silent pixels those that swing a little are covered, too (four sensors: 5 and 8
+# are alike; with 3 a gap stays inside of large discs, without a bound feet of edges count).
 GROWN_PX = 5
-"""How far beside silent pixels those that swing a little are covered, too (four sensors: 5
-and 8 are alike; with 3 a gap stays inside of large discs, without a bound feet of edges count)."""
 
-RIM_PX = 6
-"""Width of the rim around silent pixels that tells whose they are."""
+RIM_PX = 6  # Width of the rim around silent pixels that tells whose they are.
 
+# Share of that rim, where events tell how it began, that begins bright where a marker covers the
+# silent pixels.
 LEAST_LIT = 0.1
-"""Share of that rim, where events tell how it began, that begins bright where a marker covers the
-silent pixels."""
 
 
 def starting_levels(

@@ -12,8 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-RIM_LEVELS = (0.03, 0.97)
-"""Between these levels a pixel lies on a rim."""
+RIM_LEVELS = (0.03, 0.97)  # Between these levels a pixel lies on a rim.
 
 
 @dataclass(frozen=True, slots=True)

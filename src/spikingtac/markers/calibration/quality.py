@@ -16,33 +16,29 @@ from spikingtac.markers.calibration.offset_memory import OffsetMemory
 from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.markers.calibration.refine import Refined
 
+# A marker with few events is measured when its disc explains this share of what the median disc
+# explains. (Ours: the recorded marker that hardly moves has 0.33 to 0.47; simulated ones whose
+# rest is known to a pixel mostly have more.)
 FEWEST_EXPLAINED_SHARE = 0.5
-"""A marker with few events is measured when its disc explains this share of what the median disc
-explains. (Ours: the recorded marker that hardly moves has 0.33 to 0.47; simulated ones whose rest
-is known to a pixel mostly have more.)"""
 
+# Events beyond the sensor's noise that a marker needs, and the share of the median over all
+# markers that is enough in itself.
 FEWEST_EVENTS, FEWEST_EVENTS_SHARE = 40.0, 0.25
-"""Events beyond the sensor's noise that a marker needs, and the share of the median over all
-markers that is enough in itself."""
 
+# A measured marker is doubtful when its disc explains less than this share of the median.
 DOUBTFUL_SHARE = 0.5
-"""A measured marker is doubtful when its disc explains less than this share of the median."""
 
-GRID_EXPLAINED = 0.15
-"""Median of the explained shares below which no grid of discs was seen."""
+GRID_EXPLAINED = 0.15  # Median of the explained shares below which no grid of discs was seen.
 
-MEMORY = OffsetMemory(30.0, 1.0)
-"""Changes over some presses count, on rims as well."""
+MEMORY = OffsetMemory(30.0, 1.0)  # Changes over some presses count, on rims as well.
 
+# What the median of the explained shares is called.
 WORDS = ((0.75, "very good"), (0.55, "good"), (0.35, "usable"), (0.0, "poor"))
-"""What the median of the explained shares is called."""
 
 
-MOST_MISSING_SHARE = 1 / 3
-"""A grid of which more is missing was not found."""
+MOST_MISSING_SHARE = 1 / 3  # A grid of which more is missing was not found.
 
-MOST_NAMED = 8
-"""Missing markers that an error names one by one."""
+MOST_NAMED = 8  # Missing markers that an error names one by one.
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,14 +20,11 @@ from spikingtac.events.hot_pixels import find_hot_pixels, hot_mask, quiet_events
 from spikingtac.events.source import EventSource
 from spikingtac.types import EventPacket, LossCounters
 
-LONGEST_US = int(np.iinfo(np.uint32).max)
-"""Longest recording whose times fit 32 bits: 71 minutes."""
+LONGEST_US = int(np.iinfo(np.uint32).max)  # Longest recording whose times fit 32 bits: 71 minutes.
 
-MOST_EVENTS = 100_000_000
-"""Bound of the memory: 8 bytes for each event."""
+MOST_EVENTS = 100_000_000  # Bound of the memory: 8 bytes for each event.
 
-REPLAYED_US = 10_000
-"""Length of the packets in which buffered events are read again, us."""
+REPLAYED_US = 10_000  # Length of the packets in which buffered events are read again, us.
 
 
 @dataclass(slots=True)
@@ -153,19 +150,17 @@ def without_hot_pixels(events: BufferedEvents) -> tuple[BufferedEvents, NDArray[
     return replace(events, code=events.code[keep], time_us=events.time_us[keep]), hot_px
 
 
+# Events are counted in bins of this length, and summed over so many: 10 ms hold a hundred events
+# of a quiet 320x320 sensor at 0.1 Hz a pixel.
 BIN_US, SMOOTH_BINS = 10_000, 5
-"""Events are counted in bins of this length, and summed over so many: 10 ms hold a hundred events
-of a quiet 320x320 sensor at 0.1 Hz a pixel."""
 
+# A bin is quiet up to this share of the way from the quietest, the fifth percentile, to the busy
+# ones (measured: creep after a contact is 0.01 to 0.02).
 QUIET_SHARE, QUIET_PERCENTILE = 0.03, 5.0
-"""A bin is quiet up to this share of the way from the quietest, the fifth percentile, to the busy
-ones (measured: creep after a contact is 0.01 to 0.02)."""
 
-SHORTEST_REST_US = 100_000
-"""A rest lasts at least this long; a slide turns round in less."""
+SHORTEST_REST_US = 100_000  # A rest lasts at least this long; a slide turns round in less.
 
-MOST_RESTS = 40
-"""The longest so many rests are used: each keeps a map in memory."""
+MOST_RESTS = 40  # The longest so many rests are used: each keeps a map in memory.
 
 
 def quiet_limit(counts: NDArray[np.float64], deviations: float = 3.0) -> float:
@@ -203,15 +198,13 @@ def moving_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArra
     return moving if moving.any() else ~moving
 
 
-MOST_BINS = 1_200
-"""Bins that are remembered: a minute of 50 ms each."""
+MOST_BINS = 1_200  # Bins that are remembered: a minute of 50 ms each.
 
+# Quiet counts reach from 1.6 standard deviations of Poisson noise below their mean (the fifth
+# percentile) to some three above it.
 NOISE_DEVIATIONS = 5.0
-"""Quiet counts reach from 1.6 standard deviations of Poisson noise below their mean (the fifth
-percentile) to some three above it."""
 
-BIN_SUM_US = BIN_US * SMOOTH_BINS
-"""Length of a bin, us: as long as the calibration sums over."""
+BIN_SUM_US = BIN_US * SMOOTH_BINS  # Length of a bin, us: as long as the calibration sums over.
 
 
 class RestWatch:
@@ -252,19 +245,17 @@ class RestWatch:
         self.rests += self.resting and not was
 
 
-SMOOTH_PX = 3
-"""Width of the box mean before two maps are compared: single pixels are noise."""
+SMOOTH_PX = 3  # Width of the box mean before two maps are compared: single pixels are noise.
 
-CHANGED_LEVEL = 0.5
-"""A pixel differs between two rests when its level differs by half a swing."""
+CHANGED_LEVEL = 0.5  # A pixel differs between two rests when its level differs by half a swing.
 
+# Two rests are alike up to this share of the pixels that differ between unlike rests, and up to
+# so many pixels, a third of one marker. Creep leaves a share of less than 0.02, a light press 0.1
+# and more (simulated and recorded presses).
 ALIKE_SHARE, ALIKE_PX = 0.05, 40.0
-"""Two rests are alike up to this share of the pixels that differ between unlike rests, and up to so
-many pixels, a third of one marker. Creep leaves a share of less than 0.02, a light press 0.1 and
-more (simulated and recorded presses)."""
 
+# A recording mostly begins without load: its first rest counts half as much again.
 FIRST_BONUS = 0.5
-"""A recording mostly begins without load: its first rest counts half as much again."""
 
 
 def unloaded_rests(maps: NDArray[np.float32], length_us: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -18,22 +18,22 @@ from numpy.typing import NDArray
 from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.markers.calibration.refine import MOST_ROUNDS, Refined, refine
 
+# Time in which it is forgotten, s (the counts of the recorded sensor, pixel by pixel and burst by
+# burst: 0.19 to 0.25; simulated: 0.1 to 0.4 instead of 0.2 cost 5 %).
 RECOVERY_S = 0.2
-"""Time in which it is forgotten, s (the counts of the recorded sensor, pixel by pixel and burst by
-burst: 0.19 to 0.25; simulated: 0.1 to 0.4 instead of 0.2 cost 5 %)."""
 
+# Share of ON events below which nothing is missing of the OFF events (the recorded sensor 0.75,
+# simulated ones that recover 0.68 and 0.72, those whose thresholds are alike 0.51).
 LEAST_ON_SHARE = 0.6
-"""Share of ON events below which nothing is missing of the OFF events (the recorded sensor 0.75,
-simulated ones that recover 0.68 and 0.72, those whose thresholds are alike 0.51)."""
 
+# Share by which the levels left over must shrink, the median over the markers (the recorded
+# sensor 0.17, parts of it 0.13 to 0.24; simulated ones that recover 0.14 to 0.16, those that do
+# not 0.08 at most; from four short presses it cannot be told).
 RECOVERY_GAIN = 0.1
-"""Share by which the levels left over must shrink, the median over the markers (the recorded sensor
-0.17, parts of it 0.13 to 0.24; simulated ones that recover 0.14 to 0.16, those that do not 0.08 at
-most; from four short presses it cannot be told)."""
 
+# After so many rounds it is given up where more than this share is left over (the recorded sensor
+# 0.92, two simulated ones that do not recover 1.23 and 1.34; seven rounds more take off a tenth).
 FIRST_ROUNDS, HOPELESS = 3, 1.1
-"""After so many rounds it is given up where more than this share is left over (the recorded sensor
-0.92, two simulated ones that do not recover 1.23 and 1.34; seven rounds more take off a tenth)."""
 
 
 def with_recovery(

@@ -18,28 +18,25 @@ from numpy.typing import NDArray
 
 Method = Literal["rest-mean", "bounding-box"]
 
-SETTLED_US = 3_000_000
-"""After so long a rest the skin has crept back (recorded presses)."""
+SETTLED_US = 3_000_000  # After so long a rest the skin has crept back (recorded presses).
 
+# The first part of a rest, in which the skin still creeps, tells little of where it ends up.
 CREPT_SHARE = 0.35
-"""The first part of a rest, in which the skin still creeps, tells little of where it ends up."""
 
+# A rest so far from the weighted median counts half (Cauchy weights): the residual of creep.
 NEAR_PX = 0.15
-"""A rest so far from the weighted median counts half (Cauchy weights): the residual of creep."""
 
-MOST_CREEP = 0.3
-"""Largest share of a displacement that a skin is believed to keep for a while."""
+MOST_CREEP = 0.3  # Largest share of a displacement that a skin is believed to keep for a while.
 
+# Largest share by which contacts are believed to leave the whole skin spread. (The twin's plate
+# leaves 0.12 %. Less than nothing is no creep: pixels with wide edges show the first rest too far
+# outside, since what they saw before is not known.)
 MOST_SPREAD = 0.03
-"""Largest share by which contacts are believed to leave the whole skin spread. (The twin's plate
-leaves 0.12 %. Less than nothing is no creep: pixels with wide edges show the first rest too far
-outside, since what they saw before is not known.)"""
 
-TOUCHED_PX = 0.2
-"""Mean displacement before a rest from which there was a contact."""
+TOUCHED_PX = 0.2  # Mean displacement before a rest from which there was a contact.
 
+# A cause that differs by less than this between rests, on the average, tells nothing.
 TELLING_PX = 0.01
-"""A cause that differs by less than this between rests, on the average, tells nothing."""
 
 
 def reference(

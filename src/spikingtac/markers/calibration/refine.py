@@ -23,41 +23,38 @@ from spikingtac.markers.calibration.offset_memory import RIM_LEVELS, OffsetMemor
 from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.state_map.two_threads import divide
 
+# Times that the ideal pixels walk at most. Wide edges take many rounds: they grow by 0.1 px in
+# each.
 MOST_ROUNDS = 10
-"""Times that the ideal pixels walk at most. Wide edges take many rounds: they grow by 0.1 px in
-each."""
 
+# The refinement ends when most places and shapes change by less than this in a round.
 SETTLED_PX = 0.01
-"""The refinement ends when most places and shapes change by less than this in a round."""
 
+# States that are compared, and their pixels together: each pixel of each takes some 40 bytes.
 MOST_STATES, MOST_STATE_PIXELS = 80, 12_000_000
-"""States that are compared, and their pixels together: each pixel of each takes some 40 bytes."""
 
+# Shares of a step that are taken. A part of each residual is absorbed by the pixels' offsets, so
+# that places converge fastest when a step is exceeded (1.5 of 1, 1.5 and 2 tried).
 PLACE_GAIN, SHAPE_GAIN, COUNT_GAIN = 1.5, 0.8, 0.5
-"""Shares of a step that are taken. A part of each residual is absorbed by the pixels' offsets, so
-that places converge fastest when a step is exceeded (1.5 of 1, 1.5 and 2 tried)."""
 
-LEAST_GAIN = 0.5
-"""Full swings that add up to less than this are no swings of that marker."""
+LEAST_GAIN = 0.5  # Full swings that add up to less than this are no swings of that marker.
 
+# Bounds of one round's change of a place, and of a radius or an edge, px.
 LARGEST_MOVE_PX, LARGEST_GROWTH_PX = 1.0, 0.3
-"""Bounds of one round's change of a place, and of a radius or an edge, px."""
 
+# Bound of a stretch: the twin's discs, of 6.8 px, are stretched by 0.2 px under slides.
 LARGEST_STRETCH_PX = 1.0
-"""Bound of a stretch: the twin's discs, of 6.8 px, are stretched by 0.2 px under slides."""
 
+# Least and largest edge width that is believed, px. The recorded sensor has 1.3 to 2.3.
 EDGE_BOUNDS_PX = (0.3, 3.0)
-"""Least and largest edge width that is believed, px. The recorded sensor has 1.3 to 2.3."""
 
-RADIUS_SHARES = (0.5, 1.6)
-"""Bounds of a radius, as shares of the first guess."""
+RADIUS_SHARES = (0.5, 1.6)  # Bounds of a radius, as shares of the first guess.
 
-COUNT_PRIOR = 100.0
-"""Added to counts of events, so that few of them change little."""
+COUNT_PRIOR = 100.0  # Added to counts of events, so that few of them change little.
 
+# Offsets drift within few states: real pixels lose a fifth of a swing over a rest of seconds. Of
+# 2 to 100 states, 2 to 10 are equally good on simulated and recorded presses.
 MEMORY = OffsetMemory(4.0, 0.1)
-"""Offsets drift within few states: real pixels lose a fifth of a swing over a rest of seconds. Of 2
-to 100 states, 2 to 10 are equally good on simulated and recorded presses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,10 +212,10 @@ def _recounted(
     )
 
 
+# Full swings by which counts of events are believed beforehand, for the sensor as a whole and for
+# each marker beside the sensor. Slides show 1,000 a marker; the recorded sensor, whose edges are
+# so wide that hardly a pixel swings fully, shows one a marker: such swings tell nothing.
 SENSOR_PRIOR, MARKER_PRIOR = 300.0, 50.0
-"""Full swings by which counts of events are believed beforehand, for the sensor as a whole and for
-each marker beside the sensor. Slides show 1,000 a marker; the recorded sensor, whose edges are so
-wide that hardly a pixel swings fully, shows one a marker: such swings tell nothing."""
 
 
 def swing_gain(

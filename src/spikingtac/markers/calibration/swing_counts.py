@@ -15,11 +15,10 @@ from spikingtac.markers.calibration.disc_levels import Course, Discs, draw_kerne
 from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.state_map.two_threads import divide
 
+# A pixel is ground below the first level and marker above the second.
 GROUND_LEVEL, MARKER_LEVEL = 0.03, 0.95
-"""A pixel is ground below the first level and marker above the second."""
 
-SETTLE_SAMPLES = 3
-"""Events that come so many samples late still count for a swing."""
+SETTLE_SAMPLES = 3  # Events that come so many samples late still count for a swing.
 
 
 def count_swings(

@@ -24,21 +24,17 @@ from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.markers.calibration.swing_counts import count_swings
 from spikingtac.markers.graded.appearance import nearest_marker
 
+# Swings at its neighbours' counts that each marker is given beforehand: light and lens change
+# slowly over the skin.
 NEIGHBOUR_SWINGS = 10.0
-"""Swings at its neighbours' counts that each marker is given beforehand: light and lens change
-slowly over the skin."""
 
-PIXEL_SWINGS = 3.0
-"""Swings at its marker's counts that each pixel is given beforehand."""
+PIXEL_SWINGS = 3.0  # Swings at its marker's counts that each pixel is given beforehand.
 
-FEWEST_SWINGS = 50.0
-"""Full swings in all below which the sensor's mean steps are kept."""
+FEWEST_SWINGS = 50.0  # Full swings in all below which the sensor's mean steps are kept.
 
-FEWEST_EVENTS = 0.3
-"""Least mean count of a full swing: a rarer event tells nothing."""
+FEWEST_EVENTS = 0.3  # Least mean count of a full swing: a rarer event tells nothing.
 
-STEP_BOUNDS = (0.02, 1.0)
-"""Least and largest step."""
+STEP_BOUNDS = (0.02, 1.0)  # Least and largest step.
 
 
 @dataclass(frozen=True, slots=True)

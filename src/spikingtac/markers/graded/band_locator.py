@@ -25,22 +25,22 @@ from spikingtac.state_map.bands import BandStateMap
 from spikingtac.state_map.graded import PAD_PX
 from spikingtac.types import EventPacket
 
+# How much discs grow under load, as a share of their radius, on sensors whose pixels recover; on
+# others the radius stays (8 % by the events around the markers of the recorded gel; on its first
+# two presses they come from 1.12 to 0.97 px of the reference).
 GROWTH_SHARE = 0.1
-"""How much discs grow under load, as a share of their radius, on sensors whose pixels recover; on
-others the radius stays (8 % by the events around the markers of the recorded gel; on its first two
-presses they come from 1.12 to 0.97 px of the reference)."""
 
+# So far outside of a disc its former places recover, px, if no other disc comes so near (ours:
+# most of a press's way).
 LEFT_BEHIND_PX = 8.0
-"""So far outside of a disc its former places recover, px, if no other disc comes so near (ours:
-most of a press's way)."""
 
+# Shortest time between two fits, us: in less too few pixels fire to tell a place (simulated,
+# every 0.1 ms: 0.27 px instead of 0.17).
 SHORTEST_PERIOD_US = 1_000
-"""Shortest time between two fits, us: in less too few pixels fire to tell a place (simulated, every
-0.1 ms: 0.27 px instead of 0.17)."""
 
+# The levels around every n-th marker recover at an estimate, in turn: each marker's every 4 ms, a
+# fiftieth of the time that it takes (ours).
 GROUPS = 4
-"""The levels around every n-th marker recover at an estimate, in turn: each marker's every 4 ms, a
-fiftieth of the time that it takes (ours)."""
 
 
 class BandLocator(Locator):

@@ -25,66 +25,61 @@ from spikingtac.markers.graded.corrections import crossing_px
 from spikingtac.markers.graded.motion import VX, VY, X, Y
 from spikingtac.state_map.graded import Array
 
+# Speed below which a marker is not asked: creep, and the jitter of a filtered velocity.
 SLOW_PX_S = 10.0
-"""Speed below which a marker is not asked: creep, and the jitter of a filtered velocity."""
 
+# Speed above which it is not: a snap overruns the readout for some ms, and says nothing about the
+# stream before and after.
 FAST_PX_S = 400.0
-"""Speed above which it is not: a snap overruns the readout for some ms, and says nothing about the
-stream before and after."""
 
-STILL_PX_S = 3.0
-"""Mean speed below which all events are background."""
+STILL_PX_S = 3.0  # Mean speed below which all events are background.
 
-BACKGROUND_MEMORY_S = 0.5
-"""Time constant of the background's running mean."""
+BACKGROUND_MEMORY_S = 0.5  # Time constant of the background's running mean.
 
+# A marker is asked after it went this far in one direction. A reversal costs a step of each pixel
+# of its edge, and the events of a shorter motion tell of that and not of the stream (measured on
+# training scenes: over 2,000 expected events each the shares scatter by 0.1, without it by 0.2).
 LEAST_STROKE_PX = 1.0
-"""A marker is asked after it went this far in one direction. A reversal costs a step of each pixel
-of its edge, and the events of a shorter motion tell of that and not of the stream (measured on
-training scenes: over 2,000 expected events each the shares scatter by 0.1, without it by 0.2)."""
 
+# A marker is asked where its motion causes this many times the background of its cell.
 BACKGROUND_SHARE = 1.5
-"""A marker is asked where its motion causes this many times the background of its cell."""
 
+# Background that is assumed until a rest was seen: above what sensors have in good light.
 LEAST_BACKGROUND_HZ_PX = 0.5
-"""Background that is assumed until a rest was seen: above what sensors have in good light."""
 
+# Expected events before the first judgement: hundredths of a second of lively motion. It must
+# come before a disc lags too far to be believed.
 FIRST_EVENTS = 500.0
-"""Expected events before the first judgement: hundredths of a second of lively motion. It must come
-before a disc lags too far to be believed."""
 
+# Share that is assumed until then. Steps that are too small let a disc lag behind its marker, and
+# a lagging disc sees little motion and so no loss; steps a little too large cost next to nothing
+# (measured on training scenes: at 0.9 markers are lost where half of the events are missing).
 FIRST_SHARE = 0.8
-"""Share that is assumed until then. Steps that are too small let a disc lag behind its marker, and
-a lagging disc sees little motion and so no loss; steps a little too large cost next to nothing
-(measured on training scenes: at 0.9 markers are lost where half of the events are missing)."""
 
+# Expected events over which the share is averaged: some seconds of lively motion. Slow motions
+# bring a tenth more than the mean, fast ones a tenth less (v2e, simulated): both must be seen.
 MEMORY_EVENTS = 150_000.0
-"""Expected events over which the share is averaged: some seconds of lively motion. Slow motions
-bring a tenth more than the mean, fast ones a tenth less (v2e, simulated): both must be seen."""
 
+# A share above this is within the spread of lossless recordings and counts as 1 (v2e, simulated:
+# 0.84 to 1.05 without loss; at 0.84 first strokes that lack 30 % are taken for whole).
 FULL_SHARE = 0.87
-"""A share above this is within the spread of lossless recordings and counts as 1 (v2e, simulated:
-0.84 to 1.05 without loss; at 0.84 first strokes that lack 30 % are taken for whole)."""
 
-SMALLEST_SHARE = 0.2
-"""Below this no map can be kept; the steps grow no further."""
+SMALLEST_SHARE = 0.2  # Below this no map can be kept; the steps grow no further.
 
+# How doubtful the map is by the share that is lost (ours: 1 and 2 are alike where 30 % are).
 DOUBT_PER_LOSS = 1.5
-"""How doubtful the map is by the share that is lost (ours: 1 and 2 are alike where 30 % are)."""
 
+# Way after a turn in which the silent pixels become fewer by a factor e, in ways in which an edge
+# crosses a step (ours: 2.6 on training scenes, 1.9 on v2e's gel, simulated).
 SILENT_CROSSINGS = 2.4
-"""Way after a turn in which the silent pixels become fewer by a factor e, in ways in which an edge
-crosses a step (ours: 2.6 on training scenes, 1.9 on v2e's gel, simulated)."""
 
-LEAST_SILENT_PX = 0.1
-"""The same way at least, px: far below the shortest stroke that is asked."""
+LEAST_SILENT_PX = 0.1  # The same way at least, px: far below the shortest stroke that is asked.
 
+# Events in steady motion over those of full swings: noise near a threshold adds some (1.04 to
+# 1.09 on training scenes, 1.05 on v2e's sensors, simulated).
 EXTRA_EVENTS = 1.05
-"""Events in steady motion over those of full swings: noise near a threshold adds some (1.04 to 1.09
-on training scenes, 1.05 on v2e's sensors, simulated)."""
 
-SHARE_CHANGE = 0.03
-"""Changes of the share smaller than this leave the steps alone."""
+SHARE_CHANGE = 0.03  # Changes of the share smaller than this leave the steps alone.
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,29 +16,27 @@ from numpy.typing import NDArray
 from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.state_map.graded import PAD_PX
 
+# Largest magnitude of a sum of the normal equations, in steps: it fits into 32 bits.
 LARGEST_SUM = 2.0**30
-"""Largest magnitude of a sum of the normal equations, in steps: it fits into 32 bits."""
 
+# Decimals of a coefficient: linear algebra differs between processors in the thirteenth or so,
+# and what is rounded off is the same everywhere (ours: single precision has seven digits).
 COEFFICIENT_DECIMALS = 6
-"""Decimals of a coefficient: linear algebra differs between processors in the thirteenth or so, and
-what is rounded off is the same everywhere (ours: single precision has seven digits)."""
 
+# S within 0.001 and dS/dq within 2 % of its largest value, for every contrast and edge whose flat
+# ends :data:`FLAT_SHARE` cuts off.
 POLYNOMIAL_DEGREE = 11
-"""S within 0.001 and dS/dq within 2 % of its largest value, for every contrast and edge whose flat
-ends :data:`FLAT_SHARE` cuts off."""
 
+# Where the edge is less steep than this share of its steepest, a pixel says nothing of the
+# centre: the fit does not read it (at 0.05 the pixels are a tenth fewer and the tracks move by
+# 0.004 px).
 FLAT_SHARE = 0.02
-"""Where the edge is less steep than this share of its steepest, a pixel says nothing of the centre:
-the fit does not read it (at 0.05 the pixels are a tenth fewer and the tracks move by 0.004 px)."""
 
-REACH_PX = 6.0
-"""Farthest from the radius that a fit reads, px (ours)."""
+REACH_PX = 6.0  # Farthest from the radius that a fit reads, px (ours).
 
-CURVE_POINTS = 2001
-"""Points at which the polynomials are fitted: so many that more change nothing."""
+CURVE_POINTS = 2001  # Points at which the polynomials are fitted: so many that more change nothing.
 
-RING_PX = 0.5
-"""Steps of distance in which pixels are counted."""
+RING_PX = 0.5  # Steps of distance in which pixels are counted.
 
 
 class FitWindow(NamedTuple):

@@ -12,8 +12,7 @@ from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, VX, X, resting_f
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket
 
-AT_ONCE = 1 << 30
-"""Events that are due for any marker."""
+AT_ONCE = 1 << 30  # Events that are due for any marker.
 
 
 class Locator:

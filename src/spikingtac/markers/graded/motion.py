@@ -11,38 +11,36 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+# Ours: finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none.
 ACCELERATION_NOISE_PX2_S3 = 5.0e5
-"""Ours: finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none."""
 
+# Scatter of a fit from one ms to the next (ours, measured: 0.03 to 0.06).
 MEASUREMENT_SIGMA_PX = 0.05
-"""Scatter of a fit from one ms to the next (ours, measured: 0.03 to 0.06)."""
 
+# Time in which the map changes enough for the next measurement to be a new one.
 MEASUREMENT_PERIOD_S = 1.0e-3
-"""Time in which the map changes enough for the next measurement to be a new one."""
 
-START_VELOCITY_PX_S = 100.0
-"""Standard deviation of the unknown velocity at the first estimate."""
+START_VELOCITY_PX_S = 100.0  # Standard deviation of the unknown velocity at the first estimate.
 
-STOP_S = 3.0e-3
-"""Time in which the speed of a marker fades near which no pixel fires, s (ours)."""
+STOP_S = 3.0e-3  # Time in which the speed of a marker fades near which no pixel fires, s (ours).
 
+# Variances of place (px^2) and speed (px^2/s^2) that a resting marker is believed to have at
+# most: a motion that begins within one estimate.
 MOST_VARIANCES = (0.05, 1.0e4)
-"""Variances of place (px^2) and speed (px^2/s^2) that a resting marker is believed to have at most:
-a motion that begins within one estimate."""
 
+# Time in which a moving disc returns to its radius at rest, s (ours: 0.1 to 1 are alike on the
+# recorded gel).
 GROWTH_S = 0.3
-"""Time in which a moving disc returns to its radius at rest, s (ours: 0.1 to 1 are alike on the
-recorded gel)."""
 
+# Standard deviation of a radius that is known, px: a variance is divided by.
 LEAST_GROWTH_PX = 1e-5
-"""Standard deviation of a radius that is known, px: a variance is divided by."""
 
+# Columns of a motion: place, px; velocity, px/s; the covariance of both axes; its time, us.
 X, Y, VX, VY, PP, PV, VV, AT_US = range(8)
-"""Columns of a motion: place, px; velocity, px/s; the covariance of both axes; its time, us."""
 
+# Columns of a fit: place, px; its time, us; share of the edge that agrees with the disc; until
+# when no event changed it, us; where the marker stood when its pixels were marked, px.
 FIT_X, FIT_Y, FIT_US, AGREEMENT, SILENT_US, MARKED_X, MARKED_Y = range(7)
-"""Columns of a fit: place, px; its time, us; share of the edge that agrees with the disc; until
-when no event changed it, us; where the marker stood when its pixels were marked, px."""
 
 
 def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -32,51 +32,46 @@ from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, VX, VY
 from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
 from spikingtac.state_map.graded import Array
 
-LEAST_AGREEMENT = 0.35
-"""Share of the edge that must agree with the fitted disc (ours)."""
+LEAST_AGREEMENT = 0.35  # Share of the edge that must agree with the fitted disc (ours).
 
-PATIENCE_US = 20_000
-"""How long a marker may look lost before it is held, us (ours)."""
+PATIENCE_US = 20_000  # How long a marker may look lost before it is held, us (ours).
 
-SEARCH_US = 20_000
-"""Time between two full-frame detections while a marker is held, us (ours)."""
+SEARCH_US = 20_000  # Time between two full-frame detections while a marker is held, us (ours).
 
+# Largest distance between prediction and detection, as a share of the smallest spacing (ours).
 CAPTURE_SHARE = 0.3
-"""Largest distance between prediction and detection, as a share of the smallest spacing (ours)."""
 
+# Area of a blob that may be a lost marker, over that of its disc (ours).
 SMALLEST_BLOB_SHARE, LARGEST_BLOB_SHARE = 0.4, 2.5
-"""Area of a blob that may be a lost marker, over that of its disc (ours)."""
 
-BLOB_LEVEL = 0.5
-"""Level at which the full-frame detection binarises the map: half-way."""
+BLOB_LEVEL = 0.5  # Level at which the full-frame detection binarises the map: half-way.
 
-FADE_S = 0.1
-"""Time in which the confidence in a held marker falls by a factor e, s (ours)."""
+FADE_S = 0.1  # Time in which the confidence in a held marker falls by a factor e, s (ours).
 
+# A marker held for longer comes back only if it sends events, us: a sudden motion that lost it is
+# over by then (ours).
 LONG_HOLD_US = 200_000
-"""A marker held for longer comes back only if it sends events, us: a sudden motion that lost it is
-over by then (ours)."""
 
+# Way whose events tell that it is there, px: several reversals' worth of dead band (ours).
 HEARD_PX = 1.0
-"""Way whose events tell that it is there, px: several reversals' worth of dead band (ours)."""
 
+# Travel without events of its own after which a marker is silent, px. Its confidence falls on the
+# way there (ours: a reversal costs up to half a px).
 SILENT_PX = 2.0
-"""Travel without events of its own after which a marker is silent, px. Its confidence falls on the
-way there (ours: a reversal costs up to half a px)."""
 
+# Share of the events of its travel from which a marker counts as sending: half of a disc sends
+# more than half of them (ours).
 SENDING_SHARE = 0.35
-"""Share of the events of its travel from which a marker counts as sending: half of a disc sends
-more than half of them (ours)."""
 
+# Standard deviations above its background from which a cell's events tell of a marker (ours).
 CLEAR_SIGMAS = 3.0
-"""Standard deviations above its background from which a cell's events tell of a marker (ours)."""
 
+# Neighbours that may rest without acquitting a marker: they may be gone as well.
 RESTING_NEIGHBOURS = 2
-"""Neighbours that may rest without acquitting a marker: they may be gone as well."""
 
+# Largest distance of a marker from the middle of its neighbours, as a share of their mean
+# distance, at which they surround it: 0 inside of a square grid, 0.6 at its border.
 SURROUNDED = 0.25
-"""Largest distance of a marker from the middle of its neighbours, as a share of their mean
-distance, at which they surround it: 0 inside of a square grid, 0.6 at its border."""
 
 
 class TrackManager:

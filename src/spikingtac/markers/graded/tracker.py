@@ -30,24 +30,24 @@ from spikingtac.markers.released_zero import ReleasedZero
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket, MarkerFrame
 
+# Delay of the events where nothing was calibrated: 150 us of latency and a 2 kHz photoreceptor's
+# mean time constant (the twin's preset ``typical``).
 LAG_DEFAULT_US = 500.0
-"""Delay of the events where nothing was calibrated: 150 us of latency and a 2 kHz photoreceptor's
-mean time constant (the twin's preset ``typical``)."""
 
+# Longest time between estimates, us; where they are asked for more rarely, some are made in
+# between. (Ours: at 2 ms discs are as accurate as at 1 ms; at 30 ms they lose markers. The
+# prediction of a band fit is its prior, and strays: recorded gel, every 4 ms: 0.85 px pressed,
+# not 0.80.)
 LONGEST_PERIOD_US = {"disc": 2_000, "bands": 1_000}
-"""Longest time between estimates, us; where they are asked for more rarely, some are made in
-between. (Ours: at 2 ms discs are as accurate as at 1 ms; at 30 ms they lose markers. The prediction
-of a band fit is its prior, and strays: recorded gel, every 4 ms: 0.85 px pressed, not 0.80.)"""
 
+# Time between two turns of maintenance, us; in each the map leaks, and one other task in
+# :data:`TASKS` is done: at a ms or four the tracks are alike (ours).
 TURN_US = 1_000
-"""Time between two turns of maintenance, us; in each the map leaks, and one other task in
-:data:`TASKS` is done: at a ms or four the tracks are alike (ours)."""
 
-BEFORE_ALL_US = -(1 << 62)
-"""A time before any estimate, us."""
+BEFORE_ALL_US = -(1 << 62)  # A time before any estimate, us.
 
+# Turns in which each task has one: the loss of events, silent markers, lost markers, and none.
 TASKS = 4
-"""Turns in which each task has one: the loss of events, silent markers, lost markers, and none."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

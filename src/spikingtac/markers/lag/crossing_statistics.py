@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from spikingtac.markers.lag.crossings import PLACE_BINS, REACH_PX, Crossings
 
+# Places further from a bin's median are noise events: three times the spread of an edge's own.
 TRIM_PX = 1.0
-"""Places further from a bin's median are noise events: three times the spread of an edge's own."""
 _FEWEST_SPEEDS = 3
 
 

@@ -18,22 +18,25 @@ from numpy.typing import NDArray
 
 from spikingtac.types import EventPacket
 
+# Events of one passage that are told apart: at a contrast of 12 a step of 0.21 makes 12.
 ORDERS = 12
-"""Events of one passage that are told apart: at a contrast of 12 a step of 0.21 makes 12."""
+
+# Half-width of the zone around an edge (ours: five logistic scales of a 0.55 px edge).
 REACH_PX = 3.0
-"""Half-width of the zone around an edge (ours: five logistic scales of a 0.55 px edge)."""
-PLACE_BINS = 120
-"""Bins of q over the zone: 0.05 px each, a tenth of an edge's width."""
+PLACE_BINS = 120  # Bins of q over the zone: 0.05 px each, a tenth of an edge's width.
+
+# Bins of the edge's speed: below 5 px/s noise moves the edge, above 200 passages are cut short.
 SPEED_EDGES_PX_S = np.array([5, 8, 12, 18, 25, 35, 50, 70, 100, 140, 200], np.float64)
-"""Bins of the edge's speed: below 5 px/s noise moves the edge, above 200 passages are cut short."""
+
+# Half of the time over which a velocity is taken: 0.5 px at 100 px/s against jitter of 0.03 px.
 SPEED_SPAN_US = 5_000
-"""Half of the time over which a velocity is taken: 0.5 px at 100 px/s against jitter of 0.03 px."""
+
+# Longest passage: 1.5 zones at 30 px/s; a slower edge is not followed to the other side.
 LOOK_BACK_US = 300_000
-"""Longest passage: 1.5 zones at 30 px/s; a slower edge is not followed to the other side."""
-LOOK_STEP_US = 2_000
-"""Spacing at which a passage is followed back."""
+LOOK_STEP_US = 2_000  # Spacing at which a passage is followed back.
+
+# Apparent backward motion that does not end a passage: the jitter of tracked positions.
 JITTER_PX = 0.02
-"""Apparent backward motion that does not end a passage: the jitter of tracked positions."""
 _MEMORY = 16
 
 

@@ -30,23 +30,17 @@ from spikingtac.markers.lag.crossings import Crossings
 from spikingtac.markers.lag.photoreceptor import EdgeProfile, overshoot_px
 
 _US_PER_S = 1e6
-_TRIALS = 400
-"""Values of tau_white that are tried, 1.6 % apart over the default range."""
-_TABLE_PER_E_FOLD = 8
-"""Entries of the overshoot's table for each factor of e in kappa."""
-_LEAST_RUNGS = 2
-"""Rungs of each polarity without which level and skew cannot be told apart."""
-LOWEST_LEVEL = 0.12
-"""Below this level noise fires as often as the edge (ours)."""
-HIGHEST_LEVEL = 0.93
-"""Rungs above it belong to the pixels with the smallest steps only (ours)."""
-LEAST_COUNT = 60
-"""Events that a mean place needs."""
+_TRIALS = 400  # Values of tau_white that are tried, 1.6 % apart over the default range.
+_TABLE_PER_E_FOLD = 8  # Entries of the overshoot's table for each factor of e in kappa.
+_LEAST_RUNGS = 2  # Rungs of each polarity without which level and skew cannot be told apart.
+LOWEST_LEVEL = 0.12  # Below this level noise fires as often as the edge (ours).
+HIGHEST_LEVEL = 0.93  # Rungs above it belong to the pixels with the smallest steps only (ours).
+LEAST_COUNT = 60  # Events that a mean place needs.
+
+# Uncertainty of a mean place by what the model leaves out (curved edges, mismatch between
+# pixels), px (ours, from noise-free recordings).
 FLOOR_PX = 0.004
-"""Uncertainty of a mean place by what the model leaves out (curved edges, mismatch between pixels),
-px (ours, from noise-free recordings)."""
-SHORTEST_US = 10.0
-"""Least tau_white that is tried, us."""
+SHORTEST_US = 10.0  # Least tau_white that is tried, us.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -16,16 +16,15 @@ from spikingtac.markers.lag.estimate import LagConfig, LagEstimate, estimate_lag
 from spikingtac.markers.lag.photoreceptor import EdgeProfile
 from spikingtac.markers.tracker import MarkerTracker
 
-PERIOD_US = 1_000
-"""Time between tracked positions: at 100 px/s an edge moves by 0.1 px."""
+PERIOD_US = 1_000  # Time between tracked positions: at 100 px/s an edge moves by 0.1 px.
 
+# Places in between of two estimates are on a straight line: with fewer events than this a marker
+# nothing moves by much, and within this time nothing moves far. (Presses last a sixth of a
+# recording: it is read three times as fast.)
 LONGEST_US, EVENTS_PER_MARKER = 8_000, 0.5
-"""Places in between of two estimates are on a straight line: with fewer events than this a marker
-nothing moves by much, and within this time nothing moves far. (Presses last a sixth of a recording:
-it is read three times as fast.)"""
 
+# So many markers' edges tell the lag of a larger skin: each event is compared with all of them.
 MOST_MARKERS = 128
-"""So many markers' edges tell the lag of a larger skin: each event is compared with all of them."""
 
 
 def recording_lag(

@@ -25,13 +25,13 @@ from spikingtac.sim.camera.sweep import MarkerSweep, sweep_kernel
 from spikingtac.sim.states import MarkerImage
 from spikingtac.types import EventPacket, LossCounters
 
+# State of the pixels' reference levels at the start; see :meth:`EventCamera.settle`.
 ReferenceHistory = Literal["rested", "random", "fresh"]
-"""State of the pixels' reference levels at the start; see :meth:`EventCamera.settle`."""
 
-_INITIAL_OUTBOX = 1 << 16
-"""Initial capacity of the event buffer, events."""
+_INITIAL_OUTBOX = 1 << 16  # Initial capacity of the event buffer, events.
+
+# Upper bound of how often the light of a pixel crosses its whole range between two images.
 _MAX_LIGHT_SWINGS = 4
-"""Upper bound of how often the light of a pixel crosses its whole range between two images."""
 
 
 class EventCamera:

@@ -10,10 +10,11 @@ from typing import Literal
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.schema import from_toml, require_within
 
+# The pinned presets, stored as ``configs/cameras/<name>.toml``.
 CAMERA_NAMES = ("clean", "typical", "noisy")
-"""The pinned presets, stored as ``configs/cameras/<name>.toml``."""
+
+# Most pixels of a sensor (1920 by 1080 fit); each takes 200 bytes while it is made.
 MOST_PIXELS = 1 << 21
-"""Most pixels of a sensor (1920 by 1080 fit); each takes 200 bytes while it is made."""
 _STORED_NAMES = (*CAMERA_NAMES, "v2e", "real-like")
 
 

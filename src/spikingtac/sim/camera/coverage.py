@@ -19,6 +19,7 @@ from spikingtac.sim.camera.config import StepConfig
 from spikingtac.sim.camera.pixel_records import EDGE_ENTRIES
 from spikingtac.sim.states import MarkerImage
 
+# One marker on the sensor.
 DISC_DTYPE = np.dtype(
     [
         ("x", "f8"),  # centre, px
@@ -35,7 +36,6 @@ DISC_DTYPE = np.dtype(
     ],
     align=True,
 )
-"""One marker on the sensor."""
 
 
 def discs_of(image: MarkerImage) -> NDArray[Any]:
@@ -105,14 +105,13 @@ def coverage_image_kernel(
                 coverage[y, x] = max(coverage[y, x], covered)
 
 
+# Margin around an edge, so that pixels see zero and full coverage before the edge passes.
 _MARGIN_PX = 0.1
-"""Margin around an edge, so that pixels see zero and full coverage before the edge passes."""
 
-STEP_PX = 0.1
-"""Longest travel of a marker's edge in one step, px (reference twin.md)."""
-SHORTEST_STEP_US = 20.0
-"""Shortest step, us. Faster motions travel further in one step."""
+STEP_PX = 0.1  # Longest travel of a marker's edge in one step, px (reference twin.md).
+SHORTEST_STEP_US = 20.0  # Shortest step, us. Faster motions travel further in one step.
 
+# How one marker is rendered between two images.
 SWEEP_PLAN_DTYPE = np.dtype(
     [
         ("leader", "i8"),  # lowest index of the markers that share pixels; -1: stays as it is
@@ -126,7 +125,6 @@ SWEEP_PLAN_DTYPE = np.dtype(
     ],
     align=True,
 )
-"""How one marker is rendered between two images."""
 
 
 def plan_sweep(

@@ -54,10 +54,13 @@ def pixel_counter_kernel(pixel: int, count: int) -> np.uint64:
     return (np.uint64(pixel) << _PIXEL_SHIFT) + np.uint64(count)
 
 
+# Number of bits below the time in an event's key: ``(t_us << 24) | (pixel << 1) | on``.
 KEY_SHIFT = 24
-"""Number of bits below the time in an event's key: ``(t_us << 24) | (pixel << 1) | on``."""
+
+# Intensities (white is 1) that differ by less are equal; the log table is no finer.
 _SAME_LIGHT = 1e-6
-"""Intensities (white is 1) that differ by less are equal; the log table is no finer."""
+
+# Parameters and state of one pixel, in one record: an update touches one place in memory.
 PIXEL_DTYPE = np.dtype(
     [
         ("updated_us", "f8"),  # time up to which the state is valid
@@ -81,10 +84,11 @@ PIXEL_DTYPE = np.dtype(
     ],
     align=True,
 )
-"""Parameters and state of one pixel, in one record: an update touches one place in memory."""
 EDGE_ENTRIES = 512
 LOG_ENTRIES = 2048
 DECAY_ENTRIES = 1024
+
+# Parameters that all pixels share, in one record: Numba counts references to arrays only.
 CHIP_DTYPE = np.dtype(
     [
         ("white_rate_per_us", "f8"),  # inverse time constant per unit of (intensity + dark), 1/us
@@ -104,7 +108,6 @@ CHIP_DTYPE = np.dtype(
     ],
     align=True,
 )
-"""Parameters that all pixels share, in one record: Numba counts references to arrays only."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -24,14 +24,14 @@ from spikingtac.sim.camera.pixel_records import (
     pixel_counter_kernel,
 )
 
+# Log distance from its target at which a level has settled; 1/500 of a threshold.
 SETTLED_LEVEL = 5e-4
-"""Log distance from its target at which a level has settled; 1/500 of a threshold."""
-SETTLING_STEPS = 4.0
-"""Steps per time constant while a pixel settles under constant light."""
+SETTLING_STEPS = 4.0  # Steps per time constant while a pixel settles under constant light.
 _SETTLING_FRACTION = 1.0 - math.exp(-1.0 / SETTLING_STEPS)
 _NEVER_US = 1e18
+
+# Shortest time between two events of one pixel. It keeps them in order.
 _MIN_EVENT_SPACING_US = 1.0
-"""Shortest time between two events of one pixel. It keeps them in order."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

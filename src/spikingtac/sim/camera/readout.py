@@ -18,8 +18,8 @@ from spikingtac.sim.camera.config import BackgroundConfig, ReadoutConfig
 from spikingtac.sim.camera.pixel_records import KEY_SHIFT, uniform_kernel
 from spikingtac.types import EventPacket, LossCounters
 
+# Lowest and highest rate of a hot pixel, Hz; log-uniform in between (contract.md).
 HOT_HZ = (10.0, 500.0)
-"""Lowest and highest rate of a hot pixel, Hz; log-uniform in between (contract.md)."""
 
 
 class NoiseSource(NamedTuple):
@@ -125,8 +125,7 @@ def background_events_kernel(source: NoiseSource, until_us: float, out: NDArray[
 
 
 _PIXEL_BITS = (1 << KEY_SHIFT) - 1
-BACKLOG_US = 1000.0
-"""Longest wait for the arbiter, us (ours). Longer ones are dropped and counted."""
+BACKLOG_US = 1000.0  # Longest wait for the arbiter, us (ours). Longer ones are dropped and counted.
 
 
 class Arbiter(NamedTuple):

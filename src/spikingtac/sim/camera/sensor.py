@@ -23,19 +23,17 @@ from spikingtac.sim.camera.pixel_records import (
     PIXEL_DTYPE,
 )
 
+# Coverage below which the tail of an edge is cut; at contrast 12.5 it is 1/40 of a threshold.
 _EDGE_TAIL = 5e-4
-"""Coverage below which the tail of an edge is cut; at contrast 12.5 it is 1/40 of a threshold."""
-_DECAY_MAX = 16.0
-"""Number of time constants after which an exponential is taken as zero (1e-7)."""
+_DECAY_MAX = 16.0  # Number of time constants after which an exponential is taken as zero (1e-7).
 _PIXEL_BOX_VARIANCE_PX2 = 1.0 / 12.0
 _TEXTURE_PERIOD_PX = 512
+
+# Lowest and, negated, highest value of a pattern, so that the light never becomes negative.
 _PATTERN_LOW = -0.9
-"""Lowest and, negated, highest value of a pattern, so that the light never becomes negative."""
-_INSTANT_PER_US = 1e6
-"""Inverse time constant that stands for a photoreceptor without low-pass."""
+_INSTANT_PER_US = 1e6  # Inverse time constant that stands for a photoreceptor without low-pass.
 _HEADROOM = 1.05
-DARKEST = 1e-4
-"""Lowest intensity that a pixel can see; white is 1."""
+DARKEST = 1e-4  # Lowest intensity that a pixel can see; white is 1.
 
 
 def fill_lookup_tables(chip: NDArray[Any], light: LightConfig, brightest: float) -> None:
@@ -127,10 +125,11 @@ def inverse_time_constant_at_white(pixel: PixelConfig) -> float:
     return 2 * math.pi * pixel.bandwidth_hz * 1e-6
 
 
+# Lower limit of a threshold as a fraction of the nominal one (the comparator's floor).
 _LOWEST_THRESHOLD = 0.2
-"""Lower limit of a threshold as a fraction of the nominal one (the comparator's floor)."""
+
+# Relative margin that keeps a difference from being rounded onto its threshold in float32.
 _ROUNDING = 1e-6
-"""Relative margin that keeps a difference from being rounded onto its threshold in float32."""
 
 
 class PendingPixels(NamedTuple):

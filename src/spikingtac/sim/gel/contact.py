@@ -21,21 +21,23 @@ from spikingtac.sim.gel.solvers import pressure_kernel, shear_kernel
 from spikingtac.sim.states import ContactPatch
 from spikingtac.types import Pose
 
-KPA_PER_MPA = 1e3
-"""Moduli are configured in kPa; tractions are in N/mm², which is MPa."""
+KPA_PER_MPA = 1e3  # Moduli are configured in kPa; tractions are in N/mm², which is MPa.
 
+# Distance from the body, in sides of a cell, below which a cell is solved for.
 NEAR_FRACTION = 0.05
-"""Distance from the body, in sides of a cell, below which a cell is solved for."""
+
+# Largest number of cells in one contact: six dense matrices of that size take 300 MB.
 MAX_CELLS = 2500
-"""Largest number of cells in one contact: six dense matrices of that size take 300 MB."""
+
+# Limit of the conjugate gradients; a cold start takes about 10, a warm one about 5.
 MAX_ITERATIONS = 400
-"""Limit of the conjugate gradients; a cold start takes about 10, a warm one about 5."""
-MAX_SWEEPS = 400
-"""Limit of the friction sweeps; a cold start takes about 20, a warm one about 6."""
+MAX_SWEEPS = 400  # Limit of the friction sweeps; a cold start takes about 20, a warm one about 6.
+
+# Limit of how often the set of cells grows in one step, where the gel bulges into the body.
 MAX_EXTENSIONS = 4
-"""Limit of how often the set of cells grows in one step, where the gel bulges into the body."""
+
+# Fraction of the friction bound from which a cell counts as slipping (rounding only).
 SLIP_FRACTION = 1.0 - 1e-6
-"""Fraction of the friction bound from which a cell counts as slipping (rounding only)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -96,8 +96,8 @@ class CreepChain:
         self._retarded[:] = 0.0
 
 
+# Stored creep below this is set to zero (1.6e-4 px, a thousandth of any tracker's error).
 NEGLIGIBLE_CREEP_MM = 1e-5
-"""Stored creep below this is set to zero (1.6e-4 px, a thousandth of any tracker's error)."""
 US_PER_S = 1e6
 
 

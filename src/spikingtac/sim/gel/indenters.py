@@ -18,10 +18,8 @@ from spikingtac.arrays import FloatArray
 from spikingtac.errors import named
 from spikingtac.schema import build, require_within
 
-LENGTH_MM = (0.01, 1e3)
-"""Valid lengths of a body, mm."""
-NO_SURFACE_MM = -1e3
-"""Height where the body has no surface, far away from any skin, mm."""
+LENGTH_MM = (0.01, 1e3)  # Valid lengths of a body, mm.
+NO_SURFACE_MM = -1e3  # Height where the body has no surface, far away from any skin, mm.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,11 +168,10 @@ def _arc_mm(distance_mm: FloatArray, radius_mm: float) -> FloatArray:
     return np.where(distance_mm < radius_mm, root, NO_SURFACE_MM)
 
 
-Indenter = Ellipsoid | Punch | Rods
-"""A body that can be pressed into the skin."""
+Indenter = Ellipsoid | Punch | Rods  # A body that can be pressed into the skin.
 
+# Finger pulp as a layer over bone (ours: the middle of 20 to 50 kPa; adult distal phalanx).
 FINGER_PULP = SoftLayer(shear_modulus_kpa=30.0, thickness_mm=6.0)
-"""Finger pulp as a layer over bone (ours: the middle of 20 to 50 kPa; adult distal phalanx)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,6 +214,7 @@ class IndenterConfig:
     settings: dict[str, Any] = field(default_factory=dict)
 
 
+# Name -> body.
 INDENTERS: dict[str, type[Ellipsoid] | type[Rods] | type[Punch]] = {
     "ball": Ellipsoid,
     "finger": Fingertip,
@@ -225,7 +223,6 @@ INDENTERS: dict[str, type[Ellipsoid] | type[Rods] | type[Punch]] = {
     "punch": Punch,
     "probe": LyingProbe,
 }
-"""Name -> body."""
 
 
 def make_indenter(config: IndenterConfig) -> Indenter:

@@ -17,8 +17,8 @@ SingleMatrix = NDArray[np.float32]
 SingleVector = NDArray[np.float32]
 Cells = NDArray[np.int64]
 
+# Rows that are added beyond need when the matrices grow, so that they grow seldom.
 SPARE_CAPACITY = 64
-"""Rows that are added beyond need when the matrices grow, so that they grow seldom."""
 
 
 @njit(cache=True, nogil=True)

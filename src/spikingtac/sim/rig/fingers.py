@@ -22,10 +22,11 @@ from spikingtac.sim.scene.scene import CameraChoice
 from spikingtac.sim.states import MarkerImage, SkinState
 from spikingtac.types import EventPacket
 
+# Resonance of the arm, Hz, and its Q (contract.md, "Pinned physics").
 RESONANCE_HZ, QUALITY = 15.0, 5.0
-"""Resonance of the arm, Hz, and its Q (contract.md, "Pinned physics")."""
+
+# Covariance of (x, x') for unit variance of x.
 STATIONARY = np.diag([1.0, (2.0 * np.pi * RESONANCE_HZ) ** 2])
-"""Covariance of (x, x') for unit variance of x."""
 
 
 class Vibration:
@@ -66,21 +67,20 @@ def transition(dt_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return whole, np.linalg.cholesky(drive).astype(np.float64)
 
 
+# Vibration of the arm for each preset, mm rms (contract.md, "Pinned physics").
 VIBRATION_MM = {"clean": 0.0, "typical": 0.01, "noisy": 0.03}
-"""Vibration of the arm for each preset, mm rms (contract.md, "Pinned physics")."""
 
+# Motion of a marker before it is rendered again, px.
+#
+# It is 1.5 % of a threshold at the marker's edge, and two windows at 0.8 mm/s. It saves a third
+# of the computing time under vibration.
 STEP_SETTINGS = {"steps": {"still_px": 0.005}}
-"""Motion of a marker before it is rendered again, px.
 
-It is 1.5 % of a threshold at the marker's edge, and two windows at 0.8 mm/s. It saves a third of
-the computing time under vibration.
-"""
+# Edge of a disc as in the v2e recordings.
+#
+# Theirs is logistic with scale 0.55 px, which equals a Gaussian of 0.94 px with the square pixel
+# included. The tip's travel up to the first events is proportional to it.
 EDGE_SETTINGS = {"light": {"blur_px": 0.9}}
-"""Edge of a disc as in the v2e recordings.
-
-Theirs is logistic with scale 0.55 px, which equals a Gaussian of 0.94 px with the square pixel
-included. The tip's travel up to the first events is proportional to it.
-"""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,20 +17,16 @@ from spikingtac.sim.rig.walls import HexBit, HoleWall, NoWall, PlaneWall, Wall
 from spikingtac.sim.scene.scene import SkinConfig
 from spikingtac.types import EventPacket
 
+# Length of the approach to the wall that is simulated, mm; what lies before it is skipped. The
+# longest run-up of the searches' touches takes 0.2 mm of it.
 SIMULATED_APPROACH_MM = 0.5
-"""Length of the approach to the wall that is simulated, mm; what lies before it is skipped. The
-longest run-up of the searches' touches takes 0.2 mm of it.
-"""
-MARCH_TOLERANCE_MM = 1e-4
-"""Distance from the wall at which ray marching ends, mm."""
-MAX_DISTANCE_MM = 30.0
-"""Largest distance of a wall, mm. A wall farther away is ignored."""
-TILT_RAD = np.radians(1.0)
-"""Largest tilt of the plate (ours: a part that lies on a table), rad."""
+MARCH_TOLERANCE_MM = 1e-4  # Distance from the wall at which ray marching ends, mm.
+MAX_DISTANCE_MM = 30.0  # Largest distance of a wall, mm. A wall farther away is ignored.
+TILT_RAD = np.radians(1.0)  # Largest tilt of the plate (ours: a part that lies on a table), rad.
+
+# Largest distance of the start from the centre, as a fraction of the bit's free travel.
 OFFSET_FRACTION = 0.9
-"""Largest distance of the start from the centre, as a fraction of the bit's free travel."""
-WARM_UP_US = 200_000
-"""Time after which the effect of the rod's start from rest has decayed, us."""
+WARM_UP_US = 200_000  # Time after which the effect of the rod's start from rest has decayed, us.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

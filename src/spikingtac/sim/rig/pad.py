@@ -30,16 +30,15 @@ from spikingtac.sim.scene.scene import SkinConfig
 from spikingtac.sim.states import SkinState
 
 MODES = 6
+
+# Cells of 0.4 mm (twin.md, section 2), with the periodic images 8 layer depths away.
 GRID = GridConfig(cells=128, span_mm=51.2)
-"""Cells of 0.4 mm (twin.md, section 2), with the periodic images 8 layer depths away."""
-RELATIVE_TOLERANCE = 1e-5
-"""Tolerance of the conjugate gradients: 0.0003 px for the largest motion."""
+RELATIVE_TOLERANCE = 1e-5  # Tolerance of the conjugate gradients: 0.0003 px for the largest motion.
 
 
+# Extent across and along the probe of the patch that sticks to it, mm (twin.md, section 2).
 PATCH_MM = (7.0, 18.0)
-"""Extent across and along the probe of the patch that sticks to it, mm (twin.md, section 2)."""
-THICKNESS_MM = 3.0
-"""Depth of the gel layer, mm (contract.md)."""
+THICKNESS_MM = 3.0  # Depth of the gel layer, mm (contract.md).
 
 
 @dataclass(frozen=True)
@@ -146,16 +145,12 @@ class _PatchSolver:
         return at_points(spectrum), np.stack([by_x, by_y], axis=-1)
 
 
-NORMAL_MODE = 2
-"""Index of the translation along the pad's z; see :mod:`spikingtac.sim.rig.pad`."""
+NORMAL_MODE = 2  # Index of the translation along the pad's z; see :mod:`spikingtac.sim.rig.pad`.
 
 
-GRIP_MM = 0.3
-"""Depth by which the grip presses the rod into the pad, mm (ours: 10 % of the layer)."""
-HALF_THICKNESS_MM = 2.0
-"""Distance from the rod's axis to the skin, mm (a 4 mm rod)."""
-PADS = 2
-"""Number of pads that share the load of the rod, with or without a camera."""
+GRIP_MM = 0.3  # Depth by which the grip presses the rod into the pad, mm (ours: 10 % of the layer).
+HALF_THICKNESS_MM = 2.0  # Distance from the rod's axis to the skin, mm (a 4 mm rod).
+PADS = 2  # Number of pads that share the load of the rod, with or without a camera.
 
 
 class Pad:

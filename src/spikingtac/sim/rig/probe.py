@@ -18,16 +18,16 @@ import numpy as np
 from spikingtac.arrays import FloatArray
 from spikingtac.sim.rig.walls import Bit, RoundBit, TipContact, Wall
 
+# Stiffness of translation, N/mm, and of rotation across the rod, N mm/rad (contract.md).
 K_T_N_MM, K_THETA_N_MM_RAD = 2.5, 68.0
-"""Stiffness of translation, N/mm, and of rotation across the rod, N mm/rad (contract.md)."""
+
+# Stiffness about the rod's own axis, N mm/rad (k_theta (7/18)²: width instead of length).
 TORSION_N_MM_RAD = 10.3
-"""Stiffness about the rod's own axis, N mm/rad (k_theta (7/18)²: width instead of length)."""
-GRIP_MM = 9.0
-"""Length of the rod behind the patch's centre, mm."""
+GRIP_MM = 9.0  # Length of the rod behind the patch's centre, mm.
+
+# The gripper's axes as columns: x = base x, y (to the tip) = down, z = base y.
 GRIPPER_IN_BASE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-"""The gripper's axes as columns: x = base x, y (to the tip) = down, z = base y."""
-TONNE_PER_GRAM = 1e-6
-"""Mass unit of the N, mm, s system is the tonne."""
+TONNE_PER_GRAM = 1e-6  # Mass unit of the N, mm, s system is the tonne.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,12 +21,10 @@ from spikingtac.sim.rig.walls import Wall
 from spikingtac.sim.states import MarkerImage, SkinState
 from spikingtac.types import EventPacket
 
+# Longest and shortest step of the mechanics, us (twin.md: 250 to 500 Hz keeps real time).
 STEP_US, SHORTEST_STEP_US = 1000, 100
-"""Longest and shortest step of the mechanics, us (twin.md: 250 to 500 Hz keeps real time)."""
-NEAR_MM = 0.04
-"""Longest travel in one step near the wall and in contact, mm."""
-WAIT_S = 0.001
-"""Period at which a waiting loop checks its condition, s: one controller window."""
+NEAR_MM = 0.04  # Longest travel in one step near the wall and in contact, mm.
+WAIT_S = 0.001  # Period at which a waiting loop checks its condition, s: one controller window.
 
 
 @dataclass(frozen=True, kw_only=True)

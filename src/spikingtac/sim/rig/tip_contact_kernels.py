@@ -17,14 +17,14 @@ from spikingtac.arrays import FloatArray
 
 Three = tuple[float, float, float]
 
-SWEEPS = 30
-"""Largest number of Gauss-Seidel sweeps; two points of a hexagon need about ten."""
+SWEEPS = 30  # Largest number of Gauss-Seidel sweeps; two points of a hexagon need about ten.
+
+# Largest number of fixed-point steps for the slip direction; each divides the error by about 3.
 SLIP_STEPS = 12
-"""Largest number of fixed-point steps for the slip direction; each divides the error by about 3."""
+
+# Change of force at which the sweeps end, N (a millionth of the force at 1 mm of travel).
 TOLERANCE_N = 1e-8
-"""Change of force at which the sweeps end, N (a millionth of the force at 1 mm of travel)."""
-SLIP_FRACTION = 1.0 - 1e-6
-"""Fraction of the friction cone's width beyond which a point slips."""
+SLIP_FRACTION = 1.0 - 1e-6  # Fraction of the friction cone's width beyond which a point slips.
 
 
 class TipPoints(NamedTuple):

@@ -130,12 +130,11 @@ def _ruckig() -> Any:
     return ruckig
 
 
-DECELERATION_MM_S2 = 8000.0
-"""Deceleration of a stop, mm/s² (contract.md)."""
-ACCELERATION_MM_S2 = 1200.0
-"""Acceleration of ``movel``, mm/s² (URScript's default, 1.2 m/s²)."""
+DECELERATION_MM_S2 = 8000.0  # Deceleration of a stop, mm/s² (contract.md).
+ACCELERATION_MM_S2 = 1200.0  # Acceleration of ``movel``, mm/s² (URScript's default, 1.2 m/s²).
+
+# Smallest and largest lag of the axes behind their set points, s; uniform (contract.md).
 SERVO_LAG_S = (0.004, 0.012)
-"""Smallest and largest lag of the axes behind their set points, s; uniform (contract.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)

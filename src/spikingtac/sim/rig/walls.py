@@ -34,8 +34,9 @@ from spikingtac.sim.rig.tip_contact_kernels import (
 )
 
 HEXAGON_CORNERS = 6
+
+# Smallest distance from an axis, so that a point on it has a direction.
 _TINY = float(np.finfo(np.float64).tiny)
-"""Smallest distance from an axis, so that a point on it has a direction."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,8 +118,7 @@ class HoleWall:
         return np.array(self.center_mm, np.float64), _unit(self.axis)
 
 
-Wall = NoWall | PlaneWall | HoleWall
-"""A rigid surface. All points must stay on its free side."""
+Wall = NoWall | PlaneWall | HoleWall  # A rigid surface. All points must stay on its free side.
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -191,8 +191,7 @@ class HexBit:
         return corner_mm * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(6)])
 
 
-Bit = RoundBit | HexBit
-"""The end of the probe: balls of one radius around a few points."""
+Bit = RoundBit | HexBit  # The end of the probe: balls of one radius around a few points.
 
 
 def _unit(direction: tuple[float, float, float]) -> FloatArray:
@@ -203,12 +202,14 @@ def _unit(direction: tuple[float, float, float]) -> FloatArray:
     return vector / length
 
 
+# Largest number of linearisations of the wall; a step of the rig needs two or three.
 NEWTON_STEPS = 30
-"""Largest number of linearisations of the wall; a step of the rig needs two or three."""
+
+# Number of full steps. Later steps go half the way: two points may alternate in contact.
 FULL_STEPS = 8
-"""Number of full steps. Later steps go half the way: two points may alternate in contact."""
+
+# Turn of the wall's normal at which the iteration ends; it changes the force by less than 1e-5.
 MAX_TURN_RAD = 1e-5
-"""Turn of the wall's normal at which the iteration ends; it changes the force by less than 1e-5."""
 
 
 @dataclass

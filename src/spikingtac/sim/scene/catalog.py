@@ -14,6 +14,8 @@ from spikingtac.schema import read_toml
 if TYPE_CHECKING:
     from spikingtac.sim.scene.scene import Scene
 
+# The ten contact trajectories of the point-tracking experiment (§V-A); the seventh is the one of
+# localised circular finger motions, as in the paper.
 TRAJECTORIES = (
     "finger-presses",
     "finger-slides",
@@ -26,8 +28,6 @@ TRAJECTORIES = (
     "finger-rolls",
     "mixed",
 )
-"""The ten contact trajectories of the point-tracking experiment (§V-A); the seventh is the one of
-localised circular finger motions, as in the paper."""
 
 
 def scene_names() -> tuple[str, ...]:

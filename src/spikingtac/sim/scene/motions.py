@@ -26,6 +26,7 @@ from spikingtac.types import Pose
 SegmentKind = Literal["hold", "press", "lift", "release", "slide", "rub", "twist", "circle", "roll"]
 Profile = Literal["minimum_jerk", "trapezoid"]
 
+# Kind -> fields that it needs, and fields that it may have.
 _FIELDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "hold": ((), ()),
     "press": (("depth_mm",), ()),
@@ -37,9 +38,7 @@ _FIELDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "circle": (("radius_mm", "turns"), ("heading_deg",)),
     "roll": (("radius_mm",), ("dx_mm", "dy_mm")),
 }
-"""Kind -> fields that it needs, and fields that it may have."""
-_WAY_MM = (-1e3, 1e3)
-"""Valid lengths along a path, mm."""
+_WAY_MM = (-1e3, 1e3)  # Valid lengths along a path, mm.
 _ALWAYS = ("kind", "duration_s", "speed_mm_s", "speed_deg_s", "profile")
 
 
@@ -106,17 +105,14 @@ def _check_timing(segment: SegmentConfig, given: set[str]) -> None:
     require_within(segment, angle_deg=(-1e5, 1e5), heading_deg=(-1e5, 1e5))
 
 
-FRAME = "skin"
-"""Name of the frame of indenter poses."""
+FRAME = "skin"  # Name of the frame of indenter poses.
 
-CLEARANCE_MM = 1.0
-"""Default height above the skin at the start of a motion and after a lift, mm."""
+CLEARANCE_MM = 1.0  # Default height above the skin at the start of a motion and after a lift, mm.
 
-RELEASE_S = 0.005
-"""Duration of a sudden release, s (ours: one frame of a fast camera)."""
+RELEASE_S = 0.005  # Duration of a sudden release, s (ours: one frame of a fast camera).
 
+# Fraction of a trapezoid's duration for the acceleration, and the same for the deceleration.
 RAMP_FRACTION = 0.2
-"""Fraction of a trapezoid's duration for the acceleration, and the same for the deceleration."""
 
 
 @dataclass(frozen=True, kw_only=True)

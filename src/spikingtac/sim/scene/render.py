@@ -16,8 +16,7 @@ from spikingtac.events.recording import Recording, RecordingWriter
 from spikingtac.sim.scene.scene import LENGTH_S, LOADED, Scene
 from spikingtac.sim.scene.source import SceneSource
 
-SOURCE = "twin"
-"""Entry ``source`` in the manifest of a simulation."""
+SOURCE = "twin"  # Entry ``source`` in the manifest of a simulation.
 
 
 def simulate(

@@ -62,18 +62,16 @@ class SkinConfig:
         )
 
 
+# Most markers and contacts of a scene (ours): they stay below 100 MB and a minute of planning.
 MOST_MARKERS, MOST_CONTACTS = 10_000, 10_000
-"""Most markers and contacts of a scene (ours): they stay below 100 MB and a minute of planning."""
-LENGTH_S = (1e-3, 1e5)
-"""Valid lengths of a scene, s: up to a day."""
-LOADED = "load_scene('demo')"
-"""How a scene is made, for errors."""
-_STEP_SETTINGS = {"steps": {"max_us": 4000.0}}
-"""Slow markers need no finer steps than those of the gel.
+LENGTH_S = (1e-3, 1e5)  # Valid lengths of a scene, s: up to a day.
+LOADED = "load_scene('demo')"  # How a scene is made, for errors.
 
-The number of events changes by less than 1e-5 in `finger-presses` and `comb-slides`, and the
-computing time halves.
-"""
+# Slow markers need no finer steps than those of the gel.
+#
+# The number of events changes by less than 1e-5 in `finger-presses` and `comb-slides`, and the
+# computing time halves.
+_STEP_SETTINGS = {"steps": {"max_us": 4000.0}}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -54,8 +54,8 @@ def prefetch(items: Iterable[T], depth: int) -> Generator[T, None, None]:
         worker.shutdown(cancel_futures=True)
 
 
+# Every scene of the package touches within its first second; coarse steps will do.
 TOUCHED_S, TOUCH_STEP_S = 1.0, 0.02
-"""Every scene of the package touches within its first second; coarse steps will do."""
 
 
 def touch_once(scene: Scene, seed: int) -> None:
@@ -65,21 +65,19 @@ def touch_once(scene: Scene, seed: int) -> None:
         gel.step(TOUCH_STEP_S, *(timeline.at(step * TOUCH_STEP_S) or (None, None)))
 
 
+# Steps of the gel that a thread prepares while the camera renders (ours: 0.26 s at 250 Hz).
 PREFETCH_STEPS = 64
-"""Steps of the gel that a thread prepares while the camera renders (ours: 0.26 s at 250 Hz)."""
 
 
+# Largest motion of a body in one step of the gel, mm (ours): 50 mm/s at 250 Hz.
+#
+# A sudden release is faster and gets shorter steps.
 STEP_MM = 0.2
-"""Largest motion of a body in one step of the gel, mm (ours): 50 mm/s at 250 Hz.
 
-A sudden release is faster and gets shorter steps.
-"""
-
+# Largest number of steps in one period: 0.5 ms at 250 Hz.
+#
+# A shear wave crosses the gel in about that time, and no skin moves back faster.
 STEPS_PER_PERIOD = 8
-"""Largest number of steps in one period: 0.5 ms at 250 Hz.
-
-A shear wave crosses the gel in about that time, and no skin moves back faster.
-"""
 
 
 @dataclass(frozen=True, slots=True)

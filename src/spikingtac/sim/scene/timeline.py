@@ -73,12 +73,10 @@ def _turned(segment: SegmentConfig, heading_deg: float) -> SegmentConfig:
     return replace(segment, dx_mm=cosine * dx - sine * dy, dy_mm=sine * dx + cosine * dy)
 
 
-_MOTION_STREAM, _HISTORY_STREAM = 1, 2
-"""Numbers of independent random streams of one seed."""
+_MOTION_STREAM, _HISTORY_STREAM = 1, 2  # Numbers of independent random streams of one seed.
 
 
-DRAG_S = 0.3
-"""Duration of the drag before a recording and its release, s (ours)."""
+DRAG_S = 0.3  # Duration of the drag before a recording and its release, s (ours).
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,20 +13,25 @@ from numpy.typing import NDArray
 Field = NDArray[np.float64]
 
 US_PER_S = 1e6
+
+# Rms distance to the zero below which a frame is one of rest, over the rms of the displacements
+# that were learned (ours: 0.06 mm of 0.6 mm; markers of data/force scatter by 0.045 mm at rest).
 RADIUS_SHARE = 0.1
-"""Rms distance to the zero below which a frame is one of rest, over the rms of the displacements
-that were learned (ours: 0.06 mm of 0.6 mm; markers of data/force scatter by 0.045 mm at rest)."""
+
+# Time at rest over which the zero averages, and the weight of the calibrated rest, s (ours).
 AVERAGE_S, PRIOR_S = 3.0, 0.3
-"""Time at rest over which the zero averages, and the weight of the calibrated rest, s (ours)."""
+
+# Time at rest that one frame stands for at most, s: a single frame is noise, too (ours).
 LONGEST_STEP_S = 0.1
-"""Time at rest that one frame stands for at most, s: a single frame is noise, too (ours)."""
+
+# What a field gains from its own past: shares of its means over two times, s. A gel that has just
+# been pressed gives way: the same force moves it less far than the tared field says (ours: R2 of
+# the normal force between the series of data/force 0.89 instead of 0.86; 0.02 to 8 s were tried).
+# Other gels do not: the fit decides whether there is a memory.
 MEMORY_SHARES, MEMORY_S = np.array([[0.15], [0.3]]), np.array([[0.3], [5.0]])
-"""What a field gains from its own past: shares of its means over two times, s. A gel that has just
-been pressed gives way: the same force moves it less far than the tared field says (ours: R2 of the
-normal force between the series of data/force 0.89 instead of 0.86; 0.02 to 8 s were tried). Other
-gels do not: the fit decides whether there is a memory."""
+
+# Frames farther apart, s, tell nothing of what was between: the memory fades as at rest.
 LONGEST_GAP_S = 0.2
-"""Frames farther apart, s, tell nothing of what was between: the memory fades as at rest."""
 
 
 class FieldStream:

@@ -23,30 +23,31 @@ from spikingtac.touch.network import Network, with_record
 
 Field = NDArray[np.float64]
 
+# Parts into which a single series is cut, in time, so that each is predicted from the rest.
 PARTS = 5
-"""Parts into which a single series is cut, in time, so that each is predicted from the rest."""
 KIND = "ridge and Gaussian process"
+
+# Frames of a series, and of all, that are learned from at most, evenly chosen.
 FRAMES_PER_SERIES, FRAMES = 3_000, 6_000
-"""Frames of a series, and of all, that are learned from at most, evenly chosen."""
+
+# Part of the frames by which a memory is chosen, and the share of the time that it takes.
 CHOOSING_PART, CHOOSING_SHARE = 3, 0.4
-"""Part of the frames by which a memory is chosen, and the share of the time that it takes."""
+
+# Errors with a memory, over those without, below which it is kept (ours: 0.75 to 0.89 on
+# data/force, 0.97 on contacts that are drawn without any creep).
 MEMORY_RATIO = 0.92
-"""Errors with a memory, over those without, below which it is kept (ours: 0.75 to 0.89 on
-data/force, 0.97 on contacts that are drawn without any creep)."""
-TINY = 1e-12
-"""Least variance of a force that is divided by, N squared."""
+TINY = 1e-12  # Least variance of a force that is divided by, N squared.
+
+# Normal force of a light press, over its rms: the other components of the labels then read their
+# zero (ours: the zero of the sensor of data/force moves by 0.1 N from series to series).
 LIGHT_SHARE = 0.08
-"""Normal force of a light press, over its rms: the other components of the labels then read their
-zero (ours: the zero of the sensor of data/force moves by 0.1 N from series to series)."""
-LEAST_FRAMES = 200
-"""Fewer labelled frames make no model."""
-COVERAGE = 0.9
-"""Share of the errors that an interval holds."""
+LEAST_FRAMES = 200  # Fewer labelled frames make no model.
+COVERAGE = 0.9  # Share of the errors that an interval holds.
+
+# Which of the series' own stretches an interval takes (ours: of data/force, whose series differ
+# in their range of forces, the median holds 95 % of the series within the range of the others).
 STRETCH_QUANTILE = 0.25
-"""Which of the series' own stretches an interval takes (ours: of data/force, whose series differ in
-their range of forces, the median holds 95 % of the series within the range of the others)."""
-LEAST_FLOOR_SHARE = 0.1
-"""Least half-width at rest, over the mean absolute error (ours)."""
+LEAST_FLOOR_SHARE = 0.1  # Least half-width at rest, over the mean absolute error (ours).
 
 
 class ForceScore(NamedTuple):

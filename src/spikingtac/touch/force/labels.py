@@ -19,10 +19,12 @@ Field = NDArray[np.float64]
 
 US_PER_S = 1e6
 N_MM_PER_NM = 1e3
+
+# Step of the time in which two clocks are compared, us: a fifth of the fastest press (ours).
 STEP_US = 5_000
-"""Step of the time in which two clocks are compared, us: a fifth of the fastest press (ours)."""
+
+# Motion and force that agree less than this are of different recordings (ours).
 LEAST_CORRELATION = 0.6
-"""Motion and force that agree less than this are of different recordings (ours)."""
 
 
 class WrenchLabels(NamedTuple):

@@ -11,14 +11,16 @@ from spikingtac.touch.force.regression import NORMAL
 
 Field = NDArray[np.float64]
 
+# Distance between mirrored markers and the nearest ones, in pitches, up to which a layout is
+# symmetric (ours: 0.17 in data/force).
 SYMMETRIC_PITCHES = 0.35
-"""Distance between mirrored markers and the nearest ones, in pitches, up to which a layout is
-symmetric (ours: 0.17 in data/force)."""
+
+# Least R2 of the shear forces on the mean displacement: with less the frames are not known.
 FOLLOWS_SHARE = 0.6
-"""Least R2 of the shear forces on the mean displacement: with less the frames are not known."""
+
+# Of a mirrored frame beside a measured one (ours: 0.15 to 0.3 are alike; mean R2 of the normal
+# force in parts of the series of data/force .885, without mirrored frames .877).
 WEIGHT = 0.2
-"""Of a mirrored frame beside a measured one (ours: 0.15 to 0.3 are alike; mean R2 of the normal
-force in parts of the series of data/force .885, without mirrored frames .877)."""
 
 
 def with_mirrored(

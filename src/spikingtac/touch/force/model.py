@@ -17,16 +17,16 @@ from spikingtac.touch.network import Network, read, with_record
 
 Field = NDArray[np.float64]
 
-SCHEMA = 5
-"""Version of the record."""
-SIGMAS_90 = 1.645
-"""Standard deviations in half of a 90 % interval of normal errors."""
+SCHEMA = 5  # Version of the record.
+SIGMAS_90 = 1.645  # Standard deviations in half of a 90 % interval of normal errors.
 HINT = "make one with: spikingtac force fit FILES -o force.onnx"
+
+# Amplitude, in radii of rest, at which half of the network's error at rest is taken off (ours).
 REST_RADII = 2.0
-"""Amplitude, in radii of rest, at which half of the network's error at rest is taken off (ours)."""
+
+# Distance from the learned markers, in their own nearest distance, up to which markers are of the
+# same layout (ours: the references of data/force differ by 0.16 between series).
 LAYOUT_PITCHES = 0.35
-"""Distance from the learned markers, in their own nearest distance, up to which markers are of the
-same layout (ours: the references of data/force differ by 0.16 between series)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,34 +23,40 @@ from spikingtac.touch.network import Node, graph
 
 Field = NDArray[np.float64]
 
-NORMAL = 2
-"""Component of the normal force in a wrench."""
+NORMAL = 2  # Component of the normal force in a wrench.
+
+# Principal shapes that describe a field, and how many of them enter as products (ours: 30 to 60
+# and 16 to 40 give the same errors between the series of data/force).
 MODES, PRODUCT_MODES = 40, 24
-"""Principal shapes that describe a field, and how many of them enter as products (ours: 30 to 60
-and 16 to 40 give the same errors between the series of data/force)."""
+
+# Amplitude below which a field has little shape for finding the modes, over the rms.
 SMALL_SHARE = 0.16
-"""Amplitude below which a field has little shape for finding the modes, over the rms."""
-FLOOR = 0.5
-"""The same for the regressions (ours: 0.3 and 0.5 are alike)."""
+FLOOR = 0.5  # The same for the regressions (ours: 0.3 and 0.5 are alike).
+
+# Frames at which the Gaussians of the kernel stand, at most (ours: 900 are no better).
 CENTERS = 600
-"""Frames at which the Gaussians of the kernel stand, at most (ours: 900 are no better)."""
+
+# Weight of the logarithm of the amplitude beside the shape, in the kernel's distance.
 LOG_SHARE = 0.5
-"""Weight of the logarithm of the amplitude beside the shape, in the kernel's distance."""
+
+# Power of the Gaussian exp(-distance squared / 2) for the shear forces (ours: of 1, 2 and 3 the
+# least errors between the series; the normal force errs least with 1).
 NARROW = 3
-"""Power of the Gaussian exp(-distance squared / 2) for the shear forces (ours: of 1, 2 and 3 the
-least errors between the series; the normal force errs least with 1)."""
+
+# Penalties on the weights of the quadratic features in the ridge regression and in the process,
+# and on those of the Gaussians (ours: the least errors between the series, in steps by three).
 SHEAR_PENALTIES, NORMAL_PENALTIES = (5.0, 5.0, 0.1), (0.33, 0.55, 0.033)
-"""Penalties on the weights of the quadratic features in the ridge regression and in the process,
-and on those of the Gaussians (ours: the least errors between the series, in steps by three)."""
-JITTER = 1e-7
-"""Added to the Gaussians' penalty, of its mean, for a stable solution."""
+JITTER = 1e-7  # Added to the Gaussians' penalty, of its mean, for a stable solution.
+
+# Force added before the logarithm, and the least force that teaches it, over the rms force.
 FORCE_FLOOR_SHARE, FORCE_LEAST_SHARE = 0.06, 0.04
-"""Force added before the logarithm, and the least force that teaches it, over the rms force."""
+
+# Frames weigh by their normal force to this power: between equal relative errors (0) and equal
+# errors in N (2).
 ROW_POWER = 0.75
-"""Frames weigh by their normal force to this power: between equal relative errors (0) and equal
-errors in N (2)."""
-LARGEST_RATIO = 4.0
-"""Largest normal force that is told, over the largest that was learned."""
+LARGEST_RATIO = 4.0  # Largest normal force that is told, over the largest that was learned.
+
+# ONNX operations from the fields to wrench and spread, as ``output=Operator(inputs)``.
 STEPS = (
     "z=Mul(fields,scale) zz=Mul(z,z) zm=MatMul(zz,mean) aa=Add(zm,floor) a=Sqrt(aa) "
     "shape=Div(z,a) k=MatMul(shape,modes) ki=Gather(k,first) kj=Gather(k,second) kk=Mul(ki,kj) "
@@ -65,7 +71,6 @@ STEPS = (
     "er=Exp(rc) ep=Exp(pc) dn=Sub(er,ep) dnu=MatMul(dn,signed) ds=Sub(ra,pa) dso=Mul(ds,others) "
     "dnh=Mul(dnu,share) d=Add(dso,dnh) spread=Abs(d)"
 )
-"""ONNX operations from the fields to wrench and spread, as ``output=Operator(inputs)``."""
 
 
 class _Described(NamedTuple):

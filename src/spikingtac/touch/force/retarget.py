@@ -16,12 +16,13 @@ from spikingtac.touch.force.series import COMPONENTS, WrenchSeries
 
 Field = NDArray[np.float64]
 
-LEAST_FRAMES = 20
-"""Fewer labelled frames make no gain."""
+LEAST_FRAMES = 20  # Fewer labelled frames make no gain.
+
+# Displacements of the learned sensor over those of the other one under the same force (ours).
 SOFTNESS = np.geomspace(0.4, 2.5, 13)
-"""Displacements of the learned sensor over those of the other one under the same force (ours)."""
+
+# Weight of the gain that the largest force alone would ask for, beside the frames' (ours).
 GAIN_PRIOR = 0.05
-"""Weight of the gain that the largest force alone would ask for, beside the frames' (ours)."""
 
 
 def retarget(model: ForceModel, series: Sequence[WrenchSeries]) -> ForceModel:

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from spikingtac.arrays import one_line
 from spikingtac.errors import RecordingError
 
+# Columns of a wrench: forces in N, then moments in Nm.
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
-"""Columns of a wrench: forces in N, then moments in Nm."""
 UNITS = ("mm", "px")
 ARRAY_KEYS = ("t_us", "reference_mm", "displacement_mm")
+
+# Keys of a file of arrays, and of tracks; ``wrench (n, 6)`` may come with either.
 TRACK_KEYS = ("t_us", "reference_px", "detected_px")
-"""Keys of a file of arrays, and of tracks; ``wrench (n, 6)`` may come with either."""
 
 
 @dataclass(frozen=True, slots=True)

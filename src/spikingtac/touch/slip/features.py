@@ -20,16 +20,18 @@ from spikingtac.calibration.pitch import marker_pitch_px
 
 Field = NDArray[np.float64]
 
+# Widths of the Gaussian windows, pitches of the markers (ours: from one marker to the patch).
 WIDTHS = (0.6, 1.0, 1.6, 2.6)
-"""Widths of the Gaussian windows, pitches of the markers (ours: from one marker to the patch)."""
-MIDDLE = 1
-"""Index of the width by which strength and direction are told."""
+MIDDLE = 1  # Index of the width by which strength and direction are told.
+
+# Square of the arm, pitches squared, below which growth and turn are damped (ours).
 LEAST_ARM = 0.05
-"""Square of the arm, pitches squared, below which growth and turn are damped (ours)."""
+
+# Weight of a marker that stands still, pitches squared, so that a field at rest has a centre.
 LEAST_SQUARE = 1e-12
-"""Weight of a marker that stands still, pitches squared, so that a field at rest has a centre."""
+
+# Numbers of a summary: shifts (4, 2), growths (4,), turns (4,), centre (2,).
 SIZE = 4 * len(WIDTHS) + 2
-"""Numbers of a summary: shifts (4, 2), growths (4,), turns (4,), centre (2,)."""
 
 
 class FieldSummary:
@@ -100,28 +102,26 @@ def field_summary_kernel(places: Field, moved: Field, decay: Field, out: Field) 
     out[4 * widths], out[4 * widths + 1] = x0, y0
 
 
+# Spans over which changes are looked at, us (ours: a fast slide slips within 20 ms, a slow one
+# moves by a tenth of a pixel in 40; with the shortest, and 10 ms among those of own_motion, 97 %
+# of the slips are told in time instead of 94).
 SPANS_US = (5_000, 10_000, 40_000, 160_000)
-"""Spans over which changes are looked at, us (ours: a fast slide slips within 20 ms, a slow one
-moves by a tenth of a pixel in 40; with the shortest, and
-10 ms among those of own_motion, 97 % of the slips are told in time instead of 94)."""
+
+# Displacement, pitches, at which a field is as strong as the trackers' errors (0.3 of 37 px).
 SCATTER = 0.008
-"""Displacement, pitches, at which a field is as strong as the trackers' errors (0.3 of 37 px)."""
-CHANGE_SCATTER = 0.004
-"""The same of a change (ours: errors are alike from frame to frame)."""
-USUAL_SPEED = 1.35
-"""Speed by which speeds are measured, pitches a second (50 px/s)."""
-LEAST_SPEED = 0.02
-"""Share of that speed below which all are alike."""
-LARGEST = 6.0
-"""Features are clipped there."""
+CHANGE_SCATTER = 0.004  # The same of a change (ours: errors are alike from frame to frame).
+USUAL_SPEED = 1.35  # Speed by which speeds are measured, pitches a second (50 px/s).
+LEAST_SPEED = 0.02  # Share of that speed below which all are alike.
+LARGEST = 6.0  # Features are clipped there.
+
+# Weight and damping of the centre's motion, which errors move most where little changes.
 CENTER_SHARE, CENTER_SLACK = 0.3, 0.1
-"""Weight and damping of the centre's motion, which errors move most where little changes."""
 SHAPE_FEATURES = 13
 CHANGE_FEATURES = 11
-FEATURES = SHAPE_FEATURES + CHANGE_FEATURES * len(SPANS_US)
-"""Number of features."""
+FEATURES = SHAPE_FEATURES + CHANGE_FEATURES * len(SPANS_US)  # Number of features.
+
+# Where the logarithm of the field's speed over each span stands among the features.
 SPEEDS = tuple(SHAPE_FEATURES + CHANGE_FEATURES * span for span in range(len(SPANS_US)))
-"""Where the logarithm of the field's speed over each span stands among the features."""
 _K = len(WIDTHS)
 _OTHERS = np.array([k for k in range(_K) if k != MIDDLE])
 

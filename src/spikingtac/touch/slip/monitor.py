@@ -14,17 +14,21 @@ from spikingtac.touch.slip.stream import FeatureStream
 from spikingtac.touch.slip.types import Alarm, Phase, Slip, SlipConfig, SlipState
 
 Field = NDArray[np.float64]
+
+# Sticking share from which on no such alarm begins: the first moments of a motion look like a
+# slip, but not like one of much.
 INCIPIENT_SHARE = 0.63
-"""Sticking share from which on no such alarm begins: the first moments of a motion look like a
-slip, but not like one of much."""
+
+# The same where the field has stopped following the body: friction carries no more. A body that
+# stops or turns back has that in common with one that slips, so it does not suffice by itself.
 STOPPED_PROBABILITY = 0.75
-"""The same where the field has stopped following the body: friction carries no more. A body that
-stops or turns back has that in common with one that slips, so it does not suffice by itself."""
+
+# Share of its speed over 160 ms below which the field's speed over 10 ms says that it has
+# stopped.
 STOPPED_SHARE = 0.55
-"""Share of its speed over 160 ms below which the field's speed over 10 ms says that it has
-stopped."""
+
+# The same where the skin stands still: under a slow twist it moves no further.
 STILL_PROBABILITY = 0.93
-"""The same where the skin stands still: under a slow twist it moves no further."""
 
 
 class SlipEstimate(NamedTuple):

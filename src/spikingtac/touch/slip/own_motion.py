@@ -24,17 +24,19 @@ from spikingtac.touch.slip.features import (
 
 Field = NDArray[np.float64]
 
+# Spans over which motions are looked at, us (ours: about those of the changes).
 SPANS_US = (10_000, 25_000, 80_000)
-"""Spans over which motions are looked at, us (ours: about those of the changes)."""
+
+# Displacement or motion, pitches, at which a centre or a heading is half known (ours).
 SLIGHT = 0.02
-"""Displacement or motion, pitches, at which a centre or a heading is half known (ours)."""
+
+# Factor that makes distances of the centres, in pitches, of the order of one (ours).
 AWAY_SCALE = 0.5
-"""Factor that makes distances of the centres, in pitches, of the order of one (ours)."""
 _K = len(WIDTHS)
+
+# Of one span: speed, shifts, growths and turns but the widest, and the centre's place.
 SPAN_FEATURES = 2 * _K + 6
-"""Of one span: speed, shifts, growths and turns but the widest, and the centre's place."""
-FEATURES = SPAN_FEATURES * len(SPANS_US)
-"""Number of features."""
+FEATURES = SPAN_FEATURES * len(SPANS_US)  # Number of features.
 US_PER_S = 1e6
 
 

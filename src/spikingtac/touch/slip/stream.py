@@ -23,21 +23,23 @@ from spikingtac.touch.slip.own_motion import SPAN_FEATURES, own_motion_kernel
 
 Field = NDArray[np.float64]
 
-FEATURES = SUMMARY_FEATURES + own_motion.FEATURES
-"""Number of features of a frame."""
+FEATURES = SUMMARY_FEATURES + own_motion.FEATURES  # Number of features of a frame.
+
+# Frames further apart say nothing of slip: the shortest span must hold some (ours).
 LONGEST_GAP_US = 6_000
-"""Frames further apart say nothing of slip: the shortest span must hold some (ours)."""
+
+# Frames that are remembered at the most: the longest span at 10,000 frames a second.
 CAPACITY = 2048
-"""Frames that are remembered at the most: the longest span at 10,000 frames a second."""
 US_PER_S = 1e6
-CENTER_NUMBERS = 2
-"""Last numbers of a summary: where the field's centre is, which is no motion."""
+CENTER_NUMBERS = 2  # Last numbers of a summary: where the field's centre is, which is no motion.
+
+# Change over the longest span, pitches, below which the skin stands still: 0.3 of 37 px (ours: a
+# tracker's errors make a third of it, a drag of 2 mm/s makes it in 10 ms).
 STILL = 0.008
-"""Change over the longest span, pitches, below which the skin stands still: 0.3 of 37 px (ours: a
-tracker's errors make a third of it, a drag of 2 mm/s makes it in 10 ms)."""
+
+# Speed over the middle span, as a share of the usual one, below which it stands still, too: 0.03
+# px in 40 ms (ours: 0.008 to 0.03 are alike; the errors of a tracker make 0.005).
 PAUSED = 0.017
-"""Speed over the middle span, as a share of the usual one, below which it stands still, too: 0.03
-px in 40 ms (ours: 0.008 to 0.03 are alike; the errors of a tracker make 0.005)."""
 
 
 class FeatureStream:

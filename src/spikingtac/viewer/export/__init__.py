@@ -13,10 +13,12 @@ from spikingtac.viewer.export.stretch import draw_stretch, open_stretch
 from spikingtac.viewer.source import ViewSource
 
 ENDINGS = (".mcap", ".rrd", ".mp4", ".gif", *PICTURE_ENDINGS)
+
+# Twenty frames per second: GIF counts in 10 ms, and browsers slow down what is below 20 ms.
 GIF_FRAME_MS, GIF_COLORS = 50, 32
-"""Twenty frames per second: GIF counts in 10 ms, and browsers slow down what is below 20 ms."""
+
+# Moments of a course, more than a figure has pixels, and the least time between two, us.
 LOOKS, LEAST_STEP_US = 4_000, 10_000
-"""Moments of a course, more than a figure has pixels, and the least time between two, us."""
 
 
 def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:

@@ -26,15 +26,15 @@ from spikingtac.viewer.replay.playback import Playback
 from spikingtac.viewer.snapshot import grey_image
 from spikingtac.viewer.source import ViewSource
 
-MESSAGE_US = 10_000
-"""Span of a message: 100 per second, what a display needs and a bag likes."""
+MESSAGE_US = 10_000  # Span of a message: 100 per second, what a display needs and a bag likes.
+
+# Topic -> its message.
 TYPES = {
     "events": "event_camera_msgs/EventPacket",
     "field": "sensor_msgs/PointCloud2",
     "image": "sensor_msgs/Image",
     "diagnostics": "diagnostic_msgs/DiagnosticArray",
 }
-"""Topic -> its message."""
 
 
 def export_mcap(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:

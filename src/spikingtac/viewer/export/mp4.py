@@ -17,19 +17,19 @@ from spikingtac.errors import MissingExtraError
 from spikingtac.viewer.export.stretch import draw_stretch
 from spikingtac.viewer.source import ViewSource
 
-FRAME_MS = 40
-"""Twenty-five frames per second, as in film and television of half the world."""
+FRAME_MS = 40  # Twenty-five frames per second, as in film and television of half the world.
 MOST_COLORS = 256
-QUALITY, SPEED = 80, 8
-"""Of 100, and of 10: thin lines stay sharp, and a picture of 442 px takes some milliseconds."""
 
+# Of 100, and of 10: thin lines stay sharp, and a picture of 442 px takes some milliseconds.
+QUALITY, SPEED = 80, 8
+
+# What a video says it is: the base format with its features up to edition 6, AV1, MP4.
 BRANDS = (b"iso6", b"av01", b"mp41")
-"""What a video says it is: the base format with its features up to edition 6, AV1, MP4."""
+
+# Type of a track of moving pictures; where it stands in a box ``hdlr``, after its head.
 VIDEO, HANDLER_AT = b"vide", 8
-"""Type of a track of moving pictures; where it stands in a box ``hdlr``, after its head."""
 CONTAINERS = (b"moov", b"trak", b"mdia")
-HEAD = 8
-"""Bytes of a box before its content: length and type."""
+HEAD = 8  # Bytes of a box before its content: length and type.
 
 
 def export_mp4(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:

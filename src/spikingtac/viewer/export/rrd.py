@@ -17,8 +17,7 @@ from spikingtac.viewer.export.stretch import US_PER_S, Stretch, open_stretch
 from spikingtac.viewer.snapshot import grey_image, view_step
 from spikingtac.viewer.source import ViewSource
 
-STEP_US = 10_000
-"""Span of an entry: 100 per second, as in the MCAP export."""
+STEP_US = 10_000  # Span of an entry: 100 per second, as in the MCAP export.
 TIMELINE = "sensor_time"
 
 

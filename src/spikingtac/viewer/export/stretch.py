@@ -20,11 +20,9 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 US_PER_S = 1_000_000
-BUDGET_S = 3600.0
-"""Time for one step of an export, s: none is cut off."""
+BUDGET_S = 3600.0  # Time for one step of an export, s: none is cut off.
 SIDE_IN = 3.4
-LONGEST_S = 60.0
-"""A GIF of a minute has tens of megabytes already."""
+LONGEST_S = 60.0  # A GIF of a minute has tens of megabytes already.
 
 
 class Stretch:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from spikingtac.events.source import EventSource
 from spikingtac.types import EventPacket
 
+# Events that the files hold before they grow; they double, and stay sparse on disk.
 FIRST_CAPACITY = 1 << 20
-"""Events that the files hold before they grow; they double, and stay sparse on disk."""
 _COLUMNS = ("x", np.uint16), ("y", np.uint16), ("p", np.bool_), ("t", np.int64)
 
 

@@ -24,8 +24,7 @@ from spikingtac.types import Contact, MarkerFrame, SourceHealth
 from spikingtac.viewer.replay.event_store import EventStore
 from spikingtac.viewer.replay.tracker_history import TrackerHistory
 
-RECENT_STEPS = 2_000
-"""Step times kept for the percentiles, 2 s at 1 kHz."""
+RECENT_STEPS = 2_000  # Step times kept for the percentiles, 2 s at 1 kHz.
 
 
 @dataclass(frozen=True, slots=True)

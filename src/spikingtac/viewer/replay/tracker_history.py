@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 T = TypeVar("T")
 
+# First distance between kept copies; tracking 0.25 s again takes a fraction of it.
 FIRST_DISTANCE_US = 250_000
-"""First distance between kept copies; tracking 0.25 s again takes a fraction of it."""
+
+# Most bytes of arrays in all copies; beyond it every other copy goes, and the distance doubles.
 MOST_BYTES = 64 << 20
-"""Most bytes of arrays in all copies; beyond it every other copy goes, and the distance doubles."""
-MOST_COPIES = 64
-"""The same bound for trackers with little state."""
+MOST_COPIES = 64  # The same bound for trackers with little state.
 
 
 @dataclass(frozen=True, slots=True)

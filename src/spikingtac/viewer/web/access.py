@@ -18,8 +18,7 @@ from urllib.parse import urlsplit
 
 from spikingtac.errors import ConfigError, DeviceError, SpikingTacError
 
-TOKEN_BYTES = 18
-"""144 random bits in a URL of 24 characters."""
+TOKEN_BYTES = 18  # 144 random bits in a URL of 24 characters.
 _HOST = re.compile(r"[A-Za-z0-9.\-]+(:\d+)?|\[[0-9A-Fa-f:.]+\](:\d+)?")
 
 
@@ -100,8 +99,7 @@ def page_headers(host: str, framed: bool = False) -> dict[str, str]:
     }
 
 
-LAST_PORT = 65_535
-"""Largest port number of TCP (RFC 793: 16 bits)."""
+LAST_PORT = 65_535  # Largest port number of TCP (RFC 793: 16 bits).
 VALID_HOSTS = "valid are 127.0.0.1 (this machine alone) and 0.0.0.0 (every network that it is on)"
 
 

@@ -7,15 +7,11 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import Protocol
 
-POLL_S = 0.002
-"""How often the ring is polled; a tenth of a frame's time."""
-UNACKNOWLEDGED = 2
-"""Most frames on their way to a page; one is drawn while the next travels."""
-WAKE_S = 1.0
-"""How often a page without frames is checked."""
+POLL_S = 0.002  # How often the ring is polled; a tenth of a frame's time.
+UNACKNOWLEDGED = 2  # Most frames on their way to a page; one is drawn while the next travels.
+WAKE_S = 1.0  # How often a page without frames is checked.
 MOST_PAGES = 32
-SILENT_S = 60.0
-"""A page that acknowledges nothing for this long is disconnected."""
+SILENT_S = 60.0  # A page that acknowledges nothing for this long is disconnected.
 
 
 class Feed(Protocol):

@@ -18,12 +18,11 @@ from spikingtac.viewer.web.wire import FRAME_BYTES, GREETING_BYTES, STOP
 if TYPE_CHECKING:
     from spikingtac.viewer.source import ViewSource
 
+# Longest wait for the session to complete its tracks; an idle machine needs 0.1 s.
 SHUTDOWN_S = 20.0
-"""Longest wait for the session to complete its tracks; an idle machine needs 0.1 s."""
 
 
-LOOK_S = 0.1
-"""Longest wait for a word of the session, s."""
+LOOK_S = 0.1  # Longest wait for a word of the session, s.
 
 
 class SessionProcess:

@@ -31,16 +31,13 @@ KINDS = {
     "css": "text/css; charset=utf-8",
     "svg": "image/svg+xml",
 }
-FINGER = "finger"
-"""Parameter of an address that names one of two sessions."""
-CLOSED_BY_POLICY = 1008
-"""WebSocket close code (RFC 6455 section 7.4.1)."""
-SHUTDOWN_S = 1
-"""Pages never close by themselves, so the server does not wait for them at its end."""
-ALIVE_S = 0.05
-"""How often the session is polled while serving."""
+FINGER = "finger"  # Parameter of an address that names one of two sessions.
+CLOSED_BY_POLICY = 1008  # WebSocket close code (RFC 6455 section 7.4.1).
+SHUTDOWN_S = 1  # Pages never close by themselves, so the server does not wait for them at its end.
+ALIVE_S = 0.05  # How often the session is polled while serving.
+
+# Longest time from the start of a connection, or the last answer, to the next whole request, s.
 REQUEST_S = 10.0
-"""Longest time from the start of a connection, or the last answer, to the next whole request, s."""
 _INCOMPLETE = (h11.IDLE, h11.SEND_BODY)
 
 Command = Callable[[str, Any], None]

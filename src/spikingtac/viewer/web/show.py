@@ -21,16 +21,18 @@ from spikingtac.viewer.web.process import SHUTDOWN_S, SessionProcess
 if TYPE_CHECKING:
     from spikingtac.viewer.source import ViewSource
 
+# Longest wait for the view, s. Compiling all kernels takes a minute of two idle cores, and some
+# minutes of a slow or busy machine (ours: it was not done after 120 s beside four other
+# programs).
 OPENING_S = 1_800.0
-"""Longest wait for the view, s. Compiling all kernels takes a minute of two idle cores, and some
-minutes of a slow or busy machine (ours: it was not done after 120 s beside four other programs)."""
-STILL_STARTING_S = 15.0
-"""How often the user reads that the first start goes on, s."""
+STILL_STARTING_S = 15.0  # How often the user reads that the first start goes on, s.
 WAIT_S = 0.02
+
+# Nice value of the server: a third of an ordinary program's share on a busy machine (ours).
 NICENESS = 5
-"""Nice value of the server: a third of an ordinary program's share on a busy machine (ours)."""
+
+# Commands that go to both of two sessions, whatever their clocks.
 SHARED = frozenset({"play", "speed"})
-"""Commands that go to both of two sessions, whatever their clocks."""
 SEEK = "seek_us"
 
 

@@ -16,12 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+# Largest frame: two packed images of 640x640, and the markers of any grid in use.
 FRAME_BYTES = 2 << 20
-"""Largest frame: two packed images of 640x640, and the markers of any grid in use."""
-GREETING_BYTES = 1 << 20
-"""Largest description of a view, which a page gets once."""
-STOP = ("stop", None)
-"""The last command of a session; pages cannot send it."""
+GREETING_BYTES = 1 << 20  # Largest description of a view, which a page gets once.
+STOP = ("stop", None)  # The last command of a session; pages cannot send it.
 MAGIC = b"STV1"
 _PREFIX = struct.Struct("<4sI")
 _ALIGN = 8  # the widest item that a typed array in a browser may start at
@@ -45,13 +43,10 @@ def encode(meta: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes
     return b"".join((_PREFIX.pack(MAGIC, len(text)), text, *parts))
 
 
-LONGEST_COMMAND = 1024
-"""Characters; a page never needs more."""
-SLOWEST, FASTEST = 0.01, 10.0
-"""Speeds of playback, relative to the recording's own time."""
+LONGEST_COMMAND = 1024  # Characters; a page never needs more.
+SLOWEST, FASTEST = 0.01, 10.0  # Speeds of playback, relative to the recording's own time.
 SHORTEST_EXPOSURE_US, LONGEST_EXPOSURE_US = 500, 500_000
-LATEST_US = 1 << 53
-"""Integers beyond it are not exact in a browser."""
+LATEST_US = 1 << 53  # Integers beyond it are not exact in a browser.
 
 
 class CommandError(ValueError):

@@ -7,8 +7,7 @@ import numpy as np
 from spikingtac.events.evt.encode import Evt3Encoder
 from spikingtac.events.evt.wire import ADDR_X, BASE_X, VECT_8, VECT_12
 
-TRIPLE = [VECT_12, VECT_12, VECT_8]
-"""What holds 32 pixels."""
+TRIPLE = [VECT_12, VECT_12, VECT_8]  # What holds 32 pixels.
 
 
 def kinds(x: np.ndarray, p: np.ndarray | None = None) -> list[int]:

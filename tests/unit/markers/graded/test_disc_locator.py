@@ -29,8 +29,7 @@ REST_PX = np.array([[30.0, 30.0], [70.0, 30.0]])
 CALIBRATION = Calibration(
     reference_px=REST_PX, radius_px=np.full(2, 7.0), grid=(1, 2), size=(100, 60)
 )
-EVENTS_PER_PX = np.full(2, 200.0)
-"""A fit is due after four events."""
+EVENTS_PER_PX = np.full(2, 200.0)  # A fit is due after four events.
 
 
 def moved_by(shift_px: float) -> DiscLocator:

@@ -7,8 +7,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded import event_loss as events_kept
 from spikingtac.markers.graded.event_loss import FIRST_SHARE, EventLoss
 
-STEP = 1.0 / 7.0
-"""Six events of a full swing, and one step of dead band: 1 / (6 + 1)."""
+STEP = 1.0 / 7.0  # Six events of a full swing, and one step of dead band: 1 / (6 + 1).
 SIZE = (320, 40)
 REFERENCE_PX = np.column_stack([np.linspace(16.0, 304.0, 10), np.full(10, 20.0)])
 CALIBRATION = Calibration(
@@ -22,8 +21,7 @@ CALIBRATION = Calibration(
 EVENTS_PER_PX = 4 * 7.0 * 6.0 * events_kept.EXTRA_EVENTS
 BACKGROUND_PER_MS = 20
 SPEED_PX_S = 200.0
-STROKE_PX = 8.0
-"""To and fro about the rest."""
+STROKE_PX = 8.0  # To and fro about the rest.
 NONE = np.zeros(10, np.int64)
 
 

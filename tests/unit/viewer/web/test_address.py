@@ -13,8 +13,7 @@ from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.viewer.web.access import listen
 from spikingtac.viewer.web.server import serve
 
-ELSEWHERE = "192.0.2.1"
-"""An address of documentation (RFC 5737): no machine has it."""
+ELSEWHERE = "192.0.2.1"  # An address of documentation (RFC 5737): no machine has it.
 
 
 def test_a_taken_port_is_refused_before_anything_is_computed() -> None:

@@ -13,8 +13,9 @@ TOLD_APART = ("on", "off", "held", "lost", "truth")
 SCALE = ("scale-0", "scale-1", "scale-2", "scale-3", "scale-4")
 ON_THE_IMAGE = (*TOLD_APART, *SCALE, "disc", "mesh", "arrow", "force", "good", "contact")
 ON_PANELS = ("text", "soft", "arrow", "on", "edge", "good", "lost")
+
+# CIELAB difference; 2 is just noticed side by side (the page had 7 between some).
 LEAST_DIFFERENCE = 18.0
-"""CIELAB difference; 2 is just noticed side by side (the page had 7 between some)."""
 LEAST_CONTRAST, TEXT_CONTRAST = 3.0, 4.5  # WCAG 2.1, 1.4.11 and 1.4.3
 
 # Machado, Oliveira and Fernandes, "A physiologically-based model for simulation of color vision
