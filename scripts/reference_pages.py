@@ -104,16 +104,15 @@ def _row(arguments: type, field: dataclasses.Field[Any]) -> str:
     if positional:
         metavar = [one.metavar for one in settings if one.metavar]
         names = [metavar[0] if metavar else field.name.upper()]
-    told = [one.help for one in settings if isinstance(one.help, str)]
-    about = told[0] if told else _attribute_docs(arguments).get(field.name, "")
+    helps = [one.help for one in settings if isinstance(one.help, str)]
+    about = helps[0] if helps else _attribute_docs(arguments).get(field.name, "")
     shown = (
         " ".join(f"`{name}`" for name in names)
         if positional
         else ", ".join(f"`{name}`" for name in names)
     )
-    return (
-        f"| {shown} | {' '.join(about.split()).replace('|', chr(92) + '|')} | {_default(field)} |"
-    )
+    told = " ".join(about.split()).replace("|", chr(92) + "|")
+    return f"| {shown} | {told} | {_default(field)} |"
 
 
 def _default(field: dataclasses.Field[Any]) -> str:
@@ -140,17 +139,17 @@ def _attribute_docs(arguments: type) -> dict[str, str]:
 
 
 def _signature(name: str, value: Any) -> str:
+    """Return the call with the names and defaults of its arguments; their types are in the text."""
     try:
-        text = str(inspect.signature(value)).replace("spikingtac.", "")
+        signature = inspect.signature(value)
     except (TypeError, ValueError):
         return f"st.{name}"
-    text = re.sub(r"<function (\w+) at \w+>", r"\1", text)
-    text = re.sub(r"(: |-> )'([^']*)'", r"\1\2", text)
-    if len(text) < 90 - len(name):
-        return f"st.{name}{text}"
-    arguments, _, end = text[1:].rpartition(")")
-    lines = re.split(r", (?=[*\w]+(?::|=|,|$))", arguments)
-    return "\n".join([f"st.{name}(", *(f"    {line}," for line in lines), f"){end}"])
+    bare = [one.replace(annotation=one.empty) for one in signature.parameters.values()]
+    returned = signature.empty if inspect.isclass(value) else signature.return_annotation
+    text = str(inspect.Signature(bare, return_annotation=returned)).replace("spikingtac.", "")
+    text = re.sub(r"<function (\w+) at \w+>", r"\1", text).replace("=<factory>", "=...")
+    text = re.sub(r"-> '([^']*)'", r"-> \1", text)
+    return textwrap.fill(f"st.{name}{text}", 96, subsequent_indent="    ", break_long_words=False)
 
 
 def _plain(docstring: str) -> str:
