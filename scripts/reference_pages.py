@@ -89,7 +89,7 @@ def api_page() -> str:
         if name == "__version__":
             continue
         value = getattr(spikingtac, name)
-        parts.append(f"## {name}\n\n```python\n{_signature(name, value)}\n```\n")
+        parts.append(f"## {name}\n\n```text\n{_signature(name, value)}\n```\n")
         parts.append(_plain(inspect.getdoc(value) or ""))
     return "\n".join(parts)
 
