@@ -35,7 +35,6 @@ BY_NAME_ONLY = {
     "neuromorphic-drivers": "imported by a name in a string",
     "openmv": "imported by a name in a string",
     "onnxscript": "torch exports networks through it",
-    "rerun-sdk": "imported by a name in a string",
     "spikingtac": "extras that name other extras",
     "trimesh": "imported by a name in a string",
     "websockets": "uvicorn loads it as its protocol",

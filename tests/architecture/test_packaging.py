@@ -83,7 +83,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(packages: tuple[Path, Path
         headers = email.parser.Parser().parsestr(archive.read(metadata).decode())
     assert "spikingtac/py.typed" in names
     assert "spikingtac/denoise/weights/lean-int8.onnx" in names
-    assert any(name.startswith("spikingtac/viewer/web/") for name in names)
+    assert any(name.startswith("spikingtac/viewer/page/") for name in names)
     assert not [name for name in names if not re.match(r"spikingtac(_paper|_hardware)?[-/]", name)]
     assert wheel.stat().st_size < WHEEL_LIMIT_MB * 1e6
     assert {"Homepage", "Documentation", "Issues", "Changelog"} <= {

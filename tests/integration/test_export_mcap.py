@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from spikingtac.ros2.messages import FIELD
-from spikingtac.viewer.export.mcap import MESSAGE_US, export_mcap
+from spikingtac.viewer.export import export
+from spikingtac.viewer.mcap import MESSAGE_US
 from stand_ins.viewer import open_circling, positions_px, reference_px
 
 pytest.importorskip("mcap_ros2", reason="the extra [formats] is not installed")
@@ -18,7 +19,7 @@ DURATION_US = 400_000
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("export") / "circling.mcap"
-    messages = export_mcap(open_circling(DURATION_US), path)
+    messages = export(open_circling(DURATION_US), path)
     assert messages == 4 * DURATION_US // MESSAGE_US
     return path
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from PIL import features
 
-from spikingtac.viewer.export.mp4 import FRAME_MS, export_mp4
+from spikingtac.viewer.export import VIDEO_FRAME_MS, export
 from stand_ins.browser import browser
 from stand_ins.viewer import open_circling
 
@@ -56,13 +56,13 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 def played(page: Any, video: bytes, pictures: int) -> dict[str, Any]:
     """Return length, width and the middle of each picture, as the browser shows them."""
-    times_s = [(number + 0.5) * FRAME_MS / 1000 for number in range(pictures)]
+    times_s = [(number + 0.5) * VIDEO_FRAME_MS / 1000 for number in range(pictures)]
     found = page.execute_async_script(PLAYED, base64.b64encode(video).decode(), times_s)
     assert "error" not in found, found
-    assert found["seconds"] == pytest.approx(pictures * FRAME_MS / 1000)
+    assert found["seconds"] == pytest.approx(pictures * VIDEO_FRAME_MS / 1000)
     return found
 
 
 def test_a_browser_plays_an_exported_view(page: Any, tmp_path: Path) -> None:
-    assert export_mp4(open_circling(200_000), tmp_path / "x.mp4") == 5
+    assert export(open_circling(200_000), tmp_path / "x.mp4") == 5
     assert played(page, (tmp_path / "x.mp4").read_bytes(), 5)["width"] > 300

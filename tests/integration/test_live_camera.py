@@ -24,7 +24,7 @@ from spikingtac.stream.guard import ContactProcess
 from spikingtac.stream.host import Factory
 from spikingtac.stream.sources import LiveSource, open_live
 from spikingtac.tracks import Tracks
-from spikingtac.viewer.openers import open_view_or_events
+from spikingtac.viewer.opening import open_view_or_events
 from stand_ins.guarded import NotingArm, detector, stops
 from stand_ins.moving_rims import SIZE, calibration, windows
 from stand_ins.piped_camera import PipedCamera

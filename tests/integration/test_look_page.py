@@ -15,7 +15,7 @@ from selenium.webdriver.support.ui import WebDriverWait
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.create import create_events
 from spikingtac.viewer.calibrating import SaveTarget
-from spikingtac.viewer.openers import open_view_or_events
+from spikingtac.viewer.opening import open_view_or_events
 from spikingtac.viewer.source import ViewSource
 from stand_ins.browser import browser
 from stand_ins.serving import served

@@ -16,8 +16,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from spikingtac.stream.host import Factory
-from spikingtac.viewer.web.page_feed import UNACKNOWLEDGED
-from spikingtac.viewer.web.process import SessionProcess
+from spikingtac.viewer.process import SessionProcess
+from spikingtac.viewer.server import UNACKNOWLEDGED
 from stand_ins.serving import served
 from stand_ins.viewer import open_circling, open_nothing
 from stand_ins.wire import decode

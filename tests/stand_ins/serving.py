@@ -8,32 +8,37 @@ from contextlib import contextmanager
 from typing import Any
 
 from spikingtac.stream.host import Factory
+from spikingtac.viewer.access import Gate, listen
+from spikingtac.viewer.process import SessionProcess
+from spikingtac.viewer.server import make_app, serve
 from spikingtac.viewer.source import ViewSource
-from spikingtac.viewer.web.access import Gate, listen
-from spikingtac.viewer.web.process import SessionProcess
-from spikingtac.viewer.web.server import make_app, serve
 
 START_S = 180.0
 
 
-def run_server(
-    opener: Callable[..., ViewSource], arguments: dict[str, Any], token: str, port: Any
-) -> None:
-    session = SessionProcess(Factory(function=opener, arguments=arguments), repeat=True)
-    app = make_app([session], [session.command], Gate(token=token))
+def run_server(opener: Callable[..., ViewSource], given: list[dict[str, Any]], port: Any) -> None:
+    views = [Factory(function=opener, arguments=arguments) for arguments in given]
+    sessions = [SessionProcess(view, repeat=True) for view in views]
     try:
         listening = listen("127.0.0.1", 0)
         port.put(listening.getsockname()[1])
-        serve(app, listening, lambda: session.alive)
+        app = make_app(sessions, Gate())
+        serve(app, listening, lambda: all(session.alive for session in sessions))
     finally:
-        session.close()
+        for session in sessions:
+            session.close()
 
 
 @contextmanager
-def served(opener: Callable[..., ViewSource], token: str = "", **arguments: Any) -> Iterator[int]:
+def served(
+    opener: Callable[..., ViewSource], second: dict[str, Any] | None = None, **arguments: Any
+) -> Iterator[int]:
+    """Serve a view, and yield the port; ``second`` are the arguments of another one beside it."""
     context = multiprocessing.get_context("spawn")
     port = context.Queue()
-    process = context.Process(target=run_server, args=(opener, arguments, token, port))
+    process = context.Process(
+        target=run_server, args=(opener, [arguments, *([second] if second else [])], port)
+    )
     process.start()
     try:
         yield port.get(timeout=START_S)

@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.viewer.web.wire import _PREFIX, MAGIC
+from spikingtac.viewer.wire import MAGIC, PREFIX
+
+
+def unpack(packed: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return ``(height, width)`` codes of an image, of which two share a byte."""
+    flat = np.stack([packed >> 4, packed & 15], axis=1).ravel()
+    return flat[: size[0] * size[1]].reshape(size[1], size[0])
 
 
 def decode(message: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -17,13 +23,13 @@ def decode(message: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     Raises:
         ValueError: The bytes are no such message.
     """
-    if len(message) < _PREFIX.size:
+    if len(message) < PREFIX.size:
         raise ValueError(f"{len(message)} bytes are too few for a frame message")
-    magic, length = _PREFIX.unpack_from(message)
+    magic, length = PREFIX.unpack_from(message)
     if magic != MAGIC:
         raise ValueError(f"a frame message begins with {MAGIC!r}, got {magic!r}")
-    body = _PREFIX.size + length
-    meta = json.loads(message[_PREFIX.size : body])
+    body = PREFIX.size + length
+    meta = json.loads(message[PREFIX.size : body])
     arrays = {
         name: np.frombuffer(
             message, np.dtype(f"<{kind}"), int(np.prod(shape, dtype=np.int64)), body + offset

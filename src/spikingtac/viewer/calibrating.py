@@ -23,7 +23,7 @@ from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrat
 from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
 from spikingtac.stream.host import Asker, Factory, Host, closed_by
 from spikingtac.types import EventPacket, MarkerFrame
-from spikingtac.viewer.replay.event_store import EventStore
+from spikingtac.viewer.event_store import EventStore
 
 SHOWN_S = 0.25  # How often the guide's view is made anew: faster than it can be read, s.
 
@@ -34,8 +34,13 @@ FULL = 255  # A share of 1 as a byte.
 WAYS = ("", "left", "right", "up", "down")  # Codes of the way that a marker should go.
 
 
+@dataclass(frozen=True, slots=True)
+class NothingToTune:
+    """The settings of a view that follows no marker: there are none."""
+
+
 class GuideTracker:
-    """Shows every event to a guide once.
+    """Shows every event to a guide once, and tracks nothing.
 
     All copies are the tracker itself: what was seen stays seen when the viewer goes back in time,
     and a stretch that is played again tells nothing new.
@@ -78,22 +83,10 @@ class GuideTracker:
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return an estimate of no marker."""
         places = np.empty((0, 2))
-        return MarkerFrame(
-            t_us=t_us,
-            detected_px=places,
-            position_px=places,
-            displacement_px=places,
-            coasted=np.empty(0, bool),
-            confidence=np.empty(0),
-        )
+        return MarkerFrame(t_us, places, places, places, np.empty(0, bool), np.empty(0))
 
     def reset(self) -> None:
         """Do nothing: what was seen stays seen."""
-
-    def begin_anew(self) -> None:
-        """Forget all events; the guide begins with the next one."""
-        self.guide.reset()
-        self.begin_us = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,35 +102,140 @@ class SaveTarget:
     overwrite: bool = False
 
 
-class CalibrationRun:
-    """Calibrates from events in another process, so that the page goes on meanwhile.
+def _calibrate(asker: Asker, open_source: Factory[EventSource], result: Path) -> None:
+    calibrate(open_source(), CalibrationConfig()).save(result)
+    asker.tell(True)
+
+
+class CalibrationDesk:
+    """The calibration of one view, from the first event to the saved file.
+
+    It runs in a process of its own, so that the page goes on meanwhile.
 
     Args:
-        open_source: Opens the events, there.
-        scratch: A folder of this run's own; it is removed at :meth:`close`.
+        label: What the events are called.
+        size: ``(width, height)`` of the sensor, px.
+        target: Where the calibration goes.
+        open_whole: Opens a recording from its beginning; None for a camera, of which the events
+            that the guide has seen are taken.
+        calibrated: Makes the view of the same events once there is a calibration.
+
+    Attributes:
+        tracker: The one that guides.
+        calibrated: As given.
     """
 
     def __init__(
-        self, open_source: Factory[EventSource], scratch: tempfile.TemporaryDirectory[str]
+        self,
+        label: str,
+        size: tuple[int, int],
+        target: SaveTarget,
+        open_whole: Factory[EventSource] | None,
+        calibrated: Callable[[Any, Calibration], Any],
     ) -> None:
-        self._scratch, self._result = scratch, Path(scratch.name) / "result.json"
-        given = {"open_source": open_source, "result": self._result}
-        self._host = Host(Factory(function=_calibrate, arguments=given))
+        self.tracker, self.calibrated = GuideTracker(size), calibrated
+        self._label, self._target, self._open_whole = label, target, open_whole
+        self._view, self._made_s = GuideView(size), 0.0
+        self._host: Host | None = None
+        self._scratch: tempfile.TemporaryDirectory[str] | None = None
+        self._begun_s = 0.0
+        self._tell("guide")
 
-    def poll(self) -> Calibration | str | None:
-        """Return the calibration, or why there is none; None while it is computed."""
+    def begin_anew(self) -> None:
+        """Forget what the guide has seen, and a result that failed."""
+        self.tracker.guide.reset()
+        self.tracker.begin_us, self._made_s = None, 0.0
+        if self._host is None:
+            self._tell("guide")
+
+    def calibrate(self, store: EventStore, t_us: int) -> None:
+        """Begin to calibrate from the events up to a time; does nothing while that goes on.
+
+        Args:
+            store: The events.
+            t_us: Up to where a camera's events are taken, us.
+        """
+        if self._host is not None:
+            return
+        self._scratch = tempfile.TemporaryDirectory(prefix="spikingtac-calibration-")
+        folder, opened = Path(self._scratch.name), self._open_whole
+        if opened is None:
+            begin_us = store.t_start_us if self.tracker.begin_us is None else self.tracker.begin_us
+            opened = _stored(store.between(begin_us, t_us), folder / "events.raw")
+        given = {"open_source": opened, "result": folder / "result.json"}
+        self._host = Host(Factory(function=_calibrate, arguments=given))
+        self._begun_s = time.monotonic()
+        self._tell("calibrating")
+
+    def poll(self) -> Calibration | None:
+        """Return the calibration once, when it is there; it is saved by then."""
+        if self._host is None or self._scratch is None:
+            return None
         try:
-            done = self._host.receive()
+            if self._host.receive() is None:
+                return None
+            found = Calibration.load(Path(self._scratch.name) / "result.json")
         except EOFError:
-            return str(closed_by(self._host, "the calibration"))
+            self._tell("failed", str(closed_by(self._host, "the calibration")))
         except Exception as error:  # told by the page
-            return str(error)
-        return None if done is None else Calibration.load(self._result)
+            self._tell("failed", str(error))
+        else:
+            found = replace(found, provenance={**found.provenance, "recording": self._label})
+            self._tell("done", self._saved(found), _figures(found))
+            return found
+        finally:
+            if self._state != "calibrating":
+                self.close()
+        return None
+
+    def shown(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return what the page shows of all this: scalars, and arrays by marker."""
+        if time.monotonic() - self._made_s >= SHOWN_S:
+            self._made_s, self._view = time.monotonic(), self.tracker.guide.view()
+        view, running_s = self._view, time.monotonic() - self._begun_s
+        scalars = {
+            "state": self._state,
+            "said": self._said,
+            "result": self._result,
+            "running_s": round(running_s, 1) if self._host else None,
+            "grid": view.grid and list(view.grid),
+            "markers": len(view.place_px),
+            "radius_px": round(view.radius_px, 2),
+            "enough": int(view.enough.sum()),
+            "rests": view.rests,
+            "ready": view.ready,
+            "advice": advice(view),
+            "path": str(self._target.path.resolve()),
+            "command": f"spikingtac calibrate {self._label} -o {self._target.path}",
+        }
+        if self._state == "done" or not len(view.place_px):
+            return scalars, {}
+        ways = [0 if done else WAYS.index(way_of(view, i)) for i, done in enumerate(view.enough)]
+        return scalars, {
+            "guide_px": view.place_px.astype(np.float32),
+            "guide_share": np.round(view.share * FULL).astype(np.uint8),
+            "guide_way": np.array(ways, np.uint8),
+        }
 
     def close(self) -> None:
-        """End the run, and remove what it wrote."""
-        self._host.close()
-        self._scratch.cleanup()
+        """End a run that goes on, and remove what it wrote."""
+        if self._host is not None:
+            self._host.close()
+        if self._scratch is not None:
+            self._scratch.cleanup()
+        self._host = self._scratch = None
+
+    def _tell(self, state: str, said: str = "", result: dict[str, Any] | None = None) -> None:
+        self._state, self._said, self._result = state, said, result
+
+    def _saved(self, calibration: Calibration) -> str:
+        path = self._target.path
+        try:
+            require_free(path, self._target.overwrite)
+            calibration.save(path)
+        except (SpikingTacError, OSError) as error:
+            return f"It is used here, but was not saved: {error}"
+        return f"Saved as {path.resolve()}"
 
 
 def _stored(events: EventPacket, path: Path) -> Factory[EventSource]:
@@ -150,149 +248,16 @@ def _stored(events: EventPacket, path: Path) -> Factory[EventSource]:
     return Factory(function=open_events, arguments={"path": path})
 
 
-def _calibrate(asker: Asker, open_source: Factory[EventSource], result: Path) -> None:
-    calibrate(open_source(), CalibrationConfig()).save(result)
-    asker.tell(True)
-
-
-class CalibrationDesk:
-    """The calibration of one view, from the first event to the saved file.
-
-    Args:
-        label: What the events are called.
-        size: ``(width, height)`` of the sensor, px.
-        target: Where the calibration goes.
-        open_whole: Opens a recording from its beginning; None for a camera, of which the events
-            that the guide has seen are taken.
-
-    Attributes:
-        tracker: The one that guides.
-    """
-
-    def __init__(
-        self,
-        label: str,
-        size: tuple[int, int],
-        target: SaveTarget,
-        open_whole: Factory[EventSource] | None,
-    ) -> None:
-        self.tracker = GuideTracker(size)
-        self._label, self._target, self._open_whole = label, target, open_whole
-        self._clock: Callable[[], float] = time.monotonic
-        self._made_s = -SHOWN_S
-        self._view = GuideView(size)
-        self._run: CalibrationRun | None = None
-        self._begun_s = 0.0
-        self._state, self._said = "guide", ""
-        self._result: dict[str, Any] | None = None
-
-    def make_tracker(self, _: Any) -> GuideTracker:
-        """Return the one tracker."""
-        return self.tracker
-
-    def begin_anew(self) -> None:
-        """Forget what the guide has seen, and a result that failed."""
-        self.tracker.begin_anew()
-        if self._run is None:
-            self._state, self._said, self._result = "guide", "", None
-        self._made_s = -SHOWN_S
-
-    def calibrate(self, store: EventStore, t_us: int) -> None:
-        """Begin to calibrate from the events up to a time; does nothing while that goes on.
-
-        Args:
-            store: The events.
-            t_us: Up to where a camera's events are taken, us.
-        """
-        if self._run is not None:
-            return
-        scratch = tempfile.TemporaryDirectory(prefix="spikingtac-calibration-")
-        opened = self._open_whole
-        if opened is None:
-            begin_us = store.t_start_us if self.tracker.begin_us is None else self.tracker.begin_us
-            opened = _stored(store.between(begin_us, t_us), Path(scratch.name) / "events.raw")
-        self._run = CalibrationRun(opened, scratch)
-        self._begun_s = self._clock()
-        self._state, self._said, self._result = "calibrating", "", None
-
-    def poll(self) -> Calibration | None:
-        """Return the calibration once, when it is there; it is saved by then."""
-        found = None if self._run is None else self._run.poll()
-        if self._run is None or found is None:
-            return None
-        self._run.close()
-        self._run = None
-        if isinstance(found, str):
-            self._state, self._said = "failed", found
-            return None
-        notes = {**found.provenance, "recording": self._label}
-        found = replace(found, provenance=notes)
-        self._state, self._said = "done", self._saved(found)
-        self._result = _figures(found)
-        return found
-
-    def shown(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Return what the page shows of all this: scalars, and arrays by marker."""
-        if self._clock() - self._made_s >= SHOWN_S:
-            self._made_s, self._view = self._clock(), self.tracker.guide.view()
-        view = self._view
-        scalars = {
-            "state": self._state,
-            "said": self._said,
-            "result": self._result,
-            "running_s": round(self._clock() - self._begun_s, 1) if self._run else None,
-            "grid": view.grid and list(view.grid),
-            "markers": len(view.place_px),
-            "radius_px": round(view.radius_px, 2),
-            "enough": int(view.enough.sum()),
-            "doubtful": int(view.doubtful.sum()),
-            "rests": view.rests,
-            "resting": view.resting,
-            "ready": view.ready,
-            "advice": advice(view),
-            "path": str(self._target.path.resolve()),
-            "command": f"spikingtac calibrate {self._label} -o {self._target.path}",
-        }
-        return scalars, {} if self._state == "done" else _arrays(view)
-
-    def close(self) -> None:
-        """End a run that goes on."""
-        if self._run is not None:
-            self._run.close()
-            self._run = None
-
-    def _saved(self, calibration: Calibration) -> str:
-        target = self._target
-        try:
-            require_free(target.path, target.overwrite)
-            calibration.save(target.path)
-        except (SpikingTacError, OSError) as error:
-            return f"It is used here, but was not saved: {error}"
-        return f"Saved as {target.path.resolve()}"
-
-
-def _arrays(view: GuideView) -> dict[str, NDArray[Any]]:
-    if not len(view.place_px):
-        return {}
-    ways = [0 if done else WAYS.index(way_of(view, i)) for i, done in enumerate(view.enough)]
-    return {
-        "guide_px": view.place_px.astype(np.float32),
-        "guide_share": np.round(view.share * FULL).astype(np.uint8),
-        "guide_way": np.array(ways, np.uint8),
-    }
-
-
 def _figures(calibration: Calibration) -> dict[str, Any]:
-    notes = calibration.provenance
-    explained = float(np.median(notes["explained"]))
+    notes, markers = calibration.provenance, len(calibration.radius_px)
     return {
         "quality": notes["quality"],
         "grid": calibration.rows_and_columns,
         "polarity": calibration.polarity,
-        "markers": len(calibration.radius_px),
-        "measured": len(calibration.radius_px) - len(notes["missing"]),
+        "markers": markers,
+        "measured": markers - len(notes["missing"]),
         "missing": notes["missing"],
         "doubtful": notes["doubtful"],
-        "explained": round(explained, 3),
+        "explained": round(float(np.median(notes["explained"])), 3),
         "radius_px": round(float(calibration.radius_px.mean()), 2),
     }

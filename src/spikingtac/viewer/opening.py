@@ -1,31 +1,35 @@
-"""Open what a user names: an event file, a recording folder, a camera's pipe, or a scene."""
+"""Open what a user names: an event file, a recording folder, a camera, or a scene."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from spikingtac.calibration.document import CALIBRATION_SCHEMA
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.contact.event_count import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
-from spikingtac.events.address import Address
+from spikingtac.events.address import Address, is_address
 from spikingtac.events.evt.raw_stream import is_stream
 from spikingtac.events.formats.array_file import load_arrays
-from spikingtac.events.open import refuse_url
+from spikingtac.events.manifest import MANIFEST, TRUTH, name_of, read_manifest
+from spikingtac.events.open import open_events, open_second, refuse_url
+from spikingtac.events.retimed import is_same_folder
+from spikingtac.events.source import EventSource
 from spikingtac.markers.registry import make_tracker
-from spikingtac.markers.tracker import MarkerTracker
-from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.pipeline.track import require_same_size
 from spikingtac.sim.twin_camera import is_twin, twin_options
 from spikingtac.stream.host import Factory
 from spikingtac.stream.sources import LiveSource, RemoteSource
+from spikingtac.viewer.calibrating import CalibrationDesk, NothingToTune, SaveTarget
 from spikingtac.viewer.source import SampledTruth, ViewSource
 
-CALIBRATION_NAME, TRUTH_NAME, MANIFEST_NAME = "calibration.json", "truth.npz", "manifest.json"
+CALIBRATION_NAME = "calibration.json"
 
 
 class NoCalibrationError(CalibrationError):
@@ -54,32 +58,31 @@ def open_view_source(
     Raises:
         RecordingError: The recording cannot be read.
         DeviceError: There is no such camera.
-        NoCalibrationError: There is no calibration for it.
-        CalibrationError: The calibration does not fit.
-        ConfigError: There is neither such a path nor such a scene, or a recording was given a
-            camera.
+        CalibrationError: The calibration does not fit; NoCalibrationError where there is none.
+        ConfigError: There is neither such a path nor such a scene, or a recording has a camera.
     """
     path = Path(source)
-    if is_twin(source):
-        view = _open_twin(source, seed, camera)
+    if is_twin(source):  # the page shows the truth that the twin knows
+        address = Address.parse(source)
+        view = _open_scene(address.target, *twin_options(address, seed, camera))
     elif is_stream(path):
         view = _open_stream(path, calibration)
     elif path.suffix == ".toml" or not path.exists():
-        _refuse_missing_file(path)
+        refuse_url(path)
+        if path.suffix != ".toml" and (path.suffix or len(path.parts) > 1):
+            raise RecordingError(
+                f"there is no file or folder {str(path)!r}; a scene is named without an ending "
+                "(spikingtac simulate --list)"
+            )
         view = _open_scene(source, seed, camera)
     elif camera is not None:
-        raise ConfigError(
-            f"{source!r} is a recording, and --camera belongs to a scene; leave it out"
-        )
+        raise ConfigError(f"{source!r} is a recording, --camera belongs to a scene; leave it out")
     else:
         view = _open_recording(path, calibration)
     if calibration is not None:
         given = Calibration.load(calibration)
         view = replace(view, calibration=given, calibrated_by=calibration, own_calibration=False)
-    if tuple(view.calibration.size) != tuple(view.source.size):
-        from spikingtac.pipeline.track import require_same_size
-
-        require_same_size(view.source.size, view.calibration.size)
+    require_same_size(view.source.size, view.calibration.size)
     return calibrated_view(view, view.calibration, preset=preset, rate_hz=rate_hz)
 
 
@@ -91,19 +94,18 @@ def calibrated_view(
     Args:
         view: The events.
         calibration: Of their sensor.
-        preset: Configuration: ``default``, ``fast``, ``paper``, or a TOML file.
-        rate_hz: Estimates per second; the preset's unless given.
+        preset: As of :func:`open_view_source`, and so is ``rate_hz``.
+        rate_hz: Estimates per second.
     """
     settings = load_config(preset).with_tracking(rate_hz=rate_hz)
-    config, contact = settings.tracking, settings.contact
     return replace(
         view,
         calibration=calibration,
         own_calibration=view.own_calibration and calibration is view.calibration,
-        config=config,
-        make_tracker=partial(_tracker, calibration),
-        make_detector=partial(SelfCalibratingDetector, contact.false_alarms_per_hour),
-        rate_hz=config.rate_hz,
+        config=settings.tracking,
+        make_tracker=partial(make_tracker, calibration=calibration),
+        make_detector=partial(SelfCalibratingDetector, settings.contact.false_alarms_per_hour),
+        rate_hz=settings.tracking.rate_hz,
     )
 
 
@@ -122,62 +124,116 @@ def open_felt_source(*, force: str, **arguments: Any) -> ViewSource:
     return replace(view, felt=felt)
 
 
-def _refuse_missing_file(path: Path) -> None:
-    """Say so where a file was meant; the list of scenes would not help."""
-    refuse_url(path)
-    if path.suffix != ".toml" and (path.suffix or len(path.parts) > 1):
-        raise RecordingError(
-            f"there is no file or folder {str(path)!r}; "
-            "a scene is named without an ending (spikingtac simulate --list)"
-        )
+def open_view_or_events(
+    source: str, *, look: bool = False, save: SaveTarget | None = None, **options: Any
+) -> ViewSource:
+    """Open a view; where a recording or camera has no calibration, one of its events alone.
+
+    Args:
+        source: See :func:`open_view_source`.
+        look: Show the events alone even where a calibration is known, to calibrate anew.
+        save: Where a calibration that the page makes goes.
+        **options: As there.
+    """
+    if not look:
+        try:
+            return open_view_source(source, **options)
+        except NoCalibrationError:
+            pass
+    live = is_stream(Path(source))
+    whole: Factory[EventSource] | None = None
+    if is_twin(source) or not (live or Path(source).exists()):
+        view = open_view_source(source, **options)  # its events; the truth shows how well it went
+    else:
+        events = LiveSource.in_process(source, None) if live else open_events(source)
+        label = source if is_address(source) else Path(source).resolve().name
+        view = _events_alone(label, events, ends=not live)
+        if not live:
+            whole = Factory(function=open_events, arguments={"path": source})
+    preset = options.get("preset", "default")
+    calibrated = partial(calibrated_view, preset=preset, rate_hz=options.get("rate_hz"))
+    desk = CalibrationDesk(view.label, view.source.size, save or SaveTarget(), whole, calibrated)
+    return replace(
+        calibrated(view, _events_alone(view.label, view.source).calibration),
+        calibrated_by="",
+        config=NothingToTune(),
+        make_tracker=lambda _: desk.tracker,
+        rate_hz=view.rate_hz,
+        desk=desk,
+    )
 
 
-def _tracker(calibration: Calibration, config: TrackingConfig) -> MarkerTracker:
-    return make_tracker(config, calibration)
+def open_second_view(
+    *, beside: str, source: str, calibration: str | None, **options: Any
+) -> ViewSource:
+    """Open the other finger's recording for viewing.
+
+    Args:
+        beside: The first finger's recording.
+        source: The other one's; the same folder again means its second sensor.
+        calibration: Path of its calibration; calibration_1.json of one folder unless given.
+        **options: As of :func:`open_view_source`, or with ``force`` of :func:`open_felt_source`.
+    """
+    path, same = Path(source), is_same_folder(Path(beside), Path(source))
+    if same and not (path / name_of("events.raw", 1)).is_file():
+        raise RecordingError(f"{source!r} holds one sensor; name the other finger's recording")
+    if same and calibration is None:
+        own = path / name_of(CALIBRATION_NAME, 1)
+        if not own.is_file():
+            raise NoCalibrationError(
+                f"{source!r} holds no {own.name}; name the other finger's: --second-calibration"
+            )
+        calibration = str(own)
+    opener = open_felt_source if "force" in options else open_view_source
+    view = opener(source=source, calibration=calibration, **options)
+    events, _ = open_second(Path(beside), path)
+    if not same:
+        return replace(view, source=events)
+    # The truth in the folder is the first sensor's.
+    return replace(view, source=events, truth=None, label=f"{view.label}, second finger")
+
+
+def _events_alone(label: str, events: EventSource, *, ends: bool = True) -> ViewSource:
+    """Return a view of events without markers; its tracker is not chosen yet."""
+    none, size = np.empty((0, 2)), events.size
+    calibration = Calibration(reference_px=none, radius_px=none[:, 0], grid=(0, 0), size=size)
+    return ViewSource(
+        label=label,
+        source=events,
+        calibration=calibration,
+        config=None,
+        make_tracker=partial(make_tracker, calibration=calibration),
+        ends=ends,
+        provenance={"input": label},
+    )
 
 
 def _open_recording(path: Path, calibration: str | None) -> ViewSource:
-    from spikingtac.events.open import open_events
-
     source = open_events(path)  # first: a file that is no recording needs no calibration
     folder = path if path.is_dir() else path.parent
-    truth_path = folder / TRUTH_NAME if path.is_dir() else path.with_suffix(".truth.npz")
-    manifest = _manifest(folder) if path.is_dir() else {}
-    chosen, by = (
-        (Calibration.load(calibration), calibration) if calibration else _beside(folder, manifest)
-    )
-    return ViewSource(
-        label=path.resolve().name,
-        source=source,
-        calibration=chosen,
-        calibrated_by=by,
-        config=None,
-        make_tracker=_unchosen,
-        truth=_truth(truth_path),
-        simulated=manifest.get("source") == "twin",
-        provenance={"input": path.name},
+    manifest = read_manifest(folder / MANIFEST) if path.is_dir() else {}
+    view = _events_alone(path.resolve().name, source)
+    truth = _truth(folder / TRUTH if path.is_dir() else path.with_suffix(".truth.npz"))
+    view = replace(view, truth=truth, simulated=manifest.get("source") == "twin")
+    if calibration is not None:
+        return view
+    beside = folder / CALIBRATION_NAME
+    if beside.exists():
+        return replace(view, calibration=Calibration.load(beside), calibrated_by=str(beside))
+    if "grid" in manifest and (folder / TRUTH).exists():
+        known = _calibration_from_truth(folder / TRUTH, manifest)
+        return replace(view, calibration=known, calibrated_by="the twin's truth at rest")
+    raise NoCalibrationError(
+        f"there is no {CALIBRATION_NAME} beside the recording; name one with --calibration, or "
+        "make it with: spikingtac calibrate RECORDING -o calibration.json"
     )
 
 
 def _open_stream(path: Path, calibration: str | None) -> ViewSource:
     if calibration is None:
         raise NoCalibrationError(f"{str(path)!r} is a camera; name its --calibration")
-    chosen = Calibration.load(calibration)
-    return ViewSource(
-        label=path.name,
-        source=LiveSource.in_process(str(path), chosen.size),
-        calibration=chosen,
-        config=None,
-        make_tracker=_unchosen,
-        ends=False,
-        provenance={"input": path.name},
-    )
-
-
-def _open_twin(source: str, seed: int, camera: str | None) -> ViewSource:
-    """Open the scene of a twin's address: the page shows the truth that the twin knows."""
-    address = Address.parse(source)
-    return _open_scene(address.target, *twin_options(address, seed, camera))
+    events = LiveSource.in_process(str(path), Calibration.load(calibration).size)
+    return _events_alone(path.name, events, ends=False)
 
 
 def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
@@ -186,68 +242,46 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
     from spikingtac.sim.twin_camera import truthful_packets
 
     scene = catalog.load(name).with_camera(camera)
-    at_rest = SceneSource(scene, seed)
-    contrast = scene.camera.resolve(scene.size).light.contrast
-    truth = SampledTruth.growing(len(at_rest.reference_px))
+    at_rest, truth = SceneSource(scene, seed), SampledTruth()
     arguments = {"name": name, "seed": seed, "camera": camera}
-    return ViewSource(
-        label=Path(name).stem,
-        source=RemoteSource(
-            Factory(function=truthful_packets, arguments=arguments),
-            scene.size,
-            lambda rows: truth.append(rows[0], rows[1]),
-            inherit=True,
-        ),
+    packets = RemoteSource(
+        Factory(function=truthful_packets, arguments=arguments),
+        scene.size,
+        lambda rows: truth.append(*rows),
+        inherit=True,
+    )
+    return replace(
+        _events_alone(Path(name).stem, packets, ends=False),
         calibration=Calibration(
             reference_px=at_rest.reference_px,
             radius_px=at_rest.radius_px,
             grid=scene.skin.grid,
             size=scene.size,
-            polarity="dark" if contrast < 1 else "white",
+            polarity=_polarity(scene.camera.resolve(scene.size).light.contrast),
             provenance={"from": f"the scene {name!r} at rest"},
         ),
         calibrated_by="the scene at rest",
-        config=None,
-        make_tracker=_unchosen,
         truth=truth,
         simulated=True,
-        ends=False,
         provenance={"scene": name, "seed": seed, "scene_sha256": scene.digest()},
         own_calibration=True,
     )
 
 
-def _manifest(folder: Path) -> dict[str, Any]:
-    try:
-        document = json.loads((folder / MANIFEST_NAME).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return document if isinstance(document, dict) else {}
-
-
-def _beside(folder: Path, manifest: dict[str, Any]) -> tuple[Calibration, str]:
-    """Return the calibration beside a recording, and what it is."""
-    if (folder / CALIBRATION_NAME).exists():
-        found = folder / CALIBRATION_NAME
-        return Calibration.load(found), str(found)
-    if "grid" in manifest and (folder / TRUTH_NAME).exists():
-        return _calibration_from_truth(folder / TRUTH_NAME, manifest), "the twin's truth at rest"
-    raise NoCalibrationError(
-        f"there is no {CALIBRATION_NAME} beside the recording; name one with --calibration, or "
-        "make it with: spikingtac calibrate RECORDING -o calibration.json"
-    )
+def _polarity(contrast: Any) -> str:
+    """Return which markers a scene has; one of unknown contrast (marker over ground) has white."""
+    return "dark" if isinstance(contrast, int | float) and contrast < 1 else "white"
 
 
 def _calibration_from_truth(path: Path, manifest: dict[str, Any]) -> Calibration:
     stored = load_arrays(path, "ground truth")
-    contrast = manifest.get("contrast")
     document = {
         "schema": CALIBRATION_SCHEMA,
         "size": manifest.get("size"),
         "grid": manifest.get("grid"),
         "reference_px": stored.get("reference_px"),
         "radius_px": stored.get("radius_px"),
-        "polarity": "dark" if isinstance(contrast, int | float) and contrast < 1 else "white",
+        "polarity": _polarity(manifest.get("contrast")),
         "provenance": {"from": "the twin's truth at rest"},
     }
     return Calibration.from_document(document, where=str(path))
@@ -257,12 +291,9 @@ def _truth(path: Path) -> SampledTruth | None:
     if not path.exists():
         return None
     stored = load_arrays(path, "ground truth")
-    if not {"marker_t_us", "marker_px"} <= stored.keys():
+    t_us, marker_px = stored.get("marker_t_us"), stored.get("marker_px")
+    if t_us is None or marker_px is None:
         raise RecordingError(
             f"{str(path)!r} lacks marker_t_us or marker_px; remove it, or simulate the scene again"
         )
-    return SampledTruth(stored["marker_t_us"], stored["marker_px"])
-
-
-def _unchosen(_: Any) -> Any:
-    raise ConfigError("no tracker was chosen")
+    return SampledTruth(t_us.tolist(), marker_px)

@@ -15,18 +15,11 @@ from spikingtac.errors import ConfigError
 from spikingtac.plots.summary import Course, Picture, save_summary
 from spikingtac.tracks import create_tracks
 from spikingtac.types import MarkerFrame
-from spikingtac.viewer.replay.playback import Playback
-from spikingtac.viewer.snapshot import (
-    OFF_CODE,
-    activity,
-    events_per_s,
-    unpack,
-    view_size,
-    view_step,
-)
+from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.snapshot import OFF_CODE, activity, events_per_s, view_step
 from spikingtac.viewer.source import ViewSource
 
-EXPOSURE_US = 30_000  # Events of the last two frames of an ordinary camera, as on the page.
+EXPOSURE_US = 30_000  # Events of the last two frames of an ordinary camera, as on the page, us.
 
 # Moments kept: 68 s at 60 per second; a longer record keeps every second, fourth... of them. A
 # row of 64 markers holds 512 bytes, so that a record stays at some 3 MiB however long it lasts.
@@ -43,7 +36,11 @@ class _Row:
 
 
 class Record:
-    """Takes every estimate of a view, and its playback's state some times a second."""
+    """Takes every estimate of a view, and its playback's state some times a second.
+
+    Attributes:
+        largest_px: Largest displacement of all estimates so far, px.
+    """
 
     def __init__(self) -> None:
         self._rows: list[_Row] = []
@@ -68,7 +65,7 @@ class Record:
         if now_us == self._last_us:
             return
         self._last_us = now_us
-        row = self._row(view, playback)
+        row = _row(view, playback)
         largest_px = float(row.moved_px.max(initial=0.0))
         if self._shown is None or largest_px >= self._shown[0]:  # of events alone, the last moment
             self._shown = largest_px, picture_of(view, playback)
@@ -109,10 +106,9 @@ class Record:
         if self._shown is None:
             raise ConfigError(f"{view.label}: nothing was shown, there is nothing to draw")
         start_us = playback.store.t_start_us
-        markers = max(len(row.moved_px) for row in self._rows) if self._rows else 0
-        rows = sorted(
-            (row for row in self._rows if len(row.moved_px) == markers), key=lambda row: row.t_s
-        )
+        markers = max((len(row.moved_px) for row in self._rows), default=0)
+        rows = [row for row in self._rows if len(row.moved_px) == markers]
+        rows.sort(key=lambda row: row.t_s)
         course = Course(
             t_s=np.array([row.t_s for row in rows]),
             displacement_px=np.array([row.moved_px for row in rows]),
@@ -122,26 +118,24 @@ class Record:
         title = f"{view.label}{' (simulated)' if view.simulated else ''}"
         save_summary(path, title, self._shown[1], course)
 
-    def _row(self, view: ViewSource, playback: Playback) -> _Row:
-        frame, now_us = playback.frame, playback.position_us
-        since_s = (now_us - playback.store.t_start_us) / US_PER_S
-        moved_px = np.empty(0, np.float32)
-        truth_px = None
-        if frame is not None:
-            moved_px = np.hypot(*frame.displacement_px.T).astype(np.float32)
-            truth_px = view.truth.at(frame.t_us) if view.truth and len(moved_px) else None
-        error_px = None
-        if frame is not None and truth_px is not None:
+
+def _row(view: ViewSource, playback: Playback) -> _Row:
+    frame = playback.frame
+    since_s = (playback.position_us - playback.store.t_start_us) / US_PER_S
+    moved_px, error_px = np.empty(0, np.float32), None
+    if frame is not None:
+        moved_px = np.hypot(*frame.displacement_px.T).astype(np.float32)
+        truth_px = view.truth.at(frame.t_us) if view.truth and len(moved_px) else None
+        if truth_px is not None:
             error_px = np.hypot(*(frame.detected_px - truth_px).T).astype(np.float32)
-        return _Row(since_s, events_per_s(playback) / 1e3, moved_px, error_px)
+    return _Row(since_s, events_per_s(playback) / 1e3, moved_px, error_px)
 
 
 def picture_of(view: ViewSource, playback: Playback) -> Picture:
     """Return what a page would show now."""
     frame, store, calibration = playback.frame, playback.store, view.calibration
     now_us, step = playback.position_us, view_step(playback.store.size)
-    exposed = store.between(now_us - EXPOSURE_US, now_us)
-    codes = unpack(activity(exposed), view_size(store.size))
+    codes = activity(store.between(now_us - EXPOSURE_US, now_us))
     tracked = frame is not None and len(frame.position_px) == len(calibration.reference_px)
     position_px = frame.position_px if frame and tracked else calibration.reference_px
     return Picture(

@@ -17,13 +17,12 @@ from spikingtac.schema import to_mapping
 from spikingtac.stream.shared_memory import Publisher
 from spikingtac.tuning import with_value
 from spikingtac.types import MarkerFrame
-from spikingtac.viewer.pace import Pacer, StreamHealth
+from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.record import EXPOSURE_US, Record, TrackFile
-from spikingtac.viewer.replay.event_store import EventStore
-from spikingtac.viewer.replay.playback import Playback
-from spikingtac.viewer.snapshot import greeting, images, map_of, moving
+from spikingtac.viewer.snapshot import greeting, images, moving
 from spikingtac.viewer.source import ViewSource
-from spikingtac.viewer.web.wire import encode
+from spikingtac.viewer.wire import encode
 
 FRAME_HZ = 60.0  # Frames offered per second; displays show no more.
 
@@ -34,13 +33,16 @@ GREETING_S = 0.5  # How often the greeting is renewed while the length of the so
 # Further behind its aim, tracking repeats a stretch; the page keeps its picture meanwhile.
 CATCHING_UP_US = 50_000
 SLACK_US = 40_000  # A delay of up to this is made up for; a longer one stretches the time.
+STALE_S = 0.5  # Waiting this long for a live source is a standstill, s.
 
 
 class Session:
     """One view, played under the commands of its pages.
 
     Attributes:
+        view: What is shown.
         playback: The tracked stream.
+        record: What was shown so far.
         playing: False while paused.
         speed: Seconds of the recording per second.
         failure: What ended a live source, or None; what came before it can still be viewed.
@@ -49,8 +51,7 @@ class Session:
     def __init__(
         self,
         view: ViewSource,
-        frames: Publisher,
-        greetings: Publisher,
+        publishers: tuple[Publisher, Publisher] | None,
         *,
         repeat: bool = False,
         tracks: Path | None = None,
@@ -59,60 +60,60 @@ class Session:
 
         Args:
             view: What is shown.
-            frames: Takes the frame messages.
-            greetings: Takes the greeting, as JSON.
+            publishers: Take the frame messages and the greetings (JSON); None without a page.
             repeat: Begin again at the end instead of pausing there.
             tracks: File for every estimate, or None.
         """
+        self.view, self._config, self._publishers = view, view.config, publishers
         self.record = Record()
         self._tracks = TrackFile(tracks, view.calibration.reference_px) if tracks else None
-        self._notice, self._retuned = view.notice, False
+        self._notice, self._retuned, self._repeat = "", False, repeat
         source = view.source
         # Looking at events needs no calibration.
         if len(view.calibration.reference_px) and not view.own_calibration:
             source = CheckedSource(source, view.calibration, self.warn)
         store = EventStore(source)
         if view.ends:
-            store.extend_to_end()
+            store.extend_to(float("inf"))
         if view.desk is not None:
             view.desk.begin_anew()  # the kernels were warmed up with it
-        self._view, self._config = view, view.config
-        self._frames, self._greetings, self._repeat = frames, greetings, repeat
         self.playback = self._tracked(store)
         self.playing, self.speed = True, 1.0
         self._exposure_us, self._with_map = EXPOSURE_US, False
         self._playhead_us = float(store.t_start_us)
-        self.pacer = Pacer(1 / FRAME_HZ)
         self._shown: tuple[dict[str, Any], dict[str, NDArray[Any]]] | None = None
         self._greeted_s = 0.0
         self.failure: Exception | None = None
-        self._health = None if view.ends else StreamHealth(lambda: store.waited_s)
+        self._fault: dict[str, str] | None = None if view.ends else {"health": "OK", "reason": ""}
+        self._overruns, self._due_s = 0, time.perf_counter() + 1 / FRAME_HZ
 
     def command(self, name: str, value: Any) -> None:
         """Carry out a command of a page (already parsed); a refusal becomes a notice."""
-        actions: dict[str, Callable[[Any], object]] = {
-            "play": self._play,
-            "speed": lambda speed: setattr(self, "speed", float(speed)),
-            "seek_us": self._seek,
-            "exposure_us": lambda exposure: setattr(self, "_exposure_us", exposure),
-            "map": lambda shown: setattr(self, "_with_map", shown),
-            "set": self._set,
-            "defaults": lambda _: self._retune(self._view.config),
-            "reset": lambda _: self._health.reset() if self._health else None,
-            "calibrate": lambda _: self._calibrate(),
-            "list": lambda _: setattr(self, "_greeted_s", 0.0),
-            "begin_anew": lambda _: self._view.desk.begin_anew() if self._view.desk else None,
+        desk, playback = self.view.desk, self.playback
+        actions: dict[str, Callable[[], object]] = {
+            "play": lambda: self._play(value),
+            "speed": lambda: setattr(self, "speed", float(value)),
+            "seek_us": lambda: self._seek(value),
+            "exposure_us": lambda: setattr(self, "_exposure_us", value),
+            "map": lambda: setattr(self, "_with_map", value),
+            "set": lambda: self._retune(with_value(self._config, *value)),
+            "defaults": lambda: self._retune(self.view.config),
+            "reset": self._forget_fault,
         }
-        if name in actions:
-            actions[name](value)
+        if desk is not None:
+            actions["calibrate"] = lambda: desk.calibrate(playback.store, playback.position_us)
+            actions["begin_anew"] = desk.begin_anew
+        try:
+            actions.get(name, lambda: None)()
+        except ConfigError as error:
+            self._notice = str(error)
 
     def warn(self, why: str) -> None:
         """Add a line to the page's notice, and greet the page anew."""
         self._notice, self._greeted_s = f"{self._notice} {why}".strip(), 0.0
 
     def step(self) -> None:
-        """Play on by one frame, publish it, and wait for the time of the next one."""
-        self.pacer.begin()
+        """Play on by one frame, and publish it."""
         self._adopt_calibration()
         start_us = self.playback.position_us
         # Where tracking cannot keep up, the playhead waits: time slows down, no event is skipped.
@@ -122,103 +123,104 @@ class Session:
         reached = self._work()
         if self.playing and reached and self._playhead_us >= self._last_us():
             self._play(self._repeat)
-        self.record.take(self._view, self.playback)
-        self._publish(start_us, reached)
-        self.pacer.wait()
+        self.record.take(self.view, self.playback)
+        if self._publishers is not None:
+            self._greet(self._publishers[1])
+            self._publish(self._publishers[0], start_us, reached)
 
-    def summary(self, picture: Path | None = None) -> dict[str, Any]:
-        """Return the figures of what was shown so far, and draw it where a file is given.
+    def rest(self) -> None:
+        """Sleep until the next frame is due; a late one delays the loop, no burst makes up."""
+        now_s = time.perf_counter()
+        self._overruns += now_s > self._due_s
+        time.sleep(max(self._due_s - now_s, 0.0))
+        self._due_s = max(self._due_s, now_s) + 1 / FRAME_HZ
+
+    def close(self, picture: Path | None = None) -> dict[str, Any]:
+        """Complete the files, and end a source that runs by itself; return the figures.
+
+        Args:
+            picture: File for a picture of what was shown, or None.
 
         Raises:
             ConfigError: A picture is asked for, and nothing was shown.
         """
-        if picture is not None:
-            self.record.save_picture(picture, self._view, self.playback)
-        return self.record.summary(self._view, self.playback)
-
-    def close(self, before: Callable[[], object] = lambda: None) -> None:
-        """Complete the tracks, remove the stored events, end a source that runs by itself.
-
-        Args:
-            before: Called once the tracks are complete, while the events are still there.
-        """
-        if self._tracks is not None:
-            self._tracks.close(
-                {
-                    **self._view.provenance,
-                    **self._view.calibration.scale(),
-                    "config": {"tracking": to_mapping(self._config)},
-                    "losses": dict(self._view.source.losses),
-                    "simulated": self._view.simulated,
-                    "retuned": self._retuned,
-                }
-            )
+        view = self.view
         try:
-            before()
+            if self._tracks is not None:
+                self._tracks.close(
+                    {
+                        **view.provenance,
+                        **view.calibration.scale(),
+                        "config": {"tracking": to_mapping(self._config)},
+                        "losses": dict(view.source.losses),
+                        "simulated": view.simulated,
+                        "retuned": self._retuned,
+                    }
+                )
+            if picture is not None:
+                self.record.save_picture(picture, view, self.playback)
+            return self.record.summary(view, self.playback)
         finally:
-            if self._view.desk is not None:
-                self._view.desk.close()
+            if view.desk is not None:
+                view.desk.close()
             self.playback.store.close()
-            self._view.close()
-
-    @property
-    def view(self) -> ViewSource:
-        """What is shown now."""
-        return self._view
+            view.close()
 
     def _work(self) -> bool:
         """Track for a frame's time; True once the aim is reached or the source is lost."""
-        if self._health is None:
-            return self.playback.work(WORK_SHARE / FRAME_HZ)
+        store, budget_s = self.playback.store, WORK_SHARE / FRAME_HZ
+        if self._fault is None:
+            return self.playback.work(budget_s)
+        before_s = store.waited_s
         try:
-            reached = self.playback.work(WORK_SHARE / FRAME_HZ)
+            reached = self.playback.work(budget_s)
         except (SpikingTacError, OSError, RuntimeError) as error:
             self.failure = error
-            self._health.lost(str(error))
+            self._fault = {"health": "DISCONNECTED", "reason": str(error)}
             self.playback.aim(self.playback.position_us)
             return True
-        self._health.delivered()
+        # A slow tracker, a pause or a first compilation is no silence of the sensor.
+        waited_s = store.waited_s - before_s
+        if waited_s > STALE_S and self._fault["health"] == "OK":
+            reason = f"nothing came for {1e3 * waited_s:.1f} ms"
+            self._fault = {"health": "STALE", "reason": reason}
         return reached
+
+    def _forget_fault(self) -> None:
+        """Clear a standstill; a source that is lost stays lost."""
+        if self._fault is not None and self.failure is None:
+            self._fault = {"health": "OK", "reason": ""}
 
     def _take(self, frame: MarkerFrame) -> None:
         """Take every estimate; the pages see some of them."""
         self.record.estimate(frame)
         if self._tracks is not None:
             self._tracks.take(frame)
-        if self._view.felt is not None:
-            self._view.felt.take(frame)
+        if self.view.felt is not None:
+            self.view.felt.take(frame)
 
     def _tracked(self, store: EventStore) -> Playback:
-        view = self._view
-        return Playback(
-            store,
-            self._tracker,
-            view.make_detector,
-            rate_hz=view.rate_hz,
-            on_frame=self._take,
-        )
+        detector, rate_hz = self.view.make_detector, self.view.rate_hz
+        return Playback(store, self._tracker, detector, rate_hz=rate_hz, on_frame=self._take)
 
-    def _calibrate(self) -> None:
-        if self._view.desk is not None:
-            self._view.desk.calibrate(self.playback.store, self.playback.position_us)
+    def _tracker(self) -> MarkerTracker:
+        return self.view.make_tracker(self._config)
 
     def _adopt_calibration(self) -> None:
         """Track the markers from now on, once the page's calibration is there."""
-        found = self._view.desk.poll() if self._view.desk else None
-        if found is None:
+        desk = self.view.desk
+        found = None if desk is None else desk.poll()
+        if desk is None or found is None:
             return
         aim_us = self.playback.aim_us
-        self._view = self._view.calibrated(self._view, found)
-        self._config, self._notice = self._view.config, ""
+        self.view = desk.calibrated(self.view, found)
+        self._config, self._notice = self.view.config, ""
         self.playback = self._tracked(self.playback.store)
         self.playback.aim(aim_us)
-        if self._view.ends:  # a recording is played again, now with its markers
+        if self.view.ends:  # a recording is played again, now with its markers
             self._play(True)
             self._seek(self.playback.store.t_start_us)
         self._greeted_s = 0.0
-
-    def _tracker(self) -> MarkerTracker:
-        return self._view.make_tracker(self._config)
 
     def _play(self, playing: bool) -> None:
         if playing and self._playhead_us >= self._last_us():
@@ -235,55 +237,38 @@ class Session:
         store = self.playback.store
         return store.t_end_us if store.ended else float("inf")
 
-    def _set(self, setting: list[Any]) -> None:
-        try:
-            self._retune(with_value(self._config, setting[0], setting[1]))
-        except ConfigError as error:
-            self._notice = str(error)
-
     def _retune(self, config: Any) -> None:
         self._config, self._notice, self._retuned = config, "", True
         self.playback.aim(self.playback.position_us)
         self.playback.retune(self._tracker)
         self._greeted_s = 0.0
 
-    def _publish(self, start_us: int, reached: bool) -> None:
-        self._greet()
-        behind_us = self.playback.aim_us - self.playback.position_us
-        catching_up = not reached and behind_us > CATCHING_UP_US
+    def _greet(self, greetings: Publisher) -> None:
+        now_s, store = time.monotonic(), self.playback.store
+        if not self._greeted_s or (not store.ended and now_s - self._greeted_s > GREETING_S):
+            document = greeting(self.view, store, self._config)
+            greetings.publish(json.dumps(document).encode())
+            self._greeted_s = now_s
+
+    def _publish(self, frames: Publisher, start_us: int, reached: bool) -> None:
+        playback = self.playback
+        catching_up = not reached and playback.aim_us - playback.position_us > CATCHING_UP_US
         if not catching_up or self._shown is None:
-            self._shown = self._snapshot()
+            scalars, arrays = moving(self.view, playback)
+            drawn = images(playback, self._exposure_us, self._with_map)
+            self._shown = scalars, arrays | drawn
         scalars, arrays = self._shown
-        advanced_us = self.playback.position_us - start_us
+        advanced_us = playback.position_us - start_us
         state = "OK" if reached else "CATCHING UP" if catching_up else "OVERLOAD"
-        state = "DISCONNECTED" if self.failure is not None else state
         status = {
             "stamp_ms": round(time.time() * 1e3, 3),
             "playing": self.playing,
             "speed": self.speed,
             "pace": 0.0 if catching_up else round(advanced_us / 1e6 * FRAME_HZ, 3),
-            "behind_us": behind_us,
-            "state": state,
-            "overruns": self.pacer.overruns,
-            "watchdog": self._health.told() if self._health else None,
-            "exposure_us": self._exposure_us,
+            "state": "DISCONNECTED" if self.failure is not None else state,
+            "overruns": self._overruns,
+            "watchdog": self._fault,
             "notice": self._notice,
-            "displacement_max_px": round(self.record.largest_px, 3),
-            "contacts_found": len(self.playback.contacts),
         }
-        if not self._frames.publish(encode({**scalars, **status}, arrays)):
+        if not frames.publish(encode({**scalars, **status}, arrays)):
             raise ValueError("a frame is larger than the ring's slots")
-
-    def _greet(self) -> None:
-        now_s = time.monotonic()
-        growing = not self.playback.store.ended and now_s - self._greeted_s > GREETING_S
-        if not self._greeted_s or growing:
-            document = greeting(self._view, self.playback, self._config)
-            self._greetings.publish(json.dumps(document).encode())
-            self._greeted_s = now_s
-
-    def _snapshot(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        scalars, arrays = moving(self._view, self.playback)
-        scalars["losses"] = dict(self._view.source.losses)
-        state_map = map_of(self.playback) if self._with_map else None
-        return scalars, {**arrays, **images(self.playback, self._exposure_us, state_map)}

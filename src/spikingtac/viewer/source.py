@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,20 +19,7 @@ if TYPE_CHECKING:  # both need every kernel of the calibration and of touch
     from spikingtac.viewer.calibrating import CalibrationDesk
     from spikingtac.viewer.felt import FeltLayer
 
-FIRST_ROWS = 4_096  # Room for 4 s of truth at 1 kHz; it doubles.
 BEYOND_US = 2_000  # How far the last line is prolonged: one step of a simulation at 500 Hz.
-
-
-class Recordings(Protocol):
-    """Other recordings that a page may open, by their names."""
-
-    def names(self) -> list[str]:
-        """Return the names of those that are there now."""
-        ...
-
-    def open(self, name: str) -> ViewSource:
-        """Open one of them."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,13 +37,9 @@ class ViewSource:
         rate_hz: Estimates per second.
         simulated: True where the events come from the digital twin.
         ends: True where the source ends by itself, so that its length is known at once.
-        notice: A line that the page shows until a control is used; empty for none.
         provenance: What the events are: file or scene, seed, digest; it goes into the tracks.
         felt: Tells force, patch and vibration where a force model was given, or None.
         desk: Where a page calibrates a sensor that has no calibration yet, or None.
-        calibrated: Makes the view of the same events once there is a calibration.
-        shelf: The other recordings that the page may open instead, or None.
-        opened: The name of this one on the shelf.
         calibrated_by: What the calibration is: a file's name, or where a scene brings it.
         own_calibration: True where the calibration is the sensor's by its making, as a scene's is;
             any other is compared with the events.
@@ -71,15 +55,9 @@ class ViewSource:
     rate_hz: float = 1_000.0
     simulated: bool = False
     ends: bool = True
-    notice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
     felt: FeltLayer | None = None
     desk: CalibrationDesk | None = None
-    calibrated: Callable[[ViewSource, Calibration], ViewSource] = field(
-        default=lambda view, _: view
-    )
-    shelf: Recordings | None = None
-    opened: str = ""
     calibrated_by: str = ""
     own_calibration: bool = False
 
@@ -94,42 +72,28 @@ class SampledTruth:
     """True positions sampled at given times, joined by straight lines.
 
     A simulation that goes on appends to it; just beyond the last sample the line is prolonged.
+
+    Args:
+        t_us: Increasing times, us.
+        marker_px: ``(m, 2)`` positions at each of them, px.
     """
 
-    def __init__(self, t_us: NDArray[np.int64], marker_px: NDArray[np.floating]) -> None:
-        """Keep the samples.
-
-        Args:
-            t_us: ``(n,)`` increasing times, us.
-            marker_px: ``(n, m, 2)`` positions, px.
-        """
-        self._t_us, self._marker_px = t_us, marker_px
-        self._samples = len(t_us)
-
-    @classmethod
-    def growing(cls, markers: int) -> SampledTruth:
-        """Return a truth that knows nothing yet of so many markers."""
-        return cls(np.empty(0, np.int64), np.empty((0, markers, 2), np.float32))
+    def __init__(
+        self, t_us: Iterable[int] = (), marker_px: Iterable[NDArray[np.floating]] = ()
+    ) -> None:
+        self._t_us, self._marker_px = list(t_us), list(marker_px)
 
     def append(self, t_us: NDArray[np.int64], marker_px: NDArray[np.floating]) -> None:
         """Add samples, later than those that are known."""
-        after = self._samples + len(t_us)
-        if after > len(self._t_us):
-            rows = max(after, 2 * len(self._t_us), FIRST_ROWS)
-            self._t_us = np.resize(self._t_us, rows)
-            grown = np.empty((rows, *self._marker_px.shape[1:]), self._marker_px.dtype)
-            grown[: self._samples] = self._marker_px[: self._samples]
-            self._marker_px = grown
-        self._t_us[self._samples : after] = t_us
-        self._marker_px[self._samples : after] = marker_px
-        self._samples = after
+        self._t_us.extend(t_us.tolist())
+        self._marker_px.extend(marker_px)
 
     def at(self, t_us: int) -> NDArray[np.float64] | None:
         """Return ``(m, 2)`` positions at a time, or None where they are not known."""
-        times_us = self._t_us[: self._samples]
+        times_us = self._t_us
         if len(times_us) < 2 or not times_us[0] <= t_us <= times_us[-1] + BEYOND_US:
             return None
-        after = min(max(int(np.searchsorted(times_us, t_us, side="right")), 1), len(times_us) - 1)
-        start_us, end_us = int(times_us[after - 1]), int(times_us[after])
+        after = min(max(bisect_right(times_us, t_us), 1), len(times_us) - 1)
+        start_us, end_us = times_us[after - 1], times_us[after]
         first, last = (self._marker_px[row].astype(np.float64) for row in (after - 1, after))
         return first + (t_us - start_us) / (end_us - start_us) * (last - first)

@@ -1,14 +1,22 @@
+"""A stored stream, and what is tracked of it forwards and after going back."""
+
+import os
+import signal
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from spikingtac.events.source import PacketSource
 from spikingtac.pipeline.follow import follow
-from spikingtac.types import MarkerFrame
-from spikingtac.viewer.replay import tracker_history as history
-from spikingtac.viewer.replay.event_store import EventStore
-from spikingtac.viewer.replay.playback import Playback
+from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.viewer import event_store
+from spikingtac.viewer import playback as module
+from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.playback import Playback
 from stand_ins.live import (
     SIZE,
     BurstDetector,
@@ -44,7 +52,7 @@ def test_every_event_is_seen_once_at_any_rate(rate_hz: float) -> None:
 
 
 def test_going_back_gives_what_was_there_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(history, "FIRST_DISTANCE_US", 30_000)
+    monkeypatch.setattr(module, "FIRST_DISTANCE_US", 30_000)
     play = playback()
     start_us = play.store.t_start_us
     times = [start_us + ms * 1000 for ms in (10, 40, 95, 200, 480)]
@@ -91,10 +99,69 @@ def test_a_leap_of_the_clock_is_not_filled_and_gives_the_estimates_of_follow(lea
 
 def test_a_long_silence_can_be_visited_and_left_again() -> None:
     store = EventStore(leaping_source(8_000_000_000))
-    store.extend_to_end()
+    store.extend_to(float("inf"))
     play = Playback(store, CountingTracker, rate_hz=100.0)
     seen = {t_us: tracked_to(play, t_us).copy() for t_us in (100_000, 4_000_000_000)}
     play.aim(store.t_end_us)
     play.work(FOREVER_S)
     for t_us in (4_000_000_000, 100_000):
         np.testing.assert_array_equal(tracked_to(play, t_us), seen[t_us])
+
+
+@pytest.mark.parametrize("most_bytes", [1, 1 << 20])
+def test_few_copies_are_kept_of_a_large_state(
+    most_bytes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "FIRST_DISTANCE_US", 10_000)
+    monkeypatch.setattr(module, "MOST_BYTES", most_bytes)
+    play = playback()
+    first = tracked_to(play, 105_000).copy()
+    tracked_to(play, 500_000)
+    kept = play._copies
+    assert len(kept) <= (2 if most_bytes == 1 else module.MOST_COPIES)
+    np.testing.assert_array_equal(tracked_to(play, 105_000), first)
+
+
+@pytest.mark.parametrize("capacity", [1, 7, 1 << 20])
+def test_any_stretch_equals_the_source(capacity: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(event_store, "FIRST_CAPACITY", capacity)
+    whole = EventPacket.concatenate(random_packets(1, 20))
+    store = EventStore(random_source(1, 20))
+    store.extend_to(10**9)
+    assert len(store) == len(whole)
+    for start_us, end_us in [(0, 10**9), (5_000, 5_001), (17_123, 90_001), (300_000, 400_000)]:
+        part = store.between(start_us, end_us)
+        inside = (whole.t >= start_us) & (whole.t < end_us)
+        for name in ("x", "y", "p", "t"):
+            np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[inside])
+        assert (part.t_start_us, part.t_end_us, part.size) == (start_us, end_us, SIZE)
+    store.close()
+
+
+def test_a_source_is_pulled_no_further_than_needed() -> None:
+    store = EventStore(random_source(1, 20))
+    assert store.extend_to(12_000)
+    assert store.t_end_us == 15_000
+    assert not store.extend_to(10**9)
+    assert store.ended
+
+
+LEFT_BEHIND = """
+import os, signal, sys
+sys.path.insert(0, {tests!r})
+from spikingtac.viewer.event_store import EventStore
+from stand_ins.live import random_source
+store = EventStore(random_source(1, 20))
+store.extend_to(10**9)
+assert len(store.between(0, 10**9)) == len(store) > 0
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_nothing_is_left_of_a_process_that_was_killed(tmp_path: Path) -> None:
+    code = LEFT_BEHIND.format(tests=str(Path(__file__).parents[2]))
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(tmp_path)}, timeout=120
+    )
+    assert done.returncode == -signal.SIGKILL
+    assert list(tmp_path.iterdir()) == []

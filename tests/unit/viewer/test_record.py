@@ -10,8 +10,7 @@ import pytest
 from spikingtac.tracks import Tracks
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer import record as module
-from spikingtac.viewer.export import summarize
-from spikingtac.viewer.export.stretch import open_stretch
+from spikingtac.viewer.export import open_stretch, summarize
 from spikingtac.viewer.record import TrackFile
 from stand_ins.viewer import open_circling
 

@@ -1,3 +1,5 @@
+"""A session under the commands of its pages, with every value of its frames known."""
+
 import json
 from collections.abc import Iterator
 from dataclasses import replace
@@ -7,10 +9,10 @@ import pytest
 
 from spikingtac.errors import DeviceError
 from spikingtac.types import EventPacket
+from spikingtac.viewer import event_store
 from spikingtac.viewer import session as module
-from spikingtac.viewer.replay import event_store
 from spikingtac.viewer.session import Session
-from spikingtac.viewer.snapshot import unpack
+from spikingtac.viewer.wire import CommandError, parse_command
 from stand_ins.viewer import (
     SIZE,
     CirclingDots,
@@ -18,7 +20,7 @@ from stand_ins.viewer import (
     positions_px,
     reference_px,
 )
-from stand_ins.wire import decode
+from stand_ins.wire import decode, unpack
 
 
 class Kept:
@@ -36,8 +38,7 @@ class Kept:
 def opened(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kept]]:
     monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
     frames, greetings = Kept(), Kept()
-    session = Session(open_circling(duration_us=1_000_000), frames, greetings)
-    monkeypatch.setattr(session.pacer, "wait", lambda: None)
+    session = Session(open_circling(duration_us=1_000_000), (frames, greetings))
     yield session, frames, greetings
     session.close()
 
@@ -111,8 +112,8 @@ def live(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kept]
     monkeypatch.setattr(module, "WORK_SHARE", 600.0)
     monkeypatch.setattr(event_store.time, "perf_counter", lambda: Cut.now_s)
     frames, greetings = Kept(), Kept()
-    session = Session(replace(open_circling(), source=Cut(10**6), ends=False), frames, greetings)
-    monkeypatch.setattr(session.pacer, "wait", lambda: None)
+    view = replace(open_circling(), source=Cut(10**6), ends=False)
+    session = Session(view, (frames, greetings))
     yield session, frames, greetings
     session.close()
 
@@ -143,3 +144,52 @@ def test_what_came_before_a_source_was_lost_can_be_looked_at(
     assert meta["watchdog"]["health"] == "DISCONNECTED"
     assert meta["t_us"] == 50_000
     np.testing.assert_allclose(arrays["position_px"], positions_px(meta["estimate_us"]), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("ack", 7),
+        ("play", True),
+        ("speed", 0.25),
+        ("speed", 2),
+        ("seek_us", -5),
+        ("exposure_us", 30_000),
+        ("map", False),
+        ("set", ["gain", 1.5]),
+        ("set", ["law", "paper"]),
+        ("defaults", True),
+        ("calibrate", True),
+    ],
+)
+def test_commands_are_understood(name: str, value: object) -> None:
+    assert parse_command(json.dumps({name: value})) == (name, value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "null",
+        "[]",
+        "{}",
+        '{"play": 1}',
+        '{"play": true, "ack": 1}',
+        '{"speed": 0}',
+        '{"speed": 1e9}',
+        '{"speed": NaN}',
+        '{"speed": true}',
+        '{"seek_us": 1.5}',
+        '{"seek_us": 1e300}',
+        '{"exposure_us": 1}',
+        '{"set": ["gain"]}',
+        '{"set": ["gain", [1]]}',
+        '{"set": {"gain": 1}}',
+        '{"exec": "x"}',
+        "[" * 900,
+        '{"set": ["' + "x" * 2000 + '", 1]}',
+    ],
+)
+def test_everything_else_is_refused(text: str) -> None:
+    with pytest.raises(CommandError):
+        parse_command(text)

@@ -35,7 +35,7 @@ class Args(PublishArgs):
 def run(args: Args) -> int:
     """Serve until the source ends, or until Ctrl-C."""
     from spikingtac.ros2.foxglove import FoxglovePublisher
-    from spikingtac.viewer.web.access import Gate
+    from spikingtac.viewer.access import Gate
 
     feed = feed_of(args)
     gate = Gate.for_host(args.host)

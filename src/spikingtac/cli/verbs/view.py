@@ -16,8 +16,8 @@ from spikingtac.plots.summary import PICTURE_ENDINGS
 from spikingtac.sim.camera.config import CAMERA_NAMES
 
 if TYPE_CHECKING:
+    from spikingtac.viewer.show import PageOptions
     from spikingtac.viewer.source import ViewSource
-    from spikingtac.viewer.web.show import PageOptions
 
 HEADLESS_S = 10.0  # Duration of a live source with --headless where --seconds is not given, s.
 
@@ -72,8 +72,8 @@ class Args(PageArgs):
     camera: Annotated[str | None, tyro.conf.arg(metavar="|".join(CAMERA_NAMES))] = None
     """Camera preset of a scene; the scene's own unless given."""
     export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Track into a file instead of showing: .mcap (ROS 2), .rrd (Rerun), .mp4, .gif, or one picture
-    (.png, .svg, .pdf); --seconds limits it."""
+    """Track into a file instead of showing: .mcap (ROS 2), .mp4, .gif, or one picture (.png,
+    .svg, .pdf); --seconds limits it."""
     realtime: bool = False
     """For a camera: lock memory, stop garbage collection, and where the system permits it run
     before other work, on one core; the page tells what was granted."""
@@ -124,9 +124,8 @@ def _check_together(args: Args) -> None:
 def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str, Any]:
     """Show two sources side by side, each in a session of its own."""
     from spikingtac.stream.host import Factory
-    from spikingtac.viewer.openers import open_second_view
-    from spikingtac.viewer.opening import open_felt_source, open_view_source
-    from spikingtac.viewer.web.show import show
+    from spikingtac.viewer.opening import open_felt_source, open_second_view, open_view_source
+    from spikingtac.viewer.show import show
 
     recorded = Path(args.source).exists() and Path(second).exists()
     other = {**arguments, "source": second, "calibration": _text(args.second_calibration)}
@@ -138,17 +137,16 @@ def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str,
         if args.headless:
             first, other_summary = (_headless(view(), args, None) for view in views)
             return {**first, "second": other_summary}
-    return show(views, page_options(args), remark, one_clock=recorded)
+    return show(views, page_options(args), remark)
 
 
 def _shown(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
     from spikingtac.viewer.calibrating import SaveTarget
 
-    path = Path(args.source)
     if args.force is None:
         arguments["look"] = args.calibrate
         arguments["save"] = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
-    return show_source(arguments, args, offer=path.is_file() or path.is_dir())  # and no pipe
+    return show_source(arguments, args)
 
 
 def _text(path: Path | None) -> str | None:
@@ -167,8 +165,7 @@ def check_seconds(seconds: float | None) -> None:
 
 def _exported(arguments: dict[str, Any], args: Args, target: Path) -> dict[str, Any]:
     from spikingtac.viewer.export import check_target, export
-    from spikingtac.viewer.openers import open_view_or_events
-    from spikingtac.viewer.opening import open_view_source
+    from spikingtac.viewer.opening import open_view_or_events, open_view_source
 
     if args.force is not None:
         raise ConfigError("an export shows no forces; leave out --force")
@@ -187,7 +184,6 @@ def show_source(
     *,
     repeat: bool = False,
     tracks: Path | None = None,
-    offer: bool = False,
 ) -> dict[str, Any]:
     """Serve a source under the options that ``view`` and ``demo`` share; return the summary.
 
@@ -196,14 +192,11 @@ def show_source(
         args: The verb's options.
         repeat: Begin again at the end.
         tracks: File for every estimate, or None.
-        offer: Let the page open the other recordings of its folder, on this machine only.
     """
     from spikingtac.stream.host import Factory
     from spikingtac.viewer.export import check_target
-    from spikingtac.viewer.openers import open_from_shelf, open_view_or_events
-    from spikingtac.viewer.opening import open_felt_source
-    from spikingtac.viewer.web.access import is_loopback
-    from spikingtac.viewer.web.show import show
+    from spikingtac.viewer.opening import open_felt_source, open_view_or_events
+    from spikingtac.viewer.show import show
 
     check_seconds(args.seconds)
     if args.picture is not None:
@@ -213,8 +206,6 @@ def show_source(
     if args.headless:
         return _headless(opener(**arguments), args, tracks)
     options = replace(page_options(args), repeat=repeat, tracks=tracks)
-    if offer and is_loopback(args.host):
-        opener = open_from_shelf
     return show([Factory(function=opener, arguments=arguments)], options, remark)
 
 
@@ -235,7 +226,7 @@ def _headless(view: ViewSource, args: PageArgs, tracks: Path | None) -> dict[str
 
 def page_options(args: PageArgs) -> PageOptions:
     """Return how the page is served, by the options that ``view`` and ``demo`` share."""
-    from spikingtac.viewer.web.show import PageOptions
+    from spikingtac.viewer.show import PageOptions
 
     return PageOptions(
         host=args.host,

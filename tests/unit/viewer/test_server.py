@@ -1,4 +1,4 @@
-"""Every answer carries the security headers, and no request is waited for without end."""
+"""Every answer carries the security headers; no request and no silent page is waited for."""
 
 from __future__ import annotations
 
@@ -17,39 +17,44 @@ from uvicorn.server import ServerState
 
 from spikingtac.errors import DeviceError
 from spikingtac.stream.host import Factory
-from spikingtac.viewer.web import process, server
-from spikingtac.viewer.web import show as show_module
-from spikingtac.viewer.web.access import Gate
-from spikingtac.viewer.web.process import SessionProcess
-from spikingtac.viewer.web.server import DeadlineProtocol, make_app
-from spikingtac.viewer.web.show import PageOptions, show
+from spikingtac.viewer import process, server
+from spikingtac.viewer import show as show_module
+from spikingtac.viewer.access import Gate
+from spikingtac.viewer.process import SessionProcess
+from spikingtac.viewer.server import DeadlineProtocol, Page, PageFeeds, make_app
+from spikingtac.viewer.show import PageOptions, show
 from stand_ins.viewer import open_circling
 
 pytestmark = pytest.mark.waits
 
 LOCAL = "http://127.0.0.1:8765"
 PATIENCE_S = 60.0
+BRIEF_S = 0.05
 
 
-class NoFrames:
-    """A session that has nothing to show yet."""
+class Feed:
+    """A session that greets at once where it has frames; its first frame may come late."""
+
+    def __init__(self) -> None:
+        self.number = 0
 
     def frame(self, after: int) -> tuple[int, bytes] | None:
-        return None
+        return (self.number, b"frame") if self.number > after else None
 
     def greeting(self, after: int) -> tuple[int, bytes] | None:
-        return None
+        return (1, b"{}") if after < 1 else None
 
 
-def app(token: str = "") -> ASGIApp:
-    return make_app([NoFrames()], [lambda name, value: None], Gate(token=token))
+def app(token: str = "", sessions: int = 1) -> ASGIApp:
+    feeds: Any = [Feed() for _ in range(sessions)]
+    return make_app(feeds, Gate(token=token))
 
 
-def ask(method: str, path: str, **options: Any) -> httpx.Response:
+def ask(path: str, served: ASGIApp | None = None, **options: Any) -> httpx.Response:
     async def run() -> httpx.Response:
-        transport = httpx.ASGITransport(app())
+        transport = httpx.ASGITransport(served or app())
         async with httpx.AsyncClient(transport=transport, base_url=LOCAL) as client:
-            return await client.request(method, path, **options)
+            return await client.get(path, **options)
 
     return asyncio.run(run())
 
@@ -68,7 +73,7 @@ def ask(method: str, path: str, **options: Any) -> httpx.Response:
 def test_every_answer_carries_the_security_headers(
     path: str, headers: dict[str, str], status: int
 ) -> None:
-    answer = ask("GET", path, headers=headers)
+    answer = ask(path, headers=headers)
     assert answer.status_code == status
     policy = answer.headers["content-security-policy"]
     assert policy.startswith("default-src 'none'")
@@ -179,3 +184,59 @@ def test_ctrl_c_ends_a_session_that_hangs(
     session = shown(hang, "did not end")
     assert time.monotonic() - begun_s < PATIENCE_S
     assert not session.alive
+
+
+@pytest.mark.parametrize("token", ["", "secret"])
+def test_the_page_of_two_holds_both_and_only_own_pages_may_be_framed(token: str) -> None:
+    pair = app(token, sessions=2)
+    first = ask("/", pair)
+    assert first.status_code == 200
+    assert "Second finger" in first.text
+    policy = first.headers["content-security-policy"]
+    assert "frame-ancestors 'self'" in policy
+    assert "frame-src 'self'" in policy
+    assert 'id="sensor"' in ask(f"/?finger=1&token={token}", pair).text
+    assert ask("/?finger=1&token=wrong", pair).status_code == (403 if token else 200)
+
+
+class Answering:
+    """A page's socket that acknowledges every frame, or none."""
+
+    def __init__(self, page: Page, answers: bool) -> None:
+        self.page, self.answers = page, answers
+
+    async def send_bytes(self, _: bytes) -> None:
+        if self.answers:
+            self.page.acknowledge()
+
+    async def send_text(self, _: str) -> None:
+        return
+
+
+async def lasted(wait_s: float, *, frames: int, answers: bool) -> bool:
+    """Return whether a page is still served after a wait without frames, and after its frames."""
+    feed: Any = Feed()
+    feeds, page = PageFeeds(feed), Page()
+    socket: Any = Answering(page, answers)
+    tasks = [asyncio.create_task(feeds.poll()), asyncio.create_task(feeds.serve(page, socket))]
+    feeds.pages.add(page)
+    await asyncio.sleep(wait_s)
+    for number in range(1, frames + 1):
+        feed.number = number
+        await asyncio.sleep(BRIEF_S)
+    served = not tasks[1].done()
+    for task in tasks:
+        task.cancel()
+    return served
+
+
+@pytest.mark.parametrize(
+    ("wait_s", "frames", "answers", "served"),
+    [(8 * BRIEF_S, 1, True, True), (8 * BRIEF_S, 0, True, True), (0.0, 8, False, False)],
+)
+def test_who_is_hung_up_on(
+    wait_s: float, frames: int, answers: bool, served: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "SILENT_S", 3 * BRIEF_S)
+    monkeypatch.setattr(server, "WAKE_S", BRIEF_S)
+    assert asyncio.run(lasted(wait_s, frames=frames, answers=answers)) is served

@@ -8,6 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import MissingExtraError
 from spikingtac.events.evt.encode import Evt3Encoder
@@ -21,12 +23,15 @@ from spikingtac.ros2.messages import (
 )
 from spikingtac.ros2.types import definition, ros_type
 from spikingtac.types import EventPacket
-from spikingtac.viewer.export.stretch import Stretch, open_stretch
-from spikingtac.viewer.replay.playback import Playback
-from spikingtac.viewer.snapshot import grey_image
+from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.record import EXPOSURE_US
+from spikingtac.viewer.snapshot import OFF_CODE, activity
 from spikingtac.viewer.source import ViewSource
 
 MESSAGE_US = 10_000  # Span of a message: 100 per second, what a display needs and a bag likes.
+
+# Grey values of a pixel without event, and of one whose last event was ON or OFF.
+GREY, ON_GREY, OFF_GREY = 128, 255, 0
 
 # Topic -> its message.
 TYPES = {
@@ -37,30 +42,24 @@ TYPES = {
 }
 
 
-def export_mcap(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
-    """Track a view and write what a page would show; return the number of messages.
-
-    Args:
-        view: From :func:`spikingtac.viewer.opening.open_view_source`.
-        path: File to write.
-        seconds: Length of the stretch; None is all of it, where the source ends.
+def export_mcap(stretch: Any, path: Path) -> int:
+    """Track a stretch and write what a page would show; return the number of messages.
 
     Raises:
         MissingExtraError: The extra ``[formats]`` is not installed.
-        ConfigError: The source does not end and no length was given.
     """
     try:
         from mcap_ros2.writer import Writer
     except ImportError as error:
         raise MissingExtraError("MCAP needs: pip install 'spikingtac[formats]'") from error
-    with open_stretch(view, seconds) as stretch, open(path, "wb") as file:
+    with open(path, "wb") as file:
         writer = Writer(file)
         messages = _write(_Topics(writer), stretch)
         writer.finish()
     return messages
 
 
-def _write(topics: _Topics, stretch: Stretch) -> int:
+def _write(topics: _Topics, stretch: Any) -> int:
     playback, encoder = stretch.playback, Evt3Encoder()
     store, start_us = playback.store, playback.position_us
     layout = _layout(stretch.view.calibration)
@@ -73,7 +72,7 @@ def _write(topics: _Topics, stretch: Stretch) -> int:
         topics.write("events", now_us, events_message(packet, encoder, store.t_start_us))
         if playback.frame is not None:
             topics.write("field", playback.frame.t_us, field_message(playback.frame, layout))
-        topics.write("image", now_us, _image(stretch.exposed()))
+        topics.write("image", now_us, _image(store.between(now_us - EXPOSURE_US, now_us)))
         topics.write("diagnostics", now_us, _diagnostics(stretch.view, playback))
         if last:
             break
@@ -117,7 +116,8 @@ def _layout(calibration: Calibration) -> Layout:
 
 
 def _image(exposed: EventPacket) -> dict[str, Any]:
-    grey = grey_image(exposed)
+    codes = activity(exposed)
+    grey = np.where(codes == 0, GREY, np.where(codes < OFF_CODE, ON_GREY, OFF_GREY))
     height, width = grey.shape
     return {
         "height": height,
@@ -125,7 +125,7 @@ def _image(exposed: EventPacket) -> dict[str, Any]:
         "encoding": "mono8",
         "is_bigendian": 0,
         "step": width,
-        "data": grey.tobytes(),
+        "data": grey.astype(np.uint8).tobytes(),
     }
 
 

@@ -13,15 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 from spikingtac.stream.host import Asker, Factory, Host, closed_by
 from spikingtac.stream.ring import SharedRing
-from spikingtac.viewer.web.wire import FRAME_BYTES, GREETING_BYTES, STOP
+from spikingtac.viewer.wire import FRAME_BYTES, GREETING_BYTES, STOP
 
 if TYPE_CHECKING:
     from spikingtac.viewer.source import ViewSource
 
-# Longest wait for the session to complete its tracks; an idle machine needs 0.1 s.
+# Longest wait for the session to complete its tracks, s; an idle machine needs 0.1 s.
 SHUTDOWN_S = 20.0
-
-
 LOOK_S = 0.1  # Longest wait for a word of the session, s.
 
 
@@ -34,9 +32,6 @@ class SessionProcess:
         tracks: File for every estimate, complete once :meth:`stop` has returned a summary.
         picture: File for a picture of what was shown, likewise.
         realtime: Ask for what helps to keep deadlines, once the kernels are compiled.
-
-    Attributes:
-        dropped_commands: Commands that the session did not take.
     """
 
     def __init__(
@@ -48,16 +43,11 @@ class SessionProcess:
         picture: Path | None = None,
         realtime: bool = False,
     ) -> None:
-        self.dropped_commands = 0
         self._frames = SharedRing.for_latest(FRAME_BYTES)
         self._greetings = SharedRing.for_latest(GREETING_BYTES)
-        self._summary: dict[str, Any] | None = None
         options = {"repeat": repeat, "tracks": tracks, "picture": picture, "realtime": realtime}
-        given = {
-            "open_view": open_view,
-            "options": options,
-            "rings": (self._frames.name, self._greetings.name),
-        }
+        rings = self._frames.name, self._greetings.name
+        given = {"open_view": open_view, "options": options, "rings": rings}
         self._host = Host(Factory(function=_run, arguments=given), inherit=True)
 
     def frame(self, after: int) -> tuple[int, bytes] | None:
@@ -69,18 +59,13 @@ class SessionProcess:
         return self._greetings.latest(after)
 
     def command(self, name: str, value: Any) -> None:
-        """Pass a command on; never waits."""
-        self.dropped_commands += not self._host.tell((name, value))
+        """Pass a command on; never waits, and loses one that the session does not take."""
+        self._host.tell((name, value))
 
     @property
     def alive(self) -> bool:
         """True while the process runs."""
         return self._host.alive()
-
-    @property
-    def killed(self) -> bool:
-        """True once a signal has ended the process, from here or from elsewhere."""
-        return self._host.killed
 
     @property
     def pid(self) -> int:
@@ -103,13 +88,14 @@ class SessionProcess:
         Raises:
             Exception: What the session failed with.
         """
+        summary = None
         if self._host.tell(STOP):
             until_s = time.monotonic() + SHUTDOWN_S
             with suppress(EOFError):
                 while time.monotonic() < until_s:
-                    self._summary = self._host.receive(LOOK_S) or self._summary
+                    summary = self._host.receive(LOOK_S) or summary
             self._host.wait(SHUTDOWN_S)
-        return self._summary
+        return summary
 
     def close(self) -> None:
         """Stop the process and release the shared memory."""

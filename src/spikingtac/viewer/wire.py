@@ -21,8 +21,8 @@ FRAME_BYTES = 2 << 20
 GREETING_BYTES = 1 << 20  # Largest description of a view, which a page gets once.
 STOP = ("stop", None)  # The last command of a session; pages cannot send it.
 MAGIC = b"STV1"
-_PREFIX = struct.Struct("<4sI")
-_ALIGN = 8  # the widest item that a typed array in a browser may start at
+PREFIX = struct.Struct("<4sI")
+ALIGNED = 8  # The widest item that a typed array in a browser may start at, bytes.
 
 
 def encode(meta: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
@@ -36,11 +36,11 @@ def encode(meta: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes
     for name, array in arrays.items():
         body = np.ascontiguousarray(array).tobytes()
         listed.append([name, array.dtype.str.lstrip("<|"), list(array.shape), offset])
-        parts.append(body + bytes(-len(body) % _ALIGN))
+        parts.append(body + bytes(-len(body) % ALIGNED))
         offset += len(parts[-1])
     text = json.dumps({**meta, "arrays": listed}, separators=(",", ":"), allow_nan=False).encode()
-    text += b" " * (-(len(text) + _PREFIX.size) % _ALIGN)
-    return b"".join((_PREFIX.pack(MAGIC, len(text)), text, *parts))
+    text += b" " * (-(len(text) + PREFIX.size) % ALIGNED)
+    return b"".join((PREFIX.pack(MAGIC, len(text)), text, *parts))
 
 
 LONGEST_COMMAND = 1024  # Characters; a page never needs more.
@@ -58,8 +58,7 @@ def parse_command(text: str) -> tuple[str, Any]:
 
     Commands are JSON objects of one key: ``ack``, ``play``, ``speed``, ``seek_us``,
     ``exposure_us``, ``map``, ``set`` (a list of a control's name and its value), ``defaults``,
-    ``reset`` (of the watchdog), ``calibrate`` or ``begin_anew`` (the guide of a calibration),
-    ``list`` (look again which recordings there are) or ``open`` (the name of one of them).
+    ``reset`` (of the stream's fault), ``calibrate`` or ``begin_anew`` (the guide of a calibration).
 
     Raises:
         CommandError: The text is anything else.
@@ -89,6 +88,7 @@ def _setting(value: Any) -> bool:
     return isinstance(value[1], bool | int | float | str)
 
 
+# Command -> whether a value fits it.
 _RULES: dict[str, Callable[[Any], bool]] = {
     "ack": _whole(0, LATEST_US),
     "play": lambda value: isinstance(value, bool),
@@ -97,10 +97,5 @@ _RULES: dict[str, Callable[[Any], bool]] = {
     "exposure_us": _whole(SHORTEST_EXPOSURE_US, LONGEST_EXPOSURE_US),
     "map": lambda value: isinstance(value, bool),
     "set": _setting,
-    "defaults": lambda value: value is True,
-    "reset": lambda value: value is True,
-    "calibrate": lambda value: value is True,
-    "begin_anew": lambda value: value is True,
-    "list": lambda value: value is True,
-    "open": lambda value: isinstance(value, str) and bool(value),
+    **dict.fromkeys(("defaults", "reset", "calibrate", "begin_anew"), lambda value: value is True),
 }

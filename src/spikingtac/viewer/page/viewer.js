@@ -10,7 +10,6 @@ import { legendKeys, showLegend } from "./legend.js";
 import { Readings, eventRate, fieldOf, length } from "./readings.js";
 import { savePicture, saveTable } from "./save.js";
 import { Sensor } from "./sensor.js";
-import { showShelf } from "./shelf.js";
 import { onResize, startTheme } from "./theme.js";
 import { decode } from "./wire.js";
 
@@ -26,7 +25,7 @@ const LAYERS = ["arrows", "heat", "mesh", "discs", "truth"];
 const $ = (id) => document.getElementById(id);
 const sensor = new Sensor($("sensor")), counts = new Counts($("counts")), trace = new Trace($("trace"));
 const course = new Course($("course")), overview = new Overview($("overview")), readings = new Readings($("readings"));
-const metrics = { frames: 0, fps: 0, latencies_ms: [], draw_ms: [], arrows: [], sample: null, connected: false, hello: null, meta: null, states: [], saved: null };
+const metrics = { frames: 0, fps: 0, latencies_ms: [], draw_ms: [], arrows: [], sample: null, connected: false, hello: null, meta: null, states: [], saved: null, send };
 window.__m = metrics;
 
 let socket, hello, frame, drawn, waiting = false, receivedAt = 0, scrubbing = false, drawnAt = [], slowAt = 0, spokenAt = 0;
@@ -41,6 +40,12 @@ const CHARTS = [
 
 function send(command) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(command));
+}
+
+// Of two fingers on one page, what is asked of time goes to both.
+function sendTime(command) {
+  if (parent !== window && parent.together) parent.together(command, window);
+  else send(command);
 }
 
 function connect() {
@@ -63,9 +68,8 @@ function greet(document_) {
   }
   const names = (from) => from.controls.map((control) => control.name).join();
   const first = !hello || names(hello) !== names(document_);
-  const other = !hello || hello.opened !== document_.opened || JSON.stringify(hello.reference_px) !== JSON.stringify(document_.reference_px);
+  const other = !hello || JSON.stringify(hello.reference_px) !== JSON.stringify(document_.reference_px);
   hello = metrics.hello = document_;
-  showShelf(document_, (name) => send({ open: name }));
   if (other) {
     forget();
     counts.clear();
@@ -270,7 +274,7 @@ function setOption(name, value) {
 }
 
 function seek(tUs) {
-  if (drawn) send({ seek_us: Math.round(Math.min(Math.max(tUs, drawn.meta.t_start_us), drawn.meta.t_end_us)) });
+  if (drawn) sendTime({ seek_us: Math.round(Math.min(Math.max(tUs, drawn.meta.t_start_us), drawn.meta.t_end_us)) });
 }
 
 function pick(id, move) {
@@ -288,16 +292,10 @@ function legendTexts() {
   return [...$("legend").children].map((entry) => entry.textContent.trim()).filter(Boolean);
 }
 
-function openShelf() {
-  if (!hello?.shelf) return;
-  send({ list: true }); // there may be new ones
-  $("shelf").showModal();
-}
-
 const toggleTheme = startTheme(redraw);
 const toggle = (id) => () => $(id).click();
 listen({
-  " ": () => $("play").click(), "d": toggleTheme, "o": openShelf, "?": () => $("keys").showModal(),
+  " ": () => $("play").click(), "d": toggleTheme, "?": () => $("keys").showModal(),
   "ArrowLeft": (shift) => drawn && seek(drawn.meta.t_us - (shift ? 1e5 : 1e4)), "ArrowRight": (shift) => drawn && seek(drawn.meta.t_us + (shift ? 1e5 : 1e4)),
   "Home": () => drawn && seek(drawn.meta.t_start_us), "i": () => pick("image", 1),
   "a": toggle("arrows"), "h": toggle("heat"), "g": toggle("mesh"), "c": toggle("discs"), "t": toggle("truth"),
@@ -306,8 +304,8 @@ listen({
   "+": () => { $("scale").stepUp(); setOption("scale", Number($("scale").value)); },
   "n": () => choose(1), "p": () => choose(-1),
 });
-$("play").addEventListener("click", () => send({ play: !(drawn?.meta.playing ?? false) }));
-$("speed").addEventListener("change", (event) => send({ speed: Number(event.target.value) }));
+$("play").addEventListener("click", () => sendTime({ play: !(drawn?.meta.playing ?? false) }));
+$("speed").addEventListener("change", (event) => sendTime({ speed: Number(event.target.value) }));
 $("timeline").addEventListener("input", (event) => { scrubbing = true; seek(Number(event.target.value)); });
 $("timeline").addEventListener("change", () => { scrubbing = false; });
 $("image").addEventListener("change", (event) => setOption("image", event.target.value));
@@ -323,7 +321,6 @@ $("defaults").addEventListener("click", () => { forget(); send({ defaults: true 
 $("reset").addEventListener("click", () => send({ reset: true }));
 $("calibrate").addEventListener("click", () => send({ calibrate: true }));
 $("begin-anew").addEventListener("click", () => send({ begin_anew: true }));
-$("open").addEventListener("click", openShelf);
 $("save").addEventListener("click", () => hello && saveTable(course, hello, hello.label));
 $("picture").addEventListener("click", () => drawn && savePicture(sensor, hello.label, [$("clock").value, ...legendTexts()]));
 $("theme").addEventListener("click", toggleTheme);

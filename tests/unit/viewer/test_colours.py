@@ -32,7 +32,7 @@ WHITE = np.array([0.9505, 1.0, 1.089])
 
 
 def themes() -> dict[str, dict[str, str]]:
-    sheet = resources.files("spikingtac.viewer.web") / "page" / "theme.css"
+    sheet = resources.files("spikingtac.viewer") / "page" / "theme.css"
     blocks = re.findall(r"\{([^{}]*)\}", sheet.read_text(encoding="utf-8"))
     dark, light, automatic = (dict(re.findall(r"--([\w-]+): (#\w{6})", text)) for text in blocks)
     assert light == automatic

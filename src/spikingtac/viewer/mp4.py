@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from spikingtac.errors import MissingExtraError
-from spikingtac.viewer.export.stretch import draw_stretch
-from spikingtac.viewer.source import ViewSource
 
-FRAME_MS = 40  # Twenty-five frames per second, as in film and television of half the world.
-MOST_COLORS = 256
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
 # Of 100, and of 10: thin lines stay sharp, and a picture of 442 px takes some milliseconds.
 QUALITY, SPEED = 80, 8
@@ -31,17 +30,19 @@ VIDEO, HANDLER_AT = b"vide", 8
 CONTAINERS = (b"moov", b"trak", b"mdia")
 HEAD = 8  # Bytes of a box before its content: length and type.
 
+# Box -> bytes between its flags and its duration in version 0, where dates have 4 bytes.
+BEFORE_DURATION = {b"mvhd": 12, b"tkhd": 16, b"mdhd": 12}
 
-def export_mp4(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
-    """Track a view and write what a page would show; return the number of pictures.
+
+def write_mp4(pictures: Sequence[Image], frame_ms: int, path: Path) -> None:
+    """Write pictures as a video.
 
     Args:
-        view: From :func:`spikingtac.viewer.opening.open_view_source`.
+        pictures: One or more, of one size.
+        frame_ms: Time between two, ms.
         path: File to write.
-        seconds: Length of the stretch from its beginning; None is all of it, a minute at most.
 
     Raises:
-        ConfigError: The source does not end and no length was given, or nothing was tracked.
         MissingExtraError: The installed Pillow has no AVIF.
     """
     from PIL import features
@@ -51,14 +52,13 @@ def export_mp4(view: ViewSource, path: str | Path, *, seconds: float | None = No
             "MP4 needs a Pillow with AVIF, as its wheels have it from 11.3 on; install it with: "
             "pip install --upgrade --force-reinstall pillow; or export to .gif"
         )
-    first, *rest = pictures = draw_stretch(view, FRAME_MS, MOST_COLORS, seconds)
+    first, *rest = pictures
     animation = io.BytesIO()
     first.save(
-        animation, "AVIF", save_all=True, append_images=rest or [first], duration=FRAME_MS,
+        animation, "AVIF", save_all=True, append_images=rest or [first], duration=frame_ms,
         quality=QUALITY, speed=SPEED,
     )  # fmt: skip
-    Path(path).write_bytes(as_video(animation.getvalue()))
-    return len(pictures)
+    path.write_bytes(as_video(animation.getvalue()))
 
 
 def as_video(animation: bytes) -> bytes:
@@ -68,12 +68,11 @@ def as_video(animation: bytes) -> bytes:
         animation: File of at least two pictures, as libavif writes it.
     """
     video = bytearray(animation)
-    duration = 0
+    boxes = list(_boxes(video, 0, len(video)))
     # The length of the media stands behind that of the film and the track, which never end.
-    for kind, at, _ in _boxes(video, 0, len(video)):
-        if kind == b"mdhd":
-            (duration,) = struct.unpack_from(*_duration(video, at, 12))
-    for kind, at, end in _boxes(video, 0, len(video)):
+    media = next(at for kind, at, _ in boxes if kind == b"mdhd")
+    (duration,) = struct.unpack_from(*_duration(video, b"mdhd", media))
+    for kind, at, end in boxes:
         if kind == b"ftyp":
             brands = (end - at - 8) // 4  # after the major brand and its version
             names = [BRANDS[number % len(BRANDS)] for number in range(brands)]
@@ -83,7 +82,7 @@ def as_video(animation: bytes) -> bytes:
         elif kind in (b"meta", b"edts"):  # the still picture; the order to play without end
             video[at - 4 : at] = b"free"
         elif kind in (b"mvhd", b"tkhd"):
-            struct.pack_into(*_duration(video, at, 12 if kind == b"mvhd" else 16), duration)
+            struct.pack_into(*_duration(video, kind, at), duration)
     return bytes(video)
 
 
@@ -98,13 +97,8 @@ def _boxes(file: bytearray, start: int, end: int) -> Iterator[tuple[bytes, int, 
         start = stop
 
 
-def _duration(file: bytearray, at: int, before: int) -> tuple[str, bytearray, int]:
-    """Return format, file and place of a duration.
-
-    Args:
-        file: The file.
-        at: Begin of the content of ``mvhd``, ``tkhd`` or ``mdhd``: version, flags, two dates ...
-        before: Bytes between the flags and the duration in version 0; dates have 4 bytes there.
-    """
+def _duration(file: bytearray, kind: bytes, at: int) -> tuple[str, bytearray, int]:
+    """Return format, file and place of the duration in a box whose content begins at ``at``."""
+    before = BEFORE_DURATION[kind]
     wide = file[at] == 1  # version 1: dates and duration of 8 bytes
     return (">Q", file, at + 12 + before) if wide else (">I", file, at + 4 + before)

@@ -7,10 +7,12 @@ cutting of the stream gives the same result.
 
 from __future__ import annotations
 
+import copy
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,18 +23,26 @@ from spikingtac.events.windows import SILENCE_LIMIT_US
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.follow import EstimateTimes, check_rate
 from spikingtac.types import Contact, MarkerFrame, SourceHealth
-from spikingtac.viewer.replay.event_store import EventStore
-from spikingtac.viewer.replay.tracker_history import TrackerHistory
+from spikingtac.viewer.event_store import EventStore
 
 RECENT_STEPS = 2_000  # Step times kept for the percentiles, 2 s at 1 kHz.
 
+# First distance between kept copies, us; tracking it again takes a fraction of it.
+FIRST_DISTANCE_US = 250_000
 
-@dataclass(frozen=True, slots=True)
+# Most bytes of arrays in all copies, and most copies of a tracker with little state. Beyond them
+# every other copy goes, and the distance doubles. A copy of `default` holds 6 MB.
+MOST_BYTES, MOST_COPIES = 128 << 20, 64
+
+
+@dataclass(slots=True)
 class _State:
+    """What depends on everything before the position."""
+
     tracker: MarkerTracker
     detector: ContactDetector | None
-    step: int
-    frame: MarkerFrame | None
+    step: int = 0
+    frame: MarkerFrame | None = None
 
 
 class Playback:
@@ -44,7 +54,6 @@ class Playback:
         store: The events.
         position_us: Everything before this time was tracked.
         aim_us: Where :meth:`work` leads to.
-        frame: The estimate at the last estimate time, or None before the first.
         contacts: The contacts found so far, by time.
         steps: Estimates made so far, those of repeated stretches included.
     """
@@ -71,44 +80,48 @@ class Playback:
             ConfigError: The rate is not between 0 and 1 MHz.
         """
         check_rate(rate_hz)
-        self.store = store
+        self.store, self.steps = store, 0
         self.contacts: dict[int, Contact] = {}
-        self.steps = 0
         self._rate_hz, self._on_frame = rate_hz, on_frame
-        self._make_tracker, self._make_detector = make_tracker, make_detector
+        self._make_detector = make_detector
         self._step_s: deque[float] = deque(maxlen=RECENT_STEPS)
         self._spent_s = 0.0
         self._rated_us, self._rate_ev_s = -1, 0.0
         self.aim_us = store.t_start_us
-        self._restart()
+        self.retune(make_tracker)
 
     @property
     def tracker(self) -> MarkerTracker:
         """The tracker, as it stands at the position."""
-        return self._tracker
+        return self._state.tracker
+
+    @property
+    def frame(self) -> MarkerFrame | None:
+        """The estimate at the last estimate time, or None before the first."""
+        return self._state.frame
 
     @property
     def in_contact(self) -> bool:
         """Whether the contact detector reports a contact at the position."""
-        return self._detector is not None and self._detector.in_contact
+        return self._state.detector is not None and self._state.detector.in_contact
 
     def aim(self, t_us: int) -> None:
         """Set where to go, before or after the position."""
         self.aim_us = max(t_us, self.store.t_start_us)
         if self.aim_us >= self.position_us:
             return
-        found = self._history.before(self.aim_us)
-        if found is None:
-            self._rewind()  # the later copies stay valid: the same events give the same states
-            return
-        self.position_us, state = found
-        self._tracker, self._detector = state.tracker, state.detector
-        self._step, self.frame = state.step, state.frame
+        before = [kept for kept in self._copies if kept[0] <= self.aim_us]
+        if before:
+            self.position_us, self._state = copy.deepcopy(before[-1])
+        else:  # the later copies stay valid: the same events give the same states
+            self._rewind()
 
     def retune(self, make_tracker: Callable[[], MarkerTracker]) -> None:
         """Track again from the beginning with another tracker, up to the present aim."""
         self._make_tracker = make_tracker
-        self._restart()
+        self._copies: list[tuple[int, _State]] = []
+        self._distance_us: float = FIRST_DISTANCE_US
+        self._rewind()
 
     def work(self, budget_s: float) -> bool:
         """Track towards the aim for about ``budget_s``; True once it is reached."""
@@ -123,36 +136,8 @@ class Playback:
 
     def step_percentiles_us(self) -> tuple[float, float]:
         """Return p50 and p99 of the time that a step (absorb and estimate) takes, us."""
-        if not self._step_s:
-            return 0.0, 0.0
-        p50_s, p99_s = np.percentile(np.array(self._step_s), (50, 99))
+        p50_s, p99_s = np.percentile(np.array(self._step_s or [0.0]), (50, 99))
         return float(p50_s) * 1e6, float(p99_s) * 1e6
-
-    def _advance(self) -> bool:
-        """Go on to the next estimate time or window's end; False where the source has ended."""
-        store = self.store
-        since_us = self.position_us - store.t_start_us
-        window_us = store.t_start_us + (since_us // WINDOW_US + 1) * WINDOW_US
-        estimate_us = self._next_estimate_us(window_us)
-        edge_us = window_us if estimate_us is None else min(estimate_us, window_us)
-        if not store.extend_to(edge_us):
-            return False
-        resumes_us = self.resumes_us(edge_us)
-        if resumes_us is not None:
-            self._pass_silence(resumes_us)
-            return True
-        if edge_us == window_us:
-            self._detect(window_us)
-        self._track(edge_us, estimate=edge_us == estimate_us)
-        self.position_us = edge_us
-        if edge_us == estimate_us:
-            self._step += 1
-            self.steps += 1
-            if self.frame is not None:
-                self._on_frame(self.frame)
-        state = _State(self._tracker, self._detector, self._step, self.frame)
-        self._history.offer(edge_us, store.t_start_us, state)
-        return True
 
     def resumes_us(self, t_us: int) -> int | None:
         """Return when the events go on after a silence that is too long to be filled.
@@ -169,40 +154,51 @@ class Playback:
         too_long = next_us - last_us > SILENCE_LIMIT_US
         return next_us if too_long and t_us > last_us + SILENCE_LIMIT_US else None
 
-    def _pass_silence(self, resumes_us: int) -> None:
-        """Go on towards the next event without estimates, as `follow` does."""
-        self.position_us = min(self.aim_us, resumes_us)
-        first_us = self.store.first_event_us
-        if first_us is not None and self.position_us == resumes_us:
-            self._step = EstimateTimes(first_us, self._rate_hz).index(resumes_us) + 1
+    def _rewind(self) -> None:
+        self.position_us = self.store.t_start_us
+        self._state = _State(self._make_tracker(), self._make_detector())
 
-    def _next_estimate_us(self, needed_until_us: int) -> int | None:
-        """Return the next estimate time, or None if there is no event before the given time."""
-        if self.store.first_event_us is None:
-            self.store.extend_to(needed_until_us)
-        first_us = self.store.first_event_us
-        if first_us is None:
-            return None
-        return EstimateTimes(first_us, self._rate_hz).at(self._step)
+    def _advance(self) -> bool:
+        """Go on to the next estimate time or window's end; False where the source has ended."""
+        store, state = self.store, self._state
+        windows = (self.position_us - store.t_start_us) // WINDOW_US + 1
+        window_us = store.t_start_us + windows * WINDOW_US
+        if store.first_event_us is None:
+            store.extend_to(window_us)
+        first_us = store.first_event_us
+        times = None if first_us is None else EstimateTimes(first_us, self._rate_hz)
+        estimate_us = window_us + 1 if times is None else times.at(state.step)
+        edge_us = min(estimate_us, window_us)
+        if not store.extend_to(edge_us):
+            return False
+        resumes_us = self.resumes_us(edge_us)
+        if times is not None and resumes_us is not None:  # no estimates meanwhile, as in `follow`
+            self.position_us = min(self.aim_us, resumes_us)
+            if self.position_us == resumes_us:
+                state.step = times.index(resumes_us) + 1
+            return True
+        if edge_us == window_us and state.detector is not None:
+            contact = state.detector.update(store.between(window_us - WINDOW_US, window_us))
+            if contact is not None:
+                self.contacts[contact.t_us] = contact
+        if times is not None and edge_us >= times.first_us:  # tracking begins at the first event
+            self._track(max(self.position_us, times.first_us), edge_us, edge_us == estimate_us)
+        self.position_us = edge_us
+        if edge_us == estimate_us:
+            state.step += 1
+            self.steps += 1
+            if state.frame is not None:
+                self._on_frame(state.frame)
+        self._keep()
+        return True
 
-    def _detect(self, end_us: int) -> None:
-        if self._detector is None:
-            return
-        contact = self._detector.update(self.store.between(end_us - WINDOW_US, end_us))
-        if contact is not None:
-            self.contacts[contact.t_us] = contact
-
-    def _track(self, edge_us: int, *, estimate: bool) -> None:
-        first_us = self.store.first_event_us
-        if first_us is None or edge_us < first_us:
-            return  # tracking begins at the first event, as in `follow`
-        start_us = max(self.position_us, first_us)
-        packet = self.store.between(start_us, edge_us)
+    def _track(self, start_us: int, edge_us: int, estimate: bool) -> None:
+        tracker, packet = self._state.tracker, self.store.between(start_us, edge_us)
         begun_s = time.perf_counter()
         if start_us < edge_us:
-            self._tracker.absorb(packet)
+            tracker.absorb(packet)
         if estimate:
-            self.frame = self._tracker.estimate(edge_us).with_health(self._health(edge_us))
+            self._state.frame = tracker.estimate(edge_us).with_health(self._health(edge_us))
         self._spent_s += time.perf_counter() - begun_s
         if estimate:
             self._step_s.append(self._spent_s)
@@ -217,11 +213,21 @@ class Playback:
             self._rated_us, self._rate_ev_s = until_us, rate_ev_s
         return source_health(self.store.losses, self._rate_ev_s)
 
-    def _restart(self) -> None:
-        self._history: TrackerHistory[_State] = TrackerHistory()
-        self._rewind()
-
-    def _rewind(self) -> None:
-        self._tracker, self._detector = self._make_tracker(), self._make_detector()
-        self.position_us, self._step = self.store.t_start_us, 0
-        self.frame: MarkerFrame | None = None
+    def _keep(self) -> None:
+        """Keep a copy of the state where the last one is far enough back."""
+        last_us = self._copies[-1][0] if self._copies else self.store.t_start_us
+        if self.position_us < last_us + self._distance_us:
+            return
+        memo: dict[int, Any] = {}
+        try:
+            kept = copy.deepcopy(self._state, memo)
+        except TypeError:  # what cannot be copied (a network's session) is never kept
+            self._distance_us = float("inf")
+            return
+        self._copies.append((self.position_us, kept))
+        # copy.deepcopy lists under its memo's own id every original that it made a copy of.
+        originals = memo.get(id(memo), ())
+        bytes_ = sum(item.nbytes for item in originals if isinstance(item, np.ndarray))
+        if len(self._copies) > min(MOST_COPIES, max(MOST_BYTES // max(bytes_, 1), 2)):
+            self._copies = self._copies[1::2]
+            self._distance_us *= 2

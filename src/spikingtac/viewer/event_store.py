@@ -7,7 +7,8 @@ import tempfile
 import time
 import weakref
 from collections.abc import Iterator
-from typing import IO, Any
+from contextlib import ExitStack
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from spikingtac.types import EventPacket
 
 # Events that the files hold before they grow; they double, and stay sparse on disk.
 FIRST_CAPACITY = 1 << 20
-_COLUMNS = ("x", np.uint16), ("y", np.uint16), ("p", np.bool_), ("t", np.int64)
+COLUMNS = {"x": np.uint16, "y": np.uint16, "p": np.bool_, "t": np.int64}
 
 
 class EventStore:
@@ -27,29 +28,28 @@ class EventStore:
 
     Attributes:
         size: ``(width, height)`` of the sensor, px.
-        ended: True once the source has nothing more.
-        waited_s: Seconds spent waiting for the source so far.
         losses: What the source has lost so far, by kind.
+        ended: True once the source has nothing more.
+        waited_s: Time spent waiting for the source so far, s.
+        t_start_us: First microsecond of the stream.
+        t_end_us: First microsecond that was not pulled yet.
     """
 
     def __init__(self, source: EventSource) -> None:
         self.size, self.losses = source.size, source.losses
-        self.ended = False
-        self.waited_s = 0.0
+        self.ended, self.waited_s = False, 0.0
+        self.t_start_us = self.t_end_us = 0
         self._stream: Iterator[EventPacket] = iter(source)
-        # Files without a name: nothing is left of them, even where the process is killed.
-        self._files = {name: tempfile.TemporaryFile() for name, _ in _COLUMNS}  # noqa: SIM115
-        self._close_files = weakref.finalize(self, _close, tuple(self._files.values()))
         self._columns: dict[str, NDArray[Any]] = {}
         self._events = 0
-        self._span: tuple[int, int] | None = None
+        self._begun = False
+        # Files without a name: nothing is left of them, even where the process is killed.
+        opened = ExitStack()
+        made = ((name, tempfile.TemporaryFile()) for name in COLUMNS)  # noqa: SIM115
+        self._files = {name: opened.enter_context(file) for name, file in made}
+        self._close_files = weakref.finalize(self, opened.close)
         self._grow(FIRST_CAPACITY)
         self._pull()
-
-    @property
-    def t_start_us(self) -> int:
-        """First microsecond of the stream."""
-        return 0 if self._span is None else self._span[0]
 
     @property
     def first_event_us(self) -> int | None:
@@ -66,30 +66,24 @@ class EventStore:
         last_us = int(times_us[place - 1]) if place else None
         return last_us, int(times_us[place]) if place < len(times_us) else None
 
-    @property
-    def t_end_us(self) -> int:
-        """First microsecond that was not pulled yet."""
-        return 0 if self._span is None else self._span[1]
-
     def __len__(self) -> int:
         return self._events
 
-    def extend_to(self, t_us: int) -> bool:
-        """Pull the source until it covers ``t_us``; False where it ends before."""
+    def extend_to(self, t_us: float) -> bool:
+        """Pull the source until it covers ``t_us``; False where it ends before.
+
+        Args:
+            t_us: A time, us; infinity pulls everything of a source that ends.
+        """
         while not self.ended and self.t_end_us < t_us:
             self._pull()
         return self.t_end_us >= t_us
-
-    def extend_to_end(self) -> None:
-        """Pull everything; only for sources that end."""
-        while not self.ended:
-            self._pull()
 
     def between(self, t_start_us: int, t_end_us: int) -> EventPacket:
         """Return the events of ``[t_start_us, t_end_us)`` among those that were pulled (views)."""
         times_us = self._columns["t"][: self._events]
         first, last = np.searchsorted(times_us, (t_start_us, t_end_us))
-        x, y, p, t = (self._columns[name][first:last] for name in ("x", "y", "p", "t"))
+        x, y, p, t = (self._columns[name][first:last] for name in COLUMNS)
         return EventPacket(x, y, p, t, t_start_us, t_end_us, self.size)
 
     def close(self) -> None:
@@ -106,8 +100,9 @@ class EventStore:
         if packet is None:
             self.ended = True
             return
-        start_us = packet.t_start_us if self._span is None else self._span[0]
-        self._span = start_us, packet.t_end_us
+        if not self._begun:
+            self._begun, self.t_start_us = True, packet.t_start_us
+        self.t_end_us = packet.t_end_us
         after = self._events + len(packet)
         if after > len(self._columns["t"]):
             self._grow(max(after, 2 * len(self._columns["t"])))
@@ -116,13 +111,8 @@ class EventStore:
         self._events = after
 
     def _grow(self, capacity: int) -> None:
-        for name, dtype in _COLUMNS:
+        for name, dtype in COLUMNS.items():
             file = self._files[name]
             os.truncate(file.fileno(), capacity * np.dtype(dtype).itemsize)
             # asarray: slices of np.memmap itself cost microseconds each.
             self._columns[name] = np.asarray(np.memmap(file, dtype, mode="r+", shape=(capacity,)))
-
-
-def _close(files: tuple[IO[bytes], ...]) -> None:
-    for file in files:
-        file.close()

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-from spikingtac.errors import ConfigError, DeviceError, SpikingTacError
+from spikingtac.errors import ConfigError, DeviceError
 
 TOKEN_BYTES = 18  # 144 random bits in a URL of 24 characters.
 _HOST = re.compile(r"[A-Za-z0-9.\-]+(:\d+)?|\[[0-9A-Fa-f:.]+\](:\d+)?")
@@ -100,7 +100,6 @@ def page_headers(host: str, framed: bool = False) -> dict[str, str]:
 
 
 LAST_PORT = 65_535  # Largest port number of TCP (RFC 793: 16 bits).
-VALID_HOSTS = "valid are 127.0.0.1 (this machine alone) and 0.0.0.0 (every network that it is on)"
 
 
 def listen(host: str, port: int) -> socket.socket:
@@ -116,13 +115,15 @@ def listen(host: str, port: int) -> socket.socket:
     """
     if not 0 <= port <= LAST_PORT:
         raise ConfigError(f"--port is {port}, valid is 0 (any free one) to {LAST_PORT}")
+    not_here = ConfigError(
+        f"--host {host!r} is no address of this machine; valid are 127.0.0.1 (this machine alone) "
+        "and 0.0.0.0 (every network that it is on)"
+    )
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-        family, kind, _, _, address = found[0]
     except (OSError, UnicodeError) as error:
-        raise ConfigError(
-            f"--host {host!r} is no address of this machine ({error}); {VALID_HOSTS}"
-        ) from error
+        raise not_here from error
+    family, kind, _, _, address = found[0]
     listening = socket.socket(family, kind)
     # A port whose last connections fade away is free.
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -131,36 +132,12 @@ def listen(host: str, port: int) -> socket.socket:
         listening.listen()
     except OSError as error:
         listening.close()
-        raise _unusable(host, port, error) from error
+        if error.errno == errno.EADDRNOTAVAIL:
+            raise not_here from error
+        denied = error.errno in (errno.EACCES, errno.EPERM)
+        why = "not permitted (those below 1024 seldom are)" if denied else "in use"
+        raise DeviceError(
+            f"port {port} of {host} is {why}; give another one: --port N, or --port 0 for any "
+            "free one"
+        ) from error
     return listening
-
-
-def _unusable(host: str, port: int, error: OSError) -> SpikingTacError:
-    """Return the error of an address that the system refuses."""
-    if error.errno == errno.EADDRNOTAVAIL:
-        return ConfigError(f"--host {host!r} is no address of this machine; {VALID_HOSTS}")
-    if error.errno in (errno.EACCES, errno.EPERM):
-        return DeviceError(
-            f"port {port} is not permitted (those below 1024 seldom are); give another one: "
-            "--port N, or --port 0 for any free one"
-        )
-    return DeviceError(
-        f"port {port} of {host} is in use, by another page perhaps; give another one: --port N, "
-        "or --port 0 for any free one"
-    )
-
-
-def addresses(host: str, port: int, token: str) -> list[str]:
-    """Return what a user needs to reach the page, here and from another machine."""
-    query = f"/?token={token}" if token else "/"
-    return [
-        f"open {page_url(host, port, token)} (Ctrl-C ends)",
-        f"from another machine: ssh -N -L {port}:127.0.0.1:{port} THIS_MACHINE, "
-        f"then http://127.0.0.1:{port}{query}",
-    ]
-
-
-def page_url(host: str, port: int, token: str) -> str:
-    """Return the page's address for a browser."""
-    shown = f"[{host}]" if ":" in host else host
-    return f"http://{shown}:{port}/" + (f"?token={token}" if token else "")

@@ -1,0 +1,212 @@
+"""What a view is tracked into without a page: figures, pictures, animations, messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from spikingtac.atomic_files import replacing, require_free
+from spikingtac.errors import ConfigError, nearest
+from spikingtac.plots.summary import DPI, PANEL, PICTURE_ENDINGS, SensorDrawing
+from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.record import Record, picture_of
+from spikingtac.viewer.source import ViewSource
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+ENDINGS = (".mcap", ".mp4", ".gif", *PICTURE_ENDINGS)
+
+# Time between two pictures, ms, and colours of a palette. GIF counts in 10 ms, and browsers slow
+# down what is below 20 ms; a video has twenty-five pictures a second, as in film.
+GIF_FRAME_MS, GIF_COLORS = 50, 32
+VIDEO_FRAME_MS, VIDEO_COLORS = 40, 256
+
+# Moments of a course, more than a figure has pixels, and the least time between two, us.
+LOOKS, LEAST_STEP_US = 4_000, 10_000
+BUDGET_S = 3600.0  # Time for one step of an export, s: none is cut off.
+SIDE_IN = 3.4  # Side of an animation's picture, inches.
+LONGEST_S = 60.0  # Longest animation, s: a GIF of a minute has tens of megabytes already.
+
+
+class Stretch:
+    """A view that is tracked from its beginning to a given end, as fast as the machine can.
+
+    Args:
+        view: What is exported.
+        store: Its events.
+        end_us: End of the stretch, us.
+
+    Attributes:
+        record: What was tracked.
+        playback: Tracks it.
+    """
+
+    def __init__(self, view: ViewSource, store: EventStore, end_us: int) -> None:
+        self.view, self.end_us, self.record = view, end_us, Record()
+        self.playback = Playback(
+            store,
+            lambda: view.make_tracker(view.config),
+            view.make_detector,
+            rate_hz=view.rate_hz,
+            on_frame=self.record.estimate,
+        )
+
+    def advance(self, step_us: int) -> int:
+        """Track on by a step, at most to the end; return how far it went, us.
+
+        A silence that is too long to be filled counts as one step.
+        """
+        before_us = self.playback.position_us
+        target_us = max(before_us + step_us, self.playback.resumes_us(before_us + step_us) or 0)
+        self.playback.aim(min(target_us, self.end_us))
+        self.playback.work(BUDGET_S)
+        return self.playback.position_us - before_us
+
+
+@contextmanager
+def open_stretch(view: ViewSource, seconds: float | None) -> Iterator[Stretch]:
+    """Open a stretch of a view; its temporary files go with the context.
+
+    Args:
+        view: What is exported.
+        seconds: Length from the beginning, s; None is all of it.
+
+    Raises:
+        ConfigError: The source does not end by itself and no length was given.
+    """
+    if seconds is None and not view.ends:
+        raise ConfigError("this source does not end by itself; give a length: --seconds N")
+    store = EventStore(view.source)
+    try:
+        asked_us = float("inf") if seconds is None else store.t_start_us + round(seconds * 1e6)
+        if view.ends:
+            store.extend_to(float("inf"))
+            asked_us = min(asked_us, store.t_end_us)
+        yield Stretch(view, store, int(asked_us))
+    finally:
+        store.close()
+        view.close()
+
+
+def check_target(path: Path, overwrite: bool, endings: Sequence[str] = ENDINGS) -> None:
+    """Refuse a file that no export writes or may not replace, before anything is tracked.
+
+    Raises:
+        ConfigError: The ending is another, the folder does not exist, or something is there.
+    """
+    if path.suffix not in endings:
+        hint, valid = nearest(path.suffix, endings), ", ".join(endings)
+        raise ConfigError(f"cannot write {path.name!r}{hint} (valid endings: {valid})")
+    require_free(path, overwrite)
+
+
+def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
+    """Track a view into a file; return the number of messages or pictures.
+
+    Args:
+        view: From :func:`spikingtac.viewer.opening.open_view_source`.
+        path: ``.mcap`` (ROS 2 schemas), ``.mp4``, ``.gif``, or one picture: ``.png``, ``.svg``,
+            ``.pdf``.
+        seconds: Length of the stretch from its beginning, s; None is all of it.
+
+    Raises:
+        ConfigError: The ending is another, the folder does not exist, the source does not end and
+            no length was given, or nothing was tracked.
+        MissingExtraError: The format needs an extra.
+    """
+    target = Path(path)
+    check_target(target, True)
+    with replacing(target) as partial:
+        if target.suffix in PICTURE_ENDINGS:
+            summarize(view, seconds=seconds, picture=partial)
+            return 1
+        if target.suffix == ".mcap":
+            from spikingtac.viewer.mcap import export_mcap
+
+            with open_stretch(view, seconds) as stretch:
+                return export_mcap(stretch, partial)
+        video = target.suffix == ".mp4"
+        frame_ms = VIDEO_FRAME_MS if video else GIF_FRAME_MS
+        pictures = draw_stretch(view, frame_ms, VIDEO_COLORS if video else GIF_COLORS, seconds)
+        if video:
+            from spikingtac.viewer.mp4 import write_mp4
+
+            write_mp4(pictures, frame_ms, partial)
+        else:
+            options: dict[str, Any] = {"save_all": True, "append_images": pictures[1:], "loop": 0}
+            pictures[0].save(partial, duration=frame_ms, optimize=True, **options)
+        return len(pictures)
+
+
+def summarize(
+    view: ViewSource, *, seconds: float | None = None, picture: Path | None = None
+) -> dict[str, Any]:
+    """Track a recording as fast as the machine can, and return its figures.
+
+    Args:
+        view: A recording, with its calibration or without.
+        seconds: Length of the stretch from its beginning, s; None is all of it.
+        picture: File for the moment of largest displacement beside the whole course, or None.
+
+    Raises:
+        ConfigError: The source does not end and no length was given, or it holds nothing.
+    """
+    with open_stretch(view, seconds) as stretch:
+        playback, record = stretch.playback, stretch.record
+        step_us = max((stretch.end_us - playback.position_us) // LOOKS, LEAST_STEP_US)
+        while stretch.advance(step_us):
+            record.take(view, playback)
+        if picture is not None:
+            record.save_picture(picture, view, playback)
+        return record.summary(view, playback)
+
+
+def draw_stretch(
+    view: ViewSource, frame_ms: int, most_colors: int, seconds: float | None
+) -> list[Image]:
+    """Track a view and draw it at a regular rate, with a palette for each picture.
+
+    Args:
+        view: What is drawn.
+        frame_ms: Time between two pictures, ms.
+        most_colors: Colours of a palette; a picture keeps one byte for each pixel.
+        seconds: Length of the stretch from its beginning, s; None is all of it, a minute at most.
+
+    Raises:
+        ConfigError: As of :func:`export`.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from PIL.Image import Dither, fromarray
+
+    figure = Figure(figsize=(SIDE_IN, SIDE_IN), dpi=DPI, facecolor=PANEL, layout="constrained")
+    canvas, axes = FigureCanvasAgg(figure), figure.add_subplot()
+    drawing: SensorDrawing | None = None
+    pictures: list[Image] = []
+    with open_stretch(view, seconds) as stretch:
+        for _ in range(int(min(seconds or LONGEST_S, LONGEST_S) * 1000 / frame_ms)):
+            if not stretch.advance(frame_ms * 1000) or stretch.playback.frame is None:
+                break
+            picture = picture_of(view, stretch.playback)
+            if drawing is None:
+                drawing = SensorDrawing(axes, picture)
+                canvas.draw()
+                figure.set_layout_engine("none")  # what was laid out once stays
+            drawing.show(picture)
+            canvas.draw()
+            drawn = fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+            pictures.append(drawn.quantize(most_colors, dither=Dither.NONE))
+    if not pictures:
+        raise ConfigError(f"{view.label}: too short, nothing was tracked")
+    return pictures
+
+
+def tracks_beside(picture: Path) -> Path:
+    """Return where the tracks that belong to a picture go: ``demo.png``, ``demo.tracks.npz``."""
+    return picture.with_name(f"{picture.stem}.tracks.npz")

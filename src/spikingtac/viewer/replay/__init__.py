@@ -1,1 +1,0 @@
-"""A stored stream that is tracked forwards and revisited at any time."""
