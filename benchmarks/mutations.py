@@ -113,12 +113,6 @@ MUTATIONS = (
         tests=("tests/unit/markers/test_neighbours.py",),
     ),
     Mutation(
-        name="growth-ignored",
-        old="GROWTH_SHARE if calibration.recovery_s is not None else 0.0",
-        new="0.0",
-        tests=("tests/naive/test_bands.py",),
-    ),
-    Mutation(
         name="silent-pixels-expected",
         old="expected += asked * dt_s * (1.0 - silent)",
         new="expected += asked * dt_s",

@@ -20,8 +20,8 @@ class TrackingConfig:
     Attributes:
         method: ``disc``, ``bands`` or ``blobs``, or the name of another package's tracker.
         rare_off_method: Method for sensors whose OFF events are rare, by their calibration (an OFF
-            step above 1.3 ON steps, or pixels that recover); empty for ``method``. Levels alone do
-            not place a disc there (simulated: 0.23 px; bands 0.17).
+            step above 1.3 ON steps, and pixels that do not recover); empty for ``method``. Levels
+            alone do not place a disc there (simulated: 0.23 px; bands 0.17).
         rate_hz: Estimates per second of data time.
         hysteresis: Law of the output position: ``none``, ``paper`` or ``anchored``.
         smooth: Whether tracks of files are smoothed backward, for ``disc`` and ``bands``.

@@ -38,6 +38,11 @@ SPREAD_MARKERS = 0.6  # Share of the markers that must be back (ours).
 # one leaves as much behind in the tracker (ours: 0.79 to 0.87 of it after presses of a ball that
 # reach 1.5 to 3 times of it, simulated).
 FAINT_SHARE = 0.95
+
+# What begins so soon after a touch and stays below this share of its peak is its release: pixels
+# that recover let the markers fall back one by one for 0.6 s (measured on a recorded gel).
+TAIL_US, TAIL_SHARE = 150_000, 0.3
+
 RESTING_US = 2_000_000  # Time constant of the rest otherwise, us (ours: slower presses are lost).
 
 # Strength against the calibrated rest up to which that holds (ours: a real gel, which creeps,
@@ -109,6 +114,7 @@ class TouchDetector:
         self._rest_strength = 0.0
         self._first_us: int | None = None
         self._last_us: int | None = None
+        self._former = -TAIL_US, 0.0  # End of the last touch, us, and its peak strength.
         self._settling: _Settling | None = None
         self._memory.clear()
         self._backlash.reset()
@@ -191,9 +197,12 @@ class TouchDetector:
         return self._told(touch, None)
 
     def _told(self, touch: _Open, end_us: int | None) -> Touch | None:
-        peak = touch.peak
-        if not (peak.spreads and strains(peak, self._pitch_px)):
+        peak, (before_us, before) = touch.peak, self._former
+        tail = touch.begin_us - before_us < TAIL_US and peak.strength < TAIL_SHARE * before
+        if tail or not (peak.spreads and strains(peak, self._pitch_px)):
             return None
+        if end_us is not None:
+            self._former = end_us, peak.strength
         return self._gauge.touch(touch.begin_us, end_us, peak)
 
     def _repaired(self, moved: Field) -> Field:

@@ -107,6 +107,15 @@ def test_a_skin_that_falls_back_in_another_shape_is_no_new_touch() -> None:
     assert len(touches(fallen(frame) for frame in watch(ghost, 5.0))) == 1
 
 
+@pytest.mark.parametrize(("later_s", "told"), [(0.08, 1), (0.6, 2)])
+def test_a_faint_strain_right_after_a_release_belongs_to_it(later_s: float, told: int) -> None:
+    def tailed(t_s: float) -> float:
+        begin_s = 1.8 + later_s
+        return 6 * pulse(t_s, 0.8, 1.8, 0.05) + 0.9 * pulse(t_s, begin_s, begin_s + 0.6, 0.05)
+
+    assert len(touches(watch(tailed, 5.0))) == told
+
+
 @pytest.mark.parametrize("rise_s", [0.03, 0.1])
 def test_a_faint_touch_begins_and_ends_though_the_tracker_keeps_half_of_it(rise_s: float) -> None:
     """As trackers do that see only changes: presses that hardly exceed the threshold."""

@@ -3,10 +3,7 @@
 A pixel that fired since the last estimate was at its level then: residual e = M - S(|x - c| - r)
 with the variance of M. A pixel that did not fire lies in its band: it says something only where the
 disc asks for a level outside of it, and then by how much. Both pull at the predicted centre, whose
-variance is given, by a few Gauss-Newton steps (a maximum a posteriori estimate). So they do at the
-disc's radius, which is known with a variance of its own: where pixels forget what they lost without
-an event, only the front of a moved disc is seen, and one that a press has enlarged would be placed
-ahead of itself. Then each level is
+variance is given, by a few Gauss-Newton steps (a maximum a posteriori estimate). Then each level is
 corrected towards the fitted disc by its Kalman gain, so that thresholds that differ between pixels
 do not add up. Ours; the idea of one state for pose and brightness is that of event-based mosaicing
 (Kim et al. 2014, doi:10.5244/C.28.26).
@@ -31,13 +28,9 @@ from spikingtac.markers.graded.motion import (
     X,
     Y,
     predict_kernel,
-    predict_radius_kernel,
     rest_kernel,
 )
 from spikingtac.state_map.graded import PAD_PX
-
-# Largest change of a radius, as a share of it: as far as outlines of the disc fit go.
-MOST_GROWTH = 0.3
 
 # Variance of a disc's own level, shares of a swing squared: profiles are never exact.
 MODEL_VARIANCE = 0.003
@@ -105,7 +98,7 @@ def _normal_equations_kernel(
     table: NDArray[np.float32],
     sums: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
-    """Sum curvature (xx, xy, yy, xr, yr, rr) and gradient (x, y, r) of the pixels around a disc.
+    """Sum curvature (xx, xy, yy) and gradient (x, y) of the pixels around a disc.
 
     ``maps`` are those of :func:`fit_bands_kernel`; ``disc`` is x, y, radius and the table's reach,
     px.
@@ -137,12 +130,8 @@ def _normal_equations_kernel(
             sums[0] += weight * jx * jx
             sums[1] += weight * jx * jy
             sums[2] += weight * jy * jy
-            sums[3] += weight * jx * slope
-            sums[4] += weight * jy * slope
-            sums[5] += weight * slope * slope
-            sums[6] += weight * jx * e
-            sums[7] += weight * jy * e
-            sums[8] += weight * slope * e
+            sums[3] += weight * jx * e
+            sums[4] += weight * jy * e
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -186,55 +175,41 @@ def _correct_levels_kernel(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve_kernel(
-    sums: NDArray[np.float64], away: tuple[float, float, float], priors: tuple[float, float]
-) -> tuple[float, float, float, float]:  # pragma: no cover - compiled
-    """Return the Gauss-Newton step in x, y and radius, px, and the variance of the place, px^2.
+    sums: NDArray[np.float64], away: tuple[float, float], prior: float
+) -> tuple[float, float, float]:  # pragma: no cover - compiled
+    """Return the Gauss-Newton step in x and y, px, and the variance of the place, px^2.
 
-    ``away`` leads to the predicted place and radius, ``priors`` are their variances. The radius is
-    eliminated first: what is left is the 2x2 system of the place.
+    ``away`` leads to the predicted place, ``prior`` is its variance.
     """
-    place, size = priors
-    rr, gr = sums[5] + 1.0 / size, sums[8] + away[2] / size
-    xr, yr = sums[3], sums[4]
-    xx = sums[0] + 1.0 / place - xr * xr / rr
-    xy = sums[1] - xr * yr / rr
-    yy = sums[2] + 1.0 / place - yr * yr / rr
-    gx = sums[6] + away[0] / place - xr * gr / rr
-    gy = sums[7] + away[1] / place - yr * gr / rr
+    xx, xy, yy = sums[0] + 1.0 / prior, sums[1], sums[2] + 1.0 / prior
+    gx, gy = sums[3] + away[0] / prior, sums[4] + away[1] / prior
     determinant = xx * yy - xy * xy
     step_x, step_y = (yy * gx - xy * gy) / determinant, (xx * gy - xy * gx) / determinant
-    step_r = (gr - xr * step_x - yr * step_y) / rr
-    return step_x, step_y, step_r, 0.5 * (xx + yy) / determinant
+    return step_x, step_y, 0.5 * (xx + yy) / determinant
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fit_one_kernel(
     maps: tuple[Any, ...],
     motion: NDArray[np.float64],
-    radius: NDArray[np.float64],
     disc: tuple[float, float, NDArray[np.float32]],
     sums: NDArray[np.float64],
 ) -> float:  # pragma: no cover - compiled
     """Correct one marker's predicted state, then the levels around it; return the agreement.
 
-    ``radius`` is the disc's, px, and its variance; ``disc`` the radius at rest, the table's reach,
-    px, and the table.
+    ``disc`` is the radius and the table's reach, px, and the table.
     """
-    rest_px, reach_px, table = disc
-    px, py, prior, pr, prior_r = motion[X], motion[Y], motion[PP], radius[0], radius[1]
-    smallest_px, largest_px = (1.0 - MOST_GROWTH) * rest_px, (1.0 + MOST_GROWTH) * rest_px
-    x, y, radius_px, posterior = px, py, pr, prior
+    radius_px, reach_px, table = disc
+    px, py, prior = motion[X], motion[Y], motion[PP]
+    x, y, posterior = px, py, prior
     for _ in range(ITERATIONS):
         _normal_equations_kernel(maps, (x, y, radius_px, reach_px), table, sums)
-        away = px - x, py - y, pr - radius_px
-        step_x, step_y, step_r, posterior = _solve_kernel(sums, away, (prior, prior_r))
+        step_x, step_y, posterior = _solve_kernel(sums, (px - x, py - y), prior)
         length = np.hypot(step_x, step_y)
         share = LARGEST_STEP_PX / max(length, LARGEST_STEP_PX)
         x, y = x + share * step_x, y + share * step_y
-        radius_px = min(max(radius_px + share * step_r, smallest_px), largest_px)
         if length < SMALL_STEP_PX:
             break
-    radius[0], radius[1] = radius_px, 1.0 / (sums[5] + 1.0 / prior_r)
     gain, speed_gain = max(1.0 - posterior / prior, 0.0), motion[PV] / prior
     motion[X], motion[Y] = x, y
     motion[VX] += speed_gain * (x - px)
@@ -250,26 +225,23 @@ def fit_bands_kernel(
     states: tuple[Any, ...],
     discs: tuple[Any, ...],
     t_us: int,
-    growth: float,
 ) -> None:  # pragma: no cover - compiled
     """Move every marker near which pixels fired, and correct the levels around it.
 
     Args:
         maps: Memory, variance, fired, signed steps, the turn, and the padded expected levels of
             :class:`~spikingtac.state_map.bands.BandStateMap`; the levels are changed.
-        states: Motions (:mod:`spikingtac.markers.graded.disc_locator`); ``(m, 2)`` radii, px, and
-            their variances; fits, of which the agreement is kept where nothing fired; and which
-            markers are held, whose motion stays. Changed.
+        states: Motions and fits (:mod:`spikingtac.markers.graded.motion`), of which the agreement
+            is kept where nothing fired; and which markers are held, whose motion stays. Changed.
         discs: ``(m,)`` radii at rest, px; values and reaches of
             :func:`~spikingtac.markers.graded.appearance.profile_tables`.
         t_us: The time, us.
-        growth: Share of its radius by which a disc grows.
     """
     fired, turn = maps[2], maps[4]
-    motions, radii, fits, coasted = states
+    motions, fits, coasted = states
     radius_px, tables, reach_px = discs
     height, width = fired.shape
-    sums, start = np.zeros(9), np.zeros(8)
+    sums, start = np.zeros(5), np.zeros(8)
     for m in range(radius_px.size):
         motion = motions[m]
         dt_s = (t_us - motion[AT_US]) * 1e-6 if motion[AT_US] >= 0.0 else 0.0
@@ -279,9 +251,8 @@ def fit_bands_kernel(
         predict_kernel(motion, dt_s)
         window = _window_kernel(motion[X], motion[Y], radius_px[m] + reach_px[m], width, height)
         if _any_fired_kernel(fired, turn, window):
-            predict_radius_kernel(radii[m], dt_s, radius_px[m], growth)
             disc = radius_px[m], reach_px[m], tables[m]
-            fits[m, AGREEMENT] = _fit_one_kernel(maps, motion, radii[m], disc, sums)
+            fits[m, AGREEMENT] = _fit_one_kernel(maps, motion, disc, sums)
         else:
             motion[X], motion[Y] = start[X], start[Y]
             rest_kernel(motion, dt_s)

@@ -1,4 +1,4 @@
-"""The motion of one marker: a constant-velocity Kalman filter, and the radius of its disc.
+"""The motion of one marker: a constant-velocity Kalman filter.
 
 White acceleration noise of density q (px^2/s^3) drives both axes; a fit measures the position with
 standard deviation sigma once per ms. Faster estimates read nearly the same map, so that their
@@ -27,13 +27,6 @@ STOP_S = 3.0e-3  # Time in which the speed of a marker fades near which no pixel
 # Variances of place (px^2) and speed (px^2/s^2) that a resting marker is believed to have at
 # most: a motion that begins within one estimate.
 MOST_VARIANCES = (0.05, 1.0e4)
-
-# Time in which a moving disc returns to its radius at rest, s (ours: 0.1 to 1 are alike on the
-# recorded gel).
-GROWTH_S = 0.3
-
-# Standard deviation of a radius that is known, px: a variance is divided by.
-LEAST_GROWTH_PX = 1e-5
 
 # Columns of a motion: place, px; velocity, px/s; the covariance of both axes; its time, us.
 X, Y, VX, VY, PP, PV, VV, AT_US = range(8)
@@ -86,16 +79,6 @@ def correct_kernel(
     motion[VY] += speed * off_y
     motion[PP], motion[PV] = (1.0 - near) * pp, (1.0 - near) * pv
     motion[VV] -= speed * pv
-
-
-@njit(cache=True, nogil=True)
-def predict_radius_kernel(
-    radius: NDArray[np.float64], dt_s: float, rest_px: float, growth: float
-) -> None:  # pragma: no cover - compiled
-    """Let a radius, px, and its variance return to what is known at rest."""
-    kept, most = np.exp(-dt_s / GROWTH_S), (growth * rest_px) ** 2
-    radius[0] = rest_px + kept * (radius[0] - rest_px)
-    radius[1] = max(most + kept * kept * (radius[1] - most), LEAST_GROWTH_PX**2)
 
 
 @njit(cache=True, nogil=True)

@@ -68,4 +68,4 @@ def test_off_events_are_rare_by_their_step_or_where_pixels_recover() -> None:
     assert not has_rare_off(PLAIN)
     assert not has_rare_off(replace(PLAIN, step_on=0.15, step_off=0.19))
     assert has_rare_off(replace(PLAIN, step_on=0.15, step_off=0.2))
-    assert has_rare_off(replace(PLAIN, recovery_s=0.2))
+    assert not has_rare_off(replace(PLAIN, step_on=0.15, step_off=0.2, recovery_s=0.2))
