@@ -21,7 +21,6 @@ OWN = ("spikingtac", "spikingtac_paper", "spikingtac_hardware")
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "cv2": "opencv-python-headless",
-    "mcap_ros2": "mcap-ros2-support",
     "rtde_control": "ur-rtde",
     "rtde_receive": "ur-rtde",
 }

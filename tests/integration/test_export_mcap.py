@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from spikingtac.ros2.messages import FIELD
-from spikingtac.viewer.export import export
-from spikingtac.viewer.mcap import MESSAGE_US
+from spikingtac.viewer.export import MESSAGE_US, export
 from stand_ins.viewer import open_circling, positions_px, reference_px
 
 pytest.importorskip("mcap_ros2", reason="the extra [formats] is not installed")
@@ -20,7 +19,7 @@ DURATION_US = 400_000
 def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("export") / "circling.mcap"
     messages = export(open_circling(DURATION_US), path)
-    assert messages == 4 * DURATION_US // MESSAGE_US
+    assert messages > 3 * DURATION_US // MESSAGE_US
     return path
 
 
@@ -61,9 +60,8 @@ def test_rosbags_reads_the_same(exported: Path) -> None:
             if connection.topic == "/tactile/field"
         ]
     expected = DURATION_US // MESSAGE_US
-    assert counts == dict.fromkeys(
-        ("/tactile/events", "/tactile/field", "/tactile/image", "/diagnostics"), expected
-    )
+    often = dict.fromkeys(("/tactile/events", "/tactile/field", "/tactile/image"), expected)
+    assert counts == often | {"/tactile/arrows": 12, "/tactile/contact": 2, "/diagnostics": 1}
     other = read(exported, "/tactile/field")
     for mine, theirs in zip(fields, other, strict=True):
         assert bytes(mine.data) == bytes(theirs.data)  # type: ignore[attr-defined]

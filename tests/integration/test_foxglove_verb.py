@@ -26,7 +26,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from spikingtac.cli.main import main
-from spikingtac.ros2 import types
+from spikingtac.ros2 import messages
 from stand_ins.tracks import circling_tracks
 
 PROTOCOLS = ["foxglove.sdk.v1", "foxglove.websocket.v1"]
@@ -242,7 +242,7 @@ def test_a_port_that_is_taken_is_told(tracks: Path, capsys: pytest.CaptureFixtur
 def test_the_extra_is_named_where_it_is_missing(
     tracks: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    types._store.cache_clear()
+    messages.type_store.cache_clear()
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     assert main(["foxglove", str(tracks)]) == 3
     assert "spikingtac[ros2]" in capsys.readouterr().err

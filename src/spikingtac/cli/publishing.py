@@ -79,7 +79,6 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **config: Any) 
     found = {
         "seconds": round(time.monotonic() - begun_s, 3),
         "largest_lag_ms": round(1e3 * pace.largest_lag_s, 3),
-        "sent_late_ms": pace.lateness_ms(),
         "messages": dict(sorted(stream.counts.items())),
         "anomalies": anomalies(feed),
     }
@@ -118,7 +117,6 @@ def _publish(
     first_us: int | None = None
     for frame, wrench in feed.frames(stream, pace):
         stream.frame(frame, wrench, anomalies(feed))
-        pace.sent(frame.t_us)
         first_us = frame.t_us if first_us is None else first_us
         if stop.asked:
             return

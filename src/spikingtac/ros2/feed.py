@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,57 +29,34 @@ from spikingtac.types import EventPacket, MarkerFrame
 
 US_PER_S = 1_000_000
 
-# Span of a message of events: 100 per second, as event camera drivers send them.
+# Span of a message of events, us: 100 per second, as event camera drivers send them.
 EVENTS_US = 10_000
-STEP_US = 1_000  # Step at which recordings are played.
-LATENESSES = 65_536  # Frames whose lateness is kept: the last minute at 1 kHz.
+STEP_US = 1_000  # Step at which recordings are played, us.
 
 # A frame, and its wrench where it is known already.
 Felt = tuple[MarkerFrame, NDArray[np.floating] | None]
 
 
 class Pace:
-    """Plays data at the speed at which they were recorded, and knows how late they are."""
+    """Plays data at the speed at which they were recorded.
 
-    def __init__(
-        self,
-        clock_s: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
-        self._clock_s, self._sleep = clock_s, sleep
-        self._begun: tuple[int, float] | None = None
-        self._late_us = np.zeros(LATENESSES, np.float32)
-        self._sent = 0
+    Attributes:
+        largest_lag_s: By how much data were late at most when they were asked for, s.
+    """
+
+    def __init__(self) -> None:
+        self._zero_s: float | None = None  # host time of the data's zero
         self.largest_lag_s = 0.0
 
     def wait(self, t_us: int) -> None:
         """Return when data of this time are due, at once where they are late."""
-        if self._begun is None:
-            self._begun = (t_us, self._clock_s())
-        early_s = -self._late_s(t_us)
-        if early_s > 0.0:
-            self._sleep(early_s)
-        self.largest_lag_s = max(self.largest_lag_s, -early_s)
-
-    def sent(self, t_us: int) -> None:
-        """Take note that the frame of this time has left."""
-        if self._begun is not None:
-            self._late_us[self._sent % LATENESSES] = self._late_s(t_us) * US_PER_S
-            self._sent += 1
-
-    def lateness_ms(self) -> dict[str, float]:
-        """Return how late the last frames left, ms: ``p50``, ``p99`` and ``max``; may be empty."""
-        late_ms = self._late_us[: min(self._sent, LATENESSES)] / 1e3
-        if not len(late_ms):
-            return {}
-        p50, p99 = np.percentile(late_ms, (50, 99))
-        figures = {"p50": p50, "p99": p99, "max": late_ms.max()}
-        return {name: round(float(value), 3) for name, value in figures.items()}
-
-    def _late_s(self, t_us: int) -> float:
-        assert self._begun is not None
-        first_us, begun_s = self._begun
-        return self._clock_s() - begun_s - (t_us - first_us) / US_PER_S
+        now_s = time.monotonic()
+        if self._zero_s is None:
+            self._zero_s = now_s - t_us / US_PER_S
+        late_s = now_s - self._zero_s - t_us / US_PER_S
+        if late_s < 0.0:
+            time.sleep(-late_s)
+        self.largest_lag_s = max(self.largest_lag_s, late_s)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -120,9 +97,9 @@ class Feed:
     """
 
     layout: Layout
-    source: FileSource | None
-    force: ForceEstimator | None
-    has_wrench: bool
+    source: FileSource | None = None
+    force: ForceEstimator | None = None
+    has_wrench: bool = False
     frames: Callable[[SensorStream, Pace], Iterator[Felt]]
 
 
@@ -135,7 +112,7 @@ def open_feed(config: FeedConfig) -> Feed:
     """
     calibration = None if config.calibration is None else Calibration.load(config.calibration)
     if config.source.is_file() and is_tracks_file(config.source):
-        return _feed_of_tracks(config, calibration)
+        return _feed_of_tracks(config, Tracks.load(config.source), calibration)
     if calibration is None:
         raise ConfigError(
             "events need the sensor's calibration: --calibration calibration.json; "
@@ -144,22 +121,25 @@ def open_feed(config: FeedConfig) -> Feed:
     return _feed_of_events(config, calibration)
 
 
-def _feed_of_tracks(config: FeedConfig, calibration: Calibration | None) -> Feed:
-    tracks = Tracks.load(config.source)
-    wrenches = tracks.wrench
+def _feed_of_tracks(config: FeedConfig, tracks: Tracks, calibration: Calibration | None) -> Feed:
+    wrenches, rest_px = tracks.wrench, tracks.reference_px.astype(np.float64)
 
     def frames(stream: SensorStream, pace: Pace) -> Iterator[Felt]:
         for number, frame in enumerate(tracks.frames()):
             pace.wait(frame.t_us)
             yield frame, None if wrenches is None else wrenches[number]
 
-    return Feed(
-        layout=_layout_of_tracks(tracks, calibration),
-        source=None,
-        force=_force(config, tracks.reference_px.astype(np.float64)),
-        has_wrench=wrenches is not None,
-        frames=frames,
-    )
+    grid, size = tracks.meta.get("grid"), None
+    if calibration is not None:
+        if len(calibration.reference_px) != len(rest_px):
+            raise ConfigError(
+                f"the tracks have {len(rest_px)} markers, the calibration "
+                f"{len(calibration.reference_px)}; give the one that they were tracked with"
+            )
+        grid, size = calibration.grid, calibration.size
+    layout = Layout(rest_px, grid and (int(grid[0]), int(grid[1])), tracks.px_per_mm, size)
+    force = _force(config, rest_px)
+    return Feed(layout=layout, force=force, has_wrench=wrenches is not None, frames=frames)
 
 
 def _feed_of_events(config: FeedConfig, calibration: Calibration) -> Feed:
@@ -170,35 +150,25 @@ def _feed_of_events(config: FeedConfig, calibration: Calibration) -> Feed:
     checked = CheckedSource(events, calibration, refuse if config.strict else config.tell)
 
     def frames(stream: SensorStream, pace: Pace) -> Iterator[Felt]:
-        packets: Iterator[EventPacket] = iter(checked)
-        if not is_stream(config.source):
-            packets = _paced(windows(packets, STEP_US), pace)
-        published = _publishing(packets, stream)
+        if is_stream(config.source):
+            published = _published(checked, stream, lambda _: None)
+        else:
+            published = _published(windows(checked, STEP_US), stream, pace.wait)
         for frame in follow(published, tracker, tracking.rate_hz, events.losses):
             yield frame, None
 
-    return Feed(
-        layout=Layout.of_image(
-            calibration.reference_px, calibration.grid, calibration.size, calibration.px_per_mm
-        ),
-        source=events,
-        force=_force(config, calibration.reference_px),
-        has_wrench=False,
-        frames=frames,
-    )
+    rest_px, scale = calibration.reference_px, calibration.px_per_mm
+    layout = Layout(rest_px, calibration.grid, scale, calibration.size)
+    return Feed(layout=layout, source=events, force=_force(config, rest_px), frames=frames)
 
 
-def _paced(packets: Iterator[EventPacket], pace: Pace) -> Iterator[EventPacket]:
-    """Yield packets at the times at which they were complete."""
-    for packet in packets:
-        pace.wait(packet.t_end_us)
-        yield packet
-
-
-def _publishing(packets: Iterator[EventPacket], stream: SensorStream) -> Iterator[EventPacket]:
-    """Yield packets, and publish their events, some milliseconds at a time."""
+def _published(
+    packets: Iterable[EventPacket], stream: SensorStream, wait: Callable[[int], None]
+) -> Iterator[EventPacket]:
+    """Yield packets when they are due, and publish their events, some milliseconds at a time."""
     kept: list[EventPacket] = []
     for packet in packets:
+        wait(packet.t_end_us)
         kept.append(packet)
         if kept[-1].t_end_us - kept[0].t_start_us >= EVENTS_US:
             stream.events(EventPacket.concatenate(kept))
@@ -206,21 +176,6 @@ def _publishing(packets: Iterator[EventPacket], stream: SensorStream) -> Iterato
         yield packet
     if kept:
         stream.events(EventPacket.concatenate(kept))
-
-
-def _layout_of_tracks(tracks: Tracks, calibration: Calibration | None) -> Layout:
-    rest_px, scale = tracks.reference_px.astype(float), tracks.px_per_mm
-    grid = tracks.meta.get("grid") or (1, len(rest_px))
-    if calibration is not None:
-        if len(calibration.reference_px) != len(rest_px):
-            raise ConfigError(
-                f"the tracks have {len(rest_px)} markers, the calibration "
-                f"{len(calibration.reference_px)}; give the one that they were tracked with"
-            )
-        return Layout.of_image(rest_px, calibration.grid, calibration.size, scale)
-    # Tracks do not know the image: the middle of their markers stands for its centre.
-    middle = (rest_px.min(axis=0) + rest_px.max(axis=0)) / 2
-    return Layout(rest_px, (int(grid[0]), int(grid[1])), (middle[0], middle[1]), scale)
 
 
 def _force(config: FeedConfig, reference_px: NDArray[np.float64]) -> ForceEstimator | None:

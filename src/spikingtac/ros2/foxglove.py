@@ -13,14 +13,15 @@ import json
 import struct
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from http import HTTPStatus
+from queue import Empty, Full, Queue
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 from spikingtac.errors import ConfigError, DeviceError
-from spikingtac.ros2.types import definition, encode, ros_type
+from spikingtac.ros2.messages import definition, encode, ros_type
 
 if TYPE_CHECKING:
     from websockets.http11 import Request, Response
@@ -33,7 +34,7 @@ MESSAGE_DATA = 1  # Operation code of a message (ws-protocol.md).
 # Messages that wait for a slow client: 4 s of a display. The oldest are dropped then.
 BACKLOG = 256
 LARGEST_PORT = 65_535
-PATIENCE_S = 1.0  # Time for a client to take what waits for it when the server ends.
+PATIENCE_S = 1.0  # Time for a client to take what waits for it when the server ends, s.
 
 # Returns why a request is refused, from its headers and token; an empty text lets it in.
 Refusal = Callable[[Mapping[str, str], str | None], str]
@@ -41,6 +42,8 @@ Refusal = Callable[[Mapping[str, str], str | None], str]
 
 class FoxglovePublisher:
     """Serves messages to the clients that subscribe, without waiting for slow ones.
+
+    It is a :class:`~spikingtac.ros2.stream.Publisher`.
 
     Args:
         host: Address of an interface of this machine; loopback is this machine alone.
@@ -58,10 +61,18 @@ class FoxglovePublisher:
     def __init__(self, host: str, port: int, refusal: Refusal) -> None:
         from websockets.sync.server import serve
 
-        _check(host, port)
+        if not 0 <= port <= LARGEST_PORT:
+            raise ConfigError(f"the port is {port}, it must be 0 to {LARGEST_PORT}")
+        try:
+            ipaddress.ip_address(host)
+        except ValueError as error:
+            raise ConfigError(
+                f"{host!r} is no address; valid are those of this machine, as 127.0.0.1"
+            ) from error
         self._refusal, self._lock = refusal, threading.Lock()
         self._channels: dict[str, dict[str, Any]] = {}
-        self._states: dict[str, bytes | None] = {}
+        self._messages: dict[str, str] = {}
+        self._states: dict[int, bytes | None] = {}  # channel -> its last message
         self._clients: list[_Client] = []
         try:
             self._server = serve(
@@ -81,46 +92,40 @@ class FoxglovePublisher:
         threading.Thread(target=self._server.serve_forever, name="foxglove", daemon=True).start()
 
     def advertise(self, topic: str, message: str, *, state: bool = False) -> None:
-        """Announce a topic.
-
-        Args:
-            topic: Absolute name, as ``/tactile/field``.
-            message: Package and name, as ``std_msgs/Bool``.
-            state: The last message is given to those who come later.
-        """
+        """Announce a topic."""
         with self._lock:
-            self._channels[topic] = {
+            channel = {
                 "id": len(self._channels) + 1,
                 "topic": topic,
                 "encoding": "cdr",
                 "schemaName": ros_type(message),
                 "schemaEncoding": "ros2msg",
                 "schema": definition(message),
-                "message": message,
             }
+            self._channels[topic], self._messages[topic] = channel, message
             if state:
-                self._states[topic] = None
+                self._states[channel["id"]] = None
             for client in self._clients:
-                client.put(_advertisement([self._channels[topic]]))
+                client.put(json.dumps({"op": "advertise", "channels": [channel]}))
 
-    def publish(self, topic: str, values: Mapping[str, Any]) -> None:
+    def publish(self, topic: str, values: Mapping[str, Any], t_ns: int) -> None:
         """Send a message; without a subscriber it is not even encoded."""
-        channel = self._channels[topic]
+        channel = self._channels[topic]["id"]
         with self._lock:
-            wanted = [(c, n) for c in self._clients for n in c.subscriptions(channel["id"])]
-        if not wanted and topic not in self._states:
+            wanted = [(client, one) for client in self._clients for one in client.wanting(channel)]
+        if not wanted and channel not in self._states:
             return
-        encoded = encode(channel["message"], values)
-        if topic in self._states:
-            self._states[topic] = encoded
-        for client, number in wanted:
-            client.put(_message(number, encoded))
+        encoded = encode(self._messages[topic], values)
+        if channel in self._states:
+            self._states[channel] = encoded
+        for client, subscription in wanted:
+            client.put_message(subscription, encoded)
 
     def readers(self, topic: str) -> int:
         """Return how many subscriptions a topic has now."""
-        number = self._channels[topic]["id"]
+        channel = self._channels[topic]["id"]
         with self._lock:
-            return sum(len(client.subscriptions(number)) for client in self._clients)
+            return sum(len(client.wanting(channel)) for client in self._clients)
 
     def close(self) -> None:
         """Let all clients go, after a moment for what waits for them."""
@@ -141,34 +146,30 @@ class FoxglovePublisher:
         client = _Client(connection)
         with self._lock:
             client.put(json.dumps({"op": "serverInfo", "name": "spikingtac", "capabilities": []}))
-            client.put(_advertisement(list(self._channels.values())))
+            channels = list(self._channels.values())
+            client.put(json.dumps({"op": "advertise", "channels": channels}))
             self._clients.append(client)
         try:
             for text in connection:
-                self._answer(client, text)
+                with suppress(ValueError, TypeError, KeyError):  # not in this form: ignored
+                    self._answer(client, json.loads(text))
         finally:
             with self._lock:
                 self._clients.remove(client)
             client.end()
 
-    def _answer(self, client: _Client, text: str | bytes) -> None:
-        """Do what a client asks for; what it may not ask for, or not in this form, is ignored."""
-        try:
-            asked = json.loads(text)
-            if asked["op"] == "subscribe":
-                for one in asked["subscriptions"]:
-                    client.wanted[int(one["id"])] = int(one["channelId"])
-                    self._give_state(client, int(one["id"]), int(one["channelId"]))
-            elif asked["op"] == "unsubscribe":
-                for number in asked["subscriptionIds"]:
-                    client.wanted.pop(int(number), None)
-        except (ValueError, TypeError, KeyError):
-            return
-
-    def _give_state(self, client: _Client, number: int, channel: int) -> None:
-        for topic, kept in self._states.items():
-            if kept is not None and self._channels[topic]["id"] == channel:
-                client.put(_message(number, kept))
+    def _answer(self, client: _Client, asked: dict[str, Any]) -> None:
+        """Do what a client asks for, where it may."""
+        if asked["op"] == "subscribe":
+            for one in asked["subscriptions"]:
+                subscription, channel = int(one["id"]), int(one["channelId"])
+                client.wanted[subscription] = channel
+                kept = self._states.get(channel)
+                if kept is not None:
+                    client.put_message(subscription, kept)
+        elif asked["op"] == "unsubscribe":
+            for subscription in asked["subscriptionIds"]:
+                client.wanted.pop(int(subscription), None)
 
 
 class _Client:
@@ -181,24 +182,29 @@ class _Client:
     def __init__(self, connection: ServerConnection) -> None:
         self._connection = connection
         self.wanted: dict[int, int] = {}
-        self._waiting: deque[str | bytes] = deque(maxlen=BACKLOG)
-        self._change, self._ending = threading.Condition(), False
+        self._waiting: Queue[str | bytes | None] = Queue(BACKLOG)
         self._thread = threading.Thread(target=self._send, name="foxglove client", daemon=True)
         self._thread.start()
 
-    def subscriptions(self, channel: int) -> list[int]:
-        return [number for number, wanted in list(self.wanted.items()) if wanted == channel]
+    def wanting(self, channel: int) -> list[int]:
+        return [one for one, wanted in list(self.wanted.items()) if wanted == channel]
 
-    def put(self, data: str | bytes) -> None:
-        with self._change:
-            self._waiting.append(data)
-            self._change.notify()
+    def put(self, data: str | bytes | None) -> None:
+        """Add a message; where too many wait, the oldest go."""
+        while True:
+            try:
+                self._waiting.put_nowait(data)
+                return
+            except Full:
+                with suppress(Empty):
+                    self._waiting.get_nowait()
+
+    def put_message(self, subscription: int, encoded: bytes) -> None:
+        self.put(struct.pack("<BIQ", MESSAGE_DATA, subscription, time.time_ns()) + encoded)
 
     def end(self) -> None:
         """Send what waits, but not for longer than :data:`PATIENCE_S`, and close."""
-        with self._change:
-            self._ending = True
-            self._change.notify()
+        self.put(None)
         self._thread.join(PATIENCE_S)
         if self._thread.is_alive():  # the client does not read: nothing can be told to it
             self._connection.close_socket()
@@ -208,34 +214,6 @@ class _Client:
     def _send(self) -> None:
         from websockets.exceptions import ConnectionClosed
 
-        while True:
-            with self._change:
-                while not self._waiting and not self._ending:
-                    self._change.wait()
-                if not self._waiting:
-                    return
-                data = self._waiting.popleft()
-            try:
+        with suppress(ConnectionClosed, OSError):
+            while (data := self._waiting.get()) is not None:
                 self._connection.send(data)
-            except (ConnectionClosed, OSError):
-                return
-
-
-def _check(host: str, port: int) -> None:
-    if not 0 <= port <= LARGEST_PORT:
-        raise ConfigError(f"the port is {port}, it must be 0 to {LARGEST_PORT}")
-    try:
-        ipaddress.ip_address(host)
-    except ValueError as error:
-        raise ConfigError(
-            f"{host!r} is no address; valid are those of this machine, as 127.0.0.1"
-        ) from error
-
-
-def _advertisement(channels: list[dict[str, Any]]) -> str:
-    told = [{k: v for k, v in one.items() if k != "message"} for one in channels]
-    return json.dumps({"op": "advertise", "channels": told})
-
-
-def _message(subscription: int, encoded: bytes) -> bytes:
-    return struct.pack("<BIQ", MESSAGE_DATA, subscription, time.time_ns()) + encoded

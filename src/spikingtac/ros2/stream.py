@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -29,9 +31,23 @@ from spikingtac.touch.force.model import ForceEstimator
 from spikingtac.touch.touch import TouchConfig
 from spikingtac.types import EventPacket, MarkerFrame
 
-US_PER_S, NS_PER_S = 1_000_000, 1_000_000_000
-DIAGNOSTICS_US = US_PER_S  # Period of /diagnostics; ROS tools call them stale after 5 s.
-DIAGNOSTICS = "/diagnostics"
+US_PER_S = 1_000_000
+
+PREFIX = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")  # Absolute name of a topic.
+
+# Topic -> its message.
+TOPICS = {
+    "field": "sensor_msgs/PointCloud2",
+    "arrows": "visualization_msgs/MarkerArray",
+    "contact": "std_msgs/Bool",
+    "wrench": "geometry_msgs/WrenchStamped",
+    "events": "event_camera_msgs/EventPacket",
+    "camera_info": "sensor_msgs/CameraInfo",
+    "diagnostics": "diagnostic_msgs/DiagnosticArray",
+}
+STATES = ("contact", "camera_info")  # Topics whose last message is kept for those who come later.
+PLAIN = ("arrows", "contact")  # Messages without a header of their own.
+DIAGNOSTICS_US = US_PER_S  # Period of /diagnostics, us; ROS tools call them stale after 5 s.
 MOST_HZ = 10_000.0  # Fields per second that the fastest tracker makes.
 ARROWS_HZ = 30.0  # Arrows per second: what a display shows.
 
@@ -41,14 +57,20 @@ REHEARSED_STRAIN = 0.08  # Stretch of the skin in the rehearsal's press.
 
 
 class Publisher(Protocol):
-    """Sends messages; :class:`spikingtac.ros2.dds.DdsPublisher`, or a stand-in."""
+    """Sends messages: over DDS, to Foxglove, into a file."""
 
     def advertise(self, topic: str, message: str, *, state: bool = False) -> None:
-        """Announce a topic."""
+        """Announce a topic.
+
+        Args:
+            topic: Absolute name, as ``/tactile/field``.
+            message: Package and name, as ``std_msgs/Bool``.
+            state: The last message is kept for those who come later, and is sent for certain.
+        """
         ...
 
-    def publish(self, topic: str, values: Mapping[str, Any]) -> None:
-        """Send a message."""
+    def publish(self, topic: str, values: Mapping[str, Any], t_ns: int) -> None:
+        """Send a message of a time, ns, without waiting for slow readers."""
         ...
 
     def readers(self, topic: str) -> int:
@@ -61,11 +83,11 @@ class StreamConfig:
     """What is published.
 
     Attributes:
-        prefix: Begins the name of every topic.
+        prefix: Begins the name of every topic but ``/diagnostics``.
         hardware: Name of the sensor in /diagnostics.
         events: Publish the events, too.
         wrench: Publish forces and moments, too.
-        distance_mm: From the lens to the skin, where it is known: see the camera info.
+        distance_mm: From the lens to the skin, mm, where it is known: see the camera info.
         field_hz: Fields and wrenches per second, at most as many as there are frames.
     """
 
@@ -77,6 +99,11 @@ class StreamConfig:
     field_hz: float = MOST_HZ
 
     def __post_init__(self) -> None:
+        if not PREFIX.fullmatch(self.prefix):
+            raise ConfigError(
+                f"{self.prefix!r} is no name of a topic; valid are letters, digits and _ between "
+                "slashes, as /tactile/left"
+            )
         if not 1.0 <= self.field_hz <= MOST_HZ:
             raise ConfigError(f"field_hz is {self.field_hz:g}, it must be 1 to {MOST_HZ:g}")
 
@@ -84,50 +111,52 @@ class StreamConfig:
 class SensorStream:
     """Publishes frames and events of a sensor.
 
-    Data times become times of this host's clock: the first one is now, the others follow as the
-    sensor counts them.
-
     Args:
-        publisher: Sends the messages.
+        publisher: Sends the messages; None for nobody.
         layout: The markers at rest.
         config: What is published.
         force: Makes a wrench of every frame, where there is a force model.
-        clock_ns: Time of day, ns.
+        clock_ns: Time of day, ns. The first data time becomes this host's time, and the others
+            follow as the sensor counts them. None keeps the data times.
+
+    Attributes:
+        counts: Topic -> messages sent.
     """
 
     def __init__(
         self,
-        publisher: Publisher,
+        publisher: Publisher | None,
         layout: Layout,
         config: StreamConfig,
         force: ForceEstimator | None = None,
-        clock_ns: Callable[[], int] = time.time_ns,
+        clock_ns: Callable[[], int] | None = time.time_ns,
     ) -> None:
         self._publisher, self._layout, self._config = publisher, layout, config
         self._force, self._clock_ns = force, clock_ns
-        self._offset_ns: int | None = None
+        self._offset_ns = 0 if clock_ns is None else None
         self._due_us: dict[str, float] = {}
         self._touching: bool | None = None
-        self._touches = _touch_detector(layout)
+        self._touches: TouchDetector | None = None
+        with suppress(ConfigError):  # too few markers to tell a strain
+            self._touches = TouchDetector(np.asarray(layout.reference_px, float), TouchConfig())
         self._encoder, self._origin_us = Evt3Encoder(), 0
         self.counts: Counter[str] = Counter()
-        self._announce()
-
-    def _announce(self) -> None:
-        topics = {"field": "sensor_msgs/PointCloud2", "arrows": "visualization_msgs/MarkerArray"}
-        if self._touches is not None:
-            topics["contact"] = "std_msgs/Bool"
-        if self._config.wrench or self._force is not None:
-            topics["wrench"] = "geometry_msgs/WrenchStamped"
-        if self._config.events:
-            topics["events"] = "event_camera_msgs/EventPacket"
-        for name, message in topics.items():
-            self._publisher.advertise(self._topic(name), message, state=name == "contact")
-        if self._layout.size_px is not None:
-            topic = self._topic("camera_info")
-            self._publisher.advertise(topic, "sensor_msgs/CameraInfo", state=True)
-            self._tell_camera(self._clock_ns())
-        self._publisher.advertise(DIAGNOSTICS, "diagnostic_msgs/DiagnosticArray")
+        absent = {
+            "contact": self._touches is None,
+            "wrench": not config.wrench and force is None,
+            "events": not config.events,
+            "camera_info": layout.size_px is None and config.distance_mm is None,
+        }
+        self._topics = {
+            name: "/diagnostics" if name == "diagnostics" else f"{config.prefix}/{name}"
+            for name in TOPICS
+            if not absent.get(name, False)
+        }
+        if publisher is not None:
+            for name, topic in self._topics.items():
+                publisher.advertise(topic, TOPICS[name], state=name in STATES)
+        if clock_ns is not None:
+            self._tell_camera(clock_ns())
 
     def frame(
         self,
@@ -150,15 +179,16 @@ class SensorStream:
             self._send("field", field_message(frame, self._layout), stamp_ns)
             if wrench is not None:
                 self._send("wrench", wrench_message(wrench), stamp_ns)
-        self._tell_contact(frame)
+        if self._touches is not None:
+            self._touches.update(frame)
+            if self._touches.touching != self._touching:
+                self._touching = self._touches.touching
+                self._send("contact", {"data": self._touching}, stamp_ns)
         if self._due("arrows", frame.t_us, US_PER_S / ARROWS_HZ):
-            arrows = arrows_message(frame, self._layout, stamp_ns)
-            self._publisher.publish(self._topic("arrows"), arrows)
-            self.counts["arrows"] += 1
+            self._send("arrows", arrows_message(frame, self._layout, stamp_ns), stamp_ns)
         if self._due("diagnostics", frame.t_us, DIAGNOSTICS_US):
             self._diagnose(frame, stamp_ns, figures or {})
-            if self._layout.size_px is not None:
-                self._tell_camera(stamp_ns)
+            self._tell_camera(stamp_ns)
 
     def events(self, packet: EventPacket) -> None:
         """Publish events; nothing is sent where there are none."""
@@ -171,33 +201,28 @@ class SensorStream:
         self._send("events", message, self._stamp_ns(int(packet.t[0])))
 
     def _tell_camera(self, stamp_ns: int) -> None:
-        info = camera_info_message(self._layout, self._config.distance_mm)
-        self._send("camera_info", info, stamp_ns)
-
-    def _tell_contact(self, frame: MarkerFrame) -> None:
-        if self._touches is None:
-            return
-        self._touches.update(frame)
-        if self._touches.touching != self._touching:
-            self._touching = self._touches.touching
-            self._publisher.publish(self._topic("contact"), {"data": self._touching})
-            self.counts["contact"] += 1
+        if "camera_info" in self._topics:
+            info = camera_info_message(self._layout, self._config.distance_mm)
+            self._send("camera_info", info, stamp_ns)
 
     def _diagnose(self, frame: MarkerFrame, stamp_ns: int, figures: Mapping[str, float]) -> None:
+        readers = 0 if self._publisher is None else self._publisher.readers(self._topics["field"])
+        now_ns = stamp_ns if self._clock_ns is None else self._clock_ns()
         told = {
             "frames": self.counts["field"],
-            "readers": self._publisher.readers(self._topic("field")),
-            "behind_ms": (self._clock_ns() - stamp_ns) / 1e6,
+            "readers": readers,
+            "behind_ms": (now_ns - stamp_ns) / 1e6,
             **figures,
             **frame.health.summary(),
         }
         coasted = int(frame.coasted.sum())
         message = diagnostics_message(self._config.hardware, coasted, told)
-        self._publisher.publish(DIAGNOSTICS, message | {"header": header(stamp_ns)})
-        self.counts["diagnostics"] += 1
+        self._send("diagnostics", message, stamp_ns)
 
-    def _send(self, name: str, message: dict[str, Any], stamp_ns: int) -> None:
-        self._publisher.publish(self._topic(name), message | {"header": header(stamp_ns)})
+    def _send(self, name: str, message: Mapping[str, Any], stamp_ns: int) -> None:
+        if self._publisher is not None:
+            whole = message if name in PLAIN else {**message, "header": header(stamp_ns)}
+            self._publisher.publish(self._topics[name], whole, stamp_ns)
         self.counts[name] += 1
 
     def _due(self, name: str, t_us: int, period_us: float) -> bool:
@@ -209,32 +234,9 @@ class SensorStream:
         return True
 
     def _stamp_ns(self, t_us: int) -> int:
-        if self._offset_ns is None:
+        if self._offset_ns is None and self._clock_ns is not None:
             self._offset_ns = self._clock_ns() - t_us * NS_PER_US
-        return t_us * NS_PER_US + self._offset_ns
-
-    def _topic(self, name: str) -> str:
-        return f"{self._config.prefix}/{name}"
-
-
-def _touch_detector(layout: Layout) -> TouchDetector | None:
-    try:
-        return TouchDetector(np.asarray(layout.reference_px, np.float64), TouchConfig())
-    except ConfigError:  # too few markers to tell a strain
-        return None
-
-
-class _Nobody:
-    """Takes what is published, and gives it to nobody."""
-
-    def advertise(self, topic: str, message: str, *, state: bool = False) -> None:
-        pass
-
-    def publish(self, topic: str, values: Mapping[str, Any]) -> None:
-        pass
-
-    def readers(self, topic: str) -> int:
-        return 0
+        return t_us * NS_PER_US + (self._offset_ns or 0)
 
 
 def rehearse(layout: Layout) -> None:
@@ -244,9 +246,9 @@ def rehearse(layout: Layout) -> None:
     """
     rest_px = np.asarray(layout.reference_px, np.float64)
     away_px = REHEARSED_STRAIN * (rest_px - rest_px.mean(axis=0))
-    stream = SensorStream(_Nobody(), layout, StreamConfig(events=False))
+    none, sure = np.zeros(len(rest_px), bool), np.ones(len(rest_px))
+    stream = SensorStream(None, layout, StreamConfig(events=False))
     for step in range(REHEARSED):
         moved_px = away_px * (REHEARSED // 4 <= step < REHEARSED // 2)
-        none, sure = np.zeros(len(rest_px), bool), np.ones(len(rest_px))
         place_px = rest_px + moved_px
         stream.frame(MarkerFrame(step * 1_000, place_px, place_px, moved_px, none, sure))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +12,13 @@ import numpy as np
 from spikingtac.atomic_files import replacing, require_free
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.plots.summary import DPI, PANEL, PICTURE_ENDINGS, SensorDrawing
+from spikingtac.ros2.messages import NS_PER_US, Layout
+from spikingtac.ros2.stream import SensorStream, StreamConfig
+from spikingtac.types import MarkerFrame
 from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.mcap import McapPublisher, image_message
 from spikingtac.viewer.playback import Playback
-from spikingtac.viewer.record import Record, picture_of
+from spikingtac.viewer.record import EXPOSURE_US, Record, picture_of
 from spikingtac.viewer.source import ViewSource
 
 if TYPE_CHECKING:
@@ -29,6 +33,8 @@ VIDEO_FRAME_MS, VIDEO_COLORS = 40, 256
 
 # Moments of a course, more than a figure has pixels, and the least time between two, us.
 LOOKS, LEAST_STEP_US = 4_000, 10_000
+MESSAGE_US = 10_000  # Span of an MCAP message, us: what a display needs and a bag likes.
+IMAGE = "/tactile/image"  # Topic of the events as images.
 BUDGET_S = 3600.0  # Time for one step of an export, s: none is cut off.
 SIDE_IN = 3.4  # Side of an animation's picture, inches.
 LONGEST_S = 60.0  # Longest animation, s: a GIF of a minute has tens of megabytes already.
@@ -41,20 +47,27 @@ class Stretch:
         view: What is exported.
         store: Its events.
         end_us: End of the stretch, us.
+        on_frame: Takes every estimate; the record unless given.
 
     Attributes:
         record: What was tracked.
         playback: Tracks it.
     """
 
-    def __init__(self, view: ViewSource, store: EventStore, end_us: int) -> None:
+    def __init__(
+        self,
+        view: ViewSource,
+        store: EventStore,
+        end_us: int,
+        on_frame: Callable[[MarkerFrame], None] | None,
+    ) -> None:
         self.view, self.end_us, self.record = view, end_us, Record()
         self.playback = Playback(
             store,
             lambda: view.make_tracker(view.config),
             view.make_detector,
             rate_hz=view.rate_hz,
-            on_frame=self.record.estimate,
+            on_frame=on_frame or self.record.estimate,
         )
 
     def advance(self, step_us: int) -> int:
@@ -70,12 +83,17 @@ class Stretch:
 
 
 @contextmanager
-def open_stretch(view: ViewSource, seconds: float | None) -> Iterator[Stretch]:
+def open_stretch(
+    view: ViewSource,
+    seconds: float | None,
+    on_frame: Callable[[MarkerFrame], None] | None = None,
+) -> Iterator[Stretch]:
     """Open a stretch of a view; its temporary files go with the context.
 
     Args:
         view: What is exported.
         seconds: Length from the beginning, s; None is all of it.
+        on_frame: As of :class:`Stretch`.
 
     Raises:
         ConfigError: The source does not end by itself and no length was given.
@@ -88,7 +106,7 @@ def open_stretch(view: ViewSource, seconds: float | None) -> Iterator[Stretch]:
         if view.ends:
             store.extend_to(float("inf"))
             asked_us = min(asked_us, store.t_end_us)
-        yield Stretch(view, store, int(asked_us))
+        yield Stretch(view, store, int(asked_us), on_frame)
     finally:
         store.close()
         view.close()
@@ -127,10 +145,7 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
             summarize(view, seconds=seconds, picture=partial)
             return 1
         if target.suffix == ".mcap":
-            from spikingtac.viewer.mcap import export_mcap
-
-            with open_stretch(view, seconds) as stretch:
-                return export_mcap(stretch, partial)
+            return export_mcap(view, partial, seconds)
         video = target.suffix == ".mp4"
         frame_ms = VIDEO_FRAME_MS if video else GIF_FRAME_MS
         pictures = draw_stretch(view, frame_ms, VIDEO_COLORS if video else GIF_COLORS, seconds)
@@ -165,6 +180,33 @@ def summarize(
         if picture is not None:
             record.save_picture(picture, view, playback)
         return record.summary(view, playback)
+
+
+def export_mcap(view: ViewSource, path: Path, seconds: float | None) -> int:
+    """Track a view into MCAP with ROS 2 schemas: what `ros2` publishes, and the events as images.
+
+    ROS 2 tools, Foxglove and Rerun read it without ROS being installed here.
+
+    Raises:
+        MissingExtraError: The extra ``[formats]`` is not installed.
+        ConfigError: As of :func:`export`.
+    """
+    calibration = view.calibration
+    layout = Layout(calibration.reference_px, calibration.grid, calibration.px_per_mm)
+    config = StreamConfig(hardware=view.label, field_hz=1e6 / MESSAGE_US)
+    with closing(McapPublisher(path)) as publisher:
+        stream = SensorStream(publisher, layout, config, clock_ns=None)
+        publisher.advertise(IMAGE, "sensor_msgs/Image")
+        with open_stretch(view, seconds, stream.frame) as stretch:
+            playback, store = stretch.playback, stretch.playback.store
+            while advanced_us := stretch.advance(MESSAGE_US):
+                now_us = playback.position_us
+                # The events after the last whole step belong to the last message.
+                end_us = stretch.end_us if advanced_us < MESSAGE_US else now_us
+                stream.events(store.between(now_us - advanced_us, end_us))
+                exposed, t_ns = store.between(now_us - EXPOSURE_US, now_us), now_us * NS_PER_US
+                publisher.publish(IMAGE, image_message(exposed, t_ns), t_ns)
+    return publisher.messages
 
 
 def draw_stretch(

@@ -9,14 +9,14 @@ pytest.importorskip("rosbags", reason="rosbags is not installed")
 
 from rosbags.typesys import Stores, get_typestore
 
-from spikingtac.ros2.types import definition, encode, type_hash
+from spikingtac.ros2.messages import definition, encode, type_store
 
 # Hash of PointCloud2 as it stands in rcl's own tests, test_type_hash.cpp.
 POINT_CLOUD_HASH = "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5"
 
 
 def test_the_hash_is_the_one_in_rcl() -> None:
-    assert type_hash("sensor_msgs/PointCloud2") == POINT_CLOUD_HASH
+    assert type_store().hash_rihs01("sensor_msgs/msg/PointCloud2") == POINT_CLOUD_HASH
 
 
 @pytest.mark.parametrize("release", [Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY])

@@ -32,16 +32,13 @@ class Args(PublishArgs):
 
 def run(args: Args) -> int:
     """Publish until the source ends, or until Ctrl-C."""
-    from spikingtac.ros2.dds import DdsConfig, DdsPublisher, dds_topic
-    from spikingtac.ros2.messages import camera_info_message
+    from spikingtac.ros2.dds import DdsConfig, DdsPublisher
 
-    field = f"{args.prefix}/field"
-    dds_topic(field)  # refuses a prefix that is none
     config = DdsConfig(domain=args.domain, interface=args.interface, reliable=args.reliable)
     feed = feed_of(args)
-    if args.distance_mm is not None:
-        camera_info_message(feed.layout, args.distance_mm)  # refuses it where it says nothing
     with closing(DdsPublisher(config)) as publisher:
         where = "this machine" if args.interface == "lo" else args.interface
-        remark(f"publishing {field} and more on {where}, domain {args.domain}; Ctrl-C ends")
+        remark(
+            f"publishing {args.prefix}/field and more on {where}, domain {args.domain}; Ctrl-C ends"
+        )
         return publish(args, feed, publisher, prefix=args.prefix, distance_mm=args.distance_mm)
