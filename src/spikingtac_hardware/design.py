@@ -11,6 +11,7 @@ import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from spikingtac.errors import ConfigError, nearest
@@ -18,38 +19,48 @@ from spikingtac.schema import merged, read_toml, to_toml
 
 DEFAULT = "paper-size"
 BASED_ON = "based_on"  # key of the design whose values hold where a file has none
+DESIGNS = Path(str(importlib.resources.files("spikingtac_hardware") / "designs"))
 CHOICES = {"outline": ("rectangle", "round"), "paint": ("white", "dark")}
-LEAST = {"contrast": 1.0, "gel_index": 1.0, "index": 1.0}
-BELOW = {"half_angle_deg": 90.0, "distortion_angle_deg": 90.0}
-SIGNED = ("distortion",)  # a barrel's is negative
+
+# Key -> least value, and what it must be below; all other numbers lie in the last range.
+RANGES = {
+    "contrast": (1.0, 1e3),
+    "gel_index": (1.0, 10.0),
+    "index": (1.0, 10.0),
+    "half_angle_deg": (1.0, 90.0),
+    "distortion_angle_deg": (1.0, 90.0),
+    "distortion": (-1.0, 1.0),  # a barrel's is negative
+}
+ORDINARY = (1e-6, 1e6)
 ANY_LENGTH = ("lengths_mm",)
 
 
-class Table:
-    """Values by name, as attributes; a table of the TOML file, or the whole of it."""
+class Design:
+    """One sensor: tables ``housing``, ``skin``, ``window``, ``sensor``, ``lens``, and others.
+
+    Attributes:
+        values: What the TOML file holds; each table is an attribute, its lists are tuples.
+    """
 
     def __init__(self, values: Mapping[str, Any]) -> None:
-        """Hold values; a mapping among them becomes a table."""
+        """Hold the values."""
         self.values = dict(values)
 
     def __getattr__(self, name: str) -> Any:
-        """Return a value; lists as tuples."""
+        """Return a table, or a value that stands in none."""
         if name == "values" or name not in self.values:
             raise AttributeError(name)
         value = self.values[name]
-        if isinstance(value, Mapping):
-            return Table(value)
-        return tuple(value) if isinstance(value, list) else value
+        if not isinstance(value, Mapping):
+            return value
+        plain = {key: tuple(one) if isinstance(one, list) else one for key, one in value.items()}
+        return SimpleNamespace(**plain)
 
     def __eq__(self, other: object) -> bool:
         """Return whether both hold the same values."""
-        return isinstance(other, Table) and self.values == other.values
+        return isinstance(other, Design) and self.values == other.values
 
     __hash__ = None  # type: ignore[assignment]
-
-
-class Design(Table):
-    """One sensor: tables ``housing``, ``skin``, ``window``, ``sensor``, ``lens``, and others."""
 
     def changed(self, **tables: Mapping[str, Any]) -> Design:
         """Return the design with other values, as ``skin={"gel_mm": 2.0}``.
@@ -77,13 +88,16 @@ class Design(Table):
 
 def names() -> tuple[str, ...]:
     """Return the names of the designs of the package, the default one first."""
-    stored = sorted(path.stem for path in _folder().glob("*.toml"))
-    return (DEFAULT, *(name for name in stored if name != DEFAULT))
+    return tuple(
+        sorted(
+            (path.stem for path in DESIGNS.glob("*.toml")), key=lambda name: (name != DEFAULT, name)
+        )
+    )
 
 
 def descriptions() -> dict[str, str]:
     """Return the description of each design of the package by name."""
-    return {name: str(read_toml(_folder() / f"{name}.toml").get("about", "")) for name in names()}
+    return {name: str(read_toml(DESIGNS / f"{name}.toml").get("about", "")) for name in names()}
 
 
 def load_design(name: str | Path = DEFAULT) -> Design:
@@ -105,7 +119,14 @@ def load_design(name: str | Path = DEFAULT) -> Design:
 
 
 def _values(name: str, above: tuple[str, ...]) -> dict[str, Any]:
-    values = read_toml(_located(name, above))
+    path = DESIGNS / f"{name}.toml" if name in names() else Path(name)
+    if name not in names() and not name.endswith(".toml") and os.sep not in name:
+        where = f" (named by {above[-1]!r})" if above else ""
+        raise ConfigError(
+            f"no design {name!r}{where}{nearest(name, names())} "
+            f"(valid: {', '.join(names())}, or the path of a TOML file)"
+        )
+    values = read_toml(path)
     if name == DEFAULT:
         return values
     base = values.pop(BASED_ON, DEFAULT)
@@ -116,33 +137,19 @@ def _values(name: str, above: tuple[str, ...]) -> dict[str, Any]:
     return merged(_values(base, (*above, name)), values)
 
 
-def _located(text: str, above: tuple[str, ...]) -> Path:
-    if text in names():
-        return _folder() / f"{text}.toml"
-    if not text.endswith(".toml") and os.sep not in text:
-        where = f" (named by {above[-1]!r})" if above else ""
-        raise ConfigError(
-            f"no design {text!r}{where}{nearest(text, names())} "
-            f"(valid: {', '.join(names())}, or the path of a TOML file)"
-        )
-    return Path(text)
-
-
 def _checked(values: dict[str, Any], where: str) -> Design:
     """Return the design of some values, compared with those of the default one."""
-    _compare(read_toml(_folder() / f"{DEFAULT}.toml"), values, where)
-    housing, skin = values["housing"], values["skin"]
-    if housing["outline"] != skin["outline"]:
-        raise ConfigError(
-            f"{where}: the housing is {housing['outline']!r} and the skin {skin['outline']!r}; "
-            "give both the same outline"
-        )
+    _compare(read_toml(DESIGNS / f"{DEFAULT}.toml"), values, where)
+    housing, skin, leds = values["housing"], values["skin"], values["light"]["leds"]
+    outlines = housing["outline"], skin["outline"]
+    if outlines[0] != outlines[1]:
+        raise ConfigError(f"{where}: housing and skin are {outlines}; give both the same outline")
     for table in (housing, skin):
         if table["outline"] == "round" and table["size_mm"][0] != table["size_mm"][1]:
             size_mm = list(table["size_mm"])
             raise ConfigError(f"{where}: size_mm is {size_mm}: a round one has one diameter twice")
-    if values["light"]["leds"] % 4:
-        raise ConfigError(f"{where}: leds is {values['light']['leds']}, not a multiple of 4")
+    if leds % 4:
+        raise ConfigError(f"{where}: leds is {leds}, not a multiple of 4")
     return Design(values)
 
 
@@ -153,40 +160,29 @@ def _compare(known: Mapping[str, Any], given: Mapping[str, Any], where: str) -> 
         if key not in known:
             valid = ", ".join(sorted(known))
             raise ConfigError(f"{where}: unknown key {key!r}{nearest(key, known)} (valid: {valid})")
-        if isinstance(known[key], Mapping):
-            if not isinstance(value, Mapping):
-                raise ConfigError(f"{place}: expected a table, got {value!r}")
+        if not isinstance(known[key], Mapping):
+            _compare_value(known[key], value, place)
+        elif isinstance(value, Mapping):
             _compare(known[key], value, place)
         else:
-            _compare_value(known[key], value, place)
+            raise ConfigError(f"{place}: expected a table, got {value!r}")
 
 
 def _compare_value(known: Any, value: Any, place: str) -> None:
     key = place.rpartition(".")[2]
-    one = known[0] if isinstance(known, list) else known
+    models = known if isinstance(known, list) else [known]
     parts = value if isinstance(value, list | tuple) else [value]
-    number = isinstance(one, int | float)
-    whole = number and all(isinstance(item, int) for item in _listed(known))
-    kind = (int,) if whole and key not in ANY_LENGTH else (int, float) if number else (str,)
+    number = isinstance(models[0], int | float)
+    whole = all(isinstance(model, int) for model in models) and key not in ANY_LENGTH
+    kind = int if whole else int | float if number else str
     alike = all(isinstance(item, kind) and not isinstance(item, bool) for item in parts)
     if isinstance(known, list) != isinstance(value, list | tuple) or not alike:
         raise ConfigError(f"{place}: expected a value like {known!r}, got {value!r}")
-    if isinstance(known, list) and len(parts) != len(known) and key not in ANY_LENGTH:
-        raise ConfigError(f"{place}: expected {len(known)} values, got {value!r}")
-    if key in CHOICES and value not in CHOICES[key]:
+    if len(parts) != len(models) and key not in ANY_LENGTH:
+        raise ConfigError(f"{place}: expected {len(models)} values, got {value!r}")
+    if value not in CHOICES.get(key, (value,)):
         raise ConfigError(f"{place}: {value!r} (valid: {', '.join(CHOICES[key])})")
+    low, high = RANGES.get(key, ORDINARY)
     for item in parts if number else ():
-        if not item > 0 and key not in SIGNED:
-            raise ConfigError(f"{place}: {key} is {item}, it must be positive")
-        if item < LEAST.get(key, item):
-            raise ConfigError(f"{place}: {key} is {item}, it must be at least {LEAST[key]:g}")
-        if item >= BELOW.get(key, math.inf):
-            raise ConfigError(f"{place}: {key} is {item}, it must be below {BELOW[key]:g}")
-
-
-def _listed(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else [value]
-
-
-def _folder() -> Path:
-    return Path(str(importlib.resources.files("spikingtac_hardware") / "designs"))
+        if not low <= item < high:
+            raise ConfigError(f"{place} is {item:g}, valid is {low:g} to below {high:g}")

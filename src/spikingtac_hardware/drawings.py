@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from spikingtac.arrays import FloatArray
-from spikingtac_hardware.layout import Layout
+from spikingtac_hardware.layout import Layout, Place
 from spikingtac_hardware.optics import Imaging
 from spikingtac_hardware.parts import Part
 from spikingtac_hardware.solids import Solid, modeller
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FAR_MM, REACH_MM = 1000.0, 200.0  # distance of the eye, size of the cutting face
+FAR_MM, REACH_MM = 1000.0, 200.0  # Distance of the eye, size of the cutting face, mm.
 CURVE_POINTS = 40
-TOLERANCE_MM, TURN_RAD = 0.02, 0.3  # of the triangles that fill a section
-LIFT_MM = 6.0  # between the parts of the exploded view
-ASIDE_MM = 1e-3  # by which a cut stays off a plane of symmetry, where faces may lie
+TOLERANCE_MM, TURN_RAD = 0.02, 0.3  # Of the triangles that fill a section.
+LIFT_MM = 6.0  # Between the parts of the exploded view, mm.
+ASIDE_MM = 1e-3  # By which a cut stays off a plane of symmetry, where faces may lie, mm.
 INK, FIGURES, RAYS = "#22272b", "#0b3c6f", "#d55e00"
 
 # Part of the sensor -> its colour in the section.
@@ -50,9 +50,7 @@ def exploded_view(parts: Sequence[Part]) -> Figure:
     figure, (axes,) = _figure((5.0, 11.0), 1)
     for number, part in enumerate(parts):
         lifted = modeller().Pos(0, 0, LIFT_MM * number) * part.solid
-        seen, _ = _projected(lifted, "slanted")
-        _draw(axes, seen, "-", 0.5)
-        points = np.vstack(seen)
+        points = np.vstack(_draw(axes, lifted, "slanted", 0.5))
         right = points[points[:, 0].argmax()]
         axes.text(right[0] + 2.0, right[1], part.name, fontsize=8, va="center", color=INK)
     return figure
@@ -65,7 +63,7 @@ def section_view(layout: Layout, parts: Sequence[Part]) -> Figure:
     at_axis_mm = 0.0 if skin.grid[0] % 2 else skin.pitch_mm / 2
     for axes, y_mm in ((left, at_axis_mm), (right, screw_mm)):
         for part in parts:
-            _fill(axes, _cut(part.solid, y_mm + ASIDE_MM), COLORS[part.name], part.name)
+            _fill(axes, part, y_mm + ASIDE_MM)
         axes.set_title(f"{y_mm:.1f} mm beside the axis", fontsize=9)
     _draw_rays(left, layout)
     half, height = layout.outer.half_mm[0], layout.design.housing.height_mm
@@ -75,9 +73,8 @@ def section_view(layout: Layout, parts: Sequence[Part]) -> Figure:
     for low, high in itertools.pairwise(levels):
         _dimension(right, (half + 2.0, low), (half + 2.0, high))
     _dimension(right, (half + 5.0, 0.0), (half + 5.0, height))
-    figure.legend(
-        *left.get_legend_handles_labels(), loc="outside lower center", ncols=8, fontsize=7
-    )
+    labels = left.get_legend_handles_labels()
+    figure.legend(*labels, loc="outside lower center", ncols=8, fontsize=7)
     return figure
 
 
@@ -91,10 +88,8 @@ def sheet(part: Part, design: str, notes: Sequence[str]) -> Figure:
     """
     figure, every = _figure((11.7, 8.3), 3)
     for axes, view in zip(every, ("front", "above", "below"), strict=True):
-        seen, hidden = _projected(part.solid, view)
-        _draw(axes, hidden, (0, (4, 2.5)), 0.3)
-        _draw(axes, seen, "-", 0.8)
-        low, high = np.vstack(seen).min(axis=0), np.vstack(seen).max(axis=0)
+        seen = np.vstack(_draw(axes, part.solid, view, 0.8, hidden_width=0.3))
+        low, high = seen.min(axis=0), seen.max(axis=0)
         _dimension(axes, (low[0], low[1] - 2.0), (high[0], low[1] - 2.0))
         _dimension(axes, (high[0] + 2.0, low[1]), (high[0] + 2.0, high[1]))
         axes.set_title(f"from the {view}" if view == "front" else f"from {view}", fontsize=8)
@@ -114,48 +109,46 @@ def _figure(size_in: tuple[float, float], columns: int) -> tuple[Figure, list[Ax
     return figure, every
 
 
-def _projected(solid: Solid, view: str) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return the lines of a view that are seen, and those that are hidden, mm."""
-    seen, hidden = solid.project_to_viewport(*VIEWS[view], (0.0, 0.0, 0.0))
-    return [_polyline(edge) for edge in seen], [_polyline(edge) for edge in hidden]
+def _draw(
+    axes: Axes, solid: Solid, view: str, width: float, hidden_width: float = 0.0
+) -> list[FloatArray]:
+    """Draw the lines of a view; return those that are seen, mm."""
+    seen, hidden = (
+        [_points(edge, 2 if edge.geom_type.name == "LINE" else CURVE_POINTS) for edge in edges]
+        for edges in solid.project_to_viewport(*VIEWS[view], (0.0, 0.0, 0.0))
+    )
+    style: dict[str, Any] = {"color": INK, "solid_capstyle": "round"}
+    for line in hidden if hidden_width else ():
+        axes.plot(*line.T[:2], ls=(0, (4, 2.5)), lw=hidden_width, **style)
+    for line in seen:
+        axes.plot(*line.T[:2], lw=width, **style)
+    return seen
 
 
-def _polyline(edge: Solid) -> FloatArray:
-    count = 2 if edge.geom_type.name == "LINE" else CURVE_POINTS
+def _points(edge: Solid, count: int = CURVE_POINTS) -> FloatArray:
+    """Return ``(count, 3)`` points of an edge, mm."""
     places = [edge.position_at(share) for share in np.linspace(0.0, 1.0, count)]
-    return np.array([(place.X, place.Y) for place in places])
+    return np.array([(place.X, place.Y, place.Z) for place in places])
 
 
-def _draw(axes: Axes, lines: Sequence[FloatArray], style: object, width: float) -> None:
-    for line in lines:
-        axes.plot(*line.T, color=INK, ls=style, lw=width, solid_capstyle="round")
-
-
-def _cut(solid: Solid, y_mm: float) -> list[Solid]:
-    """Return the faces of a solid's section by an upright plane."""
-    cad = modeller()
-    plane = cad.Plane((0, y_mm, 0), x_dir=(1, 0, 0), z_dir=(0, -1, 0))
-    knife = (plane * cad.Rectangle(REACH_MM, REACH_MM)).faces()[0]
-    boxes = [(one, one.bounding_box()) for one in solid.solids()]
-    common = [one.intersect(knife) for one, box in boxes if box.min.Y < y_mm < box.max.Y]
-    return [face for shape in common if shape is not None for face in shape.faces()]
-
-
-def _fill(axes: Axes, faces: Sequence[Solid], color: str, name: str) -> None:
+def _fill(axes: Axes, part: Part, y_mm: float) -> None:
+    """Draw a part's section by an upright plane."""
     from matplotlib.collections import PolyCollection
 
-    label: str | None = name
-    for face in faces:
+    cad, color = modeller(), COLORS[part.name]
+    plane = cad.Plane((0, y_mm, 0), x_dir=(1, 0, 0), z_dir=(0, -1, 0))
+    knife = (plane * cad.Rectangle(REACH_MM, REACH_MM)).faces()[0]
+    boxes = [(solid, solid.bounding_box()) for solid in part.solid.solids()]
+    cuts = [solid.intersect(knife) for solid, box in boxes if box.min.Y < y_mm < box.max.Y]
+    faces = [face for cut in cuts if cut is not None for face in cut.faces()]
+    for number, face in enumerate(faces):
         corners, triangles = face.tessellate(TOLERANCE_MM, TURN_RAD)
         points = np.array([(corner.X, corner.Z) for corner in corners])
-        axes.add_collection(
-            PolyCollection(list(points[np.array(triangles)]), fc=color, ec=color, lw=0.1)
-        )
+        shapes = list(points[np.array(triangles)])
+        axes.add_collection(PolyCollection(shapes, fc=color, ec=color, lw=0.1))
         for edge in face.edges():
-            places = [edge.position_at(share) for share in np.linspace(0.0, 1.0, CURVE_POINTS)]
-            axes.plot([at.X for at in places], [at.Z for at in places], color=INK, lw=0.5)
-        axes.fill([], [], color=color, label=label)
-        label = None
+            axes.plot(*_points(edge).T[[0, 2]], color=INK, lw=0.5)
+        axes.fill([], [], color=color, label=None if number else part.name)
 
 
 def _draw_rays(axes: Axes, layout: Layout) -> None:
@@ -169,7 +162,7 @@ def _draw_rays(axes: Axes, layout: Layout) -> None:
         axes.plot(x, [layout.pupil_mm, *heights], color=RAYS, lw=0.7)
 
 
-def _dimension(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
+def _dimension(axes: Axes, start: Place, end: Place) -> None:
     """Draw a level or an upright dimension line with its length."""
     length = max(abs(end[0] - start[0]), abs(end[1] - start[1]))
     arrow = {"arrowstyle": "<|-|>", "lw": 0.5, "color": FIGURES, "shrinkA": 0, "shrinkB": 0}

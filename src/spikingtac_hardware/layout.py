@@ -6,6 +6,7 @@ check and drawing reads the same numbers from here.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Literal
@@ -17,8 +18,10 @@ FIT_GAP_MM = 0.1
 
 # Radius of inner upright edges, mm: a printed or laser-cut corner is never sharp.
 SMALL_RADIUS_MM = 0.5
-POST_MM = 1.2  # Diameter of the posts of the shading plate that hold the camera board, mm (ours).
-BAFFLE_WALL_MM = 1.0  # Wall of the rim about the lens, mm (ours).
+POST_MM = 1.2  # Diameter of the posts of the shading plate that hold the camera board, mm.
+BAFFLE_WALL_MM = 1.0  # Wall of the rim about the lens, mm.
+
+Place = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,14 +52,12 @@ class Outline:
     @property
     def reach_mm(self) -> float:
         """Distance of the farthest point from the axis, mm."""
-        half_x, half_y = self.half_mm
-        return half_x if self.kind == "round" else math.hypot(half_x, half_y)
+        return self.half_mm[0] if self.kind == "round" else math.hypot(*self.half_mm)
 
     @property
     def area_mm2(self) -> float:
         """Area, mm²; the rounding of a rectangle's corners is left out."""
-        width, depth = self.size_mm
-        return math.pi / 4 * width * depth if self.kind == "round" else width * depth
+        return math.prod(self.size_mm) * (math.pi / 4 if self.kind == "round" else 1.0)
 
 
 class Layout:
@@ -68,145 +69,103 @@ class Layout:
     Attributes:
         board_bottom_mm: Underside of the camera board.
         board_top_mm: Its upper side.
-        image_mm: Pixels.
+        holder_top_mm: Upper side of the lens holder.
         lens_front_mm: Front vertex of the lens.
         pupil_mm: Entrance pupil of the lens.
         base_top_mm: Upper side of the base, on which plate and LED board lie.
         plate_top_mm: Upper side of the shading plate, on which the shell stands.
+        baffle_top_mm: Upper end of the rim about the lens.
+        pillar_top_mm: Upper end of the shell's pillars.
         led_top_mm: Light-giving side of the LEDs.
+        ledge_bottom_mm: Lower side of the ledge under the window.
         window_bottom_mm: Lower side of the window.
         window_top_mm: Its upper side.
         disc_mm: Plane of the discs, between gel and cover.
         shell_top_mm: Upper end of the shell.
+        outer: Outer faces of the housing.
+        window: Window, gel and cover.
+        pocket: Pocket of the shell for the window.
+        opening: Opening of the ledge under the window.
+        cavity: Room of the shell below the ledge.
+        led_board: Outer edge of the LED board; the screws' bosses are cut out of it.
+        slope_mm: Height of the slope of 45 degrees that leads up to the ledge, mm.
+        baffle_radius_mm: Inner radius of the rim about the lens, mm.
+        pillar_radius_mm: Radius of the pillars of the shell that hold the inserts, mm.
+        boss_radius_mm: Radius of the plate's bosses, on which the screws press, mm.
+        screw_places_mm: ``(x, y)`` of the four screws, mm.
+        post_places_mm: ``(x, y)`` of the posts that hold the camera board, mm.
+        led_opening_half_mm: Half the width of the square opening of the LED board, mm.
+        disc_places_mm: ``(x, y)`` of the discs, row by row, mm.
+        disc_reach_mm: Distance of the farthest edge of a disc from the axis, mm.
     """
 
     def __init__(self, design: Design) -> None:
-        housing, self.design = design.housing, design
-        self.board_bottom_mm = housing.floor_mm + design.board.below_mm
-        self.board_top_mm = self.board_bottom_mm + design.board.thickness_mm
-        self.image_mm = self.board_top_mm + design.sensor.image_plane_mm
-        self.lens_front_mm = self.image_mm + design.lens.track_mm
+        self.design = design
+        housing, skin, board, screws = design.housing, design.skin, design.board, design.fasteners
+        least_wall_mm, clearance_mm = design.printing.least_wall_mm, design.printing.clearance_mm
+        self.board_bottom_mm = housing.floor_mm + board.below_mm
+        self.board_top_mm = self.board_bottom_mm + board.thickness_mm
+        self.holder_top_mm = self.board_top_mm + board.holder_mm[1]
+        image_mm = self.board_top_mm + design.sensor.image_plane_mm
+        self.lens_front_mm = image_mm + design.lens.track_mm
         self.pupil_mm = self.lens_front_mm - design.lens.pupil_mm
         self.base_top_mm = housing.base_mm
         self.plate_top_mm = housing.base_mm + housing.plate_mm
+        self.baffle_top_mm = self.plate_top_mm + housing.baffle_mm
+        self.pillar_top_mm = self.plate_top_mm + screws.insert_hole_depth_mm + least_wall_mm
         self.led_top_mm = housing.base_mm + design.light.board_mm + design.light.led_mm[2]
-        self.disc_mm = housing.height_mm - design.skin.cover_mm
-        self.window_top_mm = self.disc_mm - design.skin.gel_mm
+        self.disc_mm = housing.height_mm - skin.cover_mm
+        self.window_top_mm = self.disc_mm - skin.gel_mm
         self.window_bottom_mm = self.window_top_mm - design.window.thickness_mm
+        self.ledge_bottom_mm = self.window_bottom_mm - housing.ledge_thickness_mm
         self.shell_top_mm = self.window_top_mm + housing.rim_mm
 
-    @property
-    def outer(self) -> Outline:
-        """Outer faces of the housing."""
-        housing = self.design.housing
-        return Outline(housing.outline, housing.size_mm, housing.corner_radius_mm)
+        self.outer = Outline(housing.outline, housing.size_mm, housing.corner_radius_mm)
+        self.window = Outline(skin.outline, skin.size_mm)
+        self.pocket = self.window.grown(design.window.clearance_mm)
+        self.opening = self.window.grown(-housing.ledge_mm)
+        self.cavity = self.outer.grown(-housing.wall_mm)
+        self.led_board = self.cavity.grown(-2 * FIT_GAP_MM)
+        self.slope_mm = max(self.cavity.half_mm[0] - self.opening.half_mm[0], 0.0)
+        self.baffle_radius_mm = design.lens.barrel_mm / 2 + clearance_mm
+        self.pillar_radius_mm = screws.insert_hole_mm / 2 + screws.insert_wall_mm + FIT_GAP_MM
+        self.boss_radius_mm = screws.clearance_hole_mm / 2 + least_wall_mm
 
-    @property
-    def window(self) -> Outline:
-        """Window, gel and cover."""
-        return Outline(self.design.skin.outline, self.design.skin.size_mm)
-
-    @property
-    def pocket(self) -> Outline:
-        """Pocket of the shell for the window."""
-        return self.window.grown(self.design.window.clearance_mm)
-
-    @property
-    def opening(self) -> Outline:
-        """Opening of the ledge under the window."""
-        return self.window.grown(-self.design.housing.ledge_mm)
-
-    @property
-    def cavity(self) -> Outline:
-        """Room of the shell below the ledge."""
-        return self.outer.grown(-self.design.housing.wall_mm)
-
-    @property
-    def led_board(self) -> Outline:
-        """Outer edge of the LED board; the screws' bosses are cut out of it."""
-        return self.cavity.grown(-2 * FIT_GAP_MM)
-
-    @property
-    def led_opening_half_mm(self) -> float:
-        """Half the width of the square opening of the LED board, mm."""
-        return self.post_places_mm[-1][0] + POST_MM / 2 + 2 * FIT_GAP_MM
-
-    @property
-    def ledge_bottom_mm(self) -> float:
-        """Lower side of the ledge; a slope of 45 degrees leads up to it."""
-        return self.window_bottom_mm - self.design.housing.ledge_thickness_mm
-
-    @property
-    def slope_mm(self) -> float:
-        """Height of that slope, mm."""
-        return max(self.cavity.half_mm[0] - self.opening.half_mm[0], 0.0)
-
-    @property
-    def baffle_top_mm(self) -> float:
-        """Upper end of the rim about the lens."""
-        return self.plate_top_mm + self.design.housing.baffle_mm
-
-    @property
-    def baffle_radius_mm(self) -> float:
-        """Inner radius of the rim about the lens, mm."""
-        return self.design.lens.barrel_mm / 2 + self.design.printing.clearance_mm
-
-    @property
-    def holder_top_mm(self) -> float:
-        """Upper side of the lens holder."""
-        return self.board_top_mm + self.design.board.holder_mm[1]
-
-    @property
-    def screw_places_mm(self) -> tuple[tuple[float, float], ...]:
-        """``(x, y)`` of the four screws, mm."""
-        half_x, half_y = self.outer.half_mm
-        inset = self.design.fasteners.inset_mm
+        half_x, half_y = (half - screws.inset_mm for half in self.outer.half_mm)
         if self.outer.kind == "round":
-            half_x = half_y = (half_x - inset) / math.sqrt(2) + inset
-        return tuple(
-            (sx * (half_x - inset), sy * (half_y - inset)) for sy in (-1, 1) for sx in (-1, 1)
+            half_x = half_y = half_x / math.sqrt(2)
+        self.screw_places_mm = corners(half_x, half_y)
+        post = board.holder_mm[0] / 2 + 2 * FIT_GAP_MM + POST_MM / 2
+        self.post_places_mm = corners(post, post)
+        self.led_opening_half_mm = post + POST_MM / 2 + 2 * FIT_GAP_MM
+        rows, columns = (
+            [skin.pitch_mm * (index - (count - 1) / 2) for index in range(count)]
+            for count in skin.grid
         )
+        self.disc_places_mm = tuple((x, y) for y, x in itertools.product(rows, columns))
+        self.disc_reach_mm = math.hypot(*self.disc_places_mm[0]) + skin.disc_diameter_mm / 2
 
-    @property
-    def pillar_radius_mm(self) -> float:
-        """Radius of the pillars of the shell that hold the inserts, mm."""
-        fasteners = self.design.fasteners
-        return fasteners.insert_hole_mm / 2 + fasteners.insert_wall_mm + FIT_GAP_MM
+    def led_boxes_mm(self, more_mm: float = 0.0) -> list[tuple[Place, tuple[float, float]]]:
+        """Return ``(x, y)`` and ``(width, depth)`` of each LED, longer by ``more_mm`` at each end.
 
-    @property
-    def post_places_mm(self) -> tuple[tuple[float, float], ...]:
-        """``(x, y)`` of the posts that hold the camera board, beside the lens holder, mm."""
-        place = self.design.board.holder_mm[0] / 2 + 2 * FIT_GAP_MM + POST_MM / 2
-        return tuple((sx * place, sy * place) for sy in (-1, 1) for sx in (-1, 1))
-
-    @property
-    def led_places_mm(self) -> tuple[tuple[float, float, bool], ...]:
-        """``(x, y, lies along x)`` of each LED, mm."""
+        Half of them lie along x, on the two level sides, half along y.
+        """
         light = self.design.light
+        length, width = (side + 2 * more_mm for side in light.led_mm[:2])
         each = light.leds // 4
         steps = [0.0] if each == 1 else [2 * k / (each - 1) - 1 for k in range(each)]
         # Where the housing is less deep than wide, the left and right sides lie farther out and are
         # shorter, both by the same length.
         more = self.outer.half_mm[0] - self.outer.half_mm[1]
-        level = [(step * light.spread_mm, s * light.place_mm, True) for s in (-1, 1)
-                 for step in steps]  # fmt: skip
-        upright = [(s * (light.place_mm + more), step * (light.spread_mm - more), False)
-                   for s in (-1, 1) for step in steps]  # fmt: skip
-        return tuple(level + upright)
+        ways = list(itertools.product((-1, 1), steps))
+        level = [(step * light.spread_mm, side * light.place_mm) for side, step in ways]
+        upright = [
+            (side * (light.place_mm + more), step * (light.spread_mm - more)) for side, step in ways
+        ]
+        along_x = [(place, (length, width)) for place in level]
+        return along_x + [(place, (width, length)) for place in upright]
 
-    @property
-    def disc_places_mm(self) -> tuple[tuple[float, float], ...]:
-        """``(x, y)`` of the discs, row by row, mm."""
-        rows, columns = self.design.skin.grid
-        pitch = self.design.skin.pitch_mm
-        return tuple(
-            (pitch * (column - (columns - 1) / 2), pitch * (row - (rows - 1) / 2))
-            for row in range(rows)
-            for column in range(columns)
-        )
 
-    @property
-    def disc_reach_mm(self) -> float:
-        """Distance of the farthest edge of a disc from the axis, mm."""
-        x, y = self.disc_places_mm[0]
-        return math.hypot(x, y) + self.design.skin.disc_diameter_mm / 2
+def corners(half_x: float, half_y: float) -> tuple[Place, ...]:
+    """Return the four corners of a rectangle about the axis, mm."""
+    return tuple((sx * half_x, sy * half_y) for sy in (-1, 1) for sx in (-1, 1))

@@ -59,7 +59,7 @@ def illuminance_lux(layout: Layout, imaging: Imaging, places_mm: FloatArray) -> 
     passed = 1 - ((index - 1) / (index + 1)) ** 2  # Fresnel, straight on, at the window
     candela = light.intensity_mcd / 1000.0 * light.current_ma / light.rated_ma
     height_mm = imaging.reduced_mm - imaging.air_mm + layout.window_bottom_mm - layout.led_top_mm
-    sources_mm = np.array([place[:2] for place in layout.led_places_mm])
+    sources_mm = np.array([place for place, _ in layout.led_boxes_mm()])
     apart_mm2 = ((places_mm[:, None] - sources_mm) ** 2).sum(axis=2) + height_mm**2
     apart_mm2 = np.where(_shaded(layout, sources_mm, places_mm), np.inf, apart_mm2)
     per_mm2 = candela * passed * height_mm**2 / apart_mm2**2
@@ -68,10 +68,7 @@ def illuminance_lux(layout: Layout, imaging: Imaging, places_mm: FloatArray) -> 
 
 def _shaded(layout: Layout, sources_mm: FloatArray, places_mm: FloatArray) -> NDArray[np.bool_]:
     """Return ``(n, s)``: whether a pillar stands between an LED and a place on the skin."""
-    fasteners = layout.design.fasteners
-    top_mm = layout.plate_top_mm + fasteners.insert_hole_depth_mm
-    top_mm += layout.design.printing.least_wall_mm
-    rise = (top_mm - layout.led_top_mm) / (layout.disc_mm - layout.led_top_mm)
+    rise = (layout.pillar_top_mm - layout.led_top_mm) / (layout.disc_mm - layout.led_top_mm)
     shaded = np.zeros((len(places_mm), len(sources_mm)), bool)
     way_mm = rise * (places_mm[:, None] - sources_mm)  # to where the ray passes the pillars' top
     for pillar_mm in np.array(layout.screw_places_mm):

@@ -7,33 +7,20 @@ from collections.abc import Iterable
 from typing import Any
 
 from spikingtac.errors import MissingExtraError
-from spikingtac_hardware.layout import SMALL_RADIUS_MM, Outline
+from spikingtac_hardware.layout import SMALL_RADIUS_MM, Outline, Place
 
 Solid = Any  # A solid of build123d; the library is optional, so that its types are not named.
+Places = Iterable[Place]
 TOUCHING_MM = 1e-5  # Overlap of bounding boxes that only touch, mm (rounding of the modeller).
-
-Places = Iterable[tuple[float, float]]
-
-
-def modeller() -> Any:
-    """Return the module build123d.
-
-    Raises:
-        MissingExtraError: The extra ``[design]`` is not installed.
-    """
-    return _optional("build123d")
+AXIS: Place = (0.0, 0.0)
 
 
-def mesh_checker() -> Any:
-    """Return the module trimesh.
+def modeller(name: str = "build123d") -> Any:
+    """Return the module build123d, or the one of another name.
 
     Raises:
         MissingExtraError: The extra ``[design]`` is not installed.
     """
-    return _optional("trimesh")
-
-
-def _optional(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
@@ -64,32 +51,23 @@ def funnel(low: Outline, low_mm: float, high: Outline, high_mm: float) -> Solid:
     return cad.loft([cad.Pos(0, 0, low_mm) * face(low), cad.Pos(0, 0, high_mm) * face(high)])
 
 
-def cylinder(radius_mm: float, place: tuple[float, float], low_mm: float, high_mm: float) -> Solid:
-    """Return an upright cylinder about a place, mm."""
-    cad = modeller()
-    middle = cad.Pos(*place, (low_mm + high_mm) / 2)
-    return middle * cad.Cylinder(radius_mm, high_mm - low_mm)
-
-
 def cylinders(radius_mm: float, places: Places, low_mm: float, high_mm: float) -> Solid:
-    """Return equal cylinders at several places, as one compound."""
+    """Return equal upright cylinders at one place or more, as one compound."""
     cad = modeller()
-    return cad.Compound([cylinder(radius_mm, place, low_mm, high_mm) for place in places])
+    one, middle = cad.Cylinder(radius_mm, high_mm - low_mm), (low_mm + high_mm) / 2
+    return cad.Compound([cad.Pos(*place, middle) * one for place in places])
 
 
-def box(
-    size: tuple[float, float], place: tuple[float, float], low_mm: float, high_mm: float
-) -> Solid:
+def box(size: tuple[float, float], place: Place, low_mm: float, high_mm: float) -> Solid:
     """Return an upright box about a place, mm."""
     cad = modeller()
-    middle = cad.Pos(*place, (low_mm + high_mm) / 2)
-    return middle * cad.Box(*size, high_mm - low_mm)
+    return cad.Pos(*place, (low_mm + high_mm) / 2) * cad.Box(*size, high_mm - low_mm)
 
 
 def octagon(size: tuple[float, float], chamfer_mm: float, low_mm: float, high_mm: float) -> Solid:
     """Return a box about the axis whose upright edges are cut, mm."""
     cad = modeller()
-    solid = box(size, (0.0, 0.0), low_mm, high_mm)
+    solid = box(size, AXIS, low_mm, high_mm)
     return cad.chamfer(solid.edges().filter_by(cad.Axis.Z), chamfer_mm)
 
 
@@ -99,17 +77,11 @@ def square(half_mm: float) -> Outline:
 
 
 def common_volume_mm3(one: Solid, other: Solid) -> float:
-    """Return the volume that two solids share, mm³."""
-    if _apart(one.bounding_box(), other.bounding_box()):
-        return 0.0
+    """Return the volume that two solids share, mm³; first their bounding boxes are compared."""
+    a, b = one.bounding_box(), other.bounding_box()
+    for axis in "XYZ":
+        high = min(getattr(a.max, axis), getattr(b.max, axis))
+        if high <= max(getattr(a.min, axis), getattr(b.min, axis)) + TOUCHING_MM:
+            return 0.0
     common = one.intersect(other)
     return 0.0 if common is None else float(sum(part.volume for part in common.solids()))
-
-
-def _apart(one: Solid, other: Solid) -> bool:
-    """Tell whether two bounding boxes have no common inside; one may hold the other."""
-    return any(
-        getattr(one.max, axis) <= getattr(other.min, axis) + TOUCHING_MM
-        or getattr(other.max, axis) <= getattr(one.min, axis) + TOUCHING_MM
-        for axis in "XYZ"
-    )

@@ -47,38 +47,32 @@ def run(args: Args) -> int:
             sys.stdout.writelines(f"{name}  {about}\n" for name, about in descriptions().items())
         return 0
     design = load_design(args.design)
+    findings = require_sound(design)
     if args.output is None:
-        findings = require_sound(design)
-        figures = figures_of(design)
-        if not args.json:
-            _show(args.design, figures)
-            rows = [(finding.name, finding.reason) for finding in findings]
-            emit_table(f"{len(rows)} checks passed", ("check", "what was found"), rows, words=2)
-            return 0
-        checks = [{**asdict(one), "passed": one.passed} for one in findings]
-        emit_json({"design": args.design, "figures": figures, "checks": checks})
-        return 0
-    from spikingtac_hardware.write import write_design
+        figures: dict[str, Any] = figures_of(design)
+    else:
+        from spikingtac_hardware.write import write_design
 
-    with progress(f"designing {args.design}") as advance:
-        figures = write_design(design, args.output, args.overwrite, advance)
+        with progress(f"designing {args.design}") as advance:
+            figures = write_design(design, args.output, args.overwrite, advance)
+    folder = {} if args.output is None else {"folder": str(args.output)}
     if args.json:
-        emit_json({"design": args.design, "folder": str(args.output), "figures": figures})
+        checks = [{**asdict(one), "passed": one.passed} for one in findings]
+        emit_json({"design": args.design, **folder, "figures": figures, "checks": checks})
         return 0
-    _show(args.design, figures)
-    remark(f"{args.output}: {figures['files']} files; begin with build-guide.md")
+    emit_table(f"{args.design}, computed", ("figure", "value"), _rows(figures))
+    if args.output is None:
+        rows = [(finding.name, finding.reason) for finding in findings]
+        emit_table(f"{len(rows)} checks passed", ("check", "what was found"), rows, words=2)
+    else:
+        remark(f"{args.output}: {figures['files']} files; begin with build-guide.md")
     return 0
-
-
-def _show(name: str, figures: dict[str, Any]) -> None:
-    emit_table(f"{name}, computed", ("figure", "value"), _rows(figures))
 
 
 def _rows(figures: dict[str, Any]) -> Iterator[tuple[str, str]]:
     for name, value in figures.items():
         if isinstance(value, dict):
-            for inner, number in value.items():
-                yield f"{name}.{inner}", f"{number:.4g}"
+            yield from _rows({f"{name}.{inner}": number for inner, number in value.items()})
         elif isinstance(value, list):
             yield name, " x ".join(f"{number:.4g}" for number in value)
         else:

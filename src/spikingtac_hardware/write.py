@@ -6,18 +6,18 @@ Solids and meshes are read again after they are written.
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from spikingtac.atomic_files import PARTIAL
+from spikingtac.atomic_files import whole_folder
 from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac_hardware import parts
-from spikingtac_hardware.checks import require_sound
+from spikingtac_hardware.checks import Finding, require_sound
 from spikingtac_hardware.design import Design
+from spikingtac_hardware.drawings import exploded_view, section_view, sheet
 from spikingtac_hardware.figures import (
     as_csv,
     bill_of_materials,
@@ -27,43 +27,26 @@ from spikingtac_hardware.figures import (
 )
 from spikingtac_hardware.layout import Layout
 from spikingtac_hardware.parts import Part
-from spikingtac_hardware.solids import Solid, face, mesh_checker, modeller
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from spikingtac_hardware.solids import Solid, face, modeller
 
 FIGURES = "figures.json"  # The file that says that a folder holds a design.
+FOLDERS = ("step", "stl", "cut", "drawings")
 SIZE_TOLERANCE_MM = 1e-6
-ENDINGS = ("pdf", "svg")  # Kinds of file of a drawing.
 
-Advance = Callable[[float], None]
-
-# Largest distance of an STL's triangles from the surface, mm (an eighth of a layer of powder).
-STL_TOLERANCE_MM = 0.01
-STL_TURN_RAD = 0.15
+# Largest distance of an STL's triangles from the surface, mm (an eighth of a layer of powder), and
+# largest angle between two of them, rad.
+STL_TOLERANCE_MM, STL_TURN_RAD = 0.01, 0.15
 STEP_VOLUME = 1e-6  # Largest relative difference of a volume after STEP has been read again.
 
 # Largest relative difference of a mesh's volume: chords of curves cut a little off.
 MESH_VOLUME = 5e-3
 
 
-def require_free_folder(folder: Path, overwrite: bool) -> None:
-    """Refuse to replace an existing design without permission.
-
-    Raises:
-        ConfigError: The folder holds a design, or the path is a file.
-    """
-    if folder.is_file():
-        raise ConfigError(f"{str(folder)!r} is a file; give the name of a folder")
-    if (folder / FIGURES).is_file() and not overwrite:
-        raise ConfigError(
-            f"the folder {str(folder)!r} holds a design already; "
-            "choose another one, or give --overwrite to replace it"
-        )
-
-
 def write_design(
-    design: Design, folder: str | Path, overwrite: bool = False, advance: Advance | None = None
+    design: Design,
+    folder: str | Path,
+    overwrite: bool = False,
+    advance: Callable[[float], None] = lambda done: None,
 ) -> dict[str, Any]:
     """Write all files of a design, whole or not at all.
 
@@ -80,43 +63,31 @@ def write_design(
         ConfigError: A check fails, two parts overlap, or the folder holds a design.
         MissingExtraError: The extra ``[design]`` is not installed.
     """
-    target, told = Path(folder), advance or (lambda done: None)
-    require_free_folder(target, overwrite)
+    target = Path(folder)
+    if target.is_file():
+        raise ConfigError(f"{str(target)!r} is a file; give the name of a folder")
+    if (target / FIGURES).is_file() and not overwrite:
+        raise ConfigError(
+            f"the folder {str(target)!r} holds a design already; "
+            "choose another one, or give --overwrite to replace it"
+        )
     findings = require_sound(design)
     layout = Layout(design)
-    sensor, tools = parts.sensor_parts(layout), parts.tool_parts(layout)
+    sensor = parts.sensor_parts(layout)
     _require_fit(layout, sensor)
-    told(0.1)
-    bill = bill_of_materials(design, {part.name: part.solid.volume for part in sensor})
-    mass_g, cost_usd = totals(bill)
-    figures = {**figures_of(design), "mass_g": mass_g, "cost_usd": cost_usd}
-    partial = target.with_name(f".{target.name}{PARTIAL}{os.getpid()}")
-    partial.mkdir(parents=True)
-    try:
-        for name in ("step", "stl", "cut", "drawings"):
+    advance(0.1)
+    with whole_folder(target, last=FIGURES) as partial:
+        for name in FOLDERS:
             (partial / name).mkdir()
-        _write_steps((*sensor, *tools), partial / "step")
-        _write_meshes((*sensor, *tools), partial / "stl")
-        _write_outlines(layout, (*sensor, *tools), partial / "cut")
-        told(0.4)
+        tools = parts.tool_parts(layout)
+        _write_solids(layout, (*sensor, *tools), partial)
+        advance(0.4)
         _write_drawings(layout, sensor, tools, partial)
-        told(0.95)
-        texts = {
-            "bill-of-materials.csv": as_csv(bill),
-            "build-guide.md": build_guide(layout, figures, bill),
-            "design.toml": design.toml(),
-        }
-        for name, text in texts.items():
-            (partial / name).write_text(text, encoding="utf-8", newline="\n")
-        checks = [{**asdict(finding), "passed": finding.passed} for finding in findings]
-        files = sum(path.is_file() for path in partial.rglob("*")) + 1
-        document = {"design": design.about, "figures": {**figures, "files": files}}
-        text = json.dumps({**document, "checks": checks}, indent=1, allow_nan=False)
-        (partial / FIGURES).write_text(text + "\n", encoding="utf-8")
-        _put_in_place(partial, target)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-    return document["figures"]
+        advance(0.95)
+        figures = _write_texts(layout, sensor, findings, partial)
+        for name in FOLDERS:  # those of an earlier design
+            shutil.rmtree(target / name, ignore_errors=True)
+    return figures
 
 
 def _require_fit(layout: Layout, sensor: Sequence[Part]) -> None:
@@ -126,69 +97,59 @@ def _require_fit(layout: Layout, sensor: Sequence[Part]) -> None:
     limits = (*layout.outer.size_mm, layout.design.housing.height_mm)
     for part in sensor:
         box = part.solid.bounding_box()
-        for axis, size, limit in zip("xyz", (box.size.X, box.size.Y, box.max.Z), limits,
-                                     strict=True):  # fmt: skip
+        sizes = box.size.X, box.size.Y, box.max.Z
+        for axis, size, limit in zip("xyz", sizes, limits, strict=True):
             if size > limit + SIZE_TOLERANCE_MM:
                 raise ConfigError(f"{part.name} is {size:.2f} mm along {axis}; allowed {limit:g}")
 
 
-def _write_steps(every: Sequence[Part], folder: Path) -> None:
-    """Write a STEP file of each part, and one of the sensor.
+def _write_solids(layout: Layout, every: Sequence[Part], folder: Path) -> None:
+    """Write STEP files of all parts and of the sensor, STL of printed ones, outlines of cut ones.
 
     Raises:
-        SpikingTacError: A file that is read again has another volume.
+        SpikingTacError: A file that is read again has another volume, or a mesh is not one closed
+            body.
     """
     cad = modeller()
     for part in every:
-        path = folder / f"{part.name}.step"
+        path = folder / "step" / f"{part.name}.step"
         cad.export_step(_named(part), path)
         _compare(path, cad.import_step(path).volume, part.solid.volume, STEP_VOLUME)
+        if part.made in ("printed", "tool"):
+            _write_mesh(part, folder / "stl" / f"{part.name}.stl")
     inside = [part for part in every if part.made != "tool"]
-    whole = cad.Compound(label="sensor", children=[_named(part) for part in inside])
-    path = folder / "sensor.step"
-    cad.export_step(whole, path)
+    path = folder / "step" / "sensor.step"
+    cad.export_step(cad.Compound(label="sensor", children=[_named(part) for part in inside]), path)
     read = sum(solid.volume for solid in cad.import_step(path).solids())
     _compare(path, read, sum(part.solid.volume for part in inside), STEP_VOLUME)
+    _write_outlines(layout, {part.name: part.solid for part in every}, folder / "cut")
 
 
-def _write_meshes(every: Sequence[Part], folder: Path) -> None:
-    """Write an STL file of each part that is printed, and check it with trimesh.
-
-    Raises:
-        SpikingTacError: A mesh is not closed, is turned inside out, or has another volume.
-    """
-    cad, checker = modeller(), mesh_checker()
-    for part in _printed(every):
-        path = folder / f"{part.name}.stl"
-        cad.export_stl(part.solid, path, STL_TOLERANCE_MM, STL_TURN_RAD)
-        mesh = checker.load_mesh(path)
-        if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.body_count == 1):
-            raise SpikingTacError(
-                f"{path.name} is not one closed body; this design cannot be printed"
-            )
-        _compare(path, float(mesh.volume), part.solid.volume, MESH_VOLUME)
+def _write_mesh(part: Part, path: Path) -> None:
+    modeller().export_stl(part.solid, path, STL_TOLERANCE_MM, STL_TURN_RAD)
+    mesh = modeller("trimesh").load_mesh(path)
+    if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.body_count == 1):
+        raise SpikingTacError(f"{path.name} is not one closed body; this design cannot be printed")
+    _compare(path, float(mesh.volume), part.solid.volume, MESH_VOLUME)
 
 
-def _write_outlines(layout: Layout, every: Sequence[Part], folder: Path) -> None:
+def _write_outlines(layout: Layout, solids: dict[str, Solid], folder: Path) -> None:
     """Write what is cut: stencil (also as SVG), window, and the outlines of the boards."""
     cad = modeller()
-    by_name = {part.name: part.solid for part in every}
-    radius = layout.design.skin.disc_diameter_mm / 2
-    rings = [cad.Pos(*place, 0) * cad.Circle(radius).edge() for place in layout.disc_places_mm]
-    frame = list(face(layout.window).edges())
-    for writer, ending in ((cad.ExportDXF, "dxf"), (cad.ExportSVG, "svg")):
-        stencil = writer(unit=cad.Unit.MM)
-        for name, lines in (("discs", rings), ("skin", frame)):
-            stencil.add_layer(name)
-            stencil.add_shape(lines, layer=name)
-        stencil.write(str(folder / f"stencil.{ending}"))
+    ring = cad.Circle(layout.design.skin.disc_diameter_mm / 2).edge()
+    rings = [cad.Pos(*place, 0) * ring for place in layout.disc_places_mm]
+    stencil = {"discs": rings, "skin": list(face(layout.window).edges())}
+    drawn = [("stencil.dxf", cad.ExportDXF, stencil), ("stencil.svg", cad.ExportSVG, stencil)]
     for name in ("window", "camera-board", "led-board"):
-        outline = cad.ExportDXF(unit=cad.Unit.MM)
-        outline.add_layer("outline")
-        lowest = by_name[name].faces().sort_by(cad.Axis.Z)[0]
-        height = lowest.center().Z
-        outline.add_shape(list((cad.Pos(0, 0, -height) * lowest).edges()), layer="outline")
-        outline.write(str(folder / f"{name}.dxf"))
+        lowest = solids[name].faces().sort_by(cad.Axis.Z)[0]
+        flat = cad.Pos(0, 0, -lowest.center().Z) * lowest
+        drawn.append((f"{name}.dxf", cad.ExportDXF, {"outline": list(flat.edges())}))
+    for file, writer, layers in drawn:
+        drawing = writer(unit=cad.Unit.MM)
+        for name, lines in layers.items():
+            drawing.add_layer(name)
+            drawing.add_shape(lines, layer=name)
+        drawing.write(str(folder / file))
 
 
 def _named(part: Part) -> Solid:
@@ -208,11 +169,7 @@ def _compare(path: Path, found: float, wanted: float, allowed: float) -> None:
 def _write_drawings(
     layout: Layout, sensor: Sequence[Part], tools: Sequence[Part], folder: Path
 ) -> None:
-    from spikingtac_hardware.drawings import exploded_view, section_view, sheet
-
     printing, screws = layout.design.printing, layout.design.fasteners
-    _save(exploded_view(sensor), folder / "exploded", (*ENDINGS, "png"))
-    _save(section_view(layout, sensor), folder / "section", (*ENDINGS, "png"))
     x, y = layout.screw_places_mm[-1]
     notes = (
         f"printed by {printing.process}, black",
@@ -220,28 +177,40 @@ def _write_drawings(
         f"screws {2 * x:.4g} x {2 * y:.4g} apart, holes {screws.clearance_hole_mm:g}, "
         f"for inserts {screws.insert_hole_mm:g} x {screws.insert_hole_depth_mm:g}",
     )
-    for part in _printed((*sensor, *tools)):
-        drawing = sheet(part, layout.design.about, notes[:2] if part.made == "tool" else notes)
-        _save(drawing, folder / "drawings" / part.name, ENDINGS)
+    drawings = {"exploded": exploded_view(sensor), "section": section_view(layout, sensor)}
+    for part in (*sensor, *tools):
+        if part.made in ("printed", "tool"):
+            told = notes[:2] if part.made == "tool" else notes
+            drawings[f"drawings/{part.name}"] = sheet(part, layout.design.about, told)
+    # No time of day in the files, so that equal designs give equal files.
+    undated: dict[str, dict[str, Any]] = {
+        "pdf": {"CreationDate": None},
+        "svg": {"Date": None},
+        "png": {},
+    }
+    for name, figure in drawings.items():
+        for ending, metadata in undated.items():
+            if ending != "png" or "/" not in name:
+                figure.savefig(folder / f"{name}.{ending}", metadata=metadata)
 
 
-def _printed(every: Sequence[Part]) -> list[Part]:
-    return [part for part in every if part.made in ("printed", "tool")]
-
-
-def _save(figure: Figure, path: Path, endings: tuple[str, ...]) -> None:
-    for ending in endings:
-        # No time of day in the files, so that equal designs give equal files.
-        dates = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(ending, {})
-        figure.savefig(path.with_suffix(f".{ending}"), metadata=dates)
-
-
-def _put_in_place(partial: Path, target: Path) -> None:
-    """Move finished files and folders over those of an earlier design; the figures come last."""
-    target.mkdir(parents=True, exist_ok=True)
-    (target / FIGURES).unlink(missing_ok=True)
-    for entry in sorted(partial.iterdir(), key=lambda entry: entry.name == FIGURES):
-        place = target / entry.name
-        if place.is_dir():
-            shutil.rmtree(place)
-        os.replace(entry, place)
+def _write_texts(
+    layout: Layout, sensor: Sequence[Part], findings: Sequence[Finding], folder: Path
+) -> dict[str, Any]:
+    """Write bill, guide, parameters and figures; return the figures."""
+    design = layout.design
+    bill = bill_of_materials(design, {part.name: part.solid.volume for part in sensor})
+    mass_g, cost_usd = totals(bill)
+    figures = {**figures_of(design), "mass_g": mass_g, "cost_usd": cost_usd}
+    texts = {
+        "bill-of-materials.csv": as_csv(bill),
+        "build-guide.md": build_guide(layout, figures, bill),
+        "design.toml": design.toml(),
+    }
+    figures["files"] = sum(path.is_file() for path in folder.rglob("*")) + len(texts) + 1
+    checks = [{**asdict(finding), "passed": finding.passed} for finding in findings]
+    document = {"design": design.about, "figures": figures, "checks": checks}
+    texts[FIGURES] = json.dumps(document, indent=1, allow_nan=False) + "\n"
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8", newline="\n")
+    return figures

@@ -121,7 +121,7 @@ def lit(design: Design, places_mm: list[list[float]]) -> np.ndarray:
 def test_the_middle_is_lit_by_every_led_alike() -> None:
     design = load_design()
     layout = Layout(design)
-    x, y, _ = layout.led_places_mm[0]
+    x, y = layout.led_boxes_mm()[0][0]
     height = layout.window_bottom_mm - layout.led_top_mm + 2.0 / 1.49 + 2.5 / 1.41
     away2 = height**2 + x**2 + y**2
     candela = 0.350 * 4.0 / 20.0
