@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.sim.gel.gel import GelConfig
-from spikingtac.sim.optics import Optics, OpticsConfig
-from spikingtac.sim.scene.scene import Scene, SkinConfig
-from spikingtac.sim.scene.source import SceneSource
-from spikingtac.sim.states import SkinState, image_radius_px
+from spikingtac.sim.gel import GelConfig
+from spikingtac.sim.optics import Optics, OpticsConfig, SkinState, image_radius_px
+from spikingtac.sim.scene import Scene, SkinConfig
+from spikingtac.sim.source import SceneSource
 from spikingtac_paper.touch.contacts import KINDS, Body, draw_contact
 
 Field = NDArray[np.float64]

@@ -18,7 +18,7 @@ import torch
 from drawn_skins import SKIN, CameraView, Draw, drawn, turned
 from numpy.typing import NDArray
 
-from spikingtac.sim.gel.gel import GelConfig
+from spikingtac.sim.gel import GelConfig
 from spikingtac.touch.patch import FEATURES, SIDE, PatchFeatures
 from spikingtac_paper.touch.contacts import BOTH_RADII, Body
 from spikingtac_paper.training.small_networks import Schedule, export, fit

@@ -67,9 +67,9 @@ from .geometry.travel import TravelModel as TravelModel
 from .geometry.travel import fit_travel as fit_travel
 
 # Digital twin
-from .sim.scene.source import SceneSource as SceneSource
+from .sim.source import SceneSource as SceneSource
 from .sim import load_scene as load_scene
-from .sim.scene.render import simulate as simulate
+from .sim.render import simulate as simulate
 
 # Figures
 from .plots.tracks import plot_tracks as plot_tracks

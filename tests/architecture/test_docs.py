@@ -30,11 +30,11 @@ def blocks() -> Iterator[tuple[str, str]]:
 def named(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the calibration, the recording and the tracks that the examples name."""
     from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.sim.scene.catalog import load
-    from spikingtac.sim.scene.render import simulate
-    from spikingtac.sim.scene.source import SceneSource
+    from spikingtac.sim.catalog import load_scene
+    from spikingtac.sim.render import simulate
+    from spikingtac.sim.source import SceneSource
 
-    folder, scene = tmp_path_factory.mktemp("named"), load("finger-torsion")
+    folder, scene = tmp_path_factory.mktemp("named"), load_scene("finger-torsion")
     at_rest = SceneSource(scene)
     Calibration(
         reference_px=np.asarray(at_rest.reference_px),

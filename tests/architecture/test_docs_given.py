@@ -16,7 +16,7 @@ import pytest
 import spikingtac as st
 from architecture.test_docs import BLOCK, MARK, PAGES, PROJECT
 from spikingtac.robot import Watchdog, WatchdogConfig, WatchdogThread
-from spikingtac.sim.scene.source import SceneSource
+from spikingtac.sim.source import SceneSource
 from spikingtac.touch import SkinConfig, fit_force, synthetic_series
 from spikingtac.touch.synthetic_contacts import SyntheticContactConfig
 

@@ -73,7 +73,7 @@ def test_viewing_a_recording_loads_nothing_of_the_gel() -> None:
     """A page's two processes import it before they show anything."""
     loaded = modules_after("import spikingtac.viewer.opening")
     assert "spikingtac.viewer.opening" in loaded
-    assert not loaded & {"spikingtac.sim.gel", "spikingtac.sim.scene.source", "scipy.fft"}
+    assert not loaded & {"spikingtac.sim.gel", "spikingtac.sim.source", "scipy.fft"}
 
 
 def test_import_contracts() -> None:

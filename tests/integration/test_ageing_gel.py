@@ -11,8 +11,8 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.sim.scene.catalog import load
-from spikingtac.sim.scene.render import simulate
+from spikingtac.sim.catalog import load_scene
+from spikingtac.sim.render import simulate
 
 # What an event stands for, as counted: an edge gives six (a threshold is 0.14 of the swing, and
 # the first and the last part of one give none).
@@ -22,7 +22,7 @@ STEP = 0.17
 @pytest.fixture(scope="module")
 def slides(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("slides") / "one"
-    simulate(load("train-slides"), folder, seed=0, duration_s=1.6)
+    simulate(load_scene("train-slides"), folder, seed=0, duration_s=1.6)
     return folder
 
 

@@ -14,7 +14,7 @@ from spikingtac.errors import CalibrationError
 from spikingtac.events.open import open_events
 from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
-from spikingtac.sim.scene.render import simulate
+from spikingtac.sim.render import simulate
 from spikingtac.types import EventPacket
 from stand_ins.ideal_events import ideal_events
 from stand_ins.small_twin import slides_scene

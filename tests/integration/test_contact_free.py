@@ -8,10 +8,9 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.events.windows import windows
-from spikingtac.sim.rig.fingers import VIBRATION_MM, FingerConfig, SensingFinger
 from spikingtac.sim.rig.pad import Pad
 from spikingtac.sim.rig.probe import Probe
-from spikingtac.sim.rig.rig import RigConfig
+from spikingtac.sim.rig.rig import VIBRATION_MM, FingerConfig, RigConfig, SensingFinger
 from spikingtac.sim.rig.walls import NoWall
 from spikingtac.types import EventPacket
 from spikingtac_paper.free_motion.free_rig import (

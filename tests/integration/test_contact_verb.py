@@ -10,14 +10,14 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.sim.scene.catalog import load
-from spikingtac.sim.scene.render import simulate
+from spikingtac.sim.catalog import load_scene
+from spikingtac.sim.render import simulate
 
 
 @pytest.fixture(scope="module")
 def presses(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("presses")
-    simulate(load("train-presses"), folder / "one", seed=0, duration_s=2.3)
+    simulate(load_scene("train-presses"), folder / "one", seed=0, duration_s=2.3)
     return folder / "one"
 
 

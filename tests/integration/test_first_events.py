@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.sim.rig.fingers import (
+from spikingtac.sim.rig.probe import ProbeConfig
+from spikingtac.sim.rig.rig import (
     EDGE_SETTINGS,
     STEP_SETTINGS,
     FingerConfig,
+    PriorContact,
+    Rig,
+    RigConfig,
     SensingFinger,
 )
-from spikingtac.sim.rig.probe import ProbeConfig
-from spikingtac.sim.rig.rig import PriorContact, Rig, RigConfig
 from spikingtac.sim.rig.walls import PlaneWall
 from stand_ins.rigs import press_and_release
 

@@ -14,8 +14,8 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.cli.verbs import guard
-from spikingtac.sim.scene.catalog import load
-from spikingtac.sim.scene.render import simulate
+from spikingtac.sim.catalog import load_scene
+from spikingtac.sim.render import simulate
 from spikingtac.viewer.opening import open_view_source
 from spikingtac.viewer.session import Session
 
@@ -23,7 +23,7 @@ from spikingtac.viewer.session import Session
 @pytest.fixture(scope="module")
 def slides(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("slides") / "one"
-    simulate(load("train-slides"), folder, seed=0, duration_s=1.6)
+    simulate(load_scene("train-slides"), folder, seed=0, duration_s=1.6)
     return folder
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from spikingtac.schema import build, to_mapping
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.scene import Scene
+from spikingtac.sim import catalog
+from spikingtac.sim.scene import Scene
 from spikingtac.tracks import Tracks
 from stand_ins.pasted import paste
 from stand_ins.small_twin import SENSOR, slides_scene
@@ -33,12 +33,12 @@ def small_scenes() -> Iterator[None]:
 
     The whole sensor takes four times as long, and a network's training minutes more.
     """
-    twist = to_mapping(catalog.load("finger-torsion"))
+    twist = to_mapping(catalog.load_scene("finger-torsion"))
     for part, settings in SENSOR.items():
         twist[part] |= settings
     scenes = {"bootstrap": slides_scene(), "finger-torsion": build(Scene, twist, "small twin")}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(catalog, "load", lambda name: scenes[name])
+        patch.setattr(catalog, "load_scene", lambda name: scenes[name])
         yield
 
 

@@ -9,11 +9,10 @@ import pytest
 from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError
 from spikingtac.schema import build
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.render import simulate
-from spikingtac.sim.scene.scene import Scene
-from spikingtac.sim.scene.source import SceneSource
-from spikingtac.sim.states import TruthChunk
+from spikingtac.sim import catalog
+from spikingtac.sim.render import simulate
+from spikingtac.sim.scene import Scene
+from spikingtac.sim.source import SceneSource, TruthChunk
 from spikingtac.types import EventPacket
 
 # A third of a second on a small sensor.
@@ -112,7 +111,7 @@ def test_events_of_a_clean_camera_lie_on_the_edges_of_the_true_markers(scene):
     source = SceneSource(scene.with_camera("clean"), seed=2)
     steps = list(source.steps())
     events = EventPacket.concatenate([step.packet for step in steps])
-    truth = TruthChunk.concatenate(step.truth for step in steps)
+    truth = TruthChunk(*map(np.concatenate, zip(*(step.truth for step in steps), strict=True)))
     row = np.clip(np.searchsorted(truth.marker_t_us, events.t, "right"), 1, None) - 1
     then = np.minimum(row + 1, len(truth.marker_t_us) - 1)
     span_us = np.maximum(truth.marker_t_us[then] - truth.marker_t_us[row], 1)
@@ -153,7 +152,7 @@ def test_what_is_cut_short_leaves_no_half_recording(scene, tmp_path):
 def test_the_command_lists_every_scene(capsys):
     assert main(["simulate", "--list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split("  ", 1)[0] for line in lines] == list(catalog.names())
+    assert [line.split("  ", 1)[0] for line in lines] == list(catalog.scene_names())
     assert all(line.split("  ", 1)[1].strip() for line in lines)
 
 

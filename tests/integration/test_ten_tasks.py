@@ -14,8 +14,8 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import _parsed, main
 from spikingtac.cli.registry import module_of
-from spikingtac.sim.scene.catalog import load
-from spikingtac.sim.scene.render import simulate
+from spikingtac.sim.catalog import load_scene
+from spikingtac.sim.render import simulate
 from stand_ins.pasted import SHOWN
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "README.md"
@@ -38,7 +38,7 @@ def tasks() -> dict[str, list[str]]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short recording, and a calibration of its sensor."""
     where = tmp_path_factory.mktemp("tasks")
-    simulate(load("finger-presses"), where / "made", seed=1, duration_s=0.8)
+    simulate(load_scene("finger-presses"), where / "made", seed=1, duration_s=0.8)
     shutil.copy(where / "made" / "events.raw", where / "press.raw")
     with np.load(where / "made" / "truth.npz") as truth:
         Calibration(

@@ -12,8 +12,8 @@ from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.source import SceneSource
+from spikingtac.sim import catalog
+from spikingtac.sim.source import SceneSource
 from spikingtac.stream.record import RecordOptions, record
 from spikingtac.stream.record_folder import prepare_folder
 from spikingtac.types import EventPacket
@@ -29,7 +29,9 @@ def test_it_gives_the_events_of_its_scene_as_time_passes() -> None:
         packets.append(packet)
     source.release()
     found = EventPacket.concatenate(packets)
-    wanted = EventPacket.concatenate(list(SceneSource(catalog.load("quiet"), 3, duration_s=1.0)))
+    wanted = EventPacket.concatenate(
+        list(SceneSource(catalog.load_scene("quiet"), 3, duration_s=1.0))
+    )
     assert len(found) > 100
     np.testing.assert_array_equal(found.t, wanted.t[: len(found)])
     np.testing.assert_array_equal(found.x, wanted.x[: len(found)])

@@ -6,20 +6,18 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from spikingtac.sim.gel.influence import (
+from spikingtac.sim.gel_solvers import (
     Influence,
     lateral_displacement_kernel,
+    pressure_kernel,
     product_kernel,
+    shear_kernel,
 )
-from spikingtac.sim.gel.layer import (
+from spikingtac.sim.layer import (
     GridConfig,
     LayerOperator,
     interpolate_kernel,
     layer_response_kernel,
-)
-from spikingtac.sim.gel.solvers import (
-    pressure_kernel,
-    shear_kernel,
 )
 
 Array = np.ndarray

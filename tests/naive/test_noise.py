@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.sim.camera.config import BackgroundConfig
-from spikingtac.sim.camera.pixel_records import KEY_SHIFT
-from spikingtac.sim.camera.readout import background_events_kernel, make_noise, start_noise
+from spikingtac.sim.camera_config import BackgroundConfig
+from spikingtac.sim.pixels import KEY_SHIFT
+from spikingtac.sim.readout import background_events_kernel, make_noise, start_noise
 
 
 def test_the_background_is_poisson_in_time_and_even_in_space():

@@ -9,20 +9,18 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig, StepConfig
-from spikingtac.sim.camera.coverage import (
+from spikingtac.sim.camera_config import CameraConfig, LightConfig, PixelConfig
+from spikingtac.sim.coverage import (
     SWEEP_PLAN_DTYPE,
     coverage_image_kernel,
     disc_coverage_kernel,
     discs_of,
-    plan_sweep,
-    set_boxes,
-    swept_pixel_count,
+    plan_sweep_kernel,
+    swept_pixel_count_kernel,
 )
-from spikingtac.sim.camera.pixel_records import (
+from spikingtac.sim.optics import MarkerImage
+from spikingtac.sim.pixels import (
     KEY_SHIFT,
-)
-from spikingtac.sim.camera.pixels import (
     advance_constant_light_kernel,
     advance_light_ramp_kernel,
     advance_settled_kernel,
@@ -30,8 +28,7 @@ from spikingtac.sim.camera.pixels import (
     emit_crossings_kernel,
     predict_leak_event_kernel,
 )
-from spikingtac.sim.camera.sensor import Sensor, make_sensor, settle_sensor
-from spikingtac.sim.states import MarkerImage
+from spikingtac.sim.sensor import Sensor, make_sensor, settle_sensor
 
 NO_PATTERN = np.zeros((1, 1), np.float32)
 TICK_US = 0.5
@@ -206,10 +203,8 @@ def test_coverage_follows_the_definition_for_ellipses_chords_and_gaps():
             expected[y, x] = max(each)
             got = [disc_coverage_kernel(disc, chip, float(x), float(y)) for disc in discs]
             np.testing.assert_allclose(got, each, atol=1.2e-3)  # the cut tails: 5e-4 each
-    boxes = np.zeros(5, SWEEP_PLAN_DTYPE)
-    set_boxes(boxes, discs, discs, float(chip["edge_half_width_px"]) + 1.0)
     painted = np.empty((64, 64), np.float32)
-    coverage_image_kernel(discs, boxes, chip, painted)
+    coverage_image_kernel(discs, chip, painted)
     np.testing.assert_allclose(painted, expected, atol=1.2e-3)
 
 
@@ -219,7 +214,8 @@ def test_the_plan_groups_markers_as_a_graph_search_does(seed):
     before, after = (discs_of(random_image(12, seed)) for _ in range(2))
     moving = rng.random(12) < 0.4
     after["x"][moving] += rng.uniform(-3, 3, moving.sum())
-    plan = plan_sweep(before, after, 2.0, 4000.0, StepConfig(max_us=1000.0, still_px=0.001))
+    plan = np.zeros(12, SWEEP_PLAN_DTYPE)
+    plan_sweep_kernel(before, after, 2.0, 4000.0, (1000.0, 0.001), plan)
     boxes = [(box["x_first"], box["x_last"], box["y_first"], box["y_last"]) for box in plan]
     expected = plain_groups(boxes, moving)
     assert plan["leader"].tolist() == expected
@@ -246,7 +242,7 @@ def test_the_swept_pixels_are_those_of_the_sensor(reach_px):
         for box in plan[plan["leader"] >= 0]:
             columns = sum(box["x_first"] <= x <= box["x_last"] for x in range(width))
             plain += columns * sum(box["y_first"] <= y <= box["y_last"] for y in range(height))
-        assert swept_pixel_count(plan, width, height) == min(plain, width * height)
+        assert swept_pixel_count_kernel(plan, width, height) == min(plain, width * height)
 
 
 def plain_groups(boxes, moving) -> list[int]:

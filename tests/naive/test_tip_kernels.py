@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.rig.tip_contact_kernels import (
+from spikingtac.sim.rig.tip_contact import (
     SLIP_FRACTION,
     SLIP_STEPS,
     SWEEPS,

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from spikingtac.sim.camera.camera import EventCamera
-from spikingtac.sim.camera.config import BackgroundConfig, load_camera
-from spikingtac.sim.states import MarkerImage
+from spikingtac.sim.camera_config import BackgroundConfig, load_camera
+from spikingtac.sim.event_camera import EventCamera
+from spikingtac.sim.optics import MarkerImage
 from spikingtac.types import EventPacket
 
 SIZE = (128, 128)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import trapezoid
 
-from spikingtac.sim.gel.contact import FrictionConfig
-from spikingtac.sim.gel.gel import Gel, GelConfig, SpectrumConfig
-from spikingtac.sim.gel.indenters import Ellipsoid, Indenter
-from spikingtac.sim.gel.layer import GridConfig, layer_response
-from spikingtac.sim.states import SkinState
+from spikingtac.sim.gel import Gel, GelConfig, SpectrumConfig
+from spikingtac.sim.gel_contact import FrictionConfig
+from spikingtac.sim.indenters import Ellipsoid, Indenter
+from spikingtac.sim.layer import GridConfig, layer_response
+from spikingtac.sim.optics import SkinState
 from spikingtac.types import Pose
 
 ELASTIC = SpectrumConfig(fractions=(), times_s=())

@@ -7,8 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from spikingtac.robot.arm import ArmState
-from spikingtac.sim.rig.fingers import VIBRATION_MM, FingerConfig, SensingFinger
-from spikingtac.sim.rig.rig import WAIT_S, PriorContact, Rig, RigConfig
+from spikingtac.sim.rig.rig import (
+    VIBRATION_MM,
+    WAIT_S,
+    FingerConfig,
+    PriorContact,
+    Rig,
+    RigConfig,
+    SensingFinger,
+)
 from spikingtac.sim.rig.walls import Wall
 
 FINGERS = 2

@@ -16,8 +16,8 @@ import numpy as np
 from spikingtac import Calibration, EventPacket, SceneSource, calibrate
 from spikingtac.events.source import PacketSource
 from spikingtac.schema import build
-from spikingtac.sim.scene.scene import Scene
-from spikingtac.sim.states import TruthChunk
+from spikingtac.sim.scene import Scene
+from spikingtac.sim.source import TruthChunk
 from stand_ins.made_once import made_once
 
 SLIDES_SEED, TOUCHES_SEED = 1, 1
@@ -145,7 +145,7 @@ def _filmed(scene: Scene, seed: int) -> Film:
         source.size,
         source.reference_px,
         source.radius_px,
-        TruthChunk.concatenate(step.truth for step in steps),
+        TruthChunk(*map(np.concatenate, zip(*(step.truth for step in steps), strict=True))),
     )
 
 

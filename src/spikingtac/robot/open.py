@@ -9,7 +9,7 @@ from spikingtac.robot.arm import Arm
 from spikingtac.robot.ur import URArm
 
 # Module of the simulated arm, which is built on this package's protocol of an arm.
-TWIN_ARM = "spikingtac.sim.twin_arm"
+TWIN_ARM = "spikingtac.sim.rig.ur3"
 
 
 def open_arm(address: str) -> Arm:

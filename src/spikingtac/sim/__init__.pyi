@@ -1,64 +1,64 @@
 """Public names of the digital twin."""
 
 # Scenes: what touches the skin and how, as a stream or as a recording folder
-from .scene.catalog import TRAJECTORIES as TRAJECTORIES
-from .scene.catalog import load_scene as load_scene
-from .scene.catalog import scene_descriptions as scene_descriptions
-from .scene.catalog import scene_names as scene_names
-from .scene.motions import IndenterMotion as IndenterMotion
-from .scene.motions import MotionConfig as MotionConfig
-from .scene.render import simulate as simulate
-from .scene.scene import CameraChoice as CameraChoice
-from .scene.scene import ContactConfig as ContactConfig
-from .scene.scene import HistoryConfig as HistoryConfig
-from .scene.scene import Scene as Scene
-from .scene.scene import SkinConfig as SkinConfig
-from .scene.motions import SegmentConfig as SegmentConfig
-from .scene.source import SceneSource as SceneSource
-from .scene.source import SceneStep as SceneStep
-from .scene.timeline import Timeline as Timeline
-from .states import TruthChunk as TruthChunk
-from .states import image_radius_px as image_radius_px
-from .scene.scene import VariationConfig as VariationConfig
-from .twin_arm import RealTimeArm as RealTimeArm
+from .catalog import TRAJECTORIES as TRAJECTORIES
+from .catalog import load_scene as load_scene
+from .catalog import scene_descriptions as scene_descriptions
+from .catalog import scene_names as scene_names
+from .motions import IndenterMotion as IndenterMotion
+from .motions import MotionConfig as MotionConfig
+from .render import simulate as simulate
+from .scene import CameraChoice as CameraChoice
+from .scene import ContactConfig as ContactConfig
+from .scene import HistoryConfig as HistoryConfig
+from .scene import Scene as Scene
+from .scene import SkinConfig as SkinConfig
+from .motions import SegmentConfig as SegmentConfig
+from .source import SceneSource as SceneSource
+from .source import SceneStep as SceneStep
+from .timeline import Timeline as Timeline
+from .source import TruthChunk as TruthChunk
+from .optics import image_radius_px as image_radius_px
+from .scene import VariationConfig as VariationConfig
+from .rig.ur3 import RealTimeArm as RealTimeArm
 from .twin_camera import TwinCamera as TwinCamera
 
 # Gel: contact, friction, elastic layer and creep
-from .gel.contact import FrictionConfig as FrictionConfig
-from .gel.gel import SpectrumConfig as SpectrumConfig
-from .gel.gel import Gel as Gel
-from .gel.gel import GelConfig as GelConfig
-from .gel.indenters import Indenter as Indenter
-from .gel.indenters import IndenterConfig as IndenterConfig
-from .gel.indenters import SoftLayer as SoftLayer
-from .gel.indenters import make_indenter as make_indenter
-from .gel.layer import GridConfig as GridConfig
+from .gel_contact import FrictionConfig as FrictionConfig
+from .gel import SpectrumConfig as SpectrumConfig
+from .gel import Gel as Gel
+from .gel import GelConfig as GelConfig
+from .indenters import Indenter as Indenter
+from .indenters import IndenterConfig as IndenterConfig
+from .indenters import SoftLayer as SoftLayer
+from .indenters import make_indenter as make_indenter
+from .layer import GridConfig as GridConfig
 
 # Optics: from the skin to the sensor
 from .optics import DiscConfig as DiscConfig
 from .optics import Optics as Optics
 from .optics import OpticsConfig as OpticsConfig
-from .states import MarkerImage as MarkerImage
-from .states import SkinState as SkinState
+from .optics import MarkerImage as MarkerImage
+from .optics import SkinState as SkinState
 
 # Event camera: pixels, light, noise and readout
-from .camera.camera import EventCamera as EventCamera
-from .camera.camera import ReferenceHistory as ReferenceHistory
-from .camera.config import CAMERA_NAMES as CAMERA_NAMES
-from .camera.config import BackgroundConfig as BackgroundConfig
-from .camera.config import CameraConfig as CameraConfig
-from .camera.config import LightConfig as LightConfig
-from .camera.config import PixelConfig as PixelConfig
-from .camera.config import ReadoutConfig as ReadoutConfig
-from .camera.config import StepConfig as StepConfig
-from .camera.config import load_camera as load_camera
+from .event_camera import EventCamera as EventCamera
+from .event_camera import ReferenceHistory as ReferenceHistory
+from .camera_config import CAMERA_NAMES as CAMERA_NAMES
+from .camera_config import BackgroundConfig as BackgroundConfig
+from .camera_config import CameraConfig as CameraConfig
+from .camera_config import LightConfig as LightConfig
+from .camera_config import PixelConfig as PixelConfig
+from .camera_config import ReadoutConfig as ReadoutConfig
+from .camera_config import StepConfig as StepConfig
+from .camera_config import load_camera as load_camera
 
 # Robot rig: arm, grasped probe, gel pads and walls
-from .rig.fingers import EDGE_SETTINGS as EDGE_SETTINGS
-from .rig.fingers import STEP_SETTINGS as STEP_SETTINGS
-from .rig.fingers import VIBRATION_MM as VIBRATION_MM
-from .rig.fingers import FingerConfig as FingerConfig
-from .rig.fingers import SensingFinger as SensingFinger
+from .rig.rig import EDGE_SETTINGS as EDGE_SETTINGS
+from .rig.rig import STEP_SETTINGS as STEP_SETTINGS
+from .rig.rig import VIBRATION_MM as VIBRATION_MM
+from .rig.rig import FingerConfig as FingerConfig
+from .rig.rig import SensingFinger as SensingFinger
 from .rig.hole_site import Grasp as Grasp
 from .rig.hole_site import HoleSite as HoleSite
 from .rig.hole_site import HoleTrial as HoleTrial
@@ -77,7 +77,7 @@ from .rig.ur3 import ACCELERATION_MM_S2 as ACCELERATION_MM_S2
 from .rig.ur3 import SERVO_LAG_S as SERVO_LAG_S
 from .rig.ur3 import UR3Config as UR3Config
 from .rig.ur3 import UR3Twin as UR3Twin
-from .rig.fingers import Vibration as Vibration
+from .rig.probe import Vibration as Vibration
 from .rig.walls import Bit as Bit
 from .rig.walls import HexBit as HexBit
 from .rig.walls import HoleWall as HoleWall
@@ -103,11 +103,11 @@ from .rig.wall_calibration import touch_flat_walls as touch_flat_walls
 from .rig.wall_calibration import travel_of as travel_of
 
 # What the experiments use besides
-from .camera.coverage import discs_of as discs_of
-from .camera.coverage import edge_coverage_kernel as edge_coverage_kernel
-from .camera.pixel_records import intensity_kernel as intensity_kernel
-from .camera.pixel_records import log_intensity_kernel as log_intensity_kernel
-from .camera.pixels import change_below_threshold_kernel as change_below_threshold_kernel
-from .camera.pixels import emit_crossings_kernel as emit_crossings_kernel
-from .camera.readout import background_events_kernel as background_events_kernel
-from .rig.fingers import transition as transition
+from .coverage import discs_of as discs_of
+from .coverage import edge_coverage_kernel as edge_coverage_kernel
+from .pixels import intensity_kernel as intensity_kernel
+from .pixels import log_intensity_kernel as log_intensity_kernel
+from .pixels import change_below_threshold_kernel as change_below_threshold_kernel
+from .pixels import emit_crossings_kernel as emit_crossings_kernel
+from .readout import background_events_kernel as background_events_kernel
+from .rig.probe import transition as transition

@@ -1,20 +1,92 @@
-"""The lens: from markers on the skin (mm) to ellipses on the sensor (px), with their defects.
-
-The painted discs of a skin: fabrication tolerances, broken and missing discs.
-
-The lens: from markers on the skin (mm) to ellipses on the sensor (px).
-"""
+"""The skin, its painted discs, and the lens: from markers in mm to ellipses on the sensor in px."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.arrays import FloatArray
 from spikingtac.schema import require_within
-from spikingtac.sim.states import MarkerImage, SkinState
+
+
+@dataclass(frozen=True, slots=True)
+class ContactPatch:
+    """The cells of the skin that a body touches at one time.
+
+    A cell is a piece of the skin: it is named by its place at rest, not by where the body has
+    dragged it. Bits follow ``numpy.packbits`` over the cells in rows, so that
+    ``numpy.unpackbits(touching).reshape(n, n)`` is the patch.
+
+    Attributes:
+        touching: ``(ceil(n² / 8),)`` one bit per cell, set where any pressure acts.
+        sticking: ``(ceil(n² / 8),)`` set where the cell touches and does not slip.
+    """
+
+    touching: NDArray[np.uint8]
+    sticking: NDArray[np.uint8]
+
+
+# What a model without cells knows of its patch.
+NO_PATCH = ContactPatch(np.empty(0, np.uint8), np.empty(0, np.uint8))
+
+
+@dataclass(frozen=True, slots=True)
+class SkinState:
+    """The markers on the skin and the load at one time.
+
+    The frame is that of the image, in mm: x right, y down, origin at the optical axis. z points
+    towards the camera, so that an indentation is positive.
+
+    Attributes:
+        t_us: Time, us.
+        marker_mm: ``(m, 3)`` positions of the markers, mm.
+        gradient: ``(m, 2, 2)`` in-plane deformation gradient d(deformed xy) / d(rest xy).
+        force_n: ``(3,)`` force of the indenter on the skin, N.
+        torque_n_mm: ``(3,)`` its moment about the origin of the frame, N mm.
+        pose_mm: ``(3,)`` reference point of the indenter, mm.
+        in_contact: True where any pressure acts.
+        patch: Which cells of the skin are touched; empty where the model has no cells.
+    """
+
+    t_us: int
+    marker_mm: FloatArray
+    gradient: FloatArray
+    force_n: FloatArray
+    torque_n_mm: FloatArray
+    pose_mm: FloatArray
+    in_contact: bool
+    patch: ContactPatch = NO_PATCH
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerImage:
+    """Image of a :class:`SkinState` on the sensor.
+
+    Attributes:
+        t_us: Time, us.
+        center_px: ``(m, 2)`` marker centres on the sensor, px.
+        shape: ``(m, 2, 2)`` maps a pixel's offset from the centre (px) to the undeformed disc: the
+            marker covers the pixels with ``|shape @ offset| < radius_px``.
+        radius_px: ``(m,)`` radii of the undeformed discs on the sensor, px; 0 where a marker is
+            missing.
+        chord: ``(m, 3)`` chords of broken discs, or None if all are whole. The paint is missing
+            where ``chord[:, :2] @ (shape @ offset) > chord[:, 2]``, with unit ``chord[:, :2]`` and
+            ``chord[:, 2]`` in px, infinite for a whole disc.
+    """
+
+    t_us: int
+    center_px: FloatArray
+    shape: FloatArray
+    radius_px: FloatArray
+    chord: FloatArray | None = None
+
+
+def image_radius_px(image: MarkerImage) -> FloatArray:
+    """Return the radii ``(m,)`` of circles with the area of the discs on the image, px."""
+    return image.radius_px / np.sqrt(np.abs(np.linalg.det(image.shape)))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -43,29 +115,9 @@ class DiscConfig:
         require_within(self, position_sigma_mm=(0.0, 50.0), broken_share=(0.01, 1.0))
 
 
-@dataclass(frozen=True, slots=True)
-class Discs:
-    """The discs of one skin.
-
-    Attributes:
-        radius_mm: ``(m,)`` radii, mm; 0 where a marker is missing.
-        offset_mm: ``(m, 2)`` offsets from the nominal places, in the rest frame, mm.
-        chord: ``(m, 3)`` unit normal and distance (mm) of the line beyond which the paint is
-            missing.
-    """
-
-    radius_mm: NDArray[np.float64]
-    offset_mm: NDArray[np.float64]
-    chord: NDArray[np.float64]
-
-    def chord_px(self, px_per_mm: float) -> NDArray[np.float64] | None:
-        """Return the chords in px as in :class:`MarkerImage`, or None if all discs are whole."""
-        if np.isinf(self.chord[:, 2]).all():
-            return None
-        return self.chord * np.array([1.0, 1.0, px_per_mm])
-
-
-def draw_discs(config: DiscConfig, markers: int, seed: int) -> Discs:
+def draw_discs(
+    config: DiscConfig, markers: int, seed: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Draw the discs of a skin with ``markers`` markers.
 
     The tolerances of a marker do not depend on which other markers are broken or missing.
@@ -74,6 +126,10 @@ def draw_discs(config: DiscConfig, markers: int, seed: int) -> Discs:
         config: Sizes and damage.
         markers: Number of markers.
         seed: Seed of the tolerances.
+
+    Returns:
+        ``(m,)`` radii, mm, 0 where a marker is missing; ``(m, 2)`` offsets from the nominal places,
+        mm; ``(m, 3)`` unit normal and distance (mm) of the line beyond which the paint is missing.
 
     Raises:
         ValueError: A broken or missing index is not a marker.
@@ -90,7 +146,7 @@ def draw_discs(config: DiscConfig, markers: int, seed: int) -> Discs:
     broken = list(config.broken)
     chord[broken, 2] = (2 * config.broken_share - 1) * radius_mm[broken]
     radius_mm[list(config.missing)] = 0.0
-    return Discs(radius_mm=radius_mm, offset_mm=offset_mm, chord=chord)
+    return radius_mm, offset_mm, chord
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -143,52 +199,61 @@ class Optics:
 
     def __init__(self, config: OpticsConfig, seed: int = 0) -> None:
         self._config, self._seed = config, seed
-        self._discs: Discs | None = None
+        self._radius_px = np.empty(0)
 
     def project(self, state: SkinState) -> MarkerImage:
-        """Return the image of the markers.
+        """Return the image of the ``m`` markers of a skin."""
+        config, markers = self._config, len(state.marker_mm)
+        if len(self._radius_px) != markers:
+            radius_mm, self._offset_mm, chord = draw_discs(config.discs, markers, self._seed)
+            self._radius_px = radius_mm * config.px_per_mm
+            whole = np.isinf(chord[:, 2]).all()
+            self._chord = None if whole else chord * np.array([1.0, 1.0, config.px_per_mm])
+        center_px, shape = np.empty((markers, 2)), np.empty((markers, 2, 2))
+        place, lens = np.asarray(state.marker_mm, np.float64), (*config.size, config.px_per_mm)
+        lens = (*lens, config.distance_mm, config.k1, config.k2)
+        project_kernel(lens, place, state.gradient, self._offset_mm, center_px, shape)
+        return MarkerImage(state.t_us, center_px, shape, self._radius_px, self._chord)
 
-        Args:
-            state: Skin with m markers.
-        """
-        discs, px_per_mm = self._discs_for(len(state.marker_mm)), self._config.px_per_mm
-        (g_xx, g_xy), (g_yx, g_yy) = state.gradient.transpose(1, 2, 0)
-        (x_mm, y_mm, z_mm), (dx, dy) = state.marker_mm.T, discs.offset_mm.T
-        x_mm, y_mm = x_mm + g_xx * dx + g_xy * dy, y_mm + g_yx * dx + g_yy * dy
-        center, (along_x, along_y, across) = distort(self._config, x_mm, y_mm, z_mm)
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def project_kernel(
+    lens: tuple[int, int, float, float, float, float],
+    marker_mm: FloatArray,
+    gradient: FloatArray,
+    offset_mm: FloatArray,
+    center_px: FloatArray,
+    shape: FloatArray,
+) -> None:
+    """Write the centres ``(m, 2)`` of the markers, px, and their shapes ``(m, 2, 2)``.
+
+    Args:
+        lens: Width and height, px; scale, px/mm; distance, mm; the coefficients k1 and k2.
+        marker_mm: ``(m, 3)`` places on the skin, mm.
+        gradient: ``(m, 2, 2)`` deformation gradient there.
+        offset_mm: ``(m, 2)`` offsets of the discs from their nominal places at rest, mm.
+        center_px: Overwritten.
+        shape: Overwritten; see :class:`MarkerImage`.
+    """
+    width, height, px_per_mm, distance_mm, k1, k2 = lens
+    focal_px = px_per_mm * distance_mm
+    for k in range(len(marker_mm)):
+        g_xx, g_xy = gradient[k, 0, 0], gradient[k, 0, 1]
+        g_yx, g_yy = gradient[k, 1, 0], gradient[k, 1, 1]
+        dx, dy = offset_mm[k, 0], offset_mm[k, 1]
+        scale = 1.0 / (distance_mm - marker_mm[k, 2])
+        x = (marker_mm[k, 0] + g_xx * dx + g_xy * dy) * scale
+        y = (marker_mm[k, 1] + g_yx * dx + g_yy * dy) * scale
+        square = x * x + y * y
+        radial = 1 + k1 * square + k2 * square**2
+        slope = 2 * (k1 + 2 * k2 * square)
+        center_px[k, 0] = (width - 1) / 2 + focal_px * (x * radial)
+        center_px[k, 1] = (height - 1) / 2 + focal_px * (y * radial)
+        steep = focal_px * scale  # d px / d mm follows: along x, along y, across
+        along_x, along_y = steep * (radial + slope * x * x), steep * (radial + slope * y * y)
+        across = steep * (slope * x * y)
         xx, xy = along_x * g_xx + across * g_yx, along_x * g_xy + across * g_yy
         yx, yy = across * g_xx + along_y * g_yx, across * g_xy + along_y * g_yy
         shrink = px_per_mm / (xx * yy - xy * yx)
-        undo = np.stack((shrink * yy, -shrink * xy, -shrink * yx, shrink * xx), axis=1)
-        return MarkerImage(
-            t_us=state.t_us,
-            center_px=np.stack(center, axis=1),
-            shape=undo.reshape(-1, 2, 2),
-            radius_px=discs.radius_mm * px_per_mm,
-            chord=discs.chord_px(px_per_mm),
-        )
-
-    def _discs_for(self, markers: int) -> Discs:
-        if self._discs is None or len(self._discs.radius_mm) != markers:
-            self._discs = draw_discs(self._config.discs, markers, self._seed)
-        return self._discs
-
-
-Arrays = tuple[FloatArray, ...]
-
-
-def distort(
-    config: OpticsConfig, x_mm: FloatArray, y_mm: FloatArray, z_mm: FloatArray
-) -> tuple[Arrays, Arrays]:
-    """Return the images of points, px, and d px / d mm there: along x, along y, across."""
-    scale = 1.0 / (config.distance_mm - z_mm)
-    x, y = x_mm * scale, y_mm * scale
-    square = x * x + y * y
-    radial = 1 + config.k1 * square + config.k2 * square**2
-    slope = 2 * (config.k1 + 2 * config.k2 * square)
-    focal_px = config.px_per_mm * config.distance_mm
-    width, height = config.size
-    center = (width - 1) / 2 + focal_px * (x * radial), (height - 1) / 2 + focal_px * (y * radial)
-    steep = focal_px * scale
-    slopes = radial + slope * x * x, radial + slope * y * y, slope * x * y
-    return center, tuple(steep * part for part in slopes)
+        shape[k, 0, 0], shape[k, 0, 1] = shrink * yy, -shrink * xy
+        shape[k, 1, 0], shape[k, 1, 1] = -shrink * yx, shrink * xx

@@ -13,8 +13,8 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address, is_address
 from spikingtac.events.cameras.camera import Camera
 from spikingtac.events.formats.file_source import Rows
-from spikingtac.sim.camera.config import CAMERA_NAMES
-from spikingtac.sim.scene import catalog
+from spikingtac.sim import catalog
+from spikingtac.sim.camera_config import CAMERA_NAMES
 from spikingtac.stream.host import Factory
 from spikingtac.stream.sources import RemoteSource
 from spikingtac.types import EventPacket
@@ -38,10 +38,10 @@ class TwinCamera(Camera):
     checked = True
 
     def __init__(self, scene: str, seed: int, camera: str | None) -> None:
-        from spikingtac.sim.scene.source import SceneSource  # with the gel's solvers behind it
+        from spikingtac.sim.source import SceneSource  # with the gel's solvers behind it
 
         super().__init__()
-        found = catalog.load(scene).with_camera(camera)
+        found = catalog.load_scene(scene).with_camera(camera)
         self.size = found.size
         self.scene, self.seed, self._preset = scene, seed, camera
         self._found, self._at_rest = found, SceneSource(found, seed)
@@ -127,18 +127,18 @@ class TwinCamera(Camera):
 
 def truthful_packets(name: str, seed: int, camera: str | None) -> Iterator[tuple[EventPacket, Any]]:
     """Yield a scene's packets, each with the times and positions of its markers."""
-    from spikingtac.sim.scene.source import SceneSource
+    from spikingtac.sim.source import SceneSource
 
-    for step in SceneSource(catalog.load(name).with_camera(camera), seed).steps():
+    for step in SceneSource(catalog.load_scene(name).with_camera(camera), seed).steps():
         yield step.packet, (step.truth.marker_t_us, step.truth.marker_px)
 
 
 def _prepared_packets(
     name: str, seed: int, camera: str | None
 ) -> Iterator[tuple[EventPacket, Any]]:
-    from spikingtac.sim.scene.source import touch_once
+    from spikingtac.sim.source import touch_once
 
-    touch_once(catalog.load(name), seed)  # compiled here, the first contact would stop time
+    touch_once(catalog.load_scene(name), seed)  # compiled here, the first contact would stop time
     yield from truthful_packets(name, seed, camera)
 
 

@@ -237,11 +237,11 @@ def _open_stream(path: Path, calibration: str | None) -> ViewSource:
 
 
 def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
-    from spikingtac.sim.scene import catalog
-    from spikingtac.sim.scene.source import SceneSource
+    from spikingtac.sim import catalog
+    from spikingtac.sim.source import SceneSource
     from spikingtac.sim.twin_camera import truthful_packets
 
-    scene = catalog.load(name).with_camera(camera)
+    scene = catalog.load_scene(name).with_camera(camera)
     at_rest, truth = SceneSource(scene, seed), SampledTruth()
     arguments = {"name": name, "seed": seed, "camera": camera}
     packets = RemoteSource(

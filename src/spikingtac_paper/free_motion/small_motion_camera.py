@@ -1,7 +1,7 @@
 """The event camera for small motions: a pixel is updated only when an event may be near.
 
 Mismatch, leak, hot pixels, background, dead times, latencies and readout are those of
-:class:`~spikingtac.sim.camera.camera.EventCamera`. Only the light around the edges is computed in
+:class:`~spikingtac.sim.event_camera.EventCamera`. Only the light around the edges is computed in
 another way.
 """
 

@@ -11,7 +11,8 @@ from spikingtac.calibration.lens import fit_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError, RecordingError
 from spikingtac.markers.calibration.calibrate import with_lens
-from spikingtac.sim.optics import OpticsConfig, distort
+from spikingtac.sim.optics import DiscConfig, Optics, OpticsConfig
+from spikingtac.sim.scene import SkinConfig
 from spikingtac.tracks.comparison import compare_with_truth
 from spikingtac.tracks.tracks import Tracks
 
@@ -26,8 +27,14 @@ def skin_mm(grid: tuple[int, int] = GRID) -> np.ndarray:
 
 def imaged_px(place_mm: np.ndarray, tilt: float = 0.0) -> np.ndarray:
     """Places on the skin as a camera shows them whose lens distorts by Brown's law, k1 = -0.05."""
-    x, y = place_mm.T
-    return np.stack(distort(OpticsConfig(), x, y, tilt * x)[0], axis=1)
+    exact = DiscConfig(radius_sigma_mm=0.0, position_sigma_mm=0.0)
+    count = len(place_mm)
+    skin = replace(
+        SkinConfig().at_rest(),
+        marker_mm=np.column_stack([place_mm, tilt * place_mm[:, 0]]),
+        gradient=np.tile(np.eye(2), (count, 1, 1)),
+    )
+    return Optics(OpticsConfig(discs=exact)).project(skin).center_px
 
 
 def rests_px(seed: int, tilt: float = 0.0) -> np.ndarray:

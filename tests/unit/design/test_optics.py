@@ -12,9 +12,9 @@ import pytest
 
 from spikingtac.cli.main import main
 from spikingtac.events.recording import Recording
+from spikingtac.sim import catalog
 from spikingtac.sim.optics import Optics
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.scene import Scene
+from spikingtac.sim.scene import Scene
 from spikingtac_hardware.design import Design, load_design, names
 from spikingtac_hardware.layout import Layout
 from spikingtac_hardware.light import illuminance_lux
@@ -73,7 +73,7 @@ def projected_px(scene: Scene, indentation_mm: float) -> np.ndarray:
 @pytest.mark.parametrize("name", names())
 def test_the_twin_images_the_discs_as_the_rays_do(name: str) -> None:
     design = load_design(name)
-    scene = scene_with_design(catalog.load("quiet"), design)
+    scene = scene_with_design(catalog.load_scene("quiet"), design)
     distance_mm = np.hypot(*scene.skin.rest_mm().T)
     traced_px = imaging(design).image_px(distance_mm)
     assert np.hypot(*projected_px(scene, 0.0).T) == pytest.approx(traced_px, abs=0.2)
@@ -84,7 +84,7 @@ def test_the_twin_moves_pressed_discs_as_the_rays_do(name: str) -> None:
     """A press of 0.3 mm: rays through a thinner gel, against the twin's one distance."""
     press_mm = 0.3
     design = load_design(name)
-    scene = scene_with_design(catalog.load("quiet"), design)
+    scene = scene_with_design(catalog.load_scene("quiet"), design)
     moved_px = np.hypot(*projected_px(scene, press_mm).T) - np.hypot(*projected_px(scene, 0.0).T)
     seen, distance_mm = imaging(design), np.hypot(*scene.skin.rest_mm().T)
     gel_mm = design.skin.gel_mm - press_mm
@@ -99,7 +99,7 @@ def test_the_twin_moves_pressed_discs_as_the_rays_do(name: str) -> None:
 
 def test_the_default_twin_follows_from_the_paper_s_size() -> None:
     """Scale within 0.2 %, discs of 7 px, a pitch of 37 px; rest positions within 1.5 px."""
-    twin = catalog.load("quiet")
+    twin = catalog.load_scene("quiet")
     ours = scene_with_design(twin, load_design())
     assert ours.optics.px_per_mm == pytest.approx(twin.optics.px_per_mm, rel=2e-3)
     assert ours.optics.discs == twin.optics.discs
@@ -147,7 +147,7 @@ def test_a_recording_of_a_design(tmp_path: Path) -> None:
 
 
 def test_motion_camera_specimen_and_damage_stay_the_scene_s() -> None:
-    scene = catalog.load("finger-presses").with_camera("noisy").with_serial(7)
+    scene = catalog.load_scene("finger-presses").with_camera("noisy").with_serial(7)
     broken = replace(scene.optics, discs=replace(scene.optics.discs, broken=(60,), missing=(3,)))
     scene = replace(scene, optics=broken)
     ours = scene_with_design(scene, load_design())

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.sim.scene.timeline import Timeline
+from spikingtac.sim.timeline import Timeline
 from spikingtac.touch import SQUARE, Patch, WrenchSeries
 from spikingtac_paper.harness.report import lines_of, rows_of
 from spikingtac_paper.harness.run import RunOptions

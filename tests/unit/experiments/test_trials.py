@@ -12,8 +12,8 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.open import open_events
 from spikingtac.markers.anchored_law import AnchoredLaw, ReZero
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.motions import IndenterMotion
+from spikingtac.sim import catalog
+from spikingtac.sim.motions import IndenterMotion
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac_paper.harness.run import RunOptions
 from spikingtac_paper.point_tracking.cases import (
@@ -168,7 +168,7 @@ def test_quick_keeps_every_case_of_the_contract_but_fifty_contacts() -> None:
 def test_a_quick_run_shortens_the_sequences_and_keeps_the_rest_after_the_release() -> None:
     total_s = np.zeros(2)
     for name in catalog.TRAJECTORIES:
-        whole = catalog.load(name)
+        whole = catalog.load_scene(name)
         short = shortened(whole, QUICK_MOTION_S)
         assert len(short.contacts) <= len(whole.contacts)
         seconds = [

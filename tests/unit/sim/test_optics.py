@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.optics import DiscConfig, Optics, OpticsConfig, draw_discs
-from spikingtac.sim.states import SkinState
+from spikingtac.sim.optics import DiscConfig, Optics, OpticsConfig, SkinState, draw_discs
 
 EXACT = DiscConfig(radius_sigma_mm=0.0, position_sigma_mm=0.0)
 STRAIGHT = OpticsConfig(k1=0.0, discs=EXACT)
@@ -46,10 +45,10 @@ def test_equal_seeds_are_one_skin_and_damage_changes_no_other_marker():
     whole = draw_discs(DiscConfig(), 64, seed=4)
     damaged = draw_discs(DiscConfig(broken=(3,), missing=(5, 6), broken_share=0.25), 64, seed=4)
     kept = np.setdiff1d(np.arange(64), [5, 6])
-    np.testing.assert_array_equal(whole.radius_mm[kept], damaged.radius_mm[kept])
-    np.testing.assert_array_equal(whole.offset_mm, damaged.offset_mm)
-    assert damaged.radius_mm[[5, 6]].tolist() == [0.0, 0.0]
-    assert np.flatnonzero(np.isfinite(damaged.chord[:, 2])).tolist() == [3]
-    assert damaged.chord[3, 2] == pytest.approx(-0.5 * damaged.radius_mm[3])
-    other = draw_discs(DiscConfig(), 64, seed=5)
-    assert not np.array_equal(other.offset_mm, whole.offset_mm)
+    (whole_mm, offset_mm, _), (radius_mm, same_mm, chord) = whole, damaged
+    np.testing.assert_array_equal(whole_mm[kept], radius_mm[kept])
+    np.testing.assert_array_equal(offset_mm, same_mm)
+    assert radius_mm[[5, 6]].tolist() == [0.0, 0.0]
+    assert np.flatnonzero(np.isfinite(chord[:, 2])).tolist() == [3]
+    assert chord[3, 2] == pytest.approx(-0.5 * radius_mm[3])
+    assert not np.array_equal(draw_discs(DiscConfig(), 64, seed=5)[1], offset_mm)

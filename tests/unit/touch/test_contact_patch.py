@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
 
-from spikingtac.sim.gel.gel import Gel, GelConfig
-from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
-from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig, SegmentConfig
-from spikingtac.sim.scene.scene import SkinConfig
+from spikingtac.sim.gel import Gel, GelConfig
+from spikingtac.sim.indenters import IndenterConfig, make_indenter
+from spikingtac.sim.motions import IndenterMotion, MotionConfig, SegmentConfig
+from spikingtac.sim.scene import SkinConfig
 from spikingtac.touch.layout import SquareLattice
 from spikingtac.touch.patch import Patch, PatchEstimator
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from spikingtac.errors import ConfigError
-from spikingtac.sim.gel.layer import GridConfig, LayerOperator
+from spikingtac.sim.layer import GridConfig, LayerOperator
 from spikingtac.touch.elastic import SkinConfig, SurfaceResponse
 from spikingtac.touch.synthetic_contacts import SyntheticContactConfig, synthetic_series
 

@@ -13,7 +13,7 @@ from spikingtac.cli.messages import emit_json, progress, tell
 from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.plugins import SCENE_DESIGNS, with_plugins
-from spikingtac.sim.camera.config import CAMERA_NAMES
+from spikingtac.sim.camera_config import CAMERA_NAMES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,24 +44,24 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Write the recording, or list the scenes."""
-    from spikingtac.sim.scene import catalog
+    from spikingtac.sim import catalog
 
     if args.list:
         return _list(args.json)
     if not args.scene or args.output is None:
         raise ConfigError(
             "give a scene and a folder: spikingtac simulate SCENE -o FOLDER "
-            f"(scenes: {', '.join(catalog.names())}, or a TOML file)"
+            f"(scenes: {', '.join(catalog.scene_names())}, or a TOML file)"
         )
     from spikingtac.events.manifest import MANIFEST
-    from spikingtac.sim.scene.render import simulate
+    from spikingtac.sim.render import simulate
 
     if (args.output / MANIFEST).is_file() and not args.overwrite:
         raise ConfigError(
             f"the folder {str(args.output)!r} holds a recording already; "
             "choose another one, or give --overwrite to replace it"
         )
-    scene = catalog.load(args.scene).with_camera(args.camera).with_serial(args.serial)
+    scene = catalog.load_scene(args.scene).with_camera(args.camera).with_serial(args.serial)
     if args.design is not None:
         # The package that registers the designs puts the scene on one of them.
         scene = with_plugins({}, SCENE_DESIGNS)["design"](scene, args.design)
@@ -80,9 +80,9 @@ def run(args: Args) -> int:
 
 
 def _list(as_json: bool) -> int:
-    from spikingtac.sim.scene import catalog
+    from spikingtac.sim import catalog
 
-    scenes = catalog.descriptions()
+    scenes = catalog.scene_descriptions()
     if as_json:
         emit_json({"scenes": scenes})
     else:

@@ -13,7 +13,7 @@ from spikingtac.cli.messages import figures, progress, remark, tell
 from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.plots.summary import PICTURE_ENDINGS
-from spikingtac.sim.camera.config import CAMERA_NAMES
+from spikingtac.sim.camera_config import CAMERA_NAMES
 
 if TYPE_CHECKING:
     from spikingtac.viewer.show import PageOptions

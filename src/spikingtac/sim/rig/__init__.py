@@ -1,1 +1,1 @@
-"""The simulated robot rig: arm, grasped probe, gel pads and walls."""
+"""The simulated robot rig: arm, grasped probe, gel pads, walls, and a place to probe."""

@@ -9,12 +9,11 @@ import numpy as np
 
 from spikingtac.arrays import FloatArray
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.sim.rig.fingers import VIBRATION_MM, FingerConfig, SensingFinger
 from spikingtac.sim.rig.probe import ProbeConfig
-from spikingtac.sim.rig.rig import Rig, RigConfig
+from spikingtac.sim.rig.rig import VIBRATION_MM, FingerConfig, Rig, RigConfig, SensingFinger
 from spikingtac.sim.rig.ur3 import UR3Config
 from spikingtac.sim.rig.walls import HexBit, HoleWall, NoWall, PlaneWall, Wall
-from spikingtac.sim.scene.scene import SkinConfig
+from spikingtac.sim.scene import SkinConfig
 from spikingtac.types import EventPacket
 
 # Length of the approach to the wall that is simulated, mm; what lies before it is skipped. The
@@ -22,7 +21,7 @@ from spikingtac.types import EventPacket
 SIMULATED_APPROACH_MM = 0.5
 MARCH_TOLERANCE_MM = 1e-4  # Distance from the wall at which ray marching ends, mm.
 MAX_DISTANCE_MM = 30.0  # Largest distance of a wall, mm. A wall farther away is ignored.
-TILT_RAD = np.radians(1.0)  # Largest tilt of the plate (ours: a part that lies on a table), rad.
+TILT_RAD = np.radians(1.0)  # Largest tilt of the plate (a part that lies on a table), rad.
 
 # Largest distance of the start from the centre, as a fraction of the bit's free travel.
 OFFSET_FRACTION = 0.9
@@ -49,7 +48,7 @@ class Grasp:
 
     @classmethod
     def of(cls, seed: int) -> Grasp:
-        """Draw a grasp (ours: ratios 0.8 to 1.5, friction 0.2 to 0.4, any heading)."""
+        """Draw a grasp (assumed: ratios 0.8 to 1.5, friction 0.2 to 0.4, any heading)."""
         rng = np.random.default_rng([seed, 1])
         return cls(
             heading_rad=float(rng.uniform(0.0, np.pi / 3)),
@@ -128,7 +127,13 @@ class HoleSite:
         finger = SensingFinger(FingerConfig(camera=preset, serial=grasp.serial), seed)
         rng = np.random.default_rng(seed)
         self.rig = Rig(config, NoWall(), [finger], np.zeros(3), rng)
-        self.calibration = _known_calibration(finger, self.rig)
+        image = finger.project(self.rig.skin())
+        self.calibration = Calibration(  # the true one, which a user has to learn
+            reference_px=np.asarray(image.center_px, np.float64),
+            radius_px=np.asarray(image.radius_px, np.float64),
+            grid=SkinConfig().grid,
+            size=finger.camera.size,
+        )
         self.rig.advance(WARM_UP_US)
 
     def windows(self) -> Iterator[tuple[EventPacket, ...]]:
@@ -187,15 +192,4 @@ def flat_wall(direction: FloatArray, distance_mm: float) -> PlaneWall:
     return PlaneWall(
         point_mm=(float(distance_mm * x), float(distance_mm * y), 0.0),
         normal=(-float(x), -float(y), 0.0),
-    )
-
-
-def _known_calibration(finger: SensingFinger, rig: Rig) -> Calibration:
-    """Return the true calibration with the bit in the grip (a user has to learn it)."""
-    image = finger.project(rig.skin())
-    return Calibration(
-        reference_px=np.asarray(image.center_px, np.float64),
-        radius_px=np.asarray(image.radius_px, np.float64),
-        grid=SkinConfig().grid,
-        size=finger.camera.size,
     )

@@ -1,6 +1,4 @@
-"""A gel pad that holds the rod: unit responses of its skin, and their sum under the rod's motion.
-
-Motion of the markers of a gel pad with the probe that it holds.
+"""A gel pad that holds the rod: motion of its markers under the motion of the rod.
 
 The pad is the bonded incompressible layer of the gel. The grasped probe sticks to a rectangular
 patch of it. A patch that moves rigidly has six degrees of freedom, so that six unit responses
@@ -10,51 +8,36 @@ linear, homogeneous and sticking, so that the responses depend neither on the mo
 Frame: the pad's image (x right, y down and along the probe, z towards the camera), origin at the
 centre of the patch. Modes: translation along x, y, z; rotation in the plane, ``(-y, x, 0)``; and
 the two tilts, ``(0, 0, x)`` and ``(0, 0, y)``.
-
-Skin of a gel pad under the motion of the rod, as a sum of the six unit responses.
 """
 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, cg
 
 from spikingtac.arrays import FloatArray
-from spikingtac.sim.gel.layer import GridConfig, LayerOperator
+from spikingtac.sim.layer import GridConfig, LayerOperator
+from spikingtac.sim.optics import SkinState
 from spikingtac.sim.rig.probe import GRIPPER_IN_BASE, ProbeState
-from spikingtac.sim.scene.scene import SkinConfig
-from spikingtac.sim.states import SkinState
+from spikingtac.sim.scene import SkinConfig
 
 MODES = 6
+NORMAL_MODE = 2  # Index of the translation along the pad's z.
 
 # Cells of 0.4 mm (twin.md, section 2), with the periodic images 8 layer depths away.
 GRID = GridConfig(cells=128, span_mm=51.2)
 RELATIVE_TOLERANCE = 1e-5  # Tolerance of the conjugate gradients: 0.0003 px for the largest motion.
-
+MOST_ITERATIONS = 500  # Limit of the conjugate gradients.
 
 # Extent across and along the probe of the patch that sticks to it, mm (twin.md, section 2).
 PATCH_MM = (7.0, 18.0)
 THICKNESS_MM = 3.0  # Depth of the gel layer, mm (contract.md).
-
-
-@dataclass(frozen=True)
-class PadResponse:
-    """Unit responses of the markers, and the patch's own stiffness.
-
-    Attributes:
-        displacement: ``(6, m, 3)`` displacement of each marker per unit of each mode.
-        gradient: ``(6, m, 2, 2)`` d(displacement xy) / d(rest xy) per unit of each mode.
-        stiffness: ``(6,)`` diagonal stiffness of one pad for a shear modulus of 1 N/mm2: N/mm for
-            the translations, N mm/rad for the rotations.
-    """
-
-    displacement: FloatArray
-    gradient: FloatArray
-    stiffness: FloatArray
+GRIP_MM = 0.3  # Depth by which the grip presses the rod into the pad, mm (10 % of the layer).
+HALF_THICKNESS_MM = 2.0  # Distance from the rod's axis to the skin, mm (a 4 mm rod).
+PADS = 2  # Number of pads that share the load of the rod, with or without a camera.
 
 
 def rigid_modes(points_mm: FloatArray) -> FloatArray:
@@ -67,90 +50,69 @@ def rigid_modes(points_mm: FloatArray) -> FloatArray:
     return modes
 
 
-def pad_response(marker_mm: FloatArray) -> PadResponse:
+def pad_response(marker_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Solve the six unit responses at the markers.
 
     Args:
         marker_mm: ``(m, 2)`` rest positions of the markers in the pad's frame, mm.
+
+    Returns:
+        Displacements ``(6, m, 3)`` per unit of each mode, and their gradients ``(6, m, 2, 2)``, d
+        (displacement xy) / d(rest xy).
     """
-    points = tuple(map(tuple, np.asarray(marker_mm, np.float64)[:, :2].tolist()))
-    return _pad_response(points)
+    axis, layer = GRID.axis_mm, LayerOperator(GRID, THICKNESS_MM)
+    columns, rows = (np.flatnonzero(np.abs(axis) <= side / 2.0) for side in PATCH_MM)
+    patch = np.ix_(np.arange(3), rows, columns)
+    x, y = np.meshgrid(axis[columns], axis[rows])
+    cells_mm = np.stack([x.ravel(), y.ravel()], axis=1)
 
+    def displacement(flat: FloatArray) -> FloatArray:
+        """Return the field ``(3, n, n)`` under a traction of the patch's cells."""
+        grid = np.zeros((3, GRID.cells, GRID.cells))
+        grid[patch] = flat.reshape(-1, 3).T.reshape(3, len(rows), len(columns))
+        return layer.displacements(grid)
 
-@functools.lru_cache(maxsize=16)
-def _pad_response(points: tuple[tuple[float, float], ...]) -> PadResponse:
-    solver = _PatchSolver()
-    marker = np.array(points)
-    tractions = [solver.traction(mode) for mode in rigid_modes(solver.cells_mm)]
-    fields = [solver.evaluate(traction, marker) for traction in tractions]
-    displacement, gradient = (np.stack(parts) for parts in zip(*fields, strict=True))
-    inside = (np.abs(marker) <= np.array(PATCH_MM) / 2).all(axis=1)
-    displacement[:, inside] = rigid_modes(marker[inside])
+    def apply(flat: FloatArray) -> FloatArray:
+        return displacement(flat)[patch].reshape(3, -1).T.ravel()
+
+    shape = (3 * len(cells_mm), 3 * len(cells_mm))
+    operator = LinearOperator(shape, matvec=apply, dtype=np.float64)  # type: ignore[call-arg]
+    fields = []
+    limits = {"rtol": RELATIVE_TOLERANCE, "maxiter": MOST_ITERATIONS}
+    for mode in rigid_modes(cells_mm):
+        traction, failed = cg(operator, mode.ravel(), **limits)
+        if failed:
+            raise RuntimeError(f"the pad's response did not converge in {MOST_ITERATIONS} steps")
+        fields.append(_at_points(displacement(traction), marker_mm))
+    moved, gradient = (np.stack(parts) for parts in zip(*fields, strict=True))
+    inside = (np.abs(marker_mm) <= np.array(PATCH_MM) / 2).all(axis=1)
+    moved[:, inside] = rigid_modes(marker_mm[inside])
     gradient[:, inside] = 0.0
     gradient[3, inside] = [[0.0, -1.0], [1.0, 0.0]]
-    modes = rigid_modes(solver.cells_mm)
-    stiffness = np.array(
-        [(mode * t).sum() * GRID.pitch_mm**2 for mode, t in zip(modes, tractions, strict=True)]
-    )
-    return PadResponse(displacement, gradient, stiffness)
+    return moved, gradient
 
 
-class _PatchSolver:
-    """Traction on the patch's cells that gives a prescribed displacement there."""
+def _at_points(field: FloatArray, points_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a field ``(3, n, n)`` and its gradient at points: ``(m, 3)`` and ``(m, 2, 2)``.
 
-    def __init__(self) -> None:
-        self._axis = GRID.axis_mm
-        half = np.array(PATCH_MM[::-1]) / 2.0
-        rows, columns = (np.flatnonzero(np.abs(self._axis) <= side) for side in half)
-        self._inside = np.ix_(np.arange(3), rows, columns)
-        x, y = np.meshgrid(self._axis[columns], self._axis[rows])
-        self.cells_mm: FloatArray = np.stack([x.ravel(), y.ravel()], axis=1)
-        self._layer = LayerOperator(GRID, THICKNESS_MM)
+    The field is band-limited, so its Fourier series is exact between the cells too.
+    """
+    spectrum = np.fft.fft2(field) / GRID.cells**2
+    k = 2.0 * np.pi * np.fft.fftfreq(GRID.cells, GRID.pitch_mm)
+    along_x, along_y = (np.exp(1j * (c[:, None] - GRID.axis_mm[0]) * k) for c in points_mm.T)
 
-    def _displacement(self, traction: FloatArray) -> FloatArray:
-        grid = np.zeros((3, GRID.cells, GRID.cells))
-        shape = grid[self._inside].shape
-        grid[self._inside] = traction.T.reshape(shape)
-        return self._layer.displacements(grid)
+    def summed(part: NDArray[np.complex128]) -> FloatArray:
+        return np.einsum("my,iyx,mx->mi", along_y, part, along_x, optimize=True).real
 
-    def traction(self, displacement: FloatArray) -> FloatArray:
-        """Return the traction ``(n, 3)`` for a displacement ``(n, 3)`` of the patch's cells."""
-        size, shape = displacement.size, displacement.shape
-
-        def apply(flat: FloatArray) -> FloatArray:
-            return self._displacement(flat.reshape(shape))[self._inside].reshape(3, -1).T.ravel()
-
-        operator = LinearOperator((size, size), matvec=apply, dtype=np.float64)  # type: ignore[call-arg]
-        flat, failed = cg(operator, displacement.ravel(), rtol=RELATIVE_TOLERANCE, maxiter=500)
-        if failed:
-            raise RuntimeError("the pad's unit response did not converge in 500 steps")
-        return flat.reshape(shape)
-
-    def evaluate(
-        self, traction: FloatArray, points_mm: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return displacement ``(m, 3)`` and its gradient ``(m, 2, 2)`` at points.
-
-        The field is band-limited, so its Fourier series is exact between the cells too.
-        """
-        spectrum = np.fft.fft2(self._displacement(traction)) / GRID.cells**2
-        k = 2.0 * np.pi * np.fft.fftfreq(GRID.cells, GRID.pitch_mm)
-        along_x, along_y = (np.exp(1j * (c[:, None] - self._axis[0]) * k) for c in points_mm.T)
-
-        def at_points(field: NDArray[np.complex128]) -> FloatArray:
-            return np.einsum("my,iyx,mx->mi", along_y, field, along_x, optimize=True).real
-
-        by_x = at_points(1j * k * spectrum[:2])
-        by_y = at_points(1j * k[:, None] * spectrum[:2])
-        return at_points(spectrum), np.stack([by_x, by_y], axis=-1)
+    by_x, by_y = summed(1j * k * spectrum[:2]), summed(1j * k[:, None] * spectrum[:2])
+    return summed(spectrum), np.stack([by_x, by_y], axis=-1)
 
 
-NORMAL_MODE = 2  # Index of the translation along the pad's z; see :mod:`spikingtac.sim.rig.pad`.
-
-
-GRIP_MM = 0.3  # Depth by which the grip presses the rod into the pad, mm (ours: 10 % of the layer).
-HALF_THICKNESS_MM = 2.0  # Distance from the rod's axis to the skin, mm (a 4 mm rod).
-PADS = 2  # Number of pads that share the load of the rod, with or without a camera.
+@functools.cache
+def _skin_fields() -> FloatArray:
+    """Return the responses of the skin's markers, ``(6, 3 m + 4 m)``: places, then gradients."""
+    moved, gradient = pad_response(SkinConfig().rest_mm())
+    return np.concatenate([moved.reshape(MODES, -1), gradient.reshape(MODES, -1)], axis=1)
 
 
 class Pad:
@@ -161,27 +123,17 @@ class Pad:
     """
 
     def __init__(self, faces_back: bool = False) -> None:
-        rest = SkinConfig().rest_mm()
-        response = pad_response(rest)
-        self._fields = np.concatenate(
-            [response.displacement.reshape(MODES, -1), response.gradient.reshape(MODES, -1)], axis=1
-        )
         self._from_bushing = mode_amplitudes(faces_back)
         self._grip = np.zeros(MODES)
         self._grip[NORMAL_MODE] = GRIP_MM
-        places = np.column_stack([rest, np.zeros(len(rest))])
-        undeformed = np.tile(np.eye(2), (len(rest), 1, 1))
-        self._rest = np.concatenate([places.ravel(), undeformed.ravel()])
-        self._coordinates = places.size
+        rest = SkinConfig().at_rest()
+        self._rest = np.concatenate([rest.marker_mm.ravel(), rest.gradient.ravel()])
+        self._coordinates = rest.marker_mm.size
 
     def skin(self, state: ProbeState) -> SkinState:
-        """Return the skin under the rod.
-
-        Args:
-            state: State of the probe.
-        """
+        """Return the skin under the rod, for a state of the probe."""
         amplitude = self._grip + self._from_bushing @ state.bushing
-        fields = self._rest + amplitude @ self._fields
+        fields = self._rest + amplitude @ _skin_fields()
         places, gradient = fields[: self._coordinates], fields[self._coordinates :]
         axes = self._from_bushing[:3, :3] @ GRIPPER_IN_BASE.T
         force, lever = axes @ state.force_n / PADS, axes @ (state.tip_mm - state.center_mm)
@@ -206,9 +158,6 @@ def mode_amplitudes(faces_back: bool) -> FloatArray:
     side = 1.0 if faces_back else -1.0
     out = np.zeros((MODES, MODES))
     out[0, 0], out[1, 1], out[2, 2] = -side, 1.0, side
-    out[3, 5] = -side
-    out[4, 4] = 1.0
-    out[5, 3] = side
-    out[0, 4] = -HALF_THICKNESS_MM
-    out[1, 3] = -side * HALF_THICKNESS_MM
+    out[3, 5], out[4, 4], out[5, 3] = -side, 1.0, side
+    out[0, 4], out[1, 3] = -HALF_THICKNESS_MM, -side * HALF_THICKNESS_MM
     return out

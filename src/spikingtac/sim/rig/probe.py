@@ -1,4 +1,4 @@
-"""The grasped probe: a rigid rod between gel pads, whose tip meets a wall.
+"""The grasped probe: a rigid rod between gel pads, whose tip meets a wall; and what shakes it.
 
 The pads are a bushing with six degrees of freedom: elastic, creeping, lightly damped. The inertia
 of the rod moves it when the arm vibrates or accelerates. Each step is implicit (backward Euler), so
@@ -14,6 +14,7 @@ import functools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import expm
 
 from spikingtac.arrays import FloatArray
 from spikingtac.sim.rig.walls import Bit, RoundBit, TipContact, Wall
@@ -28,6 +29,12 @@ GRIP_MM = 9.0  # Length of the rod behind the patch's centre, mm.
 # The gripper's axes as columns: x = base x, y (to the tip) = down, z = base y.
 GRIPPER_IN_BASE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 TONNE_PER_GRAM = 1e-6  # Mass unit of the N, mm, s system is the tonne.
+
+# Resonance of the arm, Hz, and its Q (contract.md, "Pinned physics").
+RESONANCE_HZ, QUALITY = 15.0, 5.0
+
+# Covariance of (x, x') for unit variance of x.
+STATIONARY = np.diag([1.0, (2.0 * np.pi * RESONANCE_HZ) ** 2])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,3 +227,41 @@ def _tip_jacobian(config: ProbeConfig) -> FloatArray:
     jacobian[:, :3] = np.eye(3)
     jacobian[0, 5], jacobian[2, 3] = -config.stickout_mm, config.stickout_mm
     return GRIPPER_IN_BASE @ jacobian
+
+
+class Vibration:
+    """Three independent axes of x'' + (w/Q) x' + w^2 x = white noise, in their stationary state.
+
+    The transition over a step is exact, so that the statistics do not depend on its length.
+
+    Args:
+        rms_mm: Root mean square of each axis, mm.
+        rng: Source of the noise.
+    """
+
+    def __init__(self, rms_mm: float, rng: np.random.Generator) -> None:
+        self._rms_mm = rms_mm
+        self._rng = rng
+        self._state = np.linalg.cholesky(STATIONARY) @ rng.standard_normal((2, 3))
+
+    @property
+    def offset_mm(self) -> FloatArray:
+        """Displacement ``(3,)`` of the tool now, mm."""
+        return self._rms_mm * self._state[0]
+
+    def advance(self, dt_s: float) -> FloatArray:
+        """Step by ``dt_s`` and return the new displacement ``(3,)``, mm."""
+        if self._rms_mm > 0.0:
+            move, noise = transition(round(dt_s * 1e9))
+            self._state = move @ self._state + noise @ self._rng.standard_normal((2, 3))
+        return self.offset_mm
+
+
+@functools.lru_cache(maxsize=64)
+def transition(dt_ns: int) -> tuple[FloatArray, FloatArray]:
+    """Return the exact transition of a step ``(2, 2)`` and a root of its noise's covariance."""
+    omega = 2.0 * np.pi * RESONANCE_HZ
+    system = np.array([[0.0, 1.0], [-(omega**2), -omega / QUALITY]])
+    whole = np.asarray(expm(system * dt_ns * 1e-9), np.float64)
+    drive = STATIONARY - whole @ STATIONARY @ whole.T
+    return whole, np.linalg.cholesky(drive).astype(np.float64)

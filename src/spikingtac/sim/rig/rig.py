@@ -9,22 +9,89 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from spikingtac.arrays import FloatArray
-from spikingtac.sim.rig.fingers import VIBRATION_MM, SensingFinger, Vibration
+from spikingtac.sim.event_camera import EventCamera, ReferenceHistory
+from spikingtac.sim.optics import MarkerImage, Optics, OpticsConfig, SkinState
 from spikingtac.sim.rig.pad import Pad
-from spikingtac.sim.rig.probe import Probe, ProbeConfig, ProbeState
+from spikingtac.sim.rig.probe import Probe, ProbeConfig, ProbeState, Vibration
 from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
 from spikingtac.sim.rig.walls import Wall
-from spikingtac.sim.states import MarkerImage, SkinState
+from spikingtac.sim.scene import CameraChoice
 from spikingtac.types import EventPacket
 
 # Longest and shortest step of the mechanics, us (twin.md: 250 to 500 Hz keeps real time).
 STEP_US, SHORTEST_STEP_US = 1000, 100
 NEAR_MM = 0.04  # Longest travel in one step near the wall and in contact, mm.
 WAIT_S = 0.001  # Period at which a waiting loop checks its condition, s: one controller window.
+
+# Vibration of the arm for each preset, mm rms (contract.md, "Pinned physics").
+VIBRATION_MM = {"clean": 0.0, "typical": 0.01, "noisy": 0.03}
+
+# Motion of a marker before it is rendered again, px: 1.5 % of a threshold at the marker's edge, and
+# two windows at 0.8 mm/s. It saves a third of the computing time under vibration.
+STEP_SETTINGS = {"steps": {"still_px": 0.005}}
+
+# Edge of a disc as in the v2e recordings: theirs is logistic with scale 0.55 px, which equals a
+# Gaussian of 0.94 px with the square pixel included. The tip's travel up to the first events is
+# proportional to it.
+EDGE_SETTINGS = {"light": {"blur_px": 0.9}}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FingerConfig:
+    """One sensing finger.
+
+    Attributes:
+        camera: Preset ``clean``, ``typical`` or ``noisy``.
+        settings: Tables that override parts of the preset.
+        optics: Lens and discs.
+        history: Initial reference levels of the pixels; see
+            :meth:`~spikingtac.sim.event_camera.EventCamera.settle`.
+        serial: Number of the individual sensor. It fixes the discs, the mismatch of the pixels and
+            the hot pixels.
+    """
+
+    camera: str = "typical"
+    settings: dict[str, Any] = field(default_factory=lambda: EDGE_SETTINGS | STEP_SETTINGS)
+    optics: OpticsConfig = field(default_factory=OpticsConfig)
+    history: ReferenceHistory = "rested"
+    serial: int = 1
+
+
+class SensingFinger:
+    """Optics and event camera of one finger.
+
+    Args:
+        config: Settings of the finger.
+        seed: Seed of its noise.
+
+    Attributes:
+        optics: The lens.
+        camera: The event camera.
+    """
+
+    def __init__(self, config: FingerConfig, seed: int) -> None:
+        choice = CameraChoice(preset=config.camera, settings=config.settings)
+        self.optics = Optics(config.optics, config.serial)
+        camera = choice.resolve(config.optics.size)
+        self.camera = EventCamera(camera, seed, serial=config.serial)
+        self._history: ReferenceHistory = config.history
+
+    def project(self, state: SkinState) -> MarkerImage:
+        """Return the image of the markers."""
+        return self.optics.project(state)
+
+    def settle(self, image: MarkerImage) -> None:
+        """Set every pixel to its steady state under an image, with the configured history."""
+        self.camera.settle(image, self._history)
+
+    def advance(self, images: Sequence[MarkerImage]) -> EventPacket:
+        """Return the events up to the last image."""
+        return self.camera.advance(images)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,13 +278,8 @@ class Rig:
         self.state = self.probe.step(t_us, dt_s, arm_now + self.vibration.advance(dt_s))
         self.t_us = t_us
         if self.first_contact is None and self.state.in_contact:
-            fraction = _zero_crossing_fraction(before.gap_mm, self.state.free_gap_mm)
+            gap, free_gap = before.gap_mm, self.state.free_gap_mm
+            # The fraction of the step at which the gap became zero.
+            fraction = gap / (gap - free_gap) if gap > 0.0 > free_gap else 0.0
             where = arm_before + fraction * (arm_now - arm_before)
             self.first_contact = FirstContact(t_us - dt_us * (1.0 - fraction), where)
-
-
-def _zero_crossing_fraction(gap_before: float, gap_after: float) -> float:
-    """Return the fraction of a step at which the gap became zero."""
-    if gap_before <= 0.0 or gap_after >= 0.0:
-        return 0.0
-    return gap_before / (gap_before - gap_after)

@@ -1,16 +1,16 @@
 """A kinematic UR3 with the :class:`~spikingtac.robot.arm.Arm` protocol.
 
-It models what determines the overshoot of the tool: the delay of the network, the cycle of the
-controller with a random phase, the lag of the servos, a stop with limited deceleration and jerk
-(planned with ruckig), and a reported pose that is up to one cycle old and that repeats only within
-the arm's repeatability. Values: contract.md "Pinned physics"; at 180 mm/s a perfect sensor
-overshoots 6.2 mm on average, 7.6 mm at most.
+It models what determines the overshoot of the tool: delay of the network, cycle of the controller
+with a random phase, lag of the servos, a stop with limited deceleration and jerk (planned with
+ruckig), and a reported pose that is up to one cycle old and repeats only within the arm's
+repeatability. At 180 mm/s a perfect sensor overshoots 6.2 mm on average, 7.6 mm at most.
 """
 
 from __future__ import annotations
 
 import copy
 import math
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,72 +54,20 @@ class Segment:
         """Return the position ``(3,)`` at a time, mm."""
         return self.origin_mm + self.direction * self.along(time_s)[0]
 
-    def velocity_mm_s(self, time_s: float) -> FloatArray:
-        """Return the velocity ``(3,)`` at a time, mm/s."""
-        return self.direction * self.along(time_s)[1]
 
-
-def plan_move(
-    start_s: float, origin_mm: FloatArray, target_mm: FloatArray, limits: tuple[float, float, float]
-) -> Segment:
-    """Plan a motion from rest at ``origin_mm`` to rest at ``target_mm``.
+def plan(start_s: float, origin_mm: FloatArray, direction: FloatArray, **asked: float) -> Segment:
+    """Plan a motion along a line with ruckig.
 
     Args:
         start_s: Controller time of the start, s.
-        origin_mm: ``(3,)`` start, mm.
-        target_mm: ``(3,)`` target, mm.
-        limits: Speed (mm/s), acceleration (mm/s²), jerk (mm/s³).
+        origin_mm: ``(3,)`` position at path coordinate zero, mm.
+        direction: ``(3,)`` unit vector of the path.
+        asked: Values of ruckig's ``InputParameter`` (mm, s); a stop without ``target_position``.
 
     Raises:
         DeviceError: No trajectory meets the limits.
+        MissingExtraError: ruckig is not installed.
     """
-    path = target_mm - origin_mm
-    length = float(np.linalg.norm(path))
-    if length == 0.0:
-        return Segment(start_s, origin_mm, np.zeros(3))
-    request = _ruckig().InputParameter(1)
-    request.target_position = [length]
-    request.max_velocity, request.max_acceleration, request.max_jerk = ([x] for x in limits)
-    return Segment(start_s, origin_mm, path / length, _solve(request))
-
-
-def plan_stop(start_s: float, moving: Segment, deceleration_mm_s2: float, jerk: float) -> Segment:
-    """Plan a stop along the path of ``moving``, from its state at ``start_s``.
-
-    Args:
-        start_s: Controller time of the start, s.
-        moving: Present motion.
-        deceleration_mm_s2: Largest deceleration, mm/s².
-        jerk: Largest jerk, mm/s³.
-
-    Raises:
-        DeviceError: No trajectory meets the limits.
-    """
-    distance, speed, acceleration = moving.along(start_s)
-    if speed == 0.0 and acceleration == 0.0:
-        return Segment(start_s, moving.position_mm(start_s), moving.direction)
-    request = _ruckig().InputParameter(1)
-    request.control_interface = _ruckig().ControlInterface.Velocity
-    request.current_position = [distance]
-    request.current_velocity = [speed]
-    request.current_acceleration = [min(max(acceleration, -deceleration_mm_s2), deceleration_mm_s2)]
-    request.target_velocity = [0.0]
-    request.max_acceleration = [deceleration_mm_s2]
-    request.max_jerk = [jerk]
-    return Segment(start_s, moving.origin_mm, moving.direction, _solve(request))
-
-
-def _solve(request: Any) -> Any:
-    ruckig = _ruckig()
-    plan = ruckig.Trajectory(1)
-    result = ruckig.Ruckig(1).calculate(request, plan)
-    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-        raise DeviceError(f"no trajectory fits the limits: ruckig says {result.name}")
-    return plan
-
-
-def _ruckig() -> Any:
-    """Return the library, which comes with the package where no compiler is needed for it."""
     try:
         import ruckig
     except ImportError as error:
@@ -127,14 +75,24 @@ def _ruckig() -> Any:
             "the twin's arm needs ruckig, which has no ready package for this machine; install a "
             "C++ compiler, then: pip install 'spikingtac[arm]'"
         ) from error
-    return ruckig
+    request, found = ruckig.InputParameter(1), ruckig.Trajectory(1)
+    if "target_position" not in asked:
+        request.control_interface = ruckig.ControlInterface.Velocity
+    for name, value in asked.items():
+        setattr(request, name, [value])
+    result = ruckig.Ruckig(1).calculate(request, found)
+    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
+        raise DeviceError(f"no trajectory fits the limits: ruckig says {result.name}")
+    return Segment(start_s, origin_mm, direction, found)
 
 
 DECELERATION_MM_S2 = 8000.0  # Deceleration of a stop, mm/s² (contract.md).
+DECELERATIONS_MM_S2 = (-DECELERATION_MM_S2, DECELERATION_MM_S2)
 ACCELERATION_MM_S2 = 1200.0  # Acceleration of ``movel``, mm/s² (URScript's default, 1.2 m/s²).
 
-# Smallest and largest lag of the axes behind their set points, s; uniform (contract.md).
-SERVO_LAG_S = (0.004, 0.012)
+STOP_S, POLL_S = 0.2, 0.002  # Longest wait for the end of a stop, and time between two looks, s.
+
+SERVO_LAG_S = (0.004, 0.012)  # Range of the axes' lag behind their set points, s (contract.md).
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,7 +122,7 @@ class UR3Twin:
         self._now_us = 0
         self._phase_s = rng.uniform(0.0, config.cycle_s)
         self._lag_s = rng.uniform(*SERVO_LAG_S)
-        self._pose_error_mm = self._draw_pose_error()
+        self._pose_error_mm = self._rng.normal(0.0, self._config.repeatability_mm, 3)
         self._segments = [Segment(-1.0, np.array(start_mm, np.float64), np.zeros(3))]
         self._fault: ArmState | None = None
 
@@ -180,6 +138,9 @@ class UR3Twin:
             raise ValueError(f"the twin's clock stands at {self._now_us} us, not before {t_us} us")
         self._now_us = t_us
 
+    def _time_us(self) -> int:
+        return self._now_us
+
     def position_at_mm(self, t_us: float) -> FloatArray:
         """Return the true position ``(3,)`` at ``t_us``, mm; in the future, the planned one."""
         setpoint_s = t_us * 1e-6 - self._lag_s
@@ -187,7 +148,7 @@ class UR3Twin:
 
     def true_position_mm(self) -> FloatArray:
         """Return the true position ``(3,)`` now, mm."""
-        return self.position_at_mm(self._now_us)
+        return self.position_at_mm(self._time_us())
 
     def pose(self) -> Pose:
         """Return the pose of the last controller cycle, with the error of this reading.
@@ -201,7 +162,8 @@ class UR3Twin:
         """Return the tool's velocity ``(3,)`` at the last controller cycle, mm/s."""
         self._require_connection()
         setpoint_s = self._last_cycle_us() * 1e-6 - self._lag_s
-        return self._segment(setpoint_s).velocity_mm_s(setpoint_s)
+        segment = self._segment(setpoint_s)
+        return segment.direction * segment.along(setpoint_s)[1]
 
     def move_linear(self, target_mm: FloatArray, speed_mm_s: float) -> None:
         """Start a straight motion; see :class:`~spikingtac.robot.arm.Arm`."""
@@ -213,11 +175,22 @@ class UR3Twin:
                 "stop it, or clear its fault, and wait until it is idle"
             )
         self._lag_s = self._rng.uniform(*SERVO_LAG_S)
-        self._pose_error_mm = self._draw_pose_error()
+        self._pose_error_mm = self._rng.normal(0.0, self._config.repeatability_mm, 3)
         start_s = self._command_time_s()
-        limits = (speed_mm_s, ACCELERATION_MM_S2, self._config.jerk_mm_s3)
         here = self._segments[-1].position_mm(start_s)
-        self._segments = [self._segments[-1], plan_move(start_s, here, target, limits)]
+        length = float(np.linalg.norm(target - here))
+        begun = Segment(start_s, here, np.zeros(3))
+        if length > 0.0:
+            begun = plan(
+                start_s,
+                here,
+                (target - here) / length,
+                target_position=length,
+                max_velocity=speed_mm_s,
+                max_acceleration=ACCELERATION_MM_S2,
+                max_jerk=self._config.jerk_mm_s3,
+            )
+        self._segments = [self._segments[-1], begun]
 
     def stop(self) -> None:
         """Brake from the next controller cycle; see :class:`~spikingtac.robot.arm.Arm`."""
@@ -262,13 +235,25 @@ class UR3Twin:
 
     def _brake(self, start_s: float) -> None:
         last = self._segments[-1]
-        if start_s < last.end_s and start_s >= last.start_s:
-            config = self._config
-            stop = plan_stop(start_s, last, DECELERATION_MM_S2, config.jerk_mm_s3)
+        if start_s < last.start_s:
+            self._segments[-1] = Segment(start_s, last.origin_mm, np.zeros(3))
+        elif start_s < last.end_s:
+            distance, speed, acceleration = last.along(start_s)
+            stop = Segment(start_s, last.position_mm(start_s), last.direction)
+            if speed != 0.0 or acceleration != 0.0:
+                stop = plan(
+                    start_s,
+                    last.origin_mm,
+                    last.direction,
+                    current_position=distance,
+                    current_velocity=speed,
+                    current_acceleration=float(np.clip(acceleration, *DECELERATIONS_MM_S2)),
+                    target_velocity=0.0,
+                    max_acceleration=DECELERATION_MM_S2,
+                    max_jerk=self._config.jerk_mm_s3,
+                )
             if stop.end_s < last.end_s:
                 self._segments.append(stop)
-        elif start_s < last.start_s:
-            self._segments[-1] = Segment(start_s, last.origin_mm, np.zeros(3))
 
     def _segment(self, setpoint_s: float) -> Segment:
         for segment in reversed(self._segments):
@@ -278,18 +263,38 @@ class UR3Twin:
 
     def _command_time_s(self) -> float:
         """Return the time of the first controller cycle that can execute a command sent now, s."""
-        arrival_s = self._now_us * 1e-6 + self._config.network_s
+        arrival_s = self._time_us() * 1e-6 + self._config.network_s
         cycles = math.ceil((arrival_s - self._phase_s) / self._config.cycle_s)
         return self._phase_s + cycles * self._config.cycle_s
 
     def _last_cycle_us(self) -> float:
         cycle_s = self._config.cycle_s
-        cycles = math.floor((self._now_us * 1e-6 - self._phase_s) / cycle_s)
+        cycles = math.floor((self._time_us() * 1e-6 - self._phase_s) / cycle_s)
         return (self._phase_s + cycles * cycle_s) * 1e6
-
-    def _draw_pose_error(self) -> FloatArray:
-        return self._rng.normal(0.0, self._config.repeatability_mm, 3)
 
     def _require_connection(self) -> None:
         if self._fault is ArmState.DISCONNECTED:
             raise DeviceError("the arm is not connected any more; make a new one")
+
+
+class RealTimeArm(UR3Twin):
+    """A simulated UR3 that starts at the origin; its time is the host's. ``twin:`` opens it.
+
+    Args:
+        seed: Seed of controller phase, servo lag and repeatability.
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        super().__init__(UR3Config(), np.zeros(3), np.random.default_rng(seed))
+        self._zero_s = time.monotonic()
+
+    def confirm_stop(self) -> None:
+        """Wait until the arm rests; see :class:`~spikingtac.robot.arm.Arm`."""
+        until_s = time.monotonic() + STOP_S
+        while self.state() is ArmState.MOVING:
+            if time.monotonic() > until_s:
+                raise DeviceError("the simulated arm still moves; nothing told it to stop")
+            time.sleep(POLL_S)
+
+    def _time_us(self) -> int:
+        return round(1e6 * (time.monotonic() - self._zero_s))

@@ -1,12 +1,8 @@
-"""Probing on the twin: readings of arms of different repeatability, and calibration on a flat wall.
-
-Readings of touches for arms of different repeatability.
+"""Probing on the twin: calibration on a flat wall, and readings of arms of any repeatability.
 
 The twin's arm reports without its repeatability error. A reading is the reported position plus
 ``sigma`` times a normal draw, which is stored with it; the same touch can thus be read again as an
 arm of another repeatability would report it.
-
-Calibration of detector and travel on the twin: quiet windows, and touches of a flat wall.
 """
 
 from __future__ import annotations
@@ -30,6 +26,22 @@ from spikingtac.types import EventPacket, FloatArray
 # Case prefix -> repeatability of one reading per axis, mm (contract.md).
 SIGMAS_MM = {"rep028": 0.028, "rep008": 0.008}
 PLANNING_MM = SIGMAS_MM["rep028"]  # Repeatability of the readings on which the searches plan, mm.
+CORNER_MM = 0.75 / math.sqrt(3.0)  # Largest radius of the hexagonal bit, 0.75 mm across flats, mm.
+CROSS, DEFAULT = "cross", "default"
+STYLES = {CROSS: ProbingConfig(), DEFAULT: ProbingConfig.conditioned()}  # How each search touches.
+
+# Directions of the calibration, degrees: those of the cross, and twelve evenly over the sector of
+# the adaptive search, which are enough to fit travel and heading.
+ANGLES_DEG = {
+    CROSS: (0.0, 180.0, 90.0, 270.0),
+    DEFAULT: tuple(
+        way + side * step for way in (0, 180) for side in (-1, 1) for step in (17, 34, 51)
+    ),
+}
+WALL_MM = 1.0  # Distance of the calibration's wall from the bit, mm.
+QUIET_WINDOWS = 4000  # Windows of the moving arm, 1 ms each, from which the detector learns.
+SETTLE_WINDOWS = 100  # Windows after the start of that motion that are not used.
+QUIET_SPEED_MM_S = 3.0  # Speed of the arm during the quiet windows, mm/s: that of the touches.
 
 
 class RecordingProber:
@@ -78,24 +90,6 @@ def touched_of(stored: dict[str, Any], sigma_mm: float) -> Touched:
     """Return a stored touch as an arm with a repeatability of ``sigma_mm`` would report it."""
     reading = np.array(stored["reading_mm"]) + sigma_mm * np.array(stored["draw"])
     return Touched(np.array(stored["start_mm"]), np.array(stored["direction"]), reading)
-
-
-CORNER_MM = 0.75 / math.sqrt(3.0)  # Largest radius of the hexagonal bit, 0.75 mm across flats, mm.
-CROSS, DEFAULT = "cross", "default"
-STYLES = {CROSS: ProbingConfig(), DEFAULT: ProbingConfig.conditioned()}  # How each search touches.
-
-# Directions of the calibration, degrees: those of the cross, and twelve evenly over the sector of
-# the adaptive search, which are enough to fit travel and heading.
-ANGLES_DEG = {
-    CROSS: (0.0, 180.0, 90.0, 270.0),
-    DEFAULT: tuple(
-        way + side * step for way in (0, 180) for side in (-1, 1) for step in (17, 34, 51)
-    ),
-}
-WALL_MM = 1.0  # Distance of the calibration's wall from the bit, mm.
-QUIET_WINDOWS = 4000  # Windows of the moving arm, 1 ms each, from which the detector learns.
-SETTLE_WINDOWS = 100  # Windows after the start of that motion that are not used.
-QUIET_SPEED_MM_S = 3.0  # Speed of the arm during the quiet windows, mm/s: that of the touches.
 
 
 def travel_of(stored: Sequence[dict[str, Any]], sigma_mm: float) -> TravelModel:

@@ -9,7 +9,7 @@ Contact of a rigid tip on a compliant mount: unilateral, with Coulomb friction.
 
 The points of the tip must not enter the wall. Friction holds a pressing point at the place of its
 first touch until the tangential force exceeds the friction cone. The problem is solved by
-Gauss-Seidel sweeps over the points (:mod:`spikingtac.sim.rig.tip_contact_kernels`). Each point is
+Gauss-Seidel sweeps over the points (:mod:`spikingtac.sim.rig.tip_contact`). Each point is
 solved exactly (stick) or by a short fixed-point iteration on the direction (slip). Any
 :class:`~spikingtac.sim.rig.walls.Wall` can be used: it gives distances, normals and curvature.
 """
@@ -24,7 +24,7 @@ import numpy as np
 from numba import njit
 
 from spikingtac.arrays import FloatArray
-from spikingtac.sim.rig.tip_contact_kernels import (
+from spikingtac.sim.rig.tip_contact import (
     CompliantMount,
     LinearisedWall,
     TipPoints,

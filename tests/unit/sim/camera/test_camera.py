@@ -4,11 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.sim.camera.camera import EventCamera
-from spikingtac.sim.camera.config import (
+from spikingtac.sim.camera_config import (
     ReadoutConfig,
     load_camera,
 )
+from spikingtac.sim.event_camera import EventCamera
 from spikingtac.types import EventPacket
 from stand_ins.camera_stage import (
     PERIOD_US,

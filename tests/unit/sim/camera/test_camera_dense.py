@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.sim.camera.camera import EventCamera
-from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig, StepConfig
-from spikingtac.sim.camera.full_frame import sample_pattern_kernel
-from spikingtac.sim.states import MarkerImage
+from spikingtac.sim.camera_config import CameraConfig, LightConfig, PixelConfig, StepConfig
+from spikingtac.sim.event_camera import EventCamera
+from spikingtac.sim.optics import MarkerImage
+from spikingtac.sim.sweep import sample_pattern_kernel
 
 SIZE = (64, 64)
 TYPICAL = PixelConfig(mismatch=0.03, bandwidth_hz=2000.0, refractory_us=50.0, latency_us=150.0)

@@ -1,7 +1,7 @@
 import numpy as np
 from numba import njit
 
-from spikingtac.sim.camera.pixel_records import (
+from spikingtac.sim.pixels import (
     uniform_kernel,
 )
 

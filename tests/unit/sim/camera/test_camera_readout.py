@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.camera.config import ReadoutConfig
-from spikingtac.sim.camera.pixel_records import KEY_SHIFT
-from spikingtac.sim.camera.readout import BACKLOG_US, Arbiter, Readout, arbitrate_kernel
+from spikingtac.sim.camera_config import ReadoutConfig
+from spikingtac.sim.pixels import KEY_SHIFT
+from spikingtac.sim.readout import BACKLOG_US, Arbiter, Readout, arbitrate_kernel
 from spikingtac.types import LossCounters
 
 SIZE = (64, 48)

@@ -1,6 +1,6 @@
 import pytest
 
-from spikingtac.sim.camera.config import (
+from spikingtac.sim.camera_config import (
     CAMERA_NAMES,
     load_camera,
 )

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.sim.gel.contact import FrictionConfig
-from spikingtac.sim.gel.gel import Gel
-from spikingtac.sim.scene.motions import rotation_about
+from spikingtac.sim.gel import Gel
+from spikingtac.sim.gel_contact import FrictionConfig
+from spikingtac.sim.motions import rotation_about
 from stand_ins.gels import (
     DT_S,
     MARKERS,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.sim.gel.gel import CreepChain, SpectrumConfig
+from spikingtac.sim.gel import CreepChain, SpectrumConfig
 
 SPECTRUM = SpectrumConfig()
 FRACTIONS, TIMES = np.array(SPECTRUM.fractions), np.array(SPECTRUM.times_s)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.sim.gel.gel import Gel, GelConfig
-from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
+from spikingtac.sim.gel import Gel, GelConfig
+from spikingtac.sim.indenters import IndenterConfig, make_indenter
 from stand_ins.gels import (
     DT_S,
     MARKERS,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import SpikingTacError
-from spikingtac.sim.gel.contact import FrictionConfig
-from spikingtac.sim.gel.gel import Gel, GelConfig
-from spikingtac.sim.gel.indenters import Indenter, IndenterConfig, make_indenter
-from spikingtac.sim.scene.motions import rotation_about
+from spikingtac.sim.gel import Gel, GelConfig
+from spikingtac.sim.gel_contact import FrictionConfig
+from spikingtac.sim.indenters import Indenter, IndenterConfig, make_indenter
+from spikingtac.sim.motions import rotation_about
 from stand_ins.gels import DT_S, MARKERS, pose, press
 
 PX_PER_MM = 15.5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
-from spikingtac.sim.gel.layer import GridConfig, LayerOperator, layer_response
+from spikingtac.sim.layer import GridConfig, LayerOperator, layer_response
 
 THICKNESS_MM = 3.0
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.sim.gel.indenters import INDENTERS, IndenterConfig, SoftLayer, make_indenter
-from spikingtac.sim.scene.motions import rotation_about
+from spikingtac.sim.indenters import INDENTERS, IndenterConfig, SoftLayer, make_indenter
+from spikingtac.sim.motions import rotation_about
 
 AXIS = np.linspace(-10.0, 10.0, 401)
 X, Y = np.meshgrid(AXIS, AXIS)

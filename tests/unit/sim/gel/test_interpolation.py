@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spikingtac.sim.gel.layer import GridConfig, MarkerInterpolation
+from spikingtac.sim.layer import GridConfig, MarkerInterpolation
 
 GRID = GridConfig()
 POINTS = np.random.default_rng(1).uniform(-12.0, 12.0, (50, 2))

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from spikingtac.sim.optics import MarkerImage, SkinState
 from spikingtac.sim.rig.rig import Rig, RigConfig
 from spikingtac.sim.rig.walls import PlaneWall
-from spikingtac.sim.states import MarkerImage, SkinState
 from spikingtac.types import EventPacket
 
 WALL = PlaneWall(point_mm=(1.375, 0.0, 0.0), normal=(-1.0, 0.0, 0.0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import MissingExtraError
-from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin, plan_move
+from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
 
 FAST_MM_S = 180.0
 
@@ -65,4 +65,4 @@ def test_the_reported_pose_is_up_to_one_cycle_old() -> None:
 def test_a_machine_without_ruckig_is_told_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ruckig", None)
     with pytest.raises(MissingExtraError, match=r"spikingtac\[arm\]"):
-        plan_move(0.0, np.zeros(3), np.ones(3), (50.0, 800.0, 40_000.0))
+        UR3Twin(UR3Config(), np.zeros(3), np.random.default_rng(0)).move_linear(np.ones(3), 50.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.rig.fingers import Vibration
+from spikingtac.sim.rig.rig import Vibration
 
 
 @pytest.mark.parametrize("dt_s", [0.0005, 0.004])

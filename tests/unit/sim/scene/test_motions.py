@@ -9,7 +9,7 @@ import pytest
 
 from spikingtac.errors import ConfigError
 from spikingtac.schema import build
-from spikingtac.sim.scene.motions import (
+from spikingtac.sim.motions import (
     IndenterMotion,
     MotionConfig,
 )

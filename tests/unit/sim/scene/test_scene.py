@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from spikingtac.errors import SettingsFileError
-from spikingtac.sim.scene.scene import Scene, SkinConfig, read_scene
+from spikingtac.sim.catalog import load_scene
+from spikingtac.sim.scene import Scene, SkinConfig
 
 CONTACT = """
 [[contacts]]
@@ -23,7 +24,7 @@ def scene(text: str) -> Scene:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.toml"
         path.write_text(text, encoding="utf-8")
-        return read_scene(path)
+        return load_scene(path)
 
 
 @pytest.mark.parametrize(

@@ -1,15 +1,15 @@
 import pytest
 
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.motions import IndenterMotion
-from spikingtac.sim.scene.scene import Scene
+from spikingtac.sim import catalog
+from spikingtac.sim.motions import IndenterMotion
+from spikingtac.sim.scene import Scene
 
 CONTRACT = ("bootstrap", "quiet", "loops", "fifty-contacts", *catalog.TRAJECTORIES)
 
 
 @pytest.fixture(scope="module")
 def scenes() -> dict[str, Scene]:
-    return {name: catalog.load(name) for name in catalog.names()}
+    return {name: catalog.load_scene(name) for name in catalog.scene_names()}
 
 
 def test_the_named_scenes_are_there_and_say_what_they_are(scenes):

@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from spikingtac.sim.gel.indenters import IndenterConfig
-from spikingtac.sim.scene.motions import MotionConfig, SegmentConfig
-from spikingtac.sim.scene.scene import ContactConfig, Scene, VariationConfig
-from spikingtac.sim.scene.timeline import Timeline, vary
+from spikingtac.sim.indenters import IndenterConfig
+from spikingtac.sim.motions import MotionConfig, SegmentConfig
+from spikingtac.sim.scene import ContactConfig, Scene, VariationConfig
+from spikingtac.sim.timeline import Timeline, vary
 
 WIDE = VariationConfig(
     place_mm=1.0,

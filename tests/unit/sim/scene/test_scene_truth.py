@@ -1,6 +1,6 @@
 import pytest
 
-from spikingtac.sim.scene.source import prefetch
+from spikingtac.sim.source import prefetch
 
 
 def test_working_ahead_changes_neither_items_nor_order():

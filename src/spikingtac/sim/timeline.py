@@ -1,9 +1,4 @@
-"""The contacts of a scene for one seed: their variation, and which body is where.
-
-Variation of a contact by the seed: place, heading, depth, extent, speed.
-
-The contacts of a scene for one seed, as a function of time: which body is where.
-"""
+"""The contacts of a scene for one seed: their variation, and which body is where at a time."""
 
 from __future__ import annotations
 
@@ -15,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.sim.gel.indenters import Indenter, make_indenter
-from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig, SegmentConfig, minimum_jerk
-from spikingtac.sim.scene.scene import ContactConfig, HistoryConfig, Scene, VariationConfig
+from spikingtac.sim.indenters import Indenter, make_indenter
+from spikingtac.sim.motions import IndenterMotion, MotionConfig, SegmentConfig, minimum_jerk
+from spikingtac.sim.scene import HistoryConfig, Scene, VariationConfig
 from spikingtac.types import Pose
 
 FULL_TURN_DEG = 360.0
@@ -112,7 +107,9 @@ class Timeline:
     def __init__(self, scene: Scene, seed: int, duration_s: float | None = None) -> None:
         self._rng = np.random.default_rng([seed, _MOTION_STREAM])
         self._sequence = list(_contacts(scene, scene.lead_in_s, self._rng))
-        own = _own_length_s(scene, self._sequence)
+        own = scene.duration_s
+        if self._sequence:
+            own = self._sequence[-1].end_s + scene.lead_out_s
         self.duration_s = own if duration_s is None else duration_s
         self._contacts = itertools.chain(self._sequence, self._repeats(scene))
         self._current = next(self._contacts, None)
@@ -120,11 +117,9 @@ class Timeline:
     def at(self, t_s: float) -> tuple[Indenter, Pose] | None:
         """Return the body and its pose at ``t_s`` (s), or None if there is none."""
         contact = self._contact_at(t_s)
-        return (
-            None
-            if contact is None
-            else (contact.indenter, contact.motion.pose(t_s - contact.start_s))
-        )
+        if contact is None:
+            return None
+        return contact.indenter, contact.motion.pose(t_s - contact.start_s)
 
     def moved_mm(self, start_s: float, end_s: float) -> float:
         """Return how far the body at ``start_s`` moves until ``end_s``, mm."""
@@ -173,22 +168,8 @@ def _contacts(scene: Scene, start_s: float, rng: np.random.Generator) -> Iterato
     for contact in scene.contacts:
         indenter = make_indenter(contact.indenter)
         for _ in range(contact.repeats):
-            timed = _draw_contact(scene, contact, indenter, start_s, rng)
-            start_s = timed.end_s + contact.pause_s
-            yield timed
-
-
-def _draw_contact(
-    scene: Scene,
-    contact: ContactConfig,
-    indenter: Indenter,
-    start_s: float,
-    rng: np.random.Generator,
-) -> TimedContact:
-    start_s += scene.variation.pause_s * rng.random()
-    motion = IndenterMotion(vary(contact.motion, scene.variation, rng))
-    return TimedContact(start_s, start_s + motion.duration_s, indenter, motion)
-
-
-def _own_length_s(scene: Scene, contacts: list[TimedContact]) -> float:
-    return contacts[-1].end_s + scene.lead_out_s if contacts else scene.duration_s
+            start_s += scene.variation.pause_s * rng.random()
+            motion = IndenterMotion(vary(contact.motion, scene.variation, rng))
+            end_s = start_s + motion.duration_s
+            yield TimedContact(start_s, end_s, indenter, motion)
+            start_s = end_s + contact.pause_s

@@ -1,12 +1,8 @@
 """The gel: displacement of the markers under an indenter's motion, with friction and creep.
 
-Creep of the gel: a Kelvin chain that is driven by the history of the traction.
-
 A linear gel whose surface sticks to a body shows no creep, because its modulus cancels. Creep
-appears as a residual displacement after unloading. The chain therefore takes the traction as its
-input, not the displacement: u = J0 G q + sum w_i, tau_i dw_i/dt = J_i G q - w_i.
-
-The gel: displacement of the markers under an indenter's motion, with friction and creep.
+appears as a residual displacement after unloading. The creep chain therefore takes the traction as
+its input, not the displacement: u = J0 G q + sum w_i, tau_i dw_i/dt = J_i G q - w_i.
 
 The model is a layer of shear modulus mu and thickness h, bonded to the window of the camera. The
 markers move with its free surface (the black skin is part of the layer).
@@ -20,10 +16,10 @@ import numpy as np
 
 from spikingtac.arrays import FloatArray
 from spikingtac.schema import require_within
-from spikingtac.sim.gel.contact import KPA_PER_MPA, FrictionConfig, GelContact
-from spikingtac.sim.gel.indenters import Indenter
-from spikingtac.sim.gel.layer import GridConfig, LayerOperator, MarkerInterpolation
-from spikingtac.sim.states import ContactPatch, SkinState
+from spikingtac.sim.gel_contact import KPA_PER_MPA, FrictionConfig, GelContact
+from spikingtac.sim.indenters import Indenter
+from spikingtac.sim.layer import GridConfig, LayerOperator, MarkerInterpolation
+from spikingtac.sim.optics import ContactPatch, SkinState
 from spikingtac.types import Pose
 
 

@@ -1,8 +1,7 @@
 """Readout of the sensor, and the background events that no motion causes.
 
-Background activity of the sensor: Poisson events over the whole array, and hot pixels.
-
-Readout of the sensor: order of time, rate limit of the arbiter, and random loss.
+Background: Poisson events over the whole array, and hot pixels. Readout: order of time, rate limit
+of the arbiter, and random loss.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.sim.camera.config import BackgroundConfig, ReadoutConfig
-from spikingtac.sim.camera.pixel_records import KEY_SHIFT, uniform_kernel
+from spikingtac.sim.camera_config import BackgroundConfig, ReadoutConfig
+from spikingtac.sim.pixels import KEY_SHIFT, uniform_kernel
 from spikingtac.types import EventPacket, LossCounters
 
 # Lowest and highest rate of a hot pixel, Hz; log-uniform in between (contract.md).
@@ -76,9 +75,8 @@ def start_noise(source: NoiseSource, now_us: float) -> None:
     source.next_us[0] = np.inf
     if source.rate_per_us > 0:
         source.drawn[0] = 0
-        source.next_us[0] = now_us - math.log(uniform_kernel(source.key, np.uint64(0))) / (
-            source.rate_per_us
-        )
+        wait = -math.log(uniform_kernel(source.key, np.uint64(0)))
+        source.next_us[0] = now_us + wait / source.rate_per_us
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -105,15 +103,9 @@ def background_events_kernel(source: NoiseSource, until_us: float, out: NDArray[
             i = min(int(place / source.background_fraction * pixels), pixels - 1)
         else:
             rest = (place - source.background_fraction) / (1.0 - source.background_fraction)
-            nearest, end = 0, source.hot_pixel.shape[0] - 1
-            while (
-                nearest < end
-            ):  # np.searchsorted, whose parts take longer to compile than all of this
-                middle = (nearest + end) // 2
-                if source.hot_cumulative[middle] < rest:
-                    nearest = middle + 1
-                else:
-                    end = middle
+            nearest = 0
+            while nearest < len(source.hot_pixel) - 1 and source.hot_cumulative[nearest] < rest:
+                nearest += 1
             i = source.hot_pixel[nearest]
         source.polarity[i] ^= np.uint8(1)
         timestamp_us = np.int64(source.next_us[0])
@@ -198,12 +190,8 @@ class Readout:
         losses: LossCounters,
     ) -> None:
         cap = config.cap_mev_s
-        self._size = size
-        self._losses = losses
+        self._size, self._losses = size, losses
         self._unlimited = cap is None and config.loss == 0
-        self._pending: list[NDArray[np.int64]] = []
-        self._delayed = np.empty(0, np.int64)
-        self._since_us = 0
         self._arbiter = Arbiter(
             event_us=0.0 if cap is None else 1.0 / cap,
             loss=config.loss,
@@ -211,31 +199,29 @@ class Readout:
             served=np.zeros(1, np.uint64),
             key=np.uint64(rng.integers(0, 1 << 63)),
         )
+        self.reset(0)
 
     def reset(self, now_us: int) -> None:
         """Drop all pending events and start again at ``now_us``."""
         self._since_us = now_us
-        self._pending = []
-        self._delayed = np.empty(0, np.int64)
+        self._pending = self._delayed = np.empty(0, np.int64)
         self._arbiter.free_us[0] = -np.inf
 
     def collect(self, keys: NDArray[np.int64]) -> None:
         """Add the keys of events, in any order. The keys are copied."""
-        if len(keys):
-            self._pending.append(keys.copy())
+        self._pending = np.concatenate([self._pending, keys])
 
     def release(self, until_us: int) -> NDArray[np.int64]:
         """Return the keys of all events with a time stamp before ``until_us``, sorted by time."""
-        if not self._pending:
-            pending = np.empty(0, np.int64)
-        else:
-            pending = self._pending[0] if len(self._pending) == 1 else np.concatenate(self._pending)
+        pending = self._pending
+        pending.sort()
+        early = int(np.searchsorted(pending, self._since_us << KEY_SHIFT))
+        if early:  # rounding put them before their interval
+            pending[:early] = (self._since_us << KEY_SHIFT) | (pending[:early] & _PIXEL_BITS)
             pending.sort()
-        pending = _not_before(pending, self._since_us)
         self._since_us = until_us
-        limit = np.int64(until_us) << KEY_SHIFT
-        ready = int(np.searchsorted(pending, limit))
-        self._pending = [pending[ready:]] if ready < len(pending) else []
+        ready = int(np.searchsorted(pending, until_us << KEY_SHIFT))
+        self._pending = pending[ready:]
         if self._unlimited:
             return pending[:ready]
         served = np.empty(ready, np.int64)
@@ -244,7 +230,7 @@ class Readout:
         self._losses.add("readout_loss", int(lost))
         passed = np.concatenate([self._delayed, served[:kept]])
         # The arbiter keeps the order of time, so one cut separates the delayed events.
-        out = int(np.searchsorted(passed >> KEY_SHIFT, until_us))
+        out = int(np.searchsorted(passed, until_us << KEY_SHIFT))
         self._delayed = passed[out:]
         return passed[:out]
 
@@ -261,13 +247,3 @@ class Readout:
             t_end_us=t_end_us,
             size=self._size,
         )
-
-
-def _not_before(keys: NDArray[np.int64], since_us: int) -> NDArray[np.int64]:
-    """Raise the time stamp of sorted keys that rounding put before their interval."""
-    start = np.int64(since_us) << KEY_SHIFT
-    early = int(np.searchsorted(keys, start))
-    if early:
-        keys[:early] = start | (keys[:early] & _PIXEL_BITS)
-        keys.sort()
-    return keys

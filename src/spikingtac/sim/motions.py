@@ -1,8 +1,4 @@
-"""Motion of an indenter: its segments, and its pose as a function of time.
-
-The segments of a motion: their kinds, and the settings of each kind.
-
-Motion of an indenter: timed segments from approach to release, as a function of time.
+"""Motion of an indenter: timed segments from approach to release, and its pose at any time.
 
 Positions are mm in the skin's frame (x right, y down). The third coordinate is the depth of the
 indenter's deepest point: positive inside the gel, negative above it. Every segment starts and ends

@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.sim.camera.config import CameraConfig
-from spikingtac.sim.camera.coverage import (
+from spikingtac.arrays import FloatArray
+from spikingtac.sim.camera_config import CameraConfig
+from spikingtac.sim.coverage import (
     DISC_DTYPE,
     SWEEP_PLAN_DTYPE,
     coverage_image_kernel,
     discs_of,
-    plan_sweep,
-    set_boxes,
-    swept_pixel_count,
+    plan_sweep_kernel,
+    swept_pixel_count_kernel,
 )
-from spikingtac.sim.camera.full_frame import FullFrameRenderer
-from spikingtac.sim.camera.readout import Readout, background_events_kernel, make_noise, start_noise
-from spikingtac.sim.camera.sensor import make_sensor, settle_sensor, texture_field
-from spikingtac.sim.camera.sweep import MarkerSweep, sweep_kernel
-from spikingtac.sim.states import MarkerImage
+from spikingtac.sim.optics import MarkerImage
+from spikingtac.sim.readout import Readout, background_events_kernel, make_noise, start_noise
+from spikingtac.sim.sensor import intensities, make_sensor, settle_sensor, texture_field, vignette
+from spikingtac.sim.sweep import (
+    Ground,
+    MarkerSweep,
+    full_frame_kernel,
+    interpolate_disc_kernel,
+    sweep_kernel,
+)
 from spikingtac.types import EventPacket, LossCounters
 
 # State of the pixels' reference levels at the start; see :meth:`EventCamera.settle`.
@@ -59,11 +65,13 @@ class EventCamera:
         self.losses = LossCounters()
         self._config = config
         self._rng = noise_streams[3]
-        pattern = texture_field(config.light, sensor_streams[4])
-        self._sensor = make_sensor(config, pattern, sensor_streams[0])
         light = config.light
-        moving = light.texture > 0 and light.texture_follow != 0
-        self._full_frame = FullFrameRenderer(config, pattern) if moving else None
+        pattern = texture_field(light, sensor_streams[4])
+        self._sensor = make_sensor(config, pattern, sensor_streams[0])
+        self._ground: Ground | None = None  # of a pattern that moves
+        if light.texture > 0 and light.texture_follow != 0:
+            gain = vignette(light, config.size).astype(np.float32)
+            self._ground = Ground(gain, pattern, *intensities(light), light.stray)
         self._noise = make_noise(
             config.background, config.size[0] * config.size[1], sensor_streams[1]
         )
@@ -96,10 +104,11 @@ class EventCamera:
                 reference equals the present level, which no real sensor shows.
         """
         self._discs = discs_of(image)
-        coverage = self._coverage_image(self._discs)
-        settle_sensor(self._sensor, coverage, float(image.t_us), history, self._rng)
-        if self._full_frame is not None:
-            self._full_frame.settle(self._discs)
+        self._plan = np.zeros(len(self._discs), SWEEP_PLAN_DTYPE)
+        self._coverage = np.empty(self.size[::-1], np.float32)
+        coverage_image_kernel(self._discs, self._sensor.chip[0], self._coverage)
+        settle_sensor(self._sensor, self._coverage, float(image.t_us), history, self._rng)
+        self._origin = _mean_place(self._discs)
         self._readout.reset(int(image.t_us))
         start_noise(self._noise, float(image.t_us))
         self._t_us = int(image.t_us)
@@ -118,54 +127,63 @@ class EventCamera:
             ValueError: :meth:`settle` was not called, the times do not increase, or the number of
                 markers changed.
         """
-        start_us = self._t_us
-        if start_us is None:
+        if self._t_us is None:
             raise ValueError("the camera has no image yet; call settle(image) first")
+        start_us = end_us = self._t_us
         parts: list[NDArray[np.int64]] = []
         for number, image in enumerate(images):
-            if number == 0 and image.t_us == self._t_us:
-                continue
-            parts.append(self._render_interval(image))
-        assert self._t_us is not None
-        return self._readout.packet(parts, start_us, self._t_us)
+            if number or image.t_us != start_us:
+                parts.append(self._render_interval(image, end_us))
+            self._t_us = end_us = int(image.t_us)
+        return self._readout.packet(parts, start_us, end_us)
 
-    def _render_interval(self, image: MarkerImage) -> NDArray[np.int64]:
-        start_us = self._checked(image)
-        after, end_us = discs_of(image), int(image.t_us)
-        reach_px = float(self._sensor.chip["edge_half_width_px"][0])
-        span_us = float(end_us) - float(start_us)
-        plan = plan_sweep(self._discs, after, reach_px, span_us, self._config.steps)
-        sweep = MarkerSweep(
-            self._discs, after, np.empty_like(after), plan, float(start_us), float(end_us)
-        )
-        self._reserve_outbox(swept_pixel_count(plan, *self.size), span_us)
-        if self._full_frame is None:
-            sweep_kernel(self._sensor, sweep, self._out)
-        else:
-            self._full_frame.render(self._sensor, sweep, self._out, self._drain)
-        while not background_events_kernel(self._noise, sweep.end_us, self._out):
-            self._drain()
-        self._drain()
-        self._t_us = end_us
-        return self._readout.release(end_us)
-
-    def _checked(self, image: MarkerImage) -> int:
+    def _render_interval(self, image: MarkerImage, start_us: int) -> NDArray[np.int64]:
         if len(image.radius_px) != len(self._discs):
             raise ValueError(
                 f"the image has {len(image.radius_px)} markers, the one before had "
                 f"{len(self._discs)}; give missing markers the radius 0"
             )
-        if self._t_us is None or image.t_us <= self._t_us:
-            raise ValueError(f"the image's time {image.t_us} us is not after {self._t_us} us")
-        return self._t_us
+        if image.t_us <= start_us:
+            raise ValueError(f"the image's time {image.t_us} us is not after {start_us} us")
+        after, end_us, plan = discs_of(image), int(image.t_us), self._plan
+        span_us, steps = float(end_us - start_us), self._config.steps
+        reach_px = float(self._sensor.chip["edge_half_width_px"][0])
+        limits = steps.max_us, steps.still_px
+        plan_sweep_kernel(self._discs, after, reach_px, span_us, limits, plan)
+        sweep = MarkerSweep(
+            self._discs, after, np.empty_like(after), plan, float(start_us), float(end_us)
+        )
+        self._reserve_outbox(swept_pixel_count_kernel(plan, *self.size), span_us)
+        if self._ground is None:
+            sweep_kernel(self._sensor, sweep, self._out)
+        else:
+            self._render_frames(sweep, self._ground)
+        while not background_events_kernel(self._noise, sweep.end_us, self._out):
+            self._drain()
+        self._drain()
+        return self._readout.release(end_us)
+
+    def _render_frames(self, sweep: MarkerSweep, ground: Ground) -> None:
+        """Render every pixel at every step of the motion between two images."""
+        fewest = math.ceil((sweep.end_us - sweep.start_us) / self._config.steps.max_us)
+        steps = max(1, fewest, int(sweep.plan["steps"].max(initial=1)))
+        span_us = (sweep.end_us - sweep.start_us) / steps
+        for number in range(1, steps + 1):
+            for before, after, now in zip(sweep.before, sweep.after, sweep.now, strict=True):
+                interpolate_disc_kernel(before, after, number / steps, now)
+            coverage_image_kernel(sweep.now, self._sensor.chip[0], self._coverage)
+            end_us = sweep.end_us if number == steps else sweep.start_us + number * span_us
+            moved = self._config.light.texture_follow * (_mean_place(sweep.now) - self._origin)
+            shift_px, times = (float(moved[0]), float(moved[1])), (end_us, span_us)
+            full_frame_kernel(self._sensor, self._coverage, ground, shift_px, times, self._out)
+            self._drain()
+        sweep.before[:] = sweep.after
 
     def _reserve_outbox(self, swept: int, span_us: float) -> None:
         """Enlarge the outbox so that it holds the largest number of events of the next interval."""
         pixels = self._sensor.pixels.size
         leaks = 2 + int(4 * self._fastest_leak * span_us)
-        moving = swept + int(self._sensor.pending.unsettled_count[0])
-        if self._full_frame is not None:
-            moving = pixels
+        moving = swept + int(self._sensor.unsettled_count[0]) if self._ground is None else pixels
         room = 1 + moving * _MAX_LIGHT_SWINGS * self._max_crossings + pixels * leaks
         if room > len(self._out):
             self._out = np.zeros(2 * room, np.int64)
@@ -177,11 +195,6 @@ class EventCamera:
         self._readout.collect(self._out[1 : 1 + count])
         self._out[0] = 0
 
-    def _coverage_image(self, discs: NDArray[Any]) -> NDArray[np.float32]:
-        width, height = self.size
-        coverage = np.empty((height, width), np.float32)
-        chip = self._sensor.chip[0]
-        boxes = np.zeros(len(discs), SWEEP_PLAN_DTYPE)
-        set_boxes(boxes, discs, discs, float(chip["edge_half_width_px"]) + 1.0)
-        coverage_image_kernel(discs, boxes, chip, coverage)
-        return coverage
+
+def _mean_place(discs: NDArray[Any]) -> FloatArray:
+    return np.array([discs["x"].mean(), discs["y"].mean()]) if len(discs) else np.zeros(2)

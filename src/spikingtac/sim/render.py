@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,8 @@ from spikingtac.atomic_files import whole_folder
 from spikingtac.errors import ConfigError, RecordingError, require_type
 from spikingtac.events.manifest import MANIFEST
 from spikingtac.events.recording import Recording, RecordingWriter
-from spikingtac.sim.scene.scene import LENGTH_S, LOADED, Scene
-from spikingtac.sim.scene.source import SceneSource
+from spikingtac.sim.scene import LENGTH_S, LOADED, Scene
+from spikingtac.sim.source import SceneSource
 
 SOURCE = "twin"  # Entry ``source`` in the manifest of a simulation.
 
@@ -47,7 +46,12 @@ def simulate(
         ConfigError: No scene, a seed or duration out of range, or a folder with other files.
         RecordingError: The folder cannot be written.
     """
-    _require_sound(scene, seed, duration_s)
+    require_type(scene, Scene, LOADED)
+    if seed < 0:
+        raise ConfigError(f"seed is {seed}, it must not be negative")
+    low, high = LENGTH_S
+    if duration_s is not None and not low <= duration_s <= high:
+        raise ConfigError(f"duration_s is {duration_s:g}, valid are {low:g} to {high:g} s")
     target = _prepared(Path(folder), overwrite)
     source = SceneSource(scene, seed, duration_s)
     events = 0
@@ -55,13 +59,11 @@ def simulate(
         whole_folder(target, last=MANIFEST) as partial,
         RecordingWriter(partial, source.size) as writer,
     ):
-        writer.set_truth("reference_px", source.reference_px.astype(np.float32))
-        writer.set_truth("reference_mm", source.reference_mm.astype(np.float32))
-        writer.set_truth("cell_axis_mm", source.cell_axis_mm.astype(np.float32))
-        writer.set_truth("radius_px", source.radius_px.astype(np.float32))
+        for name in ("reference_px", "reference_mm", "cell_axis_mm", "radius_px"):
+            writer.set_truth(name, getattr(source, name).astype(np.float32))
         for step in source.steps():
             writer.write(step.packet)
-            writer.append_truth(asdict(step.truth))
+            writer.append_truth(step.truth._asdict())
             events += len(step.packet)
             if advance is not None and source.t_end_us:
                 advance(step.packet.t_end_us / source.t_end_us)
@@ -94,15 +96,6 @@ def description(source: SceneSource, events: int) -> dict[str, Any]:
         "scene": scene.resolved(),
         "scene_sha256": scene.digest(),
     }
-
-
-def _require_sound(scene: Scene, seed: int, duration_s: float | None) -> None:
-    require_type(scene, Scene, LOADED)
-    if seed < 0:
-        raise ConfigError(f"seed is {seed}, it must not be negative")
-    if duration_s is not None and not LENGTH_S[0] <= duration_s <= LENGTH_S[1]:
-        low, high = LENGTH_S
-        raise ConfigError(f"duration_s is {duration_s:g}, valid are {low:g} to {high:g} s")
 
 
 def _prepared(folder: Path, overwrite: bool) -> Path:

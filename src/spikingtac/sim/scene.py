@@ -5,19 +5,17 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.schema import build, from_toml, merged, require_within, to_mapping
-from spikingtac.sim.camera.config import CameraConfig, load_camera
-from spikingtac.sim.gel.gel import GelConfig
-from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
-from spikingtac.sim.optics import OpticsConfig
-from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig
-from spikingtac.sim.states import SkinState
+from spikingtac.schema import build, merged, require_within, to_mapping
+from spikingtac.sim.camera_config import CameraConfig, load_camera
+from spikingtac.sim.gel import GelConfig
+from spikingtac.sim.indenters import IndenterConfig, make_indenter
+from spikingtac.sim.motions import IndenterMotion, MotionConfig
+from spikingtac.sim.optics import OpticsConfig, SkinState
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -249,13 +247,3 @@ class Scene:
         """Return the SHA-256 of :meth:`resolved`, as hexadecimal digits."""
         text = json.dumps(self.resolved(), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
-
-
-def read_scene(path: str | Path) -> Scene:
-    """Read a scene from a TOML file.
-
-    Raises:
-        ConfigError: The file cannot be read, or a key or value does not fit. The message names the
-            key and what is valid.
-    """
-    return from_toml(Scene, path)

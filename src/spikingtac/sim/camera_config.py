@@ -10,6 +10,8 @@ from typing import Literal
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.schema import from_toml, require_within
 
+CONFIGS = Path(str(importlib.resources.files("spikingtac") / "configs"))
+
 # The pinned presets, stored as ``configs/cameras/<name>.toml``.
 CAMERA_NAMES = ("clean", "typical", "noisy")
 
@@ -182,8 +184,7 @@ def load_camera(name: str | Path) -> CameraConfig:
             values.
     """
     if str(name) in _STORED_NAMES:
-        path = importlib.resources.files("spikingtac") / "configs" / "cameras" / f"{name}.toml"
-        return from_toml(CameraConfig, str(path))
+        return from_toml(CameraConfig, CONFIGS / "cameras" / f"{name}.toml")
     if not Path(name).is_file():
         raise ConfigError(
             f"no camera {str(name)!r}{nearest(str(name), _STORED_NAMES)} "

@@ -1,4 +1,8 @@
-"""Render moving markers. Only the pixels near a moving edge are visited."""
+"""Render moving markers: the pixels near a moving edge, or the whole frame.
+
+The whole frame is rendered where a pattern moves behind the markers. Such a pattern leaves no pixel
+at rest, so that every pixel is updated at every step, which takes some hundred times as long.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +13,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.sim.camera.coverage import disc_coverage_kernel, edge_coverage_kernel
-from spikingtac.sim.camera.pixel_records import intensity_kernel, same_light_kernel
-from spikingtac.sim.camera.pixels import (
+from spikingtac.sim.coverage import disc_coverage_kernel, edge_coverage_kernel
+from spikingtac.sim.pixels import (
     advance_constant_light_kernel,
     advance_light_ramp_kernel,
     advance_settled_kernel,
     change_below_threshold_kernel,
     emit_crossings_kernel,
+    intensity_kernel,
     predict_leak_event_kernel,
+    same_light_kernel,
 )
-from spikingtac.sim.camera.sensor import Sensor
+from spikingtac.sim.sensor import DARKEST, Sensor
 
 
 class MarkerSweep(NamedTuple):
@@ -29,7 +34,7 @@ class MarkerSweep(NamedTuple):
         before: ``(m,)`` discs as last rendered; overwritten by the discs at the end.
         after: ``(m,)`` discs at the end.
         now: ``(m,)`` work space for the discs at the present step.
-        plan: ``(m,)`` result of :func:`~spikingtac.sim.camera.coverage.plan_sweep`.
+        plan: ``(m,)`` result of :func:`~spikingtac.sim.coverage.plan_sweep_kernel`.
         start_us: Time of the first image, us.
         end_us: Time of the second image, us.
     """
@@ -42,15 +47,22 @@ class MarkerSweep(NamedTuple):
     end_us: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _group_coverage_kernel(sweep: MarkerSweep, k: int, chip: Any, x: float, y: float) -> float:
-    """Return the largest coverage of a pixel by any marker of the group of ``k``."""
-    covered = 0.0
-    member = sweep.plan[k]["leader"]
-    while member >= 0:
-        covered = max(covered, disc_coverage_kernel(sweep.now[member], chip, x, y))
-        member = sweep.plan[member]["following"]
-    return covered
+class Ground(NamedTuple):
+    """The light of the ground and of the markers on it.
+
+    Attributes:
+        gain: ``(height, width)`` vignetting.
+        pattern: ``(p, p)`` periodic relative brightness of the ground.
+        marker: Intensity of a marker.
+        ground: Mean intensity of the ground.
+        stray: Stray light.
+    """
+
+    gain: NDArray[np.float32]
+    pattern: NDArray[np.float32]
+    marker: float
+    ground: float
+    stray: float
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -65,11 +77,8 @@ def interpolate_disc_kernel(before: Any, after: Any, fraction: float, now: Any) 
     now["yy"] = rest * before["yy"] + fraction * after["yy"]
     now["radius"] = rest * before["radius"] + fraction * after["radius"]
     now["scale"] = math.sqrt(abs(now["xx"] * now["yy"] - now["xy"] * now["yx"]))
-    now["chord_x"], now["chord_y"], now["chord_px"] = (
-        after["chord_x"],
-        after["chord_y"],
-        after["chord_px"],
-    )
+    now["chord_x"], now["chord_y"] = after["chord_x"], after["chord_y"]
+    now["chord_px"] = after["chord_px"]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -78,7 +87,7 @@ def _update_edge_pixels_kernel(
 ) -> None:
     """Update the pixels around the edge of marker ``k`` from ``times[0]`` to ``times[1]``, us."""
     start_us, end_us = times
-    pixels, chip, pending = sensor.pixels, sensor.chip[0], sensor.pending
+    pixels, chip = sensor.pixels, sensor.chip[0]
     disc, box = sweep.now[k], sweep.plan[k]
     radius, scale = disc["radius"], disc["scale"]
     visited = (chip["edge_half_width_px"] + box["margin_px"]) * scale
@@ -86,7 +95,7 @@ def _update_edge_pixels_kernel(
     whole = disc["chord_px"] >= radius
     inner = max(radius - visited, 0.0) ** 2 if whole else 0.0
     shrink, span_us = 1.0 / scale, end_us - start_us
-    alone = box["leader"] == k and box["following"] < 0
+    alone = whole and box["leader"] == k and box["following"] < 0
     for y in range(max(box["y_first"], 0), min(box["y_last"] + 1, pixels.shape[0])):
         dy = y - disc["y"]
         for x in range(max(box["x_first"], 0), min(box["x_last"] + 1, pixels.shape[1])):
@@ -95,7 +104,7 @@ def _update_edge_pixels_kernel(
             square = u * u + v * v
             if square > outer or square < inner:
                 continue
-            if alone and whole:
+            if alone:
                 covered = edge_coverage_kernel(chip, (radius - math.sqrt(square)) * shrink)
             else:
                 covered = _group_coverage_kernel(sweep, k, chip, float(x), float(y))
@@ -110,10 +119,21 @@ def _update_edge_pixels_kernel(
                 emit_crossings_kernel(px, chip, out, start_us, span_us, rise)
             if px["queued"] == 0:
                 px["queued"] = 1
-                pending.unsettled[pending.unsettled_count[0]] = px["index"]
-                pending.unsettled_count[0] += 1
+                sensor.unsettled[sensor.unsettled_count[0]] = px["index"]
+                sensor.unsettled_count[0] += 1
             if end_us == sweep.end_us and not predict_leak_event_kernel(px):
-                pending.known_unsettled[px["index"]] = 1
+                sensor.known_unsettled[px["index"]] = 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _group_coverage_kernel(sweep: MarkerSweep, k: int, chip: Any, x: float, y: float) -> float:
+    """Return the largest coverage of a pixel by any marker of the group of ``k``."""
+    covered = 0.0
+    member = sweep.plan[k]["leader"]
+    while member >= 0:
+        covered = max(covered, disc_coverage_kernel(sweep.now[member], chip, x, y))
+        member = sweep.plan[member]["following"]
+    return covered
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -121,32 +141,31 @@ def _move_group_kernel(
     sensor: Sensor, sweep: MarkerSweep, out: NDArray[np.int64], leader: int
 ) -> None:
     """Move the markers of one group from the first image to the second, step by step."""
-    plan = sweep.plan
-    steps = plan[leader]["steps"]
+    steps = sweep.plan[leader]["steps"]
     step_us = (sweep.end_us - sweep.start_us) / steps
     start_us = sweep.start_us
     for step in range(steps):
         last = step == steps - 1
         end_us = sweep.end_us if last else sweep.start_us + (step + 1) * step_us
+        fraction = 1.0 if last else (step + 1) / steps
         k = leader
         while k >= 0:
-            fraction = 1.0 if last else (step + 1) / steps
             interpolate_disc_kernel(sweep.before[k], sweep.after[k], fraction, sweep.now[k])
-            k = plan[k]["following"]
+            k = sweep.plan[k]["following"]
         k = leader
         while k >= 0:
             _update_edge_pixels_kernel(sensor, sweep, out, k, (start_us, end_us))
-            k = plan[k]["following"]
+            k = sweep.plan[k]["following"]
         start_us = end_us
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _advance_unsettled_kernel(sensor: Sensor, out: NDArray[np.int64], until_us: float) -> None:
     """Advance the unsettled pixels to the end of the interval. Drop those that have settled."""
-    pixels, chip, pending = sensor.pixels, sensor.chip[0], sensor.pending
-    unsettled, known_unsettled = pending.unsettled, pending.known_unsettled
+    pixels, chip = sensor.pixels, sensor.chip[0]
+    unsettled, known_unsettled = sensor.unsettled, sensor.known_unsettled
     kept = 0
-    for n in range(pending.unsettled_count[0]):
+    for n in range(sensor.unsettled_count[0]):
         place = unsettled[n]
         if known_unsettled[place] == 0:
             row, column = divmod(place, pixels.shape[1])
@@ -155,18 +174,18 @@ def _advance_unsettled_kernel(sensor: Sensor, out: NDArray[np.int64], until_us: 
                 advance_constant_light_kernel(px, chip, out, until_us)
             if predict_leak_event_kernel(px):
                 px["queued"] = 0
-                pending.row_leak_due_us[row] = min(pending.row_leak_due_us[row], px["leak_due_us"])
+                sensor.row_leak_due_us[row] = min(sensor.row_leak_due_us[row], px["leak_due_us"])
                 continue
         known_unsettled[place] = 0
         unsettled[kept] = place
         kept += 1
-    pending.unsettled_count[0] = kept
+    sensor.unsettled_count[0] = kept
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _emit_leak_events_kernel(sensor: Sensor, out: NDArray[np.int64], until_us: float) -> None:
     """Emit the leak events of resting pixels that are due in this interval."""
-    pixels, chip, row_leak_due_us = sensor.pixels, sensor.chip[0], sensor.pending.row_leak_due_us
+    pixels, chip, row_leak_due_us = sensor.pixels, sensor.chip[0], sensor.row_leak_due_us
     for row in range(pixels.shape[0]):
         if row_leak_due_us[row] >= until_us:
             continue
@@ -182,7 +201,7 @@ def _emit_leak_events_kernel(sensor: Sensor, out: NDArray[np.int64], until_us: f
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def sweep_kernel(sensor: Sensor, sweep: MarkerSweep, out: NDArray[np.int64]) -> None:
-    """Render the motion between two images.
+    """Render the motion between two images; the pixels near moving edges are visited.
 
     Args:
         sensor: State of the pixels, advanced to the end of the sweep.
@@ -198,3 +217,45 @@ def sweep_kernel(sensor: Sensor, sweep: MarkerSweep, out: NDArray[np.int64]) -> 
             sweep.before[k] = sweep.after[k]
     _advance_unsettled_kernel(sensor, out, sweep.end_us)
     _emit_leak_events_kernel(sensor, out, sweep.end_us)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def sample_pattern_kernel(pattern: NDArray[np.float32], x: float, y: float) -> float:
+    """Return the value of a periodic pattern between its samples (bilinear interpolation)."""
+    rows, columns = pattern.shape
+    left, top = math.floor(x), math.floor(y)
+    fraction_x, fraction_y = x - left, y - top
+    x0, y0 = left % columns, top % rows
+    x1, y1 = (x0 + 1) % columns, (y0 + 1) % rows
+    upper = pattern[y0, x0] + fraction_x * (pattern[y0, x1] - pattern[y0, x0])
+    lower = pattern[y1, x0] + fraction_x * (pattern[y1, x1] - pattern[y1, x0])
+    return float(upper + fraction_y * (lower - upper))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def full_frame_kernel(
+    sensor: Sensor,
+    coverage: NDArray[np.float32],
+    ground: Ground,
+    shift_px: tuple[float, float],
+    times: tuple[float, float],
+    out: NDArray[np.int64],
+) -> None:
+    """Advance every pixel by one step, which ends and lasts ``times``, us.
+
+    ``shift_px`` is the shift of the pattern along x and y at the end of the step; see
+    :func:`sweep_kernel` for the rest.
+    """
+    pixels, chip = sensor.pixels, sensor.chip[0]
+    end_us, span_us = times
+    start_us = end_us - span_us
+    for y in range(pixels.shape[0]):
+        for x in range(pixels.shape[1]):
+            px = pixels[y, x]
+            relative = sample_pattern_kernel(ground.pattern, x - shift_px[0], y - shift_px[1])
+            bare = ground.ground * (1.0 + relative)
+            light = bare + (ground.marker - bare) * coverage[y, x]
+            intensity = max(ground.gain[y, x] * light + ground.stray, DARKEST)
+            rise = advance_light_ramp_kernel(px, chip, intensity, end_us, span_us)
+            if not change_below_threshold_kernel(px, start_us, rise):
+                emit_crossings_kernel(px, chip, out, start_us, span_us, rise)

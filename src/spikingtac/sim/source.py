@@ -1,11 +1,4 @@
-"""A scene as a stream of packets with ground truth: gel, optics and camera advance together.
-
-Prefetch: a thread prepares the next items while the caller uses the present one.
-
-Touch a scene's gel once, so that its kernels are compiled before real time begins.
-
-A scene as a stream of packets with ground truth: gel, optics and camera advance together.
-"""
+"""A scene as a stream of packets with ground truth: gel, optics and camera advance together."""
 
 from __future__ import annotations
 
@@ -16,18 +9,18 @@ from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TypeVar, cast
+from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.errors import require_type
-from spikingtac.sim.camera.camera import EventCamera
-from spikingtac.sim.gel.gel import Gel
-from spikingtac.sim.optics import Optics
-from spikingtac.sim.scene.scene import LOADED, Scene
-from spikingtac.sim.scene.timeline import DRAG_S, Timeline, prior_drag_mm
-from spikingtac.sim.states import MarkerImage, SkinState, TruthChunk, image_radius_px
+from spikingtac.sim.event_camera import EventCamera
+from spikingtac.sim.gel import Gel
+from spikingtac.sim.optics import MarkerImage, Optics, SkinState, image_radius_px
+from spikingtac.sim.scene import LOADED, Scene
+from spikingtac.sim.timeline import DRAG_S, Timeline, prior_drag_mm
 from spikingtac.types import EventPacket, LossCounters
 
 T = TypeVar("T")
@@ -54,6 +47,11 @@ def prefetch(items: Iterable[T], depth: int) -> Generator[T, None, None]:
         worker.shutdown(cancel_futures=True)
 
 
+# Longest time between two rows of the truth, us. The camera interpolates the images linearly
+# between the gel's steps. Rows fall on those steps and between them, so that linear interpolation
+# of the truth is exact.
+ROW_US = 1000
+
 # Every scene of the package touches within its first second; coarse steps will do.
 TOUCHED_S, TOUCH_STEP_S = 1.0, 0.02
 
@@ -69,15 +67,64 @@ def touch_once(scene: Scene, seed: int) -> None:
 PREFETCH_STEPS = 64
 
 
-# Largest motion of a body in one step of the gel, mm (ours): 50 mm/s at 250 Hz.
-#
-# A sudden release is faster and gets shorter steps.
+# Largest motion of a body in one step of the gel, mm: 50 mm/s at 250 Hz. A sudden release is faster
+# and gets shorter steps.
 STEP_MM = 0.2
 
-# Largest number of steps in one period: 0.5 ms at 250 Hz.
-#
-# A shear wave crosses the gel in about that time, and no skin moves back faster.
+# Largest number of steps in one period: 0.5 ms at 250 Hz. A shear wave crosses the gel in about
+# that time, and no skin moves back faster.
 STEPS_PER_PERIOD = 8
+
+
+class TruthChunk(NamedTuple):
+    """Ground truth over a stretch of time.
+
+    Attributes:
+        marker_t_us: ``(n,)`` times of the markers' rows, us.
+        marker_px: ``(n, m, 2)`` optical centres of the undamaged discs, px.
+        contact_t_us: ``(k,)`` times of the rows below, one for each step of the gel, us.
+        force_n: ``(k, 3)`` force of the indenter on the skin, N.
+        torque_n_mm: ``(k, 3)`` its moment about the optical axis and the skin at rest, N mm.
+        touching_cells: ``(k, ceil(n² / 8))`` the cells of the skin that are touched, one bit each
+            (:class:`~spikingtac.sim.optics.ContactPatch`).
+        sticking_cells: ``(k, ceil(n² / 8))`` those that are touched and do not slip.
+        pose_mm: ``(k, 3)`` the indenter's reference point, mm (x right, y down, z depth).
+        in_contact: ``(k,)`` True where any pressure acts.
+        marker_depth_mm: ``(k, m)`` how far the skin is indented under each marker, mm.
+        marker_radius_px: ``(k, m)`` radii of circles with the area of the discs on the image, px.
+    """
+
+    marker_t_us: NDArray[np.int64]
+    marker_px: NDArray[np.float32]
+    contact_t_us: NDArray[np.int64]
+    force_n: FloatArray
+    torque_n_mm: FloatArray
+    touching_cells: NDArray[np.uint8]
+    sticking_cells: NDArray[np.uint8]
+    pose_mm: FloatArray
+    in_contact: NDArray[np.bool_]
+    marker_depth_mm: NDArray[np.float32]
+    marker_radius_px: NDArray[np.float32]
+
+    @classmethod
+    def of_step(cls, state: SkinState, now: MarkerImage, then: MarkerImage) -> TruthChunk:
+        """Return the truth of one step of the gel, without the first instant of the next step."""
+        rows = max(1, -(-(then.t_us - now.t_us) // ROW_US))
+        fraction = np.arange(rows)[:, None, None] / rows
+        moved = then.center_px - now.center_px
+        return cls(
+            marker_t_us=now.t_us + (then.t_us - now.t_us) * np.arange(rows, dtype=np.int64) // rows,
+            marker_px=(now.center_px + fraction * moved).astype(np.float32),
+            contact_t_us=np.array([now.t_us], np.int64),
+            force_n=np.array(state.force_n, np.float64)[None],
+            torque_n_mm=np.array(state.torque_n_mm, np.float64)[None],
+            touching_cells=state.patch.touching[None],
+            sticking_cells=state.patch.sticking[None],
+            pose_mm=np.array(state.pose_mm, np.float64)[None],
+            in_contact=np.array([state.in_contact]),
+            marker_depth_mm=state.marker_mm[None, :, 2].astype(np.float32),
+            marker_radius_px=image_radius_px(now)[None].astype(np.float32),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +165,8 @@ class SceneSource:
         ConfigError: No scene is given, but something else, as a scene's name.
 
     Example:
-        >>> from spikingtac.sim.scene import catalog
-        >>> source = SceneSource(catalog.load("quiet"), seed=1, duration_s=0.01)
+        >>> from spikingtac.sim import catalog
+        >>> source = SceneSource(catalog.load_scene("quiet"), seed=1, duration_s=0.01)
         >>> [packet.t_end_us for packet in source]
         [4000, 8000, 12000]
     """
@@ -130,17 +177,20 @@ class SceneSource:
         self.size = scene.size
         self._timeline = Timeline(scene, seed, duration_s)
         self._period_us = round(1e6 / scene.mechanics_hz)
-        self._count = _step_count(self._timeline.duration_s, self._period_us)
+        duration_s = self._timeline.duration_s
+        endless = math.isinf(duration_s)
+        steps = None if endless else math.ceil(round(duration_s * 1e6) / self._period_us)
+        self._count = steps
         self.t_end_us = None if self._count is None else self._count * self._period_us
         self._gel = Gel(scene.gel, scene.skin.rest_mm())
         self._optics = Optics(scene.optics, seed=scene.skin.serial)
         camera = scene.camera.resolve(scene.size)
         self._camera = EventCamera(camera, seed, serial=scene.skin.serial)
         rest = self._optics.project(scene.skin.at_rest())
-        self.reference_mm: NDArray[np.float64] = scene.skin.rest_mm()
-        self.cell_axis_mm: NDArray[np.float64] = scene.gel.grid.axis_mm
-        self.reference_px: NDArray[np.float64] = rest.center_px
-        self.radius_px: NDArray[np.float64] = image_radius_px(rest)
+        self.reference_mm: FloatArray = scene.skin.rest_mm()
+        self.cell_axis_mm: FloatArray = scene.gel.grid.axis_mm
+        self.reference_px: FloatArray = rest.center_px
+        self.radius_px: FloatArray = image_radius_px(rest)
         self._steps = self._run()
 
     @property
@@ -190,18 +240,13 @@ class SceneSource:
             if number == self._count:
                 return
             start_us = number * self._period_us
-            for t_us in self._step_ends_us(start_us, start_us + self._period_us):
+            # Several steps in a period where the body moves fast.
+            end_us = start_us + self._period_us
+            moved_mm = self._timeline.moved_mm(start_us * 1e-6, end_us * 1e-6)
+            steps = min(math.ceil(moved_mm / STEP_MM), STEPS_PER_PERIOD) or 1
+            ends_us = [start_us + self._period_us * (k + 1) // steps for k in range(steps)]
+            for t_us in ends_us:
                 body = self._timeline.at(t_us * 1e-6) or (None, None)
                 state = replace(self._gel.step((t_us - start_us) * 1e-6, *body), t_us=t_us)
                 start_us = t_us
                 yield state, self._optics.project(state)
-
-    def _step_ends_us(self, start_us: int, end_us: int) -> list[int]:
-        """Return the ends of the gel's steps in a period: several if the body moves fast."""
-        moved_mm = self._timeline.moved_mm(start_us * 1e-6, end_us * 1e-6)
-        steps = min(math.ceil(moved_mm / STEP_MM), STEPS_PER_PERIOD) or 1
-        return [start_us + (end_us - start_us) * (k + 1) // steps for k in range(steps)]
-
-
-def _step_count(duration_s: float, period_us: int) -> int | None:
-    return None if math.isinf(duration_s) else math.ceil(round(duration_s * 1e6) / period_us)

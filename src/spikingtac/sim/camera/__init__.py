@@ -1,1 +1,0 @@
-"""The event camera: pixels, light, noise and readout."""

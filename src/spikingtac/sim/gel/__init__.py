@@ -1,1 +1,0 @@
-"""The gel: contact, friction, elastic layer and creep."""

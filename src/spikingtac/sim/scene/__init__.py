@@ -1,1 +1,0 @@
-"""Scenes: what touches the skin and how, as a stream or as a recording folder."""
