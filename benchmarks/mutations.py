@@ -60,8 +60,8 @@ MUTATIONS = (
     ),
     Mutation(
         name="evt-clock-wrap",
-        old="state[at.EPOCH] += np.int64(1) << (low_bits + high_bits)",
-        new="state[at.EPOCH] += np.int64(0)",
+        old="state[EPOCH] += np.int64(1) << (low_bits + high_bits)",
+        new="state[EPOCH] += np.int64(0)",
         tests=("tests/unit/events/evt/test_raw.py",),
     ),
     Mutation(

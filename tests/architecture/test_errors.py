@@ -23,7 +23,9 @@ WITHIN = {
 }
 
 # What stands for the operating system, a map, or a fault of this package.
-SYSTEM = {"EOFError", "TimeoutError", "ConnectionResetError", "KeyError", "RuntimeError"}
+SYSTEM = {
+    "EOFError", "OSError", "TimeoutError", "ConnectionResetError", "KeyError", "RuntimeError",
+}  # fmt: skip
 
 
 def raised(path: Path) -> set[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import spikingtac
-from spikingtac.events.cameras.kinds import KINDS
+from spikingtac.events.camera import KINDS
 from spikingtac.events.open import READABLE
 
 PROJECT = Path(__file__).resolve().parents[2]

@@ -12,9 +12,8 @@ import pytest
 
 from spikingtac.errors import CameraLostError, ConfigError
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.camera import Camera
-from spikingtac.events.cameras.kinds import KINDS, open_camera
-from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.camera import KINDS, Camera, open_camera
+from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.formats.packing import ColumnCheck
 from spikingtac.types import EventPacket

@@ -16,10 +16,10 @@ import pytest
 
 from spikingtac.cli.main import main
 from spikingtac.errors import CameraLostError, ConfigError
+from spikingtac.events import camera_source
 from spikingtac.events.address import Address
-from spikingtac.events.cameras import source as camera_source
-from spikingtac.events.cameras.camera import Camera
-from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.camera import Camera
+from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording

@@ -18,7 +18,7 @@ import pytest
 from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.create import create_events
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from spikingtac.events.evt import evt2, evt3, evt21, salvage
+from spikingtac.events.evt import decoders, salvage
 from spikingtac.events.evt.decoder import Columns, WordDecoder, new_state, read_only
+from spikingtac.events.evt.decoders import Evt2Decoder, Evt3Decoder, Evt21Decoder
 from spikingtac.events.evt.encode import Evt2Encoder, Evt3Encoder, Evt21Encoder
-from spikingtac.events.evt.evt2 import Evt2Decoder
-from spikingtac.events.evt.evt3 import Evt3Decoder
-from spikingtac.events.evt.evt21 import Evt21Decoder
-from spikingtac.events.formats import es
+from spikingtac.events.records import decode_es_kernel
 
 SIZE = (320, 240)
 Events = list[tuple[int, int, int, bool]]
@@ -107,14 +105,14 @@ def test_encoder_twin_and_decoder_agree(encoder, decoder, twin, n, span_us) -> N
 @pytest.mark.parametrize(("encoder", "decoder", "twin"), CODECS)
 def test_kernels_equal_their_python_source(encoder, decoder, twin) -> None:
     """On random words: every branch, sound or not, acts as the interpreted function does."""
-    module = {"evt2": evt2, "evt21": evt21, "evt3": evt3}[decoder.name]
+    compiled = getattr(decoders, f"decode_{decoder.name}_kernel")
     rng = np.random.default_rng(3)
     columns = events(rng, 300, 30_000)
     words = encoder().encode(*columns).copy()
     places = rng.integers(0, len(words), 40)
     words[places] = rng.integers(0, 1 << 8 * words.itemsize, 40, dtype=words.dtype)
     results = []
-    for kernel in (module.decode_kernel, module.decode_kernel.py_func):
+    for kernel in (compiled, compiled.py_func):
         state = new_state(SIZE)
         out = [np.zeros_like(column) for column in Columns.empty(len(words) * 32, len(words))]
         source = (read_only(words),)
@@ -213,6 +211,6 @@ def test_es_kernel_equals_twin() -> None:
             i += 5
     room = len(data)
     columns = [np.empty(room, kind) for kind in (np.int64, np.int64, np.bool_, np.int64)]
-    n, end = es.decode_kernel(data, *columns, np.zeros(1, np.int64))
+    n, end = decode_es_kernel(data, tuple(columns), np.zeros(1, np.int64))
     x, y, p, t_column = (column[:n] for column in columns)
     assert (as_tuples(t_column, x, y, p), end) == (twin, i)

@@ -15,9 +15,8 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.events.filters import RandomDrop
+from spikingtac.events.filters import RandomDrop, time_slice
 from spikingtac.events.open import open_events
-from spikingtac.events.transform import time_slice
 from spikingtac.events.windows import windows
 from spikingtac.markers.blobs import BlobConfig, BlobDetector
 from spikingtac.markers.calibration.calibrate import calibrate

@@ -24,8 +24,7 @@ import numpy as np
 import pytest
 
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.camera import Camera
-from spikingtac.events.cameras.kinds import open_camera
+from spikingtac.events.camera import Camera, open_camera
 from spikingtac.events.evt.encode import Evt2Encoder, Evt3Encoder, Evt21Encoder
 from spikingtac.events.evt.header import format_header
 from spikingtac.types import EventPacket

@@ -9,8 +9,8 @@ MODULE = '''
 import numpy as np
 
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
-from spikingtac.events.tables.arrays import ArraySource
-from spikingtac.events.tables.writers import NpzWriter
+from spikingtac.events.formats.arrays import ArraySource
+from spikingtac.events.create import NpzWriter
 from spikingtac.types import MarkerFrame
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from spikingtac.cameras.libraries import require
 from spikingtac.errors import CameraLostError, DeviceError
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.camera import Camera
 from spikingtac.events.formats.file_source import Rows
 
 AT_ONCE = 64  # Batches that one read takes at most.

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from spikingtac.cameras.libraries import require
-from spikingtac.events.cameras.kinds import KINDS
+from spikingtac.events.camera import KINDS
 
 VIDEO = Path("/sys/class/video4linux")
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 from spikingtac.cameras.libraries import require
 from spikingtac.errors import CameraLostError, DeviceError
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.camera import Camera
 from spikingtac.events.formats.file_source import Rows
 
 # The library waits so long for a packet, s; it takes the time once, when the device is opened.

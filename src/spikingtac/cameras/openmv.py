@@ -18,7 +18,7 @@ from spikingtac.cameras.libraries import require
 from spikingtac.cameras.words import GENX320_SIZE, BareWords
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.camera import Camera
 from spikingtac.events.evt.words import Rows
 
 T = TypeVar("T")

@@ -20,9 +20,10 @@ from spikingtac.errors import (
     RecordingError,
 )
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.camera import Camera
+from spikingtac.events.evt.decoders import word_decoder
 from spikingtac.events.evt.header import HEADER_LIMIT_BYTES, RawHeader, read_header
-from spikingtac.events.evt.raw import NAMES, word_decoder
+from spikingtac.events.evt.raw import NAMES
 from spikingtac.events.evt.words import Rows, WordStream
 
 CHUNK_BYTES = 1 << 18  # Most bytes that one read takes and decodes.

@@ -13,7 +13,7 @@ from spikingtac.cameras.libraries import require
 from spikingtac.cameras.words import BareWords
 from spikingtac.errors import CameraLostError, DeviceError
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.camera import Camera
 from spikingtac.events.evt.words import Rows
 
 POLL_S = 0.0002  # Sleep between two looks for a buffer, s.

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self
 from spikingtac.cameras.words import WORD_OPTIONS, BareWords
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.camera import Camera
 from spikingtac.events.evt.words import Rows
 
 CHUNK_BYTES = 1 << 16

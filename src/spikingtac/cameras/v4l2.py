@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from spikingtac.cameras.words import WORD_OPTIONS, BareWords
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.camera import Camera
 from spikingtac.events.evt.words import Rows
 
 FRAME = (4096, 391)  # Width and height of a frame, bytes.

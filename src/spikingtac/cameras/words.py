@@ -8,6 +8,7 @@ import numpy as np
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address
+from spikingtac.events.evt.decoders import word_decoder
 from spikingtac.events.evt.header import (
     ENCODINGS,
     FOREIGN_SHARE,
@@ -15,7 +16,7 @@ from spikingtac.events.evt.header import (
     best_candidate,
     implausible_share,
 )
-from spikingtac.events.evt.raw import NAMES, word_decoder
+from spikingtac.events.evt.raw import NAMES
 from spikingtac.events.evt.words import Rows, WordStream
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import LossCounters

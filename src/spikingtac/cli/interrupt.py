@@ -67,7 +67,7 @@ def require_live(sources: Iterable[Path | str]) -> None:
     Raises:
         ConfigError: A source is a recording.
     """
-    from spikingtac.events.evt.raw_stream import is_stream
+    from spikingtac.events.address import is_stream
 
     for source in sources:
         if not is_stream(Path(source)):

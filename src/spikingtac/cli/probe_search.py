@@ -112,7 +112,7 @@ def check(args: Args) -> None:
 
 
 def _check_arm(args: Args) -> None:
-    from spikingtac.events.evt.raw_stream import is_stream
+    from spikingtac.events.address import is_stream
 
     if args.events is None or args.calibration is None:
         raise ConfigError(

@@ -74,7 +74,7 @@ def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSou
         ConfigError: One is a camera and the other a recording.
         SpikingTacError: As of :func:`~spikingtac.events.open.open_events`.
     """
-    from spikingtac.events.evt.raw_stream import is_stream
+    from spikingtac.events.address import is_stream
     from spikingtac.events.open import open_events, open_second
 
     live = [is_stream(first), is_stream(second)]
@@ -114,7 +114,7 @@ def for_each(
 def _cameras(first: Path, second: Path, strict: bool) -> list[FileSource]:
     from spikingtac.cli.verbs.record import camera_address
     from spikingtac.events.address import Address
-    from spikingtac.events.cameras.source import CameraSource
+    from spikingtac.events.camera_source import CameraSource
     from spikingtac.events.formats.file_source import ReadOptions
     from spikingtac.stream.pair import live_pair
 

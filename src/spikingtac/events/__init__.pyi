@@ -1,7 +1,7 @@
 """Public names of the room ``events``."""
 
 from .address import Address as Address
-from .cameras.source import CameraSource as CameraSource
+from .camera_source import CameraSource as CameraSource
 from .create import create_events as create_events
 from .filters import BackgroundActivityFilter as BackgroundActivityFilter
 from .filters import RandomDrop as RandomDrop

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import re
+import stat
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +18,7 @@ _FORM = re.compile(r"(?P<kind>[a-z][a-z0-9]+):(?P<target>[^?]*)(?:\?(?P<options>
 
 # Schemes of files elsewhere: no cameras.
 _NET = frozenset({"http", "https", "ftp", "ftps", "file", "rtsp", "ssh", "s3"})
+STANDARD_INPUT = "-"  # The path that means standard input.
 _SIZE = re.compile(r"([1-9]\d{0,4})x([1-9]\d{0,4})")
 
 
@@ -149,3 +151,17 @@ def is_address(path: str | Path) -> bool:
     """Return whether a path has the form of a camera's address, and is no file."""
     found = _FORM.fullmatch(str(path))
     return found is not None and found["kind"] not in _NET and not Path(path).exists()
+
+
+def is_stream(path: Path) -> bool:
+    """Return whether a path names something that can be read once, as it comes.
+
+    That is standard input, a named pipe, a character device, or the address of a camera.
+    """
+    if str(path) == STANDARD_INPUT or is_address(path):
+        return True
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from importlib import import_module
 from typing import Any, Self
 
 import numpy as np
@@ -42,8 +43,8 @@ class TimeMap:
         drift_ppm: How much faster the base clock runs, parts per million.
         error_us: Standard error of a mapped time at that moment, us.
         drift_error_ppm: Standard error of the drift; None where none could be learned.
-        learned_from: ``host`` (arrivals at one host), ``motion`` (what both saw), ``triggers``
-            (a line that both timed) or ``taps``.
+        learned_from: ``host`` (arrivals at one host), ``triggers`` (a line that both timed) or
+            ``taps``.
         jitter_us: Root mean square of the fastest arrivals about the line, us.
         span_s: Stretch of time that it is learned from, where that is known, s.
     """
@@ -57,8 +58,8 @@ class TimeMap:
     jitter_us: float = 0.0
     span_s: float = 0.0
 
-    def at(self, t_us: float) -> float:
-        """Return a time on the base clock, us."""
+    def at(self, t_us: Any) -> Any:
+        """Return a time, or an array of them, on the base clock, us."""
         return self.base_us + (t_us - self.own_us) * (1.0 + self.drift_ppm * PPM)
 
     def host_s(self, t_us: float) -> float:
@@ -67,8 +68,7 @@ class TimeMap:
 
     def __call__(self, t_us: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
         """Return ``(n,)`` times on the base clock, us; what was in order stays so."""
-        since_us = t_us - self.own_us
-        return np.rint(self.base_us + since_us * (1.0 + self.drift_ppm * PPM)).astype(np.int64)
+        return np.rint(self.at(t_us)).astype(np.int64)
 
     def inverse(self) -> TimeMap:
         """Return the map from the base clock to this one."""
@@ -194,12 +194,16 @@ def through_moments(
 
 def _line(own: NDArray[np.float64], shift: NDArray[np.float64]) -> tuple[float, NDArray[np.bool_]]:
     """Return the slope of the shifts over time, and which moments agree with it."""
+    stats: Any = import_module("scipy.stats")  # not loaded by those who read one clock
+
     keep = np.ones(len(own), bool)
     if len(own) < LEAST_FOR_DRIFT or not np.ptp(own):
         return 0.0, keep
     if len(own) < LEAST_TO_REJECT:
-        return _slope(own, shift), keep
-    slope = _middle_slope(own, shift)
+        return stats.linregress(own, shift).slope, keep
+    # The median of the slopes of all pairs, which a quarter of mistakes cannot move.
+    some = np.linspace(0, len(own) - 1, min(len(own), MOST_FOR_PAIRS)).astype(np.intp)
+    slope = stats.theilslopes(shift[some], own[some]).slope
     for _ in range(MOST_ROUNDS):
         rest = shift - slope * own
         rest -= np.median(rest[keep])
@@ -207,22 +211,8 @@ def _line(own: NDArray[np.float64], shift: NDArray[np.float64]) -> tuple[float, 
         fewer = np.abs(rest) <= max(REJECTED_SIGMA * sigma, 1.0)
         if np.count_nonzero(fewer) < LEAST_FOR_DRIFT or not np.ptp(own[fewer]):
             return slope, keep
-        refined = _slope(own[fewer], shift[fewer])
+        refined = stats.linregress(own[fewer], shift[fewer]).slope
         if (fewer == keep).all():
             return refined, keep
         keep, slope = fewer, refined
     return slope, keep
-
-
-def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    away = x - x.mean()
-    return float((away * y).sum() / (away**2).sum())
-
-
-def _middle_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    """Return the median of the slopes of all pairs, which a quarter of mistakes cannot move."""
-    some = np.linspace(0, len(x) - 1, min(len(x), MOST_FOR_PAIRS)).astype(np.intp)
-    x, y = x[some], y[some]
-    first, second = np.triu_indices(len(x), 1)
-    apart = x[second] - x[first]
-    return float(np.median(((y[second] - y[first])[apart != 0]) / apart[apart != 0]))

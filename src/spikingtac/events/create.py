@@ -2,24 +2,147 @@
 
 from __future__ import annotations
 
-from importlib import import_module
+import struct
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from spikingtac import plugins
+from spikingtac.atomic_files import WholeFile
 from spikingtac.errors import ConfigError, nearest
-from spikingtac.events.formats.codec import EventWriter
+from spikingtac.events.evt.raw_writer import RawWriter
+from spikingtac.events.formats.aedat4 import EVENT, PACKET_HEAD, SIGNATURE
+from spikingtac.events.formats.array_file import ColumnFile
+from spikingtac.events.formats.codec import Blocks, EventWriter, Triggers
+from spikingtac.events.formats.hdf5 import Hdf5Writer
 from spikingtac.plugins import with_plugins
+from spikingtac.types import EventPacket
 
-# Ending -> module and class that writes it.
-_WRITERS = {
-    ".raw": ("evt.raw_writer", "RawWriter"),
-    ".npz": ("tables.writers", "NpzWriter"),
-    ".csv": ("tables.writers", "TextWriter"),
-    ".txt": ("tables.writers", "TextWriter"),
-    ".h5": ("tables.hdf5_writer", "Hdf5Writer"),
-    ".hdf5": ("tables.hdf5_writer", "Hdf5Writer"),
-    ".aedat4": ("tables.writers", "Aedat4Writer"),
-}
+TYPES = {"t": np.dtype("<i8"), "x": np.dtype("<u2"), "y": np.dtype("<u2"), "p": np.dtype("?")}
+
+STREAM = 0
+PACKET_EVENTS = 4_096  # Events in a packet; readers load a packet at once.
+
+_NODE = (
+    '<dv version="2.0"><node name="outInfo" path="/mainloop/Recorder/outInfo/">'
+    '<node name="0" path="/mainloop/Recorder/outInfo/0/">'
+    '<attr key="compression" type="string">NONE</attr>'
+    '<attr key="originalModuleName" type="string">spikingtac</attr>'
+    '<attr key="originalOutputName" type="string">events</attr>'
+    '<attr key="typeDescription" type="string">Array of events (polarity ON/OFF).</attr>'
+    '<attr key="typeIdentifier" type="string">EVTS</attr>'
+    '<node name="info" path="/mainloop/Recorder/outInfo/0/info/">'
+    '<attr key="sizeX" type="int">{0}</attr><attr key="sizeY" type="int">{1}</attr>'
+    '<attr key="source" type="string">spikingtac</attr></node></node></node></dv>'
+)
+
+
+class NpzWriter(EventWriter):
+    """Writes event ``.npz`` files packet by packet."""
+
+    def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
+        self.size = size
+        self._file = ColumnFile(path)
+        self._file.append({name: np.empty(0, dtype) for name, dtype in TYPES.items()})
+        self._file.set("size", np.array(size, np.int64))
+
+    def write(self, packet: EventPacket) -> None:
+        """Append a packet."""
+        self._file.append({name: getattr(packet, name) for name in TYPES})
+
+    def add_triggers(self, triggers: Triggers) -> None:
+        """Append trigger edges; the file has their columns only where there are any."""
+        self._file.append(triggers.columns())
+
+    def close(self) -> None:
+        """Complete the file; further calls do nothing."""
+        self._file.close()
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._file.abandon()
+
+
+class _OneFile(EventWriter):
+    """A writer of one file that appears when it is closed."""
+
+    def __init__(self, path: str | Path, size: tuple[int, int], head: bytes) -> None:
+        self.size = size
+        self._target = WholeFile(path)
+        self._file = self._target.begin(head)
+
+    def close(self) -> None:
+        """Complete the file; further calls do nothing."""
+        if not self._file.closed:
+            self._finish()
+            self._target.commit(self._file)
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._target.abandon(self._file)
+
+    def _finish(self) -> None:
+        """Write what was kept back."""
+
+
+class TextWriter(_OneFile):
+    """Writes event tables: ``# size W H``, the header ``t,x,y,p``, times in us."""
+
+    def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
+        super().__init__(path, size, f"# size {size[0]} {size[1]}\nt,x,y,p\n".encode())
+
+    def write(self, packet: EventPacket) -> None:
+        """Append a packet."""
+        table = np.column_stack((packet.t, packet.x, packet.y, packet.p.astype(np.int64)))
+        np.savetxt(self._file, table, "%d", ",")
+
+
+class Aedat4Writer(_OneFile):
+    """Writes AEDAT4 files packet by packet, uncompressed."""
+
+    def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
+        self._blocks = Blocks(EVENT, PACKET_EVENTS)
+        super().__init__(path, size, SIGNATURE + _io_header(_NODE.format(*size).encode("ascii")))
+
+    def write(self, packet: EventPacket) -> None:
+        """Append a packet."""
+        self._put(self._blocks.add(t=packet.t, x=packet.x, y=packet.y, on=packet.p))
+
+    def _finish(self) -> None:
+        self._put(self._blocks.rest)
+
+    def _put(self, events: np.ndarray[Any, np.dtype[Any]]) -> None:
+        for first in range(0, len(events), PACKET_EVENTS):
+            data = _event_packet(events[first : first + PACKET_EVENTS])
+            self._file.write(PACKET_HEAD.pack(STREAM, len(data)) + data)
+
+
+def _io_header(info: bytes) -> bytes:
+    """Return the IOHeader: compression and table position at their defaults, and the XML."""
+    head = struct.pack("<I4s", 20, b"IOHE")
+    vtable = struct.pack("<HHHHH2x", 10, 8, 0, 0, 4)
+    table = struct.pack("<iI", 12, 4)
+    body = head + vtable + table + struct.pack("<I", len(info)) + info + b"\0"
+    body += bytes(-len(body) % 4)
+    return struct.pack("<I", len(body)) + body
+
+
+def _event_packet(events: np.ndarray[Any, np.dtype[Any]]) -> bytes:
+    """Return an EventPacket: one vector of structures, aligned to eight bytes with the prefix."""
+    head = struct.pack("<I4s", 16, b"EVTS")
+    vtable = struct.pack("<HHH2x", 6, 8, 4)
+    table = struct.pack("<iI8x", 8, 12)
+    body = head + vtable + table + struct.pack("<I", len(events)) + events.tobytes()
+    return struct.pack("<I", len(body)) + body
+
+
+# Ending -> what writes it.
+_WRITERS: dict[str, Callable[..., EventWriter]] = {
+    ".raw": RawWriter, ".npz": NpzWriter, ".csv": TextWriter, ".txt": TextWriter,
+    ".h5": Hdf5Writer, ".hdf5": Hdf5Writer, ".aedat4": Aedat4Writer,
+}  # fmt: skip
 WRITABLE = tuple(_WRITERS)
 
 
@@ -44,9 +167,8 @@ def create_events(
     if encoding is not None and ending != ".raw":
         raise ConfigError(f"encoding={encoding!r} is for .raw files, not for {ending!r}")
     if ending in _WRITERS:
-        module, name = _WRITERS[ending]
-        arguments = (path, size, encoding or "evt3") if ending == ".raw" else (path, size)
-        return getattr(import_module(f"spikingtac.events.{module}"), name)(*arguments)
+        given = {} if encoding is None else {"encoding": encoding}
+        return _WRITERS[ending](path, size, **given)
     foreign = with_plugins({}, plugins.WRITERS)
     if ending.removeprefix(".") in foreign:
         return foreign[ending.removeprefix(".")](path, size)

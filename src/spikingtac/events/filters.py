@@ -1,12 +1,21 @@
-"""Filters on events: stateful ones give the same events however the stream is cut into packets."""
+"""Filters on events, and changes to a whole recording: part of it, another orientation or clock.
+
+Filters with a state give the same events however the stream is cut into packets. Coordinates follow
+the package's convention: the origin is the centre of the top left pixel, y points down.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
+from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import EventPacket
 
 # How long an event supports its neighbours, us (ours: an edge at 1 px/ms passes a neighbour
@@ -109,3 +118,114 @@ def supported_kernel(
         count += newest >= t[i] - window_us
         last_us[row + ONE, column + ONE] = t[i]
     return count
+
+
+def time_slice(
+    packets: Iterable[EventPacket], from_us: int | None = None, to_us: int | None = None
+) -> Iterator[EventPacket]:
+    """Keep the events in ``[from_us, to_us)``; None keeps the stream's own end on that side.
+
+    Raises:
+        ConfigError: The interval is empty.
+    """
+    if from_us is not None and to_us is not None and from_us >= to_us:
+        raise ConfigError(f"the interval from {from_us} to {to_us} us is empty")
+    for packet in packets:
+        start = packet.t_start_us if from_us is None else max(packet.t_start_us, from_us)
+        end = packet.t_end_us if to_us is None else min(packet.t_end_us, to_us)
+        if to_us is not None and packet.t_start_us >= to_us:
+            return
+        if start < end:
+            first, last = np.searchsorted(packet.t, (start, end))
+            yield packet.part(int(first), int(last), start, end)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transform:
+    """Changes in a fixed order: time, polarity, crop, flip, rotation.
+
+    Attributes:
+        from_us: First microsecond to keep, or None.
+        to_us: First microsecond after the part to keep, or None.
+        shift_us: Added to all times after that, us.
+        flip_polarity: Whether ON and OFF are exchanged.
+        crop_px: ``(x0, y0, x1, y1)`` of the rectangle to keep, or None.
+        flip: Axis that is mirrored, ``x`` or ``y``, or None.
+        rotate_deg: Angle of a turn clockwise: 0, 90, 180 or 270.
+    """
+
+    from_us: int | None = None
+    to_us: int | None = None
+    shift_us: int = 0
+    flip_polarity: bool = False
+    crop_px: tuple[int, int, int, int] | None = None
+    flip: Literal["x", "y"] | None = None
+    rotate_deg: int = 0
+
+    def size(self, size: tuple[int, int]) -> tuple[int, int]:
+        """Return the size that a sensor of a given size becomes, px.
+
+        Raises:
+            ConfigError: A change is not possible on such a sensor.
+        """
+        return self._changed(EventPacket.empty(0, 1, size)).size
+
+    def packets(self, packets: Iterable[EventPacket]) -> Iterator[EventPacket]:
+        """Yield the changed packets.
+
+        Raises:
+            ConfigError: A change is not possible on such a sensor, or the interval is empty.
+        """
+        for packet in time_slice(packets, self.from_us, self.to_us):
+            yield self._changed(packet)
+
+    def triggers(self, triggers: Triggers) -> Triggers:
+        """Return the trigger edges within the part of the time, on the changed clock."""
+        t_us = triggers.t_us
+        begin_us = -np.inf if self.from_us is None else self.from_us
+        keep = (t_us >= begin_us) & (t_us < (np.inf if self.to_us is None else self.to_us))
+        kept = Triggers()
+        kept.append(t_us[keep] + self.shift_us, triggers.channel[keep], triggers.edge[keep])
+        return kept
+
+    def _changed(self, packet: EventPacket) -> EventPacket:
+        width, height = packet.size
+        if self.shift_us:
+            span_us = packet.t_start_us + self.shift_us, packet.t_end_us + self.shift_us
+            shifted = packet.t + self.shift_us
+            packet = replace(packet, t=shifted, t_start_us=span_us[0], t_end_us=span_us[1])
+        if self.flip_polarity:
+            packet = replace(packet, p=~packet.p)
+        if self.crop_px is not None:
+            packet = self._cropped(packet, self.crop_px)
+            width, height = packet.size
+        if self.flip not in (None, "x", "y"):
+            raise ConfigError(f"flip {self.flip!r} is unknown (valid: x, y)")
+        if self.rotate_deg not in (0, 90, 180, 270):
+            raise ConfigError(f"rotate {self.rotate_deg} is not possible (valid: 90, 180, 270)")
+        # A turn by 90 degrees is a mirrored picture of which rows and columns change places.
+        if (self.flip == "x") != (self.rotate_deg in (180, 270)):
+            packet = replace(packet, x=_mirrored(packet.x, width))
+        if (self.flip == "y") != (self.rotate_deg in (90, 180)):
+            packet = replace(packet, y=_mirrored(packet.y, height))
+        if self.rotate_deg in (90, 270):
+            packet = replace(packet, x=packet.y, y=packet.x, size=(height, width))
+        return packet
+
+    @staticmethod
+    def _cropped(packet: EventPacket, box_px: tuple[int, int, int, int]) -> EventPacket:
+        """Keep the events of a rectangle, whose corner becomes the origin."""
+        (x0, y0, x1, y1), (width, height) = box_px, packet.size
+        if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
+            raise ConfigError(
+                f"crop {x0} {y0} {x1} {y1} does not lie on the sensor of {width}x{height} px "
+                "(valid: 0 <= x0 < x1 <= width, 0 <= y0 < y1 <= height)"
+            )
+        inside = (packet.x >= x0) & (packet.x < x1) & (packet.y >= y0) & (packet.y < y1)
+        kept = packet.select(inside)
+        x, y = kept.x - np.uint16(x0), kept.y - np.uint16(y0)
+        return replace(kept, x=x, y=y, size=(x1 - x0, y1 - y0))
+
+
+def _mirrored(column: NDArray[np.uint16], length: int) -> NDArray[np.uint16]:
+    return (length - 1 - column.astype(np.int64)).astype(np.uint16)

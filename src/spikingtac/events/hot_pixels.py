@@ -6,6 +6,10 @@ counts of a calibration were wrong by up to five times, and a marker strayed by 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import takewhile
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -19,21 +23,18 @@ WINDOW_US = 10_000
 # sensor that is touched rests for more of its time than this).
 QUIET_SHARE = 0.1
 
-# A pixel is hot beyond so many standard deviations of the noise of the others and so many events
-# (ours). Noise is Poisson distributed, its standard deviation the root of its mean; where a pixel
-# has less than one event on the average, chance goes beyond any number of deviations.
+# A pixel is hot beyond so many standard deviations of the noise of the others (roots of its mean)
+# and so many events: where a pixel has less than one on average, chance goes beyond any number.
 HOT_DEVIATIONS, HOT_EVENTS = 6.0, 5
 
 # Parts of the quiet events, one after the other; in how many of them a hot pixel sends more than
-# this share of what it sends on the average. (A pixel on a resting rim may flicker for as long as
-# the marker stays.)
+# this share of its average. (A pixel on a resting rim may flicker while the marker stays.)
 QUARTERS, FEWEST_QUARTERS, EVEN_SHARE = 4, 3, 0.25
 
-# A hot pixel sends so many times what the second busiest of its eight neighbours does. (A rim
-# that moves even in the quietest windows makes several pixels busy; two hot pixels may touch.)
+# A hot pixel sends so many times what the second busiest of its eight neighbours does. (A rim that
+# moves makes several pixels busy; two hot pixels may touch.)
 OVER_NEIGHBOURS = 4.0
 WATCH_US = 500_000  # Window of the watch for pixels that become hot later, us of data time (ours).
-
 # A new hot pixel sends so many events in every window, 40 Hz (ours: rims at rest are silent).
 WATCH_EVENTS = 20
 
@@ -41,9 +42,8 @@ WATCH_EVENTS = 20
 # evidence either way; one in which it is silent begins anew.
 WATCH_WINDOWS = 4
 
-# How far around it every pixel sends :data:`OVER_NEIGHBOURS` times less, px. (Stricter than at
-# rest: the end of a thin arc that a vibration keeps busy has one busy neighbour. So two new hot
-# pixels that touch are not found.)
+# How far around it every pixel sends :data:`OVER_NEIGHBOURS` times less, px. (The end of a thin arc
+# that a vibration keeps busy has one busy neighbour. So two that touch are not found.)
 NEAR_PX = 2
 HOT = 255  # Mark of a hot pixel among the counted windows.
 
@@ -231,7 +231,10 @@ def _judge_window(counts: NDArray[np.uint16], windows: NDArray[np.uint8]) -> int
                 continue
             if counts[row, column] < WATCH_EVENTS:
                 windows[row, column] = 0
-            elif counts[row, column] > OVER_NEIGHBOURS * _busiest_nearby(counts, row, column):
+                continue
+            left, top = max(column - NEAR_PX, 0), max(row - NEAR_PX, 0)
+            near = counts[top : row + NEAR_PX + 1, left : column + NEAR_PX + 1]
+            if (OVER_NEIGHBOURS * near >= counts[row, column]).sum() == 1:  # itself alone
                 windows[row, column] += 1
                 if windows[row, column] == WATCH_WINDOWS:
                     windows[row, column] = HOT
@@ -239,12 +242,58 @@ def _judge_window(counts: NDArray[np.uint16], windows: NDArray[np.uint8]) -> int
     return found
 
 
-@njit(cache=True, nogil=True)
-def _busiest_nearby(counts: NDArray[np.uint16], row: int, column: int) -> int:
-    """Return the events of the busiest pixel around one."""
-    busiest = 0
-    for i in range(max(row - NEAR_PX, 0), min(row + NEAR_PX + 1, counts.shape[0])):
-        for j in range(max(column - NEAR_PX, 0), min(column + NEAR_PX + 1, counts.shape[1])):
-            if i != row or j != column:
-                busiest = max(busiest, int(counts[i, j]))
-    return busiest
+US_PER_S = 1_000_000
+
+# Beginning of a recording in which hot pixels are looked for, us (ours: one at 10 Hz sends 300
+# events meanwhile).
+HOT_PIXEL_US = 30_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class EventQuality:
+    """Figures of a stretch of events.
+
+    Attributes:
+        rate_hz: Events per second.
+        on_fraction: Fraction of ON events; None without events.
+        noise_hz: Events per pixel and second in the quietest windows, hot pixels left out.
+        hot_px: ``(h, 2)`` columns and rows of hot pixels.
+    """
+
+    rate_hz: float
+    on_fraction: float | None
+    noise_hz: float
+    hot_px: NDArray[np.int64]
+
+
+def judge_events(events: EventPacket) -> EventQuality:
+    """Return the figures of a stretch of events.
+
+    Noise is judged in the quietest tenth of the windows of 10 ms; a sensor that never rests
+    therefore shows more noise than it has.
+    """
+    duration_us = max(events.t_end_us - events.t_start_us, 1)
+    quiet, quiet_us = quiet_events(events.t, events.t_start_us, events.t_end_us)
+    width, height = events.size
+    pixel = events.y[quiet].astype(np.int64) * width + events.x[quiet]
+    hot_px = find_hot_pixels(pixel, events.size)
+    hot = hot_mask(hot_px, events.size).ravel()[pixel]
+    usual = width * height - len(hot_px)
+    return EventQuality(
+        rate_hz=len(events) * US_PER_S / duration_us,
+        on_fraction=float(events.p.mean()) if len(events) else None,
+        noise_hz=np.count_nonzero(~hot) * US_PER_S / quiet_us / usual if usual else 0.0,
+        hot_px=hot_px,
+    )
+
+
+def hot_pixels_of(packets: Iterable[EventPacket]) -> NDArray[np.int64]:
+    """Return ``(h, 2)`` columns and rows of the hot pixels of a recording, from its beginning.
+
+    Args:
+        packets: The recording; it is iterated twice.
+    """
+    begin_us = next((packet.t_start_us for packet in packets), 0)
+    end_us = begin_us + HOT_PIXEL_US
+    early = list(takewhile(lambda packet: packet.t_start_us < end_us, packets))
+    return judge_events(EventPacket.concatenate(early)).hot_px if early else np.empty((0, 2), int)

@@ -11,9 +11,9 @@ from typing import Protocol
 
 from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
-from spikingtac.events.address import Address, is_address
+from spikingtac.events.address import Address, is_address, is_stream
 from spikingtac.events.evt.header import read_header
-from spikingtac.events.evt.raw_stream import RawStream, is_stream
+from spikingtac.events.evt.raw import RawStream
 from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
 from spikingtac.events.manifest import name_of
@@ -71,7 +71,7 @@ def open_events(
         strict=strict, chunk_events=chunk_events, encoding=encoding, size=size, sensor=sensor
     )
     if is_address(path):
-        from spikingtac.events.cameras.source import CameraSource
+        from spikingtac.events.camera_source import CameraSource
 
         return CameraSource(Address.parse(path), options)
     place = Path(path)
@@ -89,7 +89,7 @@ def open_events(
             f"the folder {str(path)!r} holds no {name}; a recording folder has events.raw "
             f"(events_1.raw for a second sensor){_named_inside(place)}"
         )
-    from spikingtac.events.bags.source import RosSource
+    from spikingtac.events.ros import RosSource
 
     return RosSource(bags[0], options, tuple(bags[1:]))
 
@@ -109,7 +109,7 @@ def open_second(first: Path, second: Path, *, strict: bool = False) -> tuple[Fil
     Raises:
         RecordingError: It cannot be read.
     """
-    from spikingtac.events.retimed import RetimedSource, clock_beside, is_same_folder
+    from spikingtac.events.manifest import RetimedSource, clock_beside, is_same_folder
 
     if is_same_folder(first, second):
         return open_events(first, strict=strict, sensor=1), True
@@ -124,7 +124,7 @@ def open_second(first: Path, second: Path, *, strict: bool = False) -> tuple[Fil
 def _of_folder(folder: Path, file: Path, sensor: int, options: ReadOptions) -> FileSource:
     """Return the events of one sensor of a folder, all its parts, on the first sensor's clock."""
     from spikingtac.events.evt.raw import RawParts, parts_of
-    from spikingtac.events.retimed import RetimedSource, time_base_of
+    from spikingtac.events.manifest import RetimedSource, time_base_of
 
     parts = parts_of(file)
     source = RawParts(parts, options) if len(parts) > 1 else _opener(file)(file, options)
@@ -209,7 +209,7 @@ def _kind_by_values(path: Path, start: bytes) -> str:
         FormatError: They look like nothing that is known; says what is valid.
     """
     from spikingtac.events.evt.header import SOUND_SHARE, best_candidate
-    from spikingtac.events.tables.text import looks_like_text
+    from spikingtac.events.formats.text import looks_like_text
 
     if looks_like_text(start):
         return "text"
@@ -228,14 +228,13 @@ def _kind_by_values(path: Path, start: bytes) -> str:
 
 def _own_opener(kind: str, path: Path) -> _Opener:
     if kind == "packed":
-        from spikingtac.events.formats.packed import open_packed
+        from spikingtac.events.formats.array_file import open_packed
 
         return lambda path, options: open_packed(path, lambda file: _opener(file)(file, options))
     if kind == "aedat":
-        from spikingtac.events.formats import aedat
+        from spikingtac.events.records import aedat_reader
 
-        version = aedat.aedat_version(path)
-        return aedat.Aedat2Source if version == 2 else aedat.Aedat3Source
+        return aedat_reader(path)
     module, name = _READERS[kind]
     return getattr(import_module(f"spikingtac.events.{module}"), name)
 
@@ -243,13 +242,13 @@ def _own_opener(kind: str, path: Path) -> _Opener:
 # Kind -> module and class that reads it.
 _READERS = {
     "raw": ("evt.raw", "RawSource"),
-    "npz": ("tables.arrays", "ArraySource"),
-    "text": ("tables.text", "TextSource"),
-    "es": ("formats.es", "EsSource"),
-    "dat": ("evt.dat", "DatSource"),
+    "npz": ("formats.arrays", "ArraySource"),
+    "text": ("formats.text", "TextSource"),
+    "es": ("records", "EsSource"),
+    "dat": ("records", "DatSource"),
     "aedat4": ("formats.aedat4", "Aedat4Source"),
-    "hdf5": ("tables.hdf5", "Hdf5Source"),
-    "ros": ("bags.source", "RosSource"),
+    "hdf5": ("formats.hdf5", "Hdf5Source"),
+    "ros": ("ros", "RosSource"),
 }
 _SIGNATURES = (
     (b"\x93NUMPY", "npz"),

@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from numpy.typing import NDArray
@@ -14,9 +13,8 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import write_text
 from spikingtac.errors import RecordingError
 from spikingtac.events.formats.array_file import ColumnFile, load_arrays
-from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource
-from spikingtac.events.manifest import MANIFEST, SCHEMA, TRUTH, read_manifest
+from spikingtac.events.manifest import MANIFEST, SCHEMA, TRUTH, name_of, read_manifest
 from spikingtac.types import EventPacket, LossCounters
 
 
@@ -93,10 +91,8 @@ class RecordingWriter:
         self.losses = LossCounters()
         (self.path / MANIFEST).unlink(missing_ok=True)
         (self.path / TRUTH).unlink(missing_ok=True)
-        names = ["events.raw", *(f"events_{index}.raw" for index in range(1, sensors))]
-        self._writers: list[EventWriter] = [
-            RawWriter(self.path / name, size, in_place=True) for name in names
-        ]
+        names = [name_of("events.raw", index) for index in range(sensors)]
+        self._writers = [RawWriter(self.path / name, size, in_place=True) for name in names]
         self._size = size
         self._truth: ColumnFile | None = None
         self._fields: dict[str, Any] = {}
@@ -146,12 +142,7 @@ class RecordingWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         if kind is None:
             self.close()
         else:
@@ -165,6 +156,5 @@ class RecordingWriter:
             self._truth.close()
 
     def _truth_file(self) -> ColumnFile:
-        if self._truth is None:
-            self._truth = ColumnFile(self.path / TRUTH)
+        self._truth = self._truth or ColumnFile(self.path / TRUTH)
         return self._truth

@@ -1,13 +1,18 @@
-"""One protocol for every origin of events: a file, a recording folder, a simulation, a camera."""
+"""One protocol for every origin of events, and the health of a stream as five numbers.
+
+Sources count what they lost by kind (``codec.KINDS``); whoever acts on a stream needs fewer words.
+Everything here goes by the times of the events, so the packing of a stream does not matter.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Protocol, runtime_checkable
 
 from spikingtac.errors import ConfigError
-from spikingtac.types import EventPacket, LossCounters
+from spikingtac.events.formats.codec import HARMLESS
+from spikingtac.types import EventPacket, LossCounters, SourceHealth
 
 
 @runtime_checkable
@@ -53,3 +58,100 @@ def refuse_path(given: object) -> None:
         raise ConfigError(
             f"{path!r} is a path, not a source of events; open it: spikingtac.open_events({path!r})"
         )
+
+
+# Kind of loss -> the counter that it belongs to; every other kind is damage, or loses nothing.
+COUNTERS = {
+    "gap": "gaps", "time_jump": "gaps", "disconnected": "gaps", "overflow": "overflows",
+    "missed": "overflows", "reconnected": "reconnects",
+}  # fmt: skip
+
+# Stretch over which the rate is told, us (ours: a press lasts longer, and at 320x320 px a resting
+# sensor sends some events in it).
+SLOT_US = 100_000
+US_PER_S = 1e6
+
+
+def source_health(losses: Mapping[str, int], rate_ev_s: float = 0.0) -> SourceHealth:
+    """Return the counters behind the kinds that a source has counted.
+
+    Args:
+        losses: Kind -> how often; what loses nothing is passed over, every other kind is damage.
+        rate_ev_s: Events per second.
+    """
+    found = LossCounters()
+    for kind, count in losses.items():
+        if kind not in HARMLESS:
+            found.add(COUNTERS.get(kind, "damaged"), count)
+    return SourceHealth(**found, rate_ev_s=rate_ev_s)
+
+
+def slot_rate_ev_s(t_us: int, first_us: int, count_between: Callable[[int, int], int]) -> float:
+    """Return the rate in the latest full slot of 0.1 s before a time, events per second.
+
+    Args:
+        t_us: The time, us.
+        first_us: Where the stream begins; it may lie within a slot.
+        count_between: Returns the events from one time to before another.
+
+    Returns:
+        0 while none is full.
+    """
+    until_us = t_us // SLOT_US * SLOT_US
+    from_us = max(until_us - SLOT_US, first_us)
+    if from_us >= until_us:
+        return 0.0
+    return count_between(from_us, until_us) * US_PER_S / (until_us - from_us)
+
+
+class HealthMeter:
+    """Follows a stream and reports its health; the object is reused while nothing changes.
+
+    Args:
+        losses: What the source counts while it is read.
+    """
+
+    def __init__(self, losses: Mapping[str, int]) -> None:
+        self._losses = losses
+        self._counted: dict[str, int] = {}
+        self._latest = SourceHealth()
+        self._rate_ev_s = 0.0
+        self._span_us: tuple[int, int] | None = None
+        self._slot_us, self._slot_events, self._events = (0, 0), 0, 0
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Count the events of the next stretch of the stream."""
+        start_us, end_us = packet.t_start_us, packet.t_end_us
+        if self._span_us is None:
+            self._span_us = start_us, end_us
+            self._slot_us = start_us, (start_us // SLOT_US + 1) * SLOT_US
+        counted = self._complete(packet) if end_us >= self._slot_us[1] else 0
+        self._slot_events += len(packet) - counted
+        self._events += len(packet)
+        self._span_us = self._span_us[0], end_us
+
+    def now(self) -> SourceHealth:
+        """Return the health up to the end of what was absorbed."""
+        if self._losses != self._counted or self._latest.rate_ev_s != self._rate_ev_s:
+            self._counted = dict(self._losses)
+            self._latest = source_health(self._counted, self._rate_ev_s)
+        return self._latest
+
+    def total(self) -> SourceHealth:
+        """Return the health with the mean rate of all that was absorbed."""
+        first_us, last_us = self._span_us or (0, 0)
+        return source_health(self._losses, self._events * US_PER_S / max(last_us - first_us, 1))
+
+    def _complete(self, packet: EventPacket) -> int:
+        """Tell the rate of the latest slot that a packet completes; return its events up to it."""
+        from_us, until_us = self._slot_us
+        reached_us = packet.t_end_us // SLOT_US * SLOT_US
+        if reached_us == until_us:
+            counted = int(packet.t.searchsorted(reached_us))
+            events, length_us = self._slot_events + counted, reached_us - from_us
+        else:  # the packet holds all of that slot, or time has leapt
+            before, counted = map(int, packet.t.searchsorted((reached_us - SLOT_US, reached_us)))
+            events, length_us = counted - before, SLOT_US
+        self._rate_ev_s = events * US_PER_S / length_us
+        self._slot_us, self._slot_events = (reached_us, reached_us + SLOT_US), 0
+        return counted

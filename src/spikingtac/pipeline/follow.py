@@ -11,8 +11,7 @@ from collections.abc import Iterable, Iterator, MutableMapping
 from dataclasses import dataclass
 
 from spikingtac.errors import ConfigError
-from spikingtac.events.source import refuse_path
-from spikingtac.events.source_health import HealthMeter
+from spikingtac.events.source import HealthMeter, refuse_path
 from spikingtac.events.windows import cut, stretches
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.types import EventPacket, MarkerFrame

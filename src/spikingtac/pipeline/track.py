@@ -16,7 +16,7 @@ from spikingtac._version import package_version
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import Config, load_config
 from spikingtac.errors import CalibrationError
-from spikingtac.events.evt.raw_stream import is_stream
+from spikingtac.events.address import is_stream
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.open import open_events

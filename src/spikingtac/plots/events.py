@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, named
-from spikingtac.events.quality import hot_pixels_of
+from spikingtac.events.hot_pixels import hot_pixels_of
 from spikingtac.plots.theme import FONT_PT, Theme, new_figure, style_axes
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.errors import ConfigError
-from spikingtac.events.evt.raw_stream import is_stream
+from spikingtac.events.address import is_stream
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.windows import windows
 from spikingtac.markers.registry import make_tracker

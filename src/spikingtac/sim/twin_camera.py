@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address, is_address
-from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.camera import Camera
 from spikingtac.events.formats.file_source import Rows
 from spikingtac.sim import catalog
 from spikingtac.sim.camera_config import CAMERA_NAMES

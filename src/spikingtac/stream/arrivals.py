@@ -9,10 +9,9 @@ from pathlib import Path
 
 from spikingtac.cameras.words import warm_up
 from spikingtac.errors import DeviceError
-from spikingtac.events.address import Address, is_address
-from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.address import Address, is_address, is_stream
+from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.evt.header import ENCODINGS
-from spikingtac.events.evt.raw_stream import is_stream
 from spikingtac.events.formats.file_source import FileSource, ReadOptions
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows

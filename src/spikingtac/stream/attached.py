@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 
 from spikingtac.errors import CameraLostError, DeviceError
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.camera import Camera
 from spikingtac.events.formats.file_source import Rows
 from spikingtac.stream.packets import PacketReader, told_size
 from spikingtac.stream.reader import shared_name

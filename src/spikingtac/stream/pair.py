@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.clock import PPM, TimeMap
 from spikingtac.events.formats.file_source import ReadOptions, Rows
-from spikingtac.events.retimed import RetimedSource
+from spikingtac.events.manifest import RetimedSource
 from spikingtac.stream.reader import POLL_S
 from spikingtac.stream.sources import LiveSource
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import Any, Protocol
 
-from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import FileSource, Rows
 from spikingtac.events.formats.packing import ColumnCheck
 from spikingtac.stream.host import Asker, Factory, Host, closed_by

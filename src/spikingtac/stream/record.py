@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from spikingtac.atomic_files import write_text
-from spikingtac.events.cameras.health import CameraHealth
-from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.camera_source import CameraSource
+from spikingtac.events.delivery import CameraHealth
 from spikingtac.events.formats.array_file import ColumnFile
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.manifest import MANIFEST, TRUTH, name_of, read_manifest
-from spikingtac.events.source_health import source_health
+from spikingtac.events.source import source_health
 from spikingtac.stream.reader import EventReader, new_ring
 from spikingtac.stream.reading import at_once
 from spikingtac.stream.recorder import Recorder, RecorderState

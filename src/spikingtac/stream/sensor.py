@@ -13,7 +13,7 @@ import numpy as np
 from spikingtac.arrays import one_line
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
-from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracking_config import TrackingConfig

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from spikingtac.errors import CalibrationError
-from spikingtac.events.address import Address, is_address
-from spikingtac.events.cameras.source import CameraSource
-from spikingtac.events.evt.raw_stream import is_stream
+from spikingtac.events.address import Address, is_address, is_stream
+from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.stream.host import Factory

@@ -14,12 +14,10 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.contact.event_count import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
-from spikingtac.events.address import Address, is_address
-from spikingtac.events.evt.raw_stream import is_stream
+from spikingtac.events.address import Address, is_address, is_stream
 from spikingtac.events.formats.array_file import load_arrays
-from spikingtac.events.manifest import MANIFEST, TRUTH, name_of, read_manifest
+from spikingtac.events.manifest import MANIFEST, TRUTH, is_same_folder, name_of, read_manifest
 from spikingtac.events.open import open_events, open_second, refuse_url
-from spikingtac.events.retimed import is_same_folder
 from spikingtac.events.source import EventSource
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.track import require_same_size

@@ -18,7 +18,7 @@ import numpy as np
 
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.window import WINDOW_US
-from spikingtac.events.source_health import SLOT_US, slot_rate_ev_s, source_health
+from spikingtac.events.source import SLOT_US, slot_rate_ev_s, source_health
 from spikingtac.events.windows import SILENCE_LIMIT_US
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.follow import EstimateTimes, check_rate

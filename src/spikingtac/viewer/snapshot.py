@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.contact.window import WINDOW_US
-from spikingtac.events.quality import judge_events
+from spikingtac.events.hot_pixels import judge_events
 from spikingtac.tuning import in_use
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac.viewer.event_store import EventStore

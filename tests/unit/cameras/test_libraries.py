@@ -11,7 +11,7 @@ import pytest
 from spikingtac.cameras import openmv
 from spikingtac.errors import ConfigError, DeviceError, MissingExtraError
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.kinds import KINDS, open_camera
+from spikingtac.events.camera import KINDS, open_camera
 from stand_ins.camera_counterparts import with_module
 from stand_ins.camera_modules import hal_module
 from stand_ins.openmv_board import OpenMvBoard

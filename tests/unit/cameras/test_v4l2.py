@@ -13,8 +13,7 @@ import pytest
 from spikingtac.cameras.v4l2 import FRAME, READ_BYTES
 from spikingtac.errors import CameraLostError, DeviceError
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.camera import Camera
-from spikingtac.events.cameras.kinds import open_camera
+from spikingtac.events.camera import Camera, open_camera
 from spikingtac.events.open import open_events
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import ENCODERS, END_MARKS, events

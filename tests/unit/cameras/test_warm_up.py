@@ -14,7 +14,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 import gc
 from spikingtac.cameras.words import warm_up
-from spikingtac.events.evt.raw import word_decoder
+from spikingtac.events.evt.decoders import word_decoder
 from spikingtac.events.evt.words import WordStream
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.evt.encode import Evt2Encoder, Evt3Encoder, Evt21Encoder

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from spikingtac.cli.main import main
-from spikingtac.events.cameras.kinds import KINDS
+from spikingtac.events.camera import KINDS
 from stand_ins.camera_counterparts import with_module
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.events.cameras.clock import ClockFit
-from spikingtac.events.cameras.health import DeliveryMeter
 from spikingtac.events.clock import TimeMap
+from spikingtac.events.delivery import ClockFit, DeliveryMeter
 
 
 def fitted(drift_ppm: float, seconds: float, seed: int = 0, jitter_ms: float = 2.0) -> TimeMap:

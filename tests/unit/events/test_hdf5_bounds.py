@@ -10,7 +10,7 @@ import pytest
 
 from spikingtac.errors import FormatError
 from spikingtac.events import open_events
-from spikingtac.events.tables import hdf5_attributes
+from spikingtac.events.formats import hdf5_layout
 
 h5py: Any = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
 
@@ -53,17 +53,8 @@ def test_a_soft_link_within_the_file_is_followed(tmp_path: Path) -> None:
 def test_a_huge_chunk_is_refused(tmp_path: Path) -> None:
     with write(tmp_path / "a.h5") as file:
         file.create_dataset("events/x", (1 << 30,), "u1", chunks=(1 << 30,))
-    with pytest.raises(FormatError, match="SPIKINGTAC_PIECE_LIMIT_MIB"):
+    with pytest.raises(FormatError, match="128 MiB"):
         open_events(tmp_path / "a.h5")
-
-
-def test_the_limit_is_raised_by_the_environment(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with write(tmp_path / "a.h5") as file:
-        file.create_dataset("events/x", (8,), "u1", chunks=(1 << 27,), maxshape=(None,))
-    monkeypatch.setenv("SPIKINGTAC_PIECE_LIMIT_MIB", "512")
-    assert open_events(tmp_path / "a.h5").size == (320, 320)
 
 
 @pytest.mark.parametrize(
@@ -89,6 +80,6 @@ def test_attributes_without_end_are_given_up(
 ) -> None:
     with write(tmp_path / "a.h5") as file:
         file["events/x"] = np.zeros(8, np.int64)
-    monkeypatch.setattr(hdf5_attributes, "TIME_LIMIT_S", 1e-3)
+    monkeypatch.setattr(hdf5_layout, "TIME_LIMIT_S", 1e-3)
     with pytest.raises(FormatError, match="no end of its attributes"):
         open_events(tmp_path / "a.h5")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.events.quality import judge_events
+from spikingtac.events.hot_pixels import judge_events
 from spikingtac.types import EventPacket
 
 SIZE = (120, 80)

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.events.formats.codec import HARMLESS, KINDS
-from spikingtac.events.source_health import (
-    SLOT_US,
-    HealthMeter,
-    slot_rate_ev_s,
-    source_health,
-)
+from spikingtac.events.source import SLOT_US, HealthMeter, slot_rate_ev_s, source_health
 from spikingtac.types import EventPacket
 
 SIZE = (8, 8)

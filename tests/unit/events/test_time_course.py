@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spikingtac.events.formats.time_course import HELD_EVENTS, TimeCourse
+from spikingtac.events.formats.packing import HELD_EVENTS, TimeCourse
 from spikingtac.types import LossCounters
 
 S = 1_000_000

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.events import transform
+from spikingtac.events import filters
+from spikingtac.events.filters import Transform
 from spikingtac.events.formats.codec import Triggers
-from spikingtac.events.transform import Transform
 from stand_ins.random_packets import random_packet, rows
 
 SIZE = (12, 9)
@@ -15,13 +15,13 @@ SIZE = (12, 9)
 
 def test_time_slice_is_half_open() -> None:
     whole = random_packet(4, 200, SIZE)
-    inside = list(transform.time_slice([whole], 50, 200))
+    inside = list(filters.time_slice([whole], 50, 200))
     assert rows(*inside) == [row for row in rows(whole) if 50 <= row[0] < 200]
     assert (inside[0].t_start_us, inside[-1].t_end_us) == (50, 200)
-    assert rows(*transform.time_slice([whole])) == rows(whole)
-    assert list(transform.time_slice([whole], to_us=0)) == []
+    assert rows(*filters.time_slice([whole])) == rows(whole)
+    assert list(filters.time_slice([whole], to_us=0)) == []
     with pytest.raises(ConfigError, match="empty"):
-        list(transform.time_slice([whole], 5, 5))
+        list(filters.time_slice([whole], 5, 5))
 
 
 CASES = {

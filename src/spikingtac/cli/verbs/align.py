@@ -11,10 +11,11 @@ import tyro
 from spikingtac.cli.messages import Table, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.errors import ConfigError
-from spikingtac.events.align.alignment import By, PoseClock
+from spikingtac.events.align import By
+from spikingtac.events.manifest import PoseClock
 
 if TYPE_CHECKING:
-    from spikingtac.events.align.poses import Poses
+    from spikingtac.events.manifest import Poses
 
 POSES = "poses.npz"
 
@@ -34,16 +35,15 @@ class Args(WriteArgs):
     output: Output = None
     """Folder to write, or poses.npz; nothing is written unless given."""
     by: By = "auto"
-    """What aligns the two clocks: host (one host recorded both), motion (both saw the same motion),
-    or triggers (both cameras timed the edges of one line). Auto takes the host where it is known,
-    otherwise the motion."""
+    """What aligns the two clocks: host (one host recorded both), or triggers (both cameras timed
+    the edges of one line). Auto takes the host where it is known, otherwise the triggers."""
     trigger_channel: int | None = None
     """Trigger input of that line, where both recordings hold several; it means --by triggers."""
     poses: Path | None = None
     """CSV of a robot's poses: a header with t_us, t_ms, t_s or timestamp; columns of numbers."""
     poses_clock: PoseClock = "auto"
-    """Clock of their times: unix (time of day), monotonic (of the host), sensor, or motion: not
-    known, found by how the first three columns move."""
+    """Clock of their times: unix (time of day), monotonic (of the host), or sensor. Auto tells the
+    first two by their size."""
 
 
 def run(args: Args) -> int:
@@ -84,8 +84,7 @@ def _check_output(args: Args, second: Path | None) -> None:
 
 
 def _poses(args: Args, path: Path) -> tuple[Poses, dict[str, Any]]:
-    from spikingtac.events.align.alignment import map_of_poses
-    from spikingtac.events.align.poses import load_poses
+    from spikingtac.events.manifest import load_poses, map_of_poses
 
     poses = load_poses(path)
     time_map, clock = map_of_poses(poses, args.first, args.poses_clock)
@@ -96,7 +95,7 @@ def _poses(args: Args, path: Path) -> tuple[Poses, dict[str, Any]]:
 
 
 def _two(args: Args, second: Path) -> dict[str, Any]:
-    from spikingtac.events.align.alignment import SecondFinger, map_between, write_pair
+    from spikingtac.events.align import SecondFinger, map_between, write_pair
     from spikingtac.events.open import open_events
     from spikingtac.stream.record_folder import prepare_folder
 

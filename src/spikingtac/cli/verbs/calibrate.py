@@ -141,7 +141,7 @@ def _only_one(args: Args) -> Path:
 
 def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> EventSource:
     """Return the source; that of a camera tells what the calibration still lacks."""
-    from spikingtac.events.evt.raw_stream import is_stream
+    from spikingtac.events.address import is_stream
     from spikingtac.markers.calibration.advice import GuidedSource, progress_line
     from spikingtac.markers.calibration.guide import CalibrationGuide
 

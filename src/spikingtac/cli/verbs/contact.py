@@ -71,7 +71,7 @@ class Args(JsonArgs):
 
 def run(args: Args) -> int:
     """Learn from the quiet windows, find the contacts, and report them."""
-    from spikingtac.events.evt.raw_stream import is_stream
+    from spikingtac.events.address import is_stream
 
     config = _config(args)
     live = is_stream(args.recording)

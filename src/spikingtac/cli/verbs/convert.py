@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from spikingtac.events.filters import Transform
     from spikingtac.events.formats.codec import EventWriter
     from spikingtac.events.formats.file_source import FileSource
     from spikingtac.events.hot_pixels import HotPixelFilter
-    from spikingtac.events.transform import Transform
     from spikingtac.types import EventPacket
 
 
@@ -101,9 +101,9 @@ def _convert(
 ) -> tuple[dict[str, Any], list[str]]:
     """Convert a recording; return the figures, and notes for a reader."""
     from spikingtac.events.create import create_events
+    from spikingtac.events.filters import Transform
     from spikingtac.events.hot_pixels import HotPixelFilter
     from spikingtac.events.open import open_events
-    from spikingtac.events.transform import Transform
 
     same = ("from_us", "to_us", "shift_us", "flip_polarity", "flip")
     given = {name: getattr(args, name) for name in same}
@@ -172,8 +172,8 @@ def _changed(source: FileSource, change: Transform, hot: HotPixelFilter) -> Iter
 
 
 def _hot_pixels(source: FileSource) -> NDArray[np.int64]:
-    from spikingtac.events.evt.raw_stream import is_stream
-    from spikingtac.events.quality import hot_pixels_of
+    from spikingtac.events.address import is_stream
+    from spikingtac.events.hot_pixels import hot_pixels_of
 
     if is_stream(source.path):
         raise ConfigError("--hot-pixels drop reads a recording twice; record the camera first")

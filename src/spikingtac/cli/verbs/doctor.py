@@ -95,7 +95,7 @@ def run(args: Args) -> int:
 
 def _libraries() -> Iterator[Finding]:
     from spikingtac.cameras.found import is_installed, remedy
-    from spikingtac.events.cameras.kinds import KINDS
+    from spikingtac.events.camera import KINDS
 
     version, cores = platform.python_version(), os.cpu_count() or 1
     yield Finding("python", "ok", f"{version} on {platform.system()}, {cores} cores")
@@ -171,7 +171,7 @@ def _delivery(address: str, seconds: float) -> Iterator[Finding]:
     """
     from spikingtac.cli.interrupt import ending_on_interrupt
     from spikingtac.events.address import Address
-    from spikingtac.events.cameras.source import CameraSource
+    from spikingtac.events.camera_source import CameraSource
     from spikingtac.events.formats.file_source import ReadOptions
 
     given = Address.parse(address)

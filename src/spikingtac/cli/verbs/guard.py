@@ -71,7 +71,7 @@ def run(args: Args) -> int:
             nothing was connected.
         DeviceError: The stream or the arm failed; the arm was commanded to stop.
     """
-    from spikingtac.events.evt.raw_stream import is_stream
+    from spikingtac.events.address import is_stream
 
     named(detectors(), args.detector, "contact detector")
     if not args.budget > 0.0:

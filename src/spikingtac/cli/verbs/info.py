@@ -221,7 +221,7 @@ def _told_by_manifest(source: FileSource, events: int) -> dict[str, Any]:
 
 def _delivery(source: FileSource) -> dict[str, Any]:
     """Return how a camera delivered; nothing of a file."""
-    from spikingtac.events.cameras.source import CameraSource
+    from spikingtac.events.camera_source import CameraSource
 
     if not isinstance(source, CameraSource):
         return {}

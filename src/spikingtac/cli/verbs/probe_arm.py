@@ -193,7 +193,7 @@ def listen(
     Raises:
         CalibrationError: The calibration belongs to a sensor of another size.
     """
-    from spikingtac.events.evt.raw_stream import is_stream
+    from spikingtac.events.address import is_stream
     from spikingtac.events.open import open_events
     from spikingtac.events.windows import windows
     from spikingtac.pipeline.track import require_same_size

@@ -50,7 +50,7 @@ class Args(WriteArgs):
 def run(args: Args) -> int:
     """Record, and print what was recorded; exit 3 where the disk refused to write."""
     from spikingtac.events.address import Address
-    from spikingtac.events.cameras.source import CameraSource
+    from spikingtac.events.camera_source import CameraSource
     from spikingtac.events.formats.file_source import ReadOptions
     from spikingtac.stream.record import RecordOptions, record
     from spikingtac.stream.record_folder import locked_folder, prepare_folder
@@ -98,8 +98,7 @@ def camera_address(source: Path) -> str:
     Raises:
         ConfigError: It is a file or a folder.
     """
-    from spikingtac.events.address import is_address
-    from spikingtac.events.evt.raw_stream import is_stream
+    from spikingtac.events.address import is_address, is_stream
 
     if is_address(source):
         return str(source)

@@ -108,7 +108,7 @@ def _track_source(
     output: Path,
     advance: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:
-    from spikingtac.events.evt.raw_stream import is_stream
+    from spikingtac.events.address import is_stream
     from spikingtac.markers.calibration.calibrate import completed
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.track import track_to_file

@@ -15,10 +15,25 @@ from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from spikingtac.events.evt import fields as at
 from spikingtac.events.evt.wire import TIME_HIGH, TimeWords, WordFormat, WordView, time_words
 from spikingtac.events.formats.codec import JUMP_US, RESET_US
-from spikingtac.types import LossCounters
+
+# Places in the state: clock, address, sensor, continuity and counters.
+HIGH, EPOCH, BASE, NOW, ROW, VECTOR_X, VECTOR_P, WIDTH, HEIGHT = range(9)
+REPEATS, CHANGES, UNCONFIRMED, EARLIER, EVENTS_BEFORE = range(9, 14)
+FIRST_COUNTER = 14
+BACKWARDS, RESET, JUMP, GAP, OUTSIDE, MISSING = range(14, 20)
+UNKNOWN, TRIGGERS, PADDINGS, VENDOR, GLITCH = range(20, 25)
+FIELDS = 25
+
+# Kinds of damage, in the order of their counters.
+COUNTED = (
+    "time_backwards", "time_reset", "time_jump", "gap", "out_of_range", "missing_state",
+    "unknown_word", "trigger", "padding", "vendor_word", "time_glitch",
+)  # fmt: skip
+
+NONE = -1
+NO_ROW = 1 << 30  # A row that no sensor has: nothing can be placed yet.
 
 Integer = int | np.integer[Any]  # A number inside of a kernel.
 
@@ -35,81 +50,76 @@ def new_state(size: tuple[int, int], continuous: bool = False) -> NDArray[np.int
         size: ``(width, height)`` beyond which events are dropped, px.
         continuous: Whether the writer is known to leave no time word out, so that holes are gaps.
     """
-    state = np.zeros(at.FIELDS, np.int64)
-    state[[at.HIGH, at.UNCONFIRMED, at.VECTOR_X, at.NOW, at.EVENTS_BEFORE]] = at.NONE
-    state[at.ROW] = at.NO_ROW
-    state[at.WIDTH], state[at.HEIGHT] = size
+    state = np.zeros(FIELDS, np.int64)
+    state[[HIGH, UNCONFIRMED, VECTOR_X, NOW, EVENTS_BEFORE]] = NONE
+    state[ROW] = NO_ROW
+    state[WIDTH], state[HEIGHT] = size
     if continuous:
-        state[at.REPEATS] = 1 << 40
+        state[REPEATS] = 1 << 40
     return state
-
-
-def take_counts(state: NDArray[np.int64], losses: LossCounters) -> None:
-    """Move the state's counters to the losses."""
-    if not state[at.FIRST_COUNTER :].any():  # as nearly always: this is asked at every read
-        return
-    for kind, count in zip(at.COUNTED, state[at.FIRST_COUNTER :].tolist(), strict=True):
-        losses.add(kind, count)
-    state[at.FIRST_COUNTER :] = 0
 
 
 @njit(cache=True, nogil=True)
 def time_high_kernel(
-    state: NDArray[np.int64],
-    value: Integer,
-    low_bits: Integer,
-    high_bits: Integer,
-    position: Integer,
+    state: NDArray[np.int64], value: Integer, form: tuple[int, int], position: Integer
 ) -> None:
-    """Advance the clock to the upper time ``value`` of the word at ``position``."""
-    if value == state[at.HIGH]:
-        state[at.REPEATS] += 1
-        state[at.UNCONFIRMED] = at.NONE
+    """Advance the clock to the upper time ``value`` of the word at ``position``.
+
+    Args:
+        state: The decoder's state.
+        value: Upper time.
+        form: Bits of the lower and of the upper time.
+        position: Index of the word in this chunk.
+    """
+    low_bits, high_bits = form
+    if value == state[HIGH]:
+        state[REPEATS] += 1
+        state[UNCONFIRMED] = NONE
         return
-    fresh = state[at.HIGH] < 0
-    step = value - state[at.HIGH]
-    state[at.HIGH] = value
-    state[at.UNCONFIRMED] = at.NONE
+    fresh = state[HIGH] < 0
+    step = value - state[HIGH]
+    state[HIGH] = value
+    state[UNCONFIRMED] = NONE
     if fresh:
-        state[at.BASE] = state[at.EPOCH] + (value << low_bits)
-        state[at.NOW] = max(state[at.NOW], state[at.BASE])
+        state[BASE] = state[EPOCH] + (value << low_bits)
+        state[NOW] = max(state[NOW], state[BASE])
         return
-    state[at.CHANGES] += 1
+    state[CHANGES] += 1
     if step < 0:
         if -step >= 1 << (high_bits - 1):
-            state[at.EPOCH] += np.int64(1) << (low_bits + high_bits)
+            state[EPOCH] += np.int64(1) << (low_bits + high_bits)
             step += 1 << high_bits
         elif -step << low_bits >= RESET_US:
-            state[at.EPOCH] = state[at.NOW] - (value << low_bits)
-            state[at.RESET] += 1
+            state[EPOCH] = state[NOW] - (value << low_bits)
+            state[RESET] += 1
     if step > 1:
         if step << low_bits >= RESET_US:
-            state[at.UNCONFIRMED] = position
+            state[UNCONFIRMED] = position
         _leap_kernel(state, step, low_bits)
-    state[at.BASE] = state[at.EPOCH] + (value << low_bits)
-    if state[at.BASE] > state[at.NOW]:
-        state[at.NOW] = state[at.BASE]
+    state[BASE] = state[EPOCH] + (value << low_bits)
+    if state[BASE] > state[NOW]:
+        state[NOW] = state[BASE]
 
 
 @njit(cache=True, nogil=True)
 def _leap_kernel(state: NDArray[np.int64], step: Integer, low_bits: Integer) -> None:
     leap_us = step << low_bits
     if leap_us >= JUMP_US:
-        state[at.JUMP] += 1
+        state[JUMP] += 1
         if abs(leap_us - LEAP_US) < RESET_US:
-            state[at.EPOCH] -= LEAP_US
-    elif state[at.REPEATS] >= REPEATS_OF_A_SENSOR and state[at.REPEATS] >= state[at.CHANGES]:
-        state[at.GAP] += 1
+            state[EPOCH] -= LEAP_US
+    elif state[REPEATS] >= REPEATS_OF_A_SENSOR and state[REPEATS] >= state[CHANGES]:
+        state[GAP] += 1
 
 
 @njit(cache=True, nogil=True)
 def time_low_kernel(state: NDArray[np.int64], low: Integer) -> Any:
     """Return the time of the lower part ``low``, us, held where it would go back."""
-    now = state[at.BASE] + low
-    if now < state[at.NOW]:
-        state[at.BACKWARDS] += 1
-        return state[at.NOW]
-    state[at.NOW] = now
+    now = state[BASE] + low
+    if now < state[NOW]:
+        state[BACKWARDS] += 1
+        return state[NOW]
+    state[NOW] = now
     return now
 
 
@@ -125,18 +135,18 @@ def lone_low_kernel(state: NDArray[np.int64], low: Integer, events: Integer) -> 
         low: Lower time.
         events: Events decoded so far in this chunk.
     """
-    if state[at.HIGH] < 0:
-        return state[at.NOW]
-    now = state[at.BASE] + low
-    if now < state[at.NOW]:
-        if state[at.EVENTS_BEFORE] != events or now < state[at.EARLIER]:
-            state[at.BACKWARDS] += 1
-            return state[at.NOW]
-        state[at.GLITCH] += 1
+    if state[HIGH] < 0:
+        return state[NOW]
+    now = state[BASE] + low
+    if now < state[NOW]:
+        if state[EVENTS_BEFORE] != events or now < state[EARLIER]:
+            state[BACKWARDS] += 1
+            return state[NOW]
+        state[GLITCH] += 1
     else:
-        state[at.EARLIER] = state[at.NOW]
-    state[at.EVENTS_BEFORE] = events
-    state[at.NOW] = now
+        state[EARLIER] = state[NOW]
+    state[EVENTS_BEFORE] = events
+    state[NOW] = now
     return now
 
 
@@ -188,7 +198,6 @@ class WordDecoder:
         mended: Time words replaced so far.
     """
 
-    UNKNOWN_TYPE = 2
     name: str
     form: WordFormat
     word: np.dtype[Any]
@@ -211,24 +220,19 @@ class WordDecoder:
         """Return the part of each word that holds its type."""
         return words
 
-    def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
+    def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Return for each byte offset whether a word that begins there is implausible."""
         length = self.word.itemsize
         if len(data) < length:
-            return np.empty(0, np.uint8)
+            return np.empty(0, np.bool_)
+        near = int(self.state[HIGH])  # upper time that the words of a chunk should be near
+        if near < 0:
+            times = time_words(self.view(data[: len(data) // length * length].view(self.word)))
+            near = int(np.median(times.value)) if len(times.value) else 0
         words = np.ascontiguousarray(sliding_window_view(data, length)).view(self.word).ravel()
         view = self.view(words)
-        far = view.is_high & (abs(view.time - self._expected_high(data)) > self.form.far_steps)
-        odd = view.outside | view.rare | far
-        return np.where(view.unknown, self.UNKNOWN_TYPE, odd).astype(np.uint8)
-
-    def _expected_high(self, data: NDArray[np.uint8]) -> int:
-        """Return the upper time that the words of a chunk should be near."""
-        if self.state[at.HIGH] >= 0:
-            return int(self.state[at.HIGH])
-        end = len(data) // self.word.itemsize * self.word.itemsize
-        times = time_words(self.view(data[:end].view(self.word))).value
-        return int(np.median(times)) if len(times) else 0
+        far = view.is_high & (abs(view.time - near) > self.form.far_steps)
+        return view.unknown | view.outside | view.rare | far
 
     def time_words(self, words: NDArray[Any]) -> TimeWords:
         """Return the upper times (and mend what else can be mended in place)."""

@@ -8,9 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.events.evt import fields as at
 from spikingtac.events.evt import wire
-from spikingtac.events.evt.decoder import Integer
+from spikingtac.events.evt.decoder import NONE, Integer
 from spikingtac.events.evt.wire import EVT2, EVT3, WordFormat
 
 VECTOR_WORDS = 3
@@ -40,11 +39,6 @@ class WordEncoder:
     form: WordFormat
     word: np.dtype[Any]
 
-    @property
-    def time_bits(self) -> int:
-        """Bits of the counter on the wire, us."""
-        return self.form.low_bits + self.form.high_bits
-
     def encode(self, t: Times, x: Pixels, y: Pixels, p: Signs) -> NDArray[Any]:
         """Return the words for events in order of time (``t`` counted from the file's base)."""
         raise NotImplementedError
@@ -63,7 +57,7 @@ class Evt2Encoder(WordEncoder):
     _shift = 0
 
     def __init__(self) -> None:
-        self._high = at.NONE
+        self._high = NONE
 
     def encode(self, t: Times, x: Pixels, y: Pixels, p: Signs) -> NDArray[Any]:
         """Return the words for events; see :class:`WordEncoder`."""
@@ -82,7 +76,7 @@ class Evt2Encoder(WordEncoder):
         high = t >> EVT2.low_bits
         before = np.concatenate(([self._high], high[:-1]))
         new = np.flatnonzero(high != before)
-        steps = np.where(before[new] == at.NONE, 1, high[new] - before[new])
+        steps = np.where(before[new] == NONE, 1, high[new] - before[new])
         counts = (steps - 1) // SILENCE_STEP + 1
         number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + 1
         times = np.repeat(before[new], counts) + number * SILENCE_STEP
@@ -129,7 +123,7 @@ class Evt3Encoder(WordEncoder):
     word = np.dtype(np.uint16)
 
     def __init__(self) -> None:
-        self._state = np.full(5, at.NONE, np.int64)
+        self._state = np.full(5, NONE, np.int64)
 
     def encode(self, t: Times, x: Pixels, y: Pixels, p: Signs) -> NDArray[Any]:
         """Return the words for events; see :class:`WordEncoder`."""
@@ -147,7 +141,7 @@ class Evt3Encoder(WordEncoder):
 
     def _room(self, first_us: int, last_us: int, words: int) -> NDArray[Any]:
         known = int(self._state[0])
-        first = first_us >> EVT3.low_bits if known == at.NONE else known
+        first = first_us >> EVT3.low_bits if known == NONE else known
         return np.empty(words + (last_us >> EVT3.low_bits) - first + 1, self.word)
 
 

@@ -21,12 +21,6 @@ _FORMATS = {"evt2": "evt2", "evt2.0": "evt2", "evt21": "evt21", "evt2.1": "evt21
 _FORMATS["evt3.0"] = "evt3"
 _BYTE_ORDERS = ("little", "big", "legacy")
 
-# Systems that older headers name by number only, from OpenEB's device_system_id.h: Gen3 sensors
-# have 640x480 px, Gen4 and IMX636 1280x720; below 0x37 EVT 2.1 words come in the legacy order.
-_GEN3_SYSTEMS = frozenset({0x15, 0x1C, 0x17, 0x19, 0x1D, 0x23, 0x21, 0x22, 0x29, 0x28})
-_GEN4_SYSTEMS = frozenset({0x1A, 0x1E, 0x2E, 0x20, 0x1F, 0x27, 0x30, 0x31, 0x32, 0x3A})
-_FIRST_LITTLE_SYSTEM = 0x37
-
 
 @dataclass(frozen=True, kw_only=True)
 class RawHeader:
@@ -103,35 +97,27 @@ def _understood(fields: dict[str, str], length: int) -> RawHeader:
     settings = {key.lower(): value for key, _, value in (item.partition("=") for item in options)}
     encoding = _FORMATS.get(name.strip().lower()) or _VERSIONS.get(fields.get("evt", ""))
     order = (settings.get("endianness") or fields.get("endianness") or "").lower()
-    system = _number(fields.get("system_ID"))
-    if order not in _BYTE_ORDERS:
-        old = system is not None and 0 < system < _FIRST_LITTLE_SYSTEM
-        order = "legacy" if old and encoding == "evt21" else ""
     return RawHeader(
         encoding=encoding,
-        size=_size(fields, settings, system),
-        byte_order=order or None,
+        size=_size({key.lower(): value for key, value in fields.items()}, settings),
+        byte_order=order if order in _BYTE_ORDERS else None,
         time_base_us=_number(fields.get("time_base_us")) or 0,
         fields=fields,
         length=length,
     )
 
 
-def _size(
-    fields: dict[str, str], settings: dict[str, str], system: int | None
-) -> tuple[int, int] | None:
+def _size(fields: dict[str, str], settings: dict[str, str]) -> tuple[int, int] | None:
     geometry = re.fullmatch(r"(\d+)\s*x\s*(\d+)", fields.get("geometry", ""))
-    candidates = [
-        (_number(settings.get("width")), _number(settings.get("height"))),
-        (_number(geometry[1]), _number(geometry[2])) if geometry else (None, None),
-        (_number(fields.get("width")), _number(fields.get("height"))),
-    ]
-    for width, height in candidates:
+    for pair in (
+        (settings.get("width"), settings.get("height")),
+        geometry.groups() if geometry else (None, None),
+        (fields.get("width"), fields.get("height")),
+    ):
+        width, height = map(_number, pair)
         if width and height and max(width, height) <= 1 << 11:
             return width, height
-    if system in _GEN3_SYSTEMS:
-        return 640, 480
-    return (1280, 720) if system in _GEN4_SYSTEMS else None
+    return None
 
 
 def _number(text: str | None) -> int | None:

@@ -1,16 +1,20 @@
-"""Prophesee RAW files: a text header, then words of EVT2, EVT2.1 or EVT3."""
+"""Prophesee RAW, from files and as it comes: a text header, then words of EVT2, EVT2.1 or EVT3."""
 
 from __future__ import annotations
 
+import io
+import sys
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
-from spikingtac.errors import ConfigError, FormatError, nearest
+from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
+from spikingtac.events.address import STANDARD_INPUT
 from spikingtac.events.evt.header import (
     ENCODINGS,
     FOREIGN_SHARE,
+    HEADER_LIMIT_BYTES,
+    LINE_LIMIT,
     SOUND_SHARE,
     RawHeader,
     best_candidate,
@@ -20,7 +24,6 @@ from spikingtac.events.evt.header import (
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
 if TYPE_CHECKING:
-    from spikingtac.events.evt.decoder import WordDecoder
     from spikingtac.events.evt.words import WordStream
 
 CHUNK_BYTES = 1 << 18  # Bytes that are decoded at once.
@@ -77,6 +80,7 @@ class RawSource(FileSource):
 
     def _words(self) -> WordStream:
         """Return a fresh decoder with its salvage."""
+        from spikingtac.events.evt.decoders import word_decoder
         from spikingtac.events.evt.words import WordStream
 
         continuous = self._encoding == "evt3" and self.header.generated_here
@@ -116,23 +120,6 @@ class RawSource(FileSource):
         return encoding, order or "little"
 
 
-def word_decoder(
-    encoding: str, size: tuple[int, int], byte_order: str = "little", continuous: bool = False
-) -> WordDecoder:
-    """Return a fresh decoder.
-
-    Args:
-        encoding: ``evt2``, ``evt21`` or ``evt3``.
-        size: ``(width, height)``, px.
-        byte_order: Of EVT2.1 words.
-        continuous: Whether the writer is known to leave no time word out.
-    """
-    module = import_module(f"spikingtac.events.evt.{encoding}")
-    decoder = getattr(module, f"{encoding.capitalize()}Decoder")
-    order = (byte_order,) if encoding == "evt21" else ()
-    return decoder(size, continuous, *order)
-
-
 def _refuse_foreign(path: Path, sample: bytes, header: RawHeader, claimed: str) -> None:
     found, share = best_candidate(sample, header.size)
     if found == claimed or share > SOUND_SHARE:
@@ -151,9 +138,6 @@ def _spoken(candidate: str) -> str:
     return NAMES[encoding] + (f" ({order} byte order)" if order else "")
 
 
-PART_DIGITS = 4
-
-
 def part_name(first: str, number: int) -> str:
     """Return the name of a part: ``events.raw``, ``events.0001.raw``, ``events.0002.raw`` ...
 
@@ -162,7 +146,7 @@ def part_name(first: str, number: int) -> str:
         number: Which one, from 0 on.
     """
     stem, dot, ending = first.rpartition(".")
-    return first if number == 0 else f"{stem}.{number:0{PART_DIGITS}d}{dot}{ending}"
+    return first if number == 0 else f"{stem}.{number:04d}{dot}{ending}"
 
 
 def parts_of(first: Path) -> list[Path]:
@@ -172,9 +156,10 @@ def parts_of(first: Path) -> list[Path]:
         first: Path of the first part.
     """
     stem, _, ending = first.name.rpartition(".")
-    digits = "[0-9]" * PART_DIGITS
-    later = sorted(first.parent.glob(f"{stem}.{digits}*.{ending}"), key=_number)
-    return [first, *(path for path in later if path.stat().st_size)]
+    named = first.parent.glob(f"{stem}.[0-9][0-9][0-9][0-9]*.{ending}")
+    numbers = {path: path.stem.rpartition(".")[2] for path in named if path.stat().st_size}
+    later = [path for path, number in numbers.items() if number.isdecimal()]
+    return [first, *sorted(later, key=lambda path: int(numbers[path]))]
 
 
 class RawParts(FileSource):
@@ -207,6 +192,79 @@ class RawParts(FileSource):
                 yield rows
 
 
-def _number(path: Path) -> int:
-    digits = path.stem.rpartition(".")[2]
-    return int(digits) if digits.isdecimal() else -1
+# With fewer bytes at hand the header's word is taken for the encoding.
+LEAST_SAMPLE_BYTES = 1 << 12
+
+
+class RawStream(RawSource):
+    """Events of a RAW stream, each packet as soon as its words are here.
+
+    The last microsecond waits for the next words, since more of it may follow. A stream can be
+    iterated once.
+
+    Raises:
+        FormatError: The header names no size, and none was given; or as :class:`RawSource`.
+        RecordingError: Standard input is a terminal, or the stream is read a second time.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self._spent = False
+        self._reader = _opened(path)
+        try:
+            super().__init__(path, options)
+        except BaseException:
+            self._reader.close()
+            raise
+
+    def _begin(self, path: Path) -> bytes:
+        """Wait for the header and the first words; keep those for the iteration."""
+        head = io.BytesIO(_header_lines(self._reader))
+        self.header = read_header(head)
+        wait = self._reader.read if self.header.encoding is None else self._reader.read1
+        self._pending = head.read() + wait(SAMPLE_BYTES)
+        known = self.header.encoding is not None and len(self._pending) < LEAST_SAMPLE_BYTES
+        return b"" if known else self._pending
+
+    def _size(self) -> tuple[int, int]:
+        if self.header.size is None:
+            raise FormatError(
+                f"the stream {str(self.path)!r} names no size in its header, and it cannot be read "
+                "twice to find one; let the writer send a line '% geometry 320x320' first"
+            )
+        return self.header.size
+
+    def _columns(self) -> Iterator[Rows]:
+        if self._spent:
+            raise RecordingError(
+                f"the stream {str(self.path)!r} can be read only once, as it comes; record it "
+                "into a file for what needs a second look"
+            )
+        self._spent = True
+        stream = self._words()
+        with self._reader as reader:
+            data = self._pending or reader.read1(CHUNK_BYTES)
+            while data:
+                yield stream.feed(data)
+                data = reader.read1(CHUNK_BYTES)
+            yield stream.feed(b"", final=True)
+
+
+def _opened(path: Path) -> io.BufferedReader:
+    standard = str(path) == STANDARD_INPUT
+    if standard and sys.stdin.isatty():
+        raise RecordingError(
+            "standard input is a terminal; pipe RAW events into it, or name a file"
+        )
+    reader = sys.stdin.buffer if standard else path.open("rb", buffering=SAMPLE_BYTES)
+    return cast(io.BufferedReader, reader)
+
+
+def _header_lines(reader: io.BufferedReader) -> bytes:
+    """Return the lines that begin with %, up to ``% end``; the last may be words already."""
+    lines = b""
+    while len(lines) < HEADER_LIMIT_BYTES and reader.peek(1)[:1] == b"%":
+        line = reader.readline(LINE_LIMIT)
+        lines += line
+        if line.split() == [b"%", b"end"] or not line.endswith(b"\n"):
+            break
+    return lines

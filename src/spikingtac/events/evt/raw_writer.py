@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO, Any
 
 import numpy as np
 
@@ -18,14 +18,6 @@ from spikingtac.types import EventPacket
 COORDINATE_LIMIT_PX = 1 << 11  # Rows and columns that the eleven bits of an address can name.
 
 SILENCE_LIMIT_US = 86_400_000_000  # Longest pause between two events that is written: a day.
-
-
-class Digest(Protocol):
-    """A running digest, as ``hashlib.sha256()``."""
-
-    def update(self, data: bytes, /) -> None:
-        """Take more bytes."""
-        ...
 
 
 class RawWriter(EventWriter):
@@ -55,7 +47,7 @@ class RawWriter(EventWriter):
         encoding: str = "evt3",
         *,
         in_place: bool = False,
-        digest: Digest | None = None,
+        digest: Any = None,
     ) -> None:
         if max(size) > COORDINATE_LIMIT_PX:
             raise FormatError(
@@ -151,7 +143,7 @@ class RawWriter(EventWriter):
             self._file = None
 
     def _begin(self, first_us: int) -> None:
-        period_bits = self._encoder.time_bits
+        period_bits = self._encoder.form.low_bits + self._encoder.form.high_bits
         self._base_us = (max(first_us, 0) >> period_bits) << period_bits
         self._last_us = first_us
         self._append(format_header(self._encoder.name, self.size, self._base_us))

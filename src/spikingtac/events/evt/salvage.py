@@ -77,20 +77,20 @@ def without_fill(words: NDArray[Any], in_fill: bool) -> tuple[NDArray[Any], int,
 
 
 def aligned(
-    data: NDArray[np.uint8], suspects: NDArray[np.uint8], word: np.dtype[Any]
+    data: NDArray[np.uint8], suspects: NDArray[np.bool_], word: np.dtype[Any]
 ) -> tuple[NDArray[Any], int, int]:
     """Find the word boundaries in bytes that may have lost or gained some.
 
     Args:
         data: ``uint8[n]``, beginning at a boundary as far as is known.
-        suspects: ``uint8[n - word + 1]``, not zero where a word beginning there is implausible.
+        suspects: ``bool[n - word + 1]``, true where a word beginning there is implausible.
         word: Type of a word.
 
     Returns:
         The words (a copy), the bytes consumed, and the number of breaks found.
     """
     starts = np.empty(len(data) // word.itemsize + 1, np.int64)
-    count, end, breaks = boundaries_kernel(suspects != 0, len(data), word.itemsize, starts)
+    count, end, breaks = boundaries_kernel(suspects, len(data), word.itemsize, starts)
     offsets = starts[:count, None] + np.arange(word.itemsize)
     return data[offsets].reshape(-1).view(word).copy(), int(end), int(breaks)
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.events.evt import fields as at
+from spikingtac.events.evt import decoder as at
 from spikingtac.events.evt import salvage
-from spikingtac.events.evt.decoder import Columns, WordDecoder, take_counts
+from spikingtac.events.evt.decoder import Columns, WordDecoder
 from spikingtac.events.evt.salvage import may_be_filled, without_fill
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import LossCounters
@@ -103,15 +103,12 @@ class WordStream:
 
     def _mended(self, buffer: NDArray[np.uint8], misaligned: bool) -> tuple[NDArray[Any], int]:
         decoder = self._decoder
-        size = decoder.word.itemsize
-        end = len(buffer) // size * size
+        end = len(buffer) // decoder.word.itemsize * decoder.word.itemsize
         words = buffer[:end].view(decoder.word).copy()
         if misaligned:
-            suspects = decoder.suspects(buffer)
-            words, end, breaks = salvage.aligned(buffer, suspects, decoder.word)
+            words, end, breaks = salvage.aligned(buffer, decoder.suspects(buffer), decoder.word)
             self._losses.add("resynchronised", breaks)
-            unknown = decoder.suspects(words.view(np.uint8))[::size] == decoder.UNKNOWN_TYPE
-            words, blocks = salvage.without_garbage(words, unknown)
+            words, blocks = salvage.without_garbage(words, decoder.view(words).unknown)
             self._losses.add("garbage", blocks)
         times = decoder.time_words(words)
         last = int(decoder.state[at.HIGH])
@@ -126,6 +123,10 @@ class WordStream:
         if state[at.TRIGGERS]:
             t_us, channel, edge = out.triggers[: state[at.TRIGGERS]].T
             self._triggers.append(t_us + self._base_us, channel, edge)
-        take_counts(state, self._losses)
+        counters = state[at.FIRST_COUNTER :]
+        if counters.any():  # hardly ever: this is asked at every read
+            for kind, number in zip(at.COUNTED, counters.tolist(), strict=True):
+                self._losses.add(kind, number)
+            counters[:] = 0
         t = out.t[:count] + self._base_us if self._base_us else out.t[:count]
         return out.x[:count], out.y[:count], out.p[:count], t

@@ -7,17 +7,25 @@ here by hand.
 
 from __future__ import annotations
 
+import re
 import struct
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import NamedTuple
 
 import numpy as np
 
 from spikingtac.errors import FormatError
-from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
+from spikingtac.events.formats.file_source import (
+    FileSource,
+    Read,
+    ReadOptions,
+    Rows,
+    chosen_sensor,
+    place_after_damage,
+    reader_of,
+)
 from spikingtac.events.formats.limits import decompressed, refuse_piece
 
 SIGNATURE = b"#!AER-DAT4.0\r\n"
@@ -40,34 +48,28 @@ STREAM_LIMIT = 1 << 10  # Numbers of streams that are believed.
 # signal rose, which begins a pulse; other types are no edges of a signal.
 EDGES = {1: (0, True), 2: (0, False), 3: (0, True), 4: (1, True), 5: (1, False)}
 
-SEARCH_BYTES = 1 << 20
-
 # How a packet's bytes begin, and how far behind its head; uncompressed ones name their type.
 _MARKS = {"lz4": (b"\x04\x22\x4d\x18", 8), "zstd": (b"\x28\xb5\x2f\xfd", 8)}
 
 HEAD_LIMIT_BYTES = 1 << 24  # Longest head that is believed.
 
 
-@dataclass(frozen=True, kw_only=True)
-class Aedat4Head:
+class Aedat4Head(NamedTuple):
     """What the head of a file names.
 
     Attributes:
         streams: Number, size (px) and name of each stream of events.
         triggers: Number and camera's name of each stream of trigger edges.
-        compression: 0 none, 1 and 2 LZ4, 3 and 4 Zstandard.
+        compression: ``none``, ``lz4``, ``zstd`` or ``unknown``.
         table_position: Where the index at the end begins, or -1.
         length: Bytes before the first packet.
     """
 
     streams: list[tuple[int, tuple[int, int], str]]
     triggers: list[tuple[int, str]]
-    compression: int
+    compression: str
     table_position: int
     length: int
-
-
-_Take = Callable[[bytes, bool], Iterator[Rows]]
 
 
 class Aedat4Source(FileSource):
@@ -96,12 +98,13 @@ class Aedat4Source(FileSource):
     def _columns(self) -> Iterator[Rows]:
         total = max(self.path.stat().st_size, 1)
         end = self._head.table_position if self._head.table_position > 0 else total
+        where = f"{str(self.path)!r}: a packet"
         with self.path.open("rb") as file:
-            place = self._head.length
+            read, place = reader_of(file), self._head.length
             while place < min(end, total):
-                head = _packet_at(file, place, total)
+                head = _packet_at(read, place, total)
                 if head is None:
-                    found = _next_packet(file, place + 1, total, self._head, self._stream)
+                    found = self._after_damage(read, place + 1, total)
                     self.losses.add("truncated" if found is None else "bad_record")
                     if found is not None:
                         place = found
@@ -109,64 +112,61 @@ class Aedat4Source(FileSource):
                 stream, length = head or (self._stream, total - place - PACKET_HEAD.size)
                 place += PACKET_HEAD.size + length
                 self.progress = place / total
-                if stream in (self._stream, *self._edges) and length > 0:
-                    file.seek(place - length)
-                    take = self._events if stream == self._stream else self._take_triggers
-                    yield from self._taken(file, length, head is None, take)
+                if stream not in (self._stream, *self._edges) or length <= 0:
+                    continue
+                refuse_piece(where, length)
+                try:
+                    stored = read(place - length, length)
+                    data = decompressed(stored, self._head.compression, where)
+                    if stream == self._stream:
+                        yield self._events(data, head is None)
+                    else:
+                        self._take_triggers(data)
+                except (struct.error, ValueError):
+                    self.losses.add("bad_record", int(head is not None))
 
-    def _taken(self, file: BinaryIO, length: int, cut: bool, take: _Take) -> Iterator[Rows]:
-        """Yield the events of the packet whose bytes come next; damage is counted."""
-        where = f"{str(self.path)!r}: a packet"
-        refuse_piece(where, length)
-        kind = COMPRESSIONS.get(self._head.compression, "unknown")
-        try:
-            yield from take(decompressed(file.read(length), kind, where), cut)
-        except (struct.error, ValueError):
-            self.losses.add("bad_record", int(not cut))
+    def _after_damage(self, read: Read, place: int, total: int) -> int | None:
+        """Return where the next packet of events begins, or None where the rest holds none."""
+        mark, before = _MARKS.get(self._head.compression, (b"EVTS", 16))
 
-    def _events(self, data: bytes, cut: bool) -> Iterator[Rows]:
-        events, whole = _events_of(data)
-        self.losses.add("bad_record", int(not (whole or cut)))
+        def proven(at: int) -> int | None:
+            packet = _packet_at(read, at - before, total) if at - before >= place else None
+            sound = packet is not None and packet[0] == self._stream and packet[1] > 0
+            return at - before if sound else None
+
+        return place_after_damage(read, place, total, re.compile(re.escape(mark)), proven)
+
+    def _events(self, data: bytes, cut: bool) -> Rows:
+        """Return the events of a size-prefixed EventPacket; count where they are not as many."""
+        start, count = _Table(data[4:]).vector(0)
+        present = max((len(data) - 4 - start) // EVENT.itemsize, 0)
+        events = np.frombuffer(data, EVENT, present, start + 4) if present else np.empty(0, EVENT)
+        self.losses.add("bad_record", int(count != present and not cut))
         x, y = events["x"].astype(np.int64), events["y"].astype(np.int64)
-        yield x, y, events["on"], events["t"].astype(np.int64)
+        return x, y, events["on"], events["t"].astype(np.int64)
 
-    def _take_triggers(self, data: bytes, cut: bool) -> Iterator[Rows]:
-        """Take the edges of a packet; it holds no events."""
-        edges = [(t, kind) for t, kind in _triggers_of(data) if kind in EDGES]
-        self.losses.add("trigger", len(edges))
-        if edges:
-            channels, rising = zip(*(EDGES[kind] for _, kind in edges), strict=True)
-            self.triggers.append([t for t, _ in edges], channels, rising)
-        yield from ()
+    def _take_triggers(self, data: bytes) -> None:
+        """Take the edges of a size-prefixed TriggerPacket."""
+        packet = data[4:]
+        start, count = _Table(packet).vector(0)
+        if count > len(packet) // 4:
+            raise ValueError(f"{count} triggers in {len(packet)} bytes")
+        for place in range(start, start + 4 * count, 4):
+            edge = _Table(packet, place)
+            kind = edge.number(1, "<b", 0)
+            if kind in EDGES:
+                self.triggers.append(edge.number(0, "<q", 0), *EDGES[kind])
+                self.losses.add("trigger")
 
 
-def _packet_at(file: BinaryIO, place: int, total: int) -> tuple[int, int] | None:
+def _packet_at(read: Read, place: int, total: int) -> tuple[int, int] | None:
     """Return stream and length of the packet at a place, or None where there is none."""
-    file.seek(place)
-    head = file.read(PACKET_HEAD.size)
+    head = read(place, PACKET_HEAD.size)
     if len(head) < PACKET_HEAD.size:
         return None
     stream, length = PACKET_HEAD.unpack(head)
     fits = 0 <= stream < STREAM_LIMIT and length <= total - place - PACKET_HEAD.size
     return (stream, length) if fits else None
-
-
-def _next_packet(
-    file: BinaryIO, place: int, total: int, head: Aedat4Head, stream: int
-) -> int | None:
-    """Return where the next packet of events begins, or None where the rest holds none."""
-    mark, before = _MARKS.get(COMPRESSIONS.get(head.compression, ""), (b"EVTS", 16))
-    while place < total:
-        file.seek(place)
-        data = file.read(SEARCH_BYTES + before + len(mark))
-        at = data.find(mark, before)
-        while 0 <= at < SEARCH_BYTES + before:
-            packet = _packet_at(file, place + at - before, total)
-            if packet is not None and packet[0] == stream and packet[1] > 0:
-                return place + at - before
-            at = data.find(mark, at + 1)
-        place += SEARCH_BYTES
-    return None
 
 
 def read_head(path: Path) -> Aedat4Head:
@@ -189,7 +189,7 @@ def read_head(path: Path) -> Aedat4Head:
         return Aedat4Head(
             streams=streams,
             triggers=triggers,
-            compression=table.number(0, "<i", 0),
+            compression=COMPRESSIONS.get(table.number(0, "<i", 0), "unknown"),
             table_position=table.number(1, "<q", -1),
             length=len(SIGNATURE) + 4 + length,
         )
@@ -256,31 +256,3 @@ def _streams_named(
     if not events:
         raise ValueError("it holds no stream of events")
     return events, triggers
-
-
-def _events_of(data: bytes) -> tuple[np.ndarray[Any, np.dtype[Any]], bool]:
-    """Return the events of a size-prefixed EventPacket, and whether they are as many as it says.
-
-    Raises:
-        ValueError: The packet is damaged; :class:`struct.error` where an offset leads out of it.
-    """
-    start, count = _Table(data[4:]).vector(0)
-    present = max((len(data) - 4 - start) // EVENT.itemsize, 0)
-    if not present:
-        return np.empty(0, EVENT), not count
-    return np.frombuffer(data, EVENT, present, start + 4), count == present
-
-
-def _triggers_of(data: bytes) -> Iterator[tuple[int, int]]:
-    """Yield time and type of each entry of a size-prefixed TriggerPacket.
-
-    Raises:
-        ValueError: The packet is damaged; :class:`struct.error` where an offset leads out of it.
-    """
-    packet = data[4:]
-    start, count = _Table(packet).vector(0)
-    if count > len(packet) // 4:
-        raise ValueError(f"{count} triggers in {len(packet)} bytes")
-    for place in range(start, start + 4 * count, 4):
-        edge = _Table(packet, place)
-        yield edge.number(0, "<q", 0), edge.number(1, "<b", 0)

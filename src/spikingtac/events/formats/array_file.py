@@ -1,13 +1,19 @@
-"""NumPy archives: written column by column at constant memory, read without trust."""
+"""Archives: NumPy's, and those that a recording was packed into; read without trust.
+
+NumPy archives are written column by column at constant memory.
+"""
 
 from __future__ import annotations
 
+import gzip
 import math
+import shutil
 import struct
 import tempfile
+import weakref
 import zipfile
 import zlib
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from tokenize import TokenError
 from typing import IO, Any
@@ -16,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing
-from spikingtac.errors import RecordingError
-from spikingtac.events.formats.limits import piece_limit_bytes, refuse_piece
+from spikingtac.errors import FormatError, RecordingError
+from spikingtac.events.formats.file_source import FileSource
+from spikingtac.events.formats.limits import PIECE_LIMIT_BYTES, refuse_piece
 
 # What zipfile and NumPy's header parser raise on damaged archives.
 ARCHIVE_DAMAGE = (
@@ -31,6 +38,14 @@ PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 # Most that arrays beyond the limit may be compressed: stored ones take what their file takes.
 BOMB_RATIO = 20
+
+# Largest content of an archive that is unpacked, bytes.
+CONTENT_LIMIT_BYTES = 1 << 32
+
+# Most that content beyond one piece may be compressed; events gain 2 to 10.
+PACKED_RATIO = 100
+
+UNPACKED_BYTES = 1 << 12  # Bytes unpacked at once: what a damaged archive loses of its sound part.
 
 # The earliest date that ZIP knows: archives must not depend on the clock.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -63,19 +78,35 @@ def load_arrays(
         raise RecordingError(f"{str(path)!r} cannot be read as {what}: {reason}") from error
 
 
+def read_array_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return shape, whether by columns, and type of the array whose ``.npy`` begins here.
+
+    Raises:
+        ValueError: It is damaged, or holds Python objects.
+    """
+    form = np.lib.format
+    first = form.read_magic(file) == (1, 0)
+    header = (form.read_array_header_1_0 if first else form.read_array_header_2_0)(file)
+    if header[2].hasobject:
+        raise ValueError("it holds Python objects, which are not loaded")
+    return header
+
+
+def open_member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
+    """Open an array of an archive; raises what damaged archives raise."""
+    if archive.getinfo(name).compress_type not in PACKINGS:
+        raise ValueError(f"{name} is packed by another method than NumPy's")
+    return archive.open(name)
+
+
 def _array(archive: zipfile.ZipFile, name: str, path: str | Path) -> NDArray[Any]:
     info = archive.getinfo(name)
-    if info.compress_type not in PACKINGS:
-        raise ValueError(f"{name} is packed by another method than NumPy's")
-    with archive.open(name) as member:
-        version = np.lib.format.read_magic(member)
-        header = np.lib.format
-        read = header.read_array_header_1_0 if version == (1, 0) else header.read_array_header_2_0
-        shape, fortran_order, dtype = read(member)
+    with open_member(archive, name) as member:
+        shape, fortran_order, dtype = read_array_header(member)
         size = math.prod(shape) * dtype.itemsize
-        if dtype.hasobject or size > info.file_size:
+        if size > info.file_size:
             raise ValueError(f"{name} claims {dtype} of shape {shape}")
-        if size > piece_limit_bytes() and size > BOMB_RATIO * info.compress_size:
+        if size > BOMB_RATIO * info.compress_size:
             refuse_piece(f"{str(path)!r}: {name}", size)
         data = bytearray(size)
         view = memoryview(data)
@@ -163,3 +194,80 @@ def _write_header(member: IO[bytes], dtype: np.dtype[Any], shape: tuple[int, ...
     np.lib.format.write_array_header_1_0(
         member, {"descr": description, "fortran_order": False, "shape": shape}
     )
+
+
+def open_packed(path: Path, opener: Callable[[Path], FileSource]) -> FileSource:
+    """Return the source of the recording inside an archive.
+
+    Args:
+        path: A ``.gz`` of one file, or a ``.zip`` that holds one file.
+        opener: Opens the unpacked file.
+
+    Raises:
+        FormatError: The archive cannot be read, holds several files, or unpacks beyond the limit.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="spikingtac-"))
+    try:
+        inner, damage = _unpacked(path, folder)
+        try:
+            source = opener(inner)
+        except RecordingError as error:
+            told = str(error).replace(str(inner), f"{path} ({inner.name})")
+            raise type(error)(told) from error
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    weakref.finalize(source, shutil.rmtree, folder, ignore_errors=True)
+    source.notes.append(f"unpacked from {path.name}")
+    if damage:
+        source.notes.append(f"{path.name} is damaged and was unpacked up to there: {damage}")
+        source.lost_before = {"truncated": 1}
+    return source
+
+
+def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
+    """Return the unpacked file, and what ended it early."""
+    packed = path.stat().st_size
+    try:
+        if not zipfile.is_zipfile(path):
+            inner = folder / (path.stem if path.suffix.lower() in (".gz", ".gzip") else path.name)
+            with gzip.open(path) as content:
+                return _copied(content, inner, packed, path)
+        with zipfile.ZipFile(path) as archive:
+            files = [info for info in archive.infolist() if not info.is_dir()]
+            files = [info for info in files if not info.filename.startswith("__MACOSX/")]
+            if len(files) != 1 or files[0].compress_type not in PACKINGS:
+                names = ", ".join(info.filename for info in files[:5]) or "nothing"
+                raise FormatError(
+                    f"{str(path)!r} holds {names}; a zip with exactly one recording is read: "
+                    "unpack it and name a file"
+                )
+            with archive.open(files[0]) as content:
+                inner = folder / (Path(files[0].filename).name or "recording")
+                return _copied(content, inner, packed, path)
+    except ARCHIVE_DAMAGE as error:
+        raise FormatError(f"{str(path)!r} cannot be unpacked: {error}") from error
+
+
+def _copied(
+    content: IO[bytes] | gzip.GzipFile, inner: Path, packed: int, path: Path
+) -> tuple[Path, str]:
+    """Copy content up to the limits; return the file, and what ended it early."""
+    written = 0
+    with inner.open("wb") as file:
+        while True:
+            try:
+                data = content.read(UNPACKED_BYTES)
+            except (OSError, EOFError, ValueError, zlib.error, zipfile.BadZipFile) as error:
+                if not written:
+                    raise
+                return inner, str(error)
+            if not data:
+                return inner, ""
+            written += len(data)
+            if written > min(CONTENT_LIMIT_BYTES, max(PACKED_RATIO * packed, PIECE_LIMIT_BYTES)):
+                raise FormatError(
+                    f"{str(path)!r} unpacks to more than {written >> 20} MiB from {packed} bytes; "
+                    "unpack it yourself if that is meant"
+                )
+            file.write(data)

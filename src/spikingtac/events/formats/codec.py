@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -47,18 +46,10 @@ KINDS: dict[str, str] = {
 }
 
 # Kinds that lose nothing; ``strict`` does not refuse them.
-HARMLESS = frozenset(
-    {
-        "trigger",
-        "padding",
-        "vendor_word",
-        "duplicate",
-        "before_zero",
-        "own_clock",
-        "other_data",
-        "hot_pixels",
-    }
-)
+HARMLESS = frozenset({
+    "trigger", "padding", "vendor_word", "duplicate", "before_zero", "own_clock", "other_data",
+    "hot_pixels",
+})  # fmt: skip
 
 # Columns of trigger edges in archives, where there are any.
 TRIGGERS = ("trigger_t_us", "trigger_channel", "trigger_edge")
@@ -144,6 +135,32 @@ class Triggers:
         return self._parts[0][place] if self._parts else np.empty(0, self._TYPES[place])
 
 
+class Blocks:
+    """Rows that are given out in whole blocks: a file's bytes do not depend on the packets.
+
+    Args:
+        kind: Type of a row, a structure.
+        length: Rows of a block.
+
+    Attributes:
+        rest: Rows that wait for the next ones.
+    """
+
+    def __init__(self, kind: np.dtype[Any], length: int) -> None:
+        self.rest, self._length = np.zeros(0, kind), length
+
+    def add(self, **columns: NDArray[Any]) -> NDArray[Any]:
+        """Take rows, given as columns; return the whole blocks that there are by now."""
+        held = len(self.rest)
+        rows = np.zeros(held + len(next(iter(columns.values()))), self.rest.dtype)
+        rows[:held] = self.rest  # joining arrays would drop their padding
+        for name, column in columns.items():
+            rows[name][held:] = column
+        whole = len(rows) // self._length * self._length
+        self.rest = rows[whole:]
+        return rows[:whole]
+
+
 class EventWriter(ABC):
     """A file that events are appended to, packet by packet, at constant memory.
 
@@ -180,12 +197,7 @@ class EventWriter(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         if kind is None:
             self.close()
         else:

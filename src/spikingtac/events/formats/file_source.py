@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from spikingtac.errors import ConfigError, DamageError
 from spikingtac.events.formats.codec import HARMLESS, KINDS, Triggers
 from spikingtac.events.formats.limits import require_size
 from spikingtac.events.formats.packing import ColumnCheck, Packer
-from spikingtac.events.source_health import HealthMeter
+from spikingtac.events.source import HealthMeter
 from spikingtac.types import EventPacket, LossCounters, SourceHealth
 
 # Columns x, y, p and t of some consecutive events.
@@ -24,6 +25,9 @@ CHUNK_EVENTS = 1 << 17  # About how many events a packet holds by default.
 
 # Sensors that are assumed where a file names no size: the first that holds its events.
 SIZES_PX = ((320, 320), (346, 260), (640, 480), (1280, 720))
+
+# Bytes that are searched at once for where reading goes on after damage, and the longest mark.
+SEARCH_BYTES, MARK_BYTES = 1 << 20, 32
 
 # Share of a file's events that may lie outside of the size that is read from them.
 STRAY_SHARE = 1e-3
@@ -85,8 +89,7 @@ class FileSource:
     """
 
     format = "events"
-    checked = False
-    """Whether the columns come checked (in order, on the sensor, of the package's types)."""
+    checked = False  # Whether columns come in order, on the sensor, of the package's types.
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.path = path
@@ -97,11 +100,7 @@ class FileSource:
         self.lost_before: dict[str, int] = {}
         self._counters = HealthMeter(self.losses)
         self._options = options
-        where = repr(str(path))
-        if options.size is not None:
-            self.size = require_size(options.size, where)
-        else:
-            self.size = require_size(self._size(), where)
+        self.size = require_size(options.size or self._size(), repr(str(path)))
 
     def _size(self) -> tuple[int, int]:
         """Return the sensor's size, from the file or from its events."""
@@ -172,6 +171,40 @@ class FileSource:
         size = _fitting(_extent(columns), _extent(rows))
         self.notes.append(f"the file names no size; {size[0]}x{size[1]} px holds its events")
         return size
+
+
+Read = Callable[[int, int], bytes]  # Returns up to so many bytes from a place on.
+
+
+def reader_of(file: BinaryIO) -> Read:
+    """Return what reads a file from any place."""
+
+    def read(place: int, length: int) -> bytes:
+        file.seek(place)
+        return file.read(length)
+
+    return read
+
+
+def place_after_damage(
+    read: Read, place: int, end: int, mark: re.Pattern[bytes], proven: Callable[[int], int | None]
+) -> int | None:
+    """Return where reading goes on after damage, or None where the rest holds nothing sound.
+
+    Args:
+        read: Reads the file.
+        place: Where to begin to search.
+        end: Length of the file, bytes.
+        mark: What a piece may begin with.
+        proven: Returns where the piece begins that a mark at a place belongs to, or None.
+    """
+    while place < end:
+        for match in mark.finditer(read(place, SEARCH_BYTES + MARK_BYTES)):
+            found = proven(place + match.start())
+            if found is not None:
+                return found
+        place += SEARCH_BYTES
+    return None
 
 
 def _addresses(column: NDArray[Any]) -> NDArray[np.int64]:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import bz2
 import io
-import os
 from typing import Any
 
-from spikingtac.errors import ConfigError, FormatError, MissingExtraError
+from spikingtac.errors import FormatError, MissingExtraError
 
-# Largest piece of an input (a chunk, a message, an array) that is taken into memory, MiB: an hour
-# of tracks stays below, and a piece costs at most thrice as much while it is decoded (ours).
-PIECE_LIMIT_MIB = 128
-
-LIMIT_VARIABLE = "SPIKINGTAC_PIECE_LIMIT_MIB"  # Environment variable that raises the limit.
+# Largest piece of an input (a chunk, a message, an array) that is taken into memory, bytes: an hour
+# of tracks stays below, and a piece costs at most thrice as much while it is decoded.
+PIECE_LIMIT_BYTES = 128 << 20
 
 SIDE_LIMIT_PX = 1 << 16  # Columns and rows that a coordinate of two bytes can name.
 
@@ -22,36 +19,21 @@ SIDE_LIMIT_PX = 1 << 16  # Columns and rows that a coordinate of two bytes can n
 AREA_LIMIT_PX = 1 << 24
 
 
-def piece_limit_bytes() -> int:
-    """Return the largest piece of an input that is taken into memory, bytes.
-
-    Raises:
-        ConfigError: The environment names a limit that is no positive number.
-    """
-    text = os.environ.get(LIMIT_VARIABLE, str(PIECE_LIMIT_MIB))
-    if not (text.isascii() and text.isdigit() and 0 < int(text) < 1 << 40):
-        raise ConfigError(f"{LIMIT_VARIABLE} is {text!r}, it must be a whole number of MiB")
-    return int(text) << 20
-
-
-def refuse_piece(what: str, claimed_bytes: int | None = None) -> None:
+def refuse_piece(what: str, claimed_bytes: int) -> None:
     """Refuse a piece that is larger than the limit.
 
     Args:
         what: The piece, for the error.
-        claimed_bytes: What it takes; None where that is only known to be too much.
+        claimed_bytes: What it takes.
 
     Raises:
         FormatError: It takes more than the limit.
     """
-    limit = piece_limit_bytes()
-    if claimed_bytes is not None and claimed_bytes <= limit:
-        return
-    claim = "takes" if claimed_bytes is None else f"takes {claimed_bytes} bytes,"
-    raise FormatError(
-        f"{what} {claim} more than the {limit >> 20} MiB that one piece of an input may take; if "
-        f"the file is sound, raise the limit: {LIMIT_VARIABLE}=1024"
-    )
+    if claimed_bytes > PIECE_LIMIT_BYTES:
+        raise FormatError(
+            f"{what} takes {claimed_bytes} bytes, more than the {PIECE_LIMIT_BYTES >> 20} MiB that "
+            "one piece of an input may take; if the file is sound, write it again in smaller pieces"
+        )
 
 
 def require_size(size: tuple[int, int], where: str) -> tuple[int, int]:
@@ -90,20 +72,18 @@ def decompressed(data: bytes, kind: str, where: str) -> bytes:
         FormatError: The content is larger than the limit of a piece.
         MissingExtraError: The library is not installed.
     """
-    limit = piece_limit_bytes()
     if kind in ("", "none"):
         content = data
     elif kind in _DECOMPRESSORS:
         try:
-            content = _DECOMPRESSORS[kind](data, limit + 1)
+            content = _DECOMPRESSORS[kind](data, PIECE_LIMIT_BYTES + 1)
         except ImportError as error:
             raise MissingExtraError(f"{kind} needs: pip install 'spikingtac[formats]'") from error
         except (RuntimeError, ValueError, EOFError, MemoryError, OverflowError, OSError) as error:
             raise DamagedPieceError(str(error)) from error
     else:
         raise DamagedPieceError(f"unknown compression {kind!r}")
-    if len(content) > limit:
-        refuse_piece(where)
+    refuse_piece(where, len(content))
     return content
 
 

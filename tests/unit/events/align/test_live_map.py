@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spikingtac.events.cameras.clock import ClockFit
+from spikingtac.events.delivery import ClockFit
 from spikingtac.stream.pair import LiveMap
 
 

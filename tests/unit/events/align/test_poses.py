@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import RecordingError
-from spikingtac.events.align.poses import Poses, load_poses
-from spikingtac.events.align.shared_motion import Course, through_motion
 from spikingtac.events.clock import TimeMap
+from spikingtac.events.manifest import load_poses
 
 CLOCK = TimeMap.from_clock({
     "offset_s": 200.0, "drift_ppm": 50.0, "offset_error_us": 8.0, "drift_error_ppm": 0.5,
@@ -53,29 +52,3 @@ def test_host_times_become_sensor_times_also_as_the_time_of_day() -> None:
     assert CLOCK.inverse().error_us == 8.0
     told = CLOCK.clock_summary()
     assert (told["offset_s"], told["middle_us"]) == (pytest.approx(200.0, abs=1e-9), 30e6)
-
-
-def test_an_unknown_clock_is_found_by_what_moves() -> None:
-    rng = np.random.default_rng(3)
-    grid_us = np.arange(0, 40_000_000, 8_000)  # a controller of 125 Hz
-    speed = np.zeros(len(grid_us))
-    for at_us, width_us in zip(rng.uniform(1e6, 39e6, 30), rng.uniform(6e4, 2e5, 30), strict=True):
-        speed += rng.uniform(5, 60) * np.exp(-0.5 * ((grid_us - at_us) / width_us) ** 2)
-    place = np.column_stack([np.cumsum(speed * 0.008), np.zeros((len(grid_us), 2))])
-    poses = Poses(grid_us, place, ("x", "y", "z"))
-    truth = TimeMap(base_us=2_345_678.0, drift_ppm=40.0)
-    events_us = np.arange(2_345_678, 42_000_000, 1_000)
-    rate = np.interp(truth.inverse()(events_us), grid_us, speed)
-    found = through_motion(
-        poses.course(), Course(2_345_678, rng.poisson(2 + 3 * rate).astype(float))
-    )
-    middle = np.array([round(found.own_us)])
-    assert abs(found(middle)[0] - truth(middle)[0]) < max(5.0 * found.error_us, 1_000.0)
-
-
-def test_poses_that_rest_have_no_motion() -> None:
-    still = Poses(np.array([0, 10**6]), np.ones((2, 3)), ("x", "y", "z"))
-    with pytest.raises(RecordingError, match="hardly move"):
-        still.course()
-    with pytest.raises(RecordingError, match="first three columns"):
-        Poses(np.array([0, 10**6]), np.ones((2, 1)), ("x",)).course()

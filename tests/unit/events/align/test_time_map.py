@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.cameras.clock import ClockFit
 from spikingtac.events.clock import TimeMap, through_moments
+from spikingtac.events.delivery import ClockFit
 
 
 def watched(drift_ppm: float, start_s: float, seed: int, seconds: float = 120.0) -> TimeMap:

@@ -190,7 +190,6 @@ def test_no_header_is_guessed_and_said(tmp_path: Path) -> None:
     [
         (b"% geometry 640x480\n", (640, 480)),
         (b"% format EVT3;height=720;width=1280\n", (1280, 720)),
-        (b"% evt 3.0\n% system_ID 40\n", (640, 480)),
         (b"% evt 3.0\n% geometry 0x0\n% width 346\n% height 260\n", (346, 260)),
     ],
 )

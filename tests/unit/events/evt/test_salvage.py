@@ -20,7 +20,7 @@ def suspects_of(length: int, boundary: int, later_boundary: int) -> np.ndarray:
     offset = np.arange(length - 1)
     origin = np.where(offset < boundary, 0, later_boundary)
     misplaced = (offset - origin) % 2 == 1
-    return (misplaced & (offset // 2 % 2 == 0)).astype(np.uint8)
+    return misplaced & (offset // 2 % 2 == 0)
 
 
 @pytest.mark.parametrize("words_after", [12, 60])
@@ -38,8 +38,8 @@ def test_a_lost_byte_is_noticed_within_a_dozen_words(words_after: int) -> None:
 @pytest.mark.parametrize("odd", [1, 3])
 def test_a_few_odd_words_are_no_break(odd: int) -> None:
     data = sound_bytes(SOUND_WORDS)
-    suspects = np.zeros(len(data) - 1, np.uint8)
-    suspects[20 : 20 + 2 * odd : 2] = 1
+    suspects = np.zeros(len(data) - 1, np.bool_)
+    suspects[20 : 20 + 2 * odd : 2] = True
     words, _, breaks = aligned(data, suspects, WORD)
     assert breaks == 0
     np.testing.assert_array_equal(words, data.view(WORD))

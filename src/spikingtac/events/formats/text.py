@@ -13,9 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
+from spikingtac.events.formats.columns import (
+    Order,
+    TableSource,
+    order_named,
+    order_of_values,
+    role_of,
+    rows_of,
+)
 from spikingtac.events.formats.file_source import ReadOptions, Rows
-from spikingtac.events.tables.columns import Order, order_named, order_of_values, role_of
-from spikingtac.events.tables.table_source import TableSource, rows_of
 
 CHUNK_BYTES = 1 << 20
 
@@ -38,7 +44,7 @@ class TextSource(TableSource):
     """Events of a text table.
 
     The first line, or a comment, names the columns in any order, with units of time; else their
-    values tell the order (:mod:`spikingtac.events.tables.columns`). The size stands in a comment
+    values tell the order (:mod:`spikingtac.events.formats.columns`). The size stands in a comment
     (``# size W H``, ``%geometry:W,H``) or in a first line of two numbers. Lines that do not parse,
     or have another number of columns than most, are counted as ``bad_record``.
 

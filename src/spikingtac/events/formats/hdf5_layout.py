@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from spikingtac.errors import FormatError
+from spikingtac.events.formats.columns import ROLES, TABLE_WIDTHS, Order, order_named
 from spikingtac.events.formats.limits import refuse_piece
-from spikingtac.events.formats.time_course import TIME_LIMIT_US
-from spikingtac.events.tables.columns import ROLES, Order, order_named
-from spikingtac.events.tables.hdf5_attributes import read_attributes
+from spikingtac.events.formats.packing import TIME_LIMIT_US
 
 LEAST_STORED_BYTES = 1 << 14  # Stored bytes below which no claim is weighed against them.
 
@@ -25,13 +26,28 @@ COMPRESSION_LIMIT = 2_000  # Most that compression is believed to gain; deflate 
 
 LINK_DEPTH = 8  # Links to links that are followed.
 
-TABLE_WIDTHS = (4, 5)  # Columns of a table of numbers that may be events.
-
 _RESOLUTIONS = ("calib/resolution", "resolution")
 
+# Longest search for attributes, s: a sound file needs 0.3 s, the start of Python included.
+TIME_LIMIT_S = 20.0
 
-@dataclass(frozen=True, kw_only=True)
-class EventStream:
+# Prints, as JSON, the attributes that tell a size in the files of Metavision, of this package and
+# of DSEC; a longer value is no size.
+_ATTRIBUTES = """
+import h5py, json, sys
+def plain(value):
+    value = getattr(value, "tolist", lambda: value)()
+    value = value.decode(errors="replace") if isinstance(value, bytes) else value
+    return value if len(str(value)) <= 64 else None
+names = ("geometry", "width", "height", "sensor_resolution")
+with h5py.File(sys.argv[1], "r") as file:
+    every = [file[name].attrs for name in sys.argv[2:]]
+    found = [{name: plain(at[name]) for name in names if name in at} for at in every]
+print(json.dumps(found, default=str))
+"""
+
+
+class EventStream(NamedTuple):
     """The events of one camera.
 
     Attributes:
@@ -91,24 +107,22 @@ def _resolved(group: Any, name: str, depth: int = 0) -> tuple[Any, bool]:
 
 
 def _streams_of(group: Any, tables: dict[str, Any]) -> Iterator[EventStream]:
-    rows = {
-        name: item
+    rows = [
+        (name, item)
         for name, item in tables.items()
         if len(item.shape or ()) == 1 and item.dtype.kind in "uifb"
-    }
-    order = order_named(list(rows))
+    ]
+    order = order_named([name for name, _ in rows])
     if order is not None:
-        chosen = [list(rows.values())[order.place[role]] for role in ROLES]
-        yield EventStream(
-            group=group.name, places=tuple(item.name for item in chosen), unit=order.unit
-        )
+        places = tuple(rows[order.place[role]][1].name for role in ROLES)
+        yield EventStream(group.name, places, unit=order.unit)
     for name, item in tables.items():
+        places = (item.name,) * len(ROLES)
         if item.dtype.names and (fields := order_named(item.dtype.names)):
-            places = (item.name,) * len(ROLES)
-            yield EventStream(group=group.name, places=places, order=fields, unit=fields.unit)
+            yield EventStream(group.name, places, fields, fields.unit)
         wide = len(item.shape or ()) == 2 and item.shape[1] in TABLE_WIDTHS
         if wide and "event" in name.lower() and item.dtype.kind in "uif":
-            yield EventStream(group=group.name, places=(item.name,) * len(ROLES))
+            yield EventStream(group.name, places)
 
 
 def require_plain(dataset: Any, path: Path) -> None:
@@ -188,3 +202,29 @@ def size_of(file: Any, path: Path, group: str) -> tuple[int, int] | None:
         width, height = (int(value) for value in resolution[:])
         return width, height
     return None
+
+
+def read_attributes(path: Path, objects: Sequence[str]) -> list[dict[str, Any]]:
+    """Return the attributes of each object that tell a size: numbers, lists, strings.
+
+    A damaged attribute can make the HDF5 library search without end, where nothing in the same
+    process can interrupt it: they are read in another one, which can be ended.
+
+    Args:
+        path: The file.
+        objects: Absolute names of groups and data sets in it.
+
+    Raises:
+        ValueError: They cannot be read, or not within ``TIME_LIMIT_S``; says so.
+    """
+    command = [sys.executable, "-P", "-c", _ATTRIBUTES, str(path), *objects]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, stdin=subprocess.DEVNULL, timeout=TIME_LIMIT_S
+        )
+    except subprocess.TimeoutExpired:
+        raise ValueError(f"no end of its attributes within {TIME_LIMIT_S:g} s") from None
+    if done.returncode:
+        told = done.stderr.decode(errors="replace").strip().splitlines() or ["the reader died"]
+        raise ValueError(f"its attributes cannot be read: {told[-1]}")
+    return list(json.loads(done.stdout))

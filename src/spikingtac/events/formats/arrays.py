@@ -13,15 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
-from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, PACKINGS
+from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, open_member, read_array_header
 from spikingtac.events.formats.codec import TRIGGERS
+from spikingtac.events.formats.columns import (
+    CHUNK_ROWS,
+    TABLE_WIDTHS,
+    Order,
+    TableSource,
+    order_named,
+    order_of_values,
+    rows_of,
+)
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.formats.limits import refuse_piece
-from spikingtac.events.tables.columns import Order, order_named, order_of_values
-from spikingtac.events.tables.table_source import CHUNK_ROWS, TableSource, rows_of
 from spikingtac.file_kinds import told_kind
 
-TABLE_WIDTHS = (4, 5)  # Columns of an array of numbers that may be events.
 _SIZES = ("size", "resolution", "sensor_size")
 
 # The GenX320 recorder of OpenMV boards (openmv-genx320-recorder, MIT) writes rows of type (1 ON,
@@ -71,8 +77,11 @@ class ArraySource(TableSource):
                 self.progress = 1 - max(left, 0) / total
                 if self._openmv:
                     yield clock.events(read[0], self)
-                elif self._order is not None:
-                    yield _columns_of(read, self._order)
+                elif self._order is not None and len(read) == 1:
+                    yield rows_of(read[0], self._order.place)
+                else:
+                    x, y, p, t = read
+                    yield x, y, p, t
 
     def _take_triggers(self, arrays: _Arrays) -> None:
         if not set(TRIGGERS) <= set(arrays.names):
@@ -116,9 +125,7 @@ class _Arrays:
             if self._archive is None:
                 file: IO[bytes] = self._stack.enter_context(self._path.open("rb"))
             else:
-                if self._archive.getinfo(f"{name}.npy").compress_type not in PACKINGS:
-                    raise ValueError("it is packed by another method than NumPy's")
-                file = self._stack.enter_context(self._archive.open(f"{name}.npy"))
+                file = self._stack.enter_context(open_member(self._archive, f"{name}.npy"))
             return _Array(file)
         except ARCHIVE_DAMAGE as error:
             raise FormatError(f"{where} is damaged: {error}") from error
@@ -135,11 +142,7 @@ class _Array:
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file, self._whole, self._at = file, None, 0
-        version, header = np.lib.format.read_magic(file), np.lib.format
-        read = header.read_array_header_1_0 if version == (1, 0) else header.read_array_header_2_0
-        shape, by_column, self.type = read(file)
-        if self.type.hasobject:
-            raise ValueError("it holds Python objects, which are not loaded")
+        shape, by_column, self.type = read_array_header(file)
         across = len(shape) == 2 and shape[0] in (4, 5) and shape[1] > shape[0]
         self.length = int(shape[across]) if shape else 0
         self.width = int(shape[not across]) if len(shape) == 2 else 0
@@ -237,17 +240,6 @@ def _order_of(arrays: _Arrays, members: list[str], path: Path) -> Order:
     if not len(sample):
         raise FormatError(f"{str(path)!r} holds no events: nothing was recorded into it")
     return order_of_values([sample], repr(str(path)))
-
-
-def _columns_of(read: list[NDArray[Any]], order: Order) -> Rows:
-    if len(read) > 1:
-        x, y, p, t = read
-        return x, y, p, t
-    (rows,) = read
-    if rows.dtype.names:
-        x, y, p, t = (rows[rows.dtype.names[order.place[role]]] for role in "xypt")
-        return x, y, p, t
-    return rows_of(rows, order.place)
 
 
 def _size_in(arrays: _Arrays, path: Path) -> tuple[int, int] | None:

@@ -1,17 +1,34 @@
-"""Two clocks from an external sync line: both cameras time its edges on a trigger input."""
+"""Two recordings on one clock: through the host of both, or a line whose edges both timed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.clock import PPM, TimeMap, through_moments
+from spikingtac.events.evt.raw import RawParts, parts_of
 from spikingtac.events.formats.codec import Triggers
-from spikingtac.events.formats.file_source import FileSource
+from spikingtac.events.formats.file_source import FileSource, ReadOptions
+from spikingtac.events.manifest import (
+    MANIFEST,
+    RecordedClock,
+    RetimedSource,
+    clock_beside,
+    is_same_folder,
+    name_of,
+    read_manifest,
+)
+from spikingtac.events.open import RECORDING_NAME, open_events
+from spikingtac.events.recording import RecordingWriter
+
+# How two clocks meet: at the host that recorded both, or in a line whose edges both cameras timed;
+# auto takes the host where the manifests know it, else the line.
+By = Literal["auto", "host", "triggers"]
 
 # Most that the two cameras' times of one edge differ, beside their clocks, us (ours: inputs are
 # sampled every microsecond, slow firmware stamps within 0.1 ms).
@@ -19,7 +36,7 @@ JITTER_US = 200.0
 
 # Most that two cameras' clocks drift apart, parts per million (two crystals of 100 ppm).
 MOST_DRIFT_PPM = 200.0
-STEP_US = 1.0  # Resolution of trigger times, us: the least error of one edge.
+EDGE_US = 1.0  # Resolution of trigger times, us: the least error of one edge.
 
 # A second place that fits to this share of the best one makes the best one a guess (ours).
 CLEARLY = 0.5
@@ -38,6 +55,95 @@ BEFORE_FIRST = 1.5
 _Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
+class SecondFinger:
+    """The other finger's events on its own clock.
+
+    Args:
+        first: Recording whose clock is the time base.
+        second: The other recording; the same folder again means its second sensor.
+    """
+
+    def __init__(self, first: Path, second: Path) -> None:
+        if is_same_folder(first, second):
+            path = first / name_of(RECORDING_NAME, 1)
+            if not path.is_file():
+                raise RecordingError(f"{str(first)!r} holds one sensor; name the other recording")
+            self.source: FileSource = RawParts(parts_of(path), ReadOptions())
+            self.clock = RecordedClock.of(read_manifest(first / name_of(MANIFEST, 1)))
+        else:
+            self.source, self.clock = open_events(second), clock_beside(second)
+
+
+def map_between(
+    first: Path, second: SecondFinger, by: By, channel: int | None = None
+) -> tuple[TimeMap, float | None]:
+    """Return the map from the second clock to the first, and how far the host's is from it.
+
+    Args:
+        first: Recording whose clock is the time base.
+        second: The other finger.
+        by: How the clocks meet.
+        channel: Trigger input of the sync line; None for the only one that both hold.
+
+    Returns:
+        The map; and where it was not found by the host and the host knew one too, how much later
+        the host's map puts the middle, us: what the cameras' transports differ by.
+
+    Raises:
+        ConfigError: The host was asked for, and the manifests know none in common.
+        RecordingError: A recording cannot be read, or the trigger edges do not agree.
+    """
+    base = clock_beside(first)
+    by_host = None if base is None or second.clock is None else second.clock.on(base)
+    if by == "host" and by_host is None:
+        raise ConfigError(
+            "these recordings know no host in common (record both with: spikingtac record); "
+            "where both cameras timed the edges of one line, use --by triggers"
+        )
+    if by_host is not None and by != "triggers":
+        return by_host, None
+    found = through_triggers(SyncLine.of(second.source), SyncLine.of(open_events(first)), channel)
+    if by_host is None:
+        return found, None
+    return found, by_host.at(found.own_us) - found.base_us
+
+
+def write_pair(
+    folder: Path, first: FileSource, second: FileSource, time_map: TimeMap, fields: dict[str, Any]
+) -> list[int]:
+    """Write both sensors' events on the first one's clock into a folder.
+
+    Args:
+        folder: It exists.
+        first: The first sensor's events.
+        second: The other one's, on their own clock.
+        time_map: From that clock to the first one's.
+        fields: What the manifest says beside the map.
+
+    Returns:
+        Events of each.
+
+    Raises:
+        ConfigError: The sensors differ in size: one folder holds sensors of one size.
+    """
+    if first.size != second.size:
+        raise ConfigError(
+            f"the sensors are of {first.size[0]}x{first.size[1]} and "
+            f"{second.size[0]}x{second.size[1]} px; one folder holds sensors of one size"
+        )
+    counts = [0, 0]
+    placed = RetimedSource(second, time_map, ReadOptions())
+    with RecordingWriter(folder, first.size, sensors=2) as writer:
+        for number, source in enumerate((first, placed)):
+            for packet in source:
+                writer.write(packet, number)
+                counts[number] += len(packet)
+            for kind, count in source.losses.kinds():
+                writer.losses.add(kind, count)
+        writer.describe(aligned=time_map.summary(), **fields)
+    return counts
+
+
 @dataclass(frozen=True, slots=True)
 class SyncLine:
     """The trigger edges of a recording.
@@ -53,7 +159,7 @@ class SyncLine:
     @classmethod
     def of(cls, source: FileSource) -> SyncLine:
         """Read a whole recording for its edges."""
-        firsts = [int(packet.t[0]) for packet in source if len(packet)][:1]
+        firsts = [int(packet.t[0]) for packet in source if len(packet)]
         return cls(firsts[0] if firsts else 0, source.triggers.select(slice(None)))
 
 
@@ -89,7 +195,7 @@ def _edges(own: Triggers, base: Triggers, channel: int | None) -> list[NDArray[n
     both = sorted({*own.channel.tolist()} & {*base.channel.tolist()})
     if channel is None and len(both) != 1:
         told = f"of several channels ({', '.join(map(str, both))})" if both else "of no channel"
-        hint = "choose one with --trigger-channel" if both else "use --by motion"
+        hint = "choose one with --trigger-channel" if both else "use --by host"
         raise ConfigError(f"both recordings hold triggers {told}; {hint}")
     chosen = both[0] if channel is None else channel
     for rising in (True, False):
@@ -154,4 +260,4 @@ def _fitted(own: NDArray[np.int64], base: NDArray[np.int64], pairs: _Pairs) -> T
             f"{np.count_nonzero(hit)} of {np.count_nonzero(inside)} trigger edges agree, more than "
             f"{LEAST_SHARED:.0%} are needed; is it one line, on the same channel?"
         )
-    return through_moments(own[hit], nearest[hit], "triggers", STEP_US)
+    return through_moments(own[hit], nearest[hit], "triggers", EDGE_US)

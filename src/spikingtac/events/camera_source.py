@@ -11,10 +11,8 @@ import numpy as np
 
 from spikingtac.errors import CameraLostError, DeviceError, RecordingError
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.camera import Camera
-from spikingtac.events.cameras.clock import ClockFit
-from spikingtac.events.cameras.health import CameraHealth, DeliveryMeter
-from spikingtac.events.cameras.kinds import open_camera
+from spikingtac.events.camera import Camera, open_camera
+from spikingtac.events.delivery import CameraHealth, ClockFit, DeliveryMeter
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
 # What to do when a camera is gone: end the stream and count it, raise, or wait until it is back.
@@ -175,13 +173,11 @@ class CameraSource(FileSource):
     def _take_counts(self) -> None:
         """Move what the camera has counted to the source, which outlives it."""
         camera = self.camera
-        if camera.losses:
-            for kind, count in camera.losses.kinds():
-                self.losses.add(kind, count)
-            camera.losses.clear()
-        if camera.triggers:
-            self.triggers.extend(camera.triggers)
-            camera.triggers.clear()
+        for kind, count in camera.losses.items():
+            self.losses.add(kind, count)
+        camera.losses.clear()
+        self.triggers.extend(camera.triggers)
+        camera.triggers.clear()
 
     def _placed(self, rows: Rows) -> Rows:
         """Return the columns with times that go on after a reconnect."""

@@ -2,21 +2,27 @@
 
 Messages are read by their published layout, so bags without type definitions (or with ones in
 ros2idl) are read as well. Source: ``event_camera_msgs/EventPacket`` (words of a camera), and
-``dvs_msgs/EventArray`` and ``prophesee_event_msgs/EventArray``, which share one layout (public).
+``dvs_msgs/EventArray`` and ``prophesee_event_msgs/EventArray``, which share one layout (public). Of
+sqlite3 only plain tables are read, nothing that the file would compute.
 """
 
 from __future__ import annotations
 
+import sqlite3
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from spikingtac.errors import FormatError
-from spikingtac.events.bags.storages import Count, RawMessage, database_messages
+from spikingtac.events.bags import Count, Mcap, RawMessage, Ros1
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
+from spikingtac.events.formats.limits import PIECE_LIMIT_BYTES
+
+if TYPE_CHECKING:
+    from spikingtac.events.evt.words import WordStream
 
 # Encoding ``mono``: from the lowest bit, 32 bits of time (ns after the base), 16 x, 15 y, 1 p.
 MONO_EVENT = np.dtype("<u8")
@@ -32,6 +38,7 @@ ARRAYS = tuple(
 ENCODINGS = ("evt3", "evt2", "evt21", "mono", "array")
 
 NS_PER_US = 1_000
+STORED = 0  # What ``table_xinfo`` says of a column that is stored; others are computed or hidden.
 
 # Bytes of a message that are decoded at once: a word may stand for 32 events.
 PIECE_BYTES = 1 << 18
@@ -105,16 +112,32 @@ class RosSource(FileSource):
         return (width, height) if width > 0 and height > 0 else self._size_from_events()
 
     def _columns(self) -> Iterator[Rows]:
-        reader = _reader(self._first.encoding, self)
+        encoding, start_ns = self._first.encoding, None
+        stream = None if encoding in ("mono", "array") else self._words()
         following: int | None = None
         for _, packet in self._packets(self._topic):
-            if packet.encoding != self._first.encoding:
+            if packet.encoding != encoding:
                 self.losses.add("unknown_message")
                 continue
             if following is not None and packet.sequence > following:
                 self.losses.add("gap", 1)
             following = packet.sequence + 1 if packet.sequence >= 0 else None
-            yield from reader(packet)
+            if stream is not None:
+                for first in range(0, max(len(packet.events), 1), PIECE_BYTES):
+                    final = first + PIECE_BYTES >= len(packet.events)
+                    yield stream.feed(packet.events[first : first + PIECE_BYTES], final)
+            elif encoding == "array":
+                yield _array_events(packet)
+            else:
+                start_ns = packet.base_ns if start_ns is None else start_ns
+                yield _mono_events(packet, start_ns)
+
+    def _words(self) -> WordStream:
+        from spikingtac.events.evt.decoders import word_decoder
+        from spikingtac.events.evt.words import WordStream
+
+        decoder = word_decoder(self._first.encoding, self.size)
+        return WordStream(decoder, self.losses, self.triggers)
 
     def _packets(self, topic: str | None) -> Iterator[tuple[str, _Packet]]:
         for path in self._paths:
@@ -184,48 +207,18 @@ def _parsed(message: RawMessage) -> _Packet:
     return _Packet(width, height, sequence, base_ns, encoding, cursor.block(), order)
 
 
-_Reader = Callable[[_Packet], Iterator[Rows]]  # Yields the columns of a packet's events.
+def _mono_events(packet: _Packet, start_ns: int) -> Rows:
+    """Return the columns of a packet of the encoding ``mono``: one word an event."""
+    usable = len(packet.events) // MONO_EVENT.itemsize * MONO_EVENT.itemsize
+    words = np.frombuffer(packet.events[:usable], MONO_EVENT)
+    offset_us, rest_ns = divmod(packet.base_ns - start_ns, NS_PER_US)
+    t = ((words & np.uint64(0xFFFFFFFF)).astype(np.int64) + rest_ns) // NS_PER_US + offset_us
+    high = (words >> np.uint64(32)).astype(np.int64)
+    return high & 0xFFFF, (high >> 16) & 0x7FFF, high >> 31 != 0, t
 
 
-class _WordReader:
-    """Feeds the words of each message to one stateful decoder."""
-
-    def __init__(self, encoding: str, source: RosSource) -> None:
-        from spikingtac.events.evt.raw import word_decoder
-        from spikingtac.events.evt.words import WordStream
-
-        decoder = word_decoder(encoding, source.size)
-        self._stream = WordStream(decoder, source.losses, source.triggers)
-
-    def __call__(self, packet: _Packet) -> Iterator[Rows]:
-        """Yield the columns of a packet's events."""
-        for first in range(0, max(len(packet.events), 1), PIECE_BYTES):
-            last = first + PIECE_BYTES
-            yield self._stream.feed(packet.events[first:last], final=last >= len(packet.events))
-
-
-class _MonoReader:
-    """Reads the encoding ``mono``: absolute times, one word an event."""
-
-    def __init__(self) -> None:
-        self._start_ns: int | None = None
-
-    def __call__(self, packet: _Packet) -> Iterator[Rows]:
-        """Yield the columns of a packet's events, from the first message's base on."""
-        if self._start_ns is None:
-            self._start_ns = packet.base_ns
-        usable = len(packet.events) // MONO_EVENT.itemsize * MONO_EVENT.itemsize
-        words = np.frombuffer(packet.events[:usable], MONO_EVENT)
-        offset_us, rest_ns = divmod(packet.base_ns - self._start_ns, NS_PER_US)
-        t_ns = (words & np.uint64(0xFFFFFFFF)).astype(np.int64)
-        x = ((words >> np.uint64(32)) & np.uint64(0xFFFF)).astype(np.int64)
-        y = ((words >> np.uint64(48)) & np.uint64(0x7FFF)).astype(np.int64)
-        t = (t_ns + rest_ns) // NS_PER_US + offset_us
-        yield x, y, (words >> np.uint64(63)).astype(np.bool_), t
-
-
-def _array_reader(packet: _Packet) -> Iterator[Rows]:
-    """Yield the columns of a message of single events: x, y, seconds, nanoseconds, polarity."""
+def _array_events(packet: _Packet) -> Rows:
+    """Return the columns of a message of single events: x, y, seconds, nanoseconds, polarity."""
     order, size = packet.order, packet.base_ns
     if size == ARRAY_EVENT_BYTES:
         fields = [("x", "<u2"), ("y", "<u2"), ("s", "<u4"), ("ns", "<u4"), ("p", "u1")]
@@ -243,13 +236,7 @@ def _array_reader(packet: _Packet) -> Iterator[Rows]:
         x = np.concatenate((first[:1], events["next_x"][:-1])).astype(np.uint16)
         y = np.concatenate((first[1:], events["y"][1:])).astype(np.uint16)
     t = events["s"].astype(np.int64) * 1_000_000 + events["ns"].astype(np.int64) // NS_PER_US
-    yield x, y, events["p"] != 0, t
-
-
-def _reader(encoding: str, source: RosSource) -> _Reader:
-    if encoding == "array":
-        return _array_reader
-    return _MonoReader() if encoding == "mono" else _WordReader(encoding, source)
+    return x, y, events["p"] != 0, t
 
 
 def messages_of(path: Path, types: tuple[str, ...], count: Count) -> Iterator[RawMessage]:
@@ -257,20 +244,55 @@ def messages_of(path: Path, types: tuple[str, ...], count: Count) -> Iterator[Ra
 
     Raises:
         FormatError: The file is no bag, or claims more than an input may.
-        MissingExtraError: The storage needs a library that is not installed.
+        MissingExtraError: A chunk's compression needs a library that is not installed.
     """
     with path.open("rb") as file:
         start = file.read(16)
     if start.startswith(b"SQLite"):
-        return database_messages(path, types, count)
-    if start.startswith(b"\x89MCAP"):
-        from spikingtac.events.bags.mcap import mcap_messages
-
-        return mcap_messages(path, types, count)
-    if start.startswith(b"#ROSBAG"):
-        from spikingtac.events.bags.ros1 import ros1_messages
-
-        return ros1_messages(path, types, count)
+        return _database_messages(path, types, count)
+    for bag in (Mcap, Ros1):
+        if start.startswith(bag.MAGIC):
+            return bag(path, types, count).messages()
     raise FormatError(
         f"{str(path)!r} begins like no bag (valid: ROS 2 sqlite3 .db3, .mcap, ROS 1 .bag)"
     )
+
+
+def _database_messages(path: Path, types: tuple[str, ...], count: Count) -> Iterator[RawMessage]:
+    database = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+    # Texts stay bytes, since nothing says that those of a damaged file are UTF-8.
+    database.text_factory = bytes
+    try:
+        database.execute("PRAGMA trusted_schema = OFF")
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, PIECE_LIMIT_BYTES)
+        _require_tables(database, path)
+        rows = database.execute(
+            "SELECT topics.name, topics.type, messages.data FROM messages "
+            "JOIN topics ON messages.topic_id = topics.id "
+            f"WHERE topics.type IN ({','.join('?' * len(types))}) "
+            "ORDER BY messages.timestamp, messages.id",
+            types,
+        )
+        for topic, kind, data in rows:
+            if isinstance(data, bytes) and isinstance(topic, bytes):
+                name, told = topic.decode("utf-8", "replace"), bytes(kind).decode("latin-1")
+                yield RawMessage(name, data, cdr=True, kind=told)
+            else:
+                count("bad_record")
+    except (sqlite3.Error, MemoryError, OverflowError):
+        count("bad_record")
+    finally:
+        database.close()
+
+
+def _require_tables(database: sqlite3.Connection, path: Path) -> None:
+    for name in ("messages", "topics"):
+        kinds = database.execute("SELECT type, sql FROM sqlite_master WHERE name = ?", (name,))
+        for kind, sql in kinds.fetchall():
+            virtual = b"virtual" in bytes(sql or b"").lower().split()[:2]
+            columns = database.execute(f"PRAGMA table_xinfo({name})").fetchall()
+            if kind != b"table" or virtual or any(column[6] != STORED for column in columns):
+                raise FormatError(
+                    f"{str(path)!r}: {name!r} is no plain table but computed by the file (a view, "
+                    "a virtual table or a generated column), which is not read; export the bag anew"
+                )

@@ -1,1 +1,0 @@
-"""Several clocks on one time base: maps with their errors, sources and poses that follow them."""

@@ -1,1 +1,0 @@
-"""ROS bags: their storages, and the messages of events in them."""

@@ -1,1 +1,0 @@
-"""Cameras as sources of events: the protocol, the kinds by name, and what every camera reports."""

@@ -1,0 +1,299 @@
+"""Which column of a table is x, y, polarity and time: told by its name, else decided by its values.
+
+Values decide like this: polarity holds two values such as 0 and 1; coordinates are whole numbers
+from 0 on, y right behind x; time never falls, or holds what no coordinate can be. A table that can
+be read in two ways is refused.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import FormatError
+from spikingtac.events.formats.codec import RESET_US
+from spikingtac.events.formats.file_source import FileSource, Rows
+
+ROLES: tuple[str, ...] = ("x", "y", "p", "t")
+
+# Coordinates at or beyond it are not believed where no name tells them (the largest event sensor
+# on the market has 1280 columns).
+COORDINATE_LIMIT_PX = 1 << 13
+
+US_PER_UNIT = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
+_UNITS = {
+    "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "ms": "ms", "msec": "ms",
+    "millisecond": "ms", "milliseconds": "ms", "millis": "ms", "us": "us", "usec": "us",
+    "µs": "us", "μs": "us", "microsecond": "us", "microseconds": "us", "micros": "us", "ns": "ns",
+    "nsec": "ns", "nanosecond": "ns", "nanoseconds": "ns", "nanos": "ns",
+}  # fmt: skip
+_NAMES = {
+    "t": ("t", "ts", "time", "times", "timestamp", "timestamps", "stamp"),
+    "x": ("x", "xs", "col", "column", "columns", "u"),
+    "y": ("y", "ys", "row", "rows", "v"),
+    "p": ("p", "ps", "pol", "polarity", "polarities", "on", "sign", "is_increase", "is_on"),
+}
+_ROLE_OF = {name: role for role, names in _NAMES.items() for name in names}
+_NAME = re.compile(
+    r"(?P<name>[a-zµμ][\w.µμ]*?)(?:_(?P<px>px|pixel|pixels|coord|address))?"
+    r"(?:[\s_/]*[\[({<]\s*(?P<unit>[^\])}>]*)[\])}>])?"
+)
+_PREFIX = re.compile(r"^(events?|ev|dvs|cd)[._/]")
+
+# Whole numbers beyond are nanoseconds since 1970: as microseconds, they lie 3,000 years ahead.
+NANOSECOND_TIMES = 1e17
+
+# Mean step between events below which times with fractions are seconds: twenty events a second.
+# As microseconds it would be 20 million events a second, more than any such file holds (ours).
+SECONDS_STEP = 0.05
+
+RARE_SHARE = 0.01  # Values of a polarity that make up less of a sample are taken for damage.
+
+# All rows are sorted where more than this share of the first ones, and more than a few, come
+# before their predecessor: a restart is one such row, shuffled rows are half (ours).
+UNSORTED_SHARE, FEW_FALLS = 0.02, 3
+
+SORTED_ROWS_LIMIT = 1 << 25  # Most rows that are sorted, in memory: 33 million take 1.2 GB.
+
+CHUNK_ROWS = 1 << 17
+TABLE_WIDTHS = (4, 5)  # Columns of a table of numbers that may be events.
+
+# What -1 becomes in unsigned numbers.
+_WRAPPED = frozenset({(1 << bits) - 1 for bits in (8, 16, 32, 64)})
+
+
+class Order(NamedTuple):
+    """Where the four columns are.
+
+    Attributes:
+        place: Role -> index of its column.
+        unit: Unit of the times that a name told: s, ms, us or ns; None where none did.
+    """
+
+    place: dict[str, int]
+    unit: str | None = None
+
+
+def role_of(name: str) -> tuple[str | None, str | None]:
+    """Return the role that a column's name tells, and the unit of a time.
+
+    Example:
+        >>> role_of("t [us]"), role_of("timestamp_ns"), role_of("Polarity"), role_of("gain")
+        (('t', 'us'), ('t', 'ns'), ('p', None), (None, None))
+    """
+    found = _NAME.fullmatch(name.strip().strip("\"' ").lower())
+    if found is None:
+        return None, None
+    word = _PREFIX.sub("", found["name"])
+    words = re.findall(r"[a-zµμ]+", found["unit"] or "")
+    unit = next((_UNITS[each] for each in words if each in _UNITS), None)
+    if word in _ROLE_OF:
+        return _ROLE_OF[word], unit
+    if word in _UNITS:
+        return "t", _UNITS[word]
+    stem, _, ending = word.rpartition("_")
+    role = _ROLE_OF.get(stem)
+    return (role, _UNITS[ending]) if role == "t" and ending in _UNITS else (None, None)
+
+
+def order_named(names: Sequence[str]) -> Order | None:
+    """Return the order that names tell; None unless each role is named exactly once."""
+    place: dict[str, int] = {}
+    unit = None
+    for index, name in enumerate(names):
+        role, told = role_of(name)
+        if role is None:
+            continue
+        if role in place:
+            return None
+        place[role] = index
+        unit = told if role == "t" else unit
+    return Order(place=place, unit=unit) if len(place) == len(ROLES) else None
+
+
+def order_of_values(samples: Iterable[NDArray[Any]], where: str) -> Order:
+    """Return the order that the values of a table allow.
+
+    Args:
+        samples: ``(n, k)`` rows from one or several places of the table, in their order.
+        where: The table, for errors.
+
+    Raises:
+        FormatError: No order fits, or several do; names them.
+    """
+    parts = [part.astype(np.float64) for part in samples if len(part)]
+    table = np.concatenate(parts)
+    columns = range(table.shape[1])
+    coordinates = [k for k in columns if _may_be_coordinate(table[:, k])]
+    signs = [k for k in columns if _may_be_polarity(table[:, k])]
+    times = [k for k in columns if not (k in coordinates or k in signs)]
+    if not times:
+        times = [k for k in columns if all((np.diff(part[:, k]) >= 0).all() for part in parts)]
+        times = [k for k in times if table[:, k].min() < table[:, k].max()] or times
+    readings = [
+        dict(zip(ROLES, (x, y, p, t), strict=True))
+        for x, y in itertools.pairwise(columns)
+        if x in coordinates and y in coordinates
+        for p in signs
+        for t in times
+        if len({x, y, p, t}) == len(ROLES)
+    ]
+    if len(readings) == 1:
+        return Order(place=readings[0])
+    found = "; ".join(_spoken(reading, len(columns)) for reading in readings[:4])
+    reason = f"can be read in several ways: {found}" if readings else "fit no order of t, x, y, p"
+    raise FormatError(
+        f"{where}: the {len(columns)} columns {reason}; name them in a first line such as t,x,y,p "
+        "(wanted: whole x and y from 0 on, polarity 0 and 1 or -1 and 1, ascending time)"
+    )
+
+
+def _may_be_coordinate(column: NDArray[np.float64]) -> bool:
+    whole = column == np.rint(column)
+    return bool((whole & (column >= 0) & (column < COORDINATE_LIMIT_PX)).all())
+
+
+def _may_be_polarity(column: NDArray[np.float64]) -> bool:
+    values = set(np.unique(column[: 1 << 16]).tolist())
+    return any(values <= pair for pair in ({0, 1}, {-1, 1}, *({0, 1, w} for w in _WRAPPED)))
+
+
+def _spoken(reading: dict[str, int], columns: int) -> str:
+    names = {index: role for role, index in reading.items()}
+    return ",".join(names.get(index, "-") for index in range(columns))
+
+
+def _holds_wrapped(p: NDArray[Any], where: str) -> bool:
+    """Return whether OFF stands for -1 in unsigned numbers, by the polarities of the first rows.
+
+    Raises:
+        FormatError: They hold other values than 0 and 1, -1 and 1, wrapped ones, or 0 and 255.
+    """
+    values, counts = np.unique(p, return_counts=True)
+    usual = {float(v) for v in values[counts >= RARE_SHARE * max(len(p), 1)]}
+    if usual - {-1.0, 0.0, 1.0, *map(float, _WRAPPED)}:
+        told = ", ".join(f"{value:g}" for value in sorted(usual)[:6])
+        raise FormatError(
+            f"{where}: the polarity holds {told}; valid: 0 and 1, -1 and 1, or true and false"
+        )
+    wrapped = bool(usual & {float(w) for w in _WRAPPED}) and 1.0 in usual
+    return wrapped or bool(usual & {float((1 << 32) - 1), float((1 << 64) - 1)})
+
+
+def _guessed_unit(t: NDArray[Any]) -> tuple[str, str]:
+    """Return the unit that the times of the first rows look like, and what was assumed."""
+    times = t[np.isfinite(t)].astype(np.float64) if t.dtype.kind == "f" else np.empty(0)
+    if (times != np.rint(times)).any() and (
+        len(times) == 1 or float(np.median(np.abs(np.diff(times)))) < SECONDS_STEP
+    ):
+        return "s", "the times have fractions and are taken for seconds"
+    if float(np.abs(t).max()) > NANOSECOND_TIMES:
+        return "ns", "the times are beyond 1e17 and are taken for nanoseconds"
+    return "us", ""
+
+
+def _in_us(t: NDArray[Any], unit: str) -> NDArray[Any]:
+    """Return times in microseconds; whole ones stay whole."""
+    if unit == "us":
+        return t
+    if t.dtype.kind not in "iu":
+        return t.astype(np.float64) * US_PER_UNIT[unit]
+    if unit == "ns":
+        return (t + t.dtype.type(500)) // t.dtype.type(1000)
+    return t.astype(np.int64) * int(US_PER_UNIT[unit])
+
+
+class TableSource(FileSource):
+    """Events of a table, in whatever unit and order; a file format yields its rows.
+
+    Rows out of order are sorted by time and counted as ``unsorted``: all of them where many are,
+    else those within one chunk. A fall of 0.1 s or more in an ordered table is a restart.
+
+    Raises:
+        FormatError: The table holds no events and names no size, its polarity cannot be read, or it
+            is out of order and too long to be sorted.
+    """
+
+    _named_size: tuple[int, int] | None = None
+    _unit: str | None = None
+    _offset_us: int = 0
+
+    def _rows(self) -> Iterator[Rows]:
+        """Yield columns x, y, p and t as they stand in the file; count what is wrong."""
+        raise NotImplementedError
+
+    def _size(self) -> tuple[int, int]:
+        if self._named_size is not None:
+            return self._named_size
+        if not any(len(t) for _, _, _, t in self._rows()):
+            raise FormatError(f"{str(self.path)!r} holds no events: nothing was recorded into it")
+        return self._size_from_events()
+
+    def _columns(self) -> Iterator[Rows]:
+        pieces = self._understood()
+        first = next(pieces, None)
+        if first is None:
+            return
+        pieces = itertools.chain((first,), pieces)
+        falls = np.count_nonzero(first[3][1:] < first[3][:-1])
+        if falls > FEW_FALLS + UNSORTED_SHARE * len(first[3]):
+            pieces = self._all_sorted(pieces)
+        for rows in pieces:
+            yield self._mildly_sorted(rows)
+
+    def _understood(self) -> Iterator[Rows]:
+        """Yield the rows with times in microseconds and polarities as booleans."""
+        unit, wrapped = "", False
+        for x, y, p, t in self._rows():
+            if not len(t):
+                continue
+            if not unit:
+                unit, note = (self._unit, "") if self._unit else _guessed_unit(t)
+                wrapped = _holds_wrapped(p, repr(str(self.path)))
+                if note and note not in self.notes:
+                    self.notes.append(note)
+            t_us = _in_us(t, unit)
+            if self._offset_us:
+                whole = t_us.dtype.kind in "iu"
+                t_us = (t_us.astype(np.int64) if whole else t_us) + self._offset_us
+            yield x, y, p if p.dtype == np.bool_ else p == 1 if wrapped else p > 0, t_us
+
+    def _all_sorted(self, pieces: Iterator[Rows]) -> Iterator[Rows]:
+        kept: list[Rows] = []
+        total = 0
+        for rows in pieces:
+            total += len(rows[3])
+            if total > SORTED_ROWS_LIMIT:
+                raise FormatError(
+                    f"{str(self.path)!r}: its rows are out of order in time, and more than "
+                    f"{SORTED_ROWS_LIMIT} cannot be sorted here; sort the file by time first"
+                )
+            kept.append(tuple(column.copy() for column in rows))  # type: ignore[arg-type]
+        x, y, p, t = (np.concatenate(column) for column in zip(*kept, strict=True))
+        kept.clear()
+        self.losses.add("unsorted", int(np.count_nonzero(t[1:] < t[:-1])))
+        order = np.argsort(t, kind="stable")
+        for first in range(0, total, CHUNK_ROWS):
+            part = order[first : first + CHUNK_ROWS]
+            yield x[part], y[part], p[part], t[part]
+
+    def _mildly_sorted(self, rows: Rows) -> Rows:
+        x, y, p, t = rows
+        falls = t[1:] < t[:-1]
+        if not falls.any() or np.diff(t.astype(np.float64)).min() <= -RESET_US:
+            return rows
+        self.losses.add("unsorted", int(np.count_nonzero(falls)))
+        order = np.argsort(t, kind="stable")
+        return x[order], y[order], p[order], t[order]
+
+
+def rows_of(table: NDArray[Any], place: dict[str, int]) -> Rows:
+    """Return the columns of a table: an array ``(n, k)``, or one of structures."""
+    names = table.dtype.names
+    x, y, p, t = (table[names[place[role]]] if names else table[:, place[role]] for role in ROLES)
+    return x, y, p, t

@@ -1,0 +1,300 @@
+"""Files of small records: Prophesee ``.dat``, AEDAT 2.0 and 3.1, Event Stream ``.es``.
+
+Sources, all public: Prophesee, "DAT File Format": a text header, two bytes of type, then 32 bits of
+time (us) and, from the lowest bit, 14 of column, 14 of row, 4 of polarity. iniVation, "AEDAT file
+formats". AEDAT 2.0 of jAER: lines of text, then pairs of 32-bit words, most significant byte first:
+an address and a time, us, counted from the lower right corner. AEDAT 3.1 of cAER: lines of text up
+to ``#!END-HEADER``, then packets of one type each, little-endian. event_stream, "Specification",
+version 2: five bytes an event, seven bits of time since the last one and the polarity, then column
+and row, counted from the bottom. The byte 0xFF adds 127 us, 0xFE fills.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spikingtac.errors import FormatError
+from spikingtac.events.evt.header import read_header
+from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
+from spikingtac.events.formats.limits import refuse_piece
+
+CHUNK_BYTES = 1 << 20  # Bytes that are decoded at once.
+TIME_PERIOD_US = 1 << 32  # Period of a counter of 32 bits, us.
+CD_TYPES = (0x00, 0x0C)  # Types of the events of a .dat file that are read.
+DAT_EVENT = np.dtype([("t", "<u4"), ("address", "<u4")])
+AEDAT2_EVENT = np.dtype([("address", ">u4"), ("t", ">u4")])
+
+# Chips whose names stand in the header of an AEDAT file.
+SIZES_PX = {
+    "dvs128": (128, 128), "davis128": (128, 128), "davis208": (208, 192), "davis240": (240, 180),
+    "davis346": (346, 260), "davis640": (640, 480), "davishet640": (640, 480),
+    "dvxplorer": (640, 480), "dvs132": (132, 104),
+}  # fmt: skip
+HEADER_LIMIT_BYTES, LINE_LIMIT = 1 << 20, 1 << 12
+POLARITY, SPECIAL = 1, 0  # Types of packets of AEDAT 3.1.
+
+# Type, source, bytes of an event, offset of its time, overflows of the time, capacity, number of
+# events, number of valid ones.
+PACKET = struct.Struct("<hhiiiiii")
+AEDAT3_EVENT, AEDAT3_TIME_BITS = np.dtype([("data", "<u4"), ("t", "<u4")]), 31
+
+# Type of a special event -> external input, and whether the signal rose or began a pulse.
+EDGES = {
+    2: (0, True), 3: (0, False), 4: (0, True), 6: (1, True), 7: (1, False), 8: (1, True),
+    9: (2, True), 10: (2, False), 11: (2, True),
+}  # fmt: skip
+
+ES_HEADER = struct.Struct("<12s3BBHH")
+ES_MAJOR, ES_DVS, ES_EVENT_BYTES = 2, 1, 5
+OVERFLOW, FILL, OVERFLOW_US = 0xFF, 0xFE, 127
+
+
+class _Records(FileSource):
+    """A file of records of one type behind a header; their times are 32 bits wide, and wrap."""
+
+    _start = 0
+    _record: np.dtype[Any]
+
+    def _records(self) -> Iterator[tuple[NDArray[Any], NDArray[np.int64]]]:
+        """Yield some records and their times, us.
+
+        The counter has wrapped where it fell from its last second to its first ones. A wrong
+        timestamp near its end falls, too, but nothing led up to it: such steps cancel.
+        """
+        epoch_us, last, half = 0, None, TIME_PERIOD_US // 2
+        for data in self._pieces(CHUNK_BYTES):
+            usable = len(data) // self._record.itemsize * self._record.itemsize
+            self.losses.add("truncated", int(usable < len(data)))
+            records = np.frombuffer(data[:usable], self._record)
+            t = records["t"].astype(np.int64)
+            if not len(t):
+                continue
+            steps = np.diff(t, prepend=t[0] if last is None else last)
+            periods = np.cumsum((steps < -half).astype(np.int64) - (steps > half))
+            last, before_us = t[-1], epoch_us
+            epoch_us += int(periods[-1]) * TIME_PERIOD_US
+            yield records, t + before_us + periods * TIME_PERIOD_US
+
+    def _pieces(self, length: int) -> Iterator[bytes]:
+        """Yield the bytes behind the header."""
+        total = max(self.path.stat().st_size, 1)
+        with self.path.open("rb") as file:
+            file.seek(self._start)
+            while data := file.read(length):
+                self.progress = file.tell() / total
+                yield data
+
+
+class DatSource(_Records):
+    """Events of a ``.dat`` file of version 2."""
+
+    format = "DAT"
+    _record = DAT_EVENT
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        with path.open("rb") as file:
+            self._header = read_header(file)
+            kind = file.read(2)
+            self._start = file.tell()
+        if self._header.fields.get("Version", "2") != "2":
+            raise FormatError(f"{str(path)!r} is a .dat file of version 1; version 2 is read")
+        if len(kind) == 2 and (kind[0] not in CD_TYPES or kind[1] != DAT_EVENT.itemsize):
+            raise FormatError(
+                f"{str(path)!r} holds events of type {kind[0]:#x} with {kind[1]} bytes each; "
+                "CD events (type 0xc, 8 bytes) are read"
+            )
+        super().__init__(path, options)
+
+    def _size(self) -> tuple[int, int]:
+        return self._header.size or self._size_from_events()
+
+    def _columns(self) -> Iterator[Rows]:
+        for events, t in self._records():
+            address = events["address"].astype(np.int64)
+            yield address & 0x3FFF, (address >> 14) & 0x3FFF, (address >> 28) & 0xF, t
+
+
+class Aedat2Source(_Records):
+    """Events of an AEDAT 2.0 file; samples of frames and IMU are counted as ``other_data``.
+
+    Raises:
+        FormatError: The header names no chip whose addresses are known.
+    """
+
+    format = "AEDAT 2.0"
+    _record = AEDAT2_EVENT
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self._header, self._start = _aedat_header(path)
+        self._chip_px = _named_size(self._header)
+        super().__init__(path, options)
+
+    def _size(self) -> tuple[int, int]:
+        if self._chip_px is None:
+            raise FormatError(
+                f"{str(self.path)!r} names no chip whose addresses are known in its header line "
+                f"'# AEChip:' (valid: {', '.join(SIZES_PX)})"
+            )
+        return self._chip_px
+
+    def _columns(self) -> Iterator[Rows]:
+        width, height = self._chip_px or self.size
+        dvs128 = (width, height) == (128, 128) and "davis" not in self._header.lower()
+        for words, t in self._records():
+            address = words["address"].astype(np.int64)
+            if dvs128:
+                dvs, on = address & 0x8000 == 0, address & 1 == 0
+                x, y = (address >> 1) & 0x7F, (address >> 8) & 0x7F
+            else:
+                dvs, on = address & (1 << 31 | 1 << 10) == 0, address & 1 << 11 != 0
+                x, y = (address >> 12) & 0x3FF, (address >> 22) & 0x1FF
+            self.losses.add("other_data", int(len(dvs) - np.count_nonzero(dvs)))
+            yield width - 1 - x[dvs], height - 1 - y[dvs], on[dvs], t[dvs]
+
+
+class Aedat3Source(FileSource):
+    """Events of an AEDAT 3.1 file; packets of frames, IMU and others count as ``other_data``."""
+
+    format = "AEDAT 3.1"
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self._header, self._start = _aedat_header(path)
+        super().__init__(path, options)
+
+    def _size(self) -> tuple[int, int]:
+        return _named_size(self._header) or self._size_from_events()
+
+    def _columns(self) -> Iterator[Rows]:
+        total = max(self.path.stat().st_size, 1)
+        with self.path.open("rb") as file:
+            file.seek(self._start)
+            while head := file.read(PACKET.size):
+                if len(head) < PACKET.size:
+                    self.losses.add("truncated")
+                    return
+                kind, _, size, _, overflows, _, count, _ = PACKET.unpack(head)
+                if not (0 <= kind < 64 and size > 0 and count >= 0 and overflows >= 0):
+                    self.losses.add("bad_record")
+                    return
+                if kind in (POLARITY, SPECIAL) and size == AEDAT3_EVENT.itemsize:
+                    yield from self._packet(file, kind, size * count, overflows)
+                else:
+                    self.losses.add("other_data", count)
+                    file.seek(size * count, 1)
+                self.progress = file.tell() / total
+
+    def _packet(self, file: BinaryIO, kind: int, length: int, overflows: int) -> Iterator[Rows]:
+        refuse_piece(f"{str(self.path)!r}: a packet", length)
+        data = file.read(length)
+        self.losses.add("truncated", int(len(data) < length))
+        events = np.frombuffer(data[: len(data) // 8 * 8], AEDAT3_EVENT)
+        events = events[events["data"] & 1 == 1]
+        t = (events["t"] & 0x7FFFFFFF).astype(np.int64) + (overflows << AEDAT3_TIME_BITS)
+        word = events["data"].astype(np.int64)
+        if kind == POLARITY:
+            yield word >> 17, (word >> 2) & 0x7FFF, word & 2 != 0, t
+            return
+        for number, t_us in zip(((word >> 1) & 0x7F).tolist(), t.tolist(), strict=True):
+            if number in EDGES:
+                self.triggers.append(t_us, *EDGES[number])
+                self.losses.add("trigger")
+
+
+class EsSource(_Records):
+    """Events of an ``.es`` file of the DVS type."""
+
+    format = "ES"
+    _start = ES_HEADER.size
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        with path.open("rb") as file:
+            data = file.read(ES_HEADER.size).ljust(ES_HEADER.size, b"\0")
+        _, major, minor, patch, kind, width, height = ES_HEADER.unpack(data)
+        if (major, kind) != (ES_MAJOR, ES_DVS) or not (width and height):
+            raise FormatError(
+                f"{str(path)!r} is Event Stream {major}.{minor}.{patch} with events of type {kind} "
+                f"on {width}x{height} px; DVS events (type 1) of version 2 are read: convert "
+                "others with event_stream"
+            )
+        self._header_size = (width, height)
+        super().__init__(path, options)
+
+    def _size(self) -> tuple[int, int]:
+        return self._header_size
+
+    def _columns(self) -> Iterator[Rows]:
+        height = self._header_size[1]
+        state, tail = np.zeros(1, np.int64), b""
+        for data in self._pieces(CHUNK_BYTES // 4):
+            buffer = np.frombuffer(tail + data, np.uint8)
+            room = len(buffer) // ES_EVENT_BYTES + 1
+            x, y = np.empty(room, np.int64), np.empty(room, np.int64)
+            p, t = np.empty(room, np.bool_), np.empty(room, np.int64)
+            count, end = decode_es_kernel(buffer, (x, y, p, t), state)
+            tail = buffer[end:].tobytes()
+            yield x[:count], height - 1 - y[:count], p[:count], t[:count]
+        self.losses.add("truncated", int(bool(tail)))
+
+
+@njit(cache=True, nogil=True)
+def decode_es_kernel(data: NDArray[np.uint8], out: Rows, state: NDArray[np.int64]) -> Any:
+    """Decode whole events; return their number and the bytes used. ``state`` is the time, us."""
+    x, y, p, t = out
+    n, i = 0, 0
+    while i < len(data):
+        first = np.int64(data[i])
+        if first == OVERFLOW:
+            state[0] += OVERFLOW_US
+            i += 1
+        elif first == FILL:
+            i += 1
+        elif i + 5 <= len(data):
+            state[0] += first >> 1
+            x[n] = np.int64(data[i + 1]) | (np.int64(data[i + 2]) << 8)
+            y[n] = np.int64(data[i + 3]) | (np.int64(data[i + 4]) << 8)
+            p[n], t[n] = (first & 1) == 1, state[0]
+            n += 1
+            i += 5
+        else:
+            break
+    return n, i
+
+
+def aedat_reader(path: Path) -> type[FileSource]:
+    """Return what reads a file that begins with ``#!AER-DAT``, or refuse its version."""
+    with path.open("rb") as file:
+        line = file.readline(LINE_LIMIT).decode("latin-1").strip()
+    found = re.fullmatch(r"#!AER-DAT([23])\.\d", line)
+    if found is None:
+        raise FormatError(f"{str(path)!r} begins with {line!r}; AEDAT 2.0, 3.1 and 4.0 are read")
+    return Aedat2Source if found[1] == "2" else Aedat3Source
+
+
+def _aedat_header(path: Path) -> tuple[str, int]:
+    """Return the lines that begin with #, and where the first word is."""
+    lines = b""
+    with path.open("rb") as file:
+        while len(lines) < HEADER_LIMIT_BYTES:
+            line = file.readline(LINE_LIMIT)
+            if not (line.startswith(b"#") and line.endswith(b"\n")):
+                break
+            lines += line
+            if line.startswith(b"#!END-HEADER"):
+                break
+    return lines.decode("latin-1"), len(lines)
+
+
+def _named_size(header: str) -> tuple[int, int] | None:
+    """Return the size of the chip that the header names, px."""
+    lines = r"^#\s*(?:AEChip.*\.|AEChip|Source|HardwareInterface)(.*)$"
+    named = re.findall(lines, header, re.IGNORECASE | re.MULTILINE)
+    plain = re.sub(r"[^a-z0-9 ]", "", " ".join(named).lower())
+    return next((size for chip, size in SIZES_PX.items() if chip in plain), None)

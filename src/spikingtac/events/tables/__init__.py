@@ -1,1 +1,0 @@
-"""Tables of events: text, NumPy arrays, HDF5."""
