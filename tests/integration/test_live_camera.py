@@ -19,8 +19,8 @@ from spikingtac.cli.main import main
 from spikingtac.cli.verbs import probe_arm
 from spikingtac.events.create import create_events
 from spikingtac.robot.watchdog import WatchdogConfig
-from spikingtac.stream.arrivals import stream_arrivals
 from spikingtac.stream.guard import ContactProcess
+from spikingtac.stream.guard_loop import stream_arrivals
 from spikingtac.stream.host import Factory
 from spikingtac.stream.sources import LiveSource, open_live
 from spikingtac.tracks import Tracks

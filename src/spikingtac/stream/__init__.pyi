@@ -19,5 +19,5 @@ from .windows import live_windows as live_windows
 
 # The guard of an arm
 from .guard import ContactProcess as ContactProcess
-from .arrivals import stream_arrivals as stream_arrivals
+from .guard_loop import stream_arrivals as stream_arrivals
 from .host import Factory as Factory

@@ -17,9 +17,8 @@ from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
 from spikingtac.stream import real_time
-from spikingtac.stream.arrivals import catch_up
 from spikingtac.stream.clock import StreamClock
-from spikingtac.stream.guard_loop import Arrival, ContactLoop, GuardReport, failure_words
+from spikingtac.stream.guard_loop import Arrival, ContactLoop, GuardReport, catch_up, failure_words
 from spikingtac.stream.host import Asker, Factory, Host
 from spikingtac.stream.ring import SharedRing
 

@@ -7,16 +7,35 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from spikingtac.cameras.words import warm_up
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.window import Window, packets_of
+from spikingtac.errors import DeviceError
+from spikingtac.events.address import Address, is_address, is_stream
+from spikingtac.events.camera_source import CameraSource
+from spikingtac.events.evt.header import ENCODINGS
+from spikingtac.events.formats.file_source import ReadOptions
+from spikingtac.events.open import open_events
+from spikingtac.events.windows import windows
 from spikingtac.robot.watchdog import Health, Watchdog
 from spikingtac.stream.clock import StreamClock
 from spikingtac.types import Contact
+
+# Longest silence that is filled with windows, us. The watchdog stops the arm far sooner; the empty
+# windows of a leap would only delay the ones after it.
+SILENCE_US = 500_000
+WARM_UP_SIZE = (320, 320)  # Size of the made-up warm-up sensor, px; kernels are alike for all.
+
+# Windows before the guard arms, and from which share of the time that they span on they came as
+# they were made, and were no pile that is read off.
+LEARNED_WINDOWS, LEAST_PACE = 50, 0.9
+CATCH_UP_S = 10.0  # Longest time in which a stream catches up with its sensor once opened, s.
 
 RECENT_WINDOWS = 4096  # Decision times kept for the percentiles: 4 s at 1 kHz.
 US_PER_S = 1e6
@@ -200,3 +219,72 @@ class ContactLoop:
 def failure_words(failure: Exception | None) -> str:
     """Return a failed stop in words; nothing where none failed."""
     return "" if failure is None else f"{type(failure).__name__}: {failure}"
+
+
+def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arrival]:
+    """Yield the regular windows of a camera's pipe as they become complete.
+
+    A :class:`~spikingtac.stream.guard.ContactProcess` takes it as
+    ``Factory(function=stream_arrivals, arguments={"path": ...})``; the pipe is then opened in the
+    process that guards. A window is complete when an event after its end has come, which the
+    sensor's noise ensures. To the watchdog, a wholly silent camera is a stalled stream.
+
+    Args:
+        path: Named pipe, address of a camera, or anything that
+            :func:`~spikingtac.events.open.open_events` reads.
+        period_us: Length of a window, us.
+
+    Raises:
+        RecordingError: The stream cannot be read; FormatError where it is not RAW.
+        DeviceError: There is no such camera; CameraLostError where it is gone. It is never waited
+            for, since the watchdog has to trip.
+    """
+    if is_stream(Path(path)):
+        address = Address.parse(str(path) if is_address(path) else f"pipe:{path}")
+        if address.kind == "pipe":  # before its writer begins; its encoding is not known yet
+            for encoding in ENCODINGS:
+                warm_up(encoding, WARM_UP_SIZE)
+        source = CameraSource(address, ReadOptions(), when_lost="raise")
+    else:
+        source = open_events(path)
+    for window in windows(source, period_us, silence_limit_us=SILENCE_US):
+        yield Arrival((window,), time.monotonic(), dict(source.losses))
+
+
+def catch_up(stream: Iterator[Arrival], clock: StreamClock, backlog_s: float) -> None:
+    """Read on until a stream is at its pace; what piled up while it was opened is dropped.
+
+    Args:
+        stream: Just opened.
+        clock: Learns how sensor time maps to host time, from windows at the stream's own pace.
+        backlog_s: The stream is at its pace where it lags less than half of this.
+
+    Raises:
+        DeviceError: The stream ended, or it stays behind.
+    """
+    last: deque[Arrival] = deque(maxlen=LEARNED_WINDOWS)
+    until_s, behind_s = float("inf"), 0.0
+    for arrival in stream:
+        last.append(arrival)
+        spanned_s = (arrival.end_us - last[0].end_us) / US_PER_S
+        at_pace = arrival.received_s - last[0].received_s >= LEAST_PACE * spanned_s
+        if len(last) == LEARNED_WINDOWS and at_pace:
+            trial = StreamClock()
+            behind_s = [_learn(trial, one) for one in last][-1]
+            if behind_s < backlog_s / 2.0:
+                for one in last:
+                    _learn(clock, one)
+                return
+        until_s = min(until_s, arrival.received_s + CATCH_UP_S)
+        if arrival.received_s > until_s:
+            raise DeviceError(
+                f"the event stream stays {behind_s * 1e3:.0f} ms behind; "
+                "give the machine less other work, or lower the sensor's event rate"
+            )
+    raise DeviceError("the event stream ended before the guard was ready")
+
+
+def _learn(clock: StreamClock, arrival: Arrival) -> float:
+    """Teach a clock an arrival, and return how far it is behind, s."""
+    clock.arrive(arrival.end_us, arrival.received_s)
+    return clock.backlog_s(arrival.end_us, arrival.received_s)

@@ -15,8 +15,7 @@ from spikingtac.errors import DeviceError
 from spikingtac.events.evt.encode import Evt2Encoder
 from spikingtac.events.evt.header import format_header
 from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
-from spikingtac.stream.arrivals import stream_arrivals
-from spikingtac.stream.guard_loop import Arrival, ContactLoop, GuardReport
+from spikingtac.stream.guard_loop import Arrival, ContactLoop, GuardReport, stream_arrivals
 from stand_ins.live import BurstDetector
 from stand_ins.moving_rims import windows
 from stand_ins.piped_camera import PipedCamera

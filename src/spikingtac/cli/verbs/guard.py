@@ -124,8 +124,8 @@ def _require_readable(args: Args) -> None:
 def start(args: Args) -> ContactProcess:
     """Start the process that watches the stream and stops the arm."""
     from spikingtac.robot.open import open_arm
-    from spikingtac.stream.arrivals import stream_arrivals
     from spikingtac.stream.guard import ContactProcess
+    from spikingtac.stream.guard_loop import stream_arrivals
     from spikingtac.stream.host import Factory
 
     _require_readable(args)
