@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any
@@ -27,6 +27,7 @@ from spikingtac.events.formats.columns import (
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.formats.limits import refuse_piece
 from spikingtac.file_kinds import told_kind
+from spikingtac.types import LossCounters
 
 _SIZES = ("size", "resolution", "sensor_size")
 
@@ -49,10 +50,10 @@ class ArraySource(TableSource):
         self._order: Order | None = None
         with _Arrays(path) as arrays:
             self._members = _event_members(arrays, path)
-            self._openmv = _is_openmv(arrays, self._members)
+            first = arrays.open(self._members[0])
+            self._openmv = first.width == OPENMV_COLUMNS and first.type.kind == "u"
             if self._openmv:
-                self.format = "OpenMV NPZ"
-                self._named_size = GENX320_SIZE
+                self.format, self._named_size = "OpenMV NPZ", GENX320_SIZE
             else:
                 self._order = _order_of(arrays, self._members, path)
                 self._unit = self._order.unit
@@ -62,26 +63,29 @@ class ArraySource(TableSource):
     def _rows(self) -> Iterator[Rows]:
         with _Arrays(self.path) as arrays:
             self._take_triggers(arrays)
-            members = [arrays.open(name) for name in self._members]
-            lengths = [member.length for member in members]
-            self.losses.add("truncated", int(min(lengths) < max(lengths)))
-            total = left = min(lengths)
-            clock = _OpenMvClock()
-            while left > 0:
-                try:
-                    read = [member.read(min(CHUNK_ROWS, left)) for member in members]
-                except ARCHIVE_DAMAGE:
-                    self.losses.add("truncated")
-                    break
-                left -= CHUNK_ROWS
-                self.progress = 1 - max(left, 0) / total
-                if self._openmv:
-                    yield clock.events(read[0], self)
-                elif self._order is not None and len(read) == 1:
+            pieces = self._pieces([arrays.open(name) for name in self._members])
+            if self._openmv:
+                yield from _openmv_rows((read[0] for read in pieces), self.losses)
+            for read in pieces:
+                if len(read) == 1 and self._order is not None:
                     yield rows_of(read[0], self._order.place)
                 else:
                     x, y, p, t = read
                     yield x, y, p, t
+
+    def _pieces(self, members: list[_Array]) -> Iterator[list[NDArray[Any]]]:
+        """Yield some rows of each array, as far as all of them reach."""
+        lengths = [member.length for member in members]
+        self.losses.add("truncated", int(min(lengths) < max(lengths)))
+        total = min(lengths)
+        for first in range(0, total, CHUNK_ROWS):
+            try:
+                read = [member.read(min(CHUNK_ROWS, total - first)) for member in members]
+            except ARCHIVE_DAMAGE:
+                self.losses.add("truncated")
+                return
+            self.progress = min(first + CHUNK_ROWS, total) / total
+            yield read
 
     def _take_triggers(self, arrays: _Arrays) -> None:
         if not set(TRIGGERS) <= set(arrays.names):
@@ -93,17 +97,16 @@ class ArraySource(TableSource):
             self.losses.add("truncated")
 
 
-class _Arrays:
-    """The arrays of an ``.npz`` or ``.npy``, each read in order."""
+class _Arrays(ExitStack):
+    """The arrays of an ``.npz`` or ``.npy``, each read in order; a context that closes them."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._stack = path, ExitStack()
-        self._archive: zipfile.ZipFile | None = None
+        super().__init__()
+        self._path, self._archive, self.names = path, None, [""]
         if _starts_npy(path):
-            self.names = [""]
             return
         try:
-            self._archive = self._stack.enter_context(zipfile.ZipFile(path))
+            self._archive = self.enter_context(zipfile.ZipFile(path))
         except ARCHIVE_DAMAGE as error:
             raise FormatError(
                 f"{str(path)!r} is no readable .npz ({error}); write it again, or open the "
@@ -112,22 +115,14 @@ class _Arrays:
         names = self._archive.namelist()
         self.names = [name.removesuffix(".npy") for name in names if name.endswith(".npy")]
 
-    def __enter__(self) -> _Arrays:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._stack.close()
-
     def open(self, name: str) -> _Array:
         """Return an array's reader at its beginning."""
-        where = f"{str(self._path)!r}" + (f": column {name!r}" if name else "")
         try:
             if self._archive is None:
-                file: IO[bytes] = self._stack.enter_context(self._path.open("rb"))
-            else:
-                file = self._stack.enter_context(open_member(self._archive, f"{name}.npy"))
-            return _Array(file)
+                return _Array(self.enter_context(self._path.open("rb")))
+            return _Array(self.enter_context(open_member(self._archive, f"{name}.npy")))
         except ARCHIVE_DAMAGE as error:
+            where = f"{str(self._path)!r}" + (f": column {name!r}" if name else "")
             raise FormatError(f"{where} is damaged: {error}") from error
 
 
@@ -138,12 +133,13 @@ class _Array:
         length: Number of rows.
         width: Columns of a table; 0 for a single row of numbers or structures.
         type: Type of a number or structure.
+        plain: Whether it is a row or table of numbers or structures.
     """
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file, self._whole, self._at = file, None, 0
         shape, by_column, self.type = read_array_header(file)
-        across = len(shape) == 2 and shape[0] in (4, 5) and shape[1] > shape[0]
+        across = len(shape) == 2 and shape[0] in TABLE_WIDTHS and shape[1] > shape[0]
         self.length = int(shape[across]) if shape else 0
         self.width = int(shape[not across]) if len(shape) == 2 else 0
         self.plain = len(shape) in (1, 2) and (self.type.kind in "uifb" or bool(self.type.names))
@@ -154,11 +150,7 @@ class _Array:
             self._whole = np.frombuffer(self._exactly(size), self.type).reshape(self.width, -1).T
 
     def read(self, count: int) -> NDArray[Any]:
-        """Return the next ``count`` rows.
-
-        Raises:
-            EOFError: The array ends before.
-        """
+        """Return the next ``count`` rows; raises EOFError where the array ends before."""
         if self._whole is not None:
             rows = self._whole[self._at : self._at + count]
             self._at += count
@@ -174,6 +166,23 @@ class _Array:
         if len(data) < size:
             raise EOFError("the array ends early")
         return data
+
+
+def _openmv_rows(tables: Iterable[NDArray[Any]], losses: LossCounters) -> Iterator[Rows]:
+    """Yield the columns of an OpenMV board's rows that are events; count the others."""
+    wraps = last_s = 0
+    for table in tables:
+        rows = table.astype(np.int64)
+        events = rows[rows[:, 0] <= 1]
+        losses.add("vendor_word", len(rows) - len(events))
+        if not len(events):
+            continue
+        seconds = events[:, 1] + wraps * OPENMV_SECONDS
+        falls = np.diff(seconds, prepend=last_s) < -(OPENMV_SECONDS // 2)
+        seconds += np.cumsum(falls) * OPENMV_SECONDS
+        wraps, last_s = wraps + int(falls.sum()), int(seconds[-1])
+        t = seconds * 1_000_000 + events[:, 2] * 1_000 + events[:, 3]
+        yield events[:, 4], events[:, 5], events[:, 0] == 1, t
 
 
 def _starts_npy(path: Path) -> bool:
@@ -205,13 +214,6 @@ def _holds_rows(arrays: _Arrays, name: str) -> bool:
         return False
     wide = array.width in TABLE_WIDTHS or (name == "events" and array.width == OPENMV_COLUMNS)
     return array.plain and (wide or bool(array.type.names))
-
-
-def _is_openmv(arrays: _Arrays, members: list[str]) -> bool:
-    if members != ["events"]:
-        return False
-    array = arrays.open("events")
-    return array.width == OPENMV_COLUMNS and array.type.kind == "u"
 
 
 def _order_of(arrays: _Arrays, members: list[str], path: Path) -> Order:
@@ -254,23 +256,3 @@ def _size_in(arrays: _Arrays, path: Path) -> tuple[int, int] | None:
                 raise FormatError(f"{str(path)!r}: unfit size: {error}") from error
             return width, height
     return None
-
-
-class _OpenMvClock:
-    """Puts the parts of an OpenMV board's time together, over the wraps of its seconds."""
-
-    def __init__(self) -> None:
-        self._wraps = self._last_s = 0
-
-    def events(self, table: NDArray[Any], source: ArraySource) -> Rows:
-        """Return the columns of the rows that are events; count the others."""
-        rows = table.astype(np.int64)
-        events = rows[rows[:, 0] <= 1]
-        source.losses.add("vendor_word", len(rows) - len(events))
-        seconds = events[:, 1] + self._wraps * OPENMV_SECONDS
-        falls = np.diff(seconds, prepend=self._last_s) < -(OPENMV_SECONDS // 2)
-        seconds = seconds + np.cumsum(falls) * OPENMV_SECONDS
-        if len(events):
-            self._wraps, self._last_s = self._wraps + int(falls.sum()), int(seconds[-1])
-        t = seconds * 1_000_000 + events[:, 2] * 1_000 + events[:, 3]
-        return events[:, 4], events[:, 5], events[:, 0] == 1, t

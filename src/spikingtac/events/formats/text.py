@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +33,11 @@ NUMBER_LIMIT = 1e19  # Numbers beyond are damage.
 # What may part words; a comma comes last, since it may be the decimal mark beside another one.
 _DELIMITERS = ";\t|,"
 
-# Words that are values, not names.
-_VALUES = {"true": "1", "false": "0", "nan": "nan", "inf": "inf"}
+_TRUTH = {"true": "1", "false": "0"}  # Words that are values, beside numbers.
 _SIZE = re.compile(r"(?:size|geometry|resolution)\W{1,3}(\d+)\s*[x,;\s]\s*(\d+)", re.IGNORECASE)
 _WIDTH_HEIGHT = re.compile(r"width\W{1,3}(\d+).*?height\W{1,3}(\d+)", re.IGNORECASE)
-_BYTE_ORDER_MARK = "\ufeff"  # What some programs begin UTF-8 with.
+_BYTE_ORDER_MARK = "\ufeff".encode()  # What some programs begin UTF-8 with.
+_TO_BLANKS = bytes.maketrans(b',;\t|"\r', b"      ")
 
 
 class TextSource(TableSource):
@@ -55,7 +55,7 @@ class TextSource(TableSource):
     format = "text table"
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._delimiter, self._columns_count = "", 0
+        self._delimiter, self._width, self._bad = "", 0, 0
         self._order: Order | None = None
         self._start = self._read_head(path)
         self._unit = self._order.unit if self._order else None
@@ -66,76 +66,65 @@ class TextSource(TableSource):
         comments: list[str] = []
         with path.open("rb") as file:
             while line := file.readline(CHUNK_BYTES):
-                text = line.decode("utf-8", "replace").strip().removeprefix(_BYTE_ORDER_MARK)
+                bare = line.removeprefix(_BYTE_ORDER_MARK)
+                text = bare.decode("utf-8", "replace").strip()
                 if not text:
                     continue
                 if text[0] in "#%":
                     comments.append(text)
+                    if size := _SIZE.search(text) or _WIDTH_HEIGHT.search(text):
+                        self._named_size = int(size[1]), int(size[2])
                     continue
-                names = _split(text)
-                if any(re.match(r"[A-Za-z_µ]", name) and not _is_value(name) for name in names):
-                    self._order = _named(names, path)
+                words = _split(text)
+                if any(re.match(r"[A-Za-z_µ]", word) and _number(word) is None for word in words):
+                    self._order = _named(words, path)
                     continue
-                if len(names) == 2 and not comments and self._order is None:
-                    self._named_size = _whole_numbers(names)
+                if len(words) == 2 and not comments and self._order is None:
+                    whole = all(word.isdecimal() for word in words)
+                    self._named_size = (int(words[0]), int(words[1])) if whole else None
                     continue
-                mark = len(_BYTE_ORDER_MARK.encode())
-                start = file.tell() - len(line)
-                start += mark if line.startswith(_BYTE_ORDER_MARK.encode()) else 0
+                start = file.tell() - len(bare)
                 self._look_at(path, start, comments)
                 return start
-            self._take_size(comments)
             return file.tell()
 
     def _look_at(self, path: Path, start: int, comments: list[str]) -> None:
         """Learn the form of the rows and the order of their columns."""
         samples = [sample for sample in _samples(path, start) if sample.strip()]
         lines = samples[0].splitlines()
-        delimiters = Counter(_delimiter(line) for line in lines)
-        self._delimiter = delimiters.most_common(1)[0][0]
-        self._columns_count = Counter(len(self._blank(row).split()) for row in lines).most_common(
-            1
-        )[0][0]
-        self._take_size(comments)
+        self._delimiter = _most_common(
+            _delimiter(line.decode("utf-8", "replace")) for line in lines
+        )
+        self._width = _most_common(len(self._blank(line).split()) for line in lines)
         for comment in comments if self._order is None else ():
-            self._order = _named_in_comment(comment, self._columns_count) or self._order
+            self._order = _named_in_comment(comment, self._width) or self._order
         if self._order is None:
             tables = [self._table(self._blank(sample)) for sample in samples]
-            if self._columns_count < 4 or not any(map(len, tables)):
+            if self._width < 4 or not any(map(len, tables)):
                 raise FormatError(
-                    f"{str(path)!r} is no table of events: its rows have {self._columns_count} "
-                    "columns, but time, x, y and polarity are needed"
+                    f"{str(path)!r} is no table of events: its rows have {self._width} columns, "
+                    "but time, x, y and polarity are needed"
                 )
             self._order = order_of_values(tables, repr(str(path)))
 
-    def _take_size(self, comments: list[str]) -> None:
-        for comment in comments:
-            size = _SIZE.search(comment) or _WIDTH_HEIGHT.search(comment)
-            if size:
-                self._named_size = int(size[1]), int(size[2])
-
     def _rows(self) -> Iterator[Rows]:
-        total = max(self.path.stat().st_size, 1)
+        total, self._bad, tail = max(self.path.stat().st_size, 1), 0, b""
         with self.path.open("rb") as file:
             file.seek(self._start)
-            tail = b""
             while data := file.read(CHUNK_BYTES):
-                complete, newline, rest = (tail + data).rpartition(b"\n")
-                if newline or len(rest) < CHUNK_BYTES:
-                    tail = rest
-                else:
-                    self.losses.add("bad_record")
-                    tail = b""
+                complete, newline, tail = (tail + data).rpartition(b"\n")
+                if not newline and len(tail) >= CHUNK_BYTES:  # no line is so long
+                    self._bad, tail = self._bad + 1, b""
                 self.progress = file.tell() / total
                 yield from self._parsed(complete)
             yield from self._parsed(tail)
 
     def _parsed(self, text: bytes) -> Iterator[Rows]:
         blank = self._blank(text)
-        if not blank.strip() or self._order is None:
-            return
-        table = self._table(blank)
-        yield rows_of(table, self._order.place)
+        if blank.strip() and self._order is not None:
+            yield rows_of(self._table(blank), self._order.place)
+        self.losses.add("bad_record", self._bad)
+        self._bad = 0
 
     def _blank(self, text: bytes) -> bytes:
         """Return text whose numbers are parted by blanks, with points as decimal marks."""
@@ -147,24 +136,18 @@ class TextSource(TableSource):
         """Return the lines that parse, ``(n, columns)``: at once if all do, else one by one."""
         try:
             table = np.loadtxt(io.BytesIO(text), comments="#", ndmin=2, encoding="latin-1")
-            if table.shape[1] != self._columns_count:
+            if table.shape[1] != self._width:
                 raise ValueError("another number of columns")
         except (ValueError, UserWarning):
-            lines = [line for line in text.decode("utf-8", "replace").splitlines() if line.strip()]
-            lines = [line for line in lines if not line.lstrip().startswith(("#", "%"))]
-            rows = [row for line in lines if (row := _row(line, self._columns_count)) is not None]
-            self._count_bad(len(lines) - len(rows))
-            table = np.array(rows, np.float64).reshape(len(rows), self._columns_count)
+            lines = [line.split() for line in text.decode("utf-8", "replace").splitlines()]
+            lines = [words for words in lines if words and words[0][0] not in "#%"]
+            rows = [[_number(word) for word in words] for words in lines]
+            rows = [row for row in rows if len(row) == self._width and None not in row]
+            self._bad += len(lines) - len(rows)
+            table = np.array(rows, np.float64).reshape(len(rows), self._width)
         sound = (np.abs(table) < NUMBER_LIMIT).all(axis=1)
-        self._count_bad(len(table) - int(np.count_nonzero(sound)))
+        self._bad += len(table) - int(np.count_nonzero(sound))
         return table if sound.all() else table[sound]
-
-    def _count_bad(self, rows: int) -> None:
-        if hasattr(self, "losses"):
-            self.losses.add("bad_record", rows)
-
-
-_TO_BLANKS = bytes.maketrans(b',;\t|"\r', b"      ")
 
 
 def looks_like_text(sample: bytes) -> bool:
@@ -173,31 +156,28 @@ def looks_like_text(sample: bytes) -> bool:
         return False
     lines = sample.decode("utf-8", "replace").splitlines()[:-1] or [sample.decode("latin-1")]
     rows = [_split(line) for line in lines if line.strip() and line[0] not in "#%"]
-    numbers = [row for row in rows if len(row) >= 4 and all(map(_is_value, row))]
+    numbers = [row for row in rows if len(row) >= 4 and None not in map(_number, row)]
     return len(numbers) > 0 and len(numbers) >= len(rows) // 2
 
 
 def _samples(path: Path, start: int) -> list[bytes]:
     """Return whole lines from the beginning, the middle and the end of the rows."""
-    end = path.stat().st_size
-    places = [start]
-    if end - start > 3 * SAMPLE_BYTES:
-        places += [start + (end - start) // 2, end - SAMPLE_BYTES]
-    samples = []
+    end, samples = path.stat().st_size, []
+    room = max(end - start - SAMPLE_BYTES, 0)
     with path.open("rb") as file:
-        for place in places:
+        for place in sorted({start, start + room // 2, start + room}):
             file.seek(place)
-            data = file.read(SAMPLE_BYTES)
-            if place > start:
-                data = data.partition(b"\n")[2]
-            if file.tell() < end:
-                data = data.rpartition(b"\n")[0] or data
-            samples.append(data)
+            lines = file.read(SAMPLE_BYTES).split(b"\n")
+            whole = lines[int(place > start) : len(lines) - int(file.tell() < end)]
+            samples.append(b"\n".join(whole or lines))
     return samples
 
 
-def _delimiter(line: bytes | str) -> str:
-    text = line if isinstance(line, str) else line.decode("utf-8", "replace")
+def _most_common(values: Iterable[Any]) -> Any:
+    return Counter(values).most_common(1)[0][0]
+
+
+def _delimiter(text: str) -> str:
     several = [mark for mark in _DELIMITERS if text.count(mark) >= 3]
     found = several[0] if several else max(_DELIMITERS, key=text.count)
     return found if found in text else " "
@@ -212,18 +192,11 @@ def _split(line: str) -> list[str]:
     return words[:-1] if words and not words[-1] else words
 
 
-def _is_value(word: str) -> bool:
-    if word.lower() in _VALUES:
-        return True
+def _number(word: str) -> float | None:
     try:
-        float(word.replace(",", "."))
+        return float(_TRUTH.get(word.lower(), word).replace(",", "."))
     except ValueError:
-        return False
-    return True
-
-
-def _whole_numbers(words: list[str]) -> tuple[int, int] | None:
-    return (int(words[0]), int(words[1])) if all(word.isdecimal() for word in words) else None
+        return None
 
 
 def _named(names: list[str], path: Path) -> Order:
@@ -244,13 +217,3 @@ def _named_in_comment(comment: str, columns: int) -> Order | None:
     text = re.sub(r"^[#%!\s]*(?:\w+\s*:)?", "", comment)
     words = re.findall(r"[A-Za-zµ][\w.]*\s*(?:[\[({][^\])}]*[\])}])?", text)
     return order_named(words[:columns])
-
-
-def _row(line: str, columns: int) -> list[Any] | None:
-    words = [_VALUES.get(word.lower(), word) for word in line.split()]
-    if len(words) != columns:
-        return None
-    try:
-        return [float(word) for word in words]
-    except ValueError:
-        return None
