@@ -137,7 +137,7 @@ def test_the_page_says_it(slides: Path, foreign: Path, own: Path) -> None:
     for calibration, misfits in ((foreign, True), (own, False)):
         shown: list[bytes] = []
         session = Session(
-            open_view_source(str(slides), calibration=str(calibration)), (Ring(shown), Ring([]))
+            open_view_source(str(slides), calibration=str(calibration)), Ring(shown), Ring([])
         )
         session.step()
         session.close()

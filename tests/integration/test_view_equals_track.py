@@ -21,6 +21,13 @@ from stand_ins.viewer import CirclingDots, open_circling
 QUIET_US = 4_321  # The first event comes this long after the start of the stream, off every grid.
 
 
+class Dropped:
+    """A publisher whose messages nobody reads."""
+
+    def publish(self, message: bytes) -> bool:
+        return True
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording that begins with silence, and its calibration."""
@@ -43,7 +50,7 @@ def test_a_viewed_recording_gives_the_tracks_of_a_tracked_one(
 
     monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
     source = open_view_source(str(folder), preset=preset)
-    session = Session(source, None, tracks=tmp_path / "viewed.npz")
+    session = Session(source, Dropped(), Dropped(), tracks=tmp_path / "viewed.npz")
     while session.playing:
         session.step()
         if session.playback.position_us == 250_000:  # going back adds nothing and changes nothing

@@ -64,7 +64,7 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **config: Any) 
     own = {"hardware": args.source.name, "wrench": feed.has_wrench}
     own["events"] = feed.source is not None and not args.without_events
     shown = StreamConfig(**own, **config)
-    stream = SensorStream(publisher, feed.layout, shown, feed.force)
+    stream = SensorStream(publisher, feed.layout, shown)
     exempt_from_collection()  # a collection in the middle would hold up 200 frames
     pace, stop, begun_s = Pace(), _Stop(), time.monotonic()
     try:

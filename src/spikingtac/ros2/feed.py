@@ -23,7 +23,7 @@ from spikingtac.pipeline.track import require_same_size
 from spikingtac.ros2.messages import Layout
 from spikingtac.ros2.stream import SensorStream
 from spikingtac.stream.sources import open_live
-from spikingtac.touch.force.model import ForceEstimator, load_force
+from spikingtac.touch.force.model import load_force
 from spikingtac.tracks import Tracks, is_tracks_file
 from spikingtac.types import EventPacket, MarkerFrame
 
@@ -33,7 +33,7 @@ US_PER_S = 1_000_000
 EVENTS_US = 10_000
 STEP_US = 1_000  # Step at which recordings are played, us.
 
-# A frame, and its wrench where it is known already.
+# A frame, and its wrench where it is known.
 Felt = tuple[MarkerFrame, NDArray[np.floating] | None]
 
 
@@ -91,14 +91,12 @@ class Feed:
     Attributes:
         layout: The markers at rest.
         source: The events, None where there are none.
-        force: Makes a wrench of every frame, or None.
         has_wrench: Whether the frames come with wrenches.
         frames: Yields the frames when they are due; events go to the stream meanwhile.
     """
 
     layout: Layout
     source: FileSource | None = None
-    force: ForceEstimator | None = None
     has_wrench: bool = False
     frames: Callable[[SensorStream, Pace], Iterator[Felt]]
 
@@ -123,11 +121,13 @@ def open_feed(config: FeedConfig) -> Feed:
 
 def _feed_of_tracks(config: FeedConfig, tracks: Tracks, calibration: Calibration | None) -> Feed:
     wrenches, rest_px = tracks.wrench, tracks.reference_px.astype(np.float64)
+    wrench_of = _force(config, rest_px)
 
     def frames(stream: SensorStream, pace: Pace) -> Iterator[Felt]:
         for number, frame in enumerate(tracks.frames()):
             pace.wait(frame.t_us)
-            yield frame, None if wrenches is None else wrenches[number]
+            known = None if wrenches is None else wrenches[number]
+            yield frame, known if wrench_of is None else wrench_of(frame)
 
     grid, size = tracks.meta.get("grid"), None
     if calibration is not None:
@@ -138,8 +138,8 @@ def _feed_of_tracks(config: FeedConfig, tracks: Tracks, calibration: Calibration
             )
         grid, size = calibration.grid, calibration.size
     layout = Layout(rest_px, grid and (int(grid[0]), int(grid[1])), tracks.px_per_mm, size)
-    force = _force(config, rest_px)
-    return Feed(layout=layout, force=force, has_wrench=wrenches is not None, frames=frames)
+    felt = wrenches is not None or wrench_of is not None
+    return Feed(layout=layout, has_wrench=felt, frames=frames)
 
 
 def _feed_of_events(config: FeedConfig, calibration: Calibration) -> Feed:
@@ -148,6 +148,8 @@ def _feed_of_events(config: FeedConfig, calibration: Calibration) -> Feed:
     events = open_live(config.source, strict=config.strict, sensor=config.sensor)
     require_same_size(events.size, calibration.size)
     checked = CheckedSource(events, calibration, refuse if config.strict else config.tell)
+    rest_px, scale = calibration.reference_px, calibration.px_per_mm
+    wrench_of = _force(config, rest_px)
 
     def frames(stream: SensorStream, pace: Pace) -> Iterator[Felt]:
         if is_stream(config.source):
@@ -155,11 +157,11 @@ def _feed_of_events(config: FeedConfig, calibration: Calibration) -> Feed:
         else:
             published = _published(windows(checked, STEP_US), stream, pace.wait)
         for frame in follow(published, tracker, tracking.rate_hz, events.losses):
-            yield frame, None
+            yield frame, None if wrench_of is None else wrench_of(frame)
 
-    rest_px, scale = calibration.reference_px, calibration.px_per_mm
     layout = Layout(rest_px, calibration.grid, scale, calibration.size)
-    return Feed(layout=layout, source=events, force=_force(config, rest_px), frames=frames)
+    felt = wrench_of is not None
+    return Feed(layout=layout, source=events, has_wrench=felt, frames=frames)
 
 
 def _published(
@@ -178,9 +180,13 @@ def _published(
         stream.events(EventPacket.concatenate(kept))
 
 
-def _force(config: FeedConfig, reference_px: NDArray[np.float64]) -> ForceEstimator | None:
+def _force(
+    config: FeedConfig, reference_px: NDArray[np.float64]
+) -> Callable[[MarkerFrame], NDArray[np.floating]] | None:
+    """Return what makes a wrench of every frame, where there is a force model."""
     if config.force is None:
         return None
     model = load_force(config.force)
     model.require(reference_px, "px")
-    return model.estimator()
+    force = model.estimator()
+    return lambda frame: force.update(frame.t_us, frame.detected_px - reference_px).values

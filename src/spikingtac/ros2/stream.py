@@ -27,7 +27,6 @@ from spikingtac.ros2.messages import (
     wrench_message,
 )
 from spikingtac.touch.detector import TouchDetector
-from spikingtac.touch.force.model import ForceEstimator
 from spikingtac.touch.touch import TouchConfig
 from spikingtac.types import EventPacket, MarkerFrame
 
@@ -115,7 +114,6 @@ class SensorStream:
         publisher: Sends the messages; None for nobody.
         layout: The markers at rest.
         config: What is published.
-        force: Makes a wrench of every frame, where there is a force model.
         clock_ns: Time of day, ns. The first data time becomes this host's time, and the others
             follow as the sensor counts them. None keeps the data times.
 
@@ -128,12 +126,10 @@ class SensorStream:
         publisher: Publisher | None,
         layout: Layout,
         config: StreamConfig,
-        force: ForceEstimator | None = None,
         clock_ns: Callable[[], int] | None = time.time_ns,
     ) -> None:
         self._publisher, self._layout, self._config = publisher, layout, config
-        self._force, self._clock_ns = force, clock_ns
-        self._offset_ns = 0 if clock_ns is None else None
+        self._clock_ns, self._offset_ns = clock_ns, 0 if clock_ns is None else None
         self._due_us: dict[str, float] = {}
         self._touching: bool | None = None
         self._touches: TouchDetector | None = None
@@ -143,7 +139,7 @@ class SensorStream:
         self.counts: Counter[str] = Counter()
         absent = {
             "contact": self._touches is None,
-            "wrench": not config.wrench and force is None,
+            "wrench": not config.wrench,
             "events": not config.events,
             "camera_info": layout.size_px is None and config.distance_mm is None,
         }
@@ -168,13 +164,10 @@ class SensorStream:
 
         Args:
             frame: The frame.
-            wrench: Forces (N) and moments (Nm), where they are known already.
+            wrench: Forces (N) and moments (Nm), where they are known.
             figures: What /diagnostics tells of the sensor.
         """
         stamp_ns = self._stamp_ns(frame.t_us)
-        if self._force is not None:
-            moved_px = frame.detected_px - self._layout.reference_px
-            wrench = self._force.update(frame.t_us, moved_px).values
         if self._due("field", frame.t_us, US_PER_S / self._config.field_hz):
             self._send("field", field_message(frame, self._layout), stamp_ns)
             if wrench is not None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spikingtac.atomic_files import replacing, require_free
-from spikingtac.errors import ConfigError, nearest
+from spikingtac.errors import ConfigError, SpikingTacError, nearest
 from spikingtac.plots.summary import DPI, PANEL, PICTURE_ENDINGS, SensorDrawing
 from spikingtac.ros2.messages import NS_PER_US, Layout
 from spikingtac.ros2.stream import SensorStream, StreamConfig
@@ -18,7 +18,7 @@ from spikingtac.types import MarkerFrame
 from spikingtac.viewer.event_store import EventStore
 from spikingtac.viewer.mcap import McapPublisher, image_message
 from spikingtac.viewer.playback import Playback
-from spikingtac.viewer.record import EXPOSURE_US, Record, picture_of
+from spikingtac.viewer.record import EXPOSURE_US, Record, TrackFile, picture_of
 from spikingtac.viewer.source import ViewSource
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class Stretch:
         view: What is exported.
         store: Its events.
         end_us: End of the stretch, us.
-        on_frame: Takes every estimate; the record unless given.
+        on_frame: Takes every estimate, too.
 
     Attributes:
         record: What was tracked.
@@ -59,7 +59,7 @@ class Stretch:
         view: ViewSource,
         store: EventStore,
         end_us: int,
-        on_frame: Callable[[MarkerFrame], None] | None,
+        on_frame: Callable[[MarkerFrame], None],
     ) -> None:
         self.view, self.end_us, self.record = view, end_us, Record()
         self.playback = Playback(
@@ -67,8 +67,13 @@ class Stretch:
             lambda: view.make_tracker(view.config),
             view.make_detector,
             rate_hz=view.rate_hz,
-            on_frame=on_frame or self.record.estimate,
+            on_frame=self._take,
         )
+        self._on_frame = on_frame
+
+    def _take(self, frame: MarkerFrame) -> None:
+        self.record.estimate(frame)
+        self._on_frame(frame)
 
     def advance(self, step_us: int) -> int:
         """Track on by a step, at most to the end; return how far it went, us.
@@ -86,7 +91,7 @@ class Stretch:
 def open_stretch(
     view: ViewSource,
     seconds: float | None,
-    on_frame: Callable[[MarkerFrame], None] | None = None,
+    on_frame: Callable[[MarkerFrame], None] = lambda frame: None,
 ) -> Iterator[Stretch]:
     """Open a stretch of a view; its temporary files go with the context.
 
@@ -160,26 +165,44 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
 
 
 def summarize(
-    view: ViewSource, *, seconds: float | None = None, picture: Path | None = None
+    view: ViewSource,
+    *,
+    seconds: float | None = None,
+    picture: Path | None = None,
+    tracks: Path | None = None,
 ) -> dict[str, Any]:
-    """Track a recording as fast as the machine can, and return its figures.
+    """Track a view as fast as the machine, or a live source, can; return its figures.
 
     Args:
-        view: A recording, with its calibration or without.
+        view: What is tracked, with its calibration or without.
         seconds: Length of the stretch from its beginning, s; None is all of it.
         picture: File for the moment of largest displacement beside the whole course, or None.
+        tracks: File for every estimate, or None.
 
     Raises:
         ConfigError: The source does not end and no length was given, or it holds nothing.
+        SpikingTacError: A live source failed; the files hold what came before.
     """
-    with open_stretch(view, seconds) as stretch:
+    written = TrackFile(tracks, view.calibration.reference_px) if tracks else None
+    ended: BaseException | None = None
+    with open_stretch(view, seconds, written.take if written else lambda _: None) as stretch:
         playback, record = stretch.playback, stretch.record
         step_us = max((stretch.end_us - playback.position_us) // LOOKS, LEAST_STEP_US)
-        while stretch.advance(step_us):
-            record.take(view, playback)
+        try:
+            while stretch.advance(step_us):
+                record.take(view, playback)
+        except (SpikingTacError, OSError, RuntimeError, KeyboardInterrupt) as error:
+            if view.ends:
+                raise
+            ended = error
+        if written is not None:
+            written.close(view, view.config)
         if picture is not None:
             record.save_picture(picture, view, playback)
-        return record.summary(view, playback)
+        summary = record.summary(view, playback)
+    if ended is not None and not isinstance(ended, KeyboardInterrupt):
+        raise ended
+    return summary
 
 
 def export_mcap(view: ViewSource, path: Path, seconds: float | None) -> int:

@@ -1,13 +1,10 @@
-"""A session's life, in a process of its own or without any page: open, warm up, play."""
+"""A session's life in a process of its own: open, warm up, play."""
 
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
-from contextlib import suppress
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -54,8 +51,8 @@ def run_session(
     greetings.publish(json.dumps(starting(view)).encode())
     warm_up(view)
     granted = meet_deadlines().text() if options["realtime"] else ""
-    publishers = frames, greetings
-    session = Session(view, publishers, repeat=options["repeat"], tracks=options["tracks"])
+    tracks = options["tracks"]
+    session = Session(view, frames, greetings, repeat=options["repeat"], tracks=tracks)
     session.warn(granted)
     while not asker.gone.is_set():
         # Of a dragged slider or timeline only the last position counts.
@@ -69,41 +66,6 @@ def run_session(
     asker.tell(session.close(options["picture"]))
     if session.failure is not None:
         raise session.failure
-
-
-def show_headless(
-    view: ViewSource,
-    seconds: float,
-    *,
-    tracks: Path | None = None,
-    picture: Path | None = None,
-    realtime: bool = False,
-) -> dict[str, Any]:
-    """Play a live source without a page, for some seconds or until it ends, and return figures.
-
-    Args:
-        view: A camera or a scene.
-        seconds: Length, s, from the first events on.
-        tracks: File for every estimate, or None.
-        picture: File for the summary picture, or None.
-        realtime: Ask for what helps to keep deadlines.
-
-    Raises:
-        SpikingTacError: The source failed, or nothing was shown and a picture is asked for.
-    """
-    warm_up(view)
-    if realtime:
-        meet_deadlines()
-    session = Session(view, None, tracks=tracks)
-    until_s = time.monotonic() + seconds
-    with suppress(KeyboardInterrupt):
-        while time.monotonic() < until_s and session.playing and session.failure is None:
-            session.step()
-            session.rest()
-    summary = session.close(picture)
-    if session.failure is not None:
-        raise session.failure
-    return summary
 
 
 def warm_up(view: ViewSource) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from spikingtac._version import package_version
 from spikingtac.errors import ConfigError
 from spikingtac.plots.summary import Course, Picture, save_summary
+from spikingtac.schema import to_mapping
 from spikingtac.tracks import create_tracks
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.playback import Playback
@@ -164,7 +164,23 @@ class TrackFile:
             self._last_us = frame.t_us
             self._writer.write(frame)
 
-    def close(self, meta: Mapping[str, Any]) -> None:
-        """Complete the file."""
-        made = {"made_by": "spikingtac demo", "package_version": package_version()}
-        self._writer.close({**made, **meta})
+    def close(self, view: ViewSource, config: Any, retuned: bool = False) -> None:
+        """Complete the file.
+
+        Args:
+            view: What was tracked.
+            config: Settings of the tracker, at the end.
+            retuned: Whether they were others meanwhile.
+        """
+        self._writer.close(
+            {
+                "made_by": "spikingtac demo",
+                "package_version": package_version(),
+                **view.provenance,
+                **view.calibration.scale(),
+                "config": {"tracking": to_mapping(config)},
+                "losses": dict(view.source.losses),
+                "simulated": view.simulated,
+                "retuned": retuned,
+            }
+        )

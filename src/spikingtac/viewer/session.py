@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.checked_source import CheckedSource
-from spikingtac.schema import to_mapping
 from spikingtac.stream.shared_memory import Publisher
 from spikingtac.tuning import with_value
 from spikingtac.types import MarkerFrame
@@ -51,7 +50,8 @@ class Session:
     def __init__(
         self,
         view: ViewSource,
-        publishers: tuple[Publisher, Publisher] | None,
+        frames: Publisher,
+        greetings: Publisher,
         *,
         repeat: bool = False,
         tracks: Path | None = None,
@@ -60,11 +60,13 @@ class Session:
 
         Args:
             view: What is shown.
-            publishers: Take the frame messages and the greetings (JSON); None without a page.
+            frames: Takes the frame messages.
+            greetings: Takes the greetings, JSON.
             repeat: Begin again at the end instead of pausing there.
             tracks: File for every estimate, or None.
         """
-        self.view, self._config, self._publishers = view, view.config, publishers
+        self.view, self._config = view, view.config
+        self._frames, self._greetings = frames, greetings
         self.record = Record()
         self._tracks = TrackFile(tracks, view.calibration.reference_px) if tracks else None
         self._notice, self._retuned, self._repeat = "", False, repeat
@@ -124,9 +126,8 @@ class Session:
         if self.playing and reached and self._playhead_us >= self._last_us():
             self._play(self._repeat)
         self.record.take(self.view, self.playback)
-        if self._publishers is not None:
-            self._greet(self._publishers[1])
-            self._publish(self._publishers[0], start_us, reached)
+        self._greet()
+        self._publish(start_us, reached)
 
     def rest(self) -> None:
         """Sleep until the next frame is due; a late one delays the loop, no burst makes up."""
@@ -147,16 +148,7 @@ class Session:
         view = self.view
         try:
             if self._tracks is not None:
-                self._tracks.close(
-                    {
-                        **view.provenance,
-                        **view.calibration.scale(),
-                        "config": {"tracking": to_mapping(self._config)},
-                        "losses": dict(view.source.losses),
-                        "simulated": view.simulated,
-                        "retuned": self._retuned,
-                    }
-                )
+                self._tracks.close(view, self._config, self._retuned)
             if picture is not None:
                 self.record.save_picture(picture, view, self.playback)
             return self.record.summary(view, self.playback)
@@ -243,14 +235,14 @@ class Session:
         self.playback.retune(self._tracker)
         self._greeted_s = 0.0
 
-    def _greet(self, greetings: Publisher) -> None:
+    def _greet(self) -> None:
         now_s, store = time.monotonic(), self.playback.store
         if not self._greeted_s or (not store.ended and now_s - self._greeted_s > GREETING_S):
             document = greeting(self.view, store, self._config)
-            greetings.publish(json.dumps(document).encode())
+            self._greetings.publish(json.dumps(document).encode())
             self._greeted_s = now_s
 
-    def _publish(self, frames: Publisher, start_us: int, reached: bool) -> None:
+    def _publish(self, start_us: int, reached: bool) -> None:
         playback = self.playback
         catching_up = not reached and playback.aim_us - playback.position_us > CATCHING_UP_US
         if not catching_up or self._shown is None:
@@ -270,5 +262,5 @@ class Session:
             "watchdog": self._fault,
             "notice": self._notice,
         }
-        if not frames.publish(encode({**scalars, **status}, arrays)):
+        if not self._frames.publish(encode({**scalars, **status}, arrays)):
             raise ValueError("a frame is larger than the ring's slots")

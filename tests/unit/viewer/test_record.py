@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +55,7 @@ def test_each_time_is_written_once_however_often_it_is_played(tmp_path: Path) ->
     for t_us in (1, 2, 3, 2, 3, 4, 1, 5):
         moved = REST + t_us
         tracks.take(MarkerFrame(t_us, moved, moved, moved - REST, np.zeros(1, bool), np.ones(1)))
-    tracks.close({"seed": 3})
+    tracks.close(replace(open_circling(10_000), provenance={"seed": 3}), None)
     written = Tracks.load(tmp_path / "x.npz")
     assert written.t_us.tolist() == [1, 2, 3, 4, 5]
     np.testing.assert_array_equal(written.displacement_px[:, 0, 0], [1, 2, 3, 4, 5])

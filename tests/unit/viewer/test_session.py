@@ -38,7 +38,7 @@ class Kept:
 def opened(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kept]]:
     monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
     frames, greetings = Kept(), Kept()
-    session = Session(open_circling(duration_us=1_000_000), (frames, greetings))
+    session = Session(open_circling(duration_us=1_000_000), frames, greetings)
     yield session, frames, greetings
     session.close()
 
@@ -113,7 +113,7 @@ def live(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kept]
     monkeypatch.setattr(event_store.time, "perf_counter", lambda: Cut.now_s)
     frames, greetings = Kept(), Kept()
     view = replace(open_circling(), source=Cut(10**6), ends=False)
-    session = Session(view, (frames, greetings))
+    session = Session(view, frames, greetings)
     yield session, frames, greetings
     session.close()
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.interrupt import require_live
+from spikingtac.cli.interrupt import ask_for_real_time, require_live
 from spikingtac.cli.messages import figures, progress, remark, tell
 from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
@@ -212,15 +212,13 @@ def show_source(
 def _headless(view: ViewSource, args: PageArgs, tracks: Path | None) -> dict[str, Any]:
     """Track without a page: a recording to its end, what is live for some time."""
     from spikingtac.viewer.export import summarize
-    from spikingtac.viewer.hosted import show_headless
 
     files = {name: path for name, path in (("picture", args.picture), ("tracks", tracks)) if path}
-    if view.ends:
-        with progress(f"tracking {view.label}"):
-            summary = summarize(view, seconds=args.seconds, picture=args.picture)
-    else:
-        live = getattr(args, "realtime", False)
-        summary = show_headless(view, args.seconds or HEADLESS_S, **files, realtime=live)
+    if getattr(args, "realtime", False):  # the demo has no deadlines
+        ask_for_real_time()
+    seconds = args.seconds if view.ends else args.seconds or HEADLESS_S
+    with progress(f"tracking {view.label}"):
+        summary = summarize(view, seconds=seconds, **files)
     return summary | {name: str(path) for name, path in files.items()}
 
 
