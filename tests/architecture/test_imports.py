@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 PROJECT = Path(__file__).resolve().parents[2]
-HEAVY = ("numba", "scipy", "matplotlib", "torch", "onnxruntime", "onnx", "h5py", "starlette")
+HEAVY = ("numba", "scipy", "matplotlib", "torch", "onnxruntime", "onnx", "h5py", "websockets")
 
 # Modules of the package that ``--help`` may load. It takes 0.1 s, nearly all of it Python's own
 # start; a time would measure what else the machine does, the modules are what it consists of.

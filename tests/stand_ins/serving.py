@@ -10,7 +10,7 @@ from typing import Any
 from spikingtac.stream.host import Factory
 from spikingtac.viewer.access import Gate, listen
 from spikingtac.viewer.process import SessionProcess
-from spikingtac.viewer.server import make_app, serve
+from spikingtac.viewer.server import PageServer, serve
 from spikingtac.viewer.source import ViewSource
 
 START_S = 180.0
@@ -22,8 +22,8 @@ def run_server(opener: Callable[..., ViewSource], given: list[dict[str, Any]], p
     try:
         listening = listen("127.0.0.1", 0)
         port.put(listening.getsockname()[1])
-        app = make_app(sessions, Gate())
-        serve(app, listening, lambda: all(session.alive for session in sessions))
+        server = PageServer(sessions, Gate())
+        serve(server, listening, lambda: all(session.alive for session in sessions))
     finally:
         for session in sessions:
             session.close()

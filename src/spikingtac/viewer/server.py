@@ -6,23 +6,20 @@ Every page gets the latest frame that it can take; none slows another or the ses
 from __future__ import annotations
 
 import asyncio
+import logging
 import signal
 import socket
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
-from contextlib import asynccontextmanager, contextmanager, suppress
-from functools import partial
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
+from http import HTTPStatus
 from importlib import resources
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
 
-import h11
-import uvicorn
-from starlette.applications import Starlette
-from starlette.datastructures import Headers, MutableHeaders
-from starlette.requests import HTTPConnection, Request
-from starlette.responses import PlainTextResponse, Response
-from starlette.routing import Route, WebSocketRoute
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
-from starlette.websockets import WebSocket, WebSocketDisconnect
-from uvicorn.protocols.http.h11_impl import H11Protocol
+from websockets.asyncio import server as websockets
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 
 from spikingtac.viewer.access import Gate, page_headers
 from spikingtac.viewer.process import SessionProcess
@@ -30,17 +27,19 @@ from spikingtac.viewer.wire import LONGEST_COMMAND, CommandError, parse_command
 
 KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 FINGER = "finger"  # Parameter of an address that names one of two sessions.
+SOCKET = "/socket"
 CLOSED_BY_POLICY = 1008  # WebSocket close code (RFC 6455 section 7.4.1).
 SHUTDOWN_S = 1  # Wait for pages at the server's end, s: they never close by themselves.
 ALIVE_S = 0.05  # How often the session is polled while serving, s.
-
-# Longest time from the start of a connection, or the last answer, to the next whole request, s.
-REQUEST_S = 10.0
+REQUEST_S = 10.0  # Longest time from the start of a connection to a whole request, s.
 POLL_S = 0.002  # How often the ring is polled, s; a tenth of a frame's time.
 UNACKNOWLEDGED = 2  # Most frames on their way to a page; one is drawn while the next travels.
 WAKE_S = 1.0  # How often a page without frames is checked, s.
 MOST_PAGES = 32
 SILENT_S = 60.0  # A page that acknowledges nothing for this long is disconnected, s.
+
+_LOG = logging.getLogger(__name__)
+_LOG.disabled = True  # what a foreign client does wrong is nothing to the user
 
 
 class Page:
@@ -82,7 +81,7 @@ class PageFeeds:
                     page.wake.set()
             await asyncio.sleep(POLL_S)
 
-    async def serve(self, page: Page, socket: WebSocket) -> None:
+    async def serve(self, page: Page, connection: websockets.ServerConnection) -> None:
         """Send a page the latest greeting and frames as fast as it acknowledges them.
 
         Returns when the page has been silent for :data:`SILENT_S`.
@@ -92,12 +91,12 @@ class PageFeeds:
         while not page.on_the_way or loop.time() - page.since_s < SILENT_S:
             if self._greeting[0] > greeted:
                 greeted, message = self._greeting
-                await socket.send_text(message.decode())
+                await connection.send(message.decode())
             if page.on_the_way < UNACKNOWLEDGED and self._frame[0] > framed:
                 framed, message = self._frame
                 page.since_s = page.since_s if page.on_the_way else loop.time()
                 page.on_the_way += 1
-                await socket.send_bytes(message)
+                await connection.send(message)
                 continue
             page.wake.clear()
             # Not wait_for: in Python 3.11 it may swallow a cancellation that meets a wake-up.
@@ -105,14 +104,22 @@ class PageFeeds:
                 async with asyncio.timeout(WAKE_S):
                     await page.wake.wait()
 
-    async def attend(self, socket: WebSocket) -> None:
+    async def listen(self, page: Page, connection: websockets.ServerConnection) -> None:
+        """Take a page's commands until it leaves, or sends something else."""
+        with suppress(CommandError, ConnectionClosed):
+            async for message in connection:
+                name, value = parse_command(message if isinstance(message, str) else "")
+                if name == "ack":
+                    page.acknowledge()
+                else:
+                    self.session.command(name, value)
+
+    async def attend(self, connection: websockets.ServerConnection) -> None:
         """Serve a page until it leaves, stops acknowledging, or sends no valid command."""
         page = Page()
         self.pages.add(page)
-        tasks = [
-            asyncio.create_task(self._listen(socket, page)),
-            asyncio.create_task(self.serve(page, socket)),
-        ]
+        both = self.listen(page, connection), self.serve(page, connection)
+        tasks = [asyncio.create_task(one) for one in both]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -120,147 +127,89 @@ class PageFeeds:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            with suppress(RuntimeError, WebSocketDisconnect):
-                await socket.close(CLOSED_BY_POLICY)
-
-    async def _listen(self, socket: WebSocket, page: Page) -> None:
-        while (message := await socket.receive())["type"] != "websocket.disconnect":
-            try:
-                name, value = parse_command(message.get("text") or "")
-            except CommandError:
-                return
-            if name == "ack":
-                page.acknowledge()
-            else:
-                self.session.command(name, value)
+            await connection.close(CLOSED_BY_POLICY)
 
 
-def make_app(sessions: Sequence[SessionProcess], gate: Gate) -> ASGIApp:
-    """Return the application that shows one session, or two side by side.
+class PageServer:
+    """Answers requests for the page, its files and its socket.
 
-    The first page of two holds two ordinary ones, each with the number of its finger in its
-    address.
+    The first page of two sessions holds two ordinary ones, each with the number of its finger in
+    its address.
 
     Args:
-        sessions: What is shown.
+        sessions: What is shown: one session, or two side by side.
         gate: Decides who may view.
     """
-    every = [PageFeeds(session) for session in sessions]
 
-    def refusal(connection: HTTPConnection) -> str:
-        headers = {key.lower(): value for key, value in connection.headers.items()}
-        return gate.refusal(headers, connection.query_params.get("token"))
+    def __init__(self, sessions: Sequence[SessionProcess], gate: Gate) -> None:
+        self._every, self._gate = [PageFeeds(session) for session in sessions], gate
 
-    async def serve_file(request: Request) -> Response:
-        pair = len(every) > 1 and FINGER not in request.query_params
-        name = request.path_params.get("name") or ("pair.html" if pair else "index.html")
+    @asynccontextmanager
+    async def serving(self, listening: socket.socket) -> AsyncIterator[None]:
+        """Serve while the context lasts; the socket is closed then."""
+        polling = [asyncio.create_task(feeds.poll()) for feeds in self._every]
+        options: dict[str, Any] = {"open_timeout": REQUEST_S, "close_timeout": SHUTDOWN_S}
+        options |= {"max_size": 4 * LONGEST_COMMAND, "compression": None, "server_header": None}
+        try:
+            async with websockets.serve(
+                lambda connection: self._feeds(connection.request).attend(connection),
+                sock=listening,
+                process_request=self._answer,
+                process_response=self._guard,
+                logger=_LOG,
+                **options,
+            ):
+                yield
+        finally:
+            for task in polling:
+                task.cancel()
+            await asyncio.gather(*polling, return_exceptions=True)
+
+    def _feeds(self, request: Request | None) -> PageFeeds:
+        asked = _query(request).get(FINGER, "0") if request else "0"
+        return self._every[int(asked) if asked in map(str, range(len(self._every))) else 0]
+
+    def _answer(self, connection: websockets.ServerConnection, request: Request) -> Response | None:
+        """Answer a request; None opens the socket."""
+        headers = {key.lower(): value for key, value in request.headers.raw_items()}
+        path, query = urlsplit(request.path).path, _query(request)
+        first = "pair.html" if len(self._every) > 1 and FINGER not in query else "index.html"
+        name = path.removeprefix("/") or first
         # The scripts hold no data; the page that loads them has shown its token.
-        why = "" if name != "index.html" and gate.token else refusal(request)
-        if why:
-            return PlainTextResponse(why + "\n", 403)
+        open_to_all = bool(self._gate.token) and path != SOCKET and name != "index.html"
+        refusal = self._gate.host_refusal(headers.get("host", ""))
+        if not (refusal or open_to_all):
+            refusal = self._gate.refusal(headers, query.get("token"))
+        if refusal:
+            return connection.respond(HTTPStatus.FORBIDDEN, refusal + "\n")
+        if path == SOCKET:
+            full = len(self._feeds(request).pages) >= MOST_PAGES
+            busy = HTTPStatus.SERVICE_UNAVAILABLE
+            return connection.respond(busy, "too many pages are open\n") if full else None
         kind = KINDS.get(name.rpartition(".")[2])
         file = resources.files("spikingtac.viewer") / "page" / name
         if kind is None or "/" in name or "\\" in name or not file.is_file():
-            return PlainTextResponse("not found\n", 404)
-        return Response(file.read_bytes(), media_type=kind)
+            return connection.respond(HTTPStatus.NOT_FOUND, "not found\n")
+        response = connection.respond(HTTPStatus.OK, file.read_text(encoding="utf-8"))
+        del response.headers["Content-Type"]
+        response.headers["Content-Type"] = f"{kind}; charset=utf-8"
+        return response
 
-    async def serve_socket(socket: WebSocket) -> None:
-        asked = socket.query_params.get(FINGER, "0")
-        feeds = every[int(asked) if asked in map(str, range(len(every))) else 0]
-        why = refusal(socket)
-        if why or len(feeds.pages) >= MOST_PAGES:
-            told = PlainTextResponse(f"{why or 'too many pages are open'}\n", 403 if why else 503)
-            await socket.send_denial_response(told)
-            return
-        await socket.accept()
-        await feeds.attend(socket)
-
-    routes = [
-        Route("/", serve_file),
-        Route("/{name}", serve_file),
-        WebSocketRoute("/socket", serve_socket),
-    ]
-    return _guarded(
-        Starlette(routes=routes, lifespan=partial(_polling, every)), gate, framed=len(every) > 1
-    )
+    def _guard(
+        self, connection: websockets.ServerConnection, request: Request, response: Response
+    ) -> None:
+        """Give every answer the security headers, for the own name only."""
+        host = Headers(request.headers.raw_items()).get_all("Host")
+        known = host[0] if len(host) == 1 and not self._gate.host_refusal(host[0]) else ""
+        response.headers.update(page_headers(known, len(self._every) > 1))
 
 
-@asynccontextmanager
-async def _polling(every: Sequence[PageFeeds], app: Starlette) -> AsyncIterator[None]:
-    """Follow the sessions while the application runs."""
-    tasks = [asyncio.create_task(feeds.poll()) for feeds in every]
-    yield
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
-
-
-def _guarded(app: ASGIApp, gate: Gate, framed: bool) -> ASGIApp:
-    """Return an application whose every answer has the security headers, for its own name only.
-
-    Args:
-        app: Answers the requests whose Host is accepted.
-        gate: Decides about the Host.
-        framed: Whether one of its pages holds others.
-    """
-
-    async def guarded(scope: Scope, receive: Receive, send: Send) -> None:
-        host = Headers(scope=scope).get("host", "") if "headers" in scope else ""
-        refusal = gate.host_refusal(host)
-        headers = page_headers("" if refusal else host, framed)
-
-        async def send_guarded(message: Message) -> None:
-            if message["type"] in ("http.response.start", "websocket.http.response.start"):
-                MutableHeaders(scope=message).update(headers)
-            await send(message)
-
-        if refusal and scope["type"] == "http":  # a socket is refused by its route
-            await PlainTextResponse(refusal + "\n", 403)(scope, receive, send_guarded)
-        else:
-            await app(scope, receive, send_guarded)
-
-    return guarded
-
-
-class DeadlineProtocol(H11Protocol):
-    """uvicorn's HTTP protocol with a deadline for each request; single bytes do not extend it."""
-
-    _answered = 0
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Wait for the first request."""
-        super().connection_made(transport)
-        self.loop.call_later(REQUEST_S, self._hang_up, 0)
-
-    def on_response_complete(self) -> None:
-        """Wait for the next request."""
-        super().on_response_complete()
-        self._answered += 1
-        self.loop.call_later(REQUEST_S, self._hang_up, self._answered)
-
-    def _hang_up(self, answered: int) -> None:
-        """End a connection whose next request is not whole; a web socket has its own limits."""
-        waiting = self.conn.their_state in (h11.IDLE, h11.SEND_BODY)
-        if waiting and answered == self._answered and self.transport.get_protocol() is self:
-            self.transport.abort()
-
-
-class _Server(uvicorn.Server):
-    """Ends quietly at a signal; uvicorn's own server repeats it, which skips the clean-up."""
-
-    @contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        numbers = (signal.SIGINT, signal.SIGTERM)
-        before = {number: signal.signal(number, self.handle_exit) for number in numbers}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+def _query(request: Request) -> dict[str, str]:
+    return dict(parse_qsl(urlsplit(request.path).query))
 
 
 def serve(
-    app: ASGIApp,
+    server: PageServer,
     listening: socket.socket,
     alive: Callable[[], bool],
     ready: Callable[[], object] = lambda: None,
@@ -268,33 +217,27 @@ def serve(
     """Serve until interrupted, or until the session has ended; the socket is closed then.
 
     Args:
-        app: From :func:`make_app`.
+        server: What is served.
         listening: A bound socket, from :func:`spikingtac.viewer.access.listen`.
         alive: Polled regularly; False ends the serving.
-        ready: Called once the server answers, and ends at a signal.
+        ready: Called once the server answers.
     """
-    config = uvicorn.Config(
-        app,
-        http=DeadlineProtocol,
-        log_level="critical",  # errors are raised or sent to the page
-        ws="websockets-sansio",
-        ws_max_size=4 * LONGEST_COMMAND,
-        ws_per_message_deflate=False,
-        server_header=False,
-        timeout_graceful_shutdown=SHUTDOWN_S,
-    )
-    server = _Server(config)
 
     async def run() -> None:
-        serving = asyncio.create_task(server.serve([listening]))
-        while not server.started and not serving.done():
-            await asyncio.sleep(0.01)
-        ready()
-        while not serving.done():
-            if not alive():  # a signal may set it meanwhile: nothing is written back
-                server.should_exit = True
-            await asyncio.wait((serving,), timeout=ALIVE_S)
-        await serving
+        ended, loop = asyncio.Event(), asyncio.get_running_loop()
+        for number in before:
+            loop.add_signal_handler(number, ended.set)
+        async with server.serving(listening):
+            ready()
+            while alive() and not ended.is_set():
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(ALIVE_S):
+                        await ended.wait()
 
-    with listening:
-        asyncio.run(run())
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with listening:
+            asyncio.run(run())
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

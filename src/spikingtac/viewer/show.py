@@ -99,7 +99,7 @@ def _serve(
     report: Callable[[str], None],
     listening: socket.socket,
 ) -> None:
-    from spikingtac.viewer.server import make_app, serve  # beside the sessions
+    from spikingtac.viewer.server import PageServer, serve  # beside the sessions
 
     gate = Gate.for_host(options.host)
     monitor = Monitor(sessions, options.seconds or float("inf"), report)
@@ -118,7 +118,7 @@ def _serve(
         if options.browser:
             webbrowser.open(here)
 
-    serve(make_app(sessions, gate), listening, monitor.poll, ready)
+    serve(PageServer(sessions, gate), listening, monitor.poll, ready)
     for session in sessions:
         session.require_alive()
 

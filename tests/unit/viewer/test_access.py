@@ -7,11 +7,10 @@ import signal
 import socket
 
 import pytest
-from starlette.applications import Starlette
 
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.viewer.access import Gate, listen
-from spikingtac.viewer.server import serve
+from spikingtac.viewer.server import PageServer, serve
 
 ELSEWHERE = "192.0.2.1"  # An address of documentation (RFC 5737): no machine has it.
 
@@ -86,5 +85,5 @@ def test_an_interrupt_that_comes_while_the_session_is_asked_is_not_lost() -> Non
             os.kill(os.getpid(), signal.SIGINT)
         return asked < 30
 
-    serve(Starlette(), listen("127.0.0.1", 0), alive)
+    serve(PageServer([], Gate()), listen("127.0.0.1", 0), alive)
     assert 3 <= asked < 30

@@ -9,25 +9,20 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import httpx
 import pytest
-import uvicorn
-from starlette.types import ASGIApp
-from uvicorn.server import ServerState
 
 from spikingtac.errors import DeviceError
 from spikingtac.stream.host import Factory
 from spikingtac.viewer import process, server
 from spikingtac.viewer import show as show_module
-from spikingtac.viewer.access import Gate
+from spikingtac.viewer.access import Gate, listen
 from spikingtac.viewer.process import SessionProcess
-from spikingtac.viewer.server import DeadlineProtocol, Page, PageFeeds, make_app
+from spikingtac.viewer.server import Page, PageFeeds, PageServer
 from spikingtac.viewer.show import PageOptions, show
 from stand_ins.viewer import open_circling
 
 pytestmark = pytest.mark.waits
 
-LOCAL = "http://127.0.0.1:8765"
 PATIENCE_S = 60.0
 BRIEF_S = 0.05
 
@@ -45,18 +40,28 @@ class Feed:
         return (1, b"{}") if after < 1 else None
 
 
-def app(token: str = "", sessions: int = 1) -> ASGIApp:
-    feeds: Any = [Feed() for _ in range(sessions)]
-    return make_app(feeds, Gate(token=token))
+def ask(request: bytes, token: str = "", sessions: int = 1) -> bytes:
+    """Send bytes to a server; return what came until it hung up."""
 
-
-def ask(path: str, served: ASGIApp | None = None, **options: Any) -> httpx.Response:
-    async def run() -> httpx.Response:
-        transport = httpx.ASGITransport(served or app())
-        async with httpx.AsyncClient(transport=transport, base_url=LOCAL) as client:
-            return await client.get(path, **options)
+    async def run() -> bytes:
+        feeds: Any = [Feed() for _ in range(sessions)]
+        with listen("127.0.0.1", 0) as listening:
+            async with PageServer(feeds, Gate(token=token)).serving(listening):
+                reader, writer = await asyncio.open_connection(*listening.getsockname())
+                writer.write(request)
+                answer = await asyncio.wait_for(reader.read(), PATIENCE_S)
+                writer.close()
+                return answer
 
     return asyncio.run(run())
+
+
+def get(path: str, headers: dict[str, str], token: str = "", sessions: int = 1) -> tuple[int, str]:
+    """Return status and text of an answer, headers and all."""
+    given = {"Host": "127.0.0.1"} | headers
+    lines = "".join(f"{name}: {value}\r\n" for name, value in given.items())
+    answer = ask(f"GET {path} HTTP/1.1\r\n{lines}\r\n".encode(), token, sessions).decode()
+    return int(answer.split()[1]), answer
 
 
 @pytest.mark.parametrize(
@@ -65,82 +70,38 @@ def ask(path: str, served: ASGIApp | None = None, **options: Any) -> httpx.Respo
         ("/", {}, 200),
         ("/missing.js", {}, 404),
         ("/no/such/path", {}, 404),
-        ("/", {"origin": "http://evil.example"}, 403),
-        ("/", {"host": "evil.example"}, 403),
-        ("/viewer.js", {"host": "evil.example; script-src *"}, 403),
+        ("/../wire.py", {}, 404),
+        ("/socket", {}, 426),
+        ("/socket", {"Origin": "http://evil.example"}, 403),
+        ("/", {"Origin": "http://evil.example"}, 403),
+        ("/", {"Host": "evil.example"}, 403),
+        ("/viewer.js", {"Host": "evil.example; script-src *"}, 403),
     ],
 )
 def test_every_answer_carries_the_security_headers(
     path: str, headers: dict[str, str], status: int
 ) -> None:
-    answer = ask(path, headers=headers)
-    assert answer.status_code == status
-    policy = answer.headers["content-security-policy"]
-    assert policy.startswith("default-src 'none'")
-    assert "evil" not in policy
-    assert answer.headers["x-content-type-options"] == "nosniff"
-    assert answer.headers["cache-control"] == "no-store"
+    found, answer = get(path, headers)
+    head = answer.partition("\r\n\r\n")[0].lower()
+    assert found == status
+    assert "content-security-policy: default-src 'none'" in head
+    assert "evil" not in head
+    assert "x-content-type-options: nosniff" in head
+    assert "cache-control: no-store" in head
 
 
 @pytest.mark.parametrize("token", ["", "s3cret"])
-@pytest.mark.parametrize("path", ["/", "/viewer.js", "/missing.js"])
+@pytest.mark.parametrize("path", ["/", "/viewer.js", "/missing.js", "/socket"])
 def test_a_request_without_host_is_refused_and_enters_no_policy(token: str, path: str) -> None:
-    sent: list[Any] = []
-
-    async def ask() -> None:
-        scope = {
-            "type": "http", "method": "GET", "path": path, "raw_path": path.encode(),
-            "query_string": b"token=s3cret", "headers": [], "http_version": "1.0", "root_path": "",
-        }  # fmt: skip
-
-        async def receive() -> dict[str, Any]:
-            return {"type": "http.request", "body": b""}
-
-        async def send(message: Any) -> None:
-            sent.append(message)
-
-        await app(token)(scope, receive, send)
-
-    asyncio.run(ask())
-    assert sent[0]["status"] == 403
-    headers = dict(sent[0]["headers"])
-    assert b"ws://" not in headers[b"content-security-policy"]
+    answer = ask(f"GET {path}?token=s3cret HTTP/1.1\r\n\r\n".encode(), token)
+    assert answer.split()[1] == b"403"
+    assert b"ws://" not in answer
 
 
-def exchange(sent: list[bytes], monkeypatch: pytest.MonkeyPatch, pause_s: float) -> bytes:
-    """Send pieces to a server with a deadline of 0.3 s; return what came until it hung up."""
-    monkeypatch.setattr(server, "REQUEST_S", 0.3)
-    monkeypatch.setattr(asyncio.StreamWriter, "__del__", lambda self: None, raising=False)
-
-    async def run() -> bytes:
-        config = uvicorn.Config(app(), log_level="critical", timeout_keep_alive=60)
-        config.load()
-        state = ServerState()
-        server = await asyncio.get_running_loop().create_server(
-            lambda: DeadlineProtocol(config, state, {}), "127.0.0.1", 0
-        )
-        port = server.sockets[0].getsockname()[1]
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        try:
-            for piece in sent:
-                writer.write(piece)
-                await asyncio.sleep(pause_s)
-            return await asyncio.wait_for(reader.read(), PATIENCE_S)
-        except ConnectionError:
-            return b""
-        finally:
-            writer.transport.abort()
-            server.close()
-
-    return asyncio.run(run())
-
-
-REQUEST = b"GET /missing.js HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
-
-
-@pytest.mark.parametrize("half", [b"", b"GET /viewer.js HT", REQUEST[:-2]])
+@pytest.mark.parametrize("half", [b"", b"GET /viewer.js HT", b"GET / HTTP/1.1\r\nHost: 127.0.0.1"])
 def test_a_half_sent_request_is_hung_up_on(half: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert exchange([half], monkeypatch, 0.0) == b""
+    monkeypatch.setattr(server, "REQUEST_S", 0.3)
+    assert b"200 OK" not in ask(half)
 
 
 @pytest.fixture
@@ -188,15 +149,14 @@ def test_ctrl_c_ends_a_session_that_hangs(
 
 @pytest.mark.parametrize("token", ["", "secret"])
 def test_the_page_of_two_holds_both_and_only_own_pages_may_be_framed(token: str) -> None:
-    pair = app(token, sessions=2)
-    first = ask("/", pair)
-    assert first.status_code == 200
-    assert "Second finger" in first.text
-    policy = first.headers["content-security-policy"]
-    assert "frame-ancestors 'self'" in policy
-    assert "frame-src 'self'" in policy
-    assert 'id="sensor"' in ask(f"/?finger=1&token={token}", pair).text
-    assert ask("/?finger=1&token=wrong", pair).status_code == (403 if token else 200)
+    status, first = get(f"/?token={token}", {}, token, sessions=2)
+    assert status == 200
+    assert "Second finger" in first
+    assert "frame-ancestors 'self'" in first
+    assert "frame-src 'self'" in first
+    assert 'id="sensor"' in get(f"/?finger=1&token={token}", {}, token, sessions=2)[1]
+    wrong = get("/?finger=1&token=wrong", {}, token, sessions=2)[0]
+    assert wrong == (403 if token else 200)
 
 
 class Answering:
@@ -205,12 +165,9 @@ class Answering:
     def __init__(self, page: Page, answers: bool) -> None:
         self.page, self.answers = page, answers
 
-    async def send_bytes(self, _: bytes) -> None:
-        if self.answers:
+    async def send(self, message: str | bytes) -> None:
+        if self.answers and isinstance(message, bytes):
             self.page.acknowledge()
-
-    async def send_text(self, _: str) -> None:
-        return
 
 
 async def lasted(wait_s: float, *, frames: int, answers: bool) -> bool:
