@@ -58,7 +58,7 @@ from .types import Pose as Pose
 from .robot.approacher import Approach as Approach
 from .robot.approacher import ApproachConfig as ApproachConfig
 from .robot.approacher import approach as approach
-from .robot.open import open_arm as open_arm
+from .robot.ur import open_arm as open_arm
 from .robot.prober import ArmProber as ArmProber
 from .robot.prober import ProbingConfig as ProbingConfig
 from .robot.adaptive_search import FoundHole as FoundHole

@@ -9,7 +9,7 @@ import pytest
 
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.robot.arm import Arm, ArmState
-from spikingtac.robot.open import open_arm
+from spikingtac.robot.ur import open_arm
 from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
 from stand_ins.remote_arm import RemoteArm
 from stand_ins.ur_controller import URController

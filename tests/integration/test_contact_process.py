@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from spikingtac.robot.verified_stop import REST_MM_S
+from spikingtac.robot.ur_stop import REST_MM_S
 from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.stream.guard import ContactProcess
 from spikingtac.stream.host import Factory

@@ -221,7 +221,7 @@ def test_two_threads_that_stop_wait_for_the_same_outcome(
 
 
 def test_ports_that_accept_and_say_nothing_are_given_up_in_time() -> None:
-    from spikingtac.robot.ur_ports import require_controller
+    from spikingtac.robot.ur_stop import require_controller
 
     with URController() as controller:
         controller.half_open = True

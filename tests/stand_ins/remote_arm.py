@@ -103,7 +103,7 @@ class RemoteArm:
 def main() -> None:
     """Drive one arm as told on the standard input."""
     from spikingtac.robot.ur import URArm, URConfig
-    from spikingtac.robot.verified_stop import StopConfig
+    from spikingtac.robot.ur_stop import StopConfig
 
     arm = None
 

@@ -3,13 +3,11 @@
 # Arms
 from .arm import Arm as Arm
 from .arm import ArmState as ArmState
-from .arm import TruthfulArm as TruthfulArm
-from .open import open_arm as open_arm
+from .ur import open_arm as open_arm
 from .ur import URArm as URArm
 from .ur import URConfig as URConfig
-from .verified_stop import StopConfig as StopConfig
+from .ur_stop import StopConfig as StopConfig
 from .robotiq import Grip as Grip
-from .robotiq import RobotiqConfig as RobotiqConfig
 from .robotiq import RobotiqGripper as RobotiqGripper
 
 # Watchdog

@@ -6,25 +6,24 @@ waits for the camera.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
 from spikingtac.errors import DeviceError
-from spikingtac.robot.arm import Arm, ArmState, TruthfulArm
+from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.robot.watchdog import Watchdog
 from spikingtac.types import Contact, FloatArray
 
 W = TypeVar("W")
-W_contra = TypeVar("W_contra", contravariant=True)
 
 
-class Detector(Protocol[W_contra]):
+class Detector(Protocol):
     """Decides on contact; every detector of :mod:`spikingtac.contact` is one."""
 
-    def update(self, window: W_contra) -> Contact | None:
+    def update(self, window: Any, /) -> Contact | None:
         """Take the next window and return a contact, once it is found."""
         ...
 
@@ -92,7 +91,7 @@ class Approacher(Generic[W]):
     Args:
         arm: The arm, at rest.
         windows: Regular windows of its sensor or sensors; this object alone takes them.
-        detector: Is given each window while the arm moves at constant speed.
+        detector: Is given each window while the arm moves at constant speed; None never decides.
         config: How to approach.
         watchdog: Checked with every window; a trip ends the approach with a DeviceError.
     """
@@ -101,15 +100,12 @@ class Approacher(Generic[W]):
         self,
         arm: Arm,
         windows: Iterable[W],
-        detector: Detector[W],
+        detector: Detector | None,
         config: ApproachConfig,
         watchdog: Watchdog | None = None,
     ) -> None:
-        self._arm = arm
-        self._windows = iter(windows)
-        self._detector = detector
-        self._config = config
-        self._watchdog = watchdog
+        self._arm, self._windows, self._detector = arm, iter(windows), detector
+        self._config, self._watchdog = config, watchdog
         self._pulled = 0
 
     def approach(self, target_mm: FloatArray) -> Approach:
@@ -127,7 +123,7 @@ class Approacher(Generic[W]):
             contact = self._listen(direction)
             read = self._arm.pose().position_mm if contact else None
             true = _true_position(self._arm) if contact else None
-            self._wait(lambda: self._arm.state() is not ArmState.MOVING)
+            self._wait()
             if contact is not None:
                 self._arm.confirm_stop()
         except BaseException as fault:
@@ -150,7 +146,7 @@ class Approacher(Generic[W]):
         cruising = 0
         for _ in range(self._config.patience_windows):
             window = self._pull()
-            if cruising >= self._config.settle_windows:
+            if self._detector is not None and cruising >= self._config.settle_windows:
                 contact = self._detector.update(window)
                 if contact is not None:
                     self._arm.stop()
@@ -165,10 +161,10 @@ class Approacher(Generic[W]):
             "raise patience_windows, or check speed and target"
         )
 
-    def _wait(self, done: Callable[[], bool]) -> None:
+    def _wait(self) -> None:
+        """Let windows pass until the arm is at rest."""
         for _ in range(self._config.patience_windows):
-            if done():
-                self._require_health()
+            if self._require_health() is not ArmState.MOVING:
                 return
             self._pull()
         raise DeviceError("the arm did not come to rest; check it before anything else")
@@ -192,7 +188,7 @@ class Approacher(Generic[W]):
 def approach(
     arm: Arm,
     windows: Iterable[W],
-    detector: Detector[W],
+    detector: Detector,
     target_mm: FloatArray,
     config: ApproachConfig | None = None,
     watchdog: Watchdog | None = None,
@@ -230,7 +226,8 @@ def _stop_after(arm: Arm, fault: BaseException) -> None:
 
 
 def _true_position(arm: Arm) -> FloatArray | None:
-    return arm.true_position_mm() if isinstance(arm, TruthfulArm) else None
+    known = getattr(arm, "true_position_mm", None)  # the twin's
+    return None if known is None else known()
 
 
 def _along(found_mm: FloatArray | None, real_mm: FloatArray, direction: FloatArray) -> float:

@@ -77,15 +77,6 @@ class Arm(Protocol):
         ...
 
 
-@runtime_checkable
-class TruthfulArm(Arm, Protocol):
-    """An arm that also knows where it truly is: the twin."""
-
-    def true_position_mm(self) -> NDArray[np.float64]:
-        """Return the tool's true position ``(3,)`` now, without noise or staleness, mm."""
-        ...
-
-
 def checked_target(target_mm: NDArray[np.float64], speed_mm_s: float) -> NDArray[np.float64]:
     """Return the target ``(3,)`` of a motion, mm.
 

@@ -14,8 +14,7 @@ from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.prober import Prober, Touched
 from spikingtac.types import FloatArray
 
-EAST, WEST = np.array([1.0, 0.0]), np.array([-1.0, 0.0])
-NORTH, SOUTH = np.array([0.0, 1.0]), np.array([0.0, -1.0])
+EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # Directions +X and +Y of the search.
 
 # Opposite readings nearer than this leave no room, mm, where the travel is not known: the
 # narrowest hole leaves 0.23 mm plus twice the travel, even at 0.9 of the free way.
@@ -54,10 +53,10 @@ def cross_search(
         DeviceError: Arm or sensor failed; the arm was commanded to stop.
     """
     start = np.asarray(start_mm, np.float64)
-    first = [prober.touch(start, EAST), prober.touch(start, WEST)]
+    first = [prober.touch(start, EAST), prober.touch(start, -EAST)]
     require_room(first[0], first[1], travel)
     middle = np.array([(first[0].reading_mm[0] + first[1].reading_mm[0]) / 2.0, start[1]])
-    second = [prober.touch(middle, NORTH), prober.touch(middle, SOUTH)]
+    second = [prober.touch(middle, NORTH), prober.touch(middle, -NORTH)]
     require_room(second[0], second[1], travel)
     _require_circle([*first, *second], travel)
     return [*first, *second]

@@ -172,7 +172,12 @@ class ArmProber:
             return found
         apart_mm = 0.0
         for _ in range(MOST_TRIES):
-            found, measured = self._twice(start, heading)
+            # Find the wall, press on, back off, and measure.
+            found = self._meet(start, heading, self.config.find_speed_mm_s)
+            self._move(found.reading_mm + self.config.conditioning_mm * heading, rest=False)
+            self._retreat(found)
+            measured = self._meet(start, heading, self.config.speed_mm_s)
+            self._retreat(measured)
             apart_mm = float((measured.reading_mm - found.reading_mm) @ heading)
             if abs(apart_mm) <= AGREE_MM:
                 return measured
@@ -182,29 +187,28 @@ class ArmProber:
             "contacts: calibrate its quiet windows anew"
         )
 
-    def _twice(self, start: FloatArray, heading: FloatArray) -> tuple[Touched, Touched]:
-        """Find the wall, press on, back off and measure; return both touches."""
-        config = self.config
-        found = self._meet(start, heading, config.find_speed_mm_s)
-        self._move(found.reading_mm + config.conditioning_mm * heading, rest=False)
-        self._retreat(found)
-        measured = self._meet(start, heading, config.speed_mm_s)
-        self._retreat(measured)
-        return found, measured
-
     def _meet(self, start: FloatArray, heading: FloatArray, speed_mm_s: float) -> Touched:
         """Approach from where the arm stands until contact."""
         self.detector.reset()
-        counting = _CountingDetector(self.detector)
+        reach_mm, counted = self.config.reach_mm, _Counted(self.detector)
         config = replace(self._approach(), speed_mm_s=speed_mm_s)
-        approacher = Approacher(self.arm, self.windows, counting, config, self.watchdog)
-        found = approacher.approach(self._in_space(start + self.config.reach_mm * heading))
-        if found.contact is None or found.collision_mm is None:
-            self._move(start)
-            counting.require_events()
-            raise _no_wall(start, heading, self.config.reach_mm)
-        self.touches += 1
-        return Touched(start, heading, found.collision_mm[:2])
+        approacher = Approacher(self.arm, self.windows, counted, config, self.watchdog)
+        found = approacher.approach(self._in_space(start + reach_mm * heading))
+        if found.contact is not None and found.collision_mm is not None:
+            self.touches += 1
+            return Touched(start, heading, found.collision_mm[:2])
+        self._move(start)
+        if counted.windows > 0 and counted.events == 0:
+            raise DeviceError(
+                f"the sensor gave no event in {counted.windows} windows of a moving arm: it is "
+                "dead, covered or masked; check the camera before anything else moves"
+            )
+        raise SearchError(
+            f"no wall within {reach_mm:g} mm of ({start[0]:.2f}, {start[1]:.2f}) mm towards "
+            f"{float(np.degrees(np.arctan2(heading[1], heading[0]))):.0f} degrees: the start is "
+            "outside a hole, the hole is larger than the travel limit, or the touch was not felt; "
+            "check the start, or raise travel_limit_mm"
+        )
 
     def _retreat(self, found: Touched) -> None:
         """Move back along the approach, at most to its start, which was free."""
@@ -224,7 +228,7 @@ class ArmProber:
         """Move without detection, and wait on request until the rod is at rest."""
         config = self.config
         moving = replace(self._approach(), speed_mm_s=config.travel_speed_mm_s)
-        mover = Approacher(self.arm, self.windows, _NoDetector(), moving, self.watchdog)
+        mover = Approacher(self.arm, self.windows, None, moving, self.watchdog)
         mover.approach(self._in_space(to_mm))
         if rest:
             mover.wait(config.rest_windows)
@@ -233,43 +237,14 @@ class ArmProber:
         return np.array([*place_mm, self.arm.pose().position_mm[2]])
 
 
-class _CountingDetector:
-    """A detector that counts windows and events, to recognise a dead sensor."""
+class _Counted:
+    """A detector that counts windows and events: leak and vibration cause some while it works."""
 
     def __init__(self, detector: ContactDetector) -> None:
-        self.windows = 0
-        self._events = 0
+        self.windows = self.events = 0
         self._detector = detector
 
     def update(self, window: Window) -> Contact | None:
         self.windows += 1
-        self._events += count_of(window)
+        self.events += count_of(window)
         return self._detector.update(window)
-
-    def require_events(self) -> None:
-        """Raise an error if there was no event during a whole approach.
-
-        Raises:
-            DeviceError: Leak and vibration alone cause events in a working sensor.
-        """
-        if self.windows > 0 and self._events == 0:
-            raise DeviceError(
-                f"the sensor gave no event in {self.windows} windows of a moving arm: it is dead, "
-                "covered or masked; check the camera before anything else moves"
-            )
-
-
-class _NoDetector:
-    """A detector that never decides."""
-
-    def update(self, window: Window) -> Contact | None:
-        return None
-
-
-def _no_wall(start: FloatArray, heading: FloatArray, reach_mm: float) -> SearchError:
-    angle = float(np.degrees(np.arctan2(heading[1], heading[0])))
-    return SearchError(
-        f"no wall within {reach_mm:g} mm of ({start[0]:.2f}, {start[1]:.2f}) mm towards "
-        f"{angle:.0f} degrees: the start is outside a hole, the hole is larger than the travel "
-        "limit, or the touch was not felt; check the start, or raise travel_limit_mm"
-    )

@@ -11,7 +11,6 @@ import enum
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from spikingtac.errors import ConfigError, DeviceError
 
@@ -23,6 +22,8 @@ ACTIVE = 3  # Value of ``STA`` once the activation has ended.
 # From this value on ``FLT`` is a major fault, below a warning (Robotiq 2F manual).
 FAULTS_THAT_STOP = 8
 POLL_S = 0.02  # Time between two looks, s.
+ANSWER_S = 1.0  # Longest wait for the end of an answer, s, however slowly it comes.
+ACTIVATION_S, MOTION_S = 10.0, 5.0  # Longest wait for the activation and for a motion, s.
 
 
 class Grip(enum.IntEnum):
@@ -34,50 +35,24 @@ class Grip(enum.IntEnum):
     AT_POSITION = 3
 
 
-@dataclass(frozen=True, kw_only=True)
-class RobotiqConfig:
-    """How to talk to the gripper.
-
-    Attributes:
-        port: Port of the URCap's socket.
-        timeout_s: Longest wait for an answer, s; to its end, however slowly it comes.
-        activation_s: Longest wait for the activation, s.
-        motion_s: Longest wait for a motion, s.
-    """
-
-    port: int = PORT
-    timeout_s: float = 1.0
-    activation_s: float = 10.0
-    motion_s: float = 5.0
-
-
 class RobotiqGripper:
     """A gripper on the network; a context manager that closes its connection.
 
     Args:
         host: Address of the robot's controller.
-        config: How to talk to it.
-        sleep: Waits for so many seconds.
+        port: Port of the URCap's socket.
 
     Raises:
         DeviceError: Nothing answers.
     """
 
-    def __init__(
-        self,
-        host: str,
-        config: RobotiqConfig | None = None,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
-        self._config = config or RobotiqConfig()
-        self._sleep = sleep
+    def __init__(self, host: str, port: int = PORT) -> None:
         self._rest = b""
-        address = (host, self._config.port)
         try:
-            self._socket = socket.create_connection(address, self._config.timeout_s)
+            self._socket = socket.create_connection((host, port), ANSWER_S)
         except OSError as error:
             raise DeviceError(
-                f"no gripper answers at {host}:{self._config.port}: {error}; "
+                f"no gripper answers at {host}:{port}: {error}; "
                 "check that the Robotiq URCap is installed and the controller is on"
             ) from error
 
@@ -100,7 +75,7 @@ class RobotiqGripper:
         if self.get("STA") != ACTIVE:
             self.set("ACT", 0)
             self.set("ACT", 1)
-        self._until(lambda: self.get("STA") == ACTIVE, self._config.activation_s, "activate")
+        self._until(lambda: self.get("STA") == ACTIVE, ACTIVATION_S, "activate")
         self.set("GTO", 1)
 
     def move(self, position: int, speed: int = FULL_SCALE, force: int = 0) -> Grip:
@@ -124,8 +99,8 @@ class RobotiqGripper:
         self.set("SPE", speed)
         self.set("FOR", force)
         self.set("POS", position)
-        self._until(lambda: self.get("PRE") == position, self._config.motion_s, "take the goal")
-        self._until(lambda: self.get("OBJ") != Grip.MOVING, self._config.motion_s, "end its motion")
+        self._until(lambda: self.get("PRE") == position, MOTION_S, "take the goal")
+        self._until(lambda: self.get("OBJ") != Grip.MOVING, MOTION_S, "end its motion")
         return Grip(self.get("OBJ"))
 
     def position(self) -> int:
@@ -149,38 +124,32 @@ class RobotiqGripper:
             DeviceError: The answer is none.
         """
         answer = self._ask(f"GET {name}").split()
-        if len(answer) != 2 or answer[0] != name or not answer[1].isdecimal():
-            raise DeviceError(f"the gripper answered {' '.join(answer)!r} to GET {name}")
-        value = int(answer[1])
-        if value > FULL_SCALE:
+        sound = len(answer) == 2 and answer[0] == name and answer[1].isdecimal()
+        if not sound or int(answer[1]) > FULL_SCALE:
             raise DeviceError(
-                f"the gripper answered {' '.join(answer)!r} to GET {name}; valid is up to "
-                f"{FULL_SCALE}"
+                f"the gripper answered {' '.join(answer)!r} to GET {name}; valid is {name} and a "
+                f"number up to {FULL_SCALE}"
             )
-        return value
+        return int(answer[1])
 
     def _ask(self, line: str) -> str:
-        until_s = time.monotonic() + self._config.timeout_s
+        until_s = time.monotonic() + ANSWER_S
         try:
-            self._socket.settimeout(self._config.timeout_s)
+            self._socket.settimeout(ANSWER_S)
             self._socket.sendall(line.encode() + b"\n")
-            return self._read(until_s)
+            while b"\n" not in self._rest and self._rest != b"ack":  # which may end without a line
+                left_s = until_s - time.monotonic()
+                if left_s <= 0.0 or len(self._rest) > LONGEST_ANSWER:
+                    raise TimeoutError("no whole answer came in time")
+                self._socket.settimeout(left_s)
+                data = self._socket.recv(1024)
+                if not data:
+                    raise ConnectionResetError("the connection was closed")
+                self._rest += data
         except OSError as error:
             raise DeviceError(f"the gripper does not answer to {line!r}: {error}") from error
-
-    def _read(self, until_s: float) -> str:
-        """Return one answer; ``ack`` may come without an end of line."""
-        while b"\n" not in self._rest and self._rest != b"ack":
-            left_s = until_s - time.monotonic()
-            if left_s <= 0.0 or len(self._rest) > LONGEST_ANSWER:
-                raise TimeoutError("no whole answer came in time")
-            self._socket.settimeout(left_s)
-            data = self._socket.recv(1024)
-            if not data:
-                raise ConnectionResetError("the connection was closed")
-            self._rest += data
-        line, _, self._rest = self._rest.partition(b"\n")
-        return line.decode(errors="replace").strip()
+        answer, _, self._rest = self._rest.partition(b"\n")
+        return answer.decode(errors="replace").strip()
 
     def _until(self, done: Callable[[], bool], patience_s: float, what: str) -> None:
         for _ in range(max(round(patience_s / POLL_S), 1)):
@@ -189,7 +158,7 @@ class RobotiqGripper:
                 raise DeviceError(f"the gripper reports fault {fault}; see its manual")
             if done():
                 return
-            self._sleep(POLL_S)
+            time.sleep(POLL_S)
         with contextlib.suppress(DeviceError):
             self.set("GTO", 0)
         raise DeviceError(f"the gripper did not {what} within {patience_s} s")

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import functools
+import importlib
 import threading
 import time
 from collections.abc import Callable
@@ -20,11 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from spikingtac.errors import DeviceError
-from spikingtac.robot.arm import ArmState, checked_target
+from spikingtac.errors import ConfigError, DeviceError
+from spikingtac.robot.arm import Arm, ArmState, checked_target
 from spikingtac.robot.ur_client import DISCONNECT_S, BoundedCalls, connect, disconnect
-from spikingtac.robot.ur_ports import StopLink, verified_stop
-from spikingtac.robot.verified_stop import Report, StopConfig
+from spikingtac.robot.ur_stop import Means, Report, StopConfig, VerifiedStop, dashboard, send_script
 from spikingtac.types import Pose
 
 Vector = NDArray[np.float64]
@@ -34,17 +35,17 @@ PROGRAM_RUNNING = 0b10  # Bit of the robot's status: a program runs.
 ACCELERATION_M_S2 = 1.2  # Acceleration of ``movel``, m/s2 (URScript's default).
 START_PATIENCE_S = 0.5  # Longest wait for a commanded motion to begin, s.
 
-# Longest wait for a command, s (ours: 60 cycles of CB3). A controller that takes longer counts as
-# lost, until :meth:`URArm.reconnect`.
+# Longest wait for a command, s (60 cycles of CB3); then the controller counts as lost.
 CALL_LIMIT_S = 0.5
 REST_MM_S = 0.01  # Set-point speed below which the arm rests, mm/s; set points carry no noise.
 
-# Whether an arm that is seen to move after every means to stop is switched off at the dashboard;
-# its brakes then hold it.
-POWER_OFF = True
+# Program that makes the controller stop the arm as on a limit of force.
+PROTECT = "def spikingtac_protect():\n  protective_stop()\nend\n"
 
-# Age of the last report at which the stream counts as lost, s (ours: 12 cycles of CB3).
-PATIENCE_S = 0.1
+# Module of the simulated arm, which is built on this package's protocol of an arm.
+TWIN_ARM = "spikingtac.sim.rig.ur3"
+
+PATIENCE_S = 0.1  # Age of the last report at which the stream counts as lost, s (12 cycles of CB3).
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,9 +83,7 @@ class URArm:
         config: URConfig | None = None,
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._host = host
-        self._config = config or URConfig()
-        self._clock_s = clock_s
+        self._host, self._config, self._clock_s = host, config or URConfig(), clock_s
         self._open()
 
     def pose(self) -> Pose:
@@ -114,26 +113,22 @@ class URArm:
         speed, acceleration = speed_mm_s / MM_PER_M, ACCELERATION_M_S2
         self._commanded_s, self._began = self._clock_s(), False
         try:
-            begun = self._call(
-                lambda: self._control.moveL(goal, speed, acceleration, True), self._stopping.begin
-            )
+            begin = functools.partial(self._control.moveL, goal, speed, acceleration, True)
+            if not self._call(begin, self._stopping.begin):
+                raise DeviceError("the controller refused the motion; look at its teach pendant")
         except DeviceError:
-            self.stop()  # it may begin yet
+            self.stop()  # it may begin yet: ur_rtde does not say whether the command was sent
             raise
-        if not begun:
-            self.stop()  # ur_rtde does not say whether the command was sent
-            raise DeviceError("the controller refused the motion; look at its teach pendant")
 
     def stop(self) -> None:
         """Brake; see :class:`~spikingtac.robot.arm.Arm`.
 
         The arm is watched from here on, and stopped more firmly where its speed does not fall:
-        ``stopl`` in the control script; a program of its own on the script port, which ends the
-        control script; a protective stop; and at last its power is switched off.
+        ``stopl`` in the control script; a program of its own on the script port; a protective stop;
+        and at last its power is switched off, so that its brakes hold it.
         """
         self._began = True
-        if self._closed:
-            raise DeviceError("the arm is not connected any more; make a new one")
+        self._require_open()
         self._stopping.begin()
 
     def confirm_stop(self) -> None:
@@ -188,19 +183,16 @@ class URArm:
         config = self._config
         self._receive, self._control = connect(self._host, config.connect_limit_s)
         self._calls = BoundedCalls(f"the controller at {self._host}", self._clock_s)
-        self._lost = False
+        self._lost, self._closed, self._began = False, False, True
         self._stamp, self._stamp_seen_s = -1.0, self._clock_s()
         self._commanded_s = -np.inf
-        self._began = True
-        self._closed = False
-        link = StopLink(
-            host=self._host,
-            by_control_script=self._stop_by_control_script,
-            hush=self._hush,
-            report=self._report,
-            limit_s=CALL_LIMIT_S,
+        means = (
+            Means("a stop", self._stop_gently),
+            Means("a stop script", self._stop_by_own_script),
+            Means("a protective stop", self._stop_protectively),
         )
-        self._stopping = verified_stop(link, config.stop, POWER_OFF, self._clock_s)
+        power_off = Means("power off", lambda: dashboard(self._host, "power off", CALL_LIMIT_S))
+        self._stopping = VerifiedStop(means, self._report, config.stop, power_off, self._clock_s)
         self._end_heartbeat = threading.Event()
         self._heartbeat = threading.Thread(target=self._beat, name="ur-heartbeat", daemon=True)
         if config.watchdog_hz is not None:
@@ -227,16 +219,26 @@ class URArm:
                 with contextlib.suppress(DeviceError):
                     self._call(self._control.kickWatchdog)
 
-    def _hush(self) -> None:
-        """Let the controller hear nothing more, so that its own watchdog stops the arm."""
-        self._end_heartbeat.set()
-
-    def _stop_by_control_script(self) -> bool:
-        """Give the control script a stop; return False where there is none to give it to."""
+    def _stop_gently(self) -> None:
+        """Give the control script a stop, or send a program where there is no script."""
         if self._is_lost() or not (self._is_fresh() and self._scripted()):
-            return False
-        self._call(lambda: self._control.stopL(self._config.stop.deceleration_m_s2, True))
-        return True
+            self._send_stop()
+        else:
+            self._call(lambda: self._control.stopL(self._config.stop.deceleration_m_s2, True))
+
+    def _stop_by_own_script(self) -> None:
+        """Send a program, which ends the one that runs; the controller's watchdog stops, too."""
+        self._end_heartbeat.set()
+        self._send_stop()
+
+    def _stop_protectively(self) -> None:
+        """Make a protective stop; the dashboard, which has no command for one, ends the program."""
+        send_script(self._host, PROTECT, CALL_LIMIT_S)
+        dashboard(self._host, "stop", CALL_LIMIT_S)
+
+    def _send_stop(self) -> None:
+        program = f"def spikingtac_stop():\n  stopl({self._config.stop.deceleration_m_s2})\nend\n"
+        send_script(self._host, program, CALL_LIMIT_S)
 
     def _report(self) -> Report:
         """Return the last report, for the stop."""
@@ -258,21 +260,40 @@ class URArm:
         return now_s - self._stamp_seen_s <= PATIENCE_S
 
     def _require_stream(self) -> None:
-        if self._closed:
-            raise DeviceError("the arm is not connected any more; make a new one")
+        self._require_open()
         if not self._is_fresh():
             raise DeviceError(
                 f"no report from the controller at {self._host} for more than "
                 f"{PATIENCE_S} s; check the network, then reconnect"
             )
 
+    def _require_open(self) -> None:
+        if self._closed:
+            raise DeviceError("the arm is not connected any more; make a new one")
+
     def _scripted(self) -> bool:
         return bool(self._receive.getRobotStatus() & PROGRAM_RUNNING)
 
     def _call(self, command: Callable[[], Any], late: Callable[[], None] = lambda: None) -> Any:
-        """Give the control interface a command; ``late`` is called if it returns after its time."""
+        """Give the control interface a command; see :meth:`BoundedCalls.call`."""
         if self._is_lost():
             raise DeviceError(
                 f"the controller at {self._host} left a command unanswered; reconnect"
             )
         return self._calls.call(command, CALL_LIMIT_S, late)
+
+
+def open_arm(address: str) -> Arm:
+    """Return the arm at an address: a simulated one at ``twin:``, else a UR arm on the network.
+
+    Raises:
+        ConfigError: The address is empty, or ``twin:`` is followed by something.
+        MissingExtraError: The arm's library is not installed.
+        DeviceError: The controller does not answer, or refuses.
+    """
+    kind, colon, rest = address.partition(":")
+    if not address or (kind == "twin" and (rest or not colon)):
+        raise ConfigError(f"no arm {address!r} (valid: twin:, or the address of a UR arm)")
+    if kind == "twin":  # loaded by name: the twin is built on this room
+        return importlib.import_module(TWIN_ARM).RealTimeArm()
+    return URArm(address)

@@ -1,11 +1,7 @@
 """ur_rtde's native client: how it is connected and let go of, and calls into it that may hang.
 
-Calls into a native client that may hang: one at a time, each waited for within a limit.
-
 A client that waits for a silent controller cannot be interrupted. What can be done is not to wait
 for it, to start nothing else in it, and to know for how long it has hung.
-
-ur_rtde's native client: how it is connected, and how it is let go of where it hangs.
 """
 
 from __future__ import annotations
@@ -21,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from spikingtac.errors import DeviceError, MissingExtraError
-from spikingtac.robot.ur_ports import require_controller
+from spikingtac.robot.ur_stop import require_controller
 
 # Longest time for which a call runs with real-time priority, s (ours: two cycles of CB3 and some;
 # a controller that answers does so within them).

@@ -12,7 +12,7 @@ from spikingtac.cli.main import main
 from spikingtac.cli.verbs import probe_arm, probe_twin
 from spikingtac.cli.verbs.probe import Args, run
 from spikingtac.errors import ConfigError
-from spikingtac.robot.robotiq import RobotiqConfig, RobotiqGripper
+from spikingtac.robot.robotiq import RobotiqGripper
 from spikingtac.types import EventPacket
 from stand_ins.robotiq_gripper import FakeGripper
 from stand_ins.touching import IdealProber
@@ -124,7 +124,7 @@ def gripper(monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeGripper]:
     with FakeGripper(object_at=120) as fake:
 
         def connect(args: Args) -> RobotiqGripper:
-            return RobotiqGripper("127.0.0.1", RobotiqConfig(port=fake.port))
+            return RobotiqGripper("127.0.0.1", fake.port)
 
         monkeypatch.setattr(probe_arm, "connect_gripper", connect)
         monkeypatch.setattr(probe_arm, "GRIP_SETTLE_S", 0.0)

@@ -5,13 +5,18 @@ import time
 import pytest
 
 from spikingtac.errors import DeviceError
-from spikingtac.robot.robotiq import Grip, RobotiqConfig, RobotiqGripper
+from spikingtac.robot import robotiq
+from spikingtac.robot.robotiq import Grip, RobotiqGripper
 from stand_ins.robotiq_gripper import FakeGripper
 
 
 def connect(fake: FakeGripper) -> RobotiqGripper:
-    config = RobotiqConfig(port=fake.port, timeout_s=0.2, motion_s=1.0, activation_s=0.2)
-    return RobotiqGripper("127.0.0.1", config)
+    return RobotiqGripper("127.0.0.1", fake.port)
+
+
+@pytest.fixture(autouse=True)
+def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robotiq, "ANSWER_S", 0.2)
 
 
 @pytest.mark.parametrize("bare_ack", [False, True])

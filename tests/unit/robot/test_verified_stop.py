@@ -11,7 +11,7 @@ import pytest
 
 from spikingtac.errors import DeviceError
 from spikingtac.robot.ur_client import BoundedCalls
-from spikingtac.robot.verified_stop import Means, Report, StopConfig, VerifiedStop
+from spikingtac.robot.ur_stop import Means, Report, StopConfig, VerifiedStop
 
 SPEED_MM_S = 40.0
 CONFIG = StopConfig(react_s=(0.05, 0.05), confirm_s=0.01)

@@ -123,7 +123,7 @@ def _require_readable(args: Args) -> None:
 
 def start(args: Args) -> ContactProcess:
     """Start the process that watches the stream and stops the arm."""
-    from spikingtac.robot.open import open_arm
+    from spikingtac.robot.ur import open_arm
     from spikingtac.stream.guard import ContactProcess
     from spikingtac.stream.guard_loop import stream_arrivals
     from spikingtac.stream.host import Factory

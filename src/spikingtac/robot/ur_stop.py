@@ -1,16 +1,24 @@
-"""A stop that is repeated, more firmly each time, until the arm's own reports confirm it.
+"""A stop of a UR arm that is repeated, more firmly each time, until its own reports confirm it.
 
 "Sent" is not "stopped": a controller may acknowledge a command and not brake. So the reported speed
 is watched. Where it does not fall in time, the next means is used; where the last one has failed,
 that is told at once. Not a safety function.
+
+The open ports of the controller are spoken to within a limit of time, independently of ur_rtde and
+of the program that runs there: dashboard server (29999) and script port (30002) take lines of text,
+RTDE (30004) takes packages. Sources: "Dashboard server", "Remote control via TCP/IP" and "Real-time
+data exchange guide", universal-robots.com.
 """
 
 from __future__ import annotations
 
+import socket
+import struct
 import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from spikingtac.errors import ConfigError, DeviceError
 
@@ -23,6 +31,14 @@ SPEED_NOISE_MM_S = 2.0  # What a reported speed may rise by without a motion, mm
 # Reported speed below which the arm rests, mm/s (ours: measured speeds of an arm at rest stay
 # below 0.5).
 REST_MM_S = 1.0
+
+DASHBOARD_PORT = 29999
+SCRIPT_PORT = 30002
+RTDE_PORT = 30004
+
+# RTDE package: length, type, version of the protocol that is asked for.
+ASK_PROTOCOL_2 = struct.pack(">HBH", 5, ord("V"), 2)
+LONGEST_LINE = 4096  # Bytes of the longest line that is taken for an answer.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,20 +64,8 @@ class StopConfig:
         if not self.react_s or not all(0.0 < value < float("inf") for value in values):
             raise ConfigError("all values of a StopConfig must be positive, react_s not empty")
 
-    def allowed_mm_s(self, top_mm_s: float, since_s: float, react_s: float) -> float:
-        """Return the largest speed with which an arm still counts as braking, mm/s.
 
-        Args:
-            top_mm_s: Largest speed since the means was used, mm/s.
-            since_s: Time since then, s.
-            react_s: What this means has until the speed must fall, s.
-        """
-        braked = BRAKING_SHARE * self.deceleration_m_s2 * 1e3 * max(since_s - react_s, 0.0)
-        return max(top_mm_s + SPEED_NOISE_MM_S - braked, REST_MM_S)
-
-
-@dataclass(frozen=True, slots=True)
-class Means:
+class Means(NamedTuple):
     """One way to stop an arm.
 
     Attributes:
@@ -73,8 +77,7 @@ class Means:
     use: Callable[[], object]
 
 
-@dataclass(frozen=True, slots=True)
-class Report:
+class Report(NamedTuple):
     """The arm's last report.
 
     Attributes:
@@ -159,9 +162,14 @@ class VerifiedStop:
             rests, last = self._watch(begun_s, react_s)
             if rests:
                 return None
-        if last is not None and self._last_resort is not None:
-            self._use(self._last_resort)
-        return self._words(last)
+        told = "nothing is heard of the arm, so that nobody knows whether it rests"
+        if last is not None:
+            if self._last_resort is not None:
+                self._use(self._last_resort)
+            told = f"the arm still moves at {last.speed_mm_s:.0f} mm/s"
+        names = ", ".join(means.name for means in self._means)
+        refusals = "".join(f"; {refusal}" for refusal in self._refusals)
+        return f"{told} after {names}; press the emergency stop{refusals}"
 
     def _watch(self, begun_s: float, react_s: float) -> tuple[bool, Report | None]:
         """Watch one means; return whether the arm rests, and its last report since."""
@@ -177,7 +185,10 @@ class VerifiedStop:
                 if confirmed and report.speed_mm_s <= REST_MM_S:
                     return True, latest
             if now_s - begun_s > react_s:
-                allowed_mm_s = config.allowed_mm_s(top_mm_s, now_s - begun_s, react_s)
+                # The largest speed with which an arm still counts as braking.
+                braking_mm_s2 = BRAKING_SHARE * config.deceleration_m_s2 * 1e3
+                braked_mm_s = braking_mm_s2 * (now_s - begun_s - react_s)
+                allowed_mm_s = max(top_mm_s + SPEED_NOISE_MM_S - braked_mm_s, REST_MM_S)
                 if latest is None or latest.speed_mm_s > allowed_mm_s:
                     return False, latest
                 if now_s - latest.seen_s > react_s:  # the reports have ended meanwhile
@@ -195,11 +206,77 @@ class VerifiedStop:
 
         threading.Thread(target=use, name=f"stop: {means.name}", daemon=True).start()
 
-    def _words(self, last: Report | None) -> str:
-        names = ", ".join(means.name for means in self._means)
-        if last is None:
-            told = "nothing is heard of the arm, so that nobody knows whether it rests"
-        else:
-            told = f"the arm still moves at {last.speed_mm_s:.0f} mm/s"
-        refusals = "".join(f"; {refusal}" for refusal in self._refusals)
-        return f"{told} after {names}; press the emergency stop{refusals}"
+
+def send_script(host: str, script: str, limit_s: float) -> None:
+    """Send a URScript program; it replaces the one that runs.
+
+    Raises:
+        DeviceError: It could not be sent within the limit.
+    """
+    try:
+        with socket.create_connection((host, SCRIPT_PORT), limit_s) as connection:
+            connection.sendall(script.encode())
+    except OSError as error:
+        raise DeviceError(f"no script could be sent to {host}:{SCRIPT_PORT}: {error}") from error
+
+
+def dashboard(host: str, command: str, limit_s: float) -> str:
+    """Give the dashboard server one command and return its answer, a line.
+
+    Raises:
+        DeviceError: There is no answer within the limit.
+    """
+    until_s = time.monotonic() + limit_s
+    try:
+        with socket.create_connection((host, DASHBOARD_PORT), limit_s) as connection:
+            connection.sendall(command.encode() + b"\n")  # it need not wait for the greeting
+            _, rest = _line(connection, b"", until_s)
+            answer, _ = _line(connection, rest, until_s)
+    except OSError as error:
+        raise DeviceError(
+            f"the dashboard at {host}:{DASHBOARD_PORT} does not take {command!r}: {error}"
+        ) from error
+    return answer
+
+
+def require_controller(host: str, limit_s: float) -> None:
+    """Check that every port that the driver uses answers.
+
+    ur_rtde waits for a controller that accepts connections and then says nothing, with the whole
+    interpreter stopped meanwhile. So it is asked first, within a limit.
+
+    Raises:
+        DeviceError: A port does not answer within the limit.
+    """
+    port = RTDE_PORT
+    try:
+        with socket.create_connection((host, port), limit_s) as connection:
+            connection.settimeout(limit_s)
+            connection.sendall(ASK_PROTOCOL_2)
+            if not connection.recv(1):
+                raise ConnectionResetError("it hung up")
+        port = SCRIPT_PORT
+        socket.create_connection((host, port), limit_s).close()
+        port = DASHBOARD_PORT
+        with socket.create_connection((host, port), limit_s) as connection:
+            _line(connection, b"", time.monotonic() + limit_s)
+    except OSError as error:
+        raise DeviceError(
+            f"no UR controller answers at {host}:{port}: {error}; "
+            "check address, power and that remote control is on"
+        ) from error
+
+
+def _line(connection: socket.socket, rest: bytes, until_s: float) -> tuple[str, bytes]:
+    """Return the next line and what came after it."""
+    while b"\n" not in rest:
+        left_s = until_s - time.monotonic()
+        if left_s <= 0.0 or len(rest) > LONGEST_LINE:
+            raise TimeoutError("no whole line came in time")
+        connection.settimeout(left_s)
+        data = connection.recv(1024)
+        if not data:
+            raise ConnectionResetError("it hung up")
+        rest += data
+    line, _, rest = rest.partition(b"\n")
+    return line.decode(errors="replace").strip(), rest
