@@ -68,7 +68,7 @@ MUTATIONS = (
         name="evt3-joined-vectors",
         old="joined = state[3] == x[i] and state[4] == p[i]",
         new="joined = False",
-        tests=("tests/unit/events/evt/test_evt3_encoder.py",),
+        tests=("tests/unit/events/evt/test_raw.py",),
     ),
     Mutation(
         name="salvage-skip-cost",

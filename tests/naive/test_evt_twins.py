@@ -181,18 +181,6 @@ def price_of(value: NDArray, last: int, kept: NDArray) -> int:
     return price + sum(int(salvage.step_cost_kernel(a, b, 12)) for a, b in pairs)
 
 
-def test_single_time_words_are_mended() -> None:
-    value = np.array([5, 5, 1029, 5, 6, 2, 6, 7])
-    mended = salvage.mend_high_kernel(value, np.zeros(8, np.bool_), 5, 12)
-    assert mended == 2
-    assert value.tolist() == [5, 5, 5, 5, 6, 6, 6, 7]
-
-
-def test_restart_is_believed() -> None:
-    value = np.array([1000, 1001, 0, 0, 1, 1, 2])
-    assert salvage.mend_high_kernel(value.copy(), np.zeros(7, np.bool_), 999, 12) == 0
-
-
 def test_es_kernel_equals_twin() -> None:
     rng = np.random.default_rng(5)
     data = rng.integers(0, 256, 997).astype(np.uint8)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.hot_pixels import (
     NEAR_PX,
@@ -15,14 +14,11 @@ from spikingtac.events.hot_pixels import (
     WATCH_WINDOWS,
     HotPixelWatch,
 )
-from spikingtac.events.source import PacketSource
 from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
-from spikingtac.pipeline.track import track
 from spikingtac.types import EventPacket
 from stand_ins.rare_off import (
     RADIUS_PX,
     REST_PX,
-    presses_px,
     rare_off_calibration,
     rare_off_events,
 )
@@ -129,55 +125,26 @@ def test_nothing_hot_leaves_the_packet_alone_and_another_size_is_refused() -> No
         HotPixelWatch(None, (5, 5)).kept(events)
 
 
-class Pressed(PacketSource):
-    """Five times three presses; a pixel beside the first marker's rim gets hot after a second."""
-
-    def __init__(self, hot: bool) -> None:
-        once, span_us, end_us = rare_off_events(), 1_500_000, 7_500_000
-        t = np.concatenate([once.t + span_us * k for k in range(5)])
-        x, y, p = (np.tile(column, 5) for column in (once.x, once.y, once.p))
-        if hot:
-            more = np.arange(1_000_000, end_us, 2_500)
-            x = np.append(x, np.full(len(more), int(REST_PX[0, 0] + RADIUS_PX) + 2, np.uint16))
-            y = np.append(y, np.full(len(more), int(REST_PX[0, 1]), np.uint16))
-            p, t = np.append(p, np.ones(len(more), np.bool_)), np.append(t, more)
-        order = np.argsort(t, kind="stable")
-        columns = (
-            x[order].astype(np.uint16),
-            y[order].astype(np.uint16),
-            p[order].astype(np.bool_),
-            t[order],
-        )
-        super().__init__([EventPacket(*columns, 0, end_us, PRESSED_SIZE)], PRESSED_SIZE)
-
-
-def error_px(source: PacketSource, calibration: Calibration) -> float:
-    """Return the mean error of the first marker after 4 s, px."""
-    tracks = track(source, calibration, rate_hz=100.0)
-    late = tracks.t_us > 4_000_000
-    true_px = presses_px()[(tracks.t_us // 1_000) % 1_500, 0]
-    return float(np.hypot(*(tracks.detected_px[:, 0] - true_px).T)[late].mean())
-
-
-def test_a_pixel_that_becomes_hot_is_masked_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    calibration, source = rare_off_calibration(), Pressed(hot=True)
-    clean_px = error_px(Pressed(hot=False), calibration)
-    masked_px = error_px(source, calibration)
-    assert source.losses == {"hot_pixels": 1}
-    monkeypatch.setattr(HotPixelWatch, "kept", lambda self, events: events)
-    heard_px = error_px(Pressed(hot=True), calibration)
-    assert masked_px < clean_px + 0.05
-    assert heard_px > 2.0 * masked_px  # 1.37 px and 0.33 px
+def pressed() -> EventPacket:
+    """Return five times three presses; a pixel beside a rim becomes hot after a second."""
+    once, span_us, end_us = rare_off_events(), 1_500_000, 7_500_000
+    x, y = (np.tile(column, 5).astype(int) for column in (once.x, once.y))
+    t = np.concatenate([once.t + span_us * k for k in range(5)])
+    hot = sending(*(REST_PX[0] + [RADIUS_PX + 2, 0]).astype(int), 400.0, (1.0, end_us / 1e6))
+    columns = np.column_stack([x, y, t]), hot
+    return packet(*np.concatenate(columns).T, PRESSED_SIZE)
 
 
 @pytest.mark.parametrize("fit", ["disc", "bands"])
 def test_the_mask_depends_on_no_packing_and_a_reset_forgets_it(fit: str) -> None:
-    (whole,) = Pressed(hot=True)
+    whole = pressed()
     ends: list[np.ndarray] = []
     for pieces in (1, 50):
         tracker = GradedTracker(GradedTrackerConfig(), rare_off_calibration(), fit=fit)
         rest = whole
-        for at_us in np.linspace(0, whole.t_end_us, pieces + 1)[1:-1].astype(int).tolist():
+        for at_us in (
+            np.linspace(whole.t_start_us, whole.t_end_us, pieces + 1)[1:-1].astype(int).tolist()
+        ):
             first, rest = rest.split(at_us)
             tracker.absorb(first)
         tracker.absorb(rest)

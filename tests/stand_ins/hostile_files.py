@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import struct
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -55,71 +54,32 @@ def seed_file(kind: str, folder: Path) -> Path:
 def mutated(data: bytes, rng: np.random.Generator) -> bytes:
     """Return data with one to three kinds of damage."""
     out = bytearray(data)
-    for _ in range(int(rng.integers(1, 4))):
-        if len(out) > 16:
-            _DAMAGES[int(rng.integers(0, len(_DAMAGES)))](out, rng)
+    for kind in rng.integers(0, 8, int(rng.integers(1, 4))).tolist():
+        if len(out) <= 16:
+            break
+        # Every third place lies in the first kilobyte, where the headers are.
+        limit = len(out) if rng.integers(0, 3) else min(len(out), 1_024)
+        first, length = int(rng.integers(0, limit)), int(rng.integers(1, 9))
+        if kind == 0:
+            for place in rng.integers(0, limit, int(rng.integers(1, 17))):
+                out[place] ^= 1 << int(rng.integers(0, 8))
+        elif kind == 1:
+            del out[first + 1 :]
+        elif kind == 2:
+            del out[first : first + length]
+        elif kind == 3:
+            out[first:first] = rng.bytes(length)
+        elif kind == 4:
+            out[first:first] = out[limit // 2 : limit // 2 + 64 * length]
+        elif kind == 5:
+            number = struct.pack("<Q", ODD_NUMBERS[int(rng.integers(0, len(ODD_NUMBERS)))])
+            out[first : first + length] = number[: min(length, len(out) - first)]
+        else:
+            length = min(length << (3 if kind == 6 else 10), len(out) - first)
+            out[first : first + length] = (
+                rng.bytes(length) if kind == 6 else bytes([int(rng.choice([0, 255]))]) * length
+            )
     return bytes(out)
-
-
-def _place(out: bytearray, rng: np.random.Generator) -> int:
-    """Return a place; every third lies in the first kilobyte, where the headers are."""
-    end = len(out) if rng.integers(0, 3) else min(len(out), 1_024)
-    return int(rng.integers(0, end))
-
-
-def _flip(out: bytearray, rng: np.random.Generator) -> None:
-    for _ in range(int(rng.integers(1, 17))):
-        out[_place(out, rng)] ^= 1 << int(rng.integers(0, 8))
-
-
-def _scribble(out: bytearray, rng: np.random.Generator) -> None:
-    first, length = _place(out, rng), int(rng.integers(1, 65))
-    out[first : first + length] = rng.bytes(min(length, len(out) - first))
-
-
-def _cut(out: bytearray, rng: np.random.Generator) -> None:
-    del out[_place(out, rng) + 1 :]
-
-
-def _lose(out: bytearray, rng: np.random.Generator) -> None:
-    first = _place(out, rng)
-    del out[first : first + int(rng.integers(1, 9))]
-
-
-def _insert(out: bytearray, rng: np.random.Generator) -> None:
-    first = _place(out, rng)
-    out[first:first] = rng.bytes(int(rng.integers(1, 9)))
-
-
-def _fill(out: bytearray, rng: np.random.Generator) -> None:
-    first, length = _place(out, rng), int(rng.integers(1, 8_193))
-    length = min(length, len(out) - first)
-    out[first : first + length] = bytes([int(rng.choice([0, 255]))]) * length
-
-
-def _repeat(out: bytearray, rng: np.random.Generator) -> None:
-    first, second = _place(out, rng), _place(out, rng)
-    out[second:second] = out[first : first + int(rng.integers(1, 513))]
-
-
-def _number(out: bytearray, rng: np.random.Generator) -> None:
-    first, kind = _place(out, rng), str(rng.choice(["<H", "<I", "<Q"]))
-    length = struct.calcsize(kind)
-    if first + length <= len(out):
-        value = ODD_NUMBERS[int(rng.integers(0, len(ODD_NUMBERS)))] & ((1 << 8 * length) - 1)
-        out[first : first + length] = struct.pack(kind, value)
-
-
-_DAMAGES: tuple[Callable[[bytearray, np.random.Generator], None], ...] = (
-    _flip,
-    _scribble,
-    _cut,
-    _lose,
-    _insert,
-    _fill,
-    _repeat,
-    _number,
-)
 
 
 def _events() -> EventPacket:

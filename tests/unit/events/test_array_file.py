@@ -10,8 +10,6 @@ import pytest
 
 from spikingtac.errors import RecordingError
 from spikingtac.events.formats.array_file import load_arrays
-from spikingtac.events.recording import Recording
-from spikingtac.tracks import Tracks
 
 MIB = 1 << 20
 
@@ -56,18 +54,3 @@ def test_a_bomb_is_refused(tmp_path: Path) -> None:
         file.writestr("a.npy", b"\x93NUMPY\x01\x00" + length + head.encode())
     with pytest.raises(RecordingError, match="claims"):
         load_arrays(tmp_path / "b.npz", "arrays")
-
-
-def test_damaged_truth_and_tracks_are_no_internal_errors(tmp_path: Path) -> None:
-    (tmp_path / "events.raw").write_bytes(b"")
-    for content in (
-        b"",
-        b"PK\x03\x04",
-        b"\x93NUMPY",
-        archive(tmp_path / "a.npz").read_bytes()[:90],
-    ):
-        (tmp_path / "truth.npz").write_bytes(content)
-        with pytest.raises(RecordingError, match="cannot be read as ground truth"):
-            Recording.open(tmp_path).truth()
-        with pytest.raises(RecordingError, match="holds no tracks"):
-            Tracks.load(tmp_path / "truth.npz")

@@ -21,8 +21,6 @@ from stand_ins.bags import (
 )
 
 PER_CHUNK, CHUNKS = 5, 12
-COMPRESSIONS = ("", "lz4", "zstd")
-every_compression = pytest.mark.parametrize("kind", COMPRESSIONS)
 
 
 def expected(missing: int | None = None) -> list[tuple[int, int, int, int]]:
@@ -33,16 +31,17 @@ def expected(missing: int | None = None) -> list[tuple[int, int, int, int]]:
     ]
 
 
-def messages() -> list[bytes]:
-    return [cdr(index, b"evt3", packet_words(5 * index)) for index in range(PER_CHUNK * CHUNKS)]
+def messages(ros1: bool = False) -> list[bytes]:
+    numbers = range(PER_CHUNK * CHUNKS)
+    return [cdr(index, b"evt3", packet_words(5 * index), ros1=ros1) for index in numbers]
 
 
-def chunked() -> list[list[bytes]]:
-    given = messages()
+def chunked(ros1: bool = False) -> list[list[bytes]]:
+    given = messages(ros1)
     return [given[first : first + PER_CHUNK] for first in range(0, len(given), PER_CHUNK)]
 
 
-@every_compression
+@pytest.mark.parametrize("kind", ["", "lz4", "zstd"])
 def test_a_flipped_bit_in_an_mcap_costs_one_chunk(tmp_path: Path, kind: str) -> None:
     data = bytearray(mcap_file(chunked(), kind))
     chunk = mcap_chunk(chunked()[4], kind, first=4 * PER_CHUNK)
@@ -92,7 +91,7 @@ def test_a_bomb_in_an_mcap_is_refused(tmp_path: Path, kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["none", "lz4", "bz2"])
 def test_ros1_bags_lose_one_chunk(tmp_path: Path, kind: str) -> None:
-    whole = ros1_bag(chunked_ros1(), kind)
+    whole = ros1_bag(chunked(ros1=True), kind)
     (tmp_path / "a.bag").write_bytes(whole)
     assert rows(open_events(tmp_path / "a.bag", strict=True)) == expected()
     data = bytearray(whole)
@@ -108,21 +107,13 @@ def test_ros1_bags_lose_one_chunk(tmp_path: Path, kind: str) -> None:
 
 
 def test_a_wrong_length_in_a_ros1_bag_is_overcome(tmp_path: Path) -> None:
-    data = bytearray(ros1_bag(chunked_ros1(), "lz4"))
+    data = bytearray(ros1_bag(chunked(ros1=True), "lz4"))
     starts = [at for at in range(len(data)) if data.startswith(b"\x04\x00\x00\x00op=\x05", at)]
     data[starts[4] - 23] ^= 0x40
     (tmp_path / "a.bag").write_bytes(data)
     source = open_events(tmp_path / "a.bag")
     assert rows(source) == expected(missing=4)
     assert source.losses["bad_record"] == 1
-
-
-def chunked_ros1() -> list[list[bytes]]:
-    given = [
-        cdr(index, b"evt3", packet_words(5 * index), ros1=True)
-        for index in range(PER_CHUNK * CHUNKS)
-    ]
-    return [given[first : first + PER_CHUNK] for first in range(0, len(given), PER_CHUNK)]
 
 
 def test_text_that_is_not_utf8_is_no_internal_error(tmp_path: Path) -> None:

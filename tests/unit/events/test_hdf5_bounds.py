@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
 from spikingtac.errors import FormatError
 from spikingtac.events import open_events
 from spikingtac.events.formats import hdf5_layout
-
-h5py: Any = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
 
 
 def write(path: Path, name: str = "x") -> Any:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from spikingtac.events.hot_pixels import (
     QUIET_SHARE,
     WINDOW_US,
     HotPixelFilter,
     find_hot_pixels,
+    judge_events,
     quiet_events,
 )
 from spikingtac.types import EventPacket
@@ -80,3 +82,22 @@ def test_the_filter_drops_the_events_of_hot_pixels_alone() -> None:
     assert (kept.t_start_us, kept.t_end_us, kept.size) == (0, 100, SIZE)
     clean = packet([1], [1])
     assert hot.kept(clean) is clean
+
+
+@pytest.mark.parametrize("noise_hz", [5.0, 40.0])
+def test_noise_and_hot_pixels_are_told_apart_beside_a_contact(noise_hz: float) -> None:
+    rng, duration_us = np.random.default_rng(3), 4_000_000
+    hot = [(5, 7), (39, 29), (20, 0)]
+    noisy = noise(round(noise_hz * SIZE[0] * SIZE[1] * duration_us / 1e6))
+    contact = rng.integers(0, SIZE[0] * SIZE[1], 400_000)
+    pixel = np.concatenate([noisy, contact, *(at(*place, 4_000) for place in hot)])
+    t = rng.integers(0, duration_us, len(pixel))
+    t[len(noisy) : len(noisy) + len(contact)] //= 2
+    order = np.argsort(t, kind="stable")
+    y, x = (column.astype(np.uint16) for column in np.divmod(pixel[order], SIZE[0]))
+    events = EventPacket(x, y, rng.random(len(x)) < 0.25, t[order], 0, duration_us, SIZE)
+    found = judge_events(events)
+    assert sorted(map(tuple, found.hot_px.tolist())) == sorted(hot)
+    # The quietest tenth of the windows is quieter than the mean by the choice.
+    assert found.noise_hz == pytest.approx(noise_hz, rel=0.3)
+    assert found.on_fraction == pytest.approx(0.25, abs=0.01)

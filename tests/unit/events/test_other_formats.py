@@ -5,10 +5,13 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
-from spikingtac.events import open_events
+from spikingtac.errors import FormatError
+from spikingtac.events import create_events, open_events
+from spikingtac.types import EventPacket
 from stand_ins.bags import cdr, rows, write_db3
 from stand_ins.random_packets import random_packet
 
@@ -24,7 +27,6 @@ def test_a_table_with_bad_lines(tmp_path: Path) -> None:
 
 
 def test_hdf5_that_claims_too_much_does_not_hang(tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
     kind = np.dtype([("x", "u2"), ("y", "u2"), ("p", "i2"), ("t", "i8")])
     with h5py.File(tmp_path / "a.h5", "w") as file:
         table = file.create_dataset("CD/events", (1 << 50,), kind, chunks=(1_024,))
@@ -94,8 +96,6 @@ def test_es_counts_rows_from_the_bottom(tmp_path: Path) -> None:
 
 def test_aedat4_reads_as_the_library_does(tmp_path: Path) -> None:
     aedat = pytest.importorskip("aedat", reason="the oracle comes with the extra [formats]")
-    from spikingtac.events import create_events
-
     packet = random_packet(0, 9_000, (320, 240), 5)
     with create_events(tmp_path / "a.aedat4", (320, 240)) as writer:
         writer.write(packet)
@@ -118,3 +118,45 @@ def test_absurd_times_are_no_crash(tmp_path: Path, text: str) -> None:
     np.savez(tmp_path / "a.npz", t=times, x=column, y=column, p=column, size=[4, 4])
     found = [row[0] for row in rows(open_events(tmp_path / "a.npz"))]
     assert found == sorted(found)
+
+
+def board_rows(t_us: np.ndarray) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    count = len(t_us)
+    x, y, on = rng.integers(0, 320, count), rng.integers(0, 320, count), rng.integers(0, 2, count)
+    seconds, rest = np.divmod(t_us, 1_000_000)
+    return np.column_stack([on, seconds % (1 << 16), rest // 1000, rest % 1000, x, y]).astype("<u2")
+
+
+def test_an_openmv_recording_is_read_and_its_pickle_is_not(tmp_path: Path) -> None:
+    t_us = np.sort(np.random.default_rng(1).integers(0, 3_000_000, 100_000))
+    events = board_rows(t_us)
+    events[500:510, 0] = 16  # an external trigger's type, as the firmware numbers it
+    np.savez_compressed(
+        tmp_path / "a.npz",
+        events=events,
+        metadata=np.array({"mode": "events"}, dtype=object),
+    )
+    source = open_events(tmp_path / "a.npz")
+    found = EventPacket.concatenate(list(source))
+    kept = events[:, 0] < 2
+    np.testing.assert_array_equal(found.t, t_us[kept])
+    np.testing.assert_array_equal(found.x, events[kept, 4])
+    np.testing.assert_array_equal(found.y, events[kept, 5])
+    np.testing.assert_array_equal(found.p, events[kept, 0] == 1)
+    assert source.format == "OpenMV NPZ"
+    assert source.size == (320, 320)
+    assert dict(source.losses) == {"vendor_word": 10}
+
+
+def test_seconds_that_wrap_go_on(tmp_path: Path) -> None:
+    t_us = (1 << 16) * 1_000_000 + np.arange(-500, 500, dtype=np.int64) * 100
+    np.savez(tmp_path / "a.npz", events=board_rows(t_us))
+    found = EventPacket.concatenate(list(open_events(tmp_path / "a.npz")))
+    np.testing.assert_array_equal(found.t, t_us)
+
+
+def test_histograms_and_other_arrays_say_what_they_are(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", events=np.zeros((3, 320, 320), np.uint8))
+    with pytest.raises(FormatError, match="histograms"):
+        list(open_events(tmp_path / "a.npz"))

@@ -26,12 +26,8 @@ def record(folder: Path, sensors: int = 1) -> None:
         for step in range(4):
             for sensor in range(sensors):
                 writer.write(packet(100 * step + sensor), sensor)
-            writer.append_truth(
-                {
-                    "marker_t_us": np.array([100 * step]),
-                    "marker_px": np.full((1, 2, 2), step, np.float32),
-                }
-            )
+            marker_px = np.full((1, 2, 2), step, np.float32)
+            writer.append_truth({"marker_t_us": np.array([100 * step]), "marker_px": marker_px})
         writer.set_truth("reference_px", np.zeros((2, 2)))
         writer.losses.add("readout", 3)
         writer.describe(seed=7, scene={"name": "test"})
@@ -55,15 +51,10 @@ def test_a_folder_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert manifest["size"] == [32, 24]
 
 
-def write_then_fail(writer: RecordingWriter) -> None:
-    writer.write(packet(0))
-    writer.write(packet(0), sensor=5)
-
-
 def test_a_failed_recording_has_no_manifest(tmp_path: Path) -> None:
     record(tmp_path / "a")
     with pytest.raises(IndexError), RecordingWriter(tmp_path / "a", SIZE) as writer:
-        write_then_fail(writer)
+        [writer.write(packet(0), sensor) for sensor in (0, 5)]
     assert not (tmp_path / "a" / "manifest.json").exists()
     recording = Recording.open(tmp_path / "a")
     assert (recording.manifest, recording.truth()) == ({}, None)

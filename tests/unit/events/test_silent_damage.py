@@ -6,6 +6,7 @@ import struct
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
@@ -110,8 +111,6 @@ def _with_compression(head: bytes, number: int) -> bytes:
 
 
 def write_h5(path: Path, **columns: np.ndarray) -> None:
-    import h5py
-
     with h5py.File(path, "w") as file:
         for name in "txyp":
             file[f"events/{name}"] = columns.get(name, getattr(SAMPLE, name))
@@ -120,7 +119,6 @@ def write_h5(path: Path, **columns: np.ndarray) -> None:
 
 
 def test_hdf5_columns_of_unequal_length_are_counted(tmp_path: Path) -> None:
-    pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
     write_h5(tmp_path / "a.h5", y=SAMPLE.y[:-5_000])
     found, losses = whole(tmp_path / "a.h5")
     assert len(found) == N - 5_000
@@ -130,7 +128,6 @@ def test_hdf5_columns_of_unequal_length_are_counted(tmp_path: Path) -> None:
 
 
 def test_an_absurd_offset_of_an_hdf5_file_is_counted(tmp_path: Path) -> None:
-    pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
     write_h5(tmp_path / "a.h5", t_offset=np.uint64((1 << 64) - 1))
     found, losses = whole(tmp_path / "a.h5")
     np.testing.assert_array_equal(found.t, SAMPLE.t)

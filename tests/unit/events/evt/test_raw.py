@@ -9,6 +9,8 @@ import pytest
 
 from spikingtac.errors import ConfigError, DamageError, FormatError
 from spikingtac.events import create_events, open_events
+from spikingtac.events.evt.encode import Evt3Encoder
+from spikingtac.events.evt.wire import ADDR_X, BASE_X, VECT_8, VECT_12
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.types import EventPacket
 from stand_ins.random_packets import random_packet
@@ -44,18 +46,7 @@ def times(source: FileSource) -> list[int]:
 
 @pytest.fixture
 def raw(tmp_path: Path):
-    def make(words: list[int], **options) -> FileSource:
-        return opened(tmp_path / "a.raw", HEAD3, words, "<u2", **options)
-
-    return make
-
-
-@pytest.fixture
-def raw2(tmp_path: Path):
-    def make(words: list[int], **options) -> FileSource:
-        return opened(tmp_path / "a.raw", HEAD2, words, "<u4", **options)
-
-    return make
+    return lambda words, **options: opened(tmp_path / "a.raw", HEAD3, words, "<u2", **options)
 
 
 def test_evt3_wraps_after_16_seconds(raw) -> None:
@@ -83,11 +74,11 @@ def test_a_restart_is_rebased_and_counted(raw) -> None:
     assert source.losses["time_reset"] == 1
 
 
-def test_a_leap_of_2_24_us_is_taken_back(raw2) -> None:
+def test_a_leap_of_2_24_us_is_taken_back(tmp_path: Path) -> None:
     leap = (1 << 24) >> 6
     words = [w for h in range(50) for w in (high2(h), event2(3, 1))]
     words += [w for h in range(50 + leap, 100 + leap) for w in (high2(h), event2(3, 1))]
-    source = raw2(words)
+    source = opened(tmp_path / "a.raw", HEAD2, words, "<u4")
     found = times(source)
     assert np.diff(found).max() == 64
     assert source.losses["time_jump"] == 1
@@ -231,3 +222,32 @@ def test_writers_refuse_what_does_not_fit(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="encoding"):
         open_events(tmp_path / "a.raw", encoding="evt5")
     assert times(open_events(tmp_path / "a.raw")) == [5]
+
+
+TRIPLE = [VECT_12, VECT_12, VECT_8]  # What holds 32 pixels.
+
+
+def kinds(x: np.ndarray) -> list[int]:
+    """Return the types of the words that place events of one row and time, without time and row."""
+    count = len(x)
+    words = Evt3Encoder().encode(
+        np.full(count, 5, np.int64),
+        x.astype(np.uint16),
+        np.full(count, 7, np.uint16),
+        np.ones(count, np.bool_),
+    )
+    wanted = {ADDR_X, BASE_X, VECT_8, VECT_12}
+    return [kind for kind in (words >> 12).tolist() if kind in wanted]
+
+
+def test_a_long_row_needs_one_base() -> None:
+    """The decoder moves the base on by the vectors' 32 pixels: the next ones need none."""
+    assert kinds(np.arange(10, 10 + 3 * 32)) == [BASE_X, *TRIPLE, *TRIPLE, *TRIPLE]
+
+
+def test_vectors_are_used_where_they_take_fewer_words() -> None:
+    """With its base a triple takes four words, without it three: as many events are cheaper."""
+    assert kinds(np.arange(4)) == 4 * [ADDR_X]
+    assert kinds(np.arange(5)) == [BASE_X, *TRIPLE]
+    assert kinds(np.arange(32 + 3)) == [BASE_X, *TRIPLE, *(3 * [ADDR_X])]
+    assert kinds(np.arange(32 + 4)) == [BASE_X, *TRIPLE, *TRIPLE]

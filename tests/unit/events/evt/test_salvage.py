@@ -1,11 +1,16 @@
-"""Where bytes were lost, the word boundaries are found again; where words are odd, they stay."""
+"""Damaged RAW: word boundaries are found again, and stretches of fill invent nothing."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from spikingtac.events.evt.salvage import aligned
+from spikingtac.errors import DamageError
+from spikingtac.events import create_events, open_events
+from spikingtac.events.evt.salvage import aligned, may_be_filled, without_fill
+from spikingtac.types import EventPacket
 
 WORD = np.dtype("<u2")
 SOUND_WORDS = 40
@@ -43,3 +48,61 @@ def test_a_few_odd_words_are_no_break(odd: int) -> None:
     words, _, breaks = aligned(data, suspects, WORD)
     assert breaks == 0
     np.testing.assert_array_equal(words, data.view(WORD))
+
+
+SIZE = (320, 320)
+LOST_BYTES = 8_192
+
+
+def sample(n: int = 60_000) -> EventPacket:
+    rng = np.random.default_rng(0)
+    t = np.sort(rng.integers(0, 100_000, n)).astype(np.int64)
+    x, y = rng.integers(1, 320, n).astype(np.uint16), rng.integers(1, 320, n).astype(np.uint16)
+    return EventPacket(x, y, rng.random(n) < 0.5, t, 0, 100_000, SIZE)
+
+
+def told(packet: EventPacket) -> set[tuple[int, int, int]]:
+    return set(zip(packet.t.tolist(), packet.x.tolist(), packet.y.tolist(), strict=True))
+
+
+@pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt3"])
+@pytest.mark.parametrize("fill", [0x00, 0xFF])
+@pytest.mark.parametrize("place", [20_000, 262_144 - 4_000, 262_144 + 100 - LOST_BYTES])
+def test_lost_sectors_are_counted_and_invent_nothing(
+    tmp_path: Path, encoding: str, fill: int, place: int
+) -> None:
+    path = tmp_path / "a.raw"
+    with create_events(path, SIZE, encoding=encoding) as writer:
+        writer.write(sample())
+    data = bytearray(path.read_bytes())
+    place = min(place, len(data) - 2 * LOST_BYTES)
+    data[place : place + LOST_BYTES] = bytes([fill]) * LOST_BYTES
+    path.write_bytes(data)
+    source = open_events(path)
+    found = EventPacket.concatenate(list(source))
+    assert source.losses["garbage"] == 1
+    assert not ((found.x == 0) & (found.y == 0)).any()
+    invented = told(found) - told(sample())
+    assert len(invented) <= 130  # times and rows of the words after the hole are those before it
+    assert len(found) > len(sample()) - LOST_BYTES // 2 - 200
+    with pytest.raises(DamageError, match="garbage"):
+        list(open_events(path, strict=True))
+
+
+def test_fill_is_found_whatever_its_place() -> None:
+    rng = np.random.default_rng(1)
+    for start in range(0, 48):
+        data = rng.integers(1, 255, 300).astype(np.uint8)
+        data[start : start + 64] = 0
+        assert may_be_filled(data)
+        kept, begun, goes_on = without_fill(data.view(np.uint32), False)
+        whole = start % 4 == 0
+        assert (len(kept), begun, goes_on) == (75 - 16 * whole, int(whole), False)
+    assert not may_be_filled(rng.integers(1, 255, 1_000).astype(np.uint8))
+
+
+def test_short_stretches_are_words_unless_they_go_on() -> None:
+    words = np.array([5, 0, 0, 7, 0xFFFF, 0xFFFF], np.uint16)
+    assert len(without_fill(words, False)[0]) == 6
+    kept, begun, goes_on = without_fill(words[1:], True)
+    assert (kept.tolist(), begun, goes_on) == ([7, 0xFFFF, 0xFFFF], 0, False)

@@ -16,7 +16,7 @@ from spikingtac.events.align import SyncLine, through_triggers
 from spikingtac.events.create import create_events
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import ReadOptions
-from spikingtac.events.manifest import RetimedSource
+from spikingtac.events.manifest import RetimedSource, load_poses
 from spikingtac.events.open import open_events
 from spikingtac.types import EventPacket
 
@@ -67,12 +67,6 @@ def test_a_regular_line_is_taken_where_it_began_while_both_recorded() -> None:
     few = pulses_us[:4]  # too few to tell by chance
     with pytest.raises(RecordingError, match="at odd moments"):
         through_triggers(line(on_own(few[1:]), on_own(few[1:])[0] - 9), line(few[:-1], few[0] - 9))
-
-
-def test_a_recording_that_began_between_two_bursts_is_not_taken_for_the_first() -> None:
-    bursts_us = np.concatenate([s * 1e6 + np.arange(60) * 33_333.0 for s in (5, 12)])
-    with pytest.raises(RecordingError, match="start the line after"):
-        through_triggers(line(on_own(bursts_us)), line(bursts_us[60:], bursts_us[60] - 2e6))
 
 
 def test_one_pulse_gives_the_offset_alone() -> None:
@@ -132,3 +126,22 @@ def test_align_puts_events_and_edges_on_the_first_clock(
     events = sum(len(packet) for packet in placed)
     assert events == len(t_us)
     assert np.abs(placed.triggers.t_us[:-1] - moments_us).max() < 4.0
+
+
+def test_a_table_is_read_in_any_unit_of_time_and_any_order_of_columns(tmp_path: Path) -> None:
+    rows = "x_mm,t_s,grip\n1,0.5,0\n2,0.75,1\n"
+    (tmp_path / "p.csv").write_text(rows)
+    found = load_poses(tmp_path / "p.csv")
+    assert found.t_us.tolist() == [500_000, 750_000]
+    assert found.names == ("x_mm", "grip")
+    assert found.state.tolist() == [[1.0, 0.0], [2.0, 1.0]]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "x,y\n1,2\n", "t_s,t_us,x\n1,2,3\n", "t_s,x\n1,nan\n", "t_s,x\n2,1\n1,1\n", "t_s,x\n1\n"],
+)
+def test_what_is_no_table_of_poses_is_refused_with_what_it_needs(tmp_path: Path, text: str) -> None:
+    (tmp_path / "p.csv").write_text(text)
+    with pytest.raises(RecordingError, match="one time column"):
+        load_poses(tmp_path / "p.csv")

@@ -1,0 +1,134 @@
+"""Clocks that drift, jitter and lie: maps are found within the error that they state."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.events.clock import TimeMap, through_moments
+from spikingtac.events.delivery import ClockFit, DeliveryMeter
+from spikingtac.stream.pair import LiveMap
+
+
+def watched(
+    drift_ppm: float, start_s: float = 1_000.0, seed: int = 0, end_s: float = 120.0
+) -> TimeMap:
+    """A host hears every 4 ms of a clock that began at ``start_s``; transport is 0.2 ms or more."""
+    rng, fit = np.random.default_rng(seed), ClockFit()
+    for own_s in np.arange(0.0, end_s, 0.004):
+        late_s = 2e-4 + rng.exponential(1e-3)
+        fit.arrived(round(own_s * 1e6), start_s + own_s * (1.0 + drift_ppm * 1e-6) + late_s)
+    mapping = fit.mapping()
+    assert mapping is not None
+    return mapping
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_two_clocks_meet_at_their_host_within_five_errors(seed: int) -> None:
+    own, base = watched(40.0, 1_003.5, seed), watched(-25.0, 1_000.0, seed + 100)
+    assert 0.0 < base.host_s(60e6) - (1_000.0 + 60.0 * (1 - 25e-6)) < 5e-4  # the fastest transport
+    found = own.then(base.inverse())
+    assert found.drift_error_ppm is not None
+    true_drift_ppm = ((1 + 40e-6) / (1 - 25e-6) - 1) * 1e6
+    assert abs(found.drift_ppm - true_drift_ppm) < 5.0 * found.drift_error_ppm < 5.0
+    for own_s in (0.0, 60.0, 120.0):
+        host_s = 1_003.5 + own_s * (1 + 40e-6)
+        truth_us = (host_s - 1_000.0) / (1 - 25e-6) * 1e6
+        error_us = abs(found(np.array([round(own_s * 1e6)]))[0] - truth_us)
+        assert error_us < 5.0 * found.error_at_us(own_s * 1e6) + 1.0
+        assert found.error_at_us(own_s * 1e6) < 100.0
+
+
+def test_there_and_back_and_through_documents() -> None:
+    found = TimeMap(own_us=5e8, base_us=1.7e15, drift_ppm=33.0, error_us=7.0, drift_error_ppm=0.2)
+    t_us = np.arange(0, 10**9, 10**7)
+    assert np.abs(found.inverse()(found(t_us)) - t_us).max() <= 1
+    assert TimeMap.from_document(found.summary()) == found
+    assert TimeMap.from_clock(found.clock_summary()).at(7e8) == pytest.approx(found.at(7e8), abs=1)
+    assert (np.diff(found(np.arange(0, 10**6, 7))) >= 0).all()
+    for change in ({"base_us": "soon"}, {"own_us": 1e999}):
+        with pytest.raises(RecordingError, match="time_base"):
+            TimeMap.from_document({**found.summary(), **change})
+
+
+def test_little_is_known_of_a_clock_at_first() -> None:
+    assert ClockFit().mapping() is None
+    short = watched(50.0, end_s=1.0)
+    assert (short.drift_ppm, short.drift_error_ppm) == (0.0, None)
+
+
+def test_memory_stays_bounded_and_the_line_the_same() -> None:
+    fit = ClockFit()
+    for number in range(20_000):
+        fit.arrived(number * 100_000, 5.0 + number * 0.1 * (1.0 + 1e-5))
+    mapping = fit.mapping()
+    assert mapping is not None
+    assert len(fit._bins[0]) < 4096
+    assert mapping.drift_ppm == pytest.approx(10.0, abs=0.1)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_taps_give_offset_and_drift_and_mistaken_ones_are_left_out(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    own_us = np.sort(rng.integers(0, 300_000_000, 40)).astype(float)
+    base_us = 1e6 + own_us * (1 + 60e-6) + rng.normal(0.0, 300.0, 40)
+    base_us[rng.integers(0, 40, 6)] += 40_000.0
+    found = through_moments(own_us, base_us)
+    assert found.drift_error_ppm is not None
+    assert abs(found.drift_ppm - 60.0) < 5.0 * found.drift_error_ppm
+    truth_us = 1e6 + found.own_us * (1 + 60e-6)
+    assert abs(found.base_us - truth_us) < 5.0 * found.error_us
+    assert 10.0 < found.error_us < 200.0
+    with pytest.raises(ConfigError, match="in pairs"):
+        through_moments(own_us, base_us[1:])
+
+
+def delivered(seed: int, away_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Deliver both every 2 ms with late arrivals; return mapped times and true ones, us."""
+    rng = np.random.default_rng(seed)
+    base, own = ClockFit(), ClockFit()
+    live = LiveMap(own.mapping, base.mapping)
+    found, truth = [], []
+    for now_s in np.arange(0.0, 20.0, 0.002):
+        host_s = 500.0 + now_s
+        base_us, own_us = now_s * (1 - 30e-6) * 1e6, (now_s + 7.25) * (1 + 50e-6) * 1e6
+        base.arrived(round(base_us), host_s + 3e-4 + rng.exponential(2e-3))
+        if now_s >= away_s:
+            own.arrived(round(own_us), host_s + 3e-4 + rng.exponential(2e-3))
+            events_us = np.sort(rng.integers(round(own_us) - 2_000, round(own_us) + 1, 20))
+            found.append(live(events_us))
+            truth.append(base_us + (events_us - own_us) * (1 - 80e-6))
+    return np.concatenate(found), np.concatenate(truth)
+
+
+@pytest.mark.parametrize(("seed", "away_s"), [(0, 0.0), (1, 0.0), (5, 10.0)])
+def test_live_times_stay_in_order_and_come_near_the_truth(seed: int, away_s: float) -> None:
+    found, truth = delivered(seed, away_s)
+    packets = found.reshape(-1, 20)
+    assert (np.diff(packets, axis=1) >= 0).all()
+    assert (packets[1:, 0] - packets[:-1, -1] >= -1).all()
+    error_us = np.abs(found - truth)
+    assert error_us.max() < 12_000  # the first delivery may be late by so much
+    assert error_us[len(error_us) // 2 :].max() < 300
+
+
+def test_before_the_other_one_has_delivered_times_are_as_they_are() -> None:
+    own = ClockFit()
+    own.arrived(1_000, 5.0)
+    live = LiveMap(own.mapping, ClockFit().mapping)
+    assert live(np.array([1_000, 1_500])).tolist() == [1_000, 1_500]
+    assert live.known is None
+
+
+def test_the_interval_of_deliveries_is_told_in_words() -> None:
+    now = [0.0]
+    meter = DeliveryMeter(lambda: now[0])
+    assert "nothing" in meter.health({}).sentence
+    for number in range(100):
+        now[0] = 0.004 * number
+        meter.delivered(50, now[0])
+    health = meter.health({"gap": 2})
+    assert health.sentence.startswith("packets every 4.0 ms")
+    assert "a 1 ms window is not a 1 ms latency" in health.sentence
+    assert (health.events, health.losses) == (5_000, {"gap": 2})
