@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spikingtac.robot.arm import ArmState
 from spikingtac.sim.rig.probe import ProbeConfig
 from spikingtac.sim.rig.rig import (
     EDGE_SETTINGS,
     STEP_SETTINGS,
+    WAIT_S,
     FingerConfig,
     PriorContact,
     Rig,
@@ -20,12 +22,29 @@ from spikingtac.sim.rig.rig import (
     SensingFinger,
 )
 from spikingtac.sim.rig.walls import PlaneWall
-from stand_ins.rigs import press_and_release
 
 FREE_MM = 0.2
 SPEED_MM_S = 10.0
 SILENT = {"background": {"rate_hz": 0.0, "hot_fraction": 0.0}, **EDGE_SETTINGS, **STEP_SETTINGS}
 LATERAL, AXIAL = (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)
+
+
+def press_and_release(rig: Rig, reach_mm: np.ndarray, config: PriorContact) -> None:
+    """Touch the wall at ``reach_mm`` ``(3,)`` from here, return, wait, and drop the events."""
+    home_mm = rig.arm.true_position_mm()
+    way_mm = reach_mm * (1.0 + config.press_mm / float(np.linalg.norm(reach_mm)))
+    rig.arm.move_linear(home_mm + way_mm, config.speed_mm_s)
+    while rig.arm.state() is ArmState.MOVING:
+        rig.wait(WAIT_S)
+    rig.wait(config.hold_s)
+    rig.arm.move_linear(home_mm, config.speed_mm_s)
+    while rig.state.in_contact:
+        rig.wait(WAIT_S)
+    released_us = rig.t_us
+    while rig.arm.state() is ArmState.MOVING:
+        rig.wait(WAIT_S)
+    rig.wait(max(config.wait_s - (rig.t_us - released_us) * 1e-6, 0.0))
+    rig.reset_first_contact()
 
 
 def make_rig(

@@ -26,11 +26,6 @@ def travel(heading: float | None = 0.3, sigma_mm: float = 0.03) -> TravelModel:
     )
 
 
-def search(config: AdaptiveSearchConfig | None = None) -> AdaptiveSearch:
-    prober = IdealProber(2.0, center_mm=CENTER_MM)
-    return AdaptiveSearch(prober, travel(), config or AdaptiveSearchConfig())
-
-
 def test_the_cross_touches_as_published() -> None:
     prober = IdealProber(2.0, center_mm=CENTER_MM)
     touches = cross_search(prober, np.array([0.6, 0.4]))

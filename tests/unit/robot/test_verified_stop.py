@@ -13,18 +13,15 @@ from spikingtac.errors import DeviceError
 from spikingtac.robot.ur_client import BoundedCalls
 from spikingtac.robot.ur_stop import Means, Report, StopConfig, VerifiedStop
 
-SPEED_MM_S = 40.0
 CONFIG = StopConfig(react_s=(0.05, 0.05), confirm_s=0.01)
 
 
 class Arm:
     """An arm that obeys some means at once, and reports each time that it is asked."""
 
-    def __init__(self, obeys: str = "", silent: bool = False) -> None:
-        self.obeys, self.silent = obeys, silent
-        self.speed_mm_s = SPEED_MM_S
+    def __init__(self, obeys: str = "") -> None:
+        self.obeys, self.speed_mm_s = obeys, 40.0
         self.used: list[str] = []
-        self.made_s = time.monotonic()
 
     def means(self, name: str) -> Means:
         def use() -> None:
@@ -35,43 +32,7 @@ class Arm:
         return Means(name, use)
 
     def report(self) -> Report:
-        return Report(self.made_s if self.silent else time.monotonic(), self.speed_mm_s)
-
-    def stop(self) -> VerifiedStop:
-        means = self.means("gentle"), self.means("firm")
-        return VerifiedStop(means, self.report, CONFIG, self.means("last"))
-
-
-@pytest.mark.parametrize(("obeys", "used"), [("gentle", ["gentle"]), ("firm", ["gentle", "firm"])])
-def test_the_next_means_is_used_where_the_speed_does_not_fall(obeys: str, used: list[str]) -> None:
-    arm = Arm(obeys)
-    stop = arm.stop()
-    stop.begin()
-    stop.confirm()
-    assert arm.used == used
-
-
-def test_what_does_not_stop_is_told_and_the_last_resort_is_used() -> None:
-    arm = Arm()
-    stop = arm.stop()
-    stop.begin()
-    with pytest.raises(DeviceError, match="still moves at 40 mm/s after gentle, firm;"):
-        stop.confirm()
-    assert arm.used[:2] == ["gentle", "firm"]
-    arm.obeys = "gentle"
-    stop.begin()  # tried again
-    stop.confirm()
-
-
-def test_an_arm_that_is_not_heard_of_is_not_said_to_rest_and_not_switched_off() -> None:
-    arm = Arm(silent=True)
-    arm.speed_mm_s = 0.0  # an old report
-    stop = arm.stop()
-    stop.begin()
-    with pytest.raises(DeviceError, match="nobody knows whether it rests"):
-        stop.confirm()
-    time.sleep(0.05)
-    assert "last" not in arm.used
+        return Report(time.monotonic(), self.speed_mm_s)
 
 
 def test_a_thread_that_is_held_up_while_it_asks_does_not_take_a_resting_arm_for_a_silent_one() -> (

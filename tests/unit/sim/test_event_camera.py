@@ -1,0 +1,299 @@
+"""The simulated event camera: bytes, rates, laws of events, random numbers, readout, presets."""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numba import njit
+
+from spikingtac.sim.camera_config import (
+    CAMERA_NAMES,
+    CameraConfig,
+    LightConfig,
+    PixelConfig,
+    ReadoutConfig,
+    StepConfig,
+    load_camera,
+)
+from spikingtac.sim.event_camera import EventCamera
+from spikingtac.sim.optics import MarkerImage
+from spikingtac.sim.pixels import (
+    KEY_SHIFT,
+    uniform_kernel,
+)
+from spikingtac.sim.readout import BACKLOG_US, Arbiter, Readout, arbitrate_kernel
+from spikingtac.sim.sweep import sample_pattern_kernel
+from spikingtac.types import EventPacket, LossCounters
+from stand_ins.camera_stage import (
+    CENTERS,
+    PERIOD_US,
+    RADIUS_PX,
+    SIZE,
+    camera,
+    film,
+    image,
+    strokes,
+)
+
+
+def columns(packet: EventPacket) -> bytes:
+    return b"".join(column.tobytes() for column in (packet.t, packet.x, packet.y, packet.p))
+
+
+@pytest.mark.parametrize("name", ["clean", "typical", "noisy"])
+def test_any_cutting_at_the_same_images_gives_the_same_bytes(name):
+    config = replace(load_camera(name), size=SIZE, readout=ReadoutConfig(cap_mev_s=1.0, loss=0.3))
+    images = strokes(900.0, 60.0)
+    whole = film(EventCamera(config, seed=3), images)
+    sensor = EventCamera(config, seed=3)
+    sensor.settle(images[0], "random")
+    parts, rng, at = [], np.random.default_rng(0), 0
+    while at < len(images) - 1:
+        stop = min(at + int(rng.integers(1, 6)), len(images) - 1)
+        parts.append(sensor.advance(images[at : stop + 1]))  # the shared end is passed over
+        at = stop
+    assert columns(EventPacket.concatenate(parts)) == columns(whole)
+
+
+def test_equal_seeds_are_equal_to_the_byte_and_copies_go_on_alone():
+    images = strokes(200.0, 20.0)
+    config = replace(load_camera("typical"), size=SIZE)
+    first, again, other = (EventCamera(config, seed) for seed in (7, 7, 8))
+    assert columns(film(first, images)) == columns(film(again, images))
+    assert columns(film(other, images)) != columns(film(again, images))
+    twin = copy.deepcopy(again)
+    later = [replace(item, t_us=item.t_us + images[-1].t_us) for item in images[1:]]
+    assert columns(twin.advance(later)) == columns(again.advance(later))
+
+
+@pytest.mark.parametrize(
+    ("name", "leak_hz", "noise_hz"), [("typical", 0.07, 0.1), ("noisy", 0.2, 1.0)]
+)
+def test_a_still_scene_makes_the_set_rates(name, leak_hz, noise_hz):
+    preset = load_camera(name)
+    quiet = replace(preset, background=replace(preset.background, hot_fraction=0.0))
+    span_us, pixels = 2_000_000, 320 * 320
+    still = [image(t) for t in range(0, span_us + 1, 100_000)]
+    packet = film(EventCamera(quiet, seed=5), still, "rested")
+    assert len(packet) / pixels / 2 == pytest.approx(leak_hz + noise_hz, rel=0.05)
+    on, off = packet.p.sum(), (~packet.p).sum()
+    assert off / pixels / 2 == pytest.approx(noise_hz / 2, rel=0.05)
+    assert (on - off) / pixels / 2 == pytest.approx(leak_hz, rel=0.05)
+    halves = np.histogram(packet.t, 2, (0, span_us))[0]
+    assert halves[0] == pytest.approx(halves[1], rel=0.05)
+
+
+def test_missing_markers_make_nothing_and_broken_ones_less():
+    images = [image(k * PERIOD_US, (0.1 * k, 0.0)) for k in range(60)]
+    whole = film(camera(), images, "fresh")
+    gone = [replace(item, radius_px=np.array([7.0, 0.0, 7.0, 7.0])) for item in images]
+    missing = film(camera(), gone, "fresh")
+    near_second = np.hypot(whole.x - 83.0, whole.y - 40.4) < 20
+    assert columns(missing) == columns(whole.select(~near_second))
+    cut = np.tile([0.0, 1.0, np.inf], (4, 1))
+    cut[0, 2] = 0.0  # the lower half is gone
+    broken = film(camera(), [replace(item, chord=cut) for item in images], "fresh")
+    lower = (broken.x < 64) & (broken.y > 42.5) & (broken.y < 64)
+    assert not lower.any()
+    near_first = np.hypot(whole.x - 43.0, whole.y - 40.1) < 20
+    fraction = (np.hypot(broken.x - 43.0, broken.y - 40.1) < 20).sum() / near_first.sum()
+    assert 0.4 < fraction < 0.6
+
+
+SMALL = (64, 64)
+TYPICAL = PixelConfig(mismatch=0.03, bandwidth_hz=2000.0, refractory_us=50.0, latency_us=150.0)
+
+
+def moved_images(speed_px_s: float, span_us: int, period_us: int = 2000) -> list[MarkerImage]:
+    centers = np.array([[24.3, 30.2]])
+    return [
+        MarkerImage(
+            t_us=t,
+            center_px=centers + speed_px_s * t * 1e-6,
+            shape=np.eye(2)[None],
+            radius_px=np.array([7.0]),
+        )
+        for t in range(0, span_us + 1, period_us)
+    ]
+
+
+def filmed(config: CameraConfig, shots: list[MarkerImage], history="random"):
+    sensor = EventCamera(config, seed=2)
+    sensor.settle(shots[0], history)
+    return sensor.advance(shots[1:])
+
+
+@pytest.mark.parametrize("speed_px_s", [20.0, 300.0])
+def test_every_pixel_at_every_step_gives_what_the_edges_alone_give(speed_px_s):
+    """The dense renderer is the sweep's plain twin: it neither skips nor carries forward."""
+    steps = StepConfig(max_us=200.0)
+    quick = CameraConfig(size=SMALL, pixel=TYPICAL, steps=steps)
+    thorough = replace(quick, light=LightConfig(texture=1e-9, texture_follow=1.0))
+    shots = moved_images(speed_px_s, 60_000)
+    one, two = filmed(quick, shots), filmed(thorough, shots)
+    assert len(one) == pytest.approx(len(two), rel=0.005)
+    keys = [np.stack([packet.y, packet.x, packet.p]).astype(int) for packet in (one, two)]
+    counts = [np.zeros((64, 64, 2), int) for _ in keys]
+    for count, (y, x, p) in zip(counts, keys, strict=True):
+        np.add.at(count, (y, x, p), 1)
+    assert np.abs(counts[0] - counts[1]).sum() <= 0.01 * len(one)
+    times = [np.sort(packet.t) for packet in (one, two)]
+    shared = min(len(times[0]), len(times[1]))
+    assert np.median(np.abs(times[0][:shared] - times[1][:shared])) < 100
+
+
+def test_a_pattern_is_read_between_its_samples_and_repeats():
+    pattern = np.random.default_rng(1).random((5, 7)).astype(np.float32)
+    assert sample_pattern_kernel(pattern, 2.0, 3.0) == pytest.approx(float(pattern[3, 2]))
+    middle = pattern[[3, 3, 4, 4], [2, 3, 2, 3]].mean()
+    assert sample_pattern_kernel(pattern, 2.5, 3.5) == pytest.approx(float(middle))
+    assert sample_pattern_kernel(pattern, -0.5, 0.0) == pytest.approx(
+        float(pattern[0, [6, 0]].mean())
+    )
+    assert sample_pattern_kernel(pattern, 7.25, 5.0) == pytest.approx(
+        sample_pattern_kernel(pattern, 0.25, 0.0)
+    )
+
+
+def events_per_px(name: str, contrast: float, speed_px_s: float) -> float:
+    travel_px = 56.0
+    events = film(camera(name, contrast), strokes(speed_px_s, travel_px))
+    return len(events) / len(CENTERS) / travel_px
+
+
+@pytest.mark.parametrize("name", ["clean", "typical", "noisy"])
+@pytest.mark.parametrize("contrast", [4.0, 6.0, 8.0, 12.5])
+def test_a_px_of_slow_motion_makes_the_events_that_the_contrast_pays_for(name, contrast):
+    crossings = math.log(contrast) / 0.25
+    per_crossing = 2 * 2 * RADIUS_PX
+    measured = events_per_px(name, contrast, 40.0)
+    assert 0.95 * per_crossing * (crossings - 1) < measured
+    assert measured < 1.05 * per_crossing * (crossings - 0.5)
+
+
+KEY = np.uint64(0x1234_5678_9ABC_DEF1)
+
+
+@njit
+def draw_uniform(key, count):
+    out = np.empty(count)
+    for k in range(count):
+        out[k] = uniform_kernel(key, np.uint64(k))
+    return out
+
+
+def splitmix(key: int, counter: int) -> float:
+    """Plain Python, where integers never overflow: the reference of Steele, Lea and Flood."""
+    mask = (1 << 64) - 1
+    z = (key + counter * 0x9E3779B97F4A7C15) & mask
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & mask
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & mask
+    z ^= z >> 31
+    return ((z >> 11) + 0.5) / (1 << 53)
+
+
+def test_equals_the_published_generator():
+    drawn = draw_uniform(KEY, 100)
+    assert drawn.tolist() == [splitmix(int(KEY), k) for k in range(100)]
+
+
+READOUT_SIZE = (64, 48)
+
+
+def keys(t_us, x, y, p) -> np.ndarray:
+    t_us, x, y, p = (np.asarray(item, np.int64) for item in (t_us, x, y, p))
+    return (t_us << KEY_SHIFT) | ((y * READOUT_SIZE[0] + x) << 1) | p
+
+
+def random_keys(count: int, span_us: int, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return keys(
+        rng.integers(0, span_us, count),
+        rng.integers(0, READOUT_SIZE[0], count),
+        rng.integers(0, READOUT_SIZE[1], count),
+        rng.integers(0, 2, count),
+    )
+
+
+def readout(**settings) -> tuple[Readout, LossCounters]:
+    losses = LossCounters()
+    return Readout(
+        ReadoutConfig(**settings), READOUT_SIZE, np.random.default_rng(1), losses
+    ), losses
+
+
+def arbiter(event_us: float) -> Arbiter:
+    return Arbiter(
+        event_us=event_us,
+        loss=0.0,
+        free_us=np.full(1, -np.inf),
+        served=np.zeros(1, np.uint64),
+        key=np.uint64(9),
+    )
+
+
+def served(events, event_us):
+    """Plain Python server: one event at a time, in order."""
+    out, dropped, free = [], 0, -np.inf
+    for key in events.tolist():
+        t, code = key >> KEY_SHIFT, key & ((1 << KEY_SHIFT) - 1)
+        start = max(float(t), free)
+        if start - t > BACKLOG_US:
+            dropped += 1
+            continue
+        free = start + event_us
+        out.append((int(start) << KEY_SHIFT) | code)
+    return out, dropped
+
+
+@pytest.mark.parametrize("event_us", [0.1, 0.5, 3.0])
+@pytest.mark.parametrize("count", [0, 1, 2000])
+def test_the_arbiter_equals_its_plain_twin(event_us, count):
+    events = np.sort(random_keys(count, 1000))
+    out = np.empty(count, np.int64)
+    kept, dropped, lost = arbitrate_kernel(events, arbiter(event_us), out)
+    expected, expected_dropped = served(events, event_us)
+    assert out[:kept].tolist() == expected
+    assert (dropped, lost) == (expected_dropped, 0)
+    assert (dropped > 0) == (event_us * count > 2 * BACKLOG_US)
+
+
+def test_random_loss_is_as_set_and_counted():
+    station, losses = readout(loss=0.3)
+    station.collect(random_keys(20_000, 1000))
+    kept = len(station.release(1000))
+    assert kept / 20_000 == pytest.approx(0.7, abs=0.015)
+    assert losses["readout_loss"] == 20_000 - kept
+
+
+PINNED = {  # contrast, threshold, mismatch, bandwidth, leak, background, hot, dead, latency, jitter
+    "clean": (6.0, 0.25, 0.0, None, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, None),
+    "typical": (6.0, 0.25, 0.03, 2000.0, 0.07, 0.1, 1e-4, 50.0, 150.0, 30.0, 10.0),
+    "noisy": (6.0, 0.25, 0.03, 500.0, 0.2, 1.0, 1e-4, 100.0, 150.0, 30.0, 10.0),
+}
+
+
+@pytest.mark.parametrize("name", CAMERA_NAMES)
+def test_the_presets_hold_the_pinned_values(name):
+    camera = load_camera(name)
+    pixel, background = camera.pixel, camera.background
+    assert (
+        camera.light.contrast,
+        pixel.threshold_on,
+        pixel.mismatch,
+        pixel.bandwidth_hz,
+        pixel.leak_hz,
+        background.rate_hz,
+        background.hot_fraction,
+        pixel.refractory_us,
+        pixel.latency_us,
+        pixel.jitter_us,
+        camera.readout.cap_mev_s,
+    ) == PINNED[name]
+    assert camera.size == (320, 320)
+    assert pixel.threshold_off == pixel.threshold_on
+    assert camera.readout.loss == 0.0

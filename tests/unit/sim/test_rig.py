@@ -1,0 +1,220 @@
+"""The rig: vibration, pads, grasped probe, clock, and the arm."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import MissingExtraError
+from spikingtac.sim.optics import MarkerImage, SkinState
+from spikingtac.sim.rig.pad import mode_amplitudes, pad_response, rigid_modes
+from spikingtac.sim.rig.probe import Probe, ProbeConfig, ProbeState, bushing_stiffness, rod_inertia
+from spikingtac.sim.rig.rig import Rig, RigConfig, Vibration
+from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
+from spikingtac.sim.rig.walls import NoWall, PlaneWall, Wall
+from spikingtac.types import EventPacket
+
+
+@pytest.mark.parametrize("dt_s", [0.0005, 0.004])
+def test_rms_and_resonance_do_not_depend_on_the_step(dt_s: float) -> None:
+    vibration = Vibration(0.03, np.random.default_rng(1))
+    path = np.array([vibration.advance(dt_s) for _ in range(round(30.0 / dt_s))])
+    assert path.std() == pytest.approx(0.03, rel=0.1)
+    power = np.abs(np.fft.rfft(path, axis=0)) ** 2
+    frequency = np.fft.rfftfreq(len(path), dt_s)
+    low, high = (power[(frequency > a) & (frequency < b)].mean() for a, b in ((13, 17), (0, 5)))
+    assert low > 8.0 * high
+    assert np.abs(np.corrcoef(path.T) - np.eye(3)).max() < 0.2
+
+
+def test_the_patch_moves_rigidly_and_the_rim_follows_less() -> None:
+    points = np.array([[0.0, 8.0], [3.0, 0.0], [5.0, 0.0], [12.0, 0.0]])
+    displacement, _ = pad_response(points)
+    np.testing.assert_allclose(displacement[:, :2], rigid_modes(points[:2]), atol=1e-12)
+    lateral = displacement[0, :, 0]
+    assert 1.0 > lateral[2] > 0.3
+    assert abs(lateral[3]) < 0.1
+
+
+@pytest.mark.parametrize("faces_back", [False, True])
+def test_modes_reproduce_the_rigid_motion_of_the_surface(faces_back: bool) -> None:
+    rng = np.random.default_rng(1)
+    bushing = rng.normal(size=6)
+    side = 1.0 if faces_back else -1.0
+    axes = np.diag([-side, 1.0, side])
+    points = rng.uniform(-3, 3, (5, 2))
+    at = np.column_stack([points, np.zeros(5)]) @ axes + [0.0, 0.0, side * 2.0]
+    moved = bushing[:3] + np.cross(bushing[3:], at)
+    amplitude = mode_amplitudes(faces_back) @ bushing
+    fields = np.tensordot(amplitude, rigid_modes(points), axes=1)
+    np.testing.assert_allclose(fields, moved @ axes.T, atol=1e-12)
+
+
+NEAR_WALL = PlaneWall(point_mm=(0.375, 0.0, 0.0), normal=(-1.0, 0.0, 0.0))
+STILL = ProbeConfig(grams_per_mm=0.0, creep=())
+DT_S = 1e-3
+
+
+def drive(probe: Probe, path_mm: np.ndarray) -> list[ProbeState]:
+    return [probe.step(1000 * (k + 1), DT_S, point) for k, point in enumerate(path_mm)]
+
+
+def line(start: tuple[float, ...], end: tuple[float, ...], steps: int = 200) -> np.ndarray:
+    return np.linspace(start, end, steps)
+
+
+def pressed(config: ProbeConfig, wall: Wall = NEAR_WALL, to: tuple[float, ...] = (1.0, 0.0, 0.0)):
+    return drive(Probe(config, wall, np.zeros(3)), line((0.0, 0.0, 0.0), to))[-1]
+
+
+def test_tip_stiffness_is_that_of_translation_and_rotation_in_series() -> None:
+    state = pressed(STILL)
+    compliance = 1.0 / 2.5 + 40.0**2 / 68.0
+    assert -state.force_n[0] == pytest.approx(1.0 / compliance, rel=1e-6)
+    assert -state.bushing[0] == pytest.approx(0.017, abs=5e-4)
+    assert state.bushing[5] == pytest.approx(0.0246, abs=1e-4)
+    np.testing.assert_allclose(state.tip_mm, 0.0, atol=1e-9)
+
+
+def test_creep_relaxes_the_force_as_the_kelvin_chain_says() -> None:
+    chain = ((0.2, 0.05),)
+    probe = Probe(ProbeConfig(grams_per_mm=0.0, creep=chain), NEAR_WALL, np.zeros(3))
+    hold = np.tile([1.0, 0.0, 0.0], (400, 1))
+    force = np.array([-state.force_n[0] for state in drive(probe, hold)])
+    time_s = DT_S * np.arange(1, 401)
+    share, tau_s = chain[0]
+    rate = (1.0 + share) / tau_s
+    exact = (1.0 + share * np.exp(-rate * time_s)) / (1.0 + share) / (0.4 + 1600.0 / 68.0)
+    np.testing.assert_allclose(force, exact, rtol=0.01)
+
+
+def test_the_free_rod_rocks_at_the_frequency_of_its_inertia() -> None:
+    config = ProbeConfig(creep=(), damping_ratio=0.0)
+    mass, stiffness = rod_inertia(config), np.diag(bushing_stiffness(config))
+    modes = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real) / (2 * np.pi)
+    probe = Probe(config, NoWall(), np.zeros(3))
+    dt_s, path = 1e-4, []
+    for k in range(5000):
+        jolt = np.array([1.0, 0.0, 0.0]) * (k > 0) * 0.01
+        path.append(probe.step(100 * (k + 1), dt_s, jolt).bushing[5])
+    crossing = np.flatnonzero(np.diff(np.sign(path[1500:])) != 0)
+    measured_hz = (len(crossing) - 1) / 2 / (dt_s * (crossing[-1] - crossing[0]))
+    assert measured_hz == pytest.approx(modes.min(), rel=0.03)
+
+
+WALL = PlaneWall(point_mm=(1.375, 0.0, 0.0), normal=(-1.0, 0.0, 0.0))
+PX_PER_MM = 15.5
+
+
+class PlainFinger:
+    """A pinhole without lens, and a camera that reports one event per image."""
+
+    def __init__(self) -> None:
+        self.images: list[MarkerImage] = []
+
+    def project(self, state: SkinState) -> MarkerImage:
+        count = len(state.marker_mm)
+        center = PX_PER_MM * state.marker_mm[:, :2]
+        return MarkerImage(state.t_us, center, np.tile(np.eye(2), (count, 1, 1)), np.ones(count))
+
+    def settle(self, image: MarkerImage) -> None:
+        self.images = [image]
+
+    def advance(self, images: Sequence[MarkerImage]) -> EventPacket:
+        start_us = self.images[-1].t_us
+        self.images += images
+        t = np.array([image.t_us - 1 for image in images], np.int64)
+        zero = np.zeros(len(t), np.uint16)
+        return EventPacket(zero, zero, zero > 0, t, start_us, images[-1].t_us, (320, 320))
+
+
+def make_rig(rms_mm: float = 0.0, fingers: int = 2) -> tuple[Rig, list[PlainFinger]]:
+    config = RigConfig(vibration_mm=rms_mm)
+    plain = [PlainFinger() for _ in range(fingers)]
+    return Rig(config, WALL, plain, np.zeros(3), np.random.default_rng(1)), plain
+
+
+def test_the_first_touch_is_where_the_tip_meets_the_wall() -> None:
+    rig, _ = make_rig()
+    rig.arm.move_linear(np.array([3.0, 0.0, 0.0]), 5.0)
+    while rig.first_contact is None:
+        rig.advance(1000)
+    assert rig.first_contact.arm_mm[0] == pytest.approx(1.0, abs=0.002)
+    assert rig.t_us - 1000 <= rig.first_contact.t_us <= rig.t_us
+    at_touch = rig.arm.position_at_mm(rig.first_contact.t_us)
+    np.testing.assert_allclose(at_touch, rig.first_contact.arm_mm, atol=0.002)
+
+
+def test_equal_seeds_and_any_pull_of_whole_steps_give_equal_states() -> None:
+    ends = []
+    for pulls in ([1000] * 60, [3000] * 20):
+        rig, _ = make_rig(rms_mm=0.03)
+        rig.arm.move_linear(np.array([3.0, 0.0, 0.0]), 50.0)
+        for dt_us in pulls:
+            rig.advance(dt_us)
+        ends.append((rig.state.tip_mm, rig.state.bushing, rig.markers_px[1]))
+    for first, second in zip(*ends, strict=True):
+        np.testing.assert_allclose(first, second, atol=1e-12)
+
+
+FAST_MM_S = 180.0
+
+
+def approaching(rng: np.random.Generator, config: UR3Config | None = None) -> UR3Twin:
+    """Return an arm that cruises at 0.18 m/s along x, at a random phase of its cycle."""
+    arm = UR3Twin(config or UR3Config(), np.zeros(3), rng)
+    arm.move_linear(np.array([300.0, 0.0, 0.0]), FAST_MM_S)
+    arm.advance_to(int(rng.integers(600_000, 700_000)))
+    return arm
+
+
+def overshoots_mm(config: UR3Config, trials: int = 800) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    found = np.empty(trials)
+    for k in range(trials):
+        arm = approaching(rng, config)
+        touched_mm = arm.true_position_mm()[0]
+        arm.stop()
+        arm.advance_to(1_500_000)
+        found[k] = arm.true_position_mm()[0] - touched_mm
+    return found
+
+
+@pytest.mark.parametrize(
+    ("changes", "mean_mm", "worst_mm"),
+    [
+        ({}, 6.2, 7.6),
+        ({"jerk_mm_s3": np.inf}, 4.7, 6.2),
+        ({"cycle_s": 0.002, "jerk_mm_s3": np.inf}, 4.2, 5.1),
+    ],
+)
+def test_overshoot_of_a_perfect_sensor(
+    changes: dict[str, float], mean_mm: float, worst_mm: float
+) -> None:
+    found = overshoots_mm(UR3Config(**changes))
+    assert found.mean() == pytest.approx(mean_mm, abs=0.1)
+    assert found.max() == pytest.approx(worst_mm, abs=0.15)
+    assert found.max() <= worst_mm + 0.05
+
+
+def test_the_reported_pose_is_up_to_one_cycle_old() -> None:
+    rng = np.random.default_rng(2)
+    config = UR3Config(repeatability_mm=0.0)
+    lag = np.array(
+        [
+            arm.pose().position_mm[0] - arm.true_position_mm()[0]
+            for arm in (approaching(rng, config) for _ in range(400))
+        ]
+    )
+    assert lag.mean() == pytest.approx(-0.72, abs=0.05)
+    assert lag.min() >= -1.44 - 1e-6
+    assert lag.max() <= 1e-9
+
+
+def test_a_machine_without_ruckig_is_told_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ruckig", None)
+    with pytest.raises(MissingExtraError, match=r"spikingtac\[arm\]"):
+        UR3Twin(UR3Config(), np.zeros(3), np.random.default_rng(0)).move_linear(np.ones(3), 50.0)
