@@ -9,7 +9,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import httpx
 import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -43,10 +42,6 @@ def admitted(port: int) -> ClientConnection:
         except (InvalidStatus, ConnectionClosed):
             assert time.monotonic() < until_s, "nobody was let in"
             time.sleep(0.05)
-
-
-def get(port: int, path: str = "/", **options: Any) -> httpx.Response:
-    return httpx.get(f"http://127.0.0.1:{port}{path}", timeout=PATIENCE_S, **options)
 
 
 def shown(client: ClientConnection) -> tuple[dict, dict]:

@@ -1,4 +1,7 @@
-"""The page in a real browser, compared with what the server sent and with what is true."""
+"""The page in a real browser, compared with what the server sent and with what is true.
+
+Its layers, legend, sizes and themes are looked at as well.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +22,8 @@ pytestmark = pytest.mark.waits
 PROJECT = Path(__file__).resolve().parents[2]
 ARTEFACTS = PROJECT / "artefacts"
 WATCHED_FRAMES = 50
+LAYERS = ("arrows", "heat", "mesh", "discs", "truth")
+SIZES = ((1400, 900), (1920, 1080), (390, 844))
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +124,114 @@ def test_everything_has_a_name_for_screen_readers(page: WebDriver) -> None:
     wait(page, "document.getElementById('sensor').ariaLabel.startsWith('64 markers')")
     lamp = "document.querySelector('[data-testid=contact]').innerText"
     wait(page, f"{lamp}.split(/\\s+/).join(' ') === 'CONTACT since 1.300 s'")
+
+
+def switch(page: WebDriver, name: str, *, on: bool) -> None:
+    if found(page, name).is_selected() != on:
+        found(page, name).click()
+
+
+def legend(page: WebDriver) -> list[str]:
+    wait(page, "document.getElementById('legend').children.length > 0")
+    return js(page, "[...document.getElementById('legend').children].map((e) => e.innerText)")
+
+
+def test_the_legend_names_what_is_drawn_and_nothing_else(page: WebDriver) -> None:
+    for name in LAYERS:
+        switch(page, name, on=False)
+    wait(page, "document.getElementById('legend').children.length === 3")
+    assert legend(page) == ["became brighter", "became darker", "chosen marker"]
+    switch(page, "discs", on=True)
+    switch(page, "mesh", on=True)
+    switch(page, "truth", on=True)
+    switch(page, "arrows", on=True)  # one marker of the stand-in is lost
+    wait(page, "document.getElementById('legend').children.length === 8")
+    said = legend(page)
+    for expected in ("marker at rest", "grid", "truth", "lost"):
+        assert expected in said
+    assert said[-1].startswith("0")
+    assert said[-1].endswith("mm)")
+
+
+def test_the_heat_map_shows_how_far_the_skin_moved(page: WebDriver) -> None:
+    for name in LAYERS:
+        switch(page, name, on=False)
+    set_value(page, "image", "none")
+    paused_at(page, 1_500_000)
+    switch(page, "heat", on=True)
+    wait(page, f"__m.frames > {js(page, '__m.frames')} + 2")
+    shown = page.execute_script(
+        """
+        const canvas = arguments[0], zoom = canvas.width / 320;
+        return arguments[1].map(([x, y]) =>
+          [...canvas.getContext("2d").getImageData((x + 0.5) * zoom, (y + 0.5) * zoom, 1, 1).data]);
+        """,
+        found(page, "sensor"),
+        reference_px().tolist(),
+    )
+    far = np.hypot(*(positions_px(1_500_000) - reference_px()).T)
+    dark = js(page, "getComputedStyle(document.documentElement).colorScheme") == "dark"
+    light = np.array(shown)[:, :3].sum(axis=1) * (1 if dark else -1)
+    chosen = int(found(page, "marker").text)  # a ring is around it
+    assert np.corrcoef(np.delete(light, chosen), np.delete(far, chosen))[0, 1] > 0.9
+    set_value(page, "image", "surface")
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_everything_has_its_place(page: WebDriver, width: int, height: int, theme: str) -> None:
+    for name in LAYERS:
+        switch(page, name, on=True)
+    # A window of Chromium is 500 px wide at least; a device is as narrow as it is said to be.
+    page.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False},
+    )
+    themed(page, theme)
+    wait(page, f"innerWidth === {width} && __m.frames > {js(page, '__m.frames')} + 3")
+    ARTEFACTS.mkdir(exist_ok=True)
+    page.save_screenshot(str(ARTEFACTS / f"page-{width}x{height}-{theme}.png"))
+    assert js(page, "document.documentElement.scrollWidth <= innerWidth")
+    small = js(
+        page,
+        """[...document.querySelectorAll('button, select, input, summary')]
+        .filter((item) => item.offsetParent !== null)
+        .map((item) => [item.id || item.outerHTML, item.getBoundingClientRect()])
+        .filter(([, box]) => box.height < 24 || box.width < 24).map(([name]) => name)""",
+    )
+    assert small == []
+    edges = js(
+        page,
+        """['.frame', '.side'].map((name) => document.querySelector(name).getBoundingClientRect())
+        .map((box) => [box.left, box.right])""",
+    )
+    assert min(edge[0] for edge in edges) <= 16
+    assert max(edge[1] for edge in edges) >= js(page, "document.documentElement.clientWidth") - 16
+    page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_a_force_is_drawn_where_the_skin_is_touched(page: WebDriver) -> None:
+    drawn = page.execute_async_script(
+        """
+        const done = arguments[0], modules = [import('/sensor.js'), import('/felt.js')];
+        Promise.all(modules).then(([{ Sensor }, { drawFelt }]) => {
+          const canvas = document.createElement('canvas'), sensor = new Sensor(canvas);
+          [canvas.width, canvas.height] = __m.hello.size;
+          sensor.greet(__m.hello);
+          sensor.zoom = 1;
+          sensor.ground(0, 0);
+          const pixel = (x, y) => [...sensor.context.getImageData(x, y, 1, 1).data].join();
+          const before = [pixel(190, 160), pixel(110, 110)];
+          drawFelt(sensor, { force_n: [2, 0, 1], place_px: [160, 160], extrapolated: false,
+                             outline_px: [[110, 110], [210, 110], [210, 210], [110, 210]] });
+          done([before, [pixel(190, 160), pixel(110, 110)]]);
+        }).catch((error) => done(String(error)));
+        """
+    )
+    assert isinstance(drawn, list), drawn
+    before, after = drawn
+    assert before[0] != after[0]  # on the shaft of the arrow
+    assert before[1] != after[1]  # on the outline
 
 
 def test_the_browser_found_nothing_to_complain_about(page: WebDriver) -> None:

@@ -54,9 +54,9 @@ def js(page: WebDriver, expression: str) -> Any:
     return page.execute_script(f"return {expression}")
 
 
-def wait(page: WebDriver, condition: str) -> None:
+def wait(page: WebDriver, condition: str, patience_s: float = PATIENCE_S) -> None:
     """Wait until an expression of the page's script is true."""
-    WebDriverWait(page, PATIENCE_S, 0.05).until(lambda _: js(page, condition), condition)
+    WebDriverWait(page, patience_s, 0.05).until(lambda _: js(page, condition), condition)
 
 
 def found(page: WebDriver, name: str) -> WebElement:

@@ -82,6 +82,7 @@ class FoxglovePublisher:
                 subprotocols=PROTOCOLS,  # pyright: ignore[reportArgumentType]
                 process_request=self._refuse,
                 compression=None,
+                close_timeout=PATIENCE_S,
             )
         except OSError as error:
             raise DeviceError(

@@ -1,0 +1,184 @@
+"""A sensor reaches clients that speak Foxglove's protocol, written here on a plain web socket.
+
+Source of the protocol: https://github.com/foxglove/ws-protocol (ws-protocol.md), version 1.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import struct
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags is not installed")
+
+from rosbags.typesys import Stores, get_typestore
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from spikingtac.cli.main import main
+from spikingtac.cli.verbs import foxglove
+from spikingtac.ros2 import messages
+from spikingtac.ros2.foxglove import BACKLOG, FoxglovePublisher
+from spikingtac.ros2.messages import FIELD, Layout
+from spikingtac.ros2.stream import SensorStream, StreamConfig
+from spikingtac.viewer.access import Gate
+from stand_ins.tracks import circling_tracks
+
+PROTOCOLS = ["foxglove.sdk.v1", "foxglove.websocket.v1"]
+FRAMES, PATIENCE_S = 100, 60.0
+
+
+@pytest.fixture
+def publisher() -> Iterator[FoxglovePublisher]:
+    refusal = partial(foxglove._refusal, Gate().refusal, foxglove.FOXGLOVE_ORIGINS)
+    with closing(FoxglovePublisher("127.0.0.1", 0, refusal)) as served:
+        yield served
+
+
+@pytest.fixture
+def connected(publisher: FoxglovePublisher) -> Iterator[Callable[..., Client]]:
+    """Make clients that end with the test."""
+    with ExitStack() as opened:
+        yield partial(Client, opened, publisher)
+
+
+class Client:
+    """Speaks the protocol; it has subscribed to some topics once it is made."""
+
+    def __init__(self, opened: ExitStack, publisher: FoxglovePublisher, *topics: str) -> None:
+        address = f"ws://127.0.0.1:{publisher.port}"
+        opening = connect(address, subprotocols=PROTOCOLS, proxy=None, close_timeout=0.2)
+        self.socket = opened.enter_context(opening)
+        self.told = [json.loads(self.socket.recv(PATIENCE_S)) for _ in range(2)]
+        self.channels = {one["topic"]: one for one in self.told[1]["channels"]}
+        wanted = [
+            {"id": n, "channelId": self.channels[name]["id"]} for n, name in enumerate(topics)
+        ]
+        self.socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+        while topics and not publisher.readers(topics[-1]):
+            pass
+
+    def messages(self, number: int) -> list[bytes]:
+        """Return what came of a subscription until the server ended."""
+        found: list[bytes] = []
+        try:
+            while True:
+                data = self.socket.recv(PATIENCE_S)
+                assert isinstance(data, bytes)
+                kind, subscription, _ = struct.unpack_from("<BIQ", data)
+                found += [data[13:]] if (kind, subscription) == (1, number) else []
+        except ConnectionClosed:
+            return found
+
+
+def test_every_field_is_read_as_it_was_tracked_and_a_client_that_stalls_does_no_harm(
+    publisher: FoxglovePublisher, connected: Callable[..., Client]
+) -> None:
+    known = circling_tracks(estimates=FRAMES, px_per_mm=8.0)
+    layout = Layout(known.reference_px, (8, 8), 8.0)
+    stream = SensorStream(publisher, layout, StreamConfig(events=False))
+    frames = list(known.frames())
+    stream.frame(frames[0])
+    client = connected("/tactile/contact", "/tactile/field")
+    connected("/tactile/field")  # never reads
+    assert client.socket.subprotocol in PROTOCOLS
+    info, channel = client.told[0], client.channels["/tactile/field"]
+    assert (info["op"], info["capabilities"]) == ("serverInfo", []), "clients change nothing"
+    assert (channel["encoding"], channel["schemaName"]) == ("cdr", "sensor_msgs/msg/PointCloud2")
+    assert channel["schema"].startswith("std_msgs/Header header")
+    for frame in frames[1:]:
+        stream.frame(frame)
+    for _ in range(2 * BACKLOG):
+        publisher.publish("/diagnostics", {}, 0)
+    publisher.close()
+    store = get_typestore(Stores.ROS2_JAZZY)
+    clouds = [store.deserialize_cdr(d, "sensor_msgs/msg/PointCloud2") for d in client.messages(1)]
+    cloud = np.array([np.frombuffer(cloud.data.tobytes(), FIELD) for cloud in clouds])
+    np.testing.assert_array_equal(cloud["u"], known.position_px[1:, :, 0])
+    np.testing.assert_array_equal(cloud["dv"], known.displacement_px[1:, :, 1])
+
+
+def test_who_comes_late_gets_the_last_state(
+    publisher: FoxglovePublisher, connected: Callable[..., Client]
+) -> None:
+    publisher.advertise("/tactile/contact", "std_msgs/Bool", state=True)
+    for touching in (False, True):
+        publisher.publish("/tactile/contact", {"data": touching}, 0)
+    client = connected("/tactile/contact")
+    publisher.close()
+    assert client.messages(0) == [messages.encode("std_msgs/Bool", {"data": True})]
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"Origin": "http://evil.com"}, 403),
+        ({"Origin": "null"}, 403),
+        ({"Host": "evil.com"}, 403),
+        ({"Origin": "https://app.foxglove.dev"}, 101),
+    ],
+)
+def test_foreign_pages_and_rebound_names_are_refused(
+    publisher: FoxglovePublisher, headers: dict[str, str], status: int
+) -> None:
+    given = {
+        "Host": f"127.0.0.1:{publisher.port}",
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Protocol": PROTOCOLS[0],
+    } | headers
+    lines = "".join(f"{name}: {value}\r\n" for name, value in given.items())
+    with socket.create_connection(("127.0.0.1", publisher.port), timeout=PATIENCE_S) as one:
+        one.sendall(f"GET / HTTP/1.1\r\n{lines}\r\n".encode())
+        assert int(one.recv(64).split()[1]) == status
+
+
+def test_nothing_that_a_client_sends_ends_the_server(connected: Callable[..., Client]) -> None:
+    rude = connected()
+    asked: list[Any] = [
+        [], {"op": "setParameters"}, {"op": "subscribe"},
+        {"op": "subscribe", "subscriptions": [{"id": "x"}]},
+    ]  # fmt: skip
+    for text in ("no json", *map(json.dumps, asked)):
+        rude.socket.send(text)
+    assert connected().told[0]["name"] == "spikingtac"
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "told"),
+    [
+        (["--port", "70000"], 2, "0 to 65535"),
+        (["--host", "everybody"], 2, "no address"),
+        (["--field-hz", "0"], 2, "1 to 10000"),
+        (["--port", "taken"], 3, "another --port"),
+    ],
+)
+def test_mistakes_are_told(
+    options: list[str], code: int, told: str, publisher: FoxglovePublisher, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    circling_tracks(estimates=10).save(tmp_path / "tracks.npz")
+    given = [str(publisher.port) if option == "taken" else option for option in options]
+    assert main(["foxglove", str(tmp_path / "tracks.npz"), *given]) == code
+    assert told in capsys.readouterr().err
+
+
+def test_the_extra_is_named_where_it_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    circling_tracks(estimates=10).save(tmp_path / "tracks.npz")
+    messages.type_store.cache_clear()
+    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
+    assert main(["foxglove", str(tmp_path / "tracks.npz")]) == 3
+    assert "spikingtac[ros2]" in capsys.readouterr().err
