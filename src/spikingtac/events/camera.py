@@ -165,7 +165,7 @@ KINDS = {
         "RAW from a named pipe, or standard input as pipe:-",
     ),
     "ring": CameraKind(
-        "spikingtac.stream.attached:RingCamera", "ring:press",
+        "spikingtac.stream.sources:RingCamera", "ring:press",
         "what another process reads, under an address with share=press",
     ),
     "twin": CameraKind(
@@ -186,12 +186,12 @@ def open_camera(address: Address) -> Camera:
     """
     own = {name: kind.place for name, kind in KINDS.items()}
     camera = named(with_plugins(own, plugins.CAMERAS), address.kind, "kind of camera")
-    chosen: type[Camera] = import_camera(camera) if isinstance(camera, str) else camera
+    chosen: type[Camera] = import_place(camera) if isinstance(camera, str) else camera
     address.require_options((*chosen.OPTIONS, *SOURCE_OPTIONS))
     return chosen.open(address)
 
 
-def import_camera(place: str) -> type[Camera]:
-    """Return the class at ``module:class``."""
+def import_place(place: str) -> Any:
+    """Return what stands at ``module:name``."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)

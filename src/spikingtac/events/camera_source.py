@@ -11,14 +11,18 @@ import numpy as np
 
 from spikingtac.errors import CameraLostError, DeviceError, RecordingError
 from spikingtac.events.address import Address
-from spikingtac.events.camera import Camera, open_camera
+from spikingtac.events.camera import Camera, import_place, open_camera
 from spikingtac.events.delivery import CameraHealth, ClockFit, DeliveryMeter
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
+from spikingtac.events.formats.packing import ColumnCheck
 
 # What to do when a camera is gone: end the stream and count it, raise, or wait until it is back.
 #
 # A robot's guard must never reconnect: the watchdog has to trip.
 WhenLost = Literal["end", "raise", "reconnect"]
+
+# What shows the events of a camera to others; imported only where an address has ``share=NAME``.
+SHARED_WRITER = "spikingtac.stream.packets:shared_writer"
 
 # Longest wait for a camera before the source looks whether it shall stop, s (ours: nobody notices
 # it, and it costs nothing).
@@ -39,7 +43,7 @@ class Gap(NamedTuple):
 
 
 class CameraSource(FileSource):
-    """Events of a camera, packet by packet as they come.
+    """Events of a camera, packet by packet as they come; shared where its address says so.
 
     A new iteration goes on where the last one ended. After a reconnect the sensor's clock begins
     anew; its times are moved so that they go on from the last event by the host's clock.
@@ -65,13 +69,17 @@ class CameraSource(FileSource):
         DeviceError: There is no such camera, or it refuses.
     """
 
+    checked = True
+
     def __init__(self, address: Address, options: ReadOptions, when_lost: WhenLost = "end") -> None:
         self.address, self.when_lost = address, when_lost
         self._seconds = address.number("seconds", LONGEST_S, 1e-3, LONGEST_S)
         self.camera: Camera = open_camera(address)
-        self.checked = self.camera.checked
         self.format = f"{address.kind} camera"
         super().__init__(Path(str(address)), options)
+        share = address.text("share")
+        # Others attach to this ring as ring:NAME, whichever verb reads the camera.
+        self._shared = import_place(SHARED_WRITER)(self, share) if share else None
         self.ended = ""
         self.on_poll: Callable[[], object] = lambda: None
         self.received_s = time.monotonic()
@@ -94,13 +102,38 @@ class CameraSource(FileSource):
     def release(self) -> None:
         """Close the camera; nothing can be read afterwards."""
         self._closing = True
+        self._close()
+        self._end_sharing()
+
+    def _close(self) -> None:
         self.camera.close()
         self._take_counts()
+
+    def _show(self, rows: Rows) -> Rows:
+        if self._shared is not None:
+            self._shared.write_rows(rows)
+        return rows
+
+    def _end_sharing(self) -> None:
+        shared, self._shared = self._shared, None
+        if shared is not None:
+            shared.close()
 
     def _size(self) -> tuple[int, int]:
         return self.camera.size
 
     def _columns(self) -> Iterator[Rows]:
+        check = None if self.camera.checked else ColumnCheck(self.size, self.losses)
+        try:
+            for rows in self._placed_rows():
+                yield self._show(rows if check is None else check(*rows))
+            if check is not None:
+                yield self._show(check.finish())
+        finally:
+            if self._closing or self.ended:
+                self._end_sharing()
+
+    def _placed_rows(self) -> Iterator[Rows]:
         begun_s = time.monotonic()
         self.ended = ""
         try:
@@ -119,8 +152,7 @@ class CameraSource(FileSource):
             self.ended = "closed"
         finally:
             if self._closing or self.ended:
-                self.camera.close()
-                self._take_counts()
+                self._close()
 
     def _read(self) -> Rows | None:
         try:

@@ -10,9 +10,9 @@ from .sensor import LiveFrame as LiveFrame
 
 # A camera's events, read at once for several users
 from .reader import EventReader as EventReader
-from .reader import new_ring as new_ring
-from .reading import at_once as at_once
-from .attached import RingCamera as RingCamera
+from .packets import new_ring as new_ring
+from .packets import at_once as at_once
+from .sources import RingCamera as RingCamera
 
 # Windows of several sensors in step
 from .windows import live_windows as live_windows

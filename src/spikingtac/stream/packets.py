@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 import struct
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from spikingtac.errors import ConfigError
 from spikingtac.events.formats.codec import Triggers
+from spikingtac.events.formats.file_source import FileSource, Rows
 from spikingtac.stream.ring import NOTE, SharedRing
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, LossCounters
+
+ROOM_BYTES = 16 << 20  # Room for events that wait for their users: 1.8 million, 0.6 s at 3 Mev/s.
+SHARED_BYTES = 32 << 20  # The same of a ring that is shared under a name.
 
 # Events of one message, and room of a ring for each of them, bytes: a message takes a fifth of
 # the ring at most. A longer packet is cut.
 MOST_EVENTS, ROOM_PER_EVENT = 1 << 17, 64
-_HEAD = struct.Struct("<qqdIII?3x")  # span, arrival, events, edges, bytes of losses, long times
+_HEAD = struct.Struct("<qqqdIII?3x")  # span, first time, arrival, counts and lengths, long times
 SHORT_US = 1 << 32  # A packet that spans less has its times as four bytes each.
 SIDE_BITS = 20
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,14 +38,35 @@ class Delivery:
     Attributes:
         packet: The events.
         received_s: When they were here, on the host's monotonic clock, s.
-        triggers: The trigger edges that came with them, or None.
-        losses: What the source has counted so far, by kind, where it has changed; else None.
+        triggers: The trigger edges that came with them.
     """
 
     packet: EventPacket
     received_s: float
-    triggers: Triggers | None = None
-    losses: Mapping[str, int] | None = None
+    triggers: Triggers
+
+
+def shared_name(name: str) -> str:
+    """Return the name in shared memory of a ring that is shared under a name.
+
+    Raises:
+        ConfigError: It is none.
+    """
+    if not _NAME.fullmatch(name):
+        raise ConfigError(f"{name!r} is no name to share under; up to 40 letters, digits, _ and -")
+    return f"spikingtac-{name}"
+
+
+def new_ring(size: tuple[int, int], room_bytes: int = ROOM_BYTES, share: str = "") -> SharedRing:
+    """Return a ring for packets of a size, px, which others find where it is shared under a name.
+
+    Raises:
+        ConfigError: It is no name.
+        DeviceError: Another process shares under it, or there is no room.
+    """
+    ring = SharedRing.create(room_bytes, shared_name(share) if share else None)
+    tell_size(ring, size)
+    return ring
 
 
 def tell_size(ring: SharedRing, size: tuple[int, int]) -> None:
@@ -61,92 +90,157 @@ class PacketWriter:
 
     def __init__(self, ring: SharedRing, source: Any) -> None:
         self._ring, self._source = ring, source
-        self._losses: Mapping[str, int] = getattr(source, "losses", {})
-        self._told, self._words, self._passed = {}, b"{}", 0
+        self._losses: Mapping[str, int] = {}
+        self._words, self._passed = b"{}", 0
         self._most = max(min(MOST_EVENTS, ring.room // ROOM_PER_EVENT), 1)
 
-    def messages(self, packet: EventPacket) -> Iterable[tuple[int, list[Any]]]:
-        """Yield the number of events and the parts of each message of a packet."""
+    def write(self, packet: EventPacket) -> None:
+        """Write a packet, in parts where it is long."""
         for first in range(0, max(len(packet), 1), self._most):
             last = min(first + self._most, len(packet))
-            whole = last - first == len(packet)
             begin_us = packet.t_start_us if first == 0 else int(packet.t[first])
             end_us = packet.t_end_us if last == len(packet) else int(packet.t[last - 1]) + 1
-            part = packet if whole else packet.part(first, last, begin_us, end_us)
-            yield last - first, self._parts(part)
+            part = packet.part(first, last, begin_us, end_us)
+            self._ring.publish(*self._parts(part), weight=len(part))
+
+    def write_rows(self, rows: Rows) -> None:
+        """Write columns, which are in order."""
+        if len(rows[3]):
+            self.write(packet_of(rows, self._source.size))
 
     def finish(self) -> None:
         """Write what was counted after the last packet, and say that nothing follows."""
-        last = getattr(self._source, "size", None)
-        if last is not None and (self._told != self._losses or len(self._edges()) > self._passed):
-            _, parts = next(iter(self.messages(EventPacket.empty(0, 0, last))))
-            self._ring.publish(*parts)
+        size = told_size(self._ring)
+        if size and (self._losses != self._source.losses or len(self._edges()) > self._passed):
+            self.write(EventPacket.empty(0, 0, size))
         self._ring.finish()
 
+    def close(self) -> None:
+        """Finish, and give the ring back."""
+        self.finish()
+        self._ring.close()
+
     def _parts(self, packet: EventPacket) -> list[Any]:
-        if self._told != self._losses:
-            self._told = dict(self._losses)
-            self._words = json.dumps(self._told).encode()
+        if self._losses != self._source.losses:
+            self._losses = dict(self._source.losses)
+            self._words = json.dumps(self._losses).encode()
         edges = self._edges()
         edges = edges.select(slice(self._passed, None)) if len(edges) > self._passed else Triggers()
         self._passed += len(edges)
-        first_us = int(packet.t[0]) if len(packet) else 0
-        long = len(packet) > 0 and int(packet.t[-1]) - first_us >= SHORT_US
+        count = len(packet)
+        first_us = int(packet.t[0]) if count else 0
+        long = count > 0 and int(packet.t[-1]) - first_us >= SHORT_US
         received_s = getattr(self._source, "received_s", None) or time.monotonic()
-        span = packet.t_start_us, packet.t_end_us, received_s
-        head = _HEAD.pack(*span, len(packet), len(edges), len(self._words), long)
+        times = packet.t_start_us, packet.t_end_us, first_us, received_s
+        head = _HEAD.pack(*times, count, len(edges), len(self._words), long)
         t = packet.t if long else (packet.t - first_us).astype(np.uint32)
-        parts = [head, first_us.to_bytes(8, "little", signed=True), _bytes(t, t.dtype)]
-        parts += [_bytes(packet.x, np.uint16), _bytes(packet.y, np.uint16), _bytes(packet.p, bool)]
+        columns = [(t, t.dtype), (packet.x, np.uint16), (packet.y, np.uint16), (packet.p, bool)]
         if len(edges):
-            parts += [_bytes(edges.t_us, np.int64), _bytes(edges.channel, np.uint8)]
-            parts.append(_bytes(edges.edge, bool))
-        return [*parts, self._words]
+            columns += [(edges.t_us, np.int64), (edges.channel, np.uint8), (edges.edge, bool)]
+        # Views, without a copy where a column is in one piece.
+        views = [np.ascontiguousarray(column, kind).data.cast("B") for column, kind in columns]
+        return [head, *views, self._words]
 
     def _edges(self) -> Triggers:
         return getattr(self._source, "triggers", None) or Triggers()
 
 
 class PacketReader:
-    """Turns the messages of a ring of packets into deliveries.
+    """A user of a ring of packets: takes them in order, and counts what it was too slow for.
 
     Args:
-        size: Of the packets, ``(width, height)``, px.
+        ring: Of packets whose size is known.
+        from_now: Begin with the next packet, and count from then on.
+        late_s: A user that is so late goes on with the newest events, s.
+
+    Attributes:
+        losses: What the source has counted, by kind, and under ``missed`` what was missed here.
+        received_s: When the latest packet that was taken was here, on the monotonic clock, s.
     """
 
-    def __init__(self, size: tuple[int, int]) -> None:
-        self._size = size
-        self._words = b"{}"
+    def __init__(
+        self, ring: SharedRing, *, from_now: bool = False, late_s: float = math.inf
+    ) -> None:
+        self._reader, self._late_s = ring.reader(from_now=from_now), late_s
+        self._size = told_size(ring) or (0, 0)
+        self.losses, self.received_s = LossCounters(), time.monotonic()
+        self._words, self._missed_before = b"{}", 0
+        self._before: Mapping[str, int] | None = None if from_now else {}
 
-    def delivery(self, data: bytearray) -> Delivery:
-        """Return what a message holds; its columns are views of the message."""
-        begin_us, end_us, received_s, events, edges, length, long = _HEAD.unpack_from(data)
-        first_us = int.from_bytes(data[_HEAD.size : _HEAD.size + 8], "little", signed=True)
-        at = _Columns(data, _HEAD.size + 8)
-        t = at.take(events, np.int64 if long else np.uint32)
-        t = t if long else t.astype(np.int64) + first_us
-        x, y, p = at.take(events, np.uint16), at.take(events, np.uint16), at.take(events, np.bool_)
-        triggers = Triggers() if edges else None
-        if triggers is not None:
-            kinds = (np.int64, np.uint8, np.bool_)
-            triggers.append(*(at.take(edges, kind) for kind in kinds))
-        words, losses = bytes(data[at.place : at.place + length]), None
-        if words != self._words:
-            self._words, losses = words, json.loads(words)
-        packet = EventPacket(x, y, p, t, begin_us, end_us, self._size, True)
-        return Delivery(packet, received_s, triggers, losses)
+    @property
+    def lost_events(self) -> int:
+        """Events that this user was too slow for."""
+        return self._reader.lost
 
-
-class _Columns:
-    def __init__(self, data: bytearray, place: int) -> None:
-        self._data, self.place = data, place
-
-    def take(self, count: int, kind: Any) -> Any:
-        found = np.frombuffer(self._data, kind, count, self.place) if count else np.empty(0, kind)
-        self.place += found.nbytes
+    def next(self) -> Delivery | None:
+        """Return the next packet that is there, or None."""
+        data = self._reader.next()
+        if data is None:
+            return None
+        found = self._delivery(data)
+        self.received_s = found.received_s
+        if time.monotonic() - found.received_s > self._late_s:
+            self._reader.give_up()
+        self._count()
         return found
 
+    def give_up(self) -> None:
+        """Count what waits as missed."""
+        self._reader.give_up()
+        self._count()
 
-def _bytes(column: Any, kind: Any) -> Any:
-    """Return the bytes of a column without a copy where it is in one piece."""
-    return np.ascontiguousarray(column, kind).data.cast("B")
+    def _count(self) -> None:
+        missed = self._missed_before + self._reader.lost
+        if missed:
+            self.losses["missed"] = missed
+
+    def _delivery(self, data: bytearray) -> Delivery:
+        """Return what a message holds; its columns are views of the message."""
+        head = _HEAD.unpack_from(data)
+        begin_us, end_us, first_us, received_s, events, edges, length, long = head
+        place = _HEAD.size
+
+        def column(count: int, kind: Any) -> Any:
+            nonlocal place
+            found = np.frombuffer(data, kind, count, place) if count else np.empty(0, kind)
+            place += found.nbytes
+            return found
+
+        t = column(events, np.int64 if long else np.uint32)
+        t = t if long else t.astype(np.int64) + first_us
+        x, y, p = column(events, np.uint16), column(events, np.uint16), column(events, np.bool_)
+        triggers = Triggers()
+        if edges:
+            triggers.append(*(column(edges, kind) for kind in (np.int64, np.uint8, np.bool_)))
+        words = bytes(data[place : place + length])
+        if words != self._words:
+            self._words, told = words, json.loads(words)
+            before = self._before = told if self._before is None else self._before
+            self.losses.clear()
+            for kind, count in told.items():
+                self.losses.add(kind, count - before.get(kind, 0))
+            self._missed_before = self.losses["missed"]
+        packet = EventPacket(x, y, p, t, begin_us, end_us, self._size, True)
+        return Delivery(packet, received_s, triggers)
+
+
+def packet_of(rows: Rows, size: tuple[int, int]) -> EventPacket:
+    """Return columns of some events, which are in order, as a packet."""
+    x, y, p, t = rows
+    return EventPacket(x, y, p, t, int(t[0]), int(t[-1]) + 1, size, True)
+
+
+def shared_writer(source: Any, name: str) -> PacketWriter:
+    """Return what shows the events of a source to others, as the camera ``ring:NAME``."""
+    return PacketWriter(new_ring(source.size, SHARED_BYTES, name), source)
+
+
+def at_once(source: FileSource) -> Iterator[EventPacket]:
+    """Yield what came at once: nothing is held back, as a packet for a tracker would be.
+
+    Args:
+        source: A camera or a pipe, whose columns come checked.
+    """
+    for rows in source.columns():
+        if len(rows[3]):
+            yield packet_of(rows, source.size)

@@ -17,7 +17,8 @@ from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.clock import PPM, TimeMap
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.manifest import RetimedSource
-from spikingtac.stream.reader import POLL_S
+from spikingtac.stream.packets import at_once
+from spikingtac.stream.reader import POLL_S, EventReader
 from spikingtac.stream.sources import LiveSource
 
 # Time between two looks at the clocks, us: milliseconds are learned in it at first, microseconds
@@ -85,8 +86,10 @@ class FirstCamera(LiveSource):
 
     live_map: LiveMap | None = None
 
-    def __init__(self, camera: CameraSource, options: ReadOptions) -> None:
-        super().__init__(camera, options)
+    def __init__(self, camera: CameraSource) -> None:
+        super().__init__(
+            lambda: EventReader.in_thread(at_once(camera), camera), camera.size, camera.path
+        )
         self.camera = camera
         self.beside: list[FirstCamera] = [self]
 
@@ -149,7 +152,7 @@ def live_pair(
         options: As of both.
     """
     live_map = LiveMap(second.clock.mapping, first.clock.mapping)
-    both = FirstCamera(first, options), FirstCamera(second, options)
+    both = FirstCamera(first), FirstCamera(second)
     for source in both:
         source.beside = list(both)
     return both[0], OnAnotherClock(both[1], live_map, options)

@@ -1,75 +1,155 @@
 """Events that are read at once into a ring, in a thread or a process beside their users.
 
 Whoever is busy leaves no camera unread: the reader goes on, and a user that was too slow is told
-how many events it has missed. Other processes attach to the ring of a reader by its name.
+how many events it has missed.
 """
 
 from __future__ import annotations
 
-import re
+import threading
 import time
 import weakref
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from typing import Any
 
-from spikingtac.errors import ConfigError
-from spikingtac.stream.host import Factory, Host
-from spikingtac.stream.packets import Delivery, PacketReader, tell_size, told_size
-from spikingtac.stream.reading import Reading, ReadingProcess, ReadingThread, fill
+from spikingtac.events.camera_source import CameraSource
+from spikingtac.events.formats.file_source import FileSource
+from spikingtac.stream.host import Asker, Factory, Host, closed_by, end_in_order
+from spikingtac.stream.packets import (
+    ROOM_BYTES,
+    Delivery,
+    PacketReader,
+    PacketWriter,
+    at_once,
+    new_ring,
+    tell_size,
+    told_size,
+)
 from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket, LossCounters
 
-ROOM_BYTES = 16 << 20  # Room for events that wait for their users: 1.8 million, 0.6 s at 3 Mev/s.
-AHEAD_BYTES = 4 << 20  # Room of a simulation that waits for its user.
 POLL_S = 0.05  # Longest wait of a user before it looks whether it shall end, s.
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
+END_S = 0.1  # Wait for how a process has ended, s.
 
 
-def shared_name(name: str) -> str:
-    """Return the name in shared memory of a ring that is shared under a name.
+class ReadingThread:
+    """A thread of this process that fills a ring."""
 
-    Raises:
-        ConfigError: It is none.
-    """
-    if not _NAME.fullmatch(name):
-        raise ConfigError(f"{name!r} is no name to share under; up to 40 letters, digits, _ and -")
-    return f"spikingtac-{name}"
+    def __init__(self, stream: Iterable[EventPacket], source: Any, ring: SharedRing) -> None:
+        self._error: BaseException = EOFError()
+        self._bell, self._source = threading.Event(), source
+        self._thread = threading.Thread(
+            target=self._run, args=(stream, ring), name="spikingtac-reader", daemon=True
+        )
+        self._thread.start()
+
+    def over(self) -> bool:
+        """Return whether nothing more comes."""
+        self._bell.clear()
+        return not self._thread.is_alive()
+
+    def wait(self, seconds: float) -> None:
+        """Wait for something new, but not longer."""
+        self._bell.wait(seconds)
+
+    def outcome(self) -> BaseException:
+        """Return what ended the stream: an error, or EOFError."""
+        return self._error
+
+    def close(self) -> None:
+        """End the stream."""
+        close = getattr(self._source, "close", None)
+        if close is not None:
+            close()
+
+    def _run(self, stream: Iterable[EventPacket], ring: SharedRing) -> None:
+        writer = PacketWriter(ring, self._source)
+        try:
+            for packet in stream:
+                writer.write(packet)
+                self._bell.set()
+            writer.finish()
+        except BaseException as error:  # raised where the events are used
+            self._error = error
+        with suppress(ValueError, TypeError):  # its user has given the ring back
+            ring.finish()
+        self._bell.set()
 
 
-def new_ring(size: tuple[int, int], room_bytes: int = ROOM_BYTES, share: str = "") -> SharedRing:
-    """Return a ring for packets of a size, px, which others find where it is shared under a name.
+class ReadingProcess:
+    """A process of its own that fills a ring; as :class:`ReadingThread`."""
 
-    Raises:
-        ConfigError: It is no name.
-        DeviceError: Another process shares under it, or there is no room.
-    """
-    ring = SharedRing.create(room_bytes, shared_name(share) if share else None)
-    tell_size(ring, size)
-    return ring
+    def __init__(self, host: Host, ring: SharedRing) -> None:
+        self._host, self._ring = host, ring
+        self._end: BaseException | None = None
+
+    def over(self) -> bool:
+        """Return whether nothing more comes."""
+        while self._hear(0.0):
+            pass
+        return self._end is not None
+
+    def wait(self, seconds: float) -> None:
+        """Wait for something new, but not longer."""
+        self._hear(seconds)
+
+    def outcome(self) -> BaseException:
+        """Return what ended the stream: an error, or EOFError."""
+        if not isinstance(self._end, EOFError) or self._ring.finished:
+            return self._end or EOFError()
+        self._host.wait(END_S)
+        return closed_by(self._host, "the events")
+
+    def close(self) -> None:
+        """End the stream."""
+        self._host.close()
+
+    def _hear(self, seconds: float) -> bool:
+        """Take one call of the process that something is new; False where there is none."""
+        try:
+            return self._end is None and self._host.receive(seconds) is not None
+        except Exception as error:  # what ended the stream; its last events are in the ring
+            self._end = error
+            return False
+
+
+def fill(asker: Asker, opened: Factory[FileSource], name: str) -> None:
+    """Fill a ring of the asker's; the whole work of a reading process."""
+    end_in_order()
+    ring = SharedRing.attach(name)
+    source = opened()
+    try:
+        tell_size(ring, source.size)
+        writer = PacketWriter(ring, source)
+        for packet in at_once(source):
+            writer.write(packet)
+            asker.wake()
+        writer.finish()
+    finally:
+        if isinstance(source, CameraSource):
+            source.release()
 
 
 class EventReader:
     """A stream that is read into a ring, and the first of the ring's users.
 
+    Args:
+        ring: That is filled.
+        reading: Who fills it.
+
     Attributes:
         size: ``(width, height)`` of the sensor, px.
-        losses: What the source has counted so far, by kind, and under ``missed`` the events that
-            this user was too slow for.
-        received_s: When the latest packet that was taken was here, on the monotonic clock, s.
     """
 
-    def __init__(self, ring: SharedRing, reading: Reading, waited_for: bool) -> None:
+    def __init__(self, ring: SharedRing, reading: ReadingThread | ReadingProcess) -> None:
         self.ring, self._reading = ring, reading
-        self._reader = ring.reader(waited_for=waited_for)
-        self.losses, self.received_s = LossCounters(), time.monotonic()
         self._close_ring = weakref.finalize(self, ring.close)
-        self._missed_before = 0
         while (size := told_size(ring)) is None:
             if reading.over():
                 raise reading.outcome()
             reading.wait(POLL_S)
-        self.size, self._packets = size, PacketReader(size)
+        self.size, self._packets = size, PacketReader(ring)
 
     @classmethod
     def in_thread(
@@ -83,53 +163,50 @@ class EventReader:
             ring: Where they wait for their users; one that is not shared unless given.
         """
         ring = ring or new_ring(source.size)
-        return cls(ring, ReadingThread(stream, source, ring), False)
+        return cls(ring, ReadingThread(stream, source, ring))
 
     @classmethod
     def in_process(
         cls,
-        opened: Factory[Any],
+        opened: Factory[FileSource],
         size: tuple[int, int] | None = None,
-        take_side_data: Callable[[Any], None] | None = None,
-        *,
-        share: str = "",
-        inherit: bool = False,
     ) -> EventReader:
         """Read a stream in a process of its own.
 
         Args:
             opened: Opens it there.
             size: Of the packets, ``(width, height)``, px; None waits until the source is open.
-            take_side_data: Of a simulation, which yields packets with side data and waits for this
-                user: takes what belongs to a packet before it is taken. None: it is a source.
-            share: Name under which other processes attach; empty for none.
-            inherit: As of :class:`~spikingtac.stream.host.Host`.
 
         Raises:
             SpikingTacError: It could not be opened.
         """
-        waits = take_side_data is not None
-        room = AHEAD_BYTES if waits else ROOM_BYTES
-        ring = SharedRing.create(room, shared_name(share) if share else None)
-        if size is not None:
-            tell_size(ring, size)
-        given = {"opened": opened, "name": ring.name, "waits": waits}
-        host = Host(Factory(function=fill, arguments=given), inherit=inherit)
+        ring = SharedRing.create(ROOM_BYTES) if size is None else new_ring(size)
+        host = Host(Factory(function=fill, arguments={"opened": opened, "name": ring.name}))
         try:
-            return cls(ring, ReadingProcess(host, ring, take_side_data or (lambda _: None)), waits)
+            return cls(ring, ReadingProcess(host, ring))
         except BaseException:
             host.close()
             raise
 
     @property
-    def ended(self) -> bool:
-        """True once nothing more comes."""
-        return self._reading.over()
+    def losses(self) -> LossCounters:
+        """What the source has counted, by kind, and under ``missed`` what this user missed."""
+        return self._packets.losses
+
+    @property
+    def received_s(self) -> float:
+        """When the latest packet that was taken was here, on the monotonic clock, s."""
+        return self._packets.received_s
 
     @property
     def lost_events(self) -> int:
         """Events that this user was too slow for."""
-        return self._reader.lost
+        return self._packets.lost_events
+
+    @property
+    def ended(self) -> bool:
+        """True once nothing more comes."""
+        return self._reading.over()
 
     def take(self, timeout_s: float = 0.0) -> Delivery | None:
         """Return what came next, or None where nothing came in time.
@@ -141,12 +218,11 @@ class EventReader:
         until_s = time.monotonic() + timeout_s
         while True:
             over = self._reading.over()  # asked first: the last events come before the end
-            data = self._reader.next()
-            if data is not None:
-                return self._delivery(data)
+            found = self._packets.next()
+            if found is not None:
+                return found
             if over:
-                self._reader.give_up()
-                self._count_missed()
+                self._packets.give_up()
                 raise self._reading.outcome()
             left_s = until_s - time.monotonic()
             if left_s <= 0.0:
@@ -163,8 +239,7 @@ class EventReader:
 
     def give_up(self) -> None:
         """Count what waits as missed."""
-        self._reader.give_up()
-        self._count_missed()
+        self._packets.give_up()
 
     def close(self) -> None:
         """End the stream; what a thread has read by then can still be taken."""
@@ -174,18 +249,3 @@ class EventReader:
         """End the stream, and give the ring back."""
         self._reading.close()
         self._close_ring()
-
-    def _delivery(self, data: bytearray) -> Delivery:
-        self._reading.over()  # what was told before these events
-        found = self._packets.delivery(data)
-        self.received_s = found.received_s
-        if found.losses is not None:
-            self.losses.update(found.losses)
-            self._missed_before = found.losses.get("missed", 0)
-        self._count_missed()
-        return found
-
-    def _count_missed(self) -> None:
-        missed = self._missed_before + self._reader.lost
-        if missed:
-            self.losses["missed"] = missed

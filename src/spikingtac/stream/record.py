@@ -17,8 +17,8 @@ from spikingtac.events.formats.array_file import ColumnFile
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.manifest import MANIFEST, TRUTH, name_of, read_manifest
 from spikingtac.events.source import source_health
-from spikingtac.stream.reader import EventReader, new_ring
-from spikingtac.stream.reading import at_once
+from spikingtac.stream.packets import at_once, new_ring
+from spikingtac.stream.reader import EventReader
 from spikingtac.stream.recorder import Recorder, RecorderState
 from spikingtac.stream.segments import Split
 from spikingtac.types import EventPacket
@@ -134,8 +134,7 @@ class _Session:
         self._about: dict[str, Any] = self._described()
         self._recorder = Recorder(folder, source.size, options.split, lambda: self._about, sensor)
         self._truth = _truth_file(source, folder / name_of(TRUTH, sensor))
-        share = source.address.text("share")
-        self._ring = new_ring(source.size, options.room_bytes, share)
+        self._ring = new_ring(source.size, options.room_bytes)
         self._going = True
         self._reader: EventReader | None = None
 
@@ -218,8 +217,7 @@ class _Session:
                     self._recorder.lose(missed, found.packet.t_start_us)
                 packets.append(found.packet)
                 events += len(found.packet)
-                if found.triggers is not None:
-                    edges.extend(found.triggers)
+                edges.extend(found.triggers)
                 found = reader.take() if events < JOINED_EVENTS else None
         finally:
             self._write(packets, edges)

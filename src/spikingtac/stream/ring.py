@@ -12,11 +12,11 @@ import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import suppress
+from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
-from typing import Any
+from typing import Any, Protocol
 
 from spikingtac.errors import DeviceError
-from spikingtac.stream.shared_memory import attached, reserve
 
 # Largest messages that a ring for the latest one holds: the writer publishes three more of them
 # before it overwrites the latest.
@@ -24,12 +24,20 @@ SLOTS = 4
 
 # Offsets in the head, bytes: room for messages; places of the oldest message, of the end and of
 # the newest message; messages and weight so far; whether the writer has ended, and its process;
-# place and messages of a reader that is waited for; a number that the writer tells.
-ROOM, OLDEST, END, NEWEST, COUNT, WEIGHT, CLOSED, WRITER, TAKEN, TAKEN_COUNT, NOTE = range(0, 88, 8)
+# a number that the writer tells.
+ROOM, OLDEST, END, NEWEST, COUNT, WEIGHT, CLOSED, WRITER, NOTE = range(0, 72, 8)
 HEAD_BYTES = 128
 _NUMBER = struct.Struct("<Q")
 _MESSAGE = struct.Struct("<QQIIII")  # number, weight before, weight, length, checksum, filler
 ALIGNED = 8
+
+
+class Publisher(Protocol):
+    """Takes the latest message; the loop that publishes never waits for it."""
+
+    def publish(self, message: bytes, /) -> bool:
+        """Offer a message; False where it was too large and was not taken."""
+        ...
 
 
 class SharedRing:
@@ -79,8 +87,10 @@ class SharedRing:
             raise DeviceError(
                 f"another program shares its events under {name!r}; choose another name"
             ) from error
+        reserve, file = getattr(os, "posix_fallocate", None), getattr(memory, "_fd", -1)
         try:
-            reserve(memory, HEAD_BYTES + room)
+            if reserve is not None and file >= 0:  # a page that is missing later ends the process
+                reserve(file, 0, HEAD_BYTES + room)
         except OSError as error:
             memory.close()
             memory.unlink()
@@ -102,7 +112,13 @@ class SharedRing:
     @classmethod
     def attach(cls, name: str) -> SharedRing:
         """Open a ring that another process made; FileNotFoundError where there is none."""
-        return cls(attached(name), False)
+        register = resource_tracker.register
+        # The tracker of this process must not remove it at its end (Python 3.13: track=False).
+        resource_tracker.register = lambda *_: None
+        try:
+            return cls(SharedMemory(name=name), False)
+        finally:
+            resource_tracker.register = register
 
     @property
     def name(self) -> str:
@@ -138,28 +154,16 @@ class SharedRing:
         """Set a number of the head."""
         _NUMBER.pack_into(self.buffer, what, value)
 
-    def write_here(self) -> None:
-        """Say that this process is the writer from now on."""
-        self.put(WRITER, os.getpid())
-
-    def has_room(self, length: int, ahead: int) -> bool:
-        """Return whether a message overwrites nothing that the reader still has to take.
-
-        Args:
-            length: Of the message.
-            ahead: Most messages that may wait for the reader.
-        """
-        fits = self._placed(length)[1] - self.get(TAKEN) <= self.room
-        return fits and self.get(COUNT) - self.get(TAKEN_COUNT) < ahead
-
     def publish(self, *parts: Any, weight: int = 0) -> bool:
         """Append a message, given in parts; False where it does not fit into the ring at all.
 
         A reader that misses it is told its ``weight``, as events.
         """
-        length = sum(map(len, parts))
-        at, end = self._placed(length)
-        if end - at > self.room:
+        length, at = sum(map(len, parts)), self.get(END)
+        need, left = _MESSAGE.size + -(-length // ALIGNED) * ALIGNED, self.room - at % self.room
+        at += left if need > left else 0
+        end = at + need
+        if need > self.room:
             return False
         before, number = self.get(WEIGHT), self.get(COUNT) + 1
         self._give_up(at, end)
@@ -184,14 +188,9 @@ class SharedRing:
         found = self.message(self.get(NEWEST)) if self.get(COUNT) > after else None
         return None if found is None or found[0] <= after else (found[0], bytes(found[3]))
 
-    def reader(self, *, from_now: bool = False, waited_for: bool = False) -> RingReader:
-        """Return a reader of all messages in order.
-
-        Args:
-            from_now: Begin with the next message instead of the first one ever.
-            waited_for: The writer asks :meth:`has_room`: tell it what was taken.
-        """
-        return RingReader(self, from_now, waited_for)
+    def reader(self, *, from_now: bool = False) -> RingReader:
+        """Return a reader of all messages in order, or of those from the next one on."""
+        return RingReader(self, from_now)
 
     def message(self, at: int) -> tuple[int, int, int, bytearray] | None:
         """Return number, weight before, weight and bytes at a place; None where there is none."""
@@ -227,13 +226,6 @@ class SharedRing:
             with suppress(FileNotFoundError):
                 self._memory.unlink()
 
-    def _placed(self, length: int) -> tuple[int, int]:
-        """Return where a message of a length begins, and where it ends."""
-        at, need = self.get(END), _MESSAGE.size + -(-length // ALIGNED) * ALIGNED
-        left = self.room - at % self.room
-        at += left if need > left else 0
-        return at, at + need
-
     def _give_up(self, at: int, end: int) -> None:
         """Give up the oldest messages that a new one overwrites, before it does."""
         former, oldest = self.get(END), self.get(OLDEST)
@@ -254,8 +246,8 @@ class RingReader:
         lost: Their weight.
     """
 
-    def __init__(self, ring: SharedRing, from_now: bool, waited_for: bool) -> None:
-        self._ring, self._waited_for = ring, waited_for
+    def __init__(self, ring: SharedRing, from_now: bool) -> None:
+        self._ring = ring
         self._at = ring.get(END) if from_now else 0
         self.number = ring.get(COUNT) if from_now else 0
         self._weight = ring.get(WEIGHT) if from_now else 0
@@ -272,24 +264,19 @@ class RingReader:
             if found is None:  # a filler, or damaged: the next number tells
                 continue
             number, before, weight, data = found
-            self._count(number - 1, before)
+            self.missed += number - 1 - self.number
+            self.lost += before - self._weight
             self.number, self._weight = number, before + weight
             self.taken += 1
-            if self._waited_for:
-                ring.put(TAKEN, following)
-                ring.put(TAKEN_COUNT, number)
             return data
         return None
 
     def give_up(self) -> None:
         """Count what was published and not taken as lost."""
-        self._count(self._ring.get(COUNT), self._ring.get(WEIGHT))
-        self.number, self._weight = self._ring.get(COUNT), self._ring.get(WEIGHT)
-        self._at = self._ring.get(END)
-
-    def _count(self, number: int, weight: int) -> None:
+        number, weight = self._ring.get(COUNT), self._ring.get(WEIGHT)
         self.missed += number - self.number
         self.lost += weight - self._weight
+        self.number, self._weight, self._at = number, weight, self._ring.get(END)
 
     def __iter__(self) -> Iterator[bytearray]:
         while (data := self.next()) is not None:

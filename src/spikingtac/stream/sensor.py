@@ -12,16 +12,17 @@ import numpy as np
 
 from spikingtac.arrays import one_line
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import CalibrationError
+from spikingtac.events.address import is_stream
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
-from spikingtac.stream.host import Asker
+from spikingtac.stream.clock import US_PER_S, StreamClock
+from spikingtac.stream.host import Asker, end_in_order
 from spikingtac.stream.ring import SharedRing
-from spikingtac.stream.sources import LiveSource, open_live
+from spikingtac.stream.sources import LATE_S, opened_camera
 from spikingtac.types import EventPacket, MarkerFrame, SourceHealth
 
 CLOCK_S = 1.0  # Time between two reports of the sensor's clock, s.
@@ -113,14 +114,12 @@ def calibration_of(finger: Finger) -> Calibration:
 
 def follow_sensor(asker: Asker, finger: Finger, ring: str) -> None:
     """Follow a sensor until its source ends; the whole work of its process."""
+    end_in_order()
     calibration = calibration_of(finger)
     _warm_up(finger.tracking, calibration)  # before time passes
-    source = open_live(str(finger.source))
-    if source.size != calibration.size:
-        raise CalibrationError(
-            f"the sensor is {source.size[0]}x{source.size[1]}, its calibration is for "
-            f"{calibration.size[0]}x{calibration.size[1]}; calibrate this sensor"
-        )
+    # Read here: a thread would wait for the tracker's turns of the interpreter, and a process of
+    # its own adds 0.2 ms. What comes meanwhile waits in the system's buffers.
+    source = opened_camera(str(finger.source), calibration.size)
     clock = _Clock(source, asker)
     checked = CheckedSource(clock, calibration, lambda why: asker.tell(("warning", why)))
     tracker = make_tracker(finger.tracking, calibration)
@@ -143,30 +142,40 @@ def _warm_up(tracking: TrackingConfig, calibration: Calibration) -> None:
 
 
 class _Clock:
-    """A source whose packets come when they are due, and how far behind them the work is."""
+    """A source whose packets come when they are due, and how far behind them the work is.
+
+    Of a live source that is late by :data:`LATE_S` the packets that wait are left out, and counted
+    as missed: the newest ones matter more.
+    """
 
     def __init__(self, source: FileSource, asker: Asker) -> None:
         self._source, self._asker = source, asker
         self.size, self.losses = source.size, source.losses
-        own = source.own if isinstance(source, LiveSource) else None
-        self._camera = own if isinstance(own, CameraSource) else None
-        if self._camera is not None:
-            self._camera.when_lost = "reconnect"
+        self._live = is_stream(source.path)
         self._zero_ns: int | None = None
         self._came_ns = self._told_ns = 0
         self.most_ms = 0.0
 
     def __iter__(self) -> Iterator[EventPacket]:
-        source = self._source
-        if not isinstance(source, LiveSource):
-            for packet in _short(source):
+        if not self._live:
+            for packet in _short(self._source):
                 self._wait(packet.t_end_us)
                 yield packet
             return
-        for packet in source:
-            self._came_ns = round(source.received_s * NS_PER_S)
+        clock, skips, last_us, last_s = StreamClock(), False, 0, 0.0
+        for packet in self._source:
+            now_s = time.monotonic()
+            if skips and now_s - last_s >= (packet.t_end_us - last_us) / US_PER_S:
+                clock, skips = StreamClock(), False  # what waited is read off
+            clock.arrive(packet.t_end_us, now_s)
+            skips = skips or clock.lag_s(packet.t_end_us, now_s) > LATE_S
+            last_us, last_s = packet.t_end_us, now_s
+            self._came_ns = round(getattr(self._source, "received_s", now_s) * NS_PER_S)
             self._tell_clock()
-            yield packet
+            if skips:
+                self.losses.add("missed", len(packet))
+            else:
+                yield packet
 
     def behind_ms(self, frame: MarkerFrame) -> float:
         """Return how long ago a frame was due, ms."""
@@ -187,9 +196,8 @@ class _Clock:
 
     def _tell_clock(self) -> None:
         now_ns = time.monotonic_ns()
-        if self._camera is not None and now_ns - self._told_ns > CLOCK_S * NS_PER_S:
-            self._told_ns = now_ns
-            mapping = self._camera.clock.mapping()
+        if isinstance(self._source, CameraSource) and now_ns - self._told_ns > CLOCK_S * NS_PER_S:
+            self._told_ns, mapping = now_ns, self._source.clock.mapping()
             if mapping is not None:
                 self._asker.tell(("clock", mapping.clock_summary()))
 

@@ -1,21 +1,28 @@
-"""Sources of events that are read beside their user: a simulation, a camera."""
+"""Sources of events that are read beside their user, and the ring of another reader as a camera."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self
 
-from spikingtac.errors import CalibrationError
-from spikingtac.events.address import Address, is_address, is_stream
+from spikingtac.errors import CalibrationError, CameraLostError, DeviceError
+from spikingtac.events.address import Address, is_stream
+from spikingtac.events.camera import Camera
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.open import open_events
-from spikingtac.stream.host import Factory
-from spikingtac.stream.reader import EventReader, new_ring
-from spikingtac.stream.reading import at_once
+from spikingtac.stream.host import Asker, Factory, Host, closed_by
+from spikingtac.stream.packets import PacketReader, at_once, shared_name, told_size
+from spikingtac.stream.reader import END_S, POLL_S, EventReader
+from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket, LossCounters
+
+# A user that is so late goes on with the newest events, and is told what it missed, s; and the
+# most that an address may ask for: ``ring:NAME?late=60`` for one that records.
+LATE_S, LONGEST_LATE_S = 1.0, 3600.0
+LOOK_S = 0.0005  # Time between two looks at a ring that another process fills, s.
 
 
 class RemoteSource:
@@ -41,40 +48,56 @@ class RemoteSource:
         inherit: bool = False,
     ) -> None:
         self.size, self.losses = size, LossCounters()
-        self._reader = EventReader.in_process(opened, size, take_side_data, inherit=inherit)
+        self._take = take_side_data
+        self._host = Host(
+            Factory(function=_simulate, arguments={"opened": opened}), inherit=inherit
+        )
 
     def __iter__(self) -> Iterator[EventPacket]:
-        for delivery in self._reader:
-            yield delivery.packet
+        while True:
+            try:
+                told = self._host.receive(POLL_S)
+            except EOFError as error:
+                self._host.wait(END_S)
+                raise closed_by(self._host, "the events") from error
+            if told == ():
+                return
+            if told is not None:
+                packet, side_data = told
+                self._take(side_data)
+                yield packet
 
     def close(self) -> None:
         """Stop the other process."""
-        self._reader.release()
+        self._host.close()
+
+
+def _simulate(asker: Asker, opened: Factory[Iterable[tuple[EventPacket, Any]]]) -> None:
+    """Tell the asker each packet with its side data; it waits while the channel is full."""
+    for told in opened():
+        asker.tell(told)
+    asker.tell(())
 
 
 class LiveSource(FileSource):
     """A camera or pipe that is read beside its user.
 
     Args:
-        source: What is read in a thread, from the first use on.
-        options: As of the source.
-        reader: What is read already instead, in another process.
+        begin: Begins to read; called once, with the first use.
+        size: ``(width, height)`` of the sensor, px.
+        path: What is read.
 
     Attributes:
-        own: The source that the thread reads; None where another process reads it.
-        reader: What reads, once it does.
         received_s: When the latest events were here, on the monotonic clock, s.
     """
 
     checked = True
 
     def __init__(
-        self, source: FileSource | None, options: ReadOptions, reader: EventReader | None = None
+        self, begin: Callable[[], EventReader], size: tuple[int, int], path: str | Path
     ) -> None:
-        self.own, self.reader = source, reader
-        super().__init__(Path("camera") if source is None else source.path, options)
-        if source is not None:
-            self.format, self.notes = source.format, list(source.notes)
+        self._begin, self._reader = begin, None
+        super().__init__(Path(path), ReadOptions(size=size))
         self.received_s = time.monotonic()
 
     @classmethod
@@ -89,40 +112,26 @@ class LiveSource(FileSource):
             SpikingTacError: There is no such camera, where its size was not known.
         """
         opened = Factory(function=opened_camera, arguments={"path": path, "size": size})
-        share = Address.parse(path).text("share") if is_address(path) else ""
-        reader = EventReader.in_process(opened, size, share=share)
-        return cls(None, ReadOptions(), reader)
+        reader = EventReader.in_process(opened, size)
+        found = cls(lambda: reader, reader.size, path)
+        found.start()
+        return found
 
     def start(self) -> EventReader:
-        """Begin to read; further calls do nothing."""
-        if self.reader is None:
-            own = self.own
-            assert own is not None
-            share = own.address.text("share") if isinstance(own, CameraSource) else ""
-            ring = new_ring(own.size, share=share)
-            self.reader = EventReader.in_thread(at_once(own), own, ring)
-        return self.reader
+        """Begin to read; further calls return the same reader."""
+        self._reader = self._reader or self._begin()
+        return self._reader
 
     def close(self) -> None:
         """End the iteration soon; what was read is still given out."""
-        if self.reader is not None:
-            self.reader.close()
-        elif isinstance(self.own, CameraSource):
-            self.own.close()
-
-    def _size(self) -> tuple[int, int]:
-        of = self.own or self.reader
-        assert of is not None
-        return of.size
+        self.start().close()
 
     def _columns(self) -> Iterator[Rows]:
         reader = self.start()
         for delivery in reader:
             self.losses.update(reader.losses)
             self.received_s = delivery.received_s
-            self.progress = 0.0 if self.own is None else self.own.progress
-            if delivery.triggers is not None:
-                self.triggers.extend(delivery.triggers)
+            self.triggers.extend(delivery.triggers)
             packet = delivery.packet
             yield packet.x, packet.y, packet.p, packet.t
         self.losses.update(reader.losses)
@@ -141,7 +150,11 @@ def open_live(path: str | Path, *, strict: bool = False, sensor: int | None = No
         SpikingTacError: As there.
     """
     source = open_events(path, strict=strict, sensor=sensor)
-    return LiveSource(source, ReadOptions(strict=strict)) if is_stream(Path(path)) else source
+    if not is_stream(Path(path)):
+        return source
+    return LiveSource(
+        lambda: EventReader.in_thread(at_once(source), source), source.size, source.path
+    )
 
 
 def opened_camera(path: str, size: tuple[int, int] | None) -> FileSource:
@@ -159,3 +172,73 @@ def opened_camera(path: str, size: tuple[int, int] | None) -> FileSource:
             f"{source.size[0]}x{source.size[1]}; calibrate this sensor"
         )
     return source
+
+
+class RingCamera(Camera):
+    """What another process reads, from now on, as a camera: ``ring:NAME``.
+
+    Whoever reads a camera under an address with ``share=NAME`` opens its ring to others. They slow
+    neither the reader nor each other: one that is too slow is told what it missed (``missed``).
+
+    Attributes:
+        published: Events that were published since it was opened.
+    """
+
+    OPTIONS: ClassVar[tuple[str, ...]] = ("late",)
+    checked = True
+
+    def __init__(self, ring: SharedRing, name: str, late_s: float = LATE_S) -> None:
+        super().__init__()
+        self.size = told_size(ring) or (0, 0)
+        self._ring: SharedRing | None = ring
+        self._name, self._packets = name, PacketReader(ring, from_now=True, late_s=late_s)
+        self.published, self._from = 0, ring.weight
+        self._told: dict[str, int] = {}
+
+    @classmethod
+    def open(cls, address: Address) -> Self:
+        """Attach; see :meth:`Camera.open`."""
+        try:
+            ring = SharedRing.attach(shared_name(address.target))
+        except FileNotFoundError as error:
+            raise DeviceError(
+                f"nothing is shared under {address.target!r}; let its reader share it, as: "
+                f"spikingtac record 'udp:7777?share={address.target}' -o FOLDER"
+            ) from error
+        if told_size(ring) is None or not ring.written:
+            ring.close()
+            raise DeviceError(f"what was shared under {address.target!r} has ended; start it again")
+        return cls(ring, address.target, address.number("late", LATE_S, 1e-3, LONGEST_LATE_S))
+
+    def read(self, timeout_s: float) -> Rows | None:
+        """Return the next events; see :meth:`Camera.read`."""
+        until_s = time.monotonic() + timeout_s
+        while (ring := self._ring) is not None:
+            written = ring.written  # asked first: the last events come before the end
+            found = self._packets.next()
+            self.published = ring.weight - self._from
+            if found is not None:
+                for kind, count in self._packets.losses.items():
+                    self.losses.add(kind, count - self._told.get(kind, 0))
+                self._told = dict(self._packets.losses)
+                self.triggers.extend(found.triggers)
+                packet = found.packet
+                return packet.x, packet.y, packet.p, packet.t
+            if not written and not ring.finished:
+                raise CameraLostError(f"the process that shared {self._name!r} is gone")
+            if not written:
+                return None
+            if time.monotonic() >= until_s:
+                return self.nothing()
+            time.sleep(LOOK_S)
+        return None
+
+    def close(self) -> None:
+        """Leave the ring."""
+        ring, self._ring = self._ring, None
+        if ring is not None:
+            ring.close()
+
+    def describe(self) -> dict[str, Any]:
+        """Return the name."""
+        return {"shared_as": self._name}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.checked_source import CheckedSource
-from spikingtac.stream.shared_memory import Publisher
+from spikingtac.stream.ring import Publisher
 from spikingtac.tuning import with_value
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.event_store import EventStore

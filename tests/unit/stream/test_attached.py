@@ -9,8 +9,9 @@ import pytest
 
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.events.address import Address
-from spikingtac.stream.attached import RingCamera
-from spikingtac.stream.reader import EventReader, new_ring
+from spikingtac.stream.packets import new_ring
+from spikingtac.stream.reader import EventReader
+from spikingtac.stream.sources import RingCamera
 from stand_ins.packets import SIZE, Stream
 
 NAME = f"test-{os.getpid()}"

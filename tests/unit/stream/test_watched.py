@@ -11,7 +11,7 @@ import pytest
 from spikingtac.errors import DeviceError, RecordingError
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
-from spikingtac.stream.watched import WatchedWindows
+from spikingtac.stream.windows import WatchedWindows
 from spikingtac.types import EventPacket, LossCounters
 from stand_ins.moving_rims import SIZE, windows
 

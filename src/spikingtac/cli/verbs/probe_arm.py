@@ -36,7 +36,7 @@ from spikingtac.stream.real_time import exempt_from_collection
 
 if TYPE_CHECKING:
     from spikingtac.robot.arm import Arm
-    from spikingtac.stream.watched import WatchedWindows
+    from spikingtac.stream.windows import WatchedWindows
 
 QUIET_WINDOWS = 4000  # Windows of the arm at rest from which the detector learns, 1 ms each.
 
@@ -197,7 +197,7 @@ def listen(
     from spikingtac.events.open import open_events
     from spikingtac.events.windows import windows
     from spikingtac.pipeline.track import require_same_size
-    from spikingtac.stream.watched import WatchedWindows
+    from spikingtac.stream.windows import WatchedWindows
 
     assert args.events is not None
     source = open_events(args.events)
