@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +20,7 @@ from spikingtac.types import MarkerFrame
 from spikingtac.viewer.event_store import EventStore
 from spikingtac.viewer.mcap import McapPublisher, image_message
 from spikingtac.viewer.playback import Playback
-from spikingtac.viewer.record import EXPOSURE_US, Record, TrackFile, picture_of
+from spikingtac.viewer.record import EXPOSURE_US, Record, picture_of
 from spikingtac.viewer.source import ViewSource
 
 if TYPE_CHECKING:
@@ -40,40 +42,19 @@ SIDE_IN = 3.4  # Side of an animation's picture, inches.
 LONGEST_S = 60.0  # Longest animation, s: a GIF of a minute has tens of megabytes already.
 
 
+@dataclass(frozen=True)
 class Stretch:
     """A view that is tracked from its beginning to a given end, as fast as the machine can.
 
-    Args:
-        view: What is exported.
-        store: Its events.
-        end_us: End of the stretch, us.
-        on_frame: Takes every estimate, too.
-
     Attributes:
-        record: What was tracked.
         playback: Tracks it.
+        record: What was tracked.
+        end_us: End of the stretch, us.
     """
 
-    def __init__(
-        self,
-        view: ViewSource,
-        store: EventStore,
-        end_us: int,
-        on_frame: Callable[[MarkerFrame], None],
-    ) -> None:
-        self.view, self.end_us, self.record = view, end_us, Record()
-        self.playback = Playback(
-            store,
-            lambda: view.make_tracker(view.config),
-            view.make_detector,
-            rate_hz=view.rate_hz,
-            on_frame=self._take,
-        )
-        self._on_frame = on_frame
-
-    def _take(self, frame: MarkerFrame) -> None:
-        self.record.estimate(frame)
-        self._on_frame(frame)
+    playback: Playback
+    record: Record
+    end_us: int
 
     def advance(self, step_us: int) -> int:
         """Track on by a step, at most to the end; return how far it went, us.
@@ -98,20 +79,27 @@ def open_stretch(
     Args:
         view: What is exported.
         seconds: Length from the beginning, s; None is all of it.
-        on_frame: As of :class:`Stretch`.
+        on_frame: Takes every estimate, beside the record.
 
     Raises:
         ConfigError: The source does not end by itself and no length was given.
     """
     if seconds is None and not view.ends:
         raise ConfigError("this source does not end by itself; give a length: --seconds N")
-    store = EventStore(view.source)
+    store, record = EventStore(view.source), Record()
+
+    def take(frame: MarkerFrame) -> None:
+        record.estimate(frame)
+        on_frame(frame)
+
     try:
         asked_us = float("inf") if seconds is None else store.t_start_us + round(seconds * 1e6)
         if view.ends:
             store.extend_to(float("inf"))
             asked_us = min(asked_us, store.t_end_us)
-        yield Stretch(view, store, int(asked_us), on_frame)
+        make_tracker, detector = partial(view.make_tracker, view.config), view.make_detector
+        playback = Playback(store, make_tracker, detector, rate_hz=view.rate_hz, on_frame=take)
+        yield Stretch(playback, record, int(asked_us))
     finally:
         store.close()
         view.close()
@@ -169,7 +157,6 @@ def summarize(
     *,
     seconds: float | None = None,
     picture: Path | None = None,
-    tracks: Path | None = None,
 ) -> dict[str, Any]:
     """Track a view as fast as the machine, or a live source, can; return its figures.
 
@@ -177,15 +164,13 @@ def summarize(
         view: What is tracked, with its calibration or without.
         seconds: Length of the stretch from its beginning, s; None is all of it.
         picture: File for the moment of largest displacement beside the whole course, or None.
-        tracks: File for every estimate, or None.
 
     Raises:
         ConfigError: The source does not end and no length was given, or it holds nothing.
-        SpikingTacError: A live source failed; the files hold what came before.
+        SpikingTacError: A live source failed; the picture shows what came before.
     """
-    written = TrackFile(tracks, view.calibration.reference_px) if tracks else None
     ended: BaseException | None = None
-    with open_stretch(view, seconds, written.take if written else lambda _: None) as stretch:
+    with open_stretch(view, seconds) as stretch:
         playback, record = stretch.playback, stretch.record
         step_us = max((stretch.end_us - playback.position_us) // LOOKS, LEAST_STEP_US)
         try:
@@ -195,8 +180,6 @@ def summarize(
             if view.ends:
                 raise
             ended = error
-        if written is not None:
-            written.close(view, view.config)
         if picture is not None:
             record.save_picture(picture, view, playback)
         summary = record.summary(view, playback)
@@ -270,8 +253,3 @@ def draw_stretch(
     if not pictures:
         raise ConfigError(f"{view.label}: too short, nothing was tracked")
     return pictures
-
-
-def tracks_beside(picture: Path) -> Path:
-    """Return where the tracks that belong to a picture go: ``demo.png``, ``demo.tracks.npz``."""
-    return picture.with_name(f"{picture.stem}.tracks.npz")

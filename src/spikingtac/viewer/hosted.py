@@ -39,7 +39,7 @@ def run_session(
     Args:
         asker: Sends commands, and is told of an error.
         open_view: Opens what is viewed.
-        options: ``repeat``, ``realtime``; ``tracks`` and ``picture``, files or None.
+        options: ``repeat``, ``realtime``; ``picture``, a file or None.
         rings: Names of the rings for frames and greetings.
 
     Raises:
@@ -51,8 +51,7 @@ def run_session(
     greetings.publish(json.dumps(starting(view)).encode())
     warm_up(view)
     granted = meet_deadlines().text() if options["realtime"] else ""
-    tracks = options["tracks"]
-    session = Session(view, frames, greetings, repeat=options["repeat"], tracks=tracks)
+    session = Session(view, frames, greetings, repeat=options["repeat"])
     session.warn(granted)
     while not asker.gone.is_set():
         # Of a dragged slider or timeline only the last position counts.

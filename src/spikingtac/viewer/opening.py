@@ -202,7 +202,6 @@ def _events_alone(label: str, events: EventSource, *, ends: bool = True) -> View
         config=None,
         make_tracker=partial(make_tracker, calibration=calibration),
         ends=ends,
-        provenance={"input": label},
     )
 
 
@@ -261,7 +260,6 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
         calibrated_by="the scene at rest",
         truth=truth,
         simulated=True,
-        provenance={"scene": name, "seed": seed, "scene_sha256": scene.digest()},
         own_calibration=True,
     )
 

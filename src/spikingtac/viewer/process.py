@@ -29,8 +29,7 @@ class SessionProcess:
     Args:
         open_view: Opens what is viewed, in the session's process.
         repeat: Begin again at the end.
-        tracks: File for every estimate, complete once :meth:`stop` has returned a summary.
-        picture: File for a picture of what was shown, likewise.
+        picture: File for a picture of what was shown, whole once :meth:`stop` has returned.
         realtime: Ask for what helps to keep deadlines, once the kernels are compiled.
     """
 
@@ -39,13 +38,12 @@ class SessionProcess:
         open_view: Factory[ViewSource],
         *,
         repeat: bool = False,
-        tracks: Path | None = None,
         picture: Path | None = None,
         realtime: bool = False,
     ) -> None:
         self._frames = SharedRing.for_latest(FRAME_BYTES)
         self._greetings = SharedRing.for_latest(GREETING_BYTES)
-        options = {"repeat": repeat, "tracks": tracks, "picture": picture, "realtime": realtime}
+        options = {"repeat": repeat, "picture": picture, "realtime": realtime}
         rings = self._frames.name, self._greetings.name
         given = {"open_view": open_view, "options": options, "rings": rings}
         self._host = Host(Factory(function=_run, arguments=given), inherit=True)

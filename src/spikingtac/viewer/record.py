@@ -9,11 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac._version import package_version
 from spikingtac.errors import ConfigError
 from spikingtac.plots.summary import Course, Picture, save_summary
-from spikingtac.schema import to_mapping
-from spikingtac.tracks import create_tracks
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.snapshot import OFF_CODE, activity, events_per_s, view_step
@@ -145,42 +142,3 @@ def picture_of(view: ViewSource, playback: Playback) -> Picture:
         radius_px=calibration.radius_px / step,
         t_s=(now_us - store.t_start_us) / US_PER_S,
     )
-
-
-class TrackFile:
-    """Every estimate of a session as a tracks file that holds each time once, in order.
-
-    What is played again, scrubbed through or tracked again with other settings is not written a
-    second time, so a recording that repeats leaves tracks of its own length.
-    """
-
-    def __init__(self, path: Path, reference_px: NDArray[np.float64]) -> None:
-        self._writer = create_tracks(path, reference_px)
-        self._last_us: int | None = None
-
-    def take(self, frame: MarkerFrame) -> None:
-        """Write an estimate that is later than all before it."""
-        if self._last_us is None or frame.t_us > self._last_us:
-            self._last_us = frame.t_us
-            self._writer.write(frame)
-
-    def close(self, view: ViewSource, config: Any, retuned: bool = False) -> None:
-        """Complete the file.
-
-        Args:
-            view: What was tracked.
-            config: Settings of the tracker, at the end.
-            retuned: Whether they were others meanwhile.
-        """
-        self._writer.close(
-            {
-                "made_by": "spikingtac demo",
-                "package_version": package_version(),
-                **view.provenance,
-                **view.calibration.scale(),
-                "config": {"tracking": to_mapping(config)},
-                "losses": dict(view.source.losses),
-                "simulated": view.simulated,
-                "retuned": retuned,
-            }
-        )

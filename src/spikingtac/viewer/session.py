@@ -18,7 +18,7 @@ from spikingtac.tuning import with_value
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.event_store import EventStore
 from spikingtac.viewer.playback import Playback
-from spikingtac.viewer.record import EXPOSURE_US, Record, TrackFile
+from spikingtac.viewer.record import EXPOSURE_US, Record
 from spikingtac.viewer.snapshot import greeting, images, moving
 from spikingtac.viewer.source import ViewSource
 from spikingtac.viewer.wire import encode
@@ -54,7 +54,6 @@ class Session:
         greetings: Publisher,
         *,
         repeat: bool = False,
-        tracks: Path | None = None,
     ) -> None:
         """Open a view.
 
@@ -63,13 +62,11 @@ class Session:
             frames: Takes the frame messages.
             greetings: Takes the greetings, JSON.
             repeat: Begin again at the end instead of pausing there.
-            tracks: File for every estimate, or None.
         """
         self.view, self._config = view, view.config
         self._frames, self._greetings = frames, greetings
         self.record = Record()
-        self._tracks = TrackFile(tracks, view.calibration.reference_px) if tracks else None
-        self._notice, self._retuned, self._repeat = "", False, repeat
+        self._notice, self._repeat = "", repeat
         source = view.source
         # Looking at events needs no calibration.
         if len(view.calibration.reference_px) and not view.own_calibration:
@@ -137,7 +134,7 @@ class Session:
         self._due_s = max(self._due_s, now_s) + 1 / FRAME_HZ
 
     def close(self, picture: Path | None = None) -> dict[str, Any]:
-        """Complete the files, and end a source that runs by itself; return the figures.
+        """End a source that runs by itself, draw the picture; return the figures.
 
         Args:
             picture: File for a picture of what was shown, or None.
@@ -147,8 +144,6 @@ class Session:
         """
         view = self.view
         try:
-            if self._tracks is not None:
-                self._tracks.close(view, self._config, self._retuned)
             if picture is not None:
                 self.record.save_picture(picture, view, self.playback)
             return self.record.summary(view, self.playback)
@@ -186,8 +181,6 @@ class Session:
     def _take(self, frame: MarkerFrame) -> None:
         """Take every estimate; the pages see some of them."""
         self.record.estimate(frame)
-        if self._tracks is not None:
-            self._tracks.take(frame)
         if self.view.felt is not None:
             self.view.felt.take(frame)
 
@@ -230,7 +223,7 @@ class Session:
         return store.t_end_us if store.ended else float("inf")
 
     def _retune(self, config: Any) -> None:
-        self._config, self._notice, self._retuned = config, "", True
+        self._config, self._notice = config, ""
         self.playback.aim(self.playback.position_us)
         self.playback.retune(self._tracker)
         self._greeted_s = 0.0

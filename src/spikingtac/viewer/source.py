@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +37,6 @@ class ViewSource:
         rate_hz: Estimates per second.
         simulated: True where the events come from the digital twin.
         ends: True where the source ends by itself, so that its length is known at once.
-        provenance: What the events are: file or scene, seed, digest; it goes into the tracks.
         felt: Tells force, patch and vibration where a force model was given, or None.
         desk: Where a page calibrates a sensor that has no calibration yet, or None.
         calibrated_by: What the calibration is: a file's name, or where a scene brings it.
@@ -55,7 +54,6 @@ class ViewSource:
     rate_hz: float = 1_000.0
     simulated: bool = False
     ends: bool = True
-    provenance: Mapping[str, Any] = field(default_factory=dict)
     felt: FeltLayer | None = None
     desk: CalibrationDesk | None = None
     calibrated_by: str = ""

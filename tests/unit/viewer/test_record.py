@@ -2,38 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from spikingtac.tracks import Tracks
-from spikingtac.types import MarkerFrame
 from spikingtac.viewer import record as module
 from spikingtac.viewer.export import open_stretch, summarize
-from spikingtac.viewer.record import TrackFile
 from stand_ins.viewer import open_circling
-
-REST = np.array([[1.0, 2.0]])
 
 
 def test_a_record_stays_small_and_covers_the_whole_session(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "MOST_ROWS", 20)
-    with open_stretch(open_circling(1_000_000), None) as stretch:
+    view = open_circling(1_000_000)
+    with open_stretch(view, None) as stretch:
         record, playback = stretch.record, stretch.playback
         while stretch.advance(16_000):
-            record.take(stretch.view, playback)
+            record.take(view, playback)
             assert len(record._rows) <= 20
         playback.aim(500_000)  # going back and on counts as played
         playback.work(60.0)
-        record.take(stretch.view, playback)
+        record.take(view, playback)
         stretch.advance(16_000)
-        record.take(stretch.view, playback)
-        summary = record.summary(stretch.view, playback)
-        record.save_picture(tmp_path / "x.png", stretch.view, playback)
+        record.take(view, playback)
+        summary = record.summary(view, playback)
+        record.save_picture(tmp_path / "x.png", view, playback)
     times_s = np.array([row.t_s for row in record._rows])
     assert times_s[0] < 0.2
     assert times_s.max() > 0.9
@@ -48,15 +43,3 @@ def test_a_recording_is_summarized_to_its_end() -> None:
     summary = summarize(open_circling(300_000))
     assert summary["played_s"] == pytest.approx(0.3, abs=0.011)
     assert summary["estimates"] == pytest.approx(300, abs=12)
-
-
-def test_each_time_is_written_once_however_often_it_is_played(tmp_path: Path) -> None:
-    tracks = TrackFile(tmp_path / "x.npz", REST)
-    for t_us in (1, 2, 3, 2, 3, 4, 1, 5):
-        moved = REST + t_us
-        tracks.take(MarkerFrame(t_us, moved, moved, moved - REST, np.zeros(1, bool), np.ones(1)))
-    tracks.close(replace(open_circling(10_000), provenance={"seed": 3}), None)
-    written = Tracks.load(tmp_path / "x.npz")
-    assert written.t_us.tolist() == [1, 2, 3, 4, 5]
-    np.testing.assert_array_equal(written.displacement_px[:, 0, 0], [1, 2, 3, 4, 5])
-    assert written.meta["seed"] == 3

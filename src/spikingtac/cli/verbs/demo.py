@@ -15,7 +15,6 @@ class Args(PageArgs):
     """A finger presses, twists and slides on the simulated skin; watch it in the browser.
 
     Gel, optics and event camera are simulated as you watch; the tracker sees only the events.
-    Beside a picture (-o) the tracks are written, too.
     """
 
     seed: int = 1
@@ -24,11 +23,8 @@ class Args(PageArgs):
 
 def run(args: Args) -> int:
     """Simulate, track and serve, and print the summary at the end."""
-    from spikingtac.viewer.export import tracks_beside
-
     check_seconds(args.seconds)
     remark("simulating a finger on the skin; the first start compiles its kernels")
     arguments = {"source": SCENE, "preset": args.preset, "seed": args.seed}
-    tracks = tracks_beside(args.picture) if args.picture else None
-    summary = show_source(arguments, args, repeat=True, tracks=tracks)
+    summary = show_source(arguments, args, repeat=True)
     return report(SCENE, summary, as_json=args.json)

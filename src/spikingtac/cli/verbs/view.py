@@ -135,7 +135,7 @@ def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str,
         beside = {**other, "beside": args.source}
         views[1] = Factory(function=open_second_view, arguments=beside)
         if args.headless:
-            first, other_summary = (_headless(view(), args, None) for view in views)
+            first, other_summary = (_headless(view(), args) for view in views)
             return {**first, "second": other_summary}
     return show(views, page_options(args), remark)
 
@@ -183,7 +183,6 @@ def show_source(
     args: PageArgs,
     *,
     repeat: bool = False,
-    tracks: Path | None = None,
 ) -> dict[str, Any]:
     """Serve a source under the options that ``view`` and ``demo`` share; return the summary.
 
@@ -191,7 +190,6 @@ def show_source(
         arguments: How it is opened.
         args: The verb's options.
         repeat: Begin again at the end.
-        tracks: File for every estimate, or None.
     """
     from spikingtac.stream.host import Factory
     from spikingtac.viewer.export import check_target
@@ -201,25 +199,23 @@ def show_source(
     check_seconds(args.seconds)
     if args.picture is not None:
         check_target(args.picture, args.overwrite, PICTURE_ENDINGS)
-    args.claim(tracks)
     opener = open_felt_source if "force" in arguments else open_view_or_events
     if args.headless:
-        return _headless(opener(**arguments), args, tracks)
-    options = replace(page_options(args), repeat=repeat, tracks=tracks)
+        return _headless(opener(**arguments), args)
+    options = replace(page_options(args), repeat=repeat)
     return show([Factory(function=opener, arguments=arguments)], options, remark)
 
 
-def _headless(view: ViewSource, args: PageArgs, tracks: Path | None) -> dict[str, Any]:
+def _headless(view: ViewSource, args: PageArgs) -> dict[str, Any]:
     """Track without a page: a recording to its end, what is live for some time."""
     from spikingtac.viewer.export import summarize
 
-    files = {name: path for name, path in (("picture", args.picture), ("tracks", tracks)) if path}
     if getattr(args, "realtime", False):  # the demo has no deadlines
         ask_for_real_time()
     seconds = args.seconds if view.ends else args.seconds or HEADLESS_S
     with progress(f"tracking {view.label}"):
-        summary = summarize(view, seconds=seconds, **files)
-    return summary | {name: str(path) for name, path in files.items()}
+        summary = summarize(view, seconds=seconds, picture=args.picture)
+    return summary if args.picture is None else {**summary, "picture": str(args.picture)}
 
 
 def page_options(args: PageArgs) -> PageOptions:
