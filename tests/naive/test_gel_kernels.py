@@ -17,7 +17,6 @@ from spikingtac.sim.layer import (
     GridConfig,
     LayerOperator,
     interpolate_kernel,
-    layer_response_kernel,
 )
 
 Array = np.ndarray
@@ -99,19 +98,6 @@ def product(matrix: Array, vector: Array) -> Array:
         for j in range(len(vector)):
             out[i] += float(matrix[i, j]) * float(vector[j])
     return out
-
-
-def test_response() -> None:
-    rng = np.random.default_rng(13)
-    even, odd = rng.normal(size=(4, 3, 5)), rng.normal(size=(2, 3, 5))
-    traction = rng.normal(size=(3, 3, 5)) + 1j * rng.normal(size=(3, 3, 5))
-    found = np.empty_like(traction)
-    layer_response_kernel(even, odd, traction, found)
-    for place in np.ndindex(3, 5):
-        (xx, xy, yy, zz), (xz, yz) = (part[(slice(None), *place)] for part in (even, odd))
-        matrix = np.array([[xx, xy, -1j * xz], [xy, yy, -1j * yz], [1j * xz, 1j * yz, zz]])
-        here = (slice(None), *place)
-        np.testing.assert_allclose(found[here], matrix @ traction[here], atol=1e-12)
 
 
 def test_gather() -> None:

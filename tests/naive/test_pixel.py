@@ -16,7 +16,6 @@ from spikingtac.sim.coverage import (
     disc_coverage_kernel,
     discs_of,
     plan_sweep_kernel,
-    swept_pixel_count_kernel,
 )
 from spikingtac.sim.optics import MarkerImage
 from spikingtac.sim.pixels import (
@@ -228,22 +227,6 @@ def test_the_plan_groups_markers_as_a_graph_search_does(seed):
         assert chain == [k for k in range(12) if expected[k] == first]
         travel_px = max(abs(float(after["x"][k] - before["x"][k])) for k in chain)
         assert plan["steps"][first] == max(4, math.ceil(travel_px / 0.1 - 1e-9))
-
-
-@pytest.mark.parametrize("reach_px", [5, 40, 3_000_000_000])
-def test_the_swept_pixels_are_those_of_the_sensor(reach_px):
-    rng = np.random.default_rng(reach_px)
-    width, height = 30, 20
-    for _ in range(20):
-        plan = np.zeros(3, SWEEP_PLAN_DTYPE)
-        plan["leader"] = rng.integers(-1, 3, 3)
-        for name in ("x_first", "y_first", "x_last", "y_last"):
-            plan[name] = rng.integers(-reach_px, reach_px + 1, 3)
-        plain = 0
-        for box in plan[plan["leader"] >= 0]:
-            columns = sum(box["x_first"] <= x <= box["x_last"] for x in range(width))
-            plain += columns * sum(box["y_first"] <= y <= box["y_last"] for y in range(height))
-        assert swept_pixel_count_kernel(plan, width, height) == min(plain, width * height)
 
 
 def plain_groups(boxes, moving) -> list[int]:

@@ -146,21 +146,3 @@ def test_a_wandering_tip_is_pressed_and_remembered_alike(
         np.testing.assert_array_equal(fast.stuck, plain.stuck)
         pressed += bool(fast.stuck.any())
     assert pressed > 10
-
-
-def test_a_hole_is_seen_as_on_arrays() -> None:
-    rng = np.random.default_rng(3)
-    wall = HoleWall(center_mm=(0.3, -0.2, 1.0), radius_mm=2.0, axis=(0.1, -0.2, 2.0))
-    points, axis = rng.normal(size=(9, 3)), np.array(wall.axis) / np.linalg.norm(wall.axis)
-    points[0] = wall.center_mm
-    offset = points - wall.center_mm
-    radial = offset - (offset @ axis)[:, None] * axis
-    distance = np.linalg.norm(radial, axis=1)
-    gap, normal = wall.gap(points)
-    np.testing.assert_allclose(gap, wall.radius_mm - distance, atol=1e-12)
-    assert np.isfinite(normal).all()
-    outward = radial[1:] / distance[1:, None]
-    np.testing.assert_allclose(normal[1:], -outward, atol=1e-12)
-    around = np.cross(axis, outward)
-    turn = around[:, :, None] * around[:, None, :] / distance[1:, None, None]
-    np.testing.assert_allclose(wall.curvature(points)[1:], turn, atol=1e-12)

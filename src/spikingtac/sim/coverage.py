@@ -195,18 +195,3 @@ def _overlap_kernel(one: Any, two: Any) -> bool:
     meet_y = one["y_first"] <= two["y_last"] and two["y_first"] <= one["y_last"]
     there = one["x_last"] >= one["x_first"] and two["x_last"] >= two["x_first"]
     return meet_x and meet_y and there
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def swept_pixel_count_kernel(plan: NDArray[Any], width: int, height: int) -> int:
-    """Return an upper bound of the number of pixels in the boxes of the moving markers.
-
-    The boxes are clipped to the sensor: a tip that is pushed much too far moves markers far beyond
-    the sensor, or across all of it.
-    """
-    swept = 0
-    for box in plan:
-        if box["leader"] >= 0:
-            rows = max(0, min(box["y_last"], height - 1) - max(box["y_first"], 0) + 1)
-            swept += rows * max(0, min(box["x_last"], width - 1) - max(box["x_first"], 0) + 1)
-    return min(swept, width * height)

@@ -17,7 +17,6 @@ from spikingtac.sim.coverage import (
     coverage_image_kernel,
     discs_of,
     plan_sweep_kernel,
-    swept_pixel_count_kernel,
 )
 from spikingtac.sim.optics import MarkerImage
 from spikingtac.sim.readout import Readout, background_events_kernel, make_noise, start_noise
@@ -153,7 +152,7 @@ class EventCamera:
         sweep = MarkerSweep(
             self._discs, after, np.empty_like(after), plan, float(start_us), float(end_us)
         )
-        self._reserve_outbox(swept_pixel_count_kernel(plan, *self.size), span_us)
+        self._reserve_outbox(span_us)
         if self._ground is None:
             sweep_kernel(self._sensor, sweep, self._out)
         else:
@@ -179,14 +178,15 @@ class EventCamera:
             self._drain()
         sweep.before[:] = sweep.after
 
-    def _reserve_outbox(self, swept: int, span_us: float) -> None:
-        """Enlarge the outbox so that it holds the largest number of events of the next interval."""
-        pixels = self._sensor.pixels.size
+    def _reserve_outbox(self, span_us: float) -> None:
+        """Enlarge the outbox to the most events that all pixels can emit in the next interval.
+
+        The system gives memory to the pages that are written, which are few.
+        """
         leaks = 2 + int(4 * self._fastest_leak * span_us)
-        moving = swept + int(self._sensor.unsettled_count[0]) if self._ground is None else pixels
-        room = 1 + moving * _MAX_LIGHT_SWINGS * self._max_crossings + pixels * leaks
-        if room > len(self._out):
-            self._out = np.zeros(2 * room, np.int64)
+        most = _MAX_LIGHT_SWINGS * self._max_crossings + leaks
+        if self._sensor.pixels.size * most >= len(self._out):
+            self._out = np.zeros(1 + 2 * self._sensor.pixels.size * most, np.int64)
 
     def _drain(self) -> None:
         count = int(self._out[0])

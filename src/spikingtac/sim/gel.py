@@ -52,12 +52,15 @@ class CreepChain:
     Args:
         config: Spectrum of the gel.
         shape: Shape of a displacement field.
+
+    Attributes:
+        retarded: ``(k, *shape)`` displacements stored by each element, mm.
     """
 
     def __init__(self, config: SpectrumConfig, shape: tuple[int, ...]) -> None:
         self._fractions = np.array(config.fractions)
         self._times_s = np.array(config.times_s)
-        self._retarded = np.zeros((len(self._times_s), *shape))
+        self.retarded = np.zeros((len(self._times_s), *shape))
 
     def compliance(self, dt_s: float) -> float:
         """Return the compliance over the coming step, divided by J0."""
@@ -65,8 +68,8 @@ class CreepChain:
 
     def history(self, dt_s: float) -> FloatArray:
         """Return the displacement that former tractions leave at the end of the coming step, mm."""
-        out = np.zeros(self._retarded.shape[1:])
-        for decay, retarded in zip(np.exp(-dt_s / self._times_s), self._retarded, strict=True):
+        out = np.zeros(self.retarded.shape[1:])
+        for decay, retarded in zip(np.exp(-dt_s / self._times_s), self.retarded, strict=True):
             out += decay * retarded
         return out
 
@@ -79,17 +82,9 @@ class CreepChain:
                 zero.
         """
         for i, decay in enumerate(np.exp(-dt_s / self._times_s)):
-            self._retarded[i] *= decay
+            self.retarded[i] *= decay
             if elastic is not None:
-                self._retarded[i] += (1.0 - decay) * self._fractions[i] * elastic
-
-    def largest_mm(self) -> float:
-        """Return an upper bound of the stored displacement, mm."""
-        return float(sum(np.abs(part).max() for part in self._retarded))
-
-    def reset(self) -> None:
-        """Set all stored displacements to zero."""
-        self._retarded[:] = 0.0
+                self.retarded[i] += (1.0 - decay) * self._fractions[i] * elastic
 
 
 # Stored creep below this is set to zero (1.6e-4 px, a thousandth of any tracker's error).
@@ -152,7 +147,7 @@ class Gel:
         self._resting = True
         self._displacement[:] = 0.0
         self._contact.release()
-        self._creep.reset()
+        self._creep.retarded[:] = 0.0
 
     @property
     def pressure_mpa(self) -> FloatArray:
@@ -199,14 +194,12 @@ class Gel:
         if not dt_s > 0:
             raise ValueError(f"dt_s is {dt_s}, it must be positive")
         self._t_s += dt_s
-        if indenter is None or pose is None or pose.position_mm[2] <= self._lowest_mm():
+        lowest_mm = 0.0 if self._resting else float(self._displacement[2].min())
+        if indenter is None or pose is None or pose.position_mm[2] <= lowest_mm:
             self._recover(dt_s)
         else:
             self._advance(dt_s, indenter, pose)
         return self._state(pose)
-
-    def _lowest_mm(self) -> float:
-        return 0.0 if self._resting else float(self._displacement[2].min())
 
     def _advance(self, dt_s: float, indenter: Indenter, pose: Pose) -> None:
         history = self._creep.history(dt_s)
@@ -226,8 +219,8 @@ class Gel:
             return
         self._displacement = self._creep.history(dt_s)
         self._creep.advance(dt_s, None)
-        if self._creep.largest_mm() < NEGLIGIBLE_CREEP_MM:
-            self._creep.reset()
+        if sum(np.abs(part).max() for part in self._creep.retarded) < NEGLIGIBLE_CREEP_MM:
+            self._creep.retarded[:] = 0.0
             self._displacement[:] = 0.0
             self._resting = True
 

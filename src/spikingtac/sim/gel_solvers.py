@@ -88,28 +88,10 @@ class Influence:
         rows, columns = np.divmod(self.cells, self._side)
         center = (self._stride // 2) * (self._stride + 1)
         cell_index = rows * self._stride + columns
-        fill_influence_kernel(self._unrolled, cell_index, slots, center, self.matrices)
-
-
-@njit(cache=True, nogil=True)
-def fill_influence_kernel(
-    unrolled: Single, cell_index: Cells, slots: Cells, center: int, out: Single
-) -> None:
-    """Write the rows and columns of some slots: ``out[t, i, j]`` is the response at i to j.
-
-    Args:
-        unrolled: ``(tables, (2n - 1)²)`` response by offset, without wrap-around.
-        cell_index: ``(c,)`` index of each slot's cell in rows of 2n - 1.
-        slots: Slots whose cell is new.
-        center: Index of the offset zero.
-        out: ``(tables, capacity, capacity)`` matrices, with capacity >= c.
-    """
-    for table in range(out.shape[0]):
-        for slot in slots:
-            for other in range(len(cell_index)):
-                offset = cell_index[slot] - cell_index[other]
-                out[table, slot, other] = unrolled[table, center + offset]
-                out[table, other, slot] = unrolled[table, center - offset]
+        offset = cell_index[slots, None] - cell_index
+        self.matrices[:, slots, : len(cell_index)] = self._unrolled[:, center + offset]
+        columns_of = self._unrolled[:, center - offset].transpose(0, 2, 1)
+        self.matrices[:, : len(cell_index), slots] = columns_of
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, forceinline=True)

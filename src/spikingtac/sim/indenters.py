@@ -170,36 +170,6 @@ def _arc_mm(distance_mm: FloatArray, radius_mm: float) -> FloatArray:
 
 Indenter = Ellipsoid | Punch | Rods  # A body that can be pressed into the skin.
 
-# Finger pulp as a layer over bone (ours: the middle of 20 to 50 kPa; adult distal phalanx).
-FINGER_PULP = SoftLayer(shear_modulus_kpa=30.0, thickness_mm=6.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fingertip(Ellipsoid):
-    """A finger tip: soft, 7 mm in radius (ours: adult index, 6 to 8 mm)."""
-
-    radius_x_mm: float = 7.0
-    radius_y_mm: float = 7.0
-    soft: SoftLayer | None = FINGER_PULP
-
-
-@dataclass(frozen=True, kw_only=True)
-class Spoon(Ellipsoid):
-    """The back of a spoon's head: curvature 15 by 10 mm (ours: a table spoon)."""
-
-    radius_x_mm: float = 15.0
-    radius_y_mm: float = 10.0
-    half_height_mm: float | None = 8.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class LyingProbe(Rods):
-    """A probe that lies in the gel, as when it is grasped (patch of 7 by 18 mm)."""
-
-    count: int = 1
-    radius_mm: float = 4.0
-    length_mm: float = 14.0
-
 
 @dataclass(frozen=True, kw_only=True)
 class IndenterConfig:
@@ -214,14 +184,22 @@ class IndenterConfig:
     settings: dict[str, Any] = field(default_factory=dict)
 
 
-# Name -> body.
-INDENTERS: dict[str, type[Ellipsoid] | type[Rods] | type[Punch]] = {
-    "ball": Ellipsoid,
-    "finger": Fingertip,
-    "spoon": Spoon,
-    "comb": Rods,
-    "punch": Punch,
-    "probe": LyingProbe,
+# Name -> body and its own settings. The pulp of a finger tip is a layer over bone (the middle of 20
+# to 50 kPa); its radius is that of an adult index (6 to 8 mm), the spoon that of a table.
+INDENTERS: dict[str, tuple[type[Ellipsoid] | type[Rods] | type[Punch], dict[str, Any]]] = {
+    "ball": (Ellipsoid, {}),
+    "finger": (
+        Ellipsoid,
+        {
+            "radius_x_mm": 7.0,
+            "radius_y_mm": 7.0,
+            "soft": {"shear_modulus_kpa": 30.0, "thickness_mm": 6.0},
+        },
+    ),
+    "spoon": (Ellipsoid, {"radius_x_mm": 15.0, "radius_y_mm": 10.0, "half_height_mm": 8.0}),
+    "comb": (Rods, {}),
+    "punch": (Punch, {}),
+    "probe": (Rods, {"count": 1, "radius_mm": 4.0, "length_mm": 14.0}),  # lies, as when grasped
 }
 
 
@@ -231,5 +209,5 @@ def make_indenter(config: IndenterConfig) -> Indenter:
     Raises:
         ConfigError: The name or a setting is unknown. The message names the nearest valid one.
     """
-    body = named(INDENTERS, config.kind, "indenter")
-    return build(body, config.settings, f"indenter {config.kind!r}")
+    body, own = named(INDENTERS, config.kind, "indenter")
+    return build(body, own | config.settings, f"indenter {config.kind!r}")

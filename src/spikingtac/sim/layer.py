@@ -1,12 +1,8 @@
 """The elastic layer on a grid: displacement under traction, and its values at the markers.
 
-Surface displacement of a bonded elastic layer under traction: four closed forms and a grid.
-
 The layer is incompressible, linear and isotropic, bonded to a rigid base, of thickness h. Frame: x
 right, y down, z into the layer (towards the camera), so that pressure and indentation are positive.
 All responses are for unit shear modulus; multiply by the compliance 1/mu.
-
-Displacement and its gradient at the markers, from a periodic grid.
 """
 
 from __future__ import annotations
@@ -51,29 +47,6 @@ class GridConfig:
         return (np.arange(self.cells, dtype=np.float64) - 0.5 * (self.cells - 1)) * self.pitch_mm
 
 
-@njit(cache=True, nogil=True)
-def layer_response_kernel(
-    even: FloatArray, odd: FloatArray, traction: NDArray[np.complex128], out: NDArray[np.complex128]
-) -> None:
-    """Multiply a traction's spectrum by the layer's response.
-
-    Args:
-        even: ``(4, r, c)`` responses x<-x, x<-y, y<-y, z<-z.
-        odd: ``(2, r, c)`` responses x<-z and y<-z, as the factor of -i.
-        traction: ``(3, r, c)`` spectrum of the traction.
-        out: ``(3, r, c)`` spectrum of the displacement, to fill.
-    """
-    for row in range(traction.shape[1]):
-        for column in range(traction.shape[2]):
-            x, y, z = traction[0, row, column], traction[1, row, column], traction[2, row, column]
-            xy = even[1, row, column]
-            xz = -1j * odd[0, row, column]
-            yz = -1j * odd[1, row, column]
-            out[0, row, column] = even[0, row, column] * x + xy * y + xz * z
-            out[1, row, column] = xy * x + even[2, row, column] * y + yz * z
-            out[2, row, column] = even[3, row, column] * z - xz * x - yz * y
-
-
 class LayerOperator:
     """Surface displacement of one layer under any traction on a grid.
 
@@ -86,15 +59,17 @@ class LayerOperator:
     def __init__(self, grid: GridConfig, thickness_mm: float) -> None:
         self._grid = grid
         n = grid.cells
-        kx = _wavenumbers(n // 2 + 1, grid)[None, :]
-        ky = _wavenumbers(n, grid)[:, None]
+        index = np.arange(n, dtype=np.float64)[:, None]
+        step = 2.0 * np.pi / grid.span_mm
+        ky = step * np.where(index > n // 2, index - n, index)
+        kx = step * index[: n // 2 + 1].T
         even, odd = _kernels(kx, ky, thickness_mm)
         # What is odd in kx or ky has no value at the highest frequency of an even grid.
         for kernel in (even[1], *odd):
             kernel[n // 2, :] = 0.0
             kernel[:, n // 2] = 0.0
-        self._even, self._odd = even, odd
-        spectra = np.concatenate((even + 0j, -1j * odd))
+        self._even, self._odd = even, -1j * odd
+        spectra = np.concatenate((even + 0j, self._odd))
         self.tables = np.asarray(scipy.fft.irfft2(spectra, s=(n, n), workers=1), np.float64)
 
     def displacements(self, traction: FloatArray) -> FloatArray:
@@ -107,18 +82,12 @@ class LayerOperator:
             ``(3, n, n)`` displacement along x, y and into the layer, mm at unit modulus.
         """
         n = self._grid.cells
-        traction_k = np.asarray(scipy.fft.rfft2(traction, workers=1), np.complex128)
-        out = np.empty_like(traction_k)
-        layer_response_kernel(self._even, self._odd, traction_k, out)
-        moved = scipy.fft.irfft2(out, s=(n, n), workers=1, overwrite_x=True)
+        x, y, z = np.asarray(scipy.fft.rfft2(traction, workers=1))
+        (xx, xy, yy, zz), (xz, yz) = self._even, self._odd
+        along = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z
+        moved_k = np.stack((*along, zz * z - xz * x - yz * y))
+        moved = scipy.fft.irfft2(moved_k, s=(n, n), workers=1, overwrite_x=True)
         return np.asarray(moved, np.float64)
-
-
-def _wavenumbers(count: int, grid: GridConfig) -> FloatArray:
-    """Return the first ``count`` wavenumbers of the grid in a transform's order, 1/mm."""
-    index = np.arange(count, dtype=np.float64)
-    signed = np.where(index > grid.cells // 2, index - grid.cells, index)
-    return 2.0 * np.pi / grid.span_mm * signed
 
 
 def _kernels(kx: FloatArray, ky: FloatArray, thickness_mm: float) -> tuple[FloatArray, FloatArray]:

@@ -102,6 +102,7 @@ def _check_timing(segment: SegmentConfig, given: set[str]) -> None:
 
 
 FRAME = "skin"  # Name of the frame of indenter poses.
+NORMAL = np.array([0.0, 0.0, 1.0])  # Axis of yaw and twist.
 
 CLEARANCE_MM = 1.0  # Default height above the skin at the start of a motion and after a lift, mm.
 
@@ -145,7 +146,8 @@ class IndenterMotion:
 
     def __init__(self, config: MotionConfig) -> None:
         self._starts_s = [0.0]
-        pose = _start_pose(config)
+        position = np.array([config.x_mm, config.y_mm, -config.height_mm])
+        pose = Pose(position, rotation_about(NORMAL, math.radians(config.yaw_deg)), FRAME)
         self._segments: list[tuple[SegmentConfig, Pose, float]] = []
         for segment in config.segments:
             duration = segment_duration_s(segment, pose)
@@ -229,12 +231,6 @@ def rotation_about(axis: NDArray[np.float64], angle_rad: float) -> NDArray[np.fl
     return np.eye(3) + math.sin(angle_rad) * cross + (1.0 - math.cos(angle_rad)) * cross @ cross
 
 
-def _start_pose(config: MotionConfig) -> Pose:
-    position = np.array([config.x_mm, config.y_mm, -config.height_mm])
-    yaw = rotation_about(np.array([0.0, 0.0, 1.0]), math.radians(config.yaw_deg))
-    return Pose(position, yaw, FRAME)
-
-
 def _covered(segment: SegmentConfig, fraction: float) -> float:
     profile = _PROFILES[segment.profile][0]
     if segment.kind != "rub":
@@ -263,7 +259,7 @@ def _offset_mm(segment: SegmentConfig, start: Pose, covered: float) -> NDArray[n
 def _turn(segment: SegmentConfig, covered: float) -> NDArray[np.float64] | None:
     if segment.kind == "twist":
         angle = math.radians(segment.angle_deg or 0.0) * covered
-        return rotation_about(np.array([0.0, 0.0, 1.0]), angle)
+        return rotation_about(NORMAL, angle)
     if segment.kind == "roll":
         dx, dy = segment.dx_mm or 0.0, segment.dy_mm or 0.0
         distance = math.hypot(dx, dy)

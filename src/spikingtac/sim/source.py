@@ -247,6 +247,6 @@ class SceneSource:
             ends_us = [start_us + self._period_us * (k + 1) // steps for k in range(steps)]
             for t_us in ends_us:
                 body = self._timeline.at(t_us * 1e-6) or (None, None)
-                state = replace(self._gel.step((t_us - start_us) * 1e-6, *body), t_us=t_us)
+                state = self._gel.step((t_us - start_us) * 1e-6, *body)
                 start_us = t_us
                 yield state, self._optics.project(state)

@@ -45,9 +45,9 @@ class TwinCamera(Camera):
         self.size = found.size
         self.scene, self.seed, self._preset = scene, seed, camera
         self._found, self._at_rest = found, SceneSource(found, seed)
-        arguments = {"name": scene, "seed": seed, "camera": camera}
+        arguments = {"name": scene, "seed": seed, "camera": camera, "warm": True}
         self._source = RemoteSource(
-            Factory(function=_prepared_packets, arguments=arguments),
+            Factory(function=truthful_packets, arguments=arguments),
             self.size,
             lambda rows: self.take_truth({"marker_t_us": rows[0], "marker_px": rows[1]}),
         )
@@ -125,21 +125,23 @@ class TwinCamera(Camera):
         }
 
 
-def truthful_packets(name: str, seed: int, camera: str | None) -> Iterator[tuple[EventPacket, Any]]:
-    """Yield a scene's packets, each with the times and positions of its markers."""
-    from spikingtac.sim.source import SceneSource
+def truthful_packets(
+    name: str, seed: int, camera: str | None, warm: bool = False
+) -> Iterator[tuple[EventPacket, Any]]:
+    """Yield a scene's packets, each with the times and positions of its markers.
 
+    Args:
+        name: Name of the scene, or its file.
+        seed: Seed of its variations and noise.
+        camera: Preset of the camera; None is the scene's own.
+        warm: Compile everything first: the first contact would stop time.
+    """
+    from spikingtac.sim.source import SceneSource, touch_once
+
+    if warm:
+        touch_once(catalog.load_scene(name), seed)
     for step in SceneSource(catalog.load_scene(name).with_camera(camera), seed).steps():
         yield step.packet, (step.truth.marker_t_us, step.truth.marker_px)
-
-
-def _prepared_packets(
-    name: str, seed: int, camera: str | None
-) -> Iterator[tuple[EventPacket, Any]]:
-    from spikingtac.sim.source import touch_once
-
-    touch_once(catalog.load_scene(name), seed)  # compiled here, the first contact would stop time
-    yield from truthful_packets(name, seed, camera)
 
 
 def is_twin(source: str) -> bool:

@@ -170,20 +170,17 @@ class HoleSite:
         start = np.array([*start_mm, 0.0])
         if self.rig.state.in_contact or self.rig.probe.contact.gap_mm(start) <= 0.0:
             return False
-        skipped_mm = max(self._free_distance_mm(start_mm, direction) - SIMULATED_APPROACH_MM, 0.0)
+        contact, free_mm, heading = self.rig.probe.contact, 0.0, np.array([*direction, 0.0])
+        while free_mm < MAX_DISTANCE_MM:  # ray marching; a wall that is farther away is none
+            gap = contact.gap_mm(start + free_mm * heading)
+            if gap < MARCH_TOLERANCE_MM:
+                break
+            free_mm += min(gap, MAX_DISTANCE_MM)
+        else:
+            free_mm = 0.0
+        skipped_mm = max(free_mm - SIMULATED_APPROACH_MM, 0.0)
         self.rig.relocate(np.array([*(start_mm + skipped_mm * direction), 0.0]))
         return True
-
-    def _free_distance_mm(self, start_mm: FloatArray, direction: FloatArray) -> float:
-        """Return the distance from a place to the wall by ray marching, mm; 0 if there is none."""
-        distance, heading = 0.0, np.array([*direction, 0.0])
-        start = np.array([*start_mm, 0.0])
-        while distance < MAX_DISTANCE_MM:
-            gap = self.rig.probe.contact.gap_mm(start + distance * heading)
-            if gap < MARCH_TOLERANCE_MM:
-                return distance
-            distance += min(gap, MAX_DISTANCE_MM)
-        return 0.0
 
 
 def flat_wall(direction: FloatArray, distance_mm: float) -> PlaneWall:

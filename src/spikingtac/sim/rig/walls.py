@@ -1,27 +1,22 @@
 """Walls and bits, and the contact of the tip with a wall.
 
-Rigid bodies at the tip of the probe: walls, the wall of a round hole, and the bit that touches.
-
 Contact means that a distance must not become negative. The frame is the robot's base (mm), in which
 the probe stands vertically and z points up.
 
-Contact of a rigid tip on a compliant mount: unilateral, with Coulomb friction.
-
-The points of the tip must not enter the wall. Friction holds a pressing point at the place of its
-first touch until the tangential force exceeds the friction cone. The problem is solved by
-Gauss-Seidel sweeps over the points (:mod:`spikingtac.sim.rig.tip_contact`). Each point is
-solved exactly (stick) or by a short fixed-point iteration on the direction (slip). Any
-:class:`~spikingtac.sim.rig.walls.Wall` can be used: it gives distances, normals and curvature.
+The mount of the tip is compliant; contact is unilateral, with Coulomb friction. The points of the
+tip must not enter the wall. Friction holds a pressing point at the place of its first touch until
+the tangential force exceeds the friction cone. The problem is solved by Gauss-Seidel sweeps over
+the points (:mod:`spikingtac.sim.rig.tip_contact`). Each point is solved exactly (stick) or by a
+short fixed-point iteration on the direction (slip). Any :class:`Wall` can be used: it gives
+distances, normals and curvature.
 """
 
 from __future__ import annotations
 
 import functools
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from spikingtac.arrays import FloatArray
 from spikingtac.sim.rig.tip_contact import (
@@ -41,7 +36,7 @@ _TINY = float(np.finfo(np.float64).tiny)
 
 @dataclass(frozen=True, kw_only=True)
 class NoWall:
-    """Free air: no wall."""
+    """Free air: no wall, and no curvature."""
 
     def gap(self, point_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the distance ``(n,)`` to the surface and its outward normal ``(n, 3)``.
@@ -57,7 +52,7 @@ class NoWall:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlaneWall:
+class PlaneWall(NoWall):
     """A flat wall.
 
     Attributes:
@@ -74,10 +69,6 @@ class PlaneWall:
         normal = np.empty(point_mm.shape)
         normal[:] = away
         return (point_mm - place_mm) @ away, normal
-
-    def curvature(self, point_mm: FloatArray) -> FloatArray:
-        """Return zeros, because the wall is flat."""
-        return np.zeros((len(point_mm), 3, 3))
 
     @functools.cached_property
     def _geometry(self) -> tuple[FloatArray, FloatArray]:
@@ -105,52 +96,23 @@ class HoleWall:
 
     def gap(self, point_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return distance and normal (towards the axis)."""
-        inward, distance = radial_kernel(point_mm, *self._geometry)
-        return self.radius_mm - distance, inward
+        offset, axis = point_mm - np.array(self.center_mm), self._axis
+        radial = offset - (offset @ axis)[:, None] * axis
+        distance = np.maximum(np.sqrt((radial * radial).sum(axis=1)), _TINY)
+        return self.radius_mm - distance, -radial / distance[:, None]
 
     def curvature(self, point_mm: FloatArray) -> FloatArray:
         """Return the curvature around the hole, 1 / distance from the axis."""
-        return axis_curvature_kernel(point_mm, *self._geometry)
+        gap, inward = self.gap(point_mm)
+        around = np.cross(self._axis, inward)
+        return around[:, :, None] * around[:, None, :] / (self.radius_mm - gap)[:, None, None]
 
     @functools.cached_property
-    def _geometry(self) -> tuple[FloatArray, FloatArray]:
-        """A point of the axis and its unit direction, as arrays."""
-        return np.array(self.center_mm, np.float64), _unit(self.axis)
+    def _axis(self) -> FloatArray:
+        return _unit(self.axis)
 
 
 Wall = NoWall | PlaneWall | HoleWall  # A rigid surface. All points must stay on its free side.
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def radial_kernel(
-    point_mm: FloatArray, center_mm: FloatArray, axis: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the unit directions ``(n, 3)`` to an axis and the distances ``(n,)`` from it, mm."""
-    inward, distance = np.empty((len(point_mm), 3)), np.empty(len(point_mm))
-    for k in range(len(point_mm)):
-        offset = point_mm[k] - center_mm
-        radial = offset - np.dot(offset, axis) * axis
-        distance[k] = max(math.sqrt(np.dot(radial, radial)), _TINY)
-        inward[k] = -radial / distance[k]
-    return inward, distance
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def axis_curvature_kernel(
-    point_mm: FloatArray, center_mm: FloatArray, axis: FloatArray
-) -> FloatArray:
-    """Return the curvature tensors ``(n, 3, 3)`` of cylinders around an axis, 1/mm."""
-    inward, distance = radial_kernel(point_mm, center_mm, axis)
-    curvature = np.empty((len(point_mm), 3, 3))
-    around = np.empty(3)
-    for k in range(len(point_mm)):
-        for i in range(3):  # the cross product of axis and inward (np.cross compiles for seconds)
-            j, h = (i + 1) % 3, (i + 2) % 3
-            around[i] = axis[j] * inward[k, h] - axis[h] * inward[k, j]
-        for i in range(3):
-            for j in range(3):
-                curvature[k, i, j] = around[i] * around[j] / distance[k]
-    return curvature
 
 
 @dataclass(frozen=True, kw_only=True)
