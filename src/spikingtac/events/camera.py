@@ -12,14 +12,13 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any, ClassVar, NamedTuple, Self
 
-import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac import plugins
 from spikingtac.errors import named
 from spikingtac.events.address import Address
 from spikingtac.events.formats.codec import Triggers
-from spikingtac.events.formats.file_source import Rows
+from spikingtac.events.formats.packing import NO_ROWS, Rows
 from spikingtac.plugins import with_plugins
 from spikingtac.types import LossCounters
 
@@ -102,8 +101,7 @@ class Camera(ABC):
     @staticmethod
     def nothing() -> Rows:
         """Return the columns of no event."""
-        words = np.empty(0, np.uint16)
-        return words, words, np.empty(0, np.bool_), np.empty(0, np.int64)
+        return NO_ROWS
 
 
 class CameraKind(NamedTuple):

@@ -7,7 +7,6 @@ import re
 import zipfile
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol
 
 from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
@@ -25,10 +24,6 @@ FOREIGN = (".pdf", ".png", ".jpg", ".gif", ".svg", ".mp4", ".avi", ".json", ".to
 RECORDING_NAME = "events.raw"
 SAMPLE_BYTES = 1 << 16  # First bytes by which a file of an unknown ending is told.
 MOST_NAMED = 3  # Recordings of a folder that an error names.
-
-
-class _Opener(Protocol):
-    def __call__(self, path: Path, options: ReadOptions) -> FileSource: ...
 
 
 def open_events(
@@ -79,7 +74,7 @@ def open_events(
         refuse_url(place)
         if not place.exists() and not is_stream(place):
             raise RecordingError(f"there is no file {str(place)!r}; check the path")
-        return _opener(place)(place, options)
+        return _open_file(place, options)
     name = name_of(RECORDING_NAME, sensor or 0)
     if (place / name).is_file():
         return _of_folder(place, place / name, sensor or 0, options)
@@ -127,7 +122,7 @@ def _of_folder(folder: Path, file: Path, sensor: int, options: ReadOptions) -> F
     from spikingtac.events.manifest import RetimedSource, time_base_of
 
     parts = parts_of(file)
-    source = RawParts(parts, options) if len(parts) > 1 else _opener(file)(file, options)
+    source = RawParts(parts, options) if len(parts) > 1 else _open_file(file, options)
     time_map = time_base_of(folder, sensor)
     return source if time_map is None else RetimedSource(source, time_map, options)
 
@@ -157,30 +152,31 @@ def _bags(folder: Path) -> list[Path]:
         files = [*folder.glob("*.db3"), *folder.glob("*.mcap")]
     else:
         files = list(folder.glob("*.bag"))
-    return sorted(files, key=_by_numbers)
+    # Numbers in a name are sorted by their value.
+    return sorted(
+        files, key=lambda path: ([int(n) for n in re.findall(r"\d+", path.name)], path.name)
+    )
 
 
-def _by_numbers(path: Path) -> list[tuple[int, str]]:
-    """Return a key that sorts the numbers in a name by their value."""
-    parts = re.split(r"(\d+)", path.name)
-    return [(int(part), "") if part.isdigit() else (0, part) for part in parts]
-
-
-def _opener(path: Path) -> _Opener:
+def _open_file(path: Path, options: ReadOptions) -> FileSource:
     if is_stream(path):
-        return RawStream
+        return RawStream(path, options)
     with path.open("rb") as file:
         start = file.read(SAMPLE_BYTES)
     if not start:
         raise RecordingError(f"{str(path)!r} is empty (0 bytes): nothing was recorded into it")
     kind = _kind_by_signature(path, start)
-    ending = path.suffix.lower()
     if kind is None:
+        ending = path.suffix.lower()
         foreign = with_plugins({}, plugins.READERS)
         if ending.removeprefix(".") in foreign:
-            return foreign[ending.removeprefix(".")]
+            return foreign[ending.removeprefix(".")](path, options)
         kind = _KINDS.get(ending) or _kind_by_values(path, start)
-    return _own_opener(kind, path)
+    module, name = _READERS[kind]
+    reader = getattr(import_module(f"spikingtac.events.{module}"), name)
+    if kind == "packed":
+        return reader(path, lambda inner: _open_file(inner, options))
+    return reader(path, options)
 
 
 def _kind_by_signature(path: Path, start: bytes) -> str | None:
@@ -226,26 +222,15 @@ def _kind_by_values(path: Path, start: bytes) -> str:
     )
 
 
-def _own_opener(kind: str, path: Path) -> _Opener:
-    if kind == "packed":
-        from spikingtac.events.formats.array_file import open_packed
-
-        return lambda path, options: open_packed(path, lambda file: _opener(file)(file, options))
-    if kind == "aedat":
-        from spikingtac.events.records import aedat_reader
-
-        return aedat_reader(path)
-    module, name = _READERS[kind]
-    return getattr(import_module(f"spikingtac.events.{module}"), name)
-
-
-# Kind -> module and class that reads it.
+# Kind -> module, and the class or function in it that opens it.
 _READERS = {
     "raw": ("evt.raw", "RawSource"),
     "npz": ("formats.arrays", "ArraySource"),
     "text": ("formats.text", "TextSource"),
     "es": ("records", "EsSource"),
     "dat": ("records", "DatSource"),
+    "aedat": ("records", "open_aedat"),
+    "packed": ("formats.array_file", "open_packed"),
     "aedat4": ("formats.aedat4", "Aedat4Source"),
     "hdf5": ("formats.hdf5", "Hdf5Source"),
     "ros": ("ros", "RosSource"),

@@ -93,12 +93,11 @@ class RecordingWriter:
         (self.path / TRUTH).unlink(missing_ok=True)
         names = [name_of("events.raw", index) for index in range(sensors)]
         self._writers = [RawWriter(self.path / name, size, in_place=True) for name in names]
-        self._size = size
+        self._size, self._closed = size, False
         self._truth: ColumnFile | None = None
         self._fields: dict[str, Any] = {}
         self._start_us: int | None = None
         self._end_us = 0
-        self._closed = False
 
     def write(self, packet: EventPacket, sensor: int = 0) -> None:
         """Append a packet of one sensor."""

@@ -268,14 +268,14 @@ def decode_es_kernel(data: NDArray[np.uint8], out: Rows, state: NDArray[np.int64
     return n, i
 
 
-def aedat_reader(path: Path) -> type[FileSource]:
-    """Return what reads a file that begins with ``#!AER-DAT``, or refuse its version."""
+def open_aedat(path: Path, options: ReadOptions) -> FileSource:
+    """Open a file that begins with ``#!AER-DAT``, or refuse its version."""
     with path.open("rb") as file:
         line = file.readline(LINE_LIMIT).decode("latin-1").strip()
     found = re.fullmatch(r"#!AER-DAT([23])\.\d", line)
     if found is None:
         raise FormatError(f"{str(path)!r} begins with {line!r}; AEDAT 2.0, 3.1 and 4.0 are read")
-    return Aedat2Source if found[1] == "2" else Aedat3Source
+    return (Aedat2Source if found[1] == "2" else Aedat3Source)(path, options)
 
 
 def _aedat_header(path: Path) -> tuple[str, int]:

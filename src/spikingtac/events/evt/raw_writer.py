@@ -149,15 +149,12 @@ class RawWriter(EventWriter):
         self._append(format_header(self._encoder.name, self.size, self._base_us))
 
     def _append(self, data: bytes) -> None:
-        self._open_file().write(data)
+        if self._file is None:
+            raise FormatError("the file is closed; open another to write more events")
+        self._file.write(data)
         self.written_bytes += len(data)
         if self._digest is not None:
             self._digest.update(data)
-
-    def _open_file(self) -> IO[bytes]:
-        if self._file is None:
-            raise FormatError("the file is closed; open another to write more events")
-        return self._file
 
     def _check(self, packet: EventPacket) -> None:
         steps = np.diff(packet.t, prepend=self._last_us)

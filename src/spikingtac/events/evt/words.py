@@ -12,10 +12,8 @@ from spikingtac.events.evt import salvage
 from spikingtac.events.evt.decoder import Columns, WordDecoder
 from spikingtac.events.evt.salvage import may_be_filled, without_fill
 from spikingtac.events.formats.codec import Triggers
+from spikingtac.events.formats.packing import Rows
 from spikingtac.types import LossCounters
-
-# Columns x, y, p and t of some consecutive events.
-Rows = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 
 # Unknown or outside words in a chunk from which on the word boundaries are questioned.
 ALIGNMENT_SUSPECTS = 4
@@ -34,19 +32,12 @@ class WordStream:
     """
 
     def __init__(
-        self,
-        decoder: WordDecoder,
-        losses: LossCounters,
-        triggers: Triggers,
-        base_us: int = 0,
+        self, decoder: WordDecoder, losses: LossCounters, triggers: Triggers, base_us: int = 0
     ) -> None:
-        self._base_us = base_us
-        self._decoder = decoder
-        self._losses = losses
-        self._triggers = triggers
-        self._carry = np.empty(0, np.uint8)
+        self._decoder, self._base_us = decoder, base_us
+        self._losses, self._triggers = losses, triggers
+        self._carry, self._in_fill = np.empty(0, np.uint8), False
         self._out = Columns.empty(0, 0)
-        self._in_fill = False
 
     def feed(self, data: bytes | memoryview, final: bool = False) -> Rows:
         """Return the columns x, y, p and t of the events in the next bytes.
@@ -69,12 +60,13 @@ class WordStream:
             buffer = np.concatenate((words.view(np.uint8), buffer[end:]))
             end = len(words) * decoder.word.itemsize
         words = buffer[:end].view(decoder.word)
-        before = decoder.state.copy()
+        state, before = decoder.state, decoder.state.copy()
         count = self._decode(words)
-        misplaced = int(decoder.state[at.UNKNOWN] + decoder.state[at.OUTSIDE])
-        if self._is_suspect(final):
+        misplaced = state[at.UNKNOWN] + state[at.OUTSIDE] >= ALIGNMENT_SUSPECTS
+        fallen = state[at.BACKWARDS] + state[at.RESET] + state[at.JUMP]
+        if fallen or misplaced or (state[at.UNCONFIRMED] >= 0 and not final):
             decoder.state[:] = before
-            words, end = self._mended(buffer, misplaced >= ALIGNMENT_SUSPECTS)
+            words, end = self._mended(buffer, bool(misplaced))
             count = self._decode(words)
             held = int(decoder.state[at.UNCONFIRMED])
             if not final and held > 0 and len(buffer) < CARRY_LIMIT_BYTES:
@@ -91,15 +83,6 @@ class WordStream:
         if len(self._out.x) < needed or len(self._out.triggers) < len(words):
             self._out = Columns.empty(needed, len(words))
         return self._decoder.decode(words, self._out)
-
-    def _is_suspect(self, final: bool) -> bool:
-        state = self._decoder.state
-        fallen = state[at.BACKWARDS] + state[at.RESET] + state[at.JUMP]
-        return bool(
-            fallen
-            or state[at.UNKNOWN] + state[at.OUTSIDE] >= ALIGNMENT_SUSPECTS
-            or (state[at.UNCONFIRMED] >= 0 and not final)
-        )
 
     def _mended(self, buffer: NDArray[np.uint8], misaligned: bool) -> tuple[NDArray[Any], int]:
         decoder = self._decoder

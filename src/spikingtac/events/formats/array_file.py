@@ -129,10 +129,9 @@ class ColumnFile:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self._path = Path(path)
+        self._path, self._closed = Path(path), False
         self._spools: dict[str, tuple[IO[bytes], np.dtype[Any], list[int]]] = {}
         self._fixed: dict[str, NDArray[Any]] = {}
-        self._closed = False
 
     def append(self, columns: Mapping[str, NDArray[Any]]) -> None:
         """Append rows to the named columns (the first call sets their types and row shapes)."""
@@ -150,50 +149,41 @@ class ColumnFile:
 
     def close(self) -> None:
         """Write the archive; further calls do nothing."""
-        if self._closed:
-            return
-        self._closed = True
-        try:
-            with replacing(self._path) as partial:
-                self._write(partial)
-        finally:
-            self._close_spools()
+        if not self._closed:
+            try:
+                with replacing(self._path) as partial, zipfile.ZipFile(partial, "w") as archive:
+                    self._write(archive)
+            finally:
+                self.abandon()
 
     def abandon(self) -> None:
         """Write nothing; further calls do nothing."""
         self._closed = True
-        self._close_spools()
-
-    def _close_spools(self) -> None:
         for spool, _, _ in self._spools.values():
             spool.close()
 
-    def _write(self, path: Path) -> None:
-        with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
-            for name, (spool, dtype, shape) in self._spools.items():
-                with archive.open(_member(name), "w", force_zip64=True) as member:
-                    spool.seek(0)
-                    _write_header(member, dtype, tuple(shape))
-                    while data := spool.read(_COPY_BYTES):
-                        member.write(data)
-            for name, values in self._fixed.items():
-                with archive.open(_member(name), "w", force_zip64=True) as member:
-                    _write_header(member, values.dtype, values.shape)
-                    member.write(values.tobytes())
+    def _write(self, archive: zipfile.ZipFile) -> None:
+        for name, (spool, dtype, shape) in self._spools.items():
+            spool.seek(0)
+            with _begun(archive, name, dtype, tuple(shape)) as member:
+                shutil.copyfileobj(spool, member, _COPY_BYTES)
+        for name, values in self._fixed.items():
+            with _begun(archive, name, values.dtype, values.shape) as member:
+                member.write(values.tobytes())
 
 
-def _member(name: str) -> zipfile.ZipInfo:
+def _begun(
+    archive: zipfile.ZipFile, name: str, dtype: np.dtype[Any], shape: tuple[int, ...]
+) -> IO[bytes]:
+    """Return an array of an archive, behind its header."""
     info = zipfile.ZipInfo(f"{name}.npy", date_time=_EPOCH)
     info.create_system = 3  # Unix, on every system
     info.external_attr = 0o600 << 16
-    return info
-
-
-def _write_header(member: IO[bytes], dtype: np.dtype[Any], shape: tuple[int, ...]) -> None:
-    description = np.lib.format.dtype_to_descr(dtype)
-    np.lib.format.write_array_header_1_0(
-        member, {"descr": description, "fortran_order": False, "shape": shape}
-    )
+    member = archive.open(info, "w", force_zip64=True)
+    described = np.lib.format.dtype_to_descr(dtype)
+    header = {"descr": described, "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(member, header)
+    return member
 
 
 def open_packed(path: Path, opener: Callable[[Path], FileSource]) -> FileSource:

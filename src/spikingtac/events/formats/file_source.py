@@ -6,20 +6,16 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, DamageError
 from spikingtac.events.formats.codec import HARMLESS, KINDS, Triggers
-from spikingtac.events.formats.limits import require_size
-from spikingtac.events.formats.packing import ColumnCheck, Packer
+from spikingtac.events.formats.limits import SIDE_LIMIT_PX, require_size
+from spikingtac.events.formats.packing import ColumnCheck, Packer, Rows
 from spikingtac.events.source import HealthMeter
 from spikingtac.types import EventPacket, LossCounters, SourceHealth
-
-# Columns x, y, p and t of some consecutive events.
-Rows = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 
 CHUNK_EVENTS = 1 << 17  # About how many events a packet holds by default.
 
@@ -92,14 +88,12 @@ class FileSource:
     checked = False  # Whether columns come in order, on the sensor, of the package's types.
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self.path = path
-        self.losses = LossCounters()
-        self.triggers = Triggers()
+        self.path, self._options = path, options
+        self.losses, self.triggers = LossCounters(), Triggers()
         self.notes: list[str] = []
         self.progress = 0.0
         self.lost_before: dict[str, int] = {}
         self._counters = HealthMeter(self.losses)
-        self._options = options
         self.size = require_size(options.size or self._size(), repr(str(path)))
 
     def _size(self) -> tuple[int, int]:
@@ -158,17 +152,22 @@ class FileSource:
 
     def _size_from_events(self) -> tuple[int, int]:
         """Return the smallest usual sensor that holds nearly all events; say so in the notes."""
-        columns, rows = np.zeros(1 << 16, np.int64), np.zeros(1 << 16, np.int64)
-        self.size = (1 << 16, 1 << 16)
-        for x, y, _, _ in self._columns():
-            columns += np.bincount(_addresses(x), minlength=1 << 16)
-            rows += np.bincount(_addresses(y), minlength=1 << 16)
+        seen = np.zeros((2, SIDE_LIMIT_PX), np.int64)
+        self.size = (SIDE_LIMIT_PX, SIDE_LIMIT_PX)
+        for columns in self._columns():
+            for counts, column in zip(seen, columns, strict=False):
+                within = column[(column >= 0) & (column < SIDE_LIMIT_PX)].astype(np.int64)
+                counts += np.bincount(within, minlength=SIDE_LIMIT_PX)
         self.losses.clear()
         self.triggers.clear()
-        if not columns.sum():
+        if not seen.any():
             self.notes.append("no size and no events; assumed 320x320 px")
             return SIZES_PX[0]
-        size = _fitting(_extent(columns), _extent(rows))
+        # The least length that holds all but a stray share of the addresses.
+        covered = seen.cumsum(axis=1) >= (1 - STRAY_SHARE) * seen.sum(axis=1, keepdims=True)
+        width, height = (covered.argmax(axis=1) + 1).tolist()
+        usual = [size for size in SIZES_PX if width <= size[0] and height <= size[1]]
+        size = usual[0] if usual else (width, height)
         self.notes.append(f"the file names no size; {size[0]}x{size[1]} px holds its events")
         return size
 
@@ -205,20 +204,3 @@ def place_after_damage(
                 return found
         place += SEARCH_BYTES
     return None
-
-
-def _addresses(column: NDArray[Any]) -> NDArray[np.int64]:
-    return column[(column >= 0) & (column < 1 << 16)].astype(np.int64)
-
-
-def _extent(histogram: NDArray[np.int64]) -> int:
-    """Return the length that holds all but a stray share of the addresses."""
-    covered = np.cumsum(histogram) >= (1 - STRAY_SHARE) * histogram.sum()
-    return int(np.argmax(covered)) + 1
-
-
-def _fitting(width: int, height: int) -> tuple[int, int]:
-    for size in SIZES_PX:
-        if width <= size[0] and height <= size[1]:
-            return size
-    return width, height

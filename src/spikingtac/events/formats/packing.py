@@ -16,6 +16,10 @@ from numpy.typing import NDArray
 from spikingtac.events.formats.codec import JUMP_US, RESET_US
 from spikingtac.types import EventPacket, LossCounters
 
+# Columns x, y, p and t of some consecutive events, and those of no event.
+Rows = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
+NO_ROWS: Rows = tuple(np.empty(0, kind) for kind in ("u2", "u2", "?", "i8"))  # type: ignore
+
 # Times and shifts beyond are not believed: 36,000 years, and room for the sum of both.
 TIME_LIMIT_US = 1 << 60
 
@@ -140,10 +144,6 @@ class TimeCourse:
         return back
 
 
-# Columns x, y, p and t of the package's types.
-Sound = tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.bool_], NDArray[np.int64]]
-
-
 class ColumnCheck:
     """Drops what is outside of the sensor and keeps time monotonic.
 
@@ -156,39 +156,30 @@ class ColumnCheck:
         self._width, self._height = size
         self._losses = losses
         self._course = TimeCourse(losses)
-        self._held: Sound = _none()
+        self._held = NO_ROWS
 
-    def __call__(self, x: NDArray[Any], y: NDArray[Any], p: NDArray[Any], t: NDArray[Any]) -> Sound:
+    def __call__(self, x: NDArray[Any], y: NDArray[Any], p: NDArray[Any], t: NDArray[Any]) -> Rows:
         """Return sound columns; the last events may wait for the next call (see TimeCourse)."""
         inside = (x >= 0) & (x < self._width) & (y >= 0) & (y < self._height)
         if not inside.all():
             self._losses.add("out_of_range", int(len(inside) - np.count_nonzero(inside)))
             x, y, p, t = x[inside], y[inside], p[inside], t[inside]
         on = p if p.dtype == np.bool_ else p > 0
-        columns: Sound = x.astype(np.uint16), y.astype(np.uint16), on, _whole(t)
+        columns = x.astype(np.uint16), y.astype(np.uint16), on, _whole(t)
         if len(self._held[0]):
-            columns = _joined(self._held, columns)
+            x, y, p, t = map(np.concatenate, zip(self._held, columns, strict=True))
+            columns = x, y, p, t
         return self._mended(columns, final=False)
 
-    def finish(self) -> Sound:
+    def finish(self) -> Rows:
         """Return the events that still wait."""
         return self._mended(self._held, final=True)
 
-    def _mended(self, columns: Sound, final: bool) -> Sound:
+    def _mended(self, columns: Rows, final: bool) -> Rows:
         x, y, p, t = columns
         time, count = self._course.mend(t, final)
         self._held = x[count:], y[count:], p[count:], t[count:]
         return x[:count], y[:count], p[:count], time
-
-
-def _joined(first: Sound, second: Sound) -> Sound:
-    x, y, p, t = (np.concatenate(pair) for pair in zip(first, second, strict=True))
-    return x.astype(np.uint16), y.astype(np.uint16), p.astype(np.bool_), t.astype(np.int64)
-
-
-def _none() -> Sound:
-    words = np.empty(0, np.uint16)
-    return words, words, np.empty(0, np.bool_), np.empty(0, np.int64)
 
 
 def _whole(t: NDArray[Any]) -> NDArray[np.int64]:
@@ -221,11 +212,7 @@ class Packer:
         self._start_us: int | None = None
 
     def push(
-        self,
-        x: NDArray[Any],
-        y: NDArray[Any],
-        p: NDArray[Any],
-        t: NDArray[np.int64],
+        self, x: NDArray[Any], y: NDArray[Any], p: NDArray[Any], t: NDArray[Any]
     ) -> Iterator[EventPacket]:
         """Take (and copy) columns in order of time and on the sensor; yield what is complete."""
         if not len(t):
