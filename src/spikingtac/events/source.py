@@ -10,6 +10,9 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from spikingtac.errors import ConfigError
 from spikingtac.events.formats.codec import HARMLESS
 from spikingtac.types import EventPacket, LossCounters, SourceHealth
@@ -112,23 +115,27 @@ class HealthMeter:
     """
 
     def __init__(self, losses: Mapping[str, int]) -> None:
-        self._losses = losses
-        self._counted: dict[str, int] = {}
-        self._latest = SourceHealth()
-        self._rate_ev_s = 0.0
+        self._losses, self._counted = losses, dict[str, int]()
+        self._latest, self._rate_ev_s = SourceHealth(), 0.0
         self._span_us: tuple[int, int] | None = None
-        self._slot_us, self._slot_events, self._events = (0, 0), 0, 0
+        self._events, self._slot_us = 0, 0
+        self._slot: list[NDArray[np.int64]] = []  # times of the events of the present slot
 
     def absorb(self, packet: EventPacket) -> None:
         """Count the events of the next stretch of the stream."""
-        start_us, end_us = packet.t_start_us, packet.t_end_us
         if self._span_us is None:
-            self._span_us = start_us, end_us
-            self._slot_us = start_us, (start_us // SLOT_US + 1) * SLOT_US
-        counted = self._complete(packet) if end_us >= self._slot_us[1] else 0
-        self._slot_events += len(packet) - counted
+            self._span_us = packet.t_start_us, packet.t_end_us
+            self._slot_us = packet.t_start_us // SLOT_US * SLOT_US
+        first_us, self._span_us = self._span_us[0], (self._span_us[0], packet.t_end_us)
         self._events += len(packet)
-        self._span_us = self._span_us[0], end_us
+        self._slot.append(packet.t)
+        reached_us = packet.t_end_us // SLOT_US * SLOT_US
+        if reached_us > self._slot_us:
+            t = np.concatenate(self._slot)
+            self._rate_ev_s = slot_rate_ev_s(
+                reached_us, first_us, lambda *span_us: int(np.diff(t.searchsorted(span_us))[0])
+            )
+            self._slot, self._slot_us = [t[t.searchsorted(reached_us) :]], reached_us
 
     def now(self) -> SourceHealth:
         """Return the health up to the end of what was absorbed."""
@@ -141,17 +148,3 @@ class HealthMeter:
         """Return the health with the mean rate of all that was absorbed."""
         first_us, last_us = self._span_us or (0, 0)
         return source_health(self._losses, self._events * US_PER_S / max(last_us - first_us, 1))
-
-    def _complete(self, packet: EventPacket) -> int:
-        """Tell the rate of the latest slot that a packet completes; return its events up to it."""
-        from_us, until_us = self._slot_us
-        reached_us = packet.t_end_us // SLOT_US * SLOT_US
-        if reached_us == until_us:
-            counted = int(packet.t.searchsorted(reached_us))
-            events, length_us = self._slot_events + counted, reached_us - from_us
-        else:  # the packet holds all of that slot, or time has leapt
-            before, counted = map(int, packet.t.searchsorted((reached_us - SLOT_US, reached_us)))
-            events, length_us = counted - before, SLOT_US
-        self._rate_ev_s = events * US_PER_S / length_us
-        self._slot_us, self._slot_events = (reached_us, reached_us + SLOT_US), 0
-        return counted

@@ -1,19 +1,12 @@
 """The three word formats of RAW: EVT 2.0, EVT 2.1 and EVT 3.0.
 
 Source: Prophesee, "EVT 2.0 Format", "EVT 2.1 Format", "EVT 3.0 Format" (public documentation).
-
 EVT2 has words of 32 bits, one event each. Counted from the top, such a word holds its type (4 bits:
-0 OFF, 1 ON), the lower time (6), the column (11) and the row (11). Other types: 8 upper time, 10
-trigger, 13 to 15 vendor extensions.
-
-EVT2.1 has words of 64 bits for up to 32 pixels of one row, time and polarity. The upper half is an
-EVT2 word, whose column is that of the first pixel; the lower half is the mask of the pixels with an
-event. Words come in three byte orders: ``little`` (GenX320; the format's default), ``legacy``
-(IMX636 and older: the upper half first, each half little-endian) and ``big``.
-
-EVT3 has words of 16 bits whose time, row and vector base are kept as state. Their upper four bits
-are the type: 0 row, 2 single event, 3 vector base, 4 and 5 vectors of 12 and 8 pixels, 6 and 8 the
-lower and upper 12 bits of the 24-bit time, 10 trigger, 7, 14 and 15 vendor extensions.
+0 OFF, 1 ON), the lower time (6), the column (11) and the row (11). EVT2.1 has words of 64 bits: the
+upper half is an EVT2 word, whose column is that of the first pixel; the lower half is the mask of
+the 32 pixels. Words come in three byte orders: ``little`` (GenX320; the default), ``legacy``
+(IMX636 and older: the upper half first, each half little-endian) and ``big``. EVT3 has words of 16
+bits whose time, row and vector base are kept as state. The upper four bits are the type.
 """
 
 from __future__ import annotations
@@ -176,6 +169,7 @@ def decode_evt2_kernel(words: NDArray[np.uint32], out: Columns, state: State) ->
 def decode_evt21_kernel(halves: NDArray[np.uint32], upper: int, out: Columns, state: State) -> Any:
     """Decode words, ``(n, 2)`` halves, the upper in column ``upper``; return the event count."""
     x, y, p, t, triggers = out
+    width, height = state[at.WIDTH], state[at.HEIGHT]
     n = 0
     for i in range(len(halves)):
         head = np.int64(halves[i, upper])
@@ -185,7 +179,8 @@ def decode_evt21_kernel(halves: NDArray[np.uint32], upper: int, out: Columns, st
             continue
         mask, column, row = np.int64(halves[i, 1 - upper]), (head >> 11) & 0x7FF, head & 0x7FF
         timed = state[at.HIGH] >= 0
-        mask = _visible_kernel(mask, wire.VECTOR_WIDTH_PX, column, row, timed, state)
+        if not timed or column + wire.VECTOR_WIDTH_PX > width or row >= height:
+            mask = _visible_kernel(mask, wire.VECTOR_WIDTH_PX, column, row, timed, state)
         if not mask:
             continue
         now = time_low_kernel(state, (head >> 22) & 0x3F)
@@ -221,11 +216,7 @@ def decode_evt3_kernel(words: NDArray[np.uint16], out: Columns, state: State) ->
             now = lone_low_kernel(state, value, n)
         elif kind in (wire.VECT_12, wire.VECT_8):
             column, polarity = state[at.VECTOR_X], state[at.VECTOR_P] != 0
-            length = 12 if kind == wire.VECT_12 else 8
-            known = column >= 0 and row < at.NO_ROW and now >= 0
-            if column >= 0:
-                state[at.VECTOR_X] = column + length
-            mask = _visible_kernel(value & ((1 << length) - 1), length, column, row, known, state)
+            mask = _vector_kernel(value, 12 if kind == wire.VECT_12 else 8, row, state)
             while mask:
                 x[n], y[n], p[n], t[n] = column + LOWEST_BIT[mask], row, polarity, now
                 mask &= mask - 1
@@ -240,12 +231,23 @@ def decode_evt3_kernel(words: NDArray[np.uint16], out: Columns, state: State) ->
 
 
 @njit(cache=True, nogil=True)
+def _vector_kernel(mask: Integer, length: Integer, row: Integer, state: State) -> Any:
+    """Return the part of a vector's mask on the sensor, and move the base on."""
+    mask &= (1 << length) - 1
+    column = state[at.VECTOR_X]
+    if column >= 0:
+        state[at.VECTOR_X] = column + length
+    known = column >= 0 and row < at.NO_ROW and state[at.NOW] >= 0
+    if known and column + length <= state[at.WIDTH] and row < state[at.HEIGHT]:
+        return mask
+    return _visible_kernel(mask, length, column, row, known, state)
+
+
+@njit(cache=True, nogil=True)
 def _visible_kernel(
     mask: Integer, length: Integer, column: Integer, row: Integer, known: Any, state: State
 ) -> Any:
     """Return the part of a mask that lies on the sensor; count the rest."""
-    if known and column + length <= state[at.WIDTH] and row < state[at.HEIGHT]:
-        return mask
     room = max(state[at.WIDTH] - column, 0) if known and row < state[at.HEIGHT] else 0
     kept = mask & ((np.int64(1) << min(room, length)) - 1)
     lost = mask & ~kept
