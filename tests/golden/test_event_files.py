@@ -1,13 +1,11 @@
 """Digests of files: the same events must give the same bytes in every version and on every machine.
 
-A change here is a change of format: say so in the changelog, then print the new digests with
-``python tests/golden/test_event_files.py``.
+A change here is a change of format: say so in the changelog.
 """
 
 from __future__ import annotations
 
 import hashlib
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -47,9 +45,3 @@ def digest(kind: str, folder: Path) -> str:
 @pytest.mark.parametrize("kind", DIGESTS)
 def test_bytes_are_as_ever(kind: str, tmp_path: Path) -> None:
     assert digest(kind, tmp_path) == DIGESTS[kind]
-
-
-if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as name:
-        for kind in DIGESTS:
-            print(f'    "{kind}": "{digest(kind, Path(name))}",')

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from spikingtac.events.evt import decoders, salvage
-from spikingtac.events.evt.decoder import Columns, WordDecoder, new_state, read_only
-from spikingtac.events.evt.decoders import Evt2Decoder, Evt3Decoder, Evt21Decoder
+from spikingtac.events.evt import salvage
+from spikingtac.events.evt.decoder import Columns
 from spikingtac.events.evt.encode import Evt2Encoder, Evt3Encoder, Evt21Encoder
+from spikingtac.events.evt.words import WordDecoder
 from spikingtac.events.records import decode_es_kernel
 
 SIZE = (320, 240)
@@ -85,44 +85,21 @@ def decoded(decoder: WordDecoder, words: NDArray) -> Events:
 
 
 CODECS = [
-    pytest.param(Evt2Encoder, Evt2Decoder, twin_evt2, id="evt2"),
-    pytest.param(Evt21Encoder, Evt21Decoder, twin_evt21, id="evt21"),
-    pytest.param(Evt3Encoder, Evt3Decoder, twin_evt3, id="evt3"),
+    pytest.param(Evt2Encoder, twin_evt2, id="evt2"),
+    pytest.param(Evt21Encoder, twin_evt21, id="evt21"),
+    pytest.param(Evt3Encoder, twin_evt3, id="evt3"),
 ]
 
 
-@pytest.mark.parametrize(("encoder", "decoder", "twin"), CODECS)
+@pytest.mark.parametrize(("encoder", "twin"), CODECS)
 @pytest.mark.parametrize(
     ("n", "span_us"), [(0, 1), (1, 1), (500, 20), (2000, 5000), (300, 1 << 26)]
 )
-def test_encoder_twin_and_decoder_agree(encoder, decoder, twin, n, span_us) -> None:
+def test_encoder_twin_and_decoder_agree(encoder, twin, n, span_us) -> None:
     columns = events(np.random.default_rng(n), n, span_us)
     words = encoder().encode(*columns)
     assert twin(words) == as_tuples(*columns)
-    assert decoded(decoder(SIZE), words) == as_tuples(*columns)
-
-
-@pytest.mark.parametrize(("encoder", "decoder", "twin"), CODECS)
-def test_kernels_equal_their_python_source(encoder, decoder, twin) -> None:
-    """On random words: every branch, sound or not, acts as the interpreted function does."""
-    compiled = getattr(decoders, f"decode_{decoder.name}_kernel")
-    rng = np.random.default_rng(3)
-    columns = events(rng, 300, 30_000)
-    words = encoder().encode(*columns).copy()
-    places = rng.integers(0, len(words), 40)
-    words[places] = rng.integers(0, 1 << 8 * words.itemsize, 40, dtype=words.dtype)
-    results = []
-    for kernel in (compiled, compiled.py_func):
-        state = new_state(SIZE)
-        out = [np.zeros_like(column) for column in Columns.empty(len(words) * 32, len(words))]
-        source = (read_only(words),)
-        if decoder is Evt21Decoder:
-            source = (read_only(words.view("<u4").reshape(-1, 2)), 1)
-        with np.errstate(over="ignore"):
-            results.append(
-                (kernel(*source, Columns(*out), state), state.tolist(), [a.tolist() for a in out])
-            )
-    assert results[0] == results[1]
+    assert decoded(WordDecoder(encoder.name, SIZE), words) == as_tuples(*columns)
 
 
 def cost_of_path(bad: list[int], path: tuple[int, ...], word: int) -> int:

@@ -21,10 +21,9 @@ from spikingtac.errors import (
 )
 from spikingtac.events.address import Address
 from spikingtac.events.camera import Camera
-from spikingtac.events.evt.decoders import word_decoder
 from spikingtac.events.evt.header import HEADER_LIMIT_BYTES, RawHeader, read_header
 from spikingtac.events.evt.raw import NAMES
-from spikingtac.events.evt.words import Rows, WordStream
+from spikingtac.events.evt.words import Rows, WordDecoder, WordStream
 
 CHUNK_BYTES = 1 << 18  # Most bytes that one read takes and decodes.
 END_OF_HEADER = b"% end\n"
@@ -52,7 +51,7 @@ class PipeCamera(Camera):
         self._encoding, self._base_us = header.encoding, header.time_base_us
         continuous = header.encoding == "evt3" and header.generated_here
         order = header.byte_order or "little"
-        decoder = word_decoder(header.encoding, header.size, order, continuous)
+        decoder = WordDecoder(header.encoding, header.size, order, continuous)
         warm_up(header.encoding, header.size, order)
         self._stream = WordStream(decoder, self.losses, self.triggers)
         self._pending = pending

@@ -8,7 +8,6 @@ import numpy as np
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address
-from spikingtac.events.evt.decoders import word_decoder
 from spikingtac.events.evt.header import (
     ENCODINGS,
     FOREIGN_SHARE,
@@ -17,7 +16,7 @@ from spikingtac.events.evt.header import (
     implausible_share,
 )
 from spikingtac.events.evt.raw import NAMES
-from spikingtac.events.evt.words import Rows, WordStream
+from spikingtac.events.evt.words import Rows, WordDecoder, WordStream
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import LossCounters
 
@@ -77,7 +76,7 @@ class BareWords:
         if "order" in address.options and self.encoding != "evt21":
             raise ConfigError(f"{str(address)!r}: order is of EVT2.1 words; leave it out")
         self._form = self.encoding + (f"/{self._order}" if self.encoding == "evt21" else "")
-        decoder = word_decoder(self.encoding, self.size, self._order)
+        decoder = WordDecoder(self.encoding, self.size, self._order)
         self._stream = WordStream(decoder, losses, triggers)
         self._losses = losses
         self._reached: int | None = None
@@ -151,7 +150,7 @@ def warm_up(encoding: str, size: tuple[int, int], order: str = "little") -> None
         size: ``(width, height)``, px.
         order: Byte order of EVT2.1 words.
     """
-    stream = WordStream(word_decoder(encoding, size, order), LossCounters(), Triggers())
+    stream = WordStream(WordDecoder(encoding, size, order), LossCounters(), Triggers())
     stream.feed(np.random.default_rng(0).bytes(NOISE_BYTES), final=True)
 
 

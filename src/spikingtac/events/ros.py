@@ -133,10 +133,9 @@ class RosSource(FileSource):
                 yield _mono_events(packet, start_ns)
 
     def _words(self) -> WordStream:
-        from spikingtac.events.evt.decoders import word_decoder
-        from spikingtac.events.evt.words import WordStream
+        from spikingtac.events.evt.words import WordDecoder, WordStream
 
-        decoder = word_decoder(self._first.encoding, self.size)
+        decoder = WordDecoder(self._first.encoding, self.size)
         return WordStream(decoder, self.losses, self.triggers)
 
     def _packets(self, topic: str | None) -> Iterator[tuple[str, _Packet]]:

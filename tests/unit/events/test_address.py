@@ -1,14 +1,18 @@
-"""Addresses of cameras: what they mean, and which paths are none."""
+"""Addresses of cameras, and paths: what they mean, and where they are refused."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import spikingtac as st
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.address import Address, is_address
 from spikingtac.events.open import open_events
+from stand_ins.small_twin import calibration
 
 
 def test_an_address_is_taken_apart_and_put_together() -> None:
@@ -41,3 +45,16 @@ def test_a_file_on_the_net_is_refused_as_before() -> None:
 def test_options_are_names_with_values_once(text: str) -> None:
     with pytest.raises(ConfigError, match="name=value"):
         Address.parse(text)
+
+
+def tracked(given: Any) -> Any:
+    return st.follow(given, st.make_tracker(st.load_config("fast").tracking, calibration()), 100.0)
+
+
+@pytest.mark.parametrize("taker", [st.calibrate, tracked, lambda given: st.windows(given, 1_000)])
+@pytest.mark.parametrize("given", ["touch.raw", Path("touch.raw")])
+def test_a_path_instead_of_events_is_refused(
+    taker: Callable[[Any], Any], given: str | Path
+) -> None:
+    with pytest.raises(st.SpikingTacError, match=r"it: spikingtac\.open_events\('touch\.raw'\)"):
+        list(taker(given))

@@ -66,24 +66,6 @@ def test_quiet_events_are_those_of_the_windows_with_the_fewest() -> None:
     assert len(index) == 6
 
 
-def packet(x: list[int], y: list[int]) -> EventPacket:
-    t = np.arange(len(x), dtype=np.int64)
-    columns = np.array(x, np.uint16), np.array(y, np.uint16)
-    return EventPacket(*columns, t % 2 == 0, t, 0, 100, SIZE)
-
-
-def test_the_filter_drops_the_events_of_hot_pixels_alone() -> None:
-    hot = HotPixelFilter(np.array([[3, 4], [39, 29]]), SIZE)
-    kept = hot.kept(packet([3, 4, 3, 39, 3], [4, 3, 5, 29, 4]))
-    assert list(zip(kept.x.tolist(), kept.y.tolist(), kept.t.tolist(), strict=True)) == [
-        (4, 3, 1),
-        (3, 5, 2),
-    ]
-    assert (kept.t_start_us, kept.t_end_us, kept.size) == (0, 100, SIZE)
-    clean = packet([1], [1])
-    assert hot.kept(clean) is clean
-
-
 @pytest.mark.parametrize("noise_hz", [5.0, 40.0])
 def test_noise_and_hot_pixels_are_told_apart_beside_a_contact(noise_hz: float) -> None:
     rng, duration_us = np.random.default_rng(3), 4_000_000
@@ -101,3 +83,6 @@ def test_noise_and_hot_pixels_are_told_apart_beside_a_contact(noise_hz: float) -
     # The quietest tenth of the windows is quieter than the mean by the choice.
     assert found.noise_hz == pytest.approx(noise_hz, rel=0.3)
     assert found.on_fraction == pytest.approx(0.25, abs=0.01)
+    kept = HotPixelFilter(found.hot_px, SIZE).kept(events)
+    assert judge_events(kept).hot_px.size == 0
+    assert HotPixelFilter(found.hot_px, SIZE).kept(kept) is kept

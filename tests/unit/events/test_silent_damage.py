@@ -125,12 +125,3 @@ def test_hdf5_columns_of_unequal_length_are_counted(tmp_path: Path) -> None:
     assert losses == {"truncated": 1}
     with pytest.raises(DamageError, match="truncated"):
         whole(tmp_path / "a.h5", strict=True)
-
-
-def test_an_absurd_offset_of_an_hdf5_file_is_counted(tmp_path: Path) -> None:
-    write_h5(tmp_path / "a.h5", t_offset=np.uint64((1 << 64) - 1))
-    found, losses = whole(tmp_path / "a.h5")
-    np.testing.assert_array_equal(found.t, SAMPLE.t)
-    assert losses == {"bad_record": 1}
-    write_h5(tmp_path / "b.h5", t=SAMPLE.t.astype(np.int32), t_offset=np.int64(1 << 40))
-    np.testing.assert_array_equal(whole(tmp_path / "b.h5")[0].t, SAMPLE.t + (1 << 40))

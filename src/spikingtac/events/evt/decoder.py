@@ -1,4 +1,4 @@
-"""The state of a RAW decoder, the one rule by which all of them keep time, and their shape.
+"""The state of a RAW decoder, and the one rule by which all of them keep time.
 
 The wire sends the upper part of the time in words of its own; their counter wraps. Forward is the
 smaller surprise: a counter that falls by half of its range or more has wrapped (as OpenEB has it).
@@ -12,10 +12,8 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numba import njit
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from spikingtac.events.evt.wire import TIME_HIGH, TimeWords, WordFormat, WordView, time_words
 from spikingtac.events.formats.codec import JUMP_US, RESET_US
 
 # Places in the state: clock, address, sensor, continuity and counters.
@@ -169,77 +167,3 @@ class Columns(NamedTuple):
             np.empty(events, np.int64),
             np.empty((words, 3), np.int64),
         )
-
-
-def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """Return a view that is not to be written.
-
-    Bytes of a file are such, bytes put together are not: a kernel that takes both is compiled
-    twice, the second time within a stream.
-    """
-    view = array.view()
-    view.flags.writeable = False
-    return view
-
-
-class WordDecoder:
-    """A word format's decoder: one kernel for sound words, and what salvage needs to know.
-
-    Args:
-        size: ``(width, height)``; events outside are dropped and counted.
-        continuous: Whether the writer is known to leave no time word out.
-
-    Attributes:
-        name: Name of the encoding.
-        form: How the format divides the time.
-        word: Type of a word on the wire.
-        events_per_word: Most events that a word can stand for.
-        state: The kernel's state, see above.
-        mended: Time words replaced so far.
-    """
-
-    name: str
-    form: WordFormat
-    word: np.dtype[Any]
-    events_per_word: int
-
-    def __init__(self, size: tuple[int, int], continuous: bool = False) -> None:
-        self.state = new_state(size, continuous)
-        self.size = size
-        self.mended = 0
-
-    def decode(self, words: NDArray[Any], out: Columns) -> int:
-        """Decode words into the columns and return the number of events."""
-        raise NotImplementedError
-
-    def view(self, words: NDArray[Any]) -> WordView:
-        """Return what each word says."""
-        raise NotImplementedError
-
-    def heads(self, words: NDArray[Any]) -> NDArray[Any]:
-        """Return the part of each word that holds its type."""
-        return words
-
-    def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Return for each byte offset whether a word that begins there is implausible."""
-        length = self.word.itemsize
-        if len(data) < length:
-            return np.empty(0, np.bool_)
-        near = int(self.state[HIGH])  # upper time that the words of a chunk should be near
-        if near < 0:
-            times = time_words(self.view(data[: len(data) // length * length].view(self.word)))
-            near = int(np.median(times.value)) if len(times.value) else 0
-        words = np.ascontiguousarray(sliding_window_view(data, length)).view(self.word).ravel()
-        view = self.view(words)
-        far = view.is_high & (abs(view.time - near) > self.form.far_steps)
-        return view.unknown | view.outside | view.rare | far
-
-    def time_words(self, words: NDArray[Any]) -> TimeWords:
-        """Return the upper times (and mend what else can be mended in place)."""
-        return time_words(self.view(words))
-
-    def set_time_words(self, words: NDArray[Any], times: TimeWords) -> None:
-        """Write mended upper times back into the words."""
-        heads = self.heads(words)
-        type_bits = 8 * heads.itemsize - 4
-        heads[times.position] = (TIME_HIGH << type_bits) | times.value

@@ -22,118 +22,19 @@ from spikingtac.events.evt import wire
 from spikingtac.events.evt.decoder import (
     Columns,
     Integer,
-    WordDecoder,
     lone_low_kernel,
-    read_only,
     time_high_kernel,
     time_low_kernel,
 )
-from spikingtac.events.evt.salvage import mend_high_kernel
-from spikingtac.events.evt.wire import EVT2, EVT3, TimeWords, WordView, view_evt2, view_evt3
+from spikingtac.events.evt.wire import EVT2, EVT3
 
 EVT2_BITS, EVT3_BITS = EVT2[:2], EVT3[:2]  # Bits of the lower and of the upper time.
 EVT2_TYPES = EVT2.known_types
-NO_WRAP_BITS = 62  # Bits of a counter that never wraps, as the lower time within an upper one.
 
 # Index of the lowest set bit of each mask of 16 bits.
 LOWEST_BIT = np.array([0] + [(m & -m).bit_length() - 1 for m in range(1, 1 << 16)], np.uint8)
 
 State = NDArray[np.int64]
-Words = NDArray[Any]
-
-
-class Evt2Decoder(WordDecoder):
-    """Turns EVT2 words into events; keeps the upper time from call to call."""
-
-    name, form, word, events_per_word = "evt2", EVT2, np.dtype("<u4"), 1
-
-    def decode(self, words: Words, out: Columns) -> int:
-        """Decode words into the columns and return the number of events."""
-        return decode_evt2_kernel(read_only(words), out, self.state)
-
-    def view(self, words: Words) -> WordView:
-        """Return what each word says."""
-        return view_evt2(words, None, self.size)
-
-
-class Evt21Decoder(WordDecoder):
-    """Turns EVT2.1 words into events; keeps the upper time from call to call.
-
-    Args:
-        size: ``(width, height)``; events outside are dropped and counted.
-        continuous: Whether the writer is known to leave no time word out.
-        byte_order: ``little``, ``legacy`` or ``big``.
-    """
-
-    name, form, events_per_word = "evt21", EVT2, wire.VECTOR_WIDTH_PX
-
-    def __init__(
-        self, size: tuple[int, int], continuous: bool = False, byte_order: str = "little"
-    ) -> None:
-        super().__init__(size, continuous)
-        mark = ">" if byte_order == "big" else "<"
-        self.word, self._half = np.dtype(f"{mark}u8"), np.dtype(f"{mark}u4")
-        self._head = 1 if byte_order == "little" else 0
-
-    def decode(self, words: Words, out: Columns) -> int:
-        """Decode words into the columns and return the number of events."""
-        halves = self._halves(words).astype("<u4", copy=False)
-        return decode_evt21_kernel(read_only(halves), self._head, out, self.state)
-
-    def view(self, words: Words) -> WordView:
-        """Return what each word says."""
-        halves = self._halves(words)
-        return view_evt2(halves[:, self._head], halves[:, 1 - self._head], self.size)
-
-    def heads(self, words: Words) -> Words:
-        """Return the upper half of each word."""
-        return self._halves(words)[:, self._head]
-
-    def _halves(self, words: Words) -> Words:
-        return words.view(self._half).reshape(-1, 2)
-
-
-class Evt3Decoder(WordDecoder):
-    """Turns EVT3 words into events; keeps time, row and vector base from call to call."""
-
-    name, form, word, events_per_word = "evt3", EVT3, np.dtype("<u2"), 12
-
-    def decode(self, words: Words, out: Columns) -> int:
-        """Decode words into the columns and return the number of events."""
-        return decode_evt3_kernel(read_only(words), out, self.state)
-
-    def view(self, words: Words) -> WordView:
-        """Return what each word says."""
-        return view_evt3(words, self.size)
-
-    def time_words(self, words: Words) -> TimeWords:
-        """Mend the lower times in place, within each unit of the upper, and return the upper."""
-        times = super().time_words(words)
-        before = np.concatenate(([self.state[at.HIGH]], times.value[:-1]))
-        units = times.position[times.value != before]
-        low = np.flatnonzero(words >> 12 == wire.TIME_LOW)
-        for places in np.split(low, np.searchsorted(low, units)):
-            value = (words[places] & 0xFFF).astype(np.int64)
-            whole = np.zeros(len(value), np.bool_)
-            self.mended += int(mend_high_kernel(value, whole, at.NONE, NO_WRAP_BITS))
-            words[places] = (wire.TIME_LOW << 12) | value
-        return super().time_words(words)
-
-
-def word_decoder(
-    encoding: str, size: tuple[int, int], byte_order: str = "little", continuous: bool = False
-) -> WordDecoder:
-    """Return a fresh decoder.
-
-    Args:
-        encoding: ``evt2``, ``evt21`` or ``evt3``.
-        size: ``(width, height)``, px.
-        byte_order: Of EVT2.1 words.
-        continuous: Whether the writer is known to leave no time word out.
-    """
-    if encoding == "evt21":
-        return Evt21Decoder(size, continuous, byte_order)
-    return {"evt2": Evt2Decoder, "evt3": Evt3Decoder}[encoding](size, continuous)
 
 
 @njit(cache=True, nogil=True)

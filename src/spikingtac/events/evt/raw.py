@@ -80,11 +80,10 @@ class RawSource(FileSource):
 
     def _words(self) -> WordStream:
         """Return a fresh decoder with its salvage."""
-        from spikingtac.events.evt.decoders import word_decoder
-        from spikingtac.events.evt.words import WordStream
+        from spikingtac.events.evt.words import WordDecoder, WordStream
 
         continuous = self._encoding == "evt3" and self.header.generated_here
-        decoder = word_decoder(self._encoding, self.size, self._byte_order, continuous)
+        decoder = WordDecoder(self._encoding, self.size, self._byte_order, continuous)
         return WordStream(decoder, self.losses, self.triggers, self.header.time_base_us)
 
     def _dispatched(self, path: Path, sample: bytes, options: ReadOptions) -> tuple[str, str]:

@@ -5,20 +5,135 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from spikingtac.events.evt import decoder as at
-from spikingtac.events.evt import salvage
-from spikingtac.events.evt.decoder import Columns, WordDecoder
-from spikingtac.events.evt.salvage import may_be_filled, without_fill
+from spikingtac.events.evt import salvage, wire
+from spikingtac.events.evt.decoder import Columns, new_state
+from spikingtac.events.evt.decoders import (
+    decode_evt2_kernel,
+    decode_evt3_kernel,
+    decode_evt21_kernel,
+)
+from spikingtac.events.evt.salvage import may_be_filled, mend_high_kernel, without_fill
+from spikingtac.events.evt.wire import TimeWords, WordView, time_words
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.packing import Rows
 from spikingtac.types import LossCounters
 
+Words = NDArray[Any]
 # Unknown or outside words in a chunk from which on the word boundaries are questioned.
 ALIGNMENT_SUSPECTS = 4
 
 CARRY_LIMIT_BYTES = 1 << 20  # Most that is held back until a leap of the time is confirmed.
+
+
+NO_WRAP_BITS = 62  # Bits of a counter that never wraps, as the lower time within an upper one.
+EVENTS_PER_WORD = {"evt2": 1, "evt21": wire.VECTOR_WIDTH_PX, "evt3": 12}  # at most
+
+
+class WordDecoder:
+    """Decodes the words of one format; keeps time, row and vector base from call to call.
+
+    Args:
+        encoding: ``evt2``, ``evt21`` or ``evt3``.
+        size: ``(width, height)``, px; events outside are dropped and counted.
+        byte_order: Of EVT2.1 words: ``little``, ``legacy`` or ``big``.
+        continuous: Whether the writer is known to leave no time word out.
+
+    Attributes:
+        form: How the format divides the time.
+        word: Type of a word on the wire.
+        events_per_word: Most events that a word can stand for.
+        state: The kernels' state, see :mod:`spikingtac.events.evt.decoder`.
+        mended: Time words replaced so far.
+    """
+
+    def __init__(
+        self,
+        encoding: str,
+        size: tuple[int, int],
+        byte_order: str = "little",
+        continuous: bool = False,
+    ) -> None:
+        self._encoding, self._size = encoding, size
+        self.form = wire.EVT3 if encoding == "evt3" else wire.EVT2
+        mark = ">" if byte_order == "big" else "<"
+        self.word = np.dtype(mark + {"evt2": "u4", "evt21": "u8", "evt3": "u2"}[encoding])
+        self._half, self._upper = np.dtype(f"{mark}u4"), int(byte_order == "little")
+        self.events_per_word = EVENTS_PER_WORD[encoding]
+        self.state, self.mended = new_state(size, continuous), 0
+
+    def decode(self, words: Words, out: Columns) -> int:
+        """Decode words into the columns and return the number of events."""
+        if self._encoding == "evt21":
+            halves = self._halves(words).astype("<u4", copy=False)
+            return decode_evt21_kernel(_read_only(halves), self._upper, out, self.state)
+        kernel = decode_evt2_kernel if self._encoding == "evt2" else decode_evt3_kernel
+        return kernel(_read_only(words), out, self.state)
+
+    def view(self, words: Words) -> WordView:
+        """Return what each word says."""
+        if self._encoding == "evt3":
+            return wire.view_evt3(words, self._size)
+        masks = None
+        if self._encoding == "evt21":
+            masks = self._halves(words)[:, 1 - self._upper]
+        return wire.view_evt2(self._heads(words), masks, self._size)
+
+    def _halves(self, words: Words) -> Words:
+        return words.view(self._half).reshape(-1, 2)
+
+    def _heads(self, words: Words) -> Words:
+        """Return the part of each word that holds its type."""
+        return self._halves(words)[:, self._upper] if self._encoding == "evt21" else words
+
+    def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Return for each byte offset whether a word that begins there is implausible."""
+        length = self.word.itemsize
+        if len(data) < length:
+            return np.empty(0, np.bool_)
+        near = int(self.state[at.HIGH])  # upper time that the words of a chunk should be near
+        if near < 0:
+            times = time_words(self.view(data[: len(data) // length * length].view(self.word)))
+            near = int(np.median(times.value)) if len(times.value) else 0
+        words = np.ascontiguousarray(sliding_window_view(data, length)).view(self.word).ravel()
+        view = self.view(words)
+        far = view.is_high & (abs(view.time - near) > self.form.far_steps)
+        return view.unknown | view.outside | view.rare | far
+
+    def time_words(self, words: Words) -> TimeWords:
+        """Return the upper times; of EVT3, the lower ones are mended in place before."""
+        times = time_words(self.view(words))
+        if self._encoding != "evt3":
+            return times
+        before = np.concatenate(([self.state[at.HIGH]], times.value[:-1]))
+        units = times.position[times.value != before]
+        low = np.flatnonzero(words >> 12 == wire.TIME_LOW)
+        for places in np.split(low, np.searchsorted(low, units)):
+            value = (words[places] & 0xFFF).astype(np.int64)
+            whole = np.zeros(len(value), np.bool_)
+            self.mended += int(mend_high_kernel(value, whole, at.NONE, NO_WRAP_BITS))
+            words[places] = (wire.TIME_LOW << 12) | value
+        return time_words(self.view(words))
+
+    def set_time_words(self, words: Words, times: TimeWords) -> None:
+        """Write mended upper times back into the words."""
+        heads = self._heads(words)
+        type_bits = 8 * heads.itemsize - 4
+        heads[times.position] = (wire.TIME_HIGH << type_bits) | times.value
+
+
+def _read_only(array: Words) -> Words:
+    """Return a view that is not to be written.
+
+    Bytes of a file are such, bytes put together are not: a kernel that takes both is compiled
+    twice, the second time within a stream.
+    """
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 class WordStream:
