@@ -24,10 +24,8 @@ from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
 from spikingtac.stream.guard_loop import stream_arrivals
-from spikingtac.stream.record import RecordOptions, record
-from spikingtac.stream.record_folder import locked_folder, prepare_folder
-from spikingtac.stream.recorder import Recorder
-from spikingtac.stream.segments import Segments, Split
+from spikingtac.stream.record import RecordOptions, locked_folder, prepare_folder, record
+from spikingtac.stream.recorder import Recorder, Split
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import SIZE, datagrams, events
 
@@ -201,8 +199,8 @@ def test_a_slow_disk_loses_nothing_in_silence(
 ) -> None:
     """The writer is held up; memory is bounded, and each event is on disk or counted."""
     monkeypatch.setattr(camera_source, "open_camera", Steady.open)
-    write = Segments.write
-    monkeypatch.setattr(Segments, "write", lambda *given: (time.sleep(0.2), write(*given))[1])
+    write = Recorder.write
+    monkeypatch.setattr(Recorder, "write", lambda *given: (time.sleep(0.2), write(*given))[1])
     source = CameraSource(Address.parse("steady:"), ReadOptions())
     prepare_folder(tmp_path / "rec", overwrite=False)
     told = record([source], tmp_path / "rec", RecordOptions(room_bytes=9 * 10_000))

@@ -14,8 +14,7 @@ from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
 from spikingtac.sim import catalog
 from spikingtac.sim.source import SceneSource
-from spikingtac.stream.record import RecordOptions, record
-from spikingtac.stream.record_folder import prepare_folder
+from spikingtac.stream.record import RecordOptions, prepare_folder, record
 from spikingtac.types import EventPacket
 from spikingtac.viewer.opening import open_view_source
 

@@ -26,8 +26,7 @@ from spikingtac.events.recording import Recording
 from spikingtac.events.source import PacketSource
 from spikingtac.events.windows import windows
 from spikingtac.stream.pair import live_pair
-from spikingtac.stream.record import RecordOptions, record
-from spikingtac.stream.record_folder import prepare_folder
+from spikingtac.stream.record import RecordOptions, prepare_folder, record
 from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import SIZE, datagrams

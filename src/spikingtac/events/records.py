@@ -188,7 +188,7 @@ class Aedat3Source(FileSource):
                     yield from self._packet(file, kind, size * count, overflows)
                 else:
                     self.losses.add("other_data", count)
-                    file.seek(size * count, 1)
+                    file.seek(min(size * count, total), 1)
                 self.progress = file.tell() / total
 
     def _packet(self, file: BinaryIO, kind: int, length: int, overflows: int) -> Iterator[Rows]:

@@ -1,26 +1,26 @@
-"""Recordings from their beginning to their end: one or two cameras, and the disk."""
+"""Recordings from their beginning to their end: one or two cameras, a folder, and the disk."""
 
 from __future__ import annotations
 
 import json
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from spikingtac.atomic_files import write_text
+from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.events.camera_source import CameraSource
-from spikingtac.events.delivery import CameraHealth
 from spikingtac.events.formats.array_file import ColumnFile
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.manifest import MANIFEST, TRUTH, name_of, read_manifest
 from spikingtac.events.source import source_health
 from spikingtac.stream.packets import at_once, new_ring
 from spikingtac.stream.reader import EventReader
-from spikingtac.stream.recorder import Recorder, RecorderState
-from spikingtac.stream.segments import Split
+from spikingtac.stream.recorder import Recorder, Split
 from spikingtac.types import EventPacket
 
 ROOM_BYTES = 256 << 20  # Memory for events that wait for the disk: 9 s at 3 Mev/s.
@@ -29,6 +29,10 @@ WAIT_S = 0.02  # Longest wait for events before the recording looks at the time,
 DESCRIBE_S = 1.0  # Time between two looks at the camera for the manifest, s.
 SHOW_S = 0.2  # Time between two reports of progress, s.
 TIME_BASE = "time_base"  # Key of the second manifest: the map from its clock to the first sensor's.
+SENSORS = 2  # Sensors that one folder holds at most.
+
+# File that a recorder holds locked; the system releases it however the recorder ends.
+LOCK = ".recording"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,26 +50,11 @@ class RecordOptions:
     room_bytes: int = ROOM_BYTES
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Progress:
-    """How a recording stands, for the screen.
-
-    Attributes:
-        seconds: Since the camera was open, s.
-        disk: What is on disk, and what was lost.
-        camera: How the camera delivers.
-    """
-
-    seconds: float
-    disk: RecorderState
-    camera: CameraHealth
-
-
 def record(
     sources: Sequence[CameraSource],
     folder: Path,
     options: RecordOptions | None = None,
-    show: Callable[[Sequence[Progress]], object] = lambda progress: None,
+    show: Callable[[Sequence[Session]], object] = lambda sessions: None,
 ) -> dict[str, Any]:
     """Record one or two cameras until they end, are closed, or the time is up.
 
@@ -81,16 +70,16 @@ def record(
         first (None where a camera delivered nothing).
     """
     given, shown_s = options or RecordOptions(), 0.0
-    sessions: list[_Session] = []
+    sessions: list[Session] = []
     try:
         for number, source in enumerate(sources):
-            sessions.append(_Session(source, folder, given, number, len(sources)))
+            sessions.append(Session(source, folder, given, number, len(sources)))
         for session in sessions:
             session.begin()
         while any([session.step(WAIT_S / len(sessions)) for session in sessions]):
             if time.monotonic() - shown_s >= SHOW_S:
                 shown_s = time.monotonic()
-                show([session.progress() for session in sessions])
+                show(sessions)
     finally:
         errors = [session.close() for session in sessions]
     for error in filter(None, errors):
@@ -113,18 +102,18 @@ def _noted(folder: Path, first: CameraSource, second: CameraSource) -> dict[str,
     return found
 
 
-class _Session:
-    """One camera, read in a thread, and its files."""
+class Session:
+    """One camera, read in a thread, and its files.
+
+    Attributes:
+        source: The camera.
+        recorder: What is on disk, and what was lost.
+    """
 
     def __init__(
-        self,
-        source: CameraSource,
-        folder: Path,
-        options: RecordOptions,
-        sensor: int,
-        sensors: int,
+        self, source: CameraSource, folder: Path, options: RecordOptions, sensor: int, sensors: int
     ) -> None:
-        self._source, self._folder, self._options = source, folder, options
+        self.source, self._folder, self._options = source, folder, options
         settings = {"biases": source.camera.biases(), "roi": source.camera.roi()}
         self._fixed = {} if sensor else {"sensors": sensors}
         self._settings = {name: values for name, values in settings.items() if values}
@@ -132,8 +121,13 @@ class _Session:
         self._delivered = self._missed = 0
         self._error: BaseException | None = None
         self._about: dict[str, Any] = self._described()
-        self._recorder = Recorder(folder, source.size, options.split, lambda: self._about, sensor)
-        self._truth = _truth_file(source, folder / name_of(TRUTH, sensor))
+        self.recorder = Recorder(folder, source.size, options.split, lambda: self._about, sensor)
+        self._truth: ColumnFile | None = None
+        if fixed := source.camera.truth():  # of a simulation; a camera knows no truth
+            self._truth = ColumnFile(folder / name_of(TRUTH, sensor))
+            for name, values in fixed.items():
+                self._truth.set(name, values)
+            source.camera.take_truth = self._truth.append
         self._ring = new_ring(source.size, options.room_bytes)
         self._going = True
         self._reader: EventReader | None = None
@@ -141,7 +135,7 @@ class _Session:
     def begin(self) -> None:
         """Begin to read: of two cameras both at once, since their clocks meet at the host's."""
         self._begun_s = time.monotonic()
-        self._reader = EventReader.in_thread(at_once(self._source), self._source, self._ring)
+        self._reader = EventReader.in_thread(at_once(self.source), self.source, self._ring)
 
     def step(self, wait_s: float) -> bool:
         """Write what has come, after waiting if nothing has; return whether more may come."""
@@ -157,48 +151,48 @@ class _Session:
         if now_s - self._described_s >= DESCRIBE_S:
             self._described_s = now_s
             self._about = self._described()
-        over = now_s - self._begun_s >= self._options.seconds
-        if over or self._recorder.state.failure is not None:
-            self._source.close()
+        if self._is_over(now_s) or self.recorder.failure is not None:
+            self.source.close()
         return self._going
+
+    def _is_over(self, now_s: float) -> bool:
+        return now_s - self._begun_s >= self._options.seconds
 
     def close(self) -> BaseException | None:
         """Take what has come by now, complete the files, and return what ended the camera."""
-        self._source.close()
+        self.source.close()
         while self.step(WAIT_S):
             pass
         self._ended_s = time.monotonic()
         if self._reader is not None:
             self._delivered = self._reader.ring.weight
-            self._recorder.lose(self._reader.lost_events - self._missed, 0)
+            self.recorder.lose(self._reader.lost_events - self._missed, 0)
             self._reader.release()
-        self._source.release()
+        self.source.release()
         self._about = self._described()
-        self._recorder.close(self._delivered)
+        self.recorder.close(self._delivered)
         if self._truth is not None:
             self._truth.close()
         return self._error
 
-    def progress(self) -> Progress:
-        """Return how the recording stands."""
-        return Progress(
-            seconds=time.monotonic() - self._begun_s,
-            disk=self._recorder.state,
-            camera=self._source.health(),
-        )
+    @property
+    def seconds(self) -> float:
+        """Time since the camera was open, s."""
+        return time.monotonic() - self._begun_s
 
     def summary(self) -> dict[str, Any]:
         """Return what was recorded."""
-        state = self._recorder.state
+        disk = self.recorder
+        ended = "seconds" if self._is_over(self._ended_s) else self.source.ended
         return {
             "output": str(self._folder),
-            "ended": "disk" if state.failure is not None else self._ended(),
-            "failure": None if state.failure is None else str(state.failure),
+            "ended": ended if disk.failure is None else "disk",
+            "failure": None if disk.failure is None else str(disk.failure),
             "seconds": round(self._ended_s - self._begun_s, 3),
-            "events": state.written_events,
-            "lost_events": state.lost_events,
-            "bytes": state.written_bytes,
-            "files": state.parts,
+            "events": disk.written_events,
+            "lost_events": disk.lost_events,
+            "bytes": disk.written_bytes,
+            "files": len(disk.parts),
             **self._about,
         }
 
@@ -214,7 +208,7 @@ class _Session:
                     self._write(packets, edges)
                     packets, edges, events = [], Triggers(), 0
                     self._missed += missed
-                    self._recorder.lose(missed, found.packet.t_start_us)
+                    self.recorder.lose(missed, found.packet.t_start_us)
                 packets.append(found.packet)
                 events += len(found.packet)
                 edges.extend(found.triggers)
@@ -225,19 +219,16 @@ class _Session:
     def _write(self, packets: list[EventPacket], edges: Triggers) -> None:
         if packets:
             joined = packets[0] if len(packets) == 1 else EventPacket.concatenate(packets)
-            self._recorder.write(joined, edges)
+            self.recorder.write(joined, edges)
 
     def _described(self) -> dict[str, Any]:
         """Return what the manifest says of the camera."""
-        source, mapping = self._source, self._source.clock.mapping()
+        source, mapping = self.source, self.source.clock.mapping()
         delivery = source.health()
         told = delivery.summary()
+        about = {"address": str(source.address), **source.camera.describe(), **self._settings}
         return {
-            "camera": {
-                "address": str(source.address),
-                **source.camera.describe(),
-                **self._settings,
-            },
+            "camera": about,
             "losses": told.pop("losses"),
             "health": source_health(delivery.losses, delivery.rate_ev_s).summary(),
             "delivery": told,
@@ -248,18 +239,61 @@ class _Session:
             "received_events": self._delivered or told["events"],
         }
 
-    def _ended(self) -> str:
-        over = self._ended_s - self._begun_s >= self._options.seconds
-        return "seconds" if over else self._source.ended
+
+@contextmanager
+def locked_folder(folder: Path, overwrite: bool) -> Iterator[None]:
+    """Keep other recorders out of a folder meanwhile; make it where it is not there.
+
+    Raises:
+        ConfigError: A recording is there, and ``overwrite`` is not given; or it is no folder.
+        DeviceError: Another program records into it.
+    """
+    recorded(folder, overwrite)
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / LOCK).open("w") as lock:
+        try:
+            import fcntl
+
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except ImportError:  # another system than Linux and macOS: no lock
+            pass
+        except OSError as error:
+            raise DeviceError(
+                f"another program records into {str(folder)!r}; choose another folder"
+            ) from error
+        try:
+            yield
+        finally:
+            with suppress(OSError):
+                (folder / LOCK).unlink()
+                folder.rmdir()  # where nothing was recorded
 
 
-def _truth_file(source: CameraSource, path: Path) -> ColumnFile | None:
-    """Return the growing ``truth.npz`` of a simulation; None for a camera, which knows no truth."""
-    fixed = source.camera.truth()
-    if not fixed:
-        return None
-    file = ColumnFile(path)
-    for name, values in fixed.items():
-        file.set(name, values)
-    source.camera.take_truth = file.append
-    return file
+def prepare_folder(folder: Path, overwrite: bool) -> None:
+    """Make a folder for a recording, or empty one of an earlier recording.
+
+    Raises:
+        ConfigError: A recording is there, and ``overwrite`` is not given; or it is no folder.
+    """
+    for path in recorded(folder, overwrite):
+        path.unlink()
+    folder.mkdir(parents=True, exist_ok=True)
+
+
+def recorded(folder: Path, overwrite: bool) -> list[Path]:
+    """Return the files of a recording that is there already, to be replaced.
+
+    Raises:
+        ConfigError: There are any, and ``overwrite`` is not given; or it is no folder.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"{str(folder)!r} is a file; name a folder for the recording")
+    names = [name_of(first, sensor) for first in (MANIFEST, TRUTH) for sensor in range(SENSORS)]
+    old = [*folder.glob("events*.raw"), *(folder / name for name in names)]
+    old = [path for path in old if path.is_file()]
+    if old and not overwrite:
+        raise ConfigError(
+            f"{str(folder)!r} holds a recording already; choose another folder, or give "
+            "--overwrite to replace it"
+        )
+    return old

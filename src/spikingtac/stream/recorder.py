@@ -1,4 +1,4 @@
-"""Writes what a ring's user takes: events to files, and a manifest that tells what is missing.
+"""Writes events to files, and a manifest that tells what is missing.
 
 What was taken is with the operating system at once, so that it survives the death of this process;
 a full disk keeps what is on it. Events on disk and lost ones add up to what the camera delivered.
@@ -7,9 +7,11 @@ a full disk keeps what is on it. Events on disk and lost ones add up to what the
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import platform
+import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -18,37 +20,75 @@ from typing import Any
 
 from spikingtac._version import package_version
 from spikingtac.atomic_files import write_text
-from spikingtac.errors import RecordingError, SpikingTacError
+from spikingtac.errors import ConfigError, RecordingError, SpikingTacError
+from spikingtac.events.evt.raw import RawSource, part_name
+from spikingtac.events.evt.raw_writer import RawWriter
 from spikingtac.events.formats.codec import Triggers
+from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.manifest import MANIFEST, SCHEMA, name_of
-from spikingtac.stream.segments import FIRST_NAME, Segments, Split
 from spikingtac.types import EventPacket
 
+FIRST_NAME = "events.raw"
 MANIFEST_S = 5.0  # Time between two manifests, s: what a killed recorder leaves is at most so old.
 LOST_GAPS = 1000  # Stretches of lost events that are told one by one; later ones are counted only.
 RESERVE = ".reserve"
 
 # Space that is kept for the last manifest of a disk that runs full: one of 1,000 files fits.
 RESERVE_BYTES = 1 << 18
+US_PER_S = 1_000_000
+_SPLIT = re.compile(r"(\d+(?:\.\d+)?)(MB|GB|s|min|h)")
+_UNITS = {"MB": 10**6, "GB": 10**9, "s": US_PER_S, "min": 60 * US_PER_S, "h": 3600 * US_PER_S}
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class RecorderState:
-    """How a recording stands.
+@dataclass(frozen=True, kw_only=True)
+class Split:
+    """When the next file begins: at a size, or after a stretch of the sensor's time.
 
     Attributes:
-        written_events: Events on disk.
-        written_bytes: Bytes on disk.
-        parts: Files.
-        lost_events: Events that the disk was too slow for, or that it refused.
-        failure: Why nothing more is written, or None.
+        most_bytes: Size from which on the next file begins, bytes; None for any.
+        most_us: Stretch that a file covers, us; None for any.
     """
 
-    written_events: int
-    written_bytes: int
-    parts: int
-    lost_events: int
-    failure: Exception | None
+    most_bytes: int | None = 10**9
+    most_us: int | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> Split:
+        """Return the split that a text means, as ``500MB``, ``2GB``, ``60s``, ``10min``, ``1h``.
+
+        Raises:
+            ConfigError: It means none.
+        """
+        found = _SPLIT.fullmatch(text)
+        amount = float(found[1]) * _UNITS[found[2]] if found else 0.0
+        if found is None or amount < 1.0:
+            raise ConfigError(
+                f"--split is {text!r}; give a size (500MB, 2GB) or a duration (60s, 10min, 1h)"
+            )
+        if found[2] in ("MB", "GB"):
+            return cls(most_bytes=round(amount))
+        return cls(most_bytes=None, most_us=round(amount))
+
+
+@dataclass(kw_only=True)
+class Part:
+    """One file of a recording, for its manifest.
+
+    Attributes:
+        name: Of the file.
+        t_first_us: Time of its first event, us.
+        t_last_us: Time of its last event, us.
+        events: Events in it.
+        bytes: Its size.
+        sha256: Of its content once it is complete; None before.
+    """
+
+    name: str
+    t_first_us: int = 0
+    t_last_us: int = 0
+    events: int = 0
+    bytes: int = 0
+    sha256: str | None = None
 
 
 class Recorder:
@@ -60,6 +100,11 @@ class Recorder:
         split: When the next file begins.
         about: Called for what the manifest says of the camera.
         sensor: Which sensor of the folder, from 0 on.
+
+    Attributes:
+        parts: The files so far, in order.
+        lost_events: Events that the disk was too slow for, or that it refused.
+        failure: Why nothing more is written, or None.
     """
 
     def __init__(
@@ -70,50 +115,51 @@ class Recorder:
         about: Callable[[], Mapping[str, Any]] = dict,
         sensor: int = 0,
     ) -> None:
-        self._about, self._size = about, size
-        self._path = folder / name_of(MANIFEST, sensor)
+        self._folder, self._size, self._split, self._about = folder, size, split or Split(), about
+        self._path, self._first_name = (
+            folder / name_of(MANIFEST, sensor),
+            name_of(FIRST_NAME, sensor),
+        )
         self._reserve = folder / f"{RESERVE}{sensor or ''}"
         # Real bytes: a sparse file reserves nothing.
         self._reserve.write_bytes(os.urandom(RESERVE_BYTES))
-        name, describe = name_of(FIRST_NAME, sensor), lambda: self._describe(False)
-        self._segments = Segments(folder, size, split or Split(), describe, name)
         self._started, self._described_s = time.time(), time.monotonic()
-        self._last_us = self._lost_events = 0
+        self._writer: RawWriter | None = None
+        self._digest, self._edges = hashlib.sha256(), Triggers()
+        self._last_us = self.lost_events = 0
         self._gaps: list[tuple[int, int, int]] = []
-        self._failure: Exception | None = None
+        self.parts: list[Part] = []
+        self.failure: Exception | None = None
         self._describe(False)
 
     @property
-    def state(self) -> RecorderState:
-        """How the recording stands now."""
-        return RecorderState(
-            written_events=self._segments.written_events,
-            written_bytes=self._segments.written_bytes,
-            parts=len(self._segments.parts),
-            lost_events=self._lost_events,
-            failure=self._failure,
-        )
+    def written_events(self) -> int:
+        """Events of all files."""
+        return sum(part.events for part in self.parts)
+
+    @property
+    def written_bytes(self) -> int:
+        """Bytes of all files."""
+        return sum(part.bytes for part in self.parts)
 
     def write(self, packet: EventPacket, triggers: Triggers | None = None) -> None:
         """Write a packet, and the trigger edges in its time; nothing where the disk has failed."""
-        if self._failure is not None:
+        if self.failure is not None:
             self.lose(len(packet), packet.t_end_us)
             return
         try:
-            if triggers is not None:
-                self._segments.add_triggers(triggers)
-            self._segments.write(packet)
+            self._edges.extend(triggers or Triggers())
+            self._append(packet)
             self._last_us = packet.t_end_us
         except (OSError, SpikingTacError) as error:
-            self._failure = error
+            self._fail(error)
             self.lose(len(packet), packet.t_end_us)
-            self._segments.abandon()
         if time.monotonic() - self._described_s >= MANIFEST_S:
             self._describe(False)
 
     def lose(self, events: int, until_us: int) -> None:
         """Count events that are missing between the last packet and a time, us."""
-        self._lost_events += events
+        self.lost_events += events
         if events and self._gaps and self._gaps[-1][1] >= self._last_us:
             start_us, _, lost = self._gaps.pop()
             self._gaps.append((start_us, until_us, lost + events))
@@ -121,50 +167,120 @@ class Recorder:
             self._gaps.append((self._last_us, until_us, events))
         self._last_us = max(self._last_us, until_us)
 
-    def close(self, delivered_events: int) -> RecorderState:
-        """Complete files and manifest, and return the final state.
+    def close(self, delivered_events: int) -> None:
+        """Complete files and manifest.
 
         Args:
             delivered_events: What the camera delivered: what cannot be read of it is lost.
         """
-        if self._failure is None:
+        if self.failure is None:
             try:
-                self._segments.close()
+                if not self.parts:  # a recording without any event has a file with its header
+                    self._begin(0)
+                self._complete()
             except (OSError, SpikingTacError) as error:
-                self._failure = error
-                self._segments.abandon()
-        changed = self._segments.recount()
-        if changed is not None and self._failure is None:
-            self._failure = RecordingError(f"{changed} was removed or changed meanwhile")
-        self._lost_events = delivered_events - self._segments.written_events
-        self._describe(self._failure is None)
+                self._fail(error)
+        changed = self._recount()
+        if changed is not None and self.failure is None:
+            self.failure = RecordingError(f"{changed} was removed or changed meanwhile")
+        self.lost_events = delivered_events - self.written_events
+        self._describe(self.failure is None)
         self._free_reserve()
-        return self.state
+
+    def _append(self, packet: EventPacket) -> None:
+        """Append a packet that follows the ones before it in time."""
+        if not len(packet):
+            return
+        first_us, last_us = int(packet.t[0]), int(packet.t[-1])
+        if self._writer is not None and self._is_due(self.parts[-1], last_us):
+            self._complete()
+        writer = self._writer or self._begin(first_us)
+        writer.add_triggers(self._edges)
+        self._edges.clear()
+        writer.write(packet)
+        writer.flush()  # what is with the operating system survives this process
+        part = self.parts[-1]
+        part.bytes, part.t_last_us = writer.written_bytes, last_us
+        part.events += len(packet)
+
+    def _is_due(self, part: Part, t_us: int) -> bool:
+        most_bytes, most_us = self._split.most_bytes, self._split.most_us
+        full = most_bytes is not None and part.bytes >= most_bytes
+        return full or (most_us is not None and t_us - part.t_first_us >= most_us)
+
+    def _begin(self, first_us: int) -> RawWriter:
+        part = Part(name=part_name(self._first_name, len(self.parts)), t_first_us=first_us)
+        path, self._digest = self._folder / part.name, hashlib.sha256()
+        self._writer = RawWriter(path, self._size, in_place=True, digest=self._digest)
+        self.parts.append(part)
+        self._describe(False)
+        return self._writer
+
+    def _complete(self) -> None:
+        writer, self._writer = self._writer, None
+        if writer is None:
+            return
+        writer.flush(durable=True)
+        writer.close()
+        part = self.parts[-1]
+        part.bytes, part.sha256 = writer.written_bytes, self._digest.hexdigest()
+        self._describe(False)
+
+    def _fail(self, error: Exception) -> None:
+        """Close the file as it is; what reached the disk stays."""
+        self.failure = error
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            with contextlib.suppress(OSError):
+                writer.close()
+
+    def _recount(self) -> str | None:
+        """Count again what a file holds that is gone, cut, or was not completed.
+
+        Returns:
+            The name of a completed file that is not what was written; None where all are.
+        """
+        changed = None
+        for part in self.parts:
+            path = self._folder / part.name
+            size = path.stat().st_size if path.is_file() else 0
+            if part.sha256 is not None and size == part.bytes:
+                continue
+            changed = part.name if part.sha256 is not None else changed
+            part.events, part.bytes = 0, size
+            with contextlib.suppress(OSError, SpikingTacError):
+                part.events = sum(len(packet) for packet in RawSource(path, ReadOptions()))
+        return changed
 
     def _describe(self, complete: bool) -> None:
         """Write the manifest, whole each time, also when the disk is full."""
         self._described_s = time.monotonic()
-        parts = self._segments.parts
+        parts, gap = self.parts, ("t_from_us", "t_to_us", "events")
         document = {
             "schema": SCHEMA,
             "source": "camera",
             "complete": complete,
-            "failure": None if self._failure is None else str(self._failure),
+            "failure": None if self.failure is None else str(self.failure),
             "size": list(self._size),
             "sensors": 1,
             "t_start_us": parts[0].t_first_us if parts else 0,
             "t_end_us": parts[-1].t_last_us + 1 if parts and parts[-1].events else 0,
-            "events": sum(part.events for part in parts),
-            "lost_events": self._lost_events,
-            "lost": [
-                {"t_from_us": first, "t_to_us": last, "events": events}
-                for first, last, events in self._gaps
-            ],
+            "events": self.written_events,
+            "lost_events": self.lost_events,
+            "lost": [dict(zip(gap, values, strict=True)) for values in self._gaps],
             "files": [asdict(part) for part in parts],
             "started_unix_s": round(self._started, 6),
             "written_unix_s": round(time.time(), 6),
             "package_version": package_version(),
-            "host": host(),
+            "host": {  # no name of a machine or a person
+                "system": platform.system(),
+                "release": platform.release(),
+                "machine": platform.machine(),
+                "python": platform.python_version(),
+                "processors": os.cpu_count(),
+                # The clock of the mapping starts with the machine; this turns it into the time.
+                "unix_minus_monotonic_s": time.time() - time.monotonic(),
+            },
             **self._about(),
         }
         text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n"
@@ -178,16 +294,3 @@ class Recorder:
     def _free_reserve(self) -> None:
         with contextlib.suppress(OSError):
             self._reserve.unlink(missing_ok=True)
-
-
-def host() -> dict[str, Any]:
-    """Return what the machine and its clocks are; no name of a machine or a person."""
-    return {
-        "system": platform.system(),
-        "release": platform.release(),
-        "machine": platform.machine(),
-        "python": platform.python_version(),
-        "processors": os.cpu_count(),
-        # The clock of the mapping starts with the machine: this turns it into the time of day.
-        "unix_minus_monotonic_s": time.time() - time.monotonic(),
-    }

@@ -71,7 +71,7 @@ def run(args: Args) -> int:
 
 def _check_output(args: Args, second: Path | None) -> None:
     """Refuse an output before anything is computed."""
-    from spikingtac.stream.record_folder import recorded
+    from spikingtac.stream.record import recorded
 
     if args.output is None:
         return
@@ -97,7 +97,7 @@ def _poses(args: Args, path: Path) -> tuple[Poses, dict[str, Any]]:
 def _two(args: Args, second: Path) -> dict[str, Any]:
     from spikingtac.events.align import SecondFinger, map_between, write_pair
     from spikingtac.events.open import open_events
-    from spikingtac.stream.record_folder import prepare_folder
+    from spikingtac.stream.record import prepare_folder
 
     other = SecondFinger(args.first, second)
     by = args.by if args.trigger_channel is None else "triggers"

@@ -18,7 +18,7 @@ from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
-    from spikingtac.stream.record import Progress
+    from spikingtac.stream.record import Session
 
 EXIT_MACHINE = 3
 MEV = 1e6
@@ -52,9 +52,8 @@ def run(args: Args) -> int:
     from spikingtac.events.address import Address
     from spikingtac.events.camera_source import CameraSource
     from spikingtac.events.formats.file_source import ReadOptions
-    from spikingtac.stream.record import RecordOptions, record
-    from spikingtac.stream.record_folder import locked_folder, prepare_folder
-    from spikingtac.stream.segments import Split
+    from spikingtac.stream.record import RecordOptions, locked_folder, prepare_folder, record
+    from spikingtac.stream.recorder import Split
 
     if args.seconds is not None and not args.seconds > 0.0:
         raise ConfigError(f"--seconds is {args.seconds:g}, it must be above 0")
@@ -116,7 +115,7 @@ def camera_address(source: Path) -> str:
 
 
 @contextmanager
-def _screen() -> Iterator[Callable[[Sequence[Progress]], object]]:
+def _screen() -> Iterator[Callable[[Sequence[Session]], object]]:
     """Yield what shows the progress: one line on stderr where it is a terminal."""
     if not sys.stderr.isatty():
         yield lambda progress: None
@@ -127,13 +126,14 @@ def _screen() -> Iterator[Callable[[Sequence[Progress]], object]]:
         sys.stderr.write("\r\x1b[2K")
 
 
-def line(progress: Progress) -> str:
+def line(session: Session) -> str:
     """Return the progress in one line."""
-    disk, camera = progress.disk, progress.camera
+    disk, camera = session.recorder, session.source.health()
+    files = len(disk.parts)
     parts = [
-        f"{progress.seconds:.1f} s",
+        f"{session.seconds:.1f} s",
         f"{camera.rate_ev_s / MEV:.3f} Mev/s",
-        f"{disk.written_bytes / MB:.1f} MB in {disk.parts} file{'s' * (disk.parts != 1)}",
+        f"{disk.written_bytes / MB:.1f} MB in {files} file{'s' * (files != 1)}",
     ]
     if camera.interval_p50_ms is not None:
         parts.append(f"a packet every {camera.interval_p50_ms:.1f} ms")
