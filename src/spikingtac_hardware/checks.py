@@ -299,13 +299,13 @@ def _light(layout: Layout, imaging: Imaging) -> Iterator[Check]:
     text = f"a supply of {light.supply_v:g} V leaves the driver"
     yield "leds.supply", text, left, DRIVER_V, "V"
     text = "in the middle of the skin there are"
-    yield "light.skin", text, figures.centre_lux, SKIN_LUX, "lx"
+    yield "light.skin", text, figures["centre_lux"], SKIN_LUX, "lx"
     text = "the darkest disc has of the brightest one's light"
-    yield "light.uniformity", text, figures.uniformity, UNIFORMITY, ""
+    yield "light.uniformity", text, figures["uniformity"], UNIFORMITY, ""
     text = "the rim about the lens stands over the line from an LED to the lens by"
     yield "light.baffle", text, _shadow_mm(layout), 0.0
-    text = f"{figures.power_mw:.0f} mW warm the sensor by"
-    yield "heat", text, figures.warming_k, WARMING_K, "K"
+    text = f"{figures['power_mw']:.0f} mW warm the sensor by"
+    yield "heat", text, figures["warming_k"], WARMING_K, "K"
 
 
 def _shadow_mm(layout: Layout) -> float:

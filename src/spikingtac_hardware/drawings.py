@@ -14,8 +14,7 @@ import numpy as np
 from spikingtac.arrays import FloatArray
 from spikingtac_hardware.layout import Layout, Place
 from spikingtac_hardware.optics import Imaging
-from spikingtac_hardware.parts import Part
-from spikingtac_hardware.solids import Solid, modeller
+from spikingtac_hardware.parts import Part, Solid, modeller
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -26,6 +26,7 @@ SEARCH_MM = np.linspace(0.0, 5.0, 501)  # Indentations at which sharpness is loo
 # Columns of the bill. Mass (g) and cost (dollars) are those of all pieces of an item.
 COLUMNS = ("item", "quantity", "made", "material", "mass_g", "cost_usd")
 Item = tuple[str, int, str, str, float, float]
+PRINTED = ("base", "shading-plate", "shell")
 
 
 def figures_of(design: Design) -> dict[str, Any]:
@@ -64,7 +65,7 @@ def figures_of(design: Design) -> dict[str, Any]:
         "blur_at_deepest_press_px": imaging.blur_px(skin.deepest_press_mm),
         "sharp_to_indentation_mm": float(max(sharp)),
         "twin_lens": asdict(imaging.twin_lens()),
-        **asdict(light_figures(layout, imaging)),
+        **light_figures(layout, imaging),
     }
 
 
@@ -75,47 +76,53 @@ def bill_of_materials(design: Design, volume_mm3: Mapping[str, float]) -> list[I
         design: The design; its prices are estimates, none is a quote.
         volume_mm3: Volumes of the parts by their names, mm³.
     """
+    printing, material = design.printing, design.materials
+    densities = {
+        **dict.fromkeys(PRINTED, printing.density_g_cm3),
+        **dict.fromkeys(("gel", "discs", "cover"), material.silicone_g_cm3),
+        **dict.fromkeys(("event-sensor", "lens", "lens-holder", "leds"), PARTS_G_CM3),
+        **dict.fromkeys(("camera-board", "connector", "led-board"), BOARD_G_CM3),
+        "window": material.acrylic_g_cm3,
+        "screws": STEEL_G_CM3,
+        "inserts": BRASS_G_CM3,
+    }
     cm3 = {name: volume / MM3_PER_CM3 for name, volume in volume_mm3.items()}
-    printing, material, skin = design.printing, design.materials, design.skin
-    screws, light, sensor, window = design.fasteners, design.light, design.sensor, design.window
-    gel, discs, cover = (cm3[name] * material.silicone_g_cm3 for name in ("gel", "discs", "cover"))
-    board = (cm3["camera-board"] + cm3["connector"]) * BOARD_G_CM3
-    lens = (cm3["lens"] + cm3["lens-holder"]) * PARTS_G_CM3
-    leds = cm3["led-board"] * BOARD_G_CM3 + cm3["leds"] * PARTS_G_CM3
-    pane, package = cm3["window"] * material.acrylic_g_cm3, cm3["event-sensor"] * PARTS_G_CM3
-    steel, brass = cm3["screws"] * STEEL_G_CM3, cm3["inserts"] * BRASS_G_CM3
-    width, height = sensor.pixels
-    ink, casting = f"{skin.paint} silicone ink", f"{cover_color(design)} silicone"
-    chip = f"{sensor.name}, {width} x {height} px"
-    drive = f"{light.leds} white LEDs, constant-current driver"
+    g = {name: cm3[name] * density for name, density in densities.items()}
+    price = material.silicone_usd_g
+    rows = [
+        (name, 1, "printed", printing.process, g[name], cm3[name] * printing.price_usd_cm3)
+        for name in PRINTED
+    ]
+    pane, ink = f"acrylic, {design.window.thickness_mm:g} mm", f"{design.skin.paint} silicone ink"
+    casting, gel = f"{cover_color(design)} silicone", "clear platinum-cured silicone"
+    rows += [
+        ("window", 1, "cut", pane, g["window"], material.acrylic_usd),
+        ("gel", 1, "cast", gel, g["gel"], g["gel"] * price),
+        ("discs", math.prod(design.skin.grid), "cast", ink, g["discs"], material.paint_usd),
+        ("cover", 1, "cast", casting, g["cover"], g["cover"] * price),
+    ]
+    bought = _bought(design, g)
+    return rows + [(name, count, "bought", *others) for name, count, *others in bought]
+
+
+def _bought(design: Design, g: Mapping[str, float]) -> list[tuple[str, int, str, float, float]]:
+    """Return name, number, material, mass (g) and cost (dollars) of what is bought."""
+    material, light, lens = design.materials, design.light, design.lens
+    screws, sensor = design.fasteners, design.sensor
+    chip = "{}, {} x {} px".format(sensor.name, *sensor.pixels)
+    electronics, driver = "board, regulators, connector", "white LEDs, constant-current driver"
     screw = f"ISO 4762 M{screws.thread_mm:g} x {screws.length_mm:g}, steel"
     insert = f"M{screws.thread_mm:g} x {screws.insert_length_mm:g}, brass"
-    price, process = material.silicone_usd_g, printing.process
-    printed: list[Item] = [
-        (
-            name,
-            1,
-            "printed",
-            process,
-            cm3[name] * printing.density_g_cm3,
-            cm3[name] * printing.price_usd_cm3,
-        )
-        for name in ("base", "shading-plate", "shell")
-    ]
+    board, leds = g["camera-board"] + g["connector"], g["led-board"] + g["leds"]
     return [
-        *printed,
-        ("window", 1, "cut", f"acrylic, {window.thickness_mm:g} mm", pane, material.acrylic_usd),
-        ("gel", 1, "cast", "clear platinum-cured silicone", gel, gel * price),
-        ("discs", math.prod(skin.grid), "cast", ink, discs, material.paint_usd),
-        ("cover", 1, "cast", casting, cover, cover * price),
-        ("event sensor", 1, "bought", chip, package, sensor.cost_usd),
-        ("lens with holder", 1, "bought", design.lens.name, lens, design.lens.cost_usd),
-        ("camera board", 1, "bought", "board, regulators, connector", board, design.board.cost_usd),
-        ("LED board", 1, "bought", drive, leds, light.cost_usd),
-        ("screws", 4, "bought", screw, steel, 4 * material.screw_usd),
-        ("heat-set inserts", 4, "bought", insert, brass, 4 * material.insert_usd),
-        ("cable", 1, "bought", "flat cable, outside", 0.0, material.cable_usd),
-        ("reader board", 1, "bought", "microcontroller, outside", 0.0, material.reader_usd),
+        ("event sensor", 1, chip, g["event-sensor"], sensor.cost_usd),
+        ("lens with holder", 1, lens.name, g["lens"] + g["lens-holder"], lens.cost_usd),
+        ("camera board", 1, electronics, board, design.board.cost_usd),
+        ("LED board", 1, f"{light.leds} {driver}", leds, light.cost_usd),
+        ("screws", 4, screw, g["screws"], 4 * material.screw_usd),
+        ("heat-set inserts", 4, insert, g["inserts"], 4 * material.insert_usd),
+        ("cable", 1, "flat cable, outside", 0.0, material.cable_usd),
+        ("reader board", 1, "microcontroller, outside", 0.0, material.reader_usd),
     ]
 
 

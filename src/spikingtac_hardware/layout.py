@@ -102,7 +102,7 @@ class Layout:
     def __init__(self, design: Design) -> None:
         self.design = design
         housing, skin, board, screws = design.housing, design.skin, design.board, design.fasteners
-        least_wall_mm, clearance_mm = design.printing.least_wall_mm, design.printing.clearance_mm
+        least_wall_mm = design.printing.least_wall_mm
         self.board_bottom_mm = housing.floor_mm + board.below_mm
         self.board_top_mm = self.board_bottom_mm + board.thickness_mm
         self.holder_top_mm = self.board_top_mm + board.holder_mm[1]
@@ -119,7 +119,12 @@ class Layout:
         self.window_bottom_mm = self.window_top_mm - design.window.thickness_mm
         self.ledge_bottom_mm = self.window_bottom_mm - housing.ledge_thickness_mm
         self.shell_top_mm = self.window_top_mm + housing.rim_mm
+        self._place()
 
+    def _place(self) -> None:
+        """Set what lies about the axis: outlines, radii and places."""
+        design, housing, skin = self.design, self.design.housing, self.design.skin
+        screws, clearance_mm = design.fasteners, design.printing.clearance_mm
         self.outer = Outline(housing.outline, housing.size_mm, housing.corner_radius_mm)
         self.window = Outline(skin.outline, skin.size_mm)
         self.pocket = self.window.grown(design.window.clearance_mm)
@@ -129,13 +134,13 @@ class Layout:
         self.slope_mm = max(self.cavity.half_mm[0] - self.opening.half_mm[0], 0.0)
         self.baffle_radius_mm = design.lens.barrel_mm / 2 + clearance_mm
         self.pillar_radius_mm = screws.insert_hole_mm / 2 + screws.insert_wall_mm + FIT_GAP_MM
-        self.boss_radius_mm = screws.clearance_hole_mm / 2 + least_wall_mm
+        self.boss_radius_mm = screws.clearance_hole_mm / 2 + design.printing.least_wall_mm
 
         half_x, half_y = (half - screws.inset_mm for half in self.outer.half_mm)
         if self.outer.kind == "round":
             half_x = half_y = half_x / math.sqrt(2)
         self.screw_places_mm = corners(half_x, half_y)
-        post = board.holder_mm[0] / 2 + 2 * FIT_GAP_MM + POST_MM / 2
+        post = design.board.holder_mm[0] / 2 + 2 * FIT_GAP_MM + POST_MM / 2
         self.post_places_mm = corners(post, post)
         self.led_opening_half_mm = post + POST_MM / 2 + 2 * FIT_GAP_MM
         rows, columns = (

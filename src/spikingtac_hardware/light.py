@@ -8,7 +8,6 @@ out, so that the real skin is brighter.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,30 +25,6 @@ FILM_W_M2_K = 10.0
 
 # Share of the LEDs' electrical power that stays as heat (class: the rest is light).
 SHARE_OF_LED_HEAT = 0.75
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class LightFigures:
-    """What the LEDs do.
-
-    Attributes:
-        centre_lux: Illuminance of the middle of the skin, lx.
-        uniformity: Least over largest illuminance of the discs.
-        sensor_lux: Illuminance of the sensor under a bright spot in the middle, lx.
-        vignetting: Fraction of the light lost at half a sensor width from the centre, as the twin
-            counts it; lens and LEDs together.
-        supply_ma: Current of the LEDs from their supply, mA.
-        power_mw: Power of LEDs, driver and sensor, mW.
-        warming_k: Rise of the temperature over still air, K.
-    """
-
-    centre_lux: float
-    uniformity: float
-    sensor_lux: float
-    vignetting: float
-    supply_ma: float
-    power_mw: float
-    warming_k: float
 
 
 def illuminance_lux(layout: Layout, imaging: Imaging, places_mm: FloatArray) -> FloatArray:
@@ -79,23 +54,31 @@ def _shaded(layout: Layout, sources_mm: FloatArray, places_mm: FloatArray) -> ND
     return shaded
 
 
-def light_figures(layout: Layout, imaging: Imaging) -> LightFigures:
-    """Return what the LEDs of a design do."""
+def light_figures(layout: Layout, imaging: Imaging) -> dict[str, float]:
+    """Return what the LEDs of a design do.
+
+    Returns:
+        ``centre_lux``, illuminance of the middle of the skin; ``uniformity``, least over largest
+        illuminance of the discs; ``sensor_lux``, illuminance of the sensor under a bright spot in
+        the middle; ``vignetting``, fraction of the light lost at half a sensor width from the
+        centre, as the twin counts it, lens and LEDs together; ``supply_ma``, current of the LEDs
+        from their supply; ``power_mw`` of LEDs, driver and sensor; ``warming_k`` over still air.
+    """
     design = layout.design
     lens, light = design.lens, design.light
     on_discs = illuminance_lux(layout, imaging, np.array(layout.disc_places_mm))
     centre = illuminance_lux(layout, imaging, np.zeros((1, 2)))[0]
     geometry = 4 * lens.f_number**2 * (1 + imaging.magnification) ** 2
     led_mw = light.leds * light.current_ma * light.supply_v
-    return LightFigures(
-        centre_lux=float(centre),
-        uniformity=float(on_discs.min() / max(on_discs.max(), DARK_LUX)),
-        sensor_lux=float(centre * design.skin.bright_reflectance * LENS_TRANSMISSION / geometry),
-        vignetting=_vignetting(layout, imaging, on_discs / max(centre, DARK_LUX)),
-        supply_ma=light.leds * light.current_ma,
-        power_mw=led_mw + design.sensor.power_mw,
-        warming_k=_warming_k(layout, led_mw * SHARE_OF_LED_HEAT + design.sensor.power_mw),
-    )
+    return {
+        "centre_lux": float(centre),
+        "uniformity": float(on_discs.min() / max(on_discs.max(), DARK_LUX)),
+        "sensor_lux": float(centre * design.skin.bright_reflectance * LENS_TRANSMISSION / geometry),
+        "vignetting": _vignetting(layout, imaging, on_discs / max(centre, DARK_LUX)),
+        "supply_ma": light.leds * light.current_ma,
+        "power_mw": led_mw + design.sensor.power_mw,
+        "warming_k": _warming_k(layout, led_mw * SHARE_OF_LED_HEAT + design.sensor.power_mw),
+    }
 
 
 def _vignetting(layout: Layout, imaging: Imaging, lit: FloatArray) -> float:

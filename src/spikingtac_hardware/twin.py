@@ -48,7 +48,7 @@ def scene_with_design(scene: Scene, design: Design) -> Scene:
     imaging = Imaging(layout)
     skin = design.skin
     contrast = skin.contrast if skin.paint == "white" else 1 / skin.contrast
-    light = {"contrast": contrast, "vignetting": light_figures(layout, imaging).vignetting}
+    light = {"contrast": contrast, "vignetting": light_figures(layout, imaging)["vignetting"]}
     settings = merged(scene.camera.settings, {"light": light})
     return replace(
         scene,

@@ -26,8 +26,7 @@ from spikingtac_hardware.figures import (
     totals,
 )
 from spikingtac_hardware.layout import Layout
-from spikingtac_hardware.parts import Part
-from spikingtac_hardware.solids import Solid, face, modeller
+from spikingtac_hardware.parts import Part, Solid, face, modeller
 
 FIGURES = "figures.json"  # The file that says that a folder holds a design.
 FOLDERS = ("step", "stl", "cut", "drawings")

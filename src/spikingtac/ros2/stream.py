@@ -15,17 +15,8 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.evt.encode import Evt3Encoder
-from spikingtac.ros2.messages import (
-    NS_PER_US,
-    Layout,
-    arrows_message,
-    camera_info_message,
-    diagnostics_message,
-    events_message,
-    field_message,
-    header,
-    wrench_message,
-)
+from spikingtac.ros2 import messages
+from spikingtac.ros2.messages import NS_PER_US, Layout
 from spikingtac.touch.detector import TouchDetector
 from spikingtac.touch.touch import TouchConfig
 from spikingtac.types import EventPacket, MarkerFrame
@@ -169,16 +160,16 @@ class SensorStream:
         """
         stamp_ns = self._stamp_ns(frame.t_us)
         if self._due("field", frame.t_us, US_PER_S / self._config.field_hz):
-            self._send("field", field_message(frame, self._layout), stamp_ns)
+            self._send("field", messages.field_message(frame, self._layout), stamp_ns)
             if wrench is not None:
-                self._send("wrench", wrench_message(wrench), stamp_ns)
+                self._send("wrench", messages.wrench_message(wrench), stamp_ns)
         if self._touches is not None:
             self._touches.update(frame)
             if self._touches.touching != self._touching:
                 self._touching = self._touches.touching
                 self._send("contact", {"data": self._touching}, stamp_ns)
         if self._due("arrows", frame.t_us, US_PER_S / ARROWS_HZ):
-            self._send("arrows", arrows_message(frame, self._layout, stamp_ns), stamp_ns)
+            self._send("arrows", messages.arrows_message(frame, self._layout, stamp_ns), stamp_ns)
         if self._due("diagnostics", frame.t_us, DIAGNOSTICS_US):
             self._diagnose(frame, stamp_ns, figures or {})
             self._tell_camera(stamp_ns)
@@ -189,13 +180,13 @@ class SensorStream:
             return
         if self.counts["events"] == 0:
             self._origin_us = packet.t_start_us
-        message = events_message(packet, self._encoder, self._origin_us)
+        message = messages.events_message(packet, self._encoder, self._origin_us)
         message["seq"] = self.counts["events"]
         self._send("events", message, self._stamp_ns(int(packet.t[0])))
 
     def _tell_camera(self, stamp_ns: int) -> None:
         if "camera_info" in self._topics:
-            info = camera_info_message(self._layout, self._config.distance_mm)
+            info = messages.camera_info_message(self._layout, self._config.distance_mm)
             self._send("camera_info", info, stamp_ns)
 
     def _diagnose(self, frame: MarkerFrame, stamp_ns: int, figures: Mapping[str, float]) -> None:
@@ -209,12 +200,12 @@ class SensorStream:
             **frame.health.summary(),
         }
         coasted = int(frame.coasted.sum())
-        message = diagnostics_message(self._config.hardware, coasted, told)
+        message = messages.diagnostics_message(self._config.hardware, coasted, told)
         self._send("diagnostics", message, stamp_ns)
 
     def _send(self, name: str, message: Mapping[str, Any], stamp_ns: int) -> None:
         if self._publisher is not None:
-            whole = message if name in PLAIN else {**message, "header": header(stamp_ns)}
+            whole = message if name in PLAIN else {**message, "header": messages.header(stamp_ns)}
             self._publisher.publish(self._topics[name], whole, stamp_ns)
         self.counts[name] += 1
 

@@ -20,8 +20,14 @@ checker = pytest.importorskip("trimesh", reason=REASON)
 
 from spikingtac.errors import ConfigError  # noqa: E402
 from spikingtac_hardware import parts as assembly  # noqa: E402
-from spikingtac_hardware.parts import Part, interferences, sensor_parts, tool_parts  # noqa: E402
-from spikingtac_hardware.solids import box, common_volume_mm3  # noqa: E402
+from spikingtac_hardware.parts import (  # noqa: E402
+    Part,
+    box,
+    common_volume_mm3,
+    interferences,
+    sensor_parts,
+    tool_parts,
+)
 from spikingtac_hardware.write import write_design  # noqa: E402
 
 
