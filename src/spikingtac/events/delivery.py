@@ -35,8 +35,8 @@ LEAST_SPAN_S = 2.0
 # at least.
 ROUNDS, LEAST_FASTEST = 4, 8
 
-# Number of each stretch, sensor time of its fastest arrival, and how late that was, s.
-_Bins = tuple[list[int], list[float], list[float]]
+# Number of a stretch, sensor time of its fastest arrival, and how late that was, s.
+_Bin = tuple[int, float, float]
 
 
 class ClockFit:
@@ -45,8 +45,7 @@ class ClockFit:
     def __init__(self) -> None:
         self._bin_s = BIN_S
         self._zero_s: float | None = None
-        # In one piece, so that another thread may ask for the mapping meanwhile.
-        self._bins: _Bins = ([], [], [])
+        self._bins: list[_Bin] = []  # another thread may copy it meanwhile
 
     def arrived(self, t_us: int, host_s: float) -> None:
         """Learn from a delivery.
@@ -59,12 +58,12 @@ class ClockFit:
         if self._zero_s is None:
             self._zero_s = sensor_s
         number = int((sensor_s - self._zero_s) / self._bin_s)
-        _keep_fastest(self._bins, number, sensor_s, host_s - sensor_s)
-        if len(self._bins[0]) >= MOST_BINS:
+        _keep_fastest(self._bins, (number, sensor_s, host_s - sensor_s))
+        if len(self._bins) >= MOST_BINS:
             self._bin_s *= 2.0
-            joined: _Bins = ([], [], [])
-            for one, at_s, delay_s in zip(*self._bins, strict=True):
-                _keep_fastest(joined, one // 2, at_s, delay_s)
+            joined: list[_Bin] = []
+            for one, at_s, delay_s in self._bins:
+                _keep_fastest(joined, (one // 2, at_s, delay_s))
             self._bins = joined
 
     def forget(self) -> None:
@@ -73,11 +72,10 @@ class ClockFit:
 
     def mapping(self) -> TimeMap | None:
         """Return what is known; None before the first delivery."""
-        numbers, sensors, delays = self._bins
-        count = min(len(numbers), len(sensors), len(delays))
-        if not count:
+        bins = np.array(self._bins.copy())
+        if not len(bins):
             return None
-        sensor_s, delay_s = np.array(sensors[:count]), np.array(delays[:count])
+        _, sensor_s, delay_s = bins.T
         middle_s, span_s = float(sensor_s.mean()), float(sensor_s[-1] - sensor_s[0])
         if span_s >= LEAST_SPAN_S:
             return _fastest_line(sensor_s - middle_s, delay_s, middle_s, span_s)
@@ -91,16 +89,12 @@ class ClockFit:
         )
 
 
-def _keep_fastest(bins: _Bins, number: int, sensor_s: float, delay_s: float) -> None:
+def _keep_fastest(bins: list[_Bin], arrival: _Bin) -> None:
     """Add an arrival to its stretch, of which only the fastest one is kept."""
-    numbers, sensors, delays = bins
-    if numbers and numbers[-1] == number:
-        if delay_s < delays[-1]:
-            sensors[-1], delays[-1] = sensor_s, delay_s
-        return
-    numbers.append(number)
-    sensors.append(sensor_s)
-    delays.append(delay_s)
+    if not bins or bins[-1][0] != arrival[0]:
+        bins.append(arrival)
+    elif arrival[2] < bins[-1][2]:
+        bins[-1] = arrival
 
 
 def _fastest_line(
@@ -185,11 +179,9 @@ class DeliveryMeter:
     """
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
-        self.connected = True
+        self.connected, self.away_s = True, 0.0
         self.events = self.deliveries = self.reconnects = 0
-        self.away_s = 0.0
-        self._clock_s = clock_s
-        self._opened_s = clock_s()
+        self._clock_s, self._opened_s = clock_s, clock_s()
         self._recent: deque[tuple[float, int]] = deque(maxlen=LATEST)
 
     def delivered(self, events: int, now_s: float) -> None:

@@ -17,8 +17,6 @@ HEADER_LIMIT_BYTES = 1 << 20  # Longest header that is read; those of cameras ha
 
 GENERATOR = "spikingtac"
 _VERSIONS = {"2.0": "evt2", "2.1": "evt21", "3.0": "evt3"}
-_FORMATS = {"evt2": "evt2", "evt2.0": "evt2", "evt21": "evt21", "evt2.1": "evt21", "evt3": "evt3"}
-_FORMATS["evt3.0"] = "evt3"
 _BYTE_ORDERS = ("little", "big", "legacy")
 
 
@@ -95,7 +93,8 @@ def _is_header_line(line: bytes) -> bool:
 def _understood(fields: dict[str, str], length: int) -> RawHeader:
     name, *options = fields.get("format", "").split(";")
     settings = {key.lower(): value for key, _, value in (item.partition("=") for item in options)}
-    encoding = _FORMATS.get(name.strip().lower()) or _VERSIONS.get(fields.get("evt", ""))
+    plain = name.strip().lower().removesuffix(".0").replace(".", "")
+    encoding = plain if plain in ENCODINGS else _VERSIONS.get(fields.get("evt", ""))
     order = (settings.get("endianness") or fields.get("endianness") or "").lower()
     return RawHeader(
         encoding=encoding,

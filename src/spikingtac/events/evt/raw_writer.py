@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from pathlib import Path
 from typing import IO, Any
 
@@ -59,10 +60,9 @@ class RawWriter(EventWriter):
         self._target = WholeFile(path, in_place)
         self._file: IO[bytes] | None = self._target.open()
         self._base_us: int | None = None
-        self._last_us = 0
-        self._waiting: list[tuple[int, int, bool]] = []
+        self._last_us = self.written_bytes = 0
+        self._waiting: deque[tuple[int, int, bool]] = deque()
         self._digest = digest
-        self.written_bytes = 0
 
     def write(self, packet: EventPacket) -> None:
         """Append a packet that follows the ones before it in time.
@@ -73,13 +73,14 @@ class RawWriter(EventWriter):
         if not len(packet):
             return
         if self._base_us is None:
-            self._begin(min([int(packet.t[0]), *(t_us for t_us, _, _ in self._waiting[:1])]))
+            first_us = int(packet.t[0])
+            self._begin(min(first_us, self._waiting[0][0]) if self._waiting else first_us)
         self._check(packet)
         first = 0
-        for t_us, channel, rising in self._due(int(packet.t[-1])):
-            last = int(packet.t.searchsorted(t_us, side="right"))
+        while self._waiting and self._waiting[0][0] <= packet.t[-1]:
+            last = int(packet.t.searchsorted(self._waiting[0][0], side="right"))
             self._append_events(packet, first, last)
-            self._append_trigger(t_us, channel, rising)
+            self._append_trigger(*self._waiting.popleft())
             first = last
         self._append_events(packet, first, len(packet))
         self._last_us = int(packet.t[-1])
@@ -89,13 +90,7 @@ class RawWriter(EventWriter):
 
         Edges from before the events that were written are left out, and counted.
         """
-        self._waiting += list(triggers)
-
-    def _due(self, until_us: int) -> list[tuple[int, int, bool]]:
-        """Return the waiting triggers up to a time."""
-        count = sum(t_us <= until_us for t_us, _, _ in self._waiting)
-        due, self._waiting = self._waiting[:count], self._waiting[count:]
-        return due
+        self._waiting.extend(triggers)
 
     def _append_events(self, packet: EventPacket, first: int, last: int) -> None:
         if last > first:
