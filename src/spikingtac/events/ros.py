@@ -154,56 +154,37 @@ class RosSource(FileSource):
             self.losses.add(kind)
 
 
-class _Cursor:
-    """Reads fields of a message one after the other; CDR aligns them, ROS 1 does not."""
-
-    def __init__(self, data: bytes, order: str, origin: int, aligned: bool) -> None:
-        self._data, self._order, self._origin, self._aligned = data, order, origin, aligned
-        self._at = origin
-
-    def number(self, kind: str) -> int:
-        """Read a number of a :mod:`struct` type."""
-        length = struct.calcsize(kind)
-        if self._aligned:
-            self._at += -(self._at - self._origin) % length
-        (value,) = struct.unpack_from(self._order + kind, self._data, self._at)
-        self._at += length
-        return value
-
-    def block(self) -> bytes:
-        """Read a length and so many bytes."""
-        return self.bytes_of(self.number("I"))
-
-    def bytes_of(self, length: int) -> bytes:
-        """Read so many bytes."""
-        block = self._data[self._at : self._at + length]
-        if len(block) < length:
-            raise ValueError("the message ends early")
-        self._at += length
-        return block
-
-
 def _parsed(message: RawMessage) -> _Packet:
-    order = "<"
-    if message.cdr:
-        order = "<" if message.data[1] & 1 else ">"
-        cursor = _Cursor(message.data, order, 4, aligned=True)
-    else:
-        cursor = _Cursor(message.data, "<", 0, aligned=False)
-        cursor.number("I")  # sequence number of the ROS 1 header
-    cursor.number("I")
-    cursor.number("I")
-    cursor.block()
-    height, width = cursor.number("I"), cursor.number("I")
+    data, cdr = message.data, message.cdr
+    order = "<" if not cdr or data[1] & 1 else ">"
+    origin = at = 4 if cdr else 0
+
+    def block(length: int) -> bytes:
+        nonlocal at
+        at += length
+        if at > len(data):
+            raise ValueError("the message ends early")
+        return data[at - length : at]
+
+    def number(kind: str) -> int:
+        nonlocal at
+        length = struct.calcsize(kind)
+        at += -(at - origin) % length if cdr else 0  # CDR aligns fields, ROS 1 does not
+        return struct.unpack(order + kind, block(length))[0]
+
+    for _ in range(2 if cdr else 3):  # the time; in ROS 1 a sequence number before it
+        number("I")
+    block(number("I"))  # the frame's name
+    height, width = number("I"), number("I")
     if message.kind in ARRAYS:
-        count = cursor.number("I")
-        size = ALIGNED_BYTES if message.cdr else ARRAY_EVENT_BYTES
+        count = number("I")
+        size = ALIGNED_BYTES if cdr else ARRAY_EVENT_BYTES
         length = max(size * count - (size - ARRAY_EVENT_BYTES), 0)
-        return _Packet(width, height, -1, size, "array", cursor.bytes_of(length), order)
-    sequence, base_ns = cursor.number("Q"), cursor.number("Q")
-    encoding = cursor.block().rstrip(b"\0").decode("ascii")
-    cursor.number("B")  # byte order of the sender; the encodings are little-endian
-    return _Packet(width, height, sequence, base_ns, encoding, cursor.block(), order)
+        return _Packet(width, height, -1, size, "array", block(length), order)
+    sequence, base_ns = number("Q"), number("Q")
+    encoding = block(number("I")).rstrip(b"\0").decode("ascii")
+    number("B")  # byte order of the sender; the encodings are little-endian
+    return _Packet(width, height, sequence, base_ns, encoding, block(number("I")), order)
 
 
 def _mono_events(packet: _Packet, start_ns: int) -> Rows:

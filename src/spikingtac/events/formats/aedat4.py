@@ -12,7 +12,6 @@ import struct
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -53,23 +52,7 @@ _MARKS = {"lz4": (b"\x04\x22\x4d\x18", 8), "zstd": (b"\x28\xb5\x2f\xfd", 8)}
 
 HEAD_LIMIT_BYTES = 1 << 24  # Longest head that is believed.
 
-
-class Aedat4Head(NamedTuple):
-    """What the head of a file names.
-
-    Attributes:
-        streams: Number, size (px) and name of each stream of events.
-        triggers: Number and camera's name of each stream of trigger edges.
-        compression: ``none``, ``lz4``, ``zstd`` or ``unknown``.
-        table_position: Where the index at the end begins, or -1.
-        length: Bytes before the first packet.
-    """
-
-    streams: list[tuple[int, tuple[int, int], str]]
-    triggers: list[tuple[int, str]]
-    compression: str
-    table_position: int
-    length: int
+Streams = list[tuple[int, tuple[int, int], str]]  # Number, size (px) and name of each.
 
 
 class Aedat4Source(FileSource):
@@ -84,23 +67,39 @@ class Aedat4Source(FileSource):
     format = "AEDAT4"
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._head = read_head(path)
-        streams = self._head.streams
+        streams, triggers = self._read_head(path)
         cameras = [f"{name}, {size[0]}x{size[1]} px" for _, size, name in streams]
         self._stream, self._named_size, own = streams[chosen_sensor(cameras, options.sensor, path)]
-        named = [number for number, name in self._head.triggers if name == own]
-        self._edges = named or [number for number, _ in self._head.triggers]
+        named = [number for number, name in triggers if name == own]
+        self._edges = named or [number for number, _ in triggers]
         super().__init__(path, options)
+
+    def _read_head(self, path: Path) -> tuple[Streams, list[tuple[int, str]]]:
+        """Return number, size and name of each stream of events, and those of trigger edges."""
+        try:
+            with path.open("rb") as file:
+                if file.read(len(SIGNATURE)) != SIGNATURE:
+                    raise ValueError("the first line is not that of AEDAT 4.0")
+                (length,) = struct.unpack("<I", file.read(4))
+                if length > HEAD_LIMIT_BYTES:
+                    raise ValueError(f"a head of {length} bytes")
+                table = _Table(file.read(length))
+            self._begin = len(SIGNATURE) + 4 + length
+            self._compression = COMPRESSIONS.get(table.number(0, "<i", 0), "unknown")
+            self._table_position = table.number(1, "<q", -1)  # of the index at the end, or -1
+            return _streams_named(table.text(2))
+        except (ValueError, struct.error, ElementTree.ParseError, RecursionError) as error:
+            raise FormatError(f"{str(path)!r} is no readable AEDAT4 file: {error}") from error
 
     def _size(self) -> tuple[int, int]:
         return self._named_size
 
     def _columns(self) -> Iterator[Rows]:
         total = max(self.path.stat().st_size, 1)
-        end = self._head.table_position if self._head.table_position > 0 else total
+        end = self._table_position if self._table_position > 0 else total
         where = f"{str(self.path)!r}: a packet"
         with self.path.open("rb") as file:
-            read, place = reader_of(file), self._head.length
+            read, place = reader_of(file), self._begin
             while place < min(end, total):
                 head = _packet_at(read, place, total)
                 if head is None:
@@ -117,7 +116,7 @@ class Aedat4Source(FileSource):
                 refuse_piece(where, length)
                 try:
                     stored = read(place - length, length)
-                    data = decompressed(stored, self._head.compression, where)
+                    data = decompressed(stored, self._compression, where)
                     if stream == self._stream:
                         yield self._events(data, head is None)
                     else:
@@ -127,7 +126,7 @@ class Aedat4Source(FileSource):
 
     def _after_damage(self, read: Read, place: int, total: int) -> int | None:
         """Return where the next packet of events begins, or None where the rest holds none."""
-        mark, before = _MARKS.get(self._head.compression, (b"EVTS", 16))
+        mark, before = _MARKS.get(self._compression, (b"EVTS", 16))
 
         def proven(at: int) -> int | None:
             packet = _packet_at(read, at - before, total) if at - before >= place else None
@@ -169,34 +168,6 @@ def _packet_at(read: Read, place: int, total: int) -> tuple[int, int] | None:
     return (stream, length) if fits else None
 
 
-def read_head(path: Path) -> Aedat4Head:
-    """Read the head of an AEDAT4 file.
-
-    Raises:
-        FormatError: The head is damaged, or names no stream of events.
-    """
-    try:
-        with path.open("rb") as file:
-            if file.read(len(SIGNATURE)) != SIGNATURE:
-                raise ValueError("the first line is not that of AEDAT 4.0")
-            (length,) = struct.unpack("<I", file.read(4))
-            if length > HEAD_LIMIT_BYTES:
-                raise ValueError(f"a head of {length} bytes")
-            data = file.read(length)
-        table = _Table(data)
-        info = table.text(2)
-        streams, triggers = _streams_named(info)
-        return Aedat4Head(
-            streams=streams,
-            triggers=triggers,
-            compression=COMPRESSIONS.get(table.number(0, "<i", 0), "unknown"),
-            table_position=table.number(1, "<q", -1),
-            length=len(SIGNATURE) + 4 + length,
-        )
-    except (ValueError, struct.error, ElementTree.ParseError, RecursionError) as error:
-        raise FormatError(f"{str(path)!r} is no readable AEDAT4 file: {error}") from error
-
-
 class _Table:
     """A table of a FlatBuffer, the root one unless told; every offset checked by :mod:`struct`."""
 
@@ -235,9 +206,7 @@ class _Table:
         return self._data[start : start + length].decode("utf-8")
 
 
-def _streams_named(
-    info: str,
-) -> tuple[list[tuple[int, tuple[int, int], str]], list[tuple[int, str]]]:
+def _streams_named(info: str) -> tuple[Streams, list[tuple[int, str]]]:
     """Return the streams of events that the XML names, and the numbers of those of triggers."""
     if "<!" in info:
         raise ValueError("its XML declares entities, which no recorder does")

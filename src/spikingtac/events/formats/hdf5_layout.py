@@ -24,8 +24,6 @@ OBJECTS_LIMIT = 1 << 12  # Groups and data sets that are looked at.
 
 COMPRESSION_LIMIT = 2_000  # Most that compression is believed to gain; deflate cannot exceed 1,032.
 
-LINK_DEPTH = 8  # Links to links that are followed.
-
 _RESOLUTIONS = ("calib/resolution", "resolution")
 
 # Longest search for attributes, s: a sound file needs 0.3 s, the start of Python included.
@@ -64,9 +62,9 @@ class EventStream(NamedTuple):
 
 
 def find_streams(file: Any, path: Path) -> list[EventStream]:
-    """Return every stream of events, in the order of their names."""
+    """Return every stream of events, in the order of their names; links are not followed."""
     found: list[EventStream] = []
-    outside: list[str] = []
+    links: list[str] = []
     groups, looked_at = [file], 0
     while groups and looked_at < OBJECTS_LIMIT:
         group = groups.pop()
@@ -74,36 +72,22 @@ def find_streams(file: Any, path: Path) -> list[EventStream]:
         looked_at += len(names)
         tables: dict[str, Any] = {}
         for name in names:
-            item, soft = _resolved(group, name)
-            if item is None:
-                outside.append(name)
-            elif hasattr(item, "dtype") and not (soft and len(item.shape or ()) != 1):
+            if hasattr(group.get(name, getlink=True), "path"):  # a soft or an external one
+                links.append(name)
+                continue
+            item = group[name]
+            if hasattr(item, "dtype"):
                 tables[name] = item
-            elif hasattr(item, "keys") and not soft:  # what it leads to is found anyway
+            elif hasattr(item, "keys"):
                 groups.append(item)
         found += _streams_of(group, tables)
     if not found:
-        more = f"; {', '.join(outside)} is a link into another file: copy it" if outside else ""
+        more = f"; {', '.join(links)} is a link, which is not followed: copy it" if links else ""
         raise FormatError(
             f"{str(path)!r} holds no events: neither a group with columns named x, y, p and t, nor "
             f"a table of such fields or of four numbers{more}"
         )
     return sorted(found, key=lambda stream: stream.places)
-
-
-def _resolved(group: Any, name: str, depth: int = 0) -> tuple[Any, bool]:
-    """Return what lies under a name in this very file, or None; and whether a link led there."""
-    link = group.get(name, getlink=True)
-    if hasattr(link, "filename") or depth > LINK_DEPTH:
-        return None, True
-    if not hasattr(link, "path"):
-        return group[name], depth > 0
-    found = group.file if link.path.startswith("/") else group
-    for part in filter(None, link.path.split("/")):
-        if not hasattr(found, "keys") or part not in found:
-            return None, True
-        found = _resolved(found, part, depth + 1)[0]
-    return found, True
 
 
 def _streams_of(group: Any, tables: dict[str, Any]) -> Iterator[EventStream]:
