@@ -18,7 +18,7 @@ from spikingtac.arrays import one_line
 from spikingtac.types import FloatArray
 
 HEXAGON_STEP_RAD = math.pi / 3  # Angle between neighbouring corners of a hexagon, rad.
-TOLERANCE = 1e-12  # Relative change of the circle at which the fit ends (ours: below a nanometre).
+TOLERANCE = 1e-12  # Relative change of the circle at which the fit ends (below a nanometre).
 
 # Relative change of the cost at which it ends: the cost is flat at its minimum.
 COST_TOLERANCE = 1e-15
@@ -148,14 +148,38 @@ def fit_circle(
         raise ValueError(f"got points {points.shape} and start {start.shape}; need (n, 2), (2,)")
     if not (np.isfinite(points).all() and np.isfinite(start).all()):
         raise ValueError("contacts and start must be finite")
-    sigma = np.broadcast_to(np.asarray(sigma_mm, np.float64), (len(points),))
-    problem = _Problem(points, np.append(start, config.radius_mm), config, sigma)
-    reach = float(np.linalg.norm(points - start, axis=1).max())
-    estimate = problem.solve(np.append(start, reach))
+    scale = 1.0 / np.broadcast_to(np.asarray(sigma_mm, np.float64), (len(points),))
+    sigmas = config.center_sigma_mm, config.center_sigma_mm, config.radius_sigma_mm
+    expected, prior_scale = np.append(start, config.radius_mm), 1.0 / np.array(sigmas)
+
+    def distances(circle: FloatArray) -> FloatArray:
+        return np.linalg.norm(points - circle[:2], axis=1) - circle[2]
+
+    def residuals(circle: FloatArray) -> FloatArray:
+        """Return the scaled residuals: contacts, start outside the circle, prior."""
+        outside = float(np.linalg.norm(start - circle[:2])) - circle[2]
+        inside = [float(scale.max()) * max(outside, 0.0)]
+        return np.concatenate(
+            [scale * distances(circle), inside, prior_scale * (circle - expected)]
+        )
+
+    def jacobian(circle: FloatArray) -> FloatArray:
+        offset = (start - circle[:2])[None, :]
+        outside = float(np.linalg.norm(offset)) > circle[2]
+        inside = (float(scale.max()) if outside else 0.0) * _gradient(offset)
+        contacts = scale[:, None] * _gradient(points - circle[:2])
+        return np.concatenate([contacts, inside, np.diag(prior_scale)])
+
+    first = np.append(start, np.linalg.norm(points - start, axis=1).max())
+    limits = {"xtol": TOLERANCE, "ftol": COST_TOLERANCE}
+    found = least_squares(residuals, first, jacobian, method="lm", **limits)  # pyright: ignore[reportArgumentType]
+    estimate = known = np.asarray(found.x, np.float64)
     one_sided = largest_gap_rad(points, start) > math.pi
-    covariance = problem.covariance(problem.flattest(estimate) if one_sided else estimate)
-    residual = problem.distances(estimate)
-    return Circle(estimate[:2], float(estimate[2]), covariance, residual)
+    if one_sided:
+        known = _flattest(points, estimate, config.radius_mm + config.radius_sigma_mm)
+    rows = scale[:, None] * _gradient(points - known[:2])
+    covariance = np.linalg.inv(rows.T @ rows + np.diag(prior_scale**2)).astype(np.float64)
+    return Circle(estimate[:2], float(estimate[2]), covariance, distances(estimate))
 
 
 def largest_gap_rad(points_mm: FloatArray, start_mm: FloatArray) -> float:
@@ -165,65 +189,15 @@ def largest_gap_rad(points_mm: FloatArray, start_mm: FloatArray) -> float:
     return float(np.diff(angle, append=angle[0] + 2.0 * math.pi).max())
 
 
-class _Problem:
-    """Least squares of the radial distances, with a Gaussian prior on (x, y, radius)."""
-
-    def __init__(
-        self, points: FloatArray, prior: FloatArray, config: HoleFitConfig, sigma: FloatArray
-    ) -> None:
-        prior_sigma = config.center_sigma_mm, config.center_sigma_mm, config.radius_sigma_mm
-        self._points = points
-        self._prior = prior
-        self._prior_scale = 1.0 / np.array(prior_sigma)
-        self._scale = 1.0 / sigma
-        self._start_scale = float(self._scale.max())
-        self._flattest_mm = config.radius_mm + config.radius_sigma_mm
-
-    def distances(self, estimate: FloatArray) -> FloatArray:
-        """Return the signed distances ``(n,)`` of the points from the circle, mm."""
-        return np.linalg.norm(self._points - estimate[:2], axis=1) - estimate[2]
-
-    def solve(self, first: FloatArray) -> FloatArray:
-        """Return the (x, y, radius) of least squares, from a first guess."""
-        found = least_squares(
-            self._residuals,
-            first,
-            self._jacobian,  # pyright: ignore[reportArgumentType]  # it takes callables too
-            method="lm",
-            xtol=TOLERANCE,
-            ftol=COST_TOLERANCE,
-        )
-        return np.asarray(found.x, np.float64)
-
-    def covariance(self, estimate: FloatArray) -> FloatArray:
-        """Return the inverse information ``(3, 3)`` of contacts and prior at a circle, mm2."""
-        rows = self._scale[:, None] * _gradient(self._points - estimate[:2])
-        information = rows.T @ rows + np.diag(self._prior_scale**2)
-        return np.linalg.inv(information).astype(np.float64)
-
-    def flattest(self, estimate: FloatArray) -> FloatArray:
-        """Return the circle one prior sigma larger than expected, through the same contacts."""
-        radius = max(float(estimate[2]), self._flattest_mm)
-        if not math.isfinite(radius):
-            return estimate
-        middle = self._points.mean(axis=0)
-        inward = estimate[:2] - middle
-        inward = inward / max(float(np.linalg.norm(inward)), TINY)
-        return np.append(middle + radius * inward, radius)
-
-    def _residuals(self, estimate: FloatArray) -> FloatArray:
-        """Return the scaled residuals: contacts, start outside the circle, prior."""
-        outside = float(np.linalg.norm(self._prior[:2] - estimate[:2])) - estimate[2]
-        start = [self._start_scale * max(outside, 0.0)]
-        prior = self._prior_scale * (estimate - self._prior)
-        return np.concatenate([self._scale * self.distances(estimate), start, prior])
-
-    def _jacobian(self, estimate: FloatArray) -> FloatArray:
-        contacts = self._scale[:, None] * _gradient(self._points - estimate[:2])
-        offset = (self._prior[:2] - estimate[:2])[None, :]
-        outside = float(np.linalg.norm(offset)) > estimate[2]
-        start = (self._start_scale if outside else 0.0) * _gradient(offset)
-        return np.concatenate([contacts, start, np.diag(self._prior_scale)])
+def _flattest(points: FloatArray, estimate: FloatArray, radius_mm: float) -> FloatArray:
+    """Return the circle through the same contacts that has at least this radius."""
+    radius = max(float(estimate[2]), radius_mm)
+    if not math.isfinite(radius):
+        return estimate
+    middle = points.mean(axis=0)
+    inward = estimate[:2] - middle
+    inward = inward / max(float(np.linalg.norm(inward)), TINY)
+    return np.append(middle + radius * inward, radius)
 
 
 def _gradient(offset: FloatArray) -> FloatArray:

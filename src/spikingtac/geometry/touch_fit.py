@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spikingtac.geometry.hole import Circle, HoleFitConfig, fit_circle
+from spikingtac.geometry.hole import TINY, Circle, HoleFitConfig, fit_circle
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.types import FloatArray
 
@@ -27,11 +27,11 @@ class TouchFitConfig:
 
     Attributes:
         prior: Prior of centre and radius.
-        friction: Coulomb coefficient between bit and wall (ours: steel on plastic).
+        friction: Coulomb coefficient between bit and wall (steel on plastic).
         slip_sigma: Standard deviation that sliding adds to a contact, per travel and per angle
-            beyond the friction cone in rad (ours: friction known to a third).
+            beyond the friction cone in rad (friction known to a third).
         doubt_sigma: Number of standard deviations off the circle beyond which a contact gets less
-            weight (ours: this affects one correct contact in 370).
+            weight (this affects one correct contact in 370).
     """
 
     prior: HoleFitConfig = field(default_factory=HoleFitConfig)
@@ -65,13 +65,14 @@ def estimate_hole(
     reading, heading = np.asarray(reading_mm, np.float64), np.asarray(direction, np.float64)
     if reading.shape != heading.shape:
         raise ValueError(f"got readings {reading.shape} and directions {heading.shape}; need equal")
-    case = _Case(travel, config)
-    circle, normal, sigma = _round(reading, heading, heading, start_mm, case)
+    doubt = np.ones(len(reading))
+    known = travel, config, math.inf, doubt
+    circle, normal, sigma = _round(reading, heading, heading, start_mm, known)
     for _ in range(ROUNDS):
-        off = np.abs(circle.residual_mm) * case.doubt / (config.doubt_sigma * sigma)
-        radius = max(circle.radius_mm, travel.across_flats_mm)
-        case = _Case(travel, config, radius, np.maximum(off, 1.0) ** 2)
-        circle, normal, sigma = _round(reading, heading, normal, start_mm, case)
+        off = np.abs(circle.residual_mm) * doubt / (config.doubt_sigma * sigma)
+        doubt = np.maximum(off, 1.0) ** 2
+        known = travel, config, max(circle.radius_mm, travel.across_flats_mm), doubt
+        circle, normal, sigma = _round(reading, heading, normal, start_mm, known)
     rows = np.column_stack([normal, np.ones(len(normal))])
     gain = circle.covariance_mm2 @ (rows / sigma[:, None] ** 2).T
     angle = np.arctan2(heading[:, 1], heading[:, 0])
@@ -79,27 +80,27 @@ def estimate_hole(
     return replace(circle, covariance_mm2=covariance)
 
 
-@dataclass(frozen=True, slots=True)
-class _Case:
-    travel: TravelModel
-    config: TouchFitConfig
-    radius_mm: float = math.inf
-    doubt: FloatArray | float = 1.0  # factor of the standard deviation of a contact
-
-
 def _round(
-    reading: FloatArray, heading: FloatArray, normal: FloatArray, start_mm: FloatArray, case: _Case
+    reading: FloatArray,
+    heading: FloatArray,
+    normal: FloatArray,
+    start_mm: FloatArray,
+    known: tuple[TravelModel, TouchFitConfig, float, FloatArray],
 ) -> tuple[Circle, FloatArray, FloatArray]:
-    """Correct the readings along the present normals; return circle, new normals, sigmas."""
-    force, slid = _force(heading, normal, case.config.friction)
-    size = case.travel.travel_mm(np.arctan2(force[:, 1], force[:, 0]))
-    reach = case.travel.reach_mm(np.arctan2(normal[:, 1], normal[:, 0]), case.radius_mm)
+    """Correct the readings along the present normals; return circle, new normals, sigmas.
+
+    ``known`` holds calibration, settings, the hole's radius so far, mm, and the factor ``(n,)`` of
+    each contact's standard deviation.
+    """
+    travel, config, radius_mm, doubt = known
+    force, slid = _force(heading, normal, config.friction)
+    size = travel.travel_mm(np.arctan2(force[:, 1], force[:, 0]))
+    reach = travel.reach_mm(np.arctan2(normal[:, 1], normal[:, 0]), radius_mm)
     center = reading - size[:, None] * force
-    slip = case.config.slip_sigma * np.abs(size) * slid
-    sigma = case.doubt * np.hypot(case.travel.sigma_mm, slip)
-    circle = fit_circle(center + reach[:, None] * normal, start_mm, case.config.prior, sigma)
+    sigma = doubt * np.hypot(travel.sigma_mm, config.slip_sigma * np.abs(size) * slid)
+    circle = fit_circle(center + reach[:, None] * normal, start_mm, config.prior, sigma)
     away = center - circle.center_mm
-    length = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
+    length = np.maximum(np.linalg.norm(away, axis=1), TINY)
     return circle, away / length[:, None], sigma
 
 

@@ -62,12 +62,9 @@ class TravelModel:
     @classmethod
     def of(cls, compensation: Compensation, across_flats_mm: float = 0.75) -> TravelModel:
         """Return the same travel for every direction, the bit's heading unknown."""
-        harmonics = np.zeros(HARMONICS)
-        harmonics[0] = compensation.travel_mm
-        flat = np.zeros((HARMONICS, HARMONICS))
         return cls(
-            harmonics_mm=harmonics,
-            covariance_mm2=flat,
+            harmonics_mm=compensation.travel_mm * np.eye(HARMONICS)[0],
+            covariance_mm2=np.zeros((HARMONICS, HARMONICS)),
             sigma_mm=compensation.sigma_mm,
             across_flats_mm=across_flats_mm,
         )
@@ -158,7 +155,9 @@ def fit_travel(
         return _fit(angle, excess + reach, across_flats_mm, None)
     tried = np.linspace(0.0, HEXAGON_STEP_RAD, HEADINGS, endpoint=False)
     reach = hexagon_reach_mm(across_flats_mm, angle - tried[:, None])
-    best = int(_misfit(angle, excess + reach).argmin())
+    design, travel = _design(angle), excess + reach
+    left = travel - travel @ (design @ np.linalg.pinv(design)).T
+    best = int((left**2).sum(axis=1).argmin())
     return _fit(angle, excess + reach[best], across_flats_mm, float(tried[best]))
 
 
@@ -182,13 +181,6 @@ def _fit(
         heading_rad=heading,
         variance_mm2=np.linalg.pinv(_twice(angle)) @ square,
     )
-
-
-def _misfit(angle: FloatArray, travel: FloatArray) -> FloatArray:
-    """Return the residual sums of squares ``(k,)`` of harmonics fitted to travels ``(k, n)``."""
-    design = _design(angle)
-    left = travel - travel @ (design @ np.linalg.pinv(design)).T
-    return (left**2).sum(axis=1)
 
 
 def _design(angle_rad: FloatArray) -> FloatArray:

@@ -104,9 +104,7 @@ class AdaptiveSearch:
     """
 
     def __init__(self, prober: Prober, travel: TravelModel, config: AdaptiveSearchConfig) -> None:
-        self._prober = prober
-        self._travel = travel
-        self._config = config
+        self._prober, self._travel, self._config = prober, travel, config
 
     def run(self, start_mm: FloatArray) -> FoundHole:
         """Search from a place inside the hole.
@@ -127,7 +125,8 @@ class AdaptiveSearch:
 
     def _search(self, start: FloatArray) -> FoundHole:
         touches = self._chord(start)
-        touches.append(self._across(touches))
+        across = np.array([-touches[0].direction[1], touches[0].direction[0]])
+        touches.append(self._prober.touch(_middle(*touches), across))
         circle = self._checked(touches)
         kept = [one for one in touches if _is_head_on(one, circle)]
         while len(kept) < LEAST_CONTACTS or not self._is_enough(kept):
@@ -142,22 +141,18 @@ class AdaptiveSearch:
 
     def _chord(self, start: FloatArray) -> list[Touched]:
         """Touch in both directions of a line; repeat a touch that began too near the wall."""
-        first = FIRST_RAD
-        ahead = np.array([math.cos(first), math.sin(first)])
+        ahead = np.array([math.cos(FIRST_RAD), math.sin(FIRST_RAD)])
         one = self._prober.touch(start, ahead)
         other = self._prober.touch(start, -ahead)
         require_room(one, other, self._travel)
         middle = _middle(one, other)
         touches = [one, other]
         for number, touch in enumerate(touches):
-            travel = float(self._travel.travel_mm(_angle(touch.direction)))
+            x, y = touch.direction
+            travel = float(self._travel.travel_mm(np.arctan2(y, x)))
             if touch.run_mm - travel < RUN_UP_MM:
                 touches[number] = self._prober.touch(middle, touch.direction)
         return touches
-
-    def _across(self, chord: list[Touched]) -> Touched:
-        across = np.array([-chord[0].direction[1], chord[0].direction[0]])
-        return self._prober.touch(_middle(chord[0], chord[1]), across)
 
     def _next(self, touches: list[Touched], kept: list[Touched]) -> Touched:
         """Touch in the best direction; repeat a touch that does not fit the others."""
@@ -210,8 +205,7 @@ class AdaptiveSearch:
             SearchError: The contacts make no circle, or one that is no wider than the bit.
         """
         circle = self.circle(touches)
-        objection = self._objection(circle)
-        if objection is not None:
+        if (objection := self._objection(circle)) is not None:
             raise _MisfitError(objection)
         return circle
 
@@ -267,10 +261,6 @@ def hole_around(touches: Sequence[Touched], travel: TravelModel, config: TouchFi
     direction = np.array([touch.direction for touch in touches])
     inside = np.mean([touch.start_mm for touch in touches], axis=0)
     return estimate_hole(reading, direction, inside, travel, config)
-
-
-def _angle(direction: FloatArray) -> FloatArray:
-    return np.arctan2(direction[1], direction[0])
 
 
 def _is_head_on(touch: Touched, circle: Circle) -> bool:

@@ -78,17 +78,11 @@ class Watchdog:
         on_trip: Callable[[], None] = lambda: None,
         confirm: Callable[[], None] = lambda: None,
     ) -> None:
-        self.health = Health.OK
-        self.reason = ""
-        self.stop_failure: Exception | None = None
-        self.armed = False
-        self._config = config
+        self._config, self._clock_s, self._on_trip = config, clock_s, on_trip
         self._stop, self._confirm = stop, confirm
-        self._clock_s, self._on_trip = clock_s, on_trip
-        self._proven = False
-        self._beat_s = clock_s()
-        self._backlog_s = 0.0
+        self._beat_s, self._backlog_s = clock_s(), 0.0
         self._lock = threading.RLock()
+        self.reset()
 
     def beat(self, backlog_s: float = 0.0) -> None:
         """Say that the transport is alive.
@@ -213,8 +207,8 @@ class Watchdog:
                 self._on_trip()
 
     def _clear(self) -> None:
-        self.health, self.reason, self.stop_failure = Health.OK, "", None
-        self.armed = False
+        self.health, self.reason, self.armed = Health.OK, "", False
+        self.stop_failure: Exception | None = None
 
 
 def _failure_of(command: Callable[[], None]) -> Exception | None:
