@@ -206,17 +206,6 @@ def test_a_process_that_ends_brakes(
     wait_for(lambda: speed(controller) < 1.0)
 
 
-def test_two_threads_that_stop_wait_for_the_same_outcome(
-    controller: URController, arm: RemoteArm
-) -> None:
-    """A contact and a trip of the watchdog may come together."""
-    arm.stop()
-    arm.stop()
-    arm.confirm_stop()
-    arm.confirm_stop()
-    assert speed(controller) < 1.0
-
-
 pytestmark = pytest.mark.waits
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 import spikingtac as st
-from spikingtac.sim import Optics, SensingFinger, SkinState, image_radius_px
+from spikingtac.sim import Optics, SensingFinger, SkinConfig, SkinState, image_radius_px
 from spikingtac_mujoco.pad import Mount
 
 Floats = NDArray[np.float64]
@@ -31,15 +33,11 @@ ESTIMATE_US = 1_000
 
 def at_rest(mount: Mount) -> SkinState:
     """Return the skin that nothing touches."""
-    count = len(mount.rest_mm)
-    return SkinState(
-        t_us=0,
-        marker_mm=np.column_stack((mount.rest_mm, np.zeros(count))),
-        gradient=np.tile(np.eye(2), (count, 1, 1)),
-        force_n=np.zeros(3),
-        torque_n_mm=np.zeros(3),
-        pose_mm=np.full(3, np.nan),
-        in_contact=False,
+    rest_mm = mount.rest_mm
+    return replace(
+        SkinConfig().at_rest(),
+        marker_mm=np.column_stack((rest_mm, np.zeros(len(rest_mm)))),
+        gradient=np.tile(np.eye(2), (len(rest_mm), 1, 1)),
     )
 
 
@@ -92,8 +90,7 @@ class EventObserver:
         packet: Events since the last look.
     """
 
-    PRESET = "fast"
-    """Preset of the tracker."""
+    PRESET = "fast"  # Preset of the tracker.
 
     def __init__(self, mount: Mount, optics: Optics, seed: int) -> None:
         self._finger, self._mount = SensingFinger(mount.finger, seed), mount

@@ -145,7 +145,7 @@ class RobotiqGripper:
                 data = self._socket.recv(1024)
                 if not data:
                     raise ConnectionResetError("the connection was closed")
-                self._rest += data
+                self._rest = (self._rest + data).lstrip(b"\n")  # the end of a split "ack"
         except OSError as error:
             raise DeviceError(f"the gripper does not answer to {line!r}: {error}") from error
         answer, _, self._rest = self._rest.partition(b"\n")

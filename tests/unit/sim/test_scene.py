@@ -89,20 +89,6 @@ def test_the_digest_follows_every_value_that_counts():
 CONTRACT = ("bootstrap", "quiet", "loops", "fifty-contacts", *catalog.TRAJECTORIES)
 
 
-@pytest.fixture(scope="module")
-def scenes() -> dict[str, Scene]:
-    return {name: catalog.load_scene(name) for name in catalog.scene_names()}
-
-
-def test_paths_stay_on_the_pad(scenes):
-    for name, scene in scenes.items():
-        for contact in scene.contacts:
-            motion = IndenterMotion(contact.motion)
-            times = [index * 0.02 for index in range(int(motion.duration_s / 0.02))]
-            reach = max(abs(motion.pose(t).position_mm[:2]).max() for t in times)
-            assert reach + scene.variation.place_mm <= 8.5, name
-
-
 def motion(*segments: dict[str, Any], **start: float) -> IndenterMotion:
     return IndenterMotion(build(MotionConfig, {**start, "segments": list(segments)}, "motion"))
 
