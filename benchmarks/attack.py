@@ -50,8 +50,8 @@ from spikingtac.contact.detector import (  # noqa: E402
     ContactDetails,
     ContactDetector,
     DetectorSummary,
+    Window,
 )
-from spikingtac.contact.window import Window  # noqa: E402
 from spikingtac.errors import DeviceError  # noqa: E402
 from spikingtac.robot.ur import URArm  # noqa: E402
 from spikingtac.stream.guard import ContactProcess  # noqa: E402

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from spikingtac import plugins
-from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.detector import ContactDetector, Window
 from spikingtac.contact.quiet import QuietStatistics
 from spikingtac.contact.registry import ALIASES, DetectionConfig, detectors, make_detector
-from spikingtac.contact.window import Window
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.windows import windows as cut_windows
 from spikingtac.types import Contact, EventPacket

@@ -3,14 +3,16 @@
 import numpy as np
 import pytest
 
-from spikingtac.contact.rims import (
+from spikingtac.contact.evidence import (
     AFFINE_MODES,
     OFF_RIM,
     RimTable,
+    ScaleSums,
+    ScaleTest,
     evidence_kernel,
+    exceeded_kernel,
     rim_table,
 )
-from spikingtac.contact.scales import ScaleSums, ScaleTest, exceeded_kernel
 from spikingtac.types import EventPacket
 from stand_ins.moving_rims import SIZE, calibration, windows
 

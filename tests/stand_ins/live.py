@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from spikingtac.contact.detector import ContactDetails, DetectorSummary
-from spikingtac.contact.window import Window, count_of, packets_of
+from spikingtac.contact.detector import (
+    ContactDetails,
+    DetectorSummary,
+    Window,
+    count_of,
+    packets_of,
+)
 from spikingtac.events.source import PacketSource
 from spikingtac.types import Contact, EventPacket, MarkerFrame
 

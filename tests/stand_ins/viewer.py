@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.contact.window import Window, count_of, packets_of
+from spikingtac.contact.detector import Window, count_of, packets_of
 from spikingtac.events.create import create_events
 from spikingtac.events.source import EventSource
 from spikingtac.types import Contact, EventPacket, LossCounters, MarkerFrame

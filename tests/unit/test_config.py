@@ -51,13 +51,9 @@ def test_unknown_names_get_the_nearest() -> None:
 
 def test_contact_detection_is_configured_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text(
-        '[contact]\ndetector = "event_count"\nfalse_alarms_per_hour = 3\n'
-        "[contact.motion.release]\ndead_votes = 2.5\n"
-    )
+    path.write_text('[contact]\ndetector = "event_count"\nfalse_alarms_per_hour = 3\n')
     contact = load_config(path).contact
     assert (contact.detector, contact.false_alarms_per_hour) == ("event_count", 3.0)
-    assert contact.motion.release.dead_evidence == 2.5
     path.write_text("[contact]\nfalse_alarms_per_hour = 0\n")
     with pytest.raises(ConfigError, match="must be positive"):
         load_config(path)

@@ -1,10 +1,10 @@
 """Public names of contact detection."""
 
 # Windows of events
-from .window import WINDOW_US as WINDOW_US
-from .window import Window as Window
-from .window import count_of as count_of
-from .window import packets_of as packets_of
+from .detector import WINDOW_US as WINDOW_US
+from .detector import Window as Window
+from .detector import count_of as count_of
+from .detector import packets_of as packets_of
 from .recording import FoundContact as FoundContact
 from .recording import find_contacts as find_contacts
 from .recording import leading_quiet as leading_quiet
@@ -22,6 +22,5 @@ from .registry import make_detector as make_detector
 from .event_count import EventCountConfig as EventCountConfig
 from .event_count import EventCountDetector as EventCountDetector
 from .quiet import QuietStatistics as QuietStatistics
-from .sequential_detector import SequentialMotionConfig as SequentialMotionConfig
 from .sequential_detector import SequentialMotionDetector as SequentialMotionDetector
 from .event_count import SelfCalibratingDetector as SelfCalibratingDetector

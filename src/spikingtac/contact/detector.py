@@ -1,19 +1,32 @@
-"""The protocol of a contact detector, and what it knows about a contact beyond the decision.
-
-What a detector knows about a contact beyond the decision.
-
-The protocol of a contact detector: it takes every window in order and reports contacts.
-"""
+"""Windows of events, and the protocol of what decides on contact from them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
-from spikingtac.contact.quiet import QuietStatistics
-from spikingtac.contact.window import Window
-from spikingtac.types import Contact
+from spikingtac.types import Contact, EventPacket
+
+if TYPE_CHECKING:
+    from spikingtac.contact.quiet import QuietStatistics
+
+WINDOW_US = 1_000  # Raw events are counted in windows of 1 ms (paper section V-B).
+
+# The events of one period: of one sensor, or one packet per sensor, in the sensors' order.
+Window: TypeAlias = EventPacket | tuple[EventPacket, ...]
+
+
+def packets_of(window: Window) -> tuple[EventPacket, ...]:
+    """Return the packets of a window, one per sensor."""
+    return window if isinstance(window, tuple) else (window,)
+
+
+def count_of(window: Window) -> int:
+    """Return how many events a window holds, over all sensors."""
+    if isinstance(window, tuple):
+        return sum(len(packet) for packet in window)
+    return len(window)
 
 
 @dataclass(frozen=True, slots=True)

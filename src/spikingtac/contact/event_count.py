@@ -1,11 +1,8 @@
 """The published detector: contact where the events of 1 ms exceed a threshold (Section V-B).
 
-The published detector: contact where the events of 1 ms exceed a threshold (Section V-B).
-
-A detector for recordings without a quiet stretch of their own: it learns from the first windows.
-
-It serves displays. A robot is stopped by a detector whose threshold was taken from a recording of
-the moving arm (:func:`spikingtac.contact.registry.make_detector`).
+:class:`SelfCalibratingDetector` learns the threshold from the first windows of a recording. It
+serves displays. A robot is stopped by a detector whose threshold comes from a recording of the
+moving arm (:func:`spikingtac.contact.registry.make_detector`).
 """
 
 from __future__ import annotations
@@ -14,9 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.contact.detector import ContactDetails, DetectorSummary
+from spikingtac.contact.detector import (
+    ContactDetails,
+    DetectorSummary,
+    Window,
+    count_of,
+    packets_of,
+)
 from spikingtac.contact.quiet import QuietStatistics, unsettled
-from spikingtac.contact.window import Window, count_of, packets_of
 from spikingtac.errors import ConfigError
 from spikingtac.types import Contact
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.contact.window import Window, count_of, packets_of
+from spikingtac.contact.detector import Window, count_of, packets_of
 from spikingtac.errors import CalibrationError, ConfigError
 
 SECONDS_PER_HOUR = 3600.0

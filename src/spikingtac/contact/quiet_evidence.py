@@ -1,8 +1,6 @@
 """Learn from the moving arm how the evidence is distributed without contact.
 
-Extrapolate the value that is exceeded once in a stated time from a much shorter recording.
-
-Learn from the moving arm how the evidence is distributed without contact.
+A value that is exceeded once in a stated time is extrapolated from a much shorter recording.
 """
 
 from __future__ import annotations
@@ -14,10 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.contact.detector import Window, packets_of
+from spikingtac.contact.evidence import (
+    AFFINE_MODES,
+    OFF_RIM,
+    POLARITIES,
+    EvidenceSums,
+    RimTable,
+    ScaleSums,
+    ScaleTest,
+    Vector,
+)
 from spikingtac.contact.quiet import SECONDS_PER_HOUR
-from spikingtac.contact.rims import AFFINE_MODES, OFF_RIM, POLARITIES, EvidenceSums, RimTable
-from spikingtac.contact.scales import ScaleSums, ScaleTest, Vector
-from spikingtac.contact.window import Window, packets_of
 from spikingtac.errors import CalibrationError
 from spikingtac.types import EventPacket
 
@@ -179,7 +185,8 @@ def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
             "or markers share one place; check the calibration, and record the moving arm"
         ) from error
     untested = ScaleTest(windows, whiten, mean, np.full(len(windows), np.inf))
-    amplitude = np.sqrt(_replay(untested, quiet.evidence))
+    replayed = ScaleSums(untested)
+    amplitude = np.sqrt([replayed.add(window).copy() for window in quiet.evidence])
     per_window = alarms_per_hour * quiet.period_s / SECONDS_PER_HOUR / len(windows)
     floor = float(chdtri(whiten.shape[1], per_window))  # chi squared, inverse survival
     memory = round(MEMORY_S / quiet.period_s)
@@ -208,11 +215,6 @@ def _at_least_shorter(threshold: Vector, whiten: Vector) -> Vector:
         share = np.linalg.norm(whiten[scale] @ np.linalg.pinv(whiten[scale - 1]), 2)
         raised[scale] = max(raised[scale], share**2 * raised[scale - 1])
     return raised
-
-
-def _replay(test: ScaleTest, evidence: Vector) -> Vector:
-    sums = ScaleSums(test)
-    return np.array([sums.add(window).copy() for window in evidence])
 
 
 def _whitening(sums: Vector, quiet: QuietEvidence, windows: int) -> Vector:

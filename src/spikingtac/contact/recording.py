@@ -11,9 +11,15 @@ from itertools import chain, islice
 
 import numpy as np
 
-from spikingtac.contact.detector import ContactDetails, ContactDetector
+from spikingtac.contact.detector import (
+    WINDOW_US,
+    ContactDetails,
+    ContactDetector,
+    Window,
+    count_of,
+    packets_of,
+)
 from spikingtac.contact.quiet import BLOCK_WINDOWS, CLEAR_SIGMA, unsettled
-from spikingtac.contact.window import WINDOW_US, Window, count_of, packets_of
 from spikingtac.errors import RecordingError
 from spikingtac.events.source import EventSource
 from spikingtac.events.windows import windows

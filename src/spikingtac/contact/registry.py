@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from spikingtac import plugins
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.detector import ContactDetector, Window
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.contact.quiet import QuietStatistics, check_budget
-from spikingtac.contact.sequential_detector import (
-    SequentialMotionConfig,
-    SequentialMotionDetector,
-)
-from spikingtac.contact.window import Window
+from spikingtac.contact.sequential_detector import SequentialMotionDetector
 from spikingtac.errors import named
 from spikingtac.plugins import with_plugins
 
@@ -28,13 +24,11 @@ class DetectionConfig:
             ``event_count`` otherwise.
         false_alarms_per_hour: Budget of false contacts while the arm moves freely.
         release_windows: For ``event_count``: a contact ends after this many quiet windows in a row.
-        motion: For ``default``.
     """
 
     detector: str | None = None
     false_alarms_per_hour: float = 1.0
     release_windows: int = 50
-    motion: SequentialMotionConfig = field(default_factory=SequentialMotionConfig)
 
     def __post_init__(self) -> None:
         check_budget(self.false_alarms_per_hour)
@@ -59,8 +53,7 @@ def _event_count(
 def _motion(
     config: DetectionConfig, calibrations: Sequence[Calibration], quiet: Iterable[Window]
 ) -> ContactDetector:
-    budget = config.false_alarms_per_hour
-    return SequentialMotionDetector.from_quiet(config.motion, calibrations, quiet, budget)
+    return SequentialMotionDetector.from_quiet(calibrations, quiet, config.false_alarms_per_hour)
 
 
 # Name -> builder of the detectors of this package, as reports name them.

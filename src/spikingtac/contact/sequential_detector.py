@@ -1,41 +1,44 @@
 """The project's detector: a sequential test of the markers' signed evidence for a common motion.
 
-Decide when a contact ends: when the markers have come back.
-
-Silence is no sign of an end: a finger that holds still is as silent as one that let go.
-
-A sequential test of the markers' signed evidence for a common motion: the project's detector.
-
 Arm vibration moves the markers to and fro, so its evidence cancels within a period. Noise of the
 pixels cancels around each rim. A contact moves the field one way, so its evidence adds up.
+
+A contact ends when the markers have come back. Silence is no sign of an end: a finger that holds
+still is as silent as one that let go.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.contact.detector import ContactDetails, DetectorSummary
+from spikingtac.contact.detector import (
+    ContactDetails,
+    DetectorSummary,
+    GelTouch,
+    Window,
+    packets_of,
+)
+from spikingtac.contact.evidence import (
+    AFFINE_MODES,
+    POLARITIES,
+    EvidenceSums,
+    ScaleSums,
+    ScaleTest,
+    Vector,
+    exceeded_kernel,
+    rim_table,
+)
 from spikingtac.contact.quiet import WindowCounter, check_budget
 from spikingtac.contact.quiet_evidence import (
     QuietEvidence,
     quiet_evidence,
     scale_test,
 )
-from spikingtac.contact.rims import AFFINE_MODES, POLARITIES, EvidenceSums, rim_table
-from spikingtac.contact.scales import (
-    ScaleSums,
-    ScaleTest,
-    Vector,
-    exceeded_kernel,
-    gel_touch,
-    likeliest_onset,
-)
-from spikingtac.contact.window import Window, packets_of
-from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.errors import CalibrationError
 from spikingtac.types import Contact
 
 # The contact ends once the markers have come back by this share of their largest displacement,
@@ -43,23 +46,57 @@ from spikingtac.types import Contact
 BACK_SHARE = 0.4
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReleaseConfig:
-    """When a contact counts as ended.
+# OFF evidence per marker that is lost at a reversal, since each pixel has to come back by up to two
+# thresholds before it fires (measured on the twin: light presses).
+DEAD_EVIDENCE = 4.0
+REST_WINDOWS = 50  # Windows in a row without motion after which a contact ends, markers back.
 
-    Attributes:
-        dead_evidence: OFF evidence per marker that is lost at a reversal, since each pixel has to
-            come back by up to two thresholds before it fires (measured on the twin: light presses).
-        rest_windows: The contact ends after this many windows in a row without motion, once the
-            markers are back.
+
+# A marker counts as moved where its squared evidence exceeds that of noise by this factor. Under
+# noise alone the ratio is exponentially distributed: 1 in 150 by chance.
+MOVED_RATIO = 5.0
+
+
+def gel_touch(evidence: Vector, center_px: Vector, noise: float) -> GelTouch | None:
+    """Return place and direction from the markers' evidence, or None where no marker moved.
+
+    Args:
+        evidence: ``(m, 2)`` sum of each marker's evidence since the onset.
+        center_px: ``(m, 2)`` centres of the markers, px.
+        noise: Expected squared length of a marker's evidence without contact.
     """
+    power = (evidence**2).sum(axis=1)
+    weight = np.maximum(power - MOVED_RATIO * noise, 0.0)
+    moved = weight > 0.0
+    if not moved.any():
+        return None
+    weight = weight / weight.sum()
+    place = weight @ center_px
+    unit = evidence / np.sqrt(np.maximum(power, np.finfo(float).tiny))[:, None]
+    away = center_px - place
+    arm = weight @ np.hypot(away[:, 0], away[:, 1])
+    moment = weight @ (away[:, 0] * unit[:, 1] - away[:, 1] * unit[:, 0])
+    push = weight @ unit
+    return GelTouch(
+        place_px=(float(place[0]), float(place[1])),
+        push=(float(push[0]), float(push[1])),
+        turn=float(moment / arm) if arm > 0.0 else 0.0,
+        markers=int(moved.sum()),
+    )
 
-    dead_evidence: float = field(default=4.0, metadata={"former_names": ("dead_votes",)})
-    rest_windows: int = 50
 
-    def __post_init__(self) -> None:
-        if self.dead_evidence < 0.0 or self.rest_windows < 0:
-            raise ConfigError("dead_evidence and rest_windows must not be negative")
+def likeliest_onset(progress: Vector) -> int:
+    """Return the maximum-likelihood onset of a drift that lasts to the end, in windows.
+
+    For Gaussian sums the likeliest time of change is the minimum of the running sum less a
+    reference drift (Page, Biometrika 41, 1954). The reference is half the mean drift since then.
+
+    Args:
+        progress: ``(n + 1,)`` running sum along the contact's direction, from 0 windows on.
+    """
+    lowest = int(progress.argmin())
+    slope = (progress[-1] - progress[lowest]) / max(len(progress) - 1 - lowest, 1)
+    return int((progress - 0.5 * slope * np.arange(len(progress))).argmin())
 
 
 class ReleaseMonitor:
@@ -68,19 +105,17 @@ class ReleaseMonitor:
     It uses OFF evidence only: the leak adds to the ON evidence for as long as a contact lasts.
 
     Args:
-        config: When a contact has ended.
         mean: ``(length,)`` evidence per window without contact.
         total: ``(length,)`` evidence of the contact up to the decision.
         markers: How many markers there are, over all sensors.
     """
 
-    def __init__(self, config: ReleaseConfig, mean: Vector, total: Vector, markers: int) -> None:
+    def __init__(self, mean: Vector, total: Vector, markers: int) -> None:
         self._mean = _off(mean)
         self._moved = _off(total)
         self._farthest = self._moved.copy()
         self._length = float(np.linalg.norm(self._farthest))
-        self._share = BACK_SHARE
-        self._dead = config.dead_evidence * markers
+        self._dead = DEAD_EVIDENCE * markers
         self._returning = False
 
     def add(self, evidence: Vector) -> None:
@@ -100,29 +135,17 @@ class ReleaseMonitor:
         if not self._returning:
             return False
         back = float((self._farthest - self._moved) @ self._farthest) / self._length
-        return back >= self._share * (self._length - self._dead)
+        return back >= BACK_SHARE * (self._length - self._dead)
 
 
 def _off(evidence: Vector) -> Vector:
     return evidence.reshape(-1, POLARITIES, AFFINE_MODES)[:, 0].ravel().copy()
 
 
-@dataclass(frozen=True, kw_only=True)
-class SequentialMotionConfig:
-    """Settings of the sequential motion detector.
-
-    Attributes:
-        release: When a contact has ended.
-    """
-
-    release: ReleaseConfig = field(default_factory=ReleaseConfig)
-
-
 class SequentialMotionDetector:
     """Finds contacts by the markers' common motion; see the module.
 
     Args:
-        config: How contacts end; the rest was used in learning.
         learned: Evidence of the quiet windows, with rims and hot pixels.
         test: The tests with their thresholds, made from the same windows.
 
@@ -132,12 +155,9 @@ class SequentialMotionDetector:
         test: As given.
     """
 
-    def __init__(
-        self, config: SequentialMotionConfig, learned: QuietEvidence, test: ScaleTest
-    ) -> None:
+    def __init__(self, learned: QuietEvidence, test: ScaleTest) -> None:
         self.in_contact = False
         self.hot_pixels, self.test = learned.hot_pixels, test
-        self._config = config
         self._period_us = round(learned.period_s * 1e6)
         self._noise = [learned.marker_noise(sensor) for sensor in range(len(learned.tables))]
         self._evidence = EvidenceSums(learned.tables, int(test.windows[-1]))
@@ -162,7 +182,6 @@ class SequentialMotionDetector:
     @classmethod
     def from_quiet(
         cls,
-        config: SequentialMotionConfig,
         calibrations: Sequence[Calibration],
         quiet: Iterable[Window],
         alarms_per_hour: float,
@@ -170,7 +189,6 @@ class SequentialMotionDetector:
         """Build a detector from quiet windows of the moving arm.
 
         Args:
-            config: Its settings.
             calibrations: Of each sensor, in the windows' order, as the markers rest in the grip.
             quiet: At least 0.2 s of windows; a minute is good.
             alarms_per_hour: Budget of false contacts.
@@ -188,7 +206,7 @@ class SequentialMotionDetector:
         tables = [rim_table(calibration) for calibration in calibrations]
         counter = WindowCounter()
         learned = quiet_evidence(tables, counter.counted(quiet))
-        detector = cls(config, learned, scale_test(learned, alarms_per_hour))
+        detector = cls(learned, scale_test(learned, alarms_per_hour))
         detector._summary = replace(detector._summary, quiet=counter.statistics())
         return detector
 
@@ -245,7 +263,7 @@ class SequentialMotionDetector:
             return
         (scale, total), self._begun = self._begun, None
         markers = sum(len(table.center_px) for table in self._evidence.tables)
-        self._release = ReleaseMonitor(self._config.release, self.test.mean, total, markers)
+        self._release = ReleaseMonitor(self.test.mean, total, markers)
         self._along = self.test.whiten[scale].T @ (self.test.whiten[scale] @ total)
 
     def _follow(self, release: ReleaseMonitor, evidence: Vector, scale: int) -> int:
@@ -265,6 +283,6 @@ class SequentialMotionDetector:
         self._calm = 0 if back else self._calm + 1
         if back:
             self._sums.reset()  # the same windows must not find the same motion again
-        if self._calm >= self._config.release.rest_windows:
+        if self._calm >= REST_WINDOWS:
             self._release, self._calm, self.in_contact = None, None, False
         return -1

@@ -11,8 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from spikingtac.contact.detector import ContactDetector
-from spikingtac.contact.window import Window, count_of
+from spikingtac.contact.detector import ContactDetector, Window, count_of
 from spikingtac.errors import ConfigError, DeviceError, SearchError
 from spikingtac.robot.approacher import ApproachConfig, Approacher
 from spikingtac.robot.arm import Arm

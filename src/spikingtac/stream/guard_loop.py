@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from spikingtac.cameras.words import warm_up
-from spikingtac.contact.detector import ContactDetector
-from spikingtac.contact.window import Window, packets_of
+from spikingtac.contact.detector import ContactDetector, Window, packets_of
 from spikingtac.errors import DeviceError
 from spikingtac.events.address import Address, is_address, is_stream
 from spikingtac.events.camera_source import CameraSource

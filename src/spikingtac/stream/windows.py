@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 
-from spikingtac.contact.window import WINDOW_US, Window
+from spikingtac.contact.detector import WINDOW_US, Window
 from spikingtac.errors import DeviceError, RecordingError
 from spikingtac.events.source import EventSource
 from spikingtac.events.windows import SILENCE_LIMIT_US, windows

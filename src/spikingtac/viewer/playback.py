@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.contact.detector import ContactDetector
-from spikingtac.contact.window import WINDOW_US
+from spikingtac.contact.detector import WINDOW_US, ContactDetector
 from spikingtac.events.source import SLOT_US, slot_rate_ev_s, source_health
 from spikingtac.events.windows import SILENCE_LIMIT_US
 from spikingtac.markers.tracker import MarkerTracker

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.contact.window import WINDOW_US
+from spikingtac.contact.detector import WINDOW_US
 from spikingtac.events.hot_pixels import judge_events
 from spikingtac.tuning import in_use
 from spikingtac.types import EventPacket, MarkerFrame

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
+from spikingtac.contact.evidence import AFFINE_MODES, OFF_RIM, ScaleSums, rim_table
 from spikingtac.contact.quiet_evidence import (
     quiet_evidence,
     scale_test,
 )
-from spikingtac.contact.rims import AFFINE_MODES, OFF_RIM, rim_table
-from spikingtac.contact.scales import ScaleSums
 from spikingtac.errors import CalibrationError
 from spikingtac.types import EventPacket
 from stand_ins.moving_rims import GRID, calibration, windows

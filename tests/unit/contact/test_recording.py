@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from spikingtac.contact.detector import WINDOW_US
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.contact.recording import _aligned, find_contacts, leading_quiet
-from spikingtac.contact.window import WINDOW_US
 from spikingtac.types import EventPacket
 
 SIZE = (8, 8)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.contact.rims import (
+from spikingtac.contact.evidence import (
     OFF_RIM,
     rim_table,
 )

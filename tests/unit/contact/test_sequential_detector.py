@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from spikingtac.contact.registry import DetectionConfig, make_detector
-from spikingtac.contact.sequential_detector import ReleaseConfig, SequentialMotionDetector
+from spikingtac.contact.sequential_detector import REST_WINDOWS, SequentialMotionDetector
 from spikingtac.types import Contact, EventPacket
 from stand_ins.moving_rims import calibration, windows
 
@@ -50,7 +50,7 @@ def course(
 def test_two_contacts_begin_and_end(detector: SequentialMotionDetector) -> None:
     contacts, ends = course(detector, windows(1400, seed=2, speed=press_and_back))
     assert [contact.t_us // 1000 for contact in contacts] == pytest.approx([401, 1001], abs=3)
-    rest = ReleaseConfig().rest_windows
+    rest = REST_WINDOWS
     assert ends == pytest.approx([550 + rest, 1150 + rest], abs=25)
 
 

@@ -6,8 +6,8 @@ from itertools import islice
 
 import pytest
 
+from spikingtac.contact.detector import Window
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
-from spikingtac.contact.window import Window
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
 from spikingtac.stream.guard_loop import Arrival, ContactLoop
 from spikingtac.types import Contact, EventPacket

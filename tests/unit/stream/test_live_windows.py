@@ -9,9 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from spikingtac.contact.detector import DetectorSummary
+from spikingtac.contact.detector import WINDOW_US, DetectorSummary, Window, packets_of
 from spikingtac.contact.recording import find_contacts, paired_windows
-from spikingtac.contact.window import WINDOW_US, Window, packets_of
 from spikingtac.errors import RecordingError
 from spikingtac.events.source import PacketSource
 from spikingtac.stream.windows import live_windows

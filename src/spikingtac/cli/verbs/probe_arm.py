@@ -18,9 +18,8 @@ from spikingtac.cli.probe_search import (
     search,
 )
 from spikingtac.cli.verbs.probe_result import ProbedHole, readings
-from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.detector import ContactDetector, Window, count_of
 from spikingtac.contact.registry import DetectionConfig, make_detector
-from spikingtac.contact.window import Window, count_of
 from spikingtac.errors import DeviceError
 from spikingtac.geometry.hole import Circle, Compensation
 from spikingtac.geometry.travel import TravelModel
