@@ -4,7 +4,6 @@ from .address import Address as Address
 from .camera_source import CameraSource as CameraSource
 from .create import create_events as create_events
 from .filters import BackgroundActivityFilter as BackgroundActivityFilter
-from .filters import RandomDrop as RandomDrop
 from .formats.array_file import load_arrays as load_arrays
 from .formats.file_source import ReadOptions as ReadOptions
 from .hot_pixels import HotPixelFilter as HotPixelFilter

@@ -57,28 +57,6 @@ class BackgroundActivityFilter:
         return EventPacket(*kept, *span_us, packet.size, checked=True)
 
 
-class RandomDrop:
-    """Drops each event with one and the same probability, for experiments.
-
-    Args:
-        share: Probability of a drop, 0 to 1.
-        seed: Seed of the generator; the same events are dropped however the stream is cut.
-
-    Raises:
-        ConfigError: The share is not between 0 and 1.
-    """
-
-    def __init__(self, share: float, seed: int) -> None:
-        if not 0 <= share <= 1:
-            raise ConfigError(f"share is {share}, it must lie between 0 and 1")
-        self._share = share
-        self._random = np.random.default_rng(seed)
-
-    def __call__(self, packet: EventPacket) -> EventPacket:
-        """Return the events of a packet that stay."""
-        return packet.select(self._random.random(len(packet)) >= self._share)
-
-
 ONE, TWO = np.uint64(1), np.uint64(2)  # Unsigned, so that no index can be meant from the end.
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from spikingtac import Calibration, calibrate
 from spikingtac.atomic_files import replacing
 from spikingtac.config import digest, load_config
-from spikingtac.events import MANIFEST, TRUTH, RandomDrop, open_events
+from spikingtac.events import MANIFEST, TRUTH, open_events
 from spikingtac.sim import ContactConfig, IndenterMotion, Scene, load_scene
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.run import code_digest
@@ -127,8 +127,8 @@ class Trial:
         target = self.record(folder)
         events: Iterable[EventPacket] = open_events(target)
         if self.loss:
-            drop = RandomDrop(self.loss, self.seed)
-            events = (drop(packet) for packet in open_events(target))
+            rng, source = np.random.default_rng(self.seed), open_events(target)
+            events = (part.select(rng.random(len(part)) >= self.loss) for part in source)
         return events, GroundTruth.load(target / TRUTH)
 
     def _scene(self) -> Any:
