@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spikingtac.events.evt import wire
 from spikingtac.events.evt.decoder import NONE, Integer
-from spikingtac.events.evt.wire import EVT2, EVT3, WordFormat
+from spikingtac.events.evt.wire import EVT2, EVT3
 
 VECTOR_WORDS = 3
 
@@ -26,8 +26,8 @@ Pixels = NDArray[np.uint16]
 Signs = NDArray[np.bool_]
 
 
-class WordEncoder:
-    """Turns packets of one stream into words.
+class Evt2Encoder:
+    """Turns packets of one stream into EVT2 words.
 
     Attributes:
         name: Of the encoding, as in a file's header.
@@ -35,37 +35,19 @@ class WordEncoder:
         word: Type of a word.
     """
 
-    name: str
-    form: WordFormat
-    word: np.dtype[Any]
-
-    def encode(self, t: Times, x: Pixels, y: Pixels, p: Signs) -> NDArray[Any]:
-        """Return the words for events in order of time (``t`` counted from the file's base)."""
-        raise NotImplementedError
-
-    def trigger(self, t_us: int, channel: int, rising: bool) -> NDArray[Any]:
-        """Return the words for a trigger edge that follows what was encoded before."""
-        raise NotImplementedError
-
-
-class Evt2Encoder(WordEncoder):
-    """Turns packets into EVT2 words."""
-
-    name = "evt2"
-    form = EVT2
-    word = np.dtype(np.uint32)
-    _shift = 0
+    name, form, word = "evt2", EVT2, np.dtype(np.uint32)
+    _shift = 0  # bits from the head of a word to its lower end
 
     def __init__(self) -> None:
         self._high = NONE
 
     def encode(self, t: Times, x: Pixels, y: Pixels, p: Signs) -> NDArray[Any]:
-        """Return the words for events; see :class:`WordEncoder`."""
+        """Return the words for events in order of time (``t`` counted from the file's base)."""
         address = x.astype(np.int64) << 11 | y
         return self._with_times(t, p.astype(np.int64) << 28 | (t & 0x3F) << 22 | address)
 
     def trigger(self, t_us: int, channel: int, rising: bool) -> NDArray[Any]:
-        """Return the words for a trigger edge; see :class:`WordEncoder`."""
+        """Return the words for a trigger edge that follows what was encoded before."""
         head = wire.TRIGGER << 28 | (t_us & 0x3F) << 22 | channel << 8 | int(rising)
         return self._with_times(np.array([t_us]), np.array([head << self._shift]).astype(self.word))
 
@@ -91,12 +73,11 @@ class Evt2Encoder(WordEncoder):
 class Evt21Encoder(Evt2Encoder):
     """Turns packets into little-endian EVT2.1 words with columns aligned on 32, as sensors do."""
 
-    name = "evt21"
-    word = np.dtype(np.uint64)
+    name, word = "evt21", np.dtype(np.uint64)
     _shift = 32
 
     def encode(self, t: Times, x: Pixels, y: Pixels, p: Signs) -> NDArray[Any]:
-        """Return the words for events; see :class:`WordEncoder`."""
+        """Return the words for events in order of time (``t`` counted from the file's base)."""
         if not len(t):
             return np.empty(0, self.word)
         begins = np.ones(len(t), np.bool_)
@@ -110,7 +91,7 @@ class Evt21Encoder(Evt2Encoder):
         return self._with_times(t[first], heads.astype(np.uint64) << np.uint64(32) | masks)
 
 
-class Evt3Encoder(WordEncoder):
+class Evt3Encoder:
     """Turns packets into EVT3 words; vectors are used where they take fewer words.
 
     Time words are written for every 4,096 us, also in silence, as a camera does (and repeated where
@@ -118,22 +99,20 @@ class Evt3Encoder(WordEncoder):
     complete 12 + 12 + 8 triples.
     """
 
-    name = "evt3"
-    form = EVT3
-    word = np.dtype(np.uint16)
+    name, form, word = "evt3", EVT3, np.dtype(np.uint16)
 
     def __init__(self) -> None:
         self._state = np.full(5, NONE, np.int64)
 
     def encode(self, t: Times, x: Pixels, y: Pixels, p: Signs) -> NDArray[Any]:
-        """Return the words for events; see :class:`WordEncoder`."""
+        """Return the words for events in order of time (``t`` counted from the file's base)."""
         if not len(t):
             return np.empty(0, self.word)
         words = self._room(int(t[0]), int(t[-1]), EVT3_WORDS * len(t))
         return words[: encode_evt3_kernel(t, x, y, p, words, self._state)]
 
     def trigger(self, t_us: int, channel: int, rising: bool) -> NDArray[Any]:
-        """Return the words for a trigger edge; see :class:`WordEncoder`."""
+        """Return the words for a trigger edge that follows what was encoded before."""
         words = self._room(t_us, t_us, EVT3_WORDS)
         count = time_words_kernel(t_us, words, 0, self._state)
         words[count] = wire.TRIGGER << 12 | channel << 8 | int(rising)
@@ -145,7 +124,7 @@ class Evt3Encoder(WordEncoder):
         return np.empty(words + (last_us >> EVT3.low_bits) - first + 1, self.word)
 
 
-# Name -> encoder.
+WordEncoder = Evt2Encoder | Evt3Encoder
 ENCODERS: dict[str, type[WordEncoder]] = {
     encoder.name: encoder for encoder in (Evt2Encoder, Evt21Encoder, Evt3Encoder)
 }
