@@ -117,14 +117,11 @@ def test_align_puts_events_and_edges_on_the_first_clock(
     assert np.abs(right - t_us).max() < 4.0
     assert main([*given, "--by", "triggers"]) == 2
     assert "--trigger-channel" in capsys.readouterr().out
-    source, base = (
-        open_events(tmp_path / "right.raw"),
-        SyncLine.of(open_events(tmp_path / "left.npz")),
-    )
-    found = through_triggers(SyncLine.of(source), base, 1)
+    source = open_events(tmp_path / "right.raw")
+    line = SyncLine.of(open_events(tmp_path / "left.npz"))
+    found = through_triggers(SyncLine.of(source), line, 1)
     placed = RetimedSource(source, found, ReadOptions())
-    events = sum(len(packet) for packet in placed)
-    assert events == len(t_us)
+    assert sum(len(packet) for packet in placed) == len(t_us)
     assert np.abs(placed.triggers.t_us[:-1] - moments_us).max() < 4.0
 
 

@@ -1,8 +1,9 @@
-"""Damage that once passed in silence: each is now mended, counted or refused."""
+"""Damage that passed in silence, claims, links and bombs: mended, counted or refused."""
 
 from __future__ import annotations
 
 import struct
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,10 @@ import h5py
 import numpy as np
 import pytest
 
-from spikingtac.errors import DamageError, FormatError
+from spikingtac.errors import DamageError, FormatError, RecordingError
 from spikingtac.events import create_events, open_events
+from spikingtac.events.formats import hdf5_layout
+from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.types import EventPacket
 from stand_ins.random_packets import random_packet
 
@@ -125,3 +128,110 @@ def test_hdf5_columns_of_unequal_length_are_counted(tmp_path: Path) -> None:
     assert losses == {"truncated": 1}
     with pytest.raises(DamageError, match="truncated"):
         whole(tmp_path / "a.h5", strict=True)
+
+
+def begun_h5(path: Path, name: str = "x") -> Any:
+    file = h5py.File(path, "w")
+    for column in "xypt":
+        if column != name:
+            file[f"events/{column}"] = np.zeros(8, np.int64)
+    return file
+
+
+def test_external_storage_is_not_read(tmp_path: Path) -> None:
+    with begun_h5(tmp_path / "a.h5") as file:
+        file.create_dataset("events/x", (8,), "u1", external=[("/etc/passwd", 0, 8)])
+    with pytest.raises(FormatError, match="other files"):
+        open_events(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("soft", [False, True])
+def test_links_are_not_followed(tmp_path: Path, soft: bool) -> None:
+    with h5py.File(tmp_path / "b.h5", "w") as other:
+        other["x"] = np.zeros(8)
+    with begun_h5(tmp_path / "a.h5") as file:
+        file["away" if soft else "events/x"] = h5py.ExternalLink("b.h5", "/x")
+        if soft:
+            file["events/x"] = h5py.SoftLink("/away")
+    with pytest.raises(FormatError, match="is a link, which is not followed"):
+        open_events(tmp_path / "a.h5")
+
+
+def test_a_huge_chunk_is_refused(tmp_path: Path) -> None:
+    with begun_h5(tmp_path / "a.h5") as file:
+        file.create_dataset("events/x", (1 << 30,), "u1", chunks=(1 << 30,))
+    with pytest.raises(FormatError, match="128 MiB"):
+        open_events(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize(
+    ("attributes", "size"),
+    [
+        ({"geometry": "64x48"}, (64, 48)),
+        ({"width": 32, "height": np.int32(24)}, (32, 24)),
+        ({"sensor_resolution": np.array([20, 30])}, (30, 20)),
+    ],
+)
+def test_the_size_comes_from_the_attributes(
+    tmp_path: Path, attributes: dict[str, Any], size: tuple[int, int]
+) -> None:
+    with begun_h5(tmp_path / "a.h5") as file:
+        file["events/x"] = np.zeros(8, np.int64)
+        file["events"].attrs.update(attributes)
+        file["events"].attrs["note"] = np.zeros(3)
+    assert open_events(tmp_path / "a.h5").size == size
+
+
+def test_attributes_without_end_are_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with begun_h5(tmp_path / "a.h5") as file:
+        file["events/x"] = np.zeros(8, np.int64)
+    monkeypatch.setattr(hdf5_layout, "TIME_LIMIT_S", 1e-3)
+    with pytest.raises(FormatError, match="no end of its attributes"):
+        open_events(tmp_path / "a.h5")
+
+
+MIB = 1 << 20
+
+
+def archive(path: Path) -> Path:
+    np.savez_compressed(path, a=np.arange(5), b=np.zeros((0, 2)), c=np.array("text"), d=np.eye(3).T)
+    return path
+
+
+def test_arrays_come_back(tmp_path: Path) -> None:
+    found = load_arrays(archive(tmp_path / "a.npz"), "arrays")
+    with np.load(tmp_path / "a.npz") as expected:
+        assert set(found) == set(expected.files)
+        for name in found:
+            np.testing.assert_array_equal(found[name], expected[name])
+            assert found[name].flags.writeable
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_damage_is_told_in_our_words(tmp_path: Path, seed: int) -> None:
+    data = bytearray(archive(tmp_path / "a.npz").read_bytes())
+    rng = np.random.default_rng(seed)
+    for place in rng.integers(0, len(data), 1 + seed % 4):
+        data[place] = rng.integers(0, 256)
+    (tmp_path / "a.npz").write_bytes(data[: len(data) - seed % 7 * 20])
+    sound = load_arrays(archive(tmp_path / "b.npz"), "arrays")
+    try:
+        found = load_arrays(tmp_path / "a.npz", "arrays")
+    except RecordingError:
+        return
+    for name in found.keys() & sound.keys():
+        np.testing.assert_array_equal(found[name], sound[name])
+
+
+def test_a_bomb_is_refused(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / "a.npz", size=np.zeros(200 * MIB, np.uint8))
+    with pytest.raises(RecordingError, match="128 MiB"):
+        load_arrays(tmp_path / "a.npz", "arrays")
+    with zipfile.ZipFile(tmp_path / "b.npz", "w") as file:
+        head = "{'descr': '|u1', 'fortran_order': False, 'shape': (1000000000000,), }"
+        length = len(head).to_bytes(2, "little")
+        file.writestr("a.npy", b"\x93NUMPY\x01\x00" + length + head.encode())
+    with pytest.raises(RecordingError, match="claims"):
+        load_arrays(tmp_path / "b.npz", "arrays")
