@@ -44,7 +44,7 @@ class SpikingTacCamera(Camera):
     @staticmethod
     def find_cameras() -> list[dict[str, Any]]:
         """Return the event cameras that are plugged in."""
-        from spikingtac.cameras.found import plugged_in
+        from spikingtac.cameras.libraries import plugged_in
 
         return [
             {"type": "spikingtac", "name": camera.model, "id": camera.address}

@@ -1,7 +1,8 @@
-"""A named pipe or standard input that carries RAW: whatever writes it is a camera."""
+"""Words that come as a stream of bytes: RAW from a pipe, bare words from a serial port."""
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import select
@@ -11,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from spikingtac.cameras.words import warm_up
+from spikingtac.cameras.words import WORD_OPTIONS, BareWords, warm_up
 from spikingtac.errors import (
     CameraLostError,
     ConfigError,
@@ -32,11 +33,21 @@ END_OF_HEADER = b"% end\n"
 PATIENCE_S = 30.0
 
 
-class PipeCamera(Camera):
-    """RAW words from a pipe, in the encoding that their header names."""
+class _ByteCamera(Camera):
+    """A file descriptor that is read as bytes come."""
 
-    OPTIONS: ClassVar[tuple[str, ...]] = ()
     checked = True
+    _file: int | None = None
+
+    def close(self) -> None:
+        """Leave it."""
+        file, self._file = self._file, None
+        if file is not None:
+            os.close(file)
+
+
+class PipeCamera(_ByteCamera):
+    """RAW words from a pipe, in the encoding that their header names: its writer is a camera."""
 
     def __init__(self, file: int, header: RawHeader, pending: bytes, name: str) -> None:
         super().__init__()
@@ -47,7 +58,7 @@ class PipeCamera(Camera):
                 "'% evt 3.0', '% geometry 320x320', '% end', one line each"
             )
         self.size = header.size
-        self._file: int | None = file
+        self._file = file
         self._encoding, self._base_us = header.encoding, header.time_base_us
         continuous = header.encoding == "evt3" and header.generated_here
         order = header.byte_order or "little"
@@ -82,12 +93,6 @@ class PipeCamera(Camera):
         if self._ended and not len(t):
             return None
         return x, y, p, t + self._base_us if self._base_us else t
-
-    def close(self) -> None:
-        """Leave the pipe."""
-        file, self._file = self._file, None
-        if file is not None:
-            os.close(file)
 
     def describe(self) -> dict[str, Any]:
         """Return the encoding."""
@@ -140,3 +145,70 @@ def _read(file: int, timeout_s: float) -> bytes | None:
         return os.read(file, CHUNK_BYTES)
     except BlockingIOError:
         return None
+
+
+class SerialCamera(_ByteCamera):
+    """EVT2, EVT2.1 or EVT3 words from a serial device, as a microcontroller's USB port sends them.
+
+    Needs no library: the port is set to raw bytes by the operating system (not on Windows). Words
+    that begin in the middle are found by the decoder, which counts what it skipped.
+    """
+
+    OPTIONS: ClassVar[tuple[str, ...]] = WORD_OPTIONS
+
+    def __init__(self, address: Address) -> None:
+        super().__init__()
+        self._words = BareWords(address, self.losses, self.triggers)
+        self.size = self._words.size
+        self._port = address.target
+        self._file = _raw_port(address)
+
+    @classmethod
+    def open(cls, address: Address) -> Self:
+        """Open the port as raw bytes; see :meth:`Camera.open`."""
+        if not address.target:
+            raise ConfigError("serial: needs a device, as serial:/dev/ttyACM0?encoding=evt2")
+        return cls(address)
+
+    def read(self, timeout_s: float) -> Rows | None:
+        """Return the events of the bytes that wait; see :meth:`Camera.read`."""
+        if self._file is None:
+            return None
+        try:
+            data = _read(self._file, timeout_s)
+        except OSError as error:
+            raise CameraLostError(f"{self._port} is gone ({error.strerror})") from error
+        if data is None:
+            return self.nothing()
+        if not data:
+            raise CameraLostError(f"{self._port} is gone: the device was unplugged")
+        return self._words.feed(data)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the encoding."""
+        return self._words.describe()
+
+
+def _raw_port(address: Address) -> int:
+    try:
+        import termios
+        import tty
+    except ImportError as error:
+        raise DeviceError("serial: works on Linux and macOS; use the udp: or pipe: way") from error
+    try:
+        file = os.open(address.target, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError as error:
+        raise DeviceError(
+            f"{address.target!r} cannot be opened ({error.strerror}); check the cable, and that "
+            "you may open the port (group dialout)"
+        ) from error
+    try:
+        tty.setraw(file)
+        with contextlib.suppress(termios.error):
+            termios.tcflush(file, termios.TCIFLUSH)  # old bytes are of an earlier stream
+    except termios.error as error:
+        os.close(file)
+        raise DeviceError(
+            f"{address.target!r} is no serial port; a pipe is read by pipe:"
+        ) from error
+    return file

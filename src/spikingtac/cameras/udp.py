@@ -1,4 +1,4 @@
-"""EVT words in UDP datagrams without framing, as an STM32 board with a GenX320 sends them.
+"""Events in UDP datagrams: EVT words, as an STM32 board with a GenX320 sends them, or AEStream's.
 
 Each datagram begins with a whole word. Nothing numbers them: what the network loses shows only as a
 leap of the time words, so that loss is told where it can be known (the kernel's count of datagrams
@@ -13,11 +13,14 @@ import struct
 import time
 from abc import abstractmethod
 from collections import deque
-from collections.abc import Callable
+from itertools import groupby
 from typing import Any, ClassVar, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from spikingtac.cameras.words import WORD_OPTIONS, BareWords
-from spikingtac.errors import DeviceError, FormatError
+from spikingtac.errors import ConfigError, DeviceError, FormatError
 from spikingtac.events.address import Address
 from spikingtac.events.camera import Camera
 from spikingtac.events.evt.words import Rows
@@ -40,16 +43,19 @@ SO_MEMINFO = 55
 _MEMINFO = struct.Struct("=9I")
 LONGEST_WORD = 8  # bytes, of EVT2.1
 
+EVENT_BYTES = 4  # Of an AEStream event without its time.
+NO_TIME = 1 << 7  # Bit 31 of its word, in the last one of its bytes.
+WRAP_US, US_PER_S = 1 << 32, 1e6
 
-class UdpSocket:
-    """A bound socket that yields datagrams of one sender and counts what was lost.
 
-    The first sender whose datagram is accepted is heard until it falls silent.
+class DatagramCamera(Camera):
+    """A camera whose events come in datagrams; its kind says what these hold.
+
+    The first sender whose datagram is accepted is heard until it falls silent. What was lost is
+    counted: ``overflow``, ``duplicate``, ``foreign``.
 
     Args:
-        address: Target ``PORT`` or ``HOST:PORT`` (an address of this machine to listen on).
-        accepts: Whether a datagram of a new sender is one of the camera.
-        losses: Counters to fill: ``overflow``, ``duplicate``, ``foreign``.
+        address: Its target is ``PORT`` or ``HOST:PORT``, an address of this machine to listen on.
 
     Attributes:
         port: The port, also where the system has chosen it.
@@ -60,9 +66,11 @@ class UdpSocket:
         DeviceError: The port cannot be listened on.
     """
 
-    def __init__(self, address: Address, losses: Any, accepts: Callable[[bytes], bool]) -> None:
+    def __init__(self, address: Address) -> None:
+        super().__init__()
+        self._address = address
+        self._prepare(address)
         place = address.host_port(LOOPBACK, low=0)
-        self._losses, self._accepts = losses, accepts
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
@@ -77,12 +85,18 @@ class UdpSocket:
         self.port: int = self._socket.getsockname()[1]
         self.buffer_bytes = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         self._sender: tuple[str, int] | None = None
-        self._heard_s = 0.0
-        self._dropped = 0
+        self._heard_s, self._dropped, self._closed = 0.0, 0, False
         self._latest: deque[bytes] = deque(maxlen=REMEMBERED)
 
-    def datagrams(self, timeout_s: float) -> list[bytes]:
-        """Return the datagrams that wait, after waiting for the first one."""
+    @classmethod
+    def open(cls, address: Address) -> Self:
+        """Listen; see :meth:`Camera.open`."""
+        return cls(address)
+
+    def read(self, timeout_s: float) -> Rows | None:
+        """Return the events of the datagrams that wait; see :meth:`Camera.read`."""
+        if self._closed:
+            return None
         ready, _, _ = select.select([self._socket], [], [], timeout_s)
         found: list[bytes] = []
         while ready and len(found) < AT_ONCE:
@@ -93,10 +107,11 @@ class UdpSocket:
             if self._is_new(data, sender):
                 found.append(data)
         self._count_dropped()
-        return found
+        return self._decoded(found) if found else self.nothing()
 
     def close(self) -> None:
-        """Release the port; further calls do nothing."""
+        """Release the port."""
+        self._closed = True
         if self._socket.fileno() >= 0:
             self._count_dropped()
         self._socket.close()
@@ -106,13 +121,13 @@ class UdpSocket:
         if sender != self._sender:
             engaged = self._sender is not None and now_s - self._heard_s < SILENT_S
             if engaged or not self._accepts(data):
-                self._losses.add("foreign")
+                self.losses.add("foreign")
                 return False
             self._sender = sender
             self._latest.clear()
         self._heard_s = now_s
         if data in self._latest:
-            self._losses.add("duplicate")
+            self.losses.add("duplicate")
             return False
         self._latest.append(data)
         return bool(data)
@@ -125,44 +140,8 @@ class UdpSocket:
             return
         if len(told) == _MEMINFO.size:
             total = _MEMINFO.unpack(told)[-1]
-            self._losses.add("overflow", (total - self._dropped) & 0xFFFFFFFF)
+            self.losses.add("overflow", (total - self._dropped) & 0xFFFFFFFF)
             self._dropped = total
-
-
-class DatagramCamera(Camera):
-    """A camera whose events come in datagrams; its kind says what these hold.
-
-    Args:
-        address: Its target is the port to listen on.
-    """
-
-    def __init__(self, address: Address) -> None:
-        super().__init__()
-        self._prepare(address)
-        self._socket = UdpSocket(address, self.losses, self._accepts)
-        self._closed = False
-
-    @classmethod
-    def open(cls, address: Address) -> Self:
-        """Listen; see :meth:`Camera.open`."""
-        return cls(address)
-
-    @property
-    def port(self) -> int:
-        """The port that is listened on."""
-        return self._socket.port
-
-    def read(self, timeout_s: float) -> Rows | None:
-        """Return the events of the datagrams that wait; see :meth:`Camera.read`."""
-        if self._closed:
-            return None
-        datagrams = self._socket.datagrams(timeout_s)
-        return self._decoded(datagrams) if datagrams else self.nothing()
-
-    def close(self) -> None:
-        """Release the port."""
-        self._closed = True
-        self._socket.close()
 
     @abstractmethod
     def _prepare(self, address: Address) -> None:
@@ -184,7 +163,7 @@ class UdpCamera(DatagramCamera):
     checked = True
 
     def _prepare(self, address: Address) -> None:
-        self._address, self._refused = address, b""
+        self._refused = b""
         self._words = BareWords(address, self.losses, self.triggers)
         self.size = self._words.size
 
@@ -214,7 +193,7 @@ class UdpCamera(DatagramCamera):
 
     def describe(self) -> dict[str, Any]:
         """Return port, encoding and buffer."""
-        granted = {"port": self._socket.port, "socket_buffer_bytes": self._socket.buffer_bytes}
+        granted = {"port": self.port, "socket_buffer_bytes": self.buffer_bytes}
         return granted | self._words.describe()
 
     def _whole_words(self, datagram: bytes) -> bytes:
@@ -223,3 +202,76 @@ class UdpCamera(DatagramCamera):
         if len(datagram) % size:
             self.losses.add("truncated")
         return datagram[: len(datagram) // size * size]
+
+
+class AestreamCamera(DatagramCamera):
+    """Events in the datagrams of AEStream and of SPIF boards, each with or without times.
+
+    Source: AEStream (MIT), ``src/cpp/output/dvs_to_udp.cpp``. An event takes a little-endian 32-bit
+    word: the column in bits 16 to 30, the row in bits 0 to 14, the polarity in bit 15. Where bit 31
+    is clear, a second word holds the time in us, which wraps after 71 minutes; where it is set, the
+    event carries no time and gets that of its arrival.
+    """
+
+    OPTIONS: ClassVar[tuple[str, ...]] = ("size",)
+
+    def _prepare(self, address: Address) -> None:
+        size = address.size("size")
+        if size is None:
+            raise ConfigError(
+                f"{str(address)!r}: the datagrams name no size; give the sensor's: "
+                "aestream:3333?size=346x260"
+            )
+        self.size = size
+        self._epoch_us, self._last_us = 0, 0
+        self._begun_s = time.monotonic()
+
+    def _accepts(self, datagram: bytes) -> bool:
+        return len(datagram) >= EVENT_BYTES
+
+    def _decoded(self, datagrams: list[bytes]) -> Rows:
+        # Those of one kind are decoded at once: what each costs alone is many times its events'.
+        kinds = groupby(map(self._whole_events, datagrams), key=_is_timed)
+        parts = [self._events(b"".join(group), timed) for timed, group in kinds]
+        x, y, p, t = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return x, y, p, t
+
+    def describe(self) -> dict[str, Any]:
+        """Return port and encoding."""
+        return {"port": self.port, "encoding": "AEStream datagrams"}
+
+    def _whole_events(self, datagram: bytes) -> bytes:
+        """Return the whole events of a datagram."""
+        size = 2 * EVENT_BYTES if _is_timed(datagram) else EVENT_BYTES
+        whole = len(datagram) // size * size
+        self.losses.add("truncated", int(whole < len(datagram)))
+        return datagram[:whole]
+
+    def _events(self, data: bytes, timed: bool) -> Rows:
+        words = np.frombuffer(data, "<u4")
+        if timed:
+            heads = words[::2]
+            t = self._unwrapped(words[1::2])
+        else:
+            heads = words
+            now_us = round((time.monotonic() - self._begun_s) * US_PER_S)
+            t = np.full(len(heads), now_us, np.int64)
+        x, y = (heads >> 16) & 0x7FFF, heads & 0x7FFF
+        return x.astype(np.uint16), y.astype(np.uint16), (heads & 0x8000) > 0, t
+
+    def _unwrapped(self, low: NDArray[np.uint32]) -> NDArray[np.int64]:
+        """Return times beyond the 32 bits of the wire: a fall by half of the range is a wrap."""
+        times = low.astype(np.int64) + self._epoch_us
+        if not len(times):
+            return times
+        falls = times < np.concatenate(([self._last_us], times[:-1])) - WRAP_US // 2
+        if falls.any():
+            times += np.cumsum(falls) * WRAP_US
+            self._epoch_us += int(falls.sum()) * WRAP_US
+        self._last_us = int(times[-1])
+        return times
+
+
+def _is_timed(datagram: bytes) -> bool:
+    """Return whether the events of a datagram carry times."""
+    return len(datagram) >= EVENT_BYTES and not datagram[EVENT_BYTES - 1] & NO_TIME

@@ -18,9 +18,8 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spikingtac.cameras.words import WORD_OPTIONS, BareWords
+from spikingtac.cameras.words import WORD_FORMS, WORD_OPTIONS, BareWords
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError
 from spikingtac.events.address import Address
 from spikingtac.events.camera import Camera
@@ -39,13 +38,11 @@ LOOK_BYTES = 1 << 11
 # Room that is asked for in the tool's pipe, what Linux grants to anybody: two reads a frame.
 PIPE_BYTES = 1 << 20
 
-# Numbers among which a mark is looked for, which of them, the bits that count, and their value.
+# The bits that count of the word that marks the end, and their value, by encoding.
 _MARKS = {
-    "evt2": ("<u4", slice(None), 0xF00000FF, 0xE0000019),
-    "evt21/little": ("<u4", slice(1, None, 2), 0xF0000FFF, 0xE0000019),
-    "evt21/legacy": ("<u4", slice(0, None, 2), 0xF0000FFF, 0xE0000019),
-    "evt21/big": (">u4", slice(0, None, 2), 0xF0000FFF, 0xE0000019),
-    "evt3": ("<u2", slice(None), 0xFFFF, 0xE019),
+    "evt2": (0xF00000FF, 0xE0000019),
+    "evt21": (0xF0000FFF, 0xE0000019),
+    "evt3": (0xFFFF, 0xE019),
 }
 
 
@@ -64,7 +61,9 @@ class V4l2Camera(Camera):
         # Read up to its mark only, in place: copying 1.6 MB takes longer than decoding its words.
         self._frame, self._filled = memoryview(bytearray(self._frame_bytes)), 0
         self._looked = self._behind = 0
-        self._sought = _sought(self._words.encoding, address.text("order", "little"))
+        kind, self._heads, _ = WORD_FORMS[self._words.form]
+        self._kind = np.dtype(kind)
+        self._bits, self._mark_value = np.array(_MARKS[self._words.encoding], self._kind)
         self._file: int | None = file
         self._tool = tool
         moves = tool is not None and hasattr(os, "splice")  # from pipes, on Linux
@@ -152,23 +151,16 @@ class V4l2Camera(Camera):
 
     def _mark(self) -> int | None:
         """Return the offset of the mark, bytes; None where it is not among the words so far."""
-        kind, heads, bits, value = self._sought
-        size = self._words.word_bytes
+        kind, size = self._kind, self._words.word_bytes
         whole = self._filled // size * size
         while self._looked < whole:
             start, self._looked = self._looked, min(max(2 * self._looked, LOOK_BYTES), whole)
             words = np.frombuffer(self._frame, kind, (self._looked - start) // kind.itemsize, start)
-            found = (words[heads] & bits) == value
+            found = (words[self._heads] & self._bits) == self._mark_value
             place = int(found.argmax())
             if found[place]:
                 return start + place * size
         return None
-
-
-def _sought(encoding: str, order: str) -> tuple[np.dtype[Any], slice, NDArray[Any], NDArray[Any]]:
-    """Return a mark of ``_MARKS`` with its numbers in the type of the words."""
-    kind, heads, bits, value = _MARKS[f"evt21/{order}" if encoding == "evt21" else encoding]
-    return np.dtype(kind), heads, np.array(bits, kind), np.array(value, kind)
 
 
 def _streaming(path: Path) -> subprocess.Popen[bytes]:

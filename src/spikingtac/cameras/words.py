@@ -30,15 +30,15 @@ BYTE_ORDERS = ("little", "legacy", "big")
 WORD_OPTIONS = ("encoding", "size", "order")
 
 
-# Numbers among which the time words are, which of them, and the bits of the upper time; the bits
-# above those hold the word's type.
-_TIME_WORDS = {
+# Numbers in which each form's words begin, which of them, and their bits below the word's type.
+WORD_FORMS = {
     "evt2": ("<u4", slice(None), 28),
     "evt21/little": ("<u4", slice(1, None, 2), 28),
     "evt21/legacy": ("<u4", slice(0, None, 2), 28),
     "evt21/big": (">u4", slice(0, None, 2), 28),
     "evt3": ("<u2", slice(None), 12),
 }
+NOISE_BYTES = 1 << 14  # Noise in which everything is to be mended, for a warm-up, bytes.
 TIME_HIGH = 8  # Type of the words of upper time in all three encodings.
 
 # Steps of the upper time, 0.13 s, by which a piece may be late; beyond, the sensor began anew.
@@ -57,6 +57,7 @@ class BareWords:
     Attributes:
         encoding: ``evt2``, ``evt21`` or ``evt3``.
         size: ``(width, height)``, px.
+        form: The encoding, with the byte order of EVT2.1: a key of :data:`WORD_FORMS`.
         word_bytes: Bytes of a word.
 
     Raises:
@@ -75,7 +76,7 @@ class BareWords:
         self._order = address.text("order", "little", BYTE_ORDERS)
         if "order" in address.options and self.encoding != "evt21":
             raise ConfigError(f"{str(address)!r}: order is of EVT2.1 words; leave it out")
-        self._form = self.encoding + (f"/{self._order}" if self.encoding == "evt21" else "")
+        self.form = self.encoding + (f"/{self._order}" if self.encoding == "evt21" else "")
         decoder = WordDecoder(self.encoding, self.size, self._order)
         self._stream = WordStream(decoder, losses, triggers)
         self._losses = losses
@@ -89,13 +90,13 @@ class BareWords:
 
     def fits(self, data: bytes) -> bool:
         """Return whether bytes look like whole words of this encoding, with a time among them."""
-        return implausible_share(data, self._form, self.size) <= FOREIGN_SHARE
+        return implausible_share(data, self.form, self.size) <= FOREIGN_SHARE
 
     def fitting(self, data: bytes) -> str | None:
         """Return the options of an address that bytes fit clearly, or None."""
         name, share = best_candidate(data, self.size)
         encoding, _, order = name.partition("/")
-        if share > SOUND_SHARE or name == self._form:
+        if share > SOUND_SHARE or name == self.form:
             return None
         return f"encoding={encoding}" + (f"&order={order}" if order else "")
 
@@ -109,11 +110,12 @@ class BareWords:
             pieces: Whole words each, as they came.
         """
         late, steps, step = 0, [], 0
+        half = 1 << (WORD_FORMS[self.form][2] - 1)  # of the counter, which wraps
         for piece in pieces:
             time = self._first_time(piece)
             if time is not None:
                 self._reached = time if self._reached is None else self._reached
-                step = self._ahead(time, self._reached)
+                step = (time - self._reached + half) % (2 * half) - half
                 if step < -LATEST_STEPS[self.encoding]:
                     self._reached, step = time, 0
                 late += step < max(steps, default=0)
@@ -123,15 +125,10 @@ class BareWords:
             self._reached += max(0, *steps) if steps else 0
         if not late:
             return pieces
-        return [piece for _, piece in sorted(zip(steps, pieces, strict=True), key=_step)]
-
-    def _ahead(self, time: int, other: int) -> int:
-        """Return how much later an upper time is than another one; their counter wraps."""
-        half = 1 << (_TIME_WORDS[self._form][2] - 1)
-        return (time - other + half) % (2 * half) - half
+        return [pieces[place] for place in np.argsort(steps, kind="stable")]
 
     def _first_time(self, piece: bytes) -> int | None:
-        kind, chosen, bits = _TIME_WORDS[self._form]
+        kind, chosen, bits = WORD_FORMS[self.form]
         words = np.frombuffer(piece, kind)[chosen]
         times = words[words >> bits == TIME_HIGH]
         return int(times[0]) & ((1 << bits) - 1) if len(times) else None
@@ -152,10 +149,3 @@ def warm_up(encoding: str, size: tuple[int, int], order: str = "little") -> None
     """
     stream = WordStream(WordDecoder(encoding, size, order), LossCounters(), Triggers())
     stream.feed(np.random.default_rng(0).bytes(NOISE_BYTES), final=True)
-
-
-NOISE_BYTES = 1 << 14  # Noise in which everything is to be mended, bytes.
-
-
-def _step(placed: tuple[int, bytes]) -> int:
-    return placed[0]

@@ -142,7 +142,7 @@ KINDS = {
         "EVT words in datagrams, as an STM32 board sends them",
     ),
     "serial": CameraKind(
-        "spikingtac.cameras.serial_port:SerialCamera",
+        "spikingtac.cameras.pipe:SerialCamera",
         "serial:/dev/ttyACM0?encoding=evt2&size=320x320", "EVT words over a serial port",
     ),
     "dv": CameraKind(
@@ -155,7 +155,7 @@ KINDS = {
         "neuromorphic_drivers", "neuromorphic",
     ),
     "aestream": CameraKind(
-        "spikingtac.cameras.aestream:AestreamCamera", "aestream:3333?size=346x260",
+        "spikingtac.cameras.udp:AestreamCamera", "aestream:3333?size=346x260",
         "the datagrams of AEStream and SPIF boards",
     ),
     "pipe": CameraKind(

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from spikingtac.cameras import udp
-from spikingtac.cameras.aestream import AestreamCamera
-from spikingtac.cameras.udp import UdpCamera
+from spikingtac.cameras.udp import AestreamCamera, UdpCamera
 from spikingtac.errors import DeviceError, FormatError
 from spikingtac.events.address import Address
 from spikingtac.types import EventPacket
@@ -137,7 +136,7 @@ def test_nobody_but_a_camera_locks_the_socket(camera: UdpCamera, out: socket.soc
         found = received(camera)
     np.testing.assert_array_equal(found.x, SENT.x[: len(found)])
     assert camera.losses["foreign"] == 3 + 3
-    assert camera._socket._socket.getsockname()[0] == "127.0.0.1"
+    assert camera._socket.getsockname()[0] == "127.0.0.1"
 
 
 def test_a_sender_that_falls_silent_may_be_followed(
@@ -160,7 +159,7 @@ def test_another_encoding_is_named(camera: UdpCamera, out: socket.socket, sent: 
 
 
 def test_what_the_kernel_drops_is_counted(camera: UdpCamera, out: socket.socket) -> None:
-    camera._socket._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 14)
+    camera._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 14)
     pieces = datagrams(SENT)[:80]
     for piece in pieces:
         out.sendto(piece, ("127.0.0.1", camera.port))

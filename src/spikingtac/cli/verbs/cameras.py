@@ -19,7 +19,7 @@ class Args(JsonArgs):
 
 def run(args: Args) -> int:
     """Print what is there, and what is missing."""
-    from spikingtac.cameras.found import is_installed, plugged_in, remedy
+    from spikingtac.cameras.libraries import is_installed, plugged_in, remedy
     from spikingtac.events.camera import KINDS
 
     found = list(plugged_in())

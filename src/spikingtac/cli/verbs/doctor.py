@@ -94,7 +94,7 @@ def run(args: Args) -> int:
 
 
 def _libraries() -> Iterator[Finding]:
-    from spikingtac.cameras.found import is_installed, remedy
+    from spikingtac.cameras.libraries import is_installed, remedy
     from spikingtac.events.camera import KINDS
 
     version, cores = platform.python_version(), os.cpu_count() or 1
