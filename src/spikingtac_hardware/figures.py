@@ -102,7 +102,7 @@ def bill_of_materials(design: Design, volume_mm3: Mapping[str, float]) -> list[I
         ("cover", 1, "cast", casting, g["cover"], g["cover"] * price),
     ]
     bought = _bought(design, g)
-    return rows + [(name, count, "bought", *others) for name, count, *others in bought]
+    return rows + [(name, n, "bought", what, mass, cost) for name, n, what, mass, cost in bought]
 
 
 def _bought(design: Design, g: Mapping[str, float]) -> list[tuple[str, int, str, float, float]]:

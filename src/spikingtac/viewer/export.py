@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -97,9 +96,7 @@ def open_stretch(
         if view.ends:
             store.extend_to(float("inf"))
             asked_us = min(asked_us, store.t_end_us)
-        make_tracker, detector = partial(view.make_tracker, view.config), view.make_detector
-        playback = Playback(store, make_tracker, detector, rate_hz=view.rate_hz, on_frame=take)
-        yield Stretch(playback, record, int(asked_us))
+        yield Stretch(Playback(store, view, take), record, int(asked_us))
     finally:
         store.close()
         view.close()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -75,8 +74,7 @@ def warm_up(view: ViewSource) -> None:
     """
     store = EventStore(PacketSource(list(_silence(view.source.size)), view.source.size))
     try:
-        make_tracker = partial(view.make_tracker, view.config)
-        playback = Playback(store, make_tracker, view.make_detector, rate_hz=view.rate_hz)
+        playback = Playback(store, view)
         playback.aim(WARM_UP_US)
         playback.work(BUDGET_S)
         moving(view, playback)

@@ -23,6 +23,7 @@ from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.follow import EstimateTimes, check_rate
 from spikingtac.types import Contact, MarkerFrame, SourceHealth
 from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.source import ViewSource
 
 RECENT_STEPS = 2_000  # Step times kept for the percentiles, 2 s at 1 kHz.
 
@@ -60,34 +61,28 @@ class Playback:
     def __init__(
         self,
         store: EventStore,
-        make_tracker: Callable[[], MarkerTracker],
-        make_detector: Callable[[], ContactDetector | None] = lambda: None,
-        *,
-        rate_hz: float,
-        on_frame: Callable[[MarkerFrame], None] = lambda _: None,
+        view: ViewSource,
+        on_frame: Callable[[MarkerFrame], object] = lambda _: None,
     ) -> None:
         """Prepare to track; nothing is computed yet.
 
         Args:
             store: The events.
-            make_tracker: Builds the tracker, anew at each :meth:`retune`.
-            make_detector: Builds the contact detector, or returns None.
-            rate_hz: Estimates per second of data time.
+            view: How they are tracked: tracker, contact detector, rate.
             on_frame: Is given every estimate; those of repeated stretches again.
 
         Raises:
             ConfigError: The rate is not between 0 and 1 MHz.
         """
-        check_rate(rate_hz)
+        check_rate(view.rate_hz)
         self.store, self.steps = store, 0
         self.contacts: dict[int, Contact] = {}
-        self._rate_hz, self._on_frame = rate_hz, on_frame
-        self._make_detector = make_detector
+        self._view, self._on_frame = view, on_frame
         self._step_s: deque[float] = deque(maxlen=RECENT_STEPS)
         self._spent_s = 0.0
         self._rated_us, self._rate_ev_s = -1, 0.0
         self.aim_us = store.t_start_us
-        self.retune(make_tracker)
+        self.retune(view.config)
 
     @property
     def tracker(self) -> MarkerTracker:
@@ -115,9 +110,9 @@ class Playback:
         else:  # the later copies stay valid: the same events give the same states
             self._rewind()
 
-    def retune(self, make_tracker: Callable[[], MarkerTracker]) -> None:
-        """Track again from the beginning with another tracker, up to the present aim."""
-        self._make_tracker = make_tracker
+    def retune(self, config: Any) -> None:
+        """Track again from the beginning with other settings, up to the present aim."""
+        self._config = config
         self._copies: list[tuple[int, _State]] = []
         self._distance_us: float = FIRST_DISTANCE_US
         self._rewind()
@@ -155,7 +150,7 @@ class Playback:
 
     def _rewind(self) -> None:
         self.position_us = self.store.t_start_us
-        self._state = _State(self._make_tracker(), self._make_detector())
+        self._state = _State(self._view.make_tracker(self._config), self._view.make_detector())
 
     def _advance(self) -> bool:
         """Go on to the next estimate time or window's end; False where the source has ended."""
@@ -165,7 +160,7 @@ class Playback:
         if store.first_event_us is None:
             store.extend_to(window_us)
         first_us = store.first_event_us
-        times = None if first_us is None else EstimateTimes(first_us, self._rate_hz)
+        times = None if first_us is None else EstimateTimes(first_us, self._view.rate_hz)
         estimate_us = window_us + 1 if times is None else times.at(state.step)
         edge_us = min(estimate_us, window_us)
         if not store.extend_to(edge_us):

@@ -11,7 +11,6 @@ from typing import Any
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, SpikingTacError
-from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.stream.ring import Publisher
 from spikingtac.tuning import with_value
@@ -76,7 +75,7 @@ class Session:
             store.extend_to(float("inf"))
         if view.desk is not None:
             view.desk.begin_anew()  # the kernels were warmed up with it
-        self.playback = self._tracked(store)
+        self.playback = Playback(store, view, self._take)
         self.playing, self.speed = True, 1.0
         self._exposure_us, self._with_map = EXPOSURE_US, False
         self._playhead_us = float(store.t_start_us)
@@ -184,13 +183,6 @@ class Session:
         if self.view.felt is not None:
             self.view.felt.take(frame)
 
-    def _tracked(self, store: EventStore) -> Playback:
-        detector, rate_hz = self.view.make_detector, self.view.rate_hz
-        return Playback(store, self._tracker, detector, rate_hz=rate_hz, on_frame=self._take)
-
-    def _tracker(self) -> MarkerTracker:
-        return self.view.make_tracker(self._config)
-
     def _adopt_calibration(self) -> None:
         """Track the markers from now on, once the page's calibration is there."""
         desk = self.view.desk
@@ -200,7 +192,7 @@ class Session:
         aim_us = self.playback.aim_us
         self.view = desk.calibrated(self.view, found)
         self._config, self._notice = self.view.config, ""
-        self.playback = self._tracked(self.playback.store)
+        self.playback = Playback(self.playback.store, self.view, self._take)
         self.playback.aim(aim_us)
         if self.view.ends:  # a recording is played again, now with its markers
             self._play(True)
@@ -225,7 +217,7 @@ class Session:
     def _retune(self, config: Any) -> None:
         self._config, self._notice = config, ""
         self.playback.aim(self.playback.position_us)
-        self.playback.retune(self._tracker)
+        self.playback.retune(config)
         self._greeted_s = 0.0
 
     def _greet(self) -> None:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,13 +25,24 @@ from stand_ins.live import (
     random_packets,
     random_source,
 )
+from stand_ins.viewer import open_circling
 
 FOREVER_S = 3600.0
 
 
+def counted(store: EventStore, rate_hz: float, on_frame: Any = lambda _: None) -> Playback:
+    view = replace(
+        open_circling(10_000),
+        make_tracker=lambda _: CountingTracker(),
+        make_detector=BurstDetector,
+        rate_hz=rate_hz,
+    )
+    return Playback(store, view, on_frame)
+
+
 def playback(rate_hz: float = 1000.0, packets: int = 60) -> Playback:
     store = EventStore(random_source(seed=3, packets=packets))
-    return Playback(store, CountingTracker, BurstDetector, rate_hz=rate_hz)
+    return counted(store, rate_hz)
 
 
 def tracked_to(play: Playback, t_us: int) -> np.ndarray:
@@ -64,7 +76,7 @@ def test_going_back_gives_what_was_there_before(monkeypatch: pytest.MonkeyPatch)
 def test_estimates_begin_at_the_first_event_and_keep_the_times_of_follow() -> None:
     frames: list[MarkerFrame] = []
     store = EventStore(random_source(seed=3, packets=60))
-    play = Playback(store, CountingTracker, rate_hz=350.0, on_frame=frames.append)
+    play = counted(store, 350.0, frames.append)
     play.aim(10**12)
     play.work(FOREVER_S)
     expected = list(follow(random_source(seed=3, packets=60), CountingTracker(), 350.0))
@@ -87,7 +99,7 @@ def leaping_source(leap_us: int) -> PacketSource:
 def test_a_leap_of_the_clock_is_not_filled_and_gives_the_estimates_of_follow(leap_us: int) -> None:
     frames: list[MarkerFrame] = []
     store = EventStore(leaping_source(leap_us))
-    play = Playback(store, CountingTracker, BurstDetector, rate_hz=100.0, on_frame=frames.append)
+    play = counted(store, 100.0, frames.append)
     play.aim(10**12)
     assert play.work(FOREVER_S)
     expected = list(follow(leaping_source(leap_us), CountingTracker(), 100.0))
@@ -100,7 +112,7 @@ def test_a_leap_of_the_clock_is_not_filled_and_gives_the_estimates_of_follow(lea
 def test_a_long_silence_can_be_visited_and_left_again() -> None:
     store = EventStore(leaping_source(8_000_000_000))
     store.extend_to(float("inf"))
-    play = Playback(store, CountingTracker, rate_hz=100.0)
+    play = counted(store, 100.0)
     seen = {t_us: tracked_to(play, t_us).copy() for t_us in (100_000, 4_000_000_000)}
     play.aim(store.t_end_us)
     play.work(FOREVER_S)
