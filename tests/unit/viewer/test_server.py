@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import os
+import resource
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed
 
 from spikingtac.errors import DeviceError
 from spikingtac.stream.host import Factory
@@ -17,14 +22,15 @@ from spikingtac.viewer import process, server
 from spikingtac.viewer import show as show_module
 from spikingtac.viewer.access import Gate, listen
 from spikingtac.viewer.process import SessionProcess
-from spikingtac.viewer.server import Page, PageFeeds, PageServer
+from spikingtac.viewer.server import UNACKNOWLEDGED, PageServer
 from spikingtac.viewer.show import PageOptions, show
-from stand_ins.viewer import open_circling
+from stand_ins.viewer import open_circling, open_nothing
 
 pytestmark = pytest.mark.waits
 
 PATIENCE_S = 60.0
 BRIEF_S = 0.05
+WATCHED_FRAMES = 200
 
 
 class Feed:
@@ -32,9 +38,13 @@ class Feed:
 
     def __init__(self) -> None:
         self.number = 0
+        self.commands: list[tuple[str, Any]] = []
+
+    def command(self, name: str, value: Any) -> None:
+        self.commands.append((name, value))
 
     def frame(self, after: int) -> tuple[int, bytes] | None:
-        return (self.number, b"frame") if self.number > after else None
+        return (self.number, str(self.number).encode()) if self.number > after else None
 
     def greeting(self, after: int) -> tuple[int, bytes] | None:
         return (1, b"{}") if after < 1 else None
@@ -159,41 +169,96 @@ def test_the_page_of_two_holds_both_and_only_own_pages_may_be_framed(token: str)
     assert wrong == (403 if token else 200)
 
 
-class Answering:
-    """A page's socket that acknowledges every frame, or none."""
+def attended(drive: Callable[[Feed, ClientConnection], Awaitable[None]]) -> None:
+    """Serve a feed, and drive it and its page; what a page gets first is the greeting."""
 
-    def __init__(self, page: Page, answers: bool) -> None:
-        self.page, self.answers = page, answers
+    async def run() -> None:
+        feeds: Any = [Feed()]
+        with listen("127.0.0.1", 0) as listening:
+            async with PageServer(feeds, Gate()).serving(listening):
+                address = f"ws://127.0.0.1:{listening.getsockname()[1]}/socket"
+                async with asyncio.timeout(PATIENCE_S), connect(address, proxy=None) as page:
+                    assert await page.recv() == "{}"
+                    await drive(feeds[0], page)
 
-    async def send(self, message: str | bytes) -> None:
-        if self.answers and isinstance(message, bytes):
-            self.page.acknowledge()
+    asyncio.run(run())
 
 
-async def lasted(wait_s: float, *, frames: int, answers: bool) -> bool:
-    """Return whether a page is still served after a wait without frames, and after its frames."""
-    feed: Any = Feed()
-    feeds, page = PageFeeds(feed), Page()
-    socket: Any = Answering(page, answers)
-    tasks = [asyncio.create_task(feeds.poll()), asyncio.create_task(feeds.serve(page, socket))]
-    feeds.pages.add(page)
-    await asyncio.sleep(wait_s)
-    for number in range(1, frames + 1):
-        feed.number = number
-        await asyncio.sleep(BRIEF_S)
-    served = not tasks[1].done()
-    for task in tasks:
-        task.cancel()
-    return served
+def test_a_stalled_page_gets_no_more_than_it_may_and_then_the_latest() -> None:
+    async def drive(feed: Feed, page: ClientConnection) -> None:
+        for feed.number in range(1, UNACKNOWLEDGED + 1):
+            assert await page.recv() == str(feed.number).encode()
+        feed.number = 50
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(page.recv(), BRIEF_S)
+        await page.send('{"ack": 1}')
+        assert await page.recv() == b"50"
+
+    attended(drive)
 
 
 @pytest.mark.parametrize(
-    ("wait_s", "frames", "answers", "served"),
-    [(8 * BRIEF_S, 1, True, True), (8 * BRIEF_S, 0, True, True), (0.0, 8, False, False)],
+    "garbage", ["}{", '{"rm": 1}', b"\x00\xff" * 100, '{"seek_us": "x"}', "x" * 3000]
 )
-def test_who_is_hung_up_on(
-    wait_s: float, frames: int, answers: bool, served: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_garbage_ends_the_connection(garbage: str | bytes) -> None:
+    async def drive(feed: Feed, page: ClientConnection) -> None:
+        await page.send('{"seek_us": 7}')
+        await page.send(garbage)
+        with pytest.raises(ConnectionClosed):
+            await page.recv()
+        assert feed.commands == [("seek_us", 7)]
+
+    attended(drive)
+
+
+def test_a_page_that_answers_nothing_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server, "SILENT_S", 3 * BRIEF_S)
     monkeypatch.setattr(server, "WAKE_S", BRIEF_S)
-    assert asyncio.run(lasted(wait_s, frames=frames, answers=answers)) is served
+
+    async def drive(feed: Feed, page: ClientConnection) -> None:
+        await asyncio.sleep(8 * BRIEF_S)  # one that waits for the first start is not silent
+        feed.number = 1
+        assert await page.recv() == b"1"
+        with pytest.raises(ConnectionClosed):
+            await page.recv()
+
+    attended(drive)
+
+
+def test_memory_does_not_grow_with_frames() -> None:
+    session = SessionProcess(
+        Factory(function=open_circling, arguments={"duration_us": 300_000}), repeat=True
+    )
+    try:
+        sizes, number, until_s = [], 0, time.monotonic() + PATIENCE_S
+        while len(sizes) < WATCHED_FRAMES and time.monotonic() < until_s:
+            got = session.frame(number)
+            if got is not None:
+                number = got[0]
+                sizes.append(resident_kb(session.pid))
+            time.sleep(0.005)
+        assert len(sizes) == WATCHED_FRAMES
+        late = sizes[WATCHED_FRAMES // 2 :]
+        assert np.median(late[-10:]) < np.median(late[:10]) + 8 * 1024
+    finally:
+        session.close()
+
+
+def resident_kb(pid: int | None) -> int:
+    try:
+        text = Path(f"/proc/{pid}/statm").read_text()
+    except OSError:
+        pytest.skip("this system does not tell a process's memory")
+    return int(text.split()[1]) * resource.getpagesize() // 1024
+
+
+def test_a_session_that_cannot_open_says_why() -> None:
+    session = SessionProcess(Factory(function=open_nothing))
+    try:
+        until_s = time.monotonic() + PATIENCE_S
+        while session.alive and time.monotonic() < until_s:
+            time.sleep(0.02)
+        with pytest.raises(FileNotFoundError, match=r"nowhere\.raw"):
+            session.require_alive()
+    finally:
+        session.close()
