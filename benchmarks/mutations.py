@@ -152,7 +152,7 @@ MUTATIONS = (
         name="contact-tail",
         old="STANDARD_ERRORS = 2.0",
         new="STANDARD_ERRORS = 0.0",
-        tests=("tests/unit/contact/test_tail.py",),
+        tests=("tests/unit/contact/test_evidence.py",),
     ),
     Mutation(
         name="one-sided-holes",

@@ -13,7 +13,7 @@ import pytest
 from spikingtac.cameras.v4l2 import FRAME, READ_BYTES
 from spikingtac.errors import CameraLostError, DeviceError
 from spikingtac.events.address import Address
-from spikingtac.events.camera import Camera, open_camera
+from spikingtac.events.camera import open_camera
 from spikingtac.events.open import open_events
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import ENCODERS, END_MARKS, events
@@ -37,13 +37,6 @@ def bursts() -> list[EventPacket]:
     return [events(2_000, first_us=1_000 + 3_000 * n, seed=n) for n in range(3)]
 
 
-def collected(camera: Camera) -> int:
-    count = 0
-    while (rows := camera.read(1.0)) is not None:
-        count += len(rows[3])
-    return count
-
-
 @pytest.mark.parametrize("encoding", list(END_MARKS))
 def test_a_dump_gives_the_events_before_each_mark(tmp_path: Path, encoding: str) -> None:
     path = tmp_path / "dump.raw"
@@ -54,17 +47,6 @@ def test_a_dump_gives_the_events_before_each_mark(tmp_path: Path, encoding: str)
     for column in ("x", "y", "p"):
         np.testing.assert_array_equal(getattr(found, column), getattr(sent, column))
     np.testing.assert_array_equal(found.t - found.t[0], sent.t - sent.t[0])
-    assert source.losses["no_end_mark"] == source.losses["garbage"] == 0
-
-
-def test_a_frame_that_takes_several_reads_is_whole(tmp_path: Path) -> None:
-    path = tmp_path / "dump.raw"
-    sent = events(3 * READ_BYTES // 4)
-    path.write_bytes(frames([sent, events(100, first_us=1_000_000)], "evt2"))
-    source = open_events(f"v4l2:{path}?encoding=evt2")
-    found = EventPacket.concatenate(list(source))
-    assert len(found) == len(sent) + 100
-    np.testing.assert_array_equal(found.x[: len(sent)], sent.x)
     assert source.losses["no_end_mark"] == source.losses["garbage"] == 0
 
 
@@ -102,15 +84,6 @@ def test_a_frame_without_a_mark_and_a_cut_dump_are_counted(tmp_path: Path) -> No
     assert 4_000 < found < 6_000
     assert source.losses["truncated"] == 1
     assert source.losses["no_end_mark"] == 1
-
-
-def test_other_frames_can_be_named(tmp_path: Path) -> None:
-    path = tmp_path / "dump.raw"
-    one = frames(bursts()[:1], "evt3")
-    path.write_bytes(one[: 1024 * 64])
-    assert (
-        collected(open_camera(Address.parse(f"v4l2:{path}?encoding=evt3&frame=1024x64"))) == 2_000
-    )
 
 
 def test_the_device_is_read_by_the_tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,19 +1,33 @@
-"""The published detector, and its threshold from quiet windows."""
+"""Count tests: the published threshold, its budget, and a threshold from a stream's beginning."""
 
-from collections.abc import Iterable
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from spikingtac.contact.detector import ContactDetector
-from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
-from spikingtac.contact.quiet import QuietStatistics
+from spikingtac.contact.event_count import (
+    QUIET_WINDOWS,
+    RELEASE_WINDOWS,
+    EventCountConfig,
+    EventCountDetector,
+    SelfCalibratingDetector,
+)
+from spikingtac.contact.quiet import SECONDS_PER_HOUR, QuietStatistics, unsettled
 from spikingtac.types import EventPacket
 
+WINDOWS, PERIOD_S = 10_000, 0.001
 
-def windows(counts: Iterable[int]) -> list[EventPacket]:
+# Events per ms on a simulated typical camera: at rest, in a slow slide, while pressing.
+QUIET_COUNT, SLIDE_COUNT, PRESS_COUNT = 18, 46, 120
+
+
+def windows(counts: Iterable[int], first: int = 0) -> list[EventPacket]:
     out = []
-    for k, count in enumerate(counts):
+    for k, count in enumerate(counts, first):
         zero = np.zeros(count, np.uint16)
         t = np.full(count, 1000 * k, np.int64)
         out.append(EventPacket(zero, zero, zero > 0, t, 1000 * k, 1000 * (k + 1), (320, 320)))
@@ -34,14 +48,59 @@ def test_the_first_window_above_the_threshold_is_the_contact() -> None:
     assert not detector.in_contact
 
 
-def test_bursts_raise_the_threshold_and_keep_the_budget() -> None:
-    rng = np.random.default_rng(1)
-    size = 10.0
-    counts = rng.negative_binomial(size, size / (size + 10.0), 400_000)
-    quiet = QuietStatistics.of(windows(counts[:5000]))
-    assert quiet.variance == pytest.approx(20.0, rel=0.1)
-    budget = 3600.0  # one a second, so that a simulation of 395 s can tell
-    bursty = quiet.threshold(budget)
-    assert (counts[5000:] > bursty).sum() == pytest.approx(395, rel=0.35)
-    calm = QuietStatistics(mean=10, variance=10, highest=25, windows=5000, period_s=1e-3)
-    assert bursty > calm.threshold(budget)
+def quiet(mean: float, variance: float) -> QuietStatistics:
+    return QuietStatistics(
+        mean=mean, variance=variance, highest=0, windows=WINDOWS, period_s=PERIOD_S
+    )
+
+
+@pytest.mark.parametrize("alarms_per_hour", [0.01, 1.0, 36_000.0])
+def test_the_least_count_is_that_of_the_distribution(alarms_per_hour: float) -> None:
+    chance = alarms_per_hour * PERIOD_S / SECONDS_PER_HOUR
+    for mean in (0.02, 0.7, 3.0, 41.5, 2_000.0):
+        found = quiet(mean, mean).threshold(alarms_per_hour)
+        assert found == int(stats.poisson.isf(chance, mean))
+        for excess in (0.3, 2.0, 40.0):
+            size = mean / excess
+            found = quiet(mean, mean * (1.0 + excess)).threshold(alarms_per_hour)
+            assert found == int(stats.nbinom.isf(chance, size, size / (size + mean)))
+
+
+def begun_at(counts: list[int], before: Sequence[int] = ()) -> list[int]:
+    """Return the windows in which contacts begin, after some windows and then quiet ones."""
+    detector, found = SelfCalibratingDetector(), []
+    rng = np.random.default_rng(0)
+    for index, mean in enumerate([*before, *[QUIET_COUNT] * QUIET_WINDOWS, *counts]):
+        n = int(rng.poisson(mean)) if mean == QUIET_COUNT else mean
+        (window,) = windows([n], index)
+        if detector.update(window) is not None:
+            found.append(index - QUIET_WINDOWS - len(before))
+    return found
+
+
+def test_a_contact_that_slides_slowly_is_one_contact() -> None:
+    slide = [PRESS_COUNT] * 200 + [SLIDE_COUNT] * 1_000 + [PRESS_COUNT] * 200
+    assert begun_at([QUIET_COUNT] * 100 + slide) == [100]
+
+
+def test_a_finger_that_left_and_comes_back_is_two_contacts() -> None:
+    pause = [QUIET_COUNT] * (RELEASE_WINDOWS + 100)
+    press = [PRESS_COUNT] * 200
+    assert begun_at(press + pause + press) == [0, 200 + len(pause)]
+
+
+def test_quiet_windows_and_weak_ones_begin_nothing() -> None:
+    assert begun_at([QUIET_COUNT] * 5_000 + [SLIDE_COUNT] * 100) == []
+
+
+@pytest.mark.parametrize("before", [[900] * 40, [5000], [0] * 120, [0] * 60 + [700] * 20])
+def test_a_burst_or_silence_at_the_start_teaches_nothing(before: list[int]) -> None:
+    press = [QUIET_COUNT] * 200 + [PRESS_COUNT] * 200
+    assert begun_at(press, before) == [200]
+    assert begun_at([QUIET_COUNT] * 5_000, before) == []
+
+
+def test_a_sensor_without_noise_is_not_unsettled() -> None:
+    assert unsettled(np.zeros(300, np.int64)) == 0
+    assert unsettled(np.array([0] * 200 + [0, 40, 90] * 33 + [0])) == 0
+    assert unsettled(np.array([500] * 45 + [3] * 255)) == 60

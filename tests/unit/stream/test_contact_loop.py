@@ -6,11 +6,10 @@ from itertools import islice
 
 import pytest
 
-from spikingtac.contact.detector import Window
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
 from spikingtac.stream.guard_loop import Arrival, ContactLoop
-from spikingtac.types import Contact, EventPacket
+from spikingtac.types import EventPacket
 from stand_ins.moving_rims import SIZE, windows
 
 
@@ -80,46 +79,6 @@ def test_the_end_of_the_stream_stops_the_arm() -> None:
     assert (report.health, report.reason) == (Health.DISCONNECTED, "the event stream ended")
     assert bench.order == ["stop"]
     assert report.contact is None
-
-
-class SlowDetector(EventCountDetector):
-    """Needs a stated time for each window, on a clock that only the test moves."""
-
-    def __init__(self, clock: Clock, needs_s: float) -> None:
-        super().__init__(EventCountConfig(threshold=1e9))
-        self._clock, self._needs_s = clock, needs_s
-
-    def update(self, window: Window) -> Contact | None:
-        self._clock.now_s += self._needs_s
-        return super().update(window)
-
-
-def as_they_are_read(clock: Clock, count: int) -> Iterator[Arrival]:
-    """Yield windows of a camera whose pipe holds what was not read yet."""
-    for window in windows(count, seed=1):
-        clock.now_s = max(clock.now_s, 1000.0 + window.t_end_us * 1e-6)
-        yield Arrival(window, clock.now_s)
-
-
-def test_a_detector_that_is_too_slow_is_an_overload_at_the_configured_backlog() -> None:
-    bench = Bench()
-    detector = SlowDetector(bench.clock, needs_s=0.002)
-    loop = ContactLoop(detector, bench.watchdog, lambda: bench.order.append("stop"), bench.clock)
-    report = loop.guard(as_they_are_read(bench.clock, 1000))
-    assert report.health is Health.OVERLOAD
-    assert bench.order == ["stop"]
-    # 1 ms is lost per window; the backlog counts once it has lasted for the span of 20 ms.
-    assert report.backlog_s == pytest.approx(0.005, abs=0.002)
-    assert report.windows <= 5 + 20
-
-
-def test_a_detector_that_keeps_the_pace_runs_on() -> None:
-    bench = Bench()
-    detector = SlowDetector(bench.clock, needs_s=0.0009)
-    loop = ContactLoop(detector, bench.watchdog, lambda: None, bench.clock)
-    report = loop.guard(as_they_are_read(bench.clock, 1000))
-    assert (report.health, report.reason) == (Health.DISCONNECTED, "the event stream ended")
-    assert report.windows == 1000
 
 
 def test_a_leap_of_the_sensors_clock_trips_whatever_fills_it() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -9,14 +11,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.errors import DeviceError, RecordingError
+from spikingtac.errors import ConfigError, DeviceError, RecordingError
+from spikingtac.events.address import Address
+from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.codec import Triggers
+from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.stream.host import Factory
 from spikingtac.stream.packets import new_ring
 from spikingtac.stream.reader import EventReader
-from spikingtac.stream.sources import RemoteSource
+from spikingtac.stream.sources import RemoteSource, RingCamera
 from spikingtac.types import EventPacket
+from stand_ins.camera_counterparts import datagrams, events
 from stand_ins.packets import SIZE, Stream, packet
+
+NAME = f"test-{os.getpid()}"
+ADDRESS = Address.parse(f"ring:{NAME}")
 
 
 def read(stream: Stream, room_bytes: int = 1 << 20) -> EventReader:
@@ -115,3 +124,75 @@ def refused() -> Iterator[tuple[EventPacket, Any]]:
 def test_what_cannot_be_opened_says_so_at_once() -> None:
     with pytest.raises(DeviceError, match="no such camera"):
         EventReader.in_process(Factory(function=refused))
+
+
+def all_of(camera: RingCamera) -> int:
+    count = 0
+    while (rows := camera.read(0.05)) is not None:
+        count += len(rows[3])
+    return count
+
+
+def test_another_user_takes_the_same_events_and_knows_their_losses() -> None:
+    stream = Stream(200, pause_s=0.002)
+    reader = EventReader.in_thread(stream, stream, new_ring(SIZE, share=NAME))
+    camera = RingCamera.open(ADDRESS)
+    before = reader.ring.weight
+    assert all_of(camera) >= 20_000 - before - 100
+    assert camera.losses["gap"] >= 60
+    assert camera.losses["missed"] == 0
+    assert len(camera.triggers) >= 60
+    assert sum(len(one.packet) for one in reader) == 20_000
+    camera.close()
+    reader.release()
+
+
+def test_a_user_that_is_too_slow_is_told_what_it_missed() -> None:
+    stream = Stream(300, pause_s=0.001)
+    reader = EventReader.in_thread(stream, stream, new_ring(SIZE, 20_000, NAME))
+    camera = RingCamera.open(Address.parse(f"ring:{NAME}?late=60"))
+    before = reader.ring.weight
+    while not reader.ended:
+        time.sleep(0.01)
+    taken = all_of(camera)
+    assert camera.losses["missed"] > 0
+    assert taken + camera.losses["missed"] == 30_000 - before
+    reader.release()
+
+
+def test_a_user_that_is_late_goes_on_with_the_newest_events() -> None:
+    stream = Stream(300, pause_s=0.001)
+    reader = EventReader.in_thread(stream, stream, new_ring(SIZE, share=NAME))
+    camera = RingCamera.open(Address.parse(f"ring:{NAME}?late=0.1"))
+    before = reader.ring.weight
+    while not reader.ended:
+        time.sleep(0.01)
+    time.sleep(0.2)
+    taken = all_of(camera)
+    assert 0 < taken < 1_000
+    assert taken + camera.losses["missed"] == 30_000 - before
+    reader.release()
+
+
+def test_what_is_not_shared_says_how_it_would_be() -> None:
+    with pytest.raises(DeviceError, match="share=nobody"):
+        RingCamera.open(Address.parse("ring:nobody"))
+    with pytest.raises(ConfigError, match="letters, digits"):
+        RingCamera.open(Address.parse("ring:../etc"))
+
+
+def test_any_verbs_camera_is_shared_where_its_address_says_so() -> None:
+    port_text = f"udp:127.0.0.1:0?encoding=evt2&share={NAME}"
+    source = CameraSource(Address.parse(port_text), ReadOptions())
+    camera = RingCamera.open(ADDRESS)
+    sent = events(20_000)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        for piece in datagrams(sent)[:40]:
+            out.sendto(piece, ("127.0.0.1", source.camera.port))  # type: ignore[attr-defined]
+    taken, packets = 0, iter(source)
+    while not taken:
+        taken += len(next(packets))
+    source.close()
+    taken += sum(len(packet) for packet in packets)
+    assert all_of(camera) >= taken > 0
+    assert camera.size == (320, 320)

@@ -40,31 +40,6 @@ def test_memory_is_kept_in_place_where_that_is_permitted() -> None:
     assert (locked_kb > 0) == bool(given)
 
 
-@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="cores cannot be chosen here")
-def test_all_threads_keep_to_the_last_core() -> None:
-    script = (
-        "import os, threading\n"
-        "from spikingtac.stream.real_time import keep_to_one_core\n"
-        "over = threading.Event()\n"
-        "other = threading.Thread(target=over.wait)\n"
-        "other.start()\n"
-        "before = os.sched_getaffinity(0)\n"
-        "core = keep_to_one_core()\n"
-        "print(core, max(before), len(before), *os.sched_getaffinity(other.native_id))\n"
-        "print(keep_to_one_core())\n"
-        "over.set()\n"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
-    first, again = done.stdout.decode().splitlines()
-    core, last, before, *others = first.split()
-    if before == "1":
-        assert core == "None"
-    else:
-        assert core == last
-        assert others == [last]
-    assert again == "None", "there is no choice any more"
-
-
 def test_children_end_at_ordinary_priority_and_what_was_granted_comes_back(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -87,9 +62,3 @@ def test_children_end_at_ordinary_priority_and_what_was_granted_comes_back(
     with pytest.raises(KeyError):
         fail()
     assert has == [(1, 20), (0, 0), (1, 20)]
-
-
-def test_ordinary_work_stays_ordinary() -> None:
-    ended = []
-    real_time.ordinary_priority()(ended.append)("child")
-    assert ended == ["child"]

@@ -66,14 +66,6 @@ def test_windows_that_fill_a_leap_add_up_to_it() -> None:
     assert 1 <= sum(leap_s > 0.0 for leap_s in leaps_s) <= 2
 
 
-def test_windows_that_waited_before_the_first_are_no_leap() -> None:
-    """A stream that is opened late delivers what waited, faster than real time."""
-    clock, leap_s = StreamClock(), 0.0
-    for number in range(300):
-        leap_s = max(leap_s, clock.arrive((number + 1) * 1000, OFFSET_S + 0.3 + number * 1e-5))
-    assert leap_s == 0.0
-
-
 def busy_arrivals(
     rng: np.random.Generator, windows: int, drift: float = 0.0, pauses: float = 0.002
 ) -> Iterator[tuple[int, float]]:
@@ -98,7 +90,7 @@ def test_a_minute_beside_a_busy_machine_trips_nothing(seed: int) -> None:
     assert leap_s == 0.0
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_each_lag_is_seen_in_a_fifth_of_a_second(seed: int) -> None:
     """From some window on, each needs more time than it spans."""
     rng = np.random.default_rng(seed)

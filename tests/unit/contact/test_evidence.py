@@ -1,0 +1,130 @@
+"""Evidence of rims, and thresholds from quiet windows: hot pixels, tails, the leak's bias."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spikingtac.contact.evidence import AFFINE_MODES, OFF_RIM, ScaleSums, rim_table
+from spikingtac.contact.quiet_evidence import quiet_evidence, scale_test, tail_threshold
+from spikingtac.errors import CalibrationError
+from spikingtac.types import EventPacket
+from stand_ins.moving_rims import GRID, RADIUS_PX, SIZE, calibration, windows
+
+BLOCK, PER_BLOCK = 100, 1e-5
+TABLE = rim_table(calibration())
+HOT = (round(GRID[4][0]) + 7, round(GRID[4][1]))
+
+
+def with_hot_pixel(packet: EventPacket) -> EventPacket:
+    if packet.t_start_us % 20_000:
+        return packet
+    extra = EventPacket(
+        np.array([HOT[0]], np.uint16), np.array([HOT[1]], np.uint16), np.array([True]),
+        np.array([packet.t_start_us]), packet.t_start_us, packet.t_end_us, packet.size,
+    )  # fmt: skip
+    return EventPacket.concatenate([extra, packet])
+
+
+def test_hot_pixels_on_the_rims_lose_their_say() -> None:
+    quiet = quiet_evidence([TABLE], map(with_hot_pixel, windows(3000, seed=1)))
+    assert quiet.hot_pixels == (1,)
+    assert TABLE.row[HOT[1], HOT[0]] != OFF_RIM
+    assert quiet.tables[0].row[HOT[1], HOT[0]] == OFF_RIM
+    assert quiet.period_s == pytest.approx(1e-3)
+
+
+def test_a_stump_at_the_end_is_no_period() -> None:
+    stump = EventPacket.empty(300_000, 300_001, TABLE.row.shape[::-1])
+    whole = quiet_evidence([TABLE], windows(300, seed=1))
+    cut = quiet_evidence([TABLE], [*windows(300, seed=1), stump])
+    assert cut.period_s == whole.period_s
+    assert np.isfinite(scale_test(cut, 1.0).threshold).all()
+
+
+@pytest.mark.parametrize(("on", "name"), [(True, "OFF"), (False, "ON")])
+def test_a_quiet_recording_of_one_polarity_is_refused(on: bool, name: str) -> None:
+    one = (packet.select(packet.p == on) for packet in windows(300, seed=1))
+    with pytest.raises(CalibrationError, match=f"no {name} event lies on the markers' rims"):
+        quiet_evidence([TABLE], one)
+
+
+def test_whitened_evidence_of_other_quiet_windows_has_unit_variance_at_most() -> None:
+    test = scale_test(quiet_evidence([TABLE], windows(6000, seed=1)), 1.0)
+    fresh = quiet_evidence([TABLE], windows(6000, seed=2)).evidence
+    sums = ScaleSums(test)
+    values = np.array([sums.add(evidence).copy() for evidence in fresh])[256:]
+    # A chi-square of six; below it where the long scales leave room for the leak.
+    assert values.mean(axis=0)[:6] == pytest.approx(AFFINE_MODES, rel=0.35)
+    assert (values.mean(axis=0) < 1.4 * AFFINE_MODES).all()
+
+
+def test_a_leading_rim_that_brightens_is_evidence_for_the_motion() -> None:
+    table = rim_table(calibration())
+    x, y = GRID[4]
+    for offset, normal in (((8, 0), (1, 0)), ((-8, 0), (-1, 0)), ((0, 7), (0, 1))):
+        row = table.row[round(y) + offset[1], round(x) + offset[0]]
+        assert table.marker[row] == 4
+        assert table.modes[row, :2] == pytest.approx(normal)
+    assert table.row[round(y), round(x)] == OFF_RIM
+    dark = rim_table(replace(calibration(), polarity="dark"))
+    np.testing.assert_array_equal(dark.modes, -table.modes)
+
+
+def test_only_the_rims_count_and_each_pixel_belongs_to_the_nearest() -> None:
+    table = rim_table(calibration())
+    rows, columns = np.nonzero(table.row != OFF_RIM)
+    distance = np.hypot(columns[:, None] - GRID[:, 0], rows[:, None] - GRID[:, 1])
+    depth = distance.min(axis=1) - RADIUS_PX
+    assert depth.min() >= -2.0
+    assert depth.max() <= 3.0
+    np.testing.assert_array_equal(table.marker[table.row[rows, columns]], distance.argmin(axis=1))
+    none = table.without(np.ones((SIZE[1], SIZE[0]), np.bool_))
+    assert (none.row == OFF_RIM).all()
+
+
+def rate_above(threshold, draw, rng, blocks=200_000):
+    return float((draw(rng, blocks) > threshold).mean())
+
+
+def noise(rng, blocks):
+    """The highest of a block of Gaussian noise."""
+    return np.abs(rng.standard_normal((blocks, 4))).max(axis=1)
+
+
+def noise_and_swings(rng, blocks):
+    """Besides, one block in thirty holds a swing, most of them small."""
+    swing = (rng.random(blocks) < 1 / 30) * (3.0 + rng.rayleigh(3.0, blocks))
+    return np.maximum(noise(rng, blocks), swing)
+
+
+@pytest.mark.parametrize("draw", [noise, noise_and_swings])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_minute_tells_what_is_rarer_by_far(draw, seed):
+    values = np.zeros((600, BLOCK))
+    values[:, 7] = draw(np.random.default_rng(seed), len(values))
+    threshold = tail_threshold(values.ravel(), BLOCK, PER_BLOCK)
+    assert rate_above(threshold, draw, np.random.default_rng(100 + seed)) <= PER_BLOCK
+
+
+def test_a_short_recording_gives_a_high_threshold_not_a_wrong_one():
+    """Without its two standard errors, half of the thresholds would be too low where the tail is
+    just as supposed. They leave 8 %: the mean excess of the few highest is skewed."""
+    blocks, recordings = 200, 200
+    wanted = -math.log(PER_BLOCK)  # what an exponential exceeds with this probability
+    too_low = 0
+    for seed in range(recordings):
+        values = np.zeros((blocks, BLOCK))
+        values[:, 3] = np.random.default_rng(seed).exponential(1.0, blocks)
+        too_low += tail_threshold(values.ravel(), BLOCK, PER_BLOCK) < wanted
+    assert too_low / recordings < 0.15
+
+
+def test_swings_that_the_highest_twentieth_hides_are_seen():
+    rng = np.random.default_rng(3)
+    values = np.zeros((3000, BLOCK))
+    values[:, 0] = noise(rng, len(values))
+    calm = tail_threshold(values.ravel(), BLOCK, PER_BLOCK)
+    values[:60, 0] = 5.0 + rng.exponential(4.0, 60)
+    assert tail_threshold(values.ravel(), BLOCK, PER_BLOCK) > 4.0 * calm
