@@ -12,6 +12,7 @@ import tyro
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import remark, tell, warn
 from spikingtac.cli.options import TrackerArgs
+from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
     from spikingtac.ros2.feed import Feed, Pace
@@ -39,11 +40,29 @@ class PublishArgs(TrackerArgs):
 
 def feed_of(args: PublishArgs) -> Feed:
     """Return the frames that are published; nothing is left to compile at the first one."""
-    from spikingtac.ros2.feed import FeedConfig, open_feed
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.config import load_config
+    from spikingtac.pipeline.checked_source import refuse
+    from spikingtac.ros2.feed import feed_of_events, feed_of_tracks
     from spikingtac.ros2.stream import rehearse
+    from spikingtac.stream.sources import open_live
+    from spikingtac.touch.force.model import load_force
+    from spikingtac.tracks import Tracks, is_tracks_file
 
-    names = ("source", "calibration", "preset", "rate_hz", "force", "sensor", "strict")
-    feed = open_feed(FeedConfig(**{name: getattr(args, name) for name in names}, tell=warn))
+    calibration = None if args.calibration is None else Calibration.load(args.calibration)
+    force = None if args.force is None else load_force(args.force)
+    if args.source.is_file() and is_tracks_file(args.source):
+        feed = feed_of_tracks(Tracks.load(args.source), calibration, force)
+    elif calibration is None:
+        raise ConfigError(
+            "events need the sensor's calibration: --calibration calibration.json; "
+            "make one with: spikingtac calibrate RECORDING -o calibration.json"
+        )
+    else:
+        tracking = load_config(args.preset).with_tracking(rate_hz=args.rate_hz).tracking
+        events = open_live(args.source, strict=args.strict, sensor=args.sensor)
+        tell = refuse if args.strict else warn
+        feed = feed_of_events(events, calibration, tracking, force, tell)
     rehearse(feed.layout)
     return feed
 

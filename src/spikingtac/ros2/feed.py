@@ -5,26 +5,24 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.config import load_config
 from spikingtac.errors import ConfigError
-from spikingtac.events.address import is_stream
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.windows import windows
 from spikingtac.markers.registry import make_tracker
-from spikingtac.pipeline.checked_source import CheckedSource, refuse
+from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.ros2.messages import Layout
 from spikingtac.ros2.stream import SensorStream
-from spikingtac.stream.sources import open_live
-from spikingtac.touch.force.model import load_force
-from spikingtac.tracks import Tracks, is_tracks_file
+from spikingtac.stream.sources import LiveSource
+from spikingtac.touch.force.model import ForceModel
+from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket, MarkerFrame
 
 US_PER_S = 1_000_000
@@ -59,31 +57,6 @@ class Pace:
         self.largest_lag_s = max(self.largest_lag_s, late_s)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class FeedConfig:
-    """What is read, and how.
-
-    Attributes:
-        source: A camera's address, a recording, or tracks.
-        calibration: The sensor's calibration; events need one.
-        preset: Tracker.
-        rate_hz: Frames per second; None takes the preset's.
-        force: Force model, or None.
-        sensor: In a folder, the sensor to read.
-        strict: Refuse a damaged recording, and the calibration of another sensor.
-        tell: Told once where the events contradict the calibration.
-    """
-
-    source: Path
-    calibration: Path | None = None
-    preset: str = "default"
-    rate_hz: float | None = None
-    force: Path | None = None
-    sensor: int = 0
-    strict: bool = False
-    tell: Callable[[str], None] = lambda why: None
-
-
 @dataclass(frozen=True, kw_only=True)
 class Feed:
     """Frames of a source.
@@ -101,27 +74,16 @@ class Feed:
     frames: Callable[[SensorStream, Pace], Iterator[Felt]]
 
 
-def open_feed(config: FeedConfig) -> Feed:
-    """Open a source.
+def feed_of_tracks(
+    tracks: Tracks, calibration: Calibration | None, force: ForceModel | None
+) -> Feed:
+    """Return the frames of tracks, at the speed of their recording.
 
     Raises:
-        ConfigError: Events without calibration, or tracks and a calibration of another sensor.
-        RecordingError: The source cannot be read.
+        ConfigError: The calibration or the force model is of another sensor.
     """
-    calibration = None if config.calibration is None else Calibration.load(config.calibration)
-    if config.source.is_file() and is_tracks_file(config.source):
-        return _feed_of_tracks(config, Tracks.load(config.source), calibration)
-    if calibration is None:
-        raise ConfigError(
-            "events need the sensor's calibration: --calibration calibration.json; "
-            "make one with: spikingtac calibrate RECORDING -o calibration.json"
-        )
-    return _feed_of_events(config, calibration)
-
-
-def _feed_of_tracks(config: FeedConfig, tracks: Tracks, calibration: Calibration | None) -> Feed:
     wrenches, rest_px = tracks.wrench, tracks.reference_px.astype(np.float64)
-    wrench_of = _force(config, rest_px)
+    wrench_of = _wrenches(force, rest_px)
 
     def frames(stream: SensorStream, pace: Pace) -> Iterator[Felt]:
         for number, frame in enumerate(tracks.frames()):
@@ -142,17 +104,34 @@ def _feed_of_tracks(config: FeedConfig, tracks: Tracks, calibration: Calibration
     return Feed(layout=layout, has_wrench=felt, frames=frames)
 
 
-def _feed_of_events(config: FeedConfig, calibration: Calibration) -> Feed:
-    tracking = load_config(config.preset).with_tracking(rate_hz=config.rate_hz).tracking
+def feed_of_events(
+    events: FileSource,
+    calibration: Calibration,
+    tracking: TrackingConfig,
+    force: ForceModel | None,
+    tell: Callable[[str], None],
+) -> Feed:
+    """Return the frames that are tracked from events: live, or at the speed of their recording.
+
+    Args:
+        events: A camera or a recording.
+        calibration: Of the sensor.
+        tracking: Tracker and rate.
+        force: Force model, or None.
+        tell: Told once where the events contradict the calibration.
+
+    Raises:
+        ConfigError: The force model is of another sensor.
+        CalibrationError: The calibration is for another size.
+    """
     tracker = make_tracker(tracking, calibration)
-    events = open_live(config.source, strict=config.strict, sensor=config.sensor)
     require_same_size(events.size, calibration.size)
-    checked = CheckedSource(events, calibration, refuse if config.strict else config.tell)
+    checked = CheckedSource(events, calibration, tell)
     rest_px, scale = calibration.reference_px, calibration.px_per_mm
-    wrench_of = _force(config, rest_px)
+    wrench_of = _wrenches(force, rest_px)
 
     def frames(stream: SensorStream, pace: Pace) -> Iterator[Felt]:
-        if is_stream(config.source):
+        if isinstance(events, LiveSource):
             published = _published(checked, stream, lambda _: None)
         else:
             published = _published(windows(checked, STEP_US), stream, pace.wait)
@@ -180,13 +159,12 @@ def _published(
         stream.events(EventPacket.concatenate(kept))
 
 
-def _force(
-    config: FeedConfig, reference_px: NDArray[np.float64]
+def _wrenches(
+    model: ForceModel | None, reference_px: NDArray[np.float64]
 ) -> Callable[[MarkerFrame], NDArray[np.floating]] | None:
     """Return what makes a wrench of every frame, where there is a force model."""
-    if config.force is None:
+    if model is None:
         return None
-    model = load_force(config.force)
     model.require(reference_px, "px")
     force = model.estimator()
     return lambda frame: force.update(frame.t_us, frame.detected_px - reference_px).values
