@@ -63,10 +63,11 @@ def test_a_run_is_the_closed_loop(name: str, detectors, run: ApproachRun) -> Non
     assert found.contact.t_us == run.decided_us[name]
     stopped = stop_at(run, run.decided_us[name])
     real_mm = rig.first_contact.arm_mm
-    assert stopped["deviation_mm"] == pytest.approx(found.deviation_mm(real_mm), abs=1e-4)
-    read = found.deviation_mm(real_mm, true=False)
-    assert stopped["read_mm"] == pytest.approx(read, abs=1e-4)
-    assert stopped["overshoot_mm"] == pytest.approx(found.overshoot_mm(real_mm), abs=1e-4)
+    assert found.collision_mm is not None
+    read_mm = (found.collision_mm - real_mm) @ DIRECTION
+    assert stopped["read_mm"] == pytest.approx(read_mm, abs=1e-4)
+    overshoot_mm = (rig.arm.true_position_mm() - real_mm) @ DIRECTION
+    assert stopped["overshoot_mm"] == pytest.approx(overshoot_mm, abs=1e-4)
 
 
 def test_the_touch_comes_a_second_after_the_release(run: ApproachRun) -> None:

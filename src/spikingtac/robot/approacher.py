@@ -54,35 +54,12 @@ class Approach:
     Attributes:
         contact: The decision, or None where the target was reached without one.
         collision_mm: ``(3,)`` X_collision as the controller reported it at the decision, mm.
-        true_collision_mm: ``(3,)`` the same without reporting delay and noise; None on hardware.
         stop_mm: ``(3,)`` X_stop, as reported at rest, mm.
-        true_stop_mm: ``(3,)`` the same without noise; None on hardware.
-        windows: Number of windows that were taken.
-        direction: ``(3,)`` unit vector of the motion.
     """
 
     contact: Contact | None
     collision_mm: FloatArray | None
-    true_collision_mm: FloatArray | None
     stop_mm: FloatArray
-    true_stop_mm: FloatArray | None
-    windows: int
-    direction: FloatArray
-
-    def deviation_mm(self, real_mm: FloatArray, *, true: bool = True) -> float:
-        """Return the paper's detection deviation: X_collision - X_real, along the motion, mm.
-
-        Args:
-            real_mm: ``(3,)`` X_real. The paper takes it by teleoperation, with a reset error and
-                micro-slip of the probe, hence its negative values; the twin knows it.
-            true: Take the true collision pose, not the reported one.
-        """
-        found = self.true_collision_mm if true else self.collision_mm
-        return _along(found, real_mm, self.direction)
-
-    def overshoot_mm(self, real_mm: FloatArray, *, true: bool = True) -> float:
-        """Return the paper's overshoot: X_stop - X_real, along the motion, mm."""
-        return _along(self.true_stop_mm if true else self.stop_mm, real_mm, self.direction)
 
 
 class Approacher(Generic[W]):
@@ -106,7 +83,6 @@ class Approacher(Generic[W]):
     ) -> None:
         self._arm, self._windows, self._detector = arm, iter(windows), detector
         self._config, self._watchdog = config, watchdog
-        self._pulled = 0
 
     def approach(self, target_mm: FloatArray) -> Approach:
         """Move towards a target, stop at contact, and return once the arm is at rest.
@@ -115,22 +91,19 @@ class Approacher(Generic[W]):
             DeviceError: The watchdog tripped, the stream ended, the arm stopped by itself, or it
                 did not come to rest; the arm was commanded to stop first.
         """
-        self._pulled = 0
         way = np.asarray(target_mm, np.float64) - self._arm.pose().position_mm
         direction = way / max(float(np.linalg.norm(way)), np.finfo(float).tiny)
         try:
             self._arm.move_linear(target_mm, self._config.speed_mm_s)
             contact = self._listen(direction)
             read = self._arm.pose().position_mm if contact else None
-            true = _true_position(self._arm) if contact else None
             self._wait()
             if contact is not None:
                 self._arm.confirm_stop()
         except BaseException as fault:
             _stop_after(self._arm, fault)
             raise
-        stop, true_stop = self._arm.pose().position_mm, _true_position(self._arm)
-        return Approach(contact, read, true, stop, true_stop, self._pulled, direction)
+        return Approach(contact, read, self._arm.pose().position_mm)
 
     def wait(self, windows: int) -> None:
         """Let time pass with the arm at rest; the detector is not used.
@@ -173,7 +146,6 @@ class Approacher(Generic[W]):
         window = next(self._windows, None)
         if window is None:
             raise DeviceError("the sensor's stream ended during an approach; the arm was stopped")
-        self._pulled += 1
         if self._watchdog is not None:
             self._watchdog.require_ok()
         return window
@@ -223,16 +195,3 @@ def _stop_after(arm: Arm, fault: BaseException) -> None:
     except DeviceError as failure:
         if arm.state() is not ArmState.DISCONNECTED:
             raise DeviceError(f"{failure} (the first fault: {fault})") from fault
-
-
-def _true_position(arm: Arm) -> FloatArray | None:
-    known = getattr(arm, "true_position_mm", None)  # the twin's
-    return None if known is None else known()
-
-
-def _along(found_mm: FloatArray | None, real_mm: FloatArray, direction: FloatArray) -> float:
-    if found_mm is None:
-        raise ValueError(
-            "there is no such position: no contact was found, or the arm is not simulated"
-        )
-    return float((found_mm - real_mm) @ direction)

@@ -35,7 +35,7 @@ class Bench:
 
     def update(self, window: int) -> Contact | None:
         self.heard.append(window)
-        beyond = self.arm.true_position_mm()[0] - WALL_MM
+        self.beyond_mm = beyond = self.arm.true_position_mm()[0] - WALL_MM
         return Contact(t_us=window, count=1.0, threshold=0.0) if beyond > 0.0 else None
 
     def approach(
@@ -45,14 +45,17 @@ class Bench:
 
 
 def test_it_stops_at_contact_and_reports_both_poses() -> None:
-    real = np.array([WALL_MM, 0.0, 0.0])
     overshoot, read = [], []
     for seed in range(40):
-        found = Bench(seed).approach()
+        bench = Bench(seed)
+        found = bench.approach()
         assert found.contact is not None
-        assert 0.0 < found.deviation_mm(real) <= 0.18
-        overshoot.append(found.overshoot_mm(real) - found.deviation_mm(real))
-        read.append(found.deviation_mm(real, true=False))
+        assert found.collision_mm is not None
+        assert 0.0 < bench.beyond_mm <= 0.18
+        stopped_mm = bench.arm.true_position_mm()[0]
+        assert found.stop_mm[0] == pytest.approx(stopped_mm, abs=0.2)
+        overshoot.append(stopped_mm - WALL_MM - bench.beyond_mm)
+        read.append(found.collision_mm[0] - WALL_MM)
     assert np.mean(overshoot) == pytest.approx(6.2, abs=0.4)
     assert np.min(read) < -0.5
 
