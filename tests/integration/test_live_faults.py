@@ -8,7 +8,6 @@ import pytest
 
 from spikingtac.errors import DeviceError
 from spikingtac_paper.live.faults import FAULTS
-from spikingtac_paper.live.hostile import ATTACKS
 from spikingtac_paper.live.loads import Load, run_load
 
 pytestmark = pytest.mark.waits
@@ -17,9 +16,9 @@ ROOT = Path(__file__).resolve().parents[2]
 NOTHING_LEFT = ("wrong encoding", "folder removed")
 
 
-@pytest.mark.parametrize("name", [*FAULTS, *ATTACKS])
+@pytest.mark.parametrize("name", list(FAULTS))
 def test_a_fault_is_told_and_every_event_accounted_for(name: str, tmp_path: Path) -> None:
-    fault, short_s, _ = (FAULTS | ATTACKS)[name]
+    fault, short_s, _ = FAULTS[name]
     try:
         found = fault(tmp_path, short_s)
     except DeviceError as error:
@@ -31,7 +30,7 @@ def test_a_fault_is_told_and_every_event_accounted_for(name: str, tmp_path: Path
 
 def test_every_fault_stands_in_the_table() -> None:
     table = (ROOT / "docs" / "reference" / "live-faults.md").read_text(encoding="utf-8")
-    assert all(f"| {name} |" in table for name in [*FAULTS, *ATTACKS])
+    assert all(f"| {name} |" in table for name in FAULTS)
 
 
 def test_sensors_side_by_side_lose_nothing_unseen(tmp_path: Path) -> None:

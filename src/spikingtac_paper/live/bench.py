@@ -15,7 +15,6 @@ from spikingtac.config import digest
 from spikingtac_paper.harness.report import Report, Row, write_report
 from spikingtac_paper.harness.run import RunOptions, code_digest, kept, provenance
 from spikingtac_paper.live.faults import FAULTS
-from spikingtac_paper.live.hostile import ATTACKS
 from spikingtac_paper.live.loads import LOADS, run_load
 
 NAME = "live"
@@ -44,7 +43,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     begin_run(options.output, settings, options.resume, options.overwrite)
     rows: list[Row] = []
     findings: list[str] = []
-    names = [*FAULTS, *ATTACKS, *LOADS]
+    names = [*FAULTS, *LOADS]
     for done, name in enumerate(names, 1):
         key = digest({"name": name, "settings": settings, "code": code_digest()})
         path = options.output / "parts" / f"{done}.json"
@@ -75,7 +74,7 @@ def _part(name: str, quick: bool) -> dict[str, Any]:
             load = LOADS[name]
             figures = run_load(load, Path(folder), load.seconds[0 if quick else 1])
             return {"figures": figures, "seen": f"{figures['unaccounted']} unaccounted"}
-        fault, short_s, long_s = (FAULTS | ATTACKS)[name]
+        fault, short_s, long_s = FAULTS[name]
         found = fault(Path(folder), short_s if quick else long_s)
     figures = {
         "sent": found.sent,

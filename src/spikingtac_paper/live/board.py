@@ -1,14 +1,12 @@
 """A board that sends events in datagrams, each of which holds the same number of them.
 
-    python -m spikingtac_paper.live.board PORT EVENTS_PER_S SECONDS [BURST_MS PERIOD_MS [STEP_S]]
-
-With a burst, it sends at that rate for BURST_MS of every PERIOD_MS. Its clock leaps by STEP_S in
-the middle. It prints how many events it has sent: with a fixed number for each datagram, a count of
-dropped datagrams is a count of lost events.
+With a fixed number for each datagram, a count of dropped datagrams is a count of lost events. A
+user of a shared ring takes events beside, in a process of its own, and tells what it missed.
 """
 
 from __future__ import annotations
 
+import json
 import socket
 import subprocess
 import sys
@@ -16,11 +14,16 @@ import time
 
 import numpy as np
 
+from spikingtac.events import Address
+from spikingtac.stream import RingCamera
+
 EVENTS = 3_600  # Events of a datagram, which takes 14 KB.
 SIZE = (320, 320)
 TIME_HIGH, LOW_BITS = 8, 6  # EVT2: type of a word with the upper time, and bits of the lower time.
 US_PER_S = 1e6
 NAP_S = 0.0005
+POLL_S = 0.05
+READY = "ready"  # First line of a user that has attached.
 
 # Groups of a datagram, and the time between two of them, us: a sensor repeats its upper time.
 GROUPS, GROUP_US = 24, 2
@@ -84,9 +87,8 @@ class Board:
         period_s: float = 1.0,
         step_s: float = 0.0,
     ) -> None:
-        given = (port, rate_ev_s, seconds, burst_s * 1e3, period_s * 1e3, step_s)
-        words = [sys.executable, "-m", __name__, *map(str, given)]
-        self._process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+        given = (port, rate_ev_s, seconds, burst_s, period_s, step_s)
+        self._process = _started(f"send{given}")
 
     def sent(self) -> int:
         """Wait for its end, and return how many events it has sent."""
@@ -101,6 +103,38 @@ def free_port() -> int:
         return probe.getsockname()[1]
 
 
-if __name__ == "__main__":
-    port, rate, seconds, burst_ms, period_ms, step_s = (float(word) for word in sys.argv[1:])
-    sys.stdout.write(str(send(int(port), rate, seconds, burst_ms / 1e3, period_ms / 1e3, step_s)))
+def use(name: str) -> dict[str, int]:
+    """Take events until their writer ends; return the counts."""
+    camera = RingCamera.open(Address.parse(f"ring:{name}"))
+    sys.stdout.write(f"{READY}\n")
+    sys.stdout.flush()
+    taken, published = 0, 0
+    while (rows := camera.read(POLL_S)) is not None:
+        taken += len(rows[3])
+        published = camera.published
+    return {"taken": taken, "missed": camera.losses["missed"], "published": published}
+
+
+class User:
+    """A user in a process of its own.
+
+    Args:
+        name: Under which the events are shared.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.process = _started(f"use({name!r})")
+        assert self.process.stdout is not None
+        if self.process.stdout.readline().strip() != READY:
+            raise RuntimeError(f"nothing is shared under {name!r}")
+
+    def counts(self) -> dict[str, int]:
+        """Wait for its end, and return ``taken``, ``missed`` and ``published`` events."""
+        out, _ = self.process.communicate()
+        return json.loads(out)
+
+
+def _started(call: str) -> subprocess.Popen[str]:
+    """Start a process that calls a function of this module, and writes what it returns."""
+    code = f"import json, sys; from {__name__} import *; sys.stdout.write(json.dumps({call}))"
+    return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)

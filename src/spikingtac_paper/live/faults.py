@@ -5,67 +5,45 @@ The suite runs the short forms, ``spikingtac bench live`` the long ones.
 
 from __future__ import annotations
 
-import contextlib
+import json
 import os
 import pty
+import shutil
 import signal
+import socket
 import subprocess
 import threading
 import time
 import tty
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from spikingtac.errors import DeviceError
 from spikingtac.events import Address, CameraSource, ReadOptions
 from spikingtac.stream import EventReader, at_once, new_ring
-from spikingtac_paper.live.board import EVENTS, Board, Datagrams, free_port
-from spikingtac_paper.live.recording import SETTLED_S, Recording, address, lost_by_kernel
-from spikingtac_paper.live.user import User
+from spikingtac_paper.live.board import EVENTS, Board, Datagrams, User, free_port
+from spikingtac_paper.live.recording import (
+    LOOK_S,
+    RATE_EV_S,
+    SETTLED_S,
+    Outcome,
+    Recording,
+    address,
+    kinds_of,
+    lost_by_kernel,
+    recorded,
+    recorded_board,
+    verb,
+)
 
-RATE_EV_S = 500_000.0  # Events per second of most faults: a skin that moves.
 STEP_S = 2.0  # By how much the clock leaps, s.
 SMALL_BYTES = 1 << 20  # Room of a ring that is to overrun: 0.1 million events.
 DISK_BYTES = 2 << 20  # Size of the disk that runs full.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Outcome:
-    """What became of a fault.
-
-    Attributes:
-        sent: Events that were sent.
-        kept: Events that can be read, or were taken.
-        lost: Events that were counted as lost or missed.
-        seen: What the user is told.
-        recovered: Whether events were kept that came after the fault, or where it is for good,
-            whether what came before can be read.
-    """
-
-    sent: int
-    kept: int
-    lost: int
-    seen: str
-    recovered: bool
-
-    @property
-    def unaccounted(self) -> int:
-        """Events that were neither kept nor counted as lost."""
-        return self.sent - self.kept - self.lost
-
-
-def recorded(sent: int, told: dict[str, Any], seen: str, recovered: bool = True) -> Outcome:
-    """Return what became of events that were recorded."""
-    lost = told["lost_events"] + lost_by_kernel(told)
-    good = recovered and told["events"] == told["readable"]
-    return Outcome(sent=sent, kept=told["readable"], lost=lost, seen=seen, recovered=good)
-
-
-def kinds_of(told: dict[str, Any]) -> str:
-    """Return what a recording has counted, in words."""
-    return ", ".join(f"{kind} {count}" for kind, count in sorted(told["losses"].items()))
+STRANGERS = 100  # Datagrams of strangers before the camera sends.
+FLOOD = 4.0  # Rate of a flood over that of the camera.
 
 
 def unplugged(folder: Path, seconds: float) -> Outcome:
@@ -106,6 +84,13 @@ def unplugged(folder: Path, seconds: float) -> Outcome:
     return recorded(sent, told, seen, told["delivery"]["reconnects"] == 1)
 
 
+def _of_user(user: User, told: dict[str, Any]) -> tuple[str, bool]:
+    """Return what a user of a recorded camera's ring tells, and whether that is all."""
+    counts = user.counts()
+    whole = counts["taken"] + counts["missed"] == counts["published"] == told["received_events"]
+    return f"user: {counts['taken']} taken, {counts['missed']} missed", whole
+
+
 def killed_user(folder: Path, seconds: float) -> Outcome:
     """One of two users of a recorded camera's ring is killed in the middle."""
     port, name = free_port(), f"killed-{os.getpid()}"
@@ -117,12 +102,8 @@ def killed_user(folder: Path, seconds: float) -> Outcome:
     users[0].process.communicate()
     sent = board.sent()
     told = recording.end()
-    other = users[1].counts()
-    whole = other["taken"] + other["missed"] == other["published"] == told["received_events"]
-    seen = (
-        f"the recorder and the other user go on: {other['taken']} taken, {other['missed']} missed"
-    )
-    return recorded(sent, told, seen, whole)
+    seen, whole = _of_user(users[1], told)
+    return recorded(sent, told, f"the recorder and the other user go on; {seen}", whole)
 
 
 def paused(folder: Path, seconds: float) -> Outcome:
@@ -138,10 +119,8 @@ def paused(folder: Path, seconds: float) -> Outcome:
         process.send_signal(signal.SIGCONT)
     sent = board.sent()
     told = recording.end()
-    counts = user.counts()
-    whole = counts["taken"] + counts["missed"] == counts["published"] == told["received_events"]
-    seen = f"user: {counts['missed']} missed; reader: {kinds_of(told) or 'nothing lost'}"
-    return recorded(sent, told, seen, whole)
+    seen, whole = _of_user(user, told)
+    return recorded(sent, told, f"{seen}; reader: {kinds_of(told) or 'nothing lost'}", whole)
 
 
 def overrun(folder: Path, seconds: float) -> Outcome:
@@ -162,62 +141,125 @@ def overrun(folder: Path, seconds: float) -> Outcome:
     return Outcome(sent=board.sent(), kept=taken, lost=lost, seen=seen, recovered=recovered)
 
 
-@contextlib.contextmanager
-def small_disk(folder: Path) -> Iterator[Path]:
-    """Yield a folder on a small disk.
+def disk_full(folder: Path, seconds: float) -> Outcome:
+    """The disk runs full while a camera is recorded.
 
     Raises:
-        DeviceError: This user may not mount one.
+        DeviceError: This user may not mount a small disk.
     """
-    folder.mkdir()
-    words = ["mount", "-t", "tmpfs", "-o", f"size={DISK_BYTES}", "tmpfs", str(folder)]
+    port, disk = free_port(), folder / "disk"
+    disk.mkdir()
+    words = ["mount", "-t", "tmpfs", "-o", f"size={DISK_BYTES}", "tmpfs", str(disk)]
     if subprocess.run(words, capture_output=True).returncode:
         raise DeviceError("a small disk needs the right to mount one")
     try:
-        yield folder
-    finally:
-        subprocess.run(["umount", "-l", str(folder)], check=True)
-
-
-def disk_full(folder: Path, seconds: float) -> Outcome:
-    """The disk runs full while a camera is recorded."""
-    port = free_port()
-    with small_disk(folder / "disk") as disk:
         recording = Recording(disk, address(port))
         board = Board(port, 2.0 * RATE_EV_S, seconds)
         recording.process.wait(seconds + 60.0)
         told = recording.end()
-        sent_before = told["received_events"] + lost_by_kernel(told)
         board.sent()  # what came after the recorder's end was sent to nobody
+    finally:
+        subprocess.run(["umount", "-l", str(disk)], check=True)
+    sent = told["received_events"] + lost_by_kernel(told)
     said = told["said"].strip().splitlines()[-1] if told["said"] else ""
-    return recorded(sent_before, told, f"exit {told['code']}: {said}", told["code"] == 3)
+    return recorded(sent, told, f"exit {told['code']}: {said}", told["code"] == 3)
 
 
 def clock_step(folder: Path, seconds: float, step_s: float = STEP_S) -> Outcome:
     """The sensor's clock leaps while it is recorded."""
-    port = free_port()
-    recording = Recording(folder / "day", address(port))
-    board = Board(port, RATE_EV_S, seconds, step_s=step_s)
-    sent = board.sent()
-    told = recording.end()
+    sent, told = recorded_board(folder, seconds, step_s=step_s)
     noticed = bool(told["losses"].keys() & {"time_jump", "time_reset", "gap"})
     return recorded(sent, told, kinds_of(told), noticed)
 
 
-def clock_step_back(folder: Path, seconds: float) -> Outcome:
-    """The sensor's clock leaps back."""
-    return clock_step(folder, seconds, -STEP_S)
+def flood(folder: Path, seconds: float) -> Outcome:
+    """Another sender floods the port with events of the right encoding."""
+    others: list[int] = []
+
+    def meanwhile(recording: Recording, port: int) -> None:
+        time.sleep(seconds / 4)
+        others.append(Board(port, FLOOD * RATE_EV_S, seconds / 4).sent())
+
+    sent, told = recorded_board(folder, seconds, meanwhile)
+    foreign = told["losses"].get("foreign", 0)
+    seen = recorded(sent + others[0], told, kinds_of(told), foreign > 0)
+    return replace(seen, lost=seen.lost + foreign * EVENTS)
 
 
-Fault = Callable[[Path, float], Outcome]
+def lockout(folder: Path, seconds: float) -> Outcome:
+    """Strangers send empty datagrams and noise before the camera sends."""
+    port = free_port()
+    recording = Recording(folder / "day", address(port))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        for number in range(STRANGERS):
+            stranger.sendto(b"" if number % 2 else b"hello" * number, ("127.0.0.1", port))
+            time.sleep(0.001)
+    sent = Board(port, RATE_EV_S, seconds).sent()
+    told = recording.end()
+    heard = told["losses"].get("foreign", 0) == STRANGERS and told["events"] > 0
+    return recorded(sent, told, kinds_of(told), heard)
 
-# Name -> fault, and the length of its short and its long form, s.
-FAULTS: dict[str, tuple[Fault, float, float]] = {
+
+def wrong_encoding(folder: Path, seconds: float) -> Outcome:
+    """The address names another encoding than the camera sends; what came is refused."""
+    _, told = recorded_board(folder, seconds, encoding="evt3")  # it ends before the board does
+    manifest = json.loads((folder / "day" / "manifest.json").read_text(encoding="utf-8"))
+    refused = manifest["losses"].get("foreign", 0) * EVENTS
+    named = told["code"] == 1 and "encoding=evt2" in told["said"]
+    seen = f"exit {told['code']}: the encoding that fits is named"
+    return Outcome(sent=refused, kept=told["readable"], lost=refused, seen=seen, recovered=named)
+
+
+def removed_folder(folder: Path, seconds: float) -> Outcome:
+    """The folder is removed while it is recorded into."""
+
+    def remove(recording: Recording, port: int) -> None:
+        while not recording.readable:
+            time.sleep(LOOK_S)
+        shutil.rmtree(recording.folder)
+
+    _, told = recorded_board(folder, seconds, remove)  # it ends before the board does
+    sent = told["received_events"] + lost_by_kernel(told)
+    seen = f"exit {told['code']}: events.raw was removed or changed meanwhile"
+    return recorded(sent, told, seen, told["code"] == 3 and "removed" in told["said"])
+
+
+def two_recorders(folder: Path, seconds: float) -> Outcome:
+    """A second recorder is to replace what the first one writes."""
+    second: list[subprocess.CompletedProcess[str]] = []
+
+    def record_too(recording: Recording, port: int) -> None:
+        words = verb("record", address(free_port()), "-o", str(recording.folder), "--overwrite")
+        second.append(subprocess.run(words, capture_output=True, text=True))
+
+    sent, told = recorded_board(folder, seconds, record_too)
+    (done,) = second
+    refused = done.returncode == 3 and "another program records" in done.stderr
+    return recorded(sent, told, f"the second one: exit {done.returncode}", refused)
+
+
+def killed_recorder(folder: Path, seconds: float) -> Outcome:
+    """The recorder is killed: what it had taken is on disk."""
+    sent, told = recorded_board(folder, seconds, end=signal.SIGKILL)
+    manifest = json.loads((folder / "day" / "manifest.json").read_text(encoding="utf-8"))
+    recovered = told["code"] == -signal.SIGKILL and manifest["complete"] is False
+    seen = "the manifest says that it is not complete"
+    return Outcome(sent=sent, kept=told["readable"], lost=0, seen=seen, recovered=recovered)
+
+
+# Name -> fault or attack, and the length of its short and its long form, s.
+FAULTS: dict[str, tuple[Callable[[Path, float], Outcome], float, float]] = {
     "camera unplugged and back": (unplugged, 1.0, 20.0),
     "consumer killed": (killed_user, 1.0, 20.0),
     "disk full while recording": (disk_full, 3.0, 10.0),
     "clock leaps 2 s ahead": (clock_step, 1.0, 20.0),
-    "clock leaps 2 s back": (clock_step_back, 1.0, 20.0),
+    "clock leaps 2 s back": (partial(clock_step, step_s=-STEP_S), 1.0, 20.0),
     "process paused": (paused, 1.0, 5.0),
     "ring overrun": (overrun, 1.0, 20.0),
+    "flood by another sender": (flood, 1.0, 10.0),
+    "strangers before the camera": (lockout, 1.0, 10.0),
+    "wrong encoding": (wrong_encoding, 1.0, 2.0),
+    "folder removed": (removed_folder, 1.0, 10.0),
+    "two recorders": (two_recorders, 3.0, 10.0),
+    "recorder killed": (killed_recorder, 1.0, 10.0),
 }

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 import spikingtac as st
-from spikingtac_paper.live.board import SIZE, Board, free_port
+from spikingtac_paper.live.board import SIZE, Board, User, free_port
 from spikingtac_paper.live.recording import Recording, address, lost_by_kernel, verb
-from spikingtac_paper.live.user import User
 
 MEGA = 1e6
 

@@ -9,15 +9,18 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from spikingtac.events import open_events
-from spikingtac_paper.live.board import EVENTS, SIZE
+from spikingtac_paper.live.board import EVENTS, SIZE, Board, free_port
 
 PATIENCE_S = 120.0  # Longest wait for the verb, s: it may compile first.
 LOOK_S = 0.02
+RATE_EV_S = 500_000.0  # Events per second of most faults: a skin that moves.
 SETTLED_S = 0.5  # Time in which a recorder takes some of what waits for it, s.
 
 
@@ -104,3 +107,67 @@ def address(port: int, share: str = "", encoding: str = "evt2") -> str:
 def lost_by_kernel(told: dict[str, Any]) -> int:
     """Return the events in datagrams that the kernel has dropped, and was seen to drop."""
     return told.get("losses", {}).get("overflow", 0) * EVENTS
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Outcome:
+    """What became of a fault.
+
+    Attributes:
+        sent: Events that were sent.
+        kept: Events that can be read, or were taken.
+        lost: Events that were counted as lost or missed.
+        seen: What the user is told.
+        recovered: Whether events were kept that came after the fault, or where it is for good,
+            whether what came before can be read.
+    """
+
+    sent: int
+    kept: int
+    lost: int
+    seen: str
+    recovered: bool
+
+    @property
+    def unaccounted(self) -> int:
+        """Events that were neither kept nor counted as lost."""
+        return self.sent - self.kept - self.lost
+
+
+def recorded(sent: int, told: dict[str, Any], seen: str, recovered: bool = True) -> Outcome:
+    """Return what became of events that were recorded."""
+    lost = told["lost_events"] + lost_by_kernel(told)
+    good = recovered and told["events"] == told["readable"]
+    return Outcome(sent=sent, kept=told["readable"], lost=lost, seen=seen, recovered=good)
+
+
+def kinds_of(told: dict[str, Any]) -> str:
+    """Return what a recording has counted, in words."""
+    return ", ".join(f"{kind} {count}" for kind, count in sorted(told["losses"].items()))
+
+
+def recorded_board(
+    folder: Path,
+    seconds: float,
+    meanwhile: Callable[[Recording, int], object] = lambda recording, port: None,
+    *,
+    step_s: float = 0.0,
+    end: int = signal.SIGINT,
+    **options: str,
+) -> tuple[int, dict[str, Any]]:
+    """Record a board's events, and return how many it has sent and what the recorder tells.
+
+    Args:
+        folder: Where.
+        seconds: How long the board sends, s.
+        meanwhile: Called with the recorder and the port while the board sends.
+        step_s: By how much the board's clock leaps in the middle, s.
+        end: Signal that ends the recorder.
+        **options: Of the address, as ``share``.
+    """
+    port = free_port()
+    recording = Recording(folder / "day", address(port, **options))
+    board = Board(port, RATE_EV_S, seconds, step_s=step_s)
+    meanwhile(recording, port)
+    sent = board.sent()
+    return sent, recording.end(end)
