@@ -59,14 +59,14 @@ class PipeCamera(_ByteCamera):
             )
         self.size = header.size
         self._file = file
-        self._encoding, self._base_us = header.encoding, header.time_base_us
+        self._encoding = header.encoding
         continuous = header.encoding == "evt3" and header.generated_here
         order = header.byte_order or "little"
         decoder = WordDecoder(header.encoding, header.size, order, continuous)
         warm_up(header.encoding, header.size, order)
-        self._stream = WordStream(decoder, self.losses, self.triggers)
+        self._stream = WordStream(decoder, self.losses, self.triggers, header.time_base_us)
         self._pending = pending
-        self._ended = False
+        self._ended = self._read_out = False
 
     @classmethod
     def open(cls, address: Address) -> Self:
@@ -81,7 +81,13 @@ class PipeCamera(_ByteCamera):
 
     def read(self, timeout_s: float) -> Rows | None:
         """Return what the pipe holds; see :meth:`Camera.read`."""
+        if self._read_out:
+            raise RecordingError(
+                "a stream can be read only once, as it comes; record it into a file for what "
+                "needs a second look"
+            )
         if self._file is None or self._ended:
+            self._read_out = self._ended
             return None
         data, self._pending = self._pending, b""
         if not data:
@@ -89,10 +95,9 @@ class PipeCamera(_ByteCamera):
         if data is None:
             return self.nothing()
         self._ended = not data
-        x, y, p, t = self._stream.feed(data, final=self._ended)
-        if self._ended and not len(t):
-            return None
-        return x, y, p, t + self._base_us if self._base_us else t
+        rows = self._stream.feed(data, final=self._ended)
+        self._read_out = self._ended and not len(rows[3])
+        return None if self._read_out else rows
 
     def describe(self) -> dict[str, Any]:
         """Return the encoding."""

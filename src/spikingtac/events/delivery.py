@@ -164,7 +164,7 @@ class CameraHealth:
     def sentence(self) -> str:
         """What the interval means for latency, in plain words."""
         if self.interval_p50_ms is None:
-            return "nothing was delivered yet"
+            return "one delivery so far" if self.deliveries else "nothing was delivered yet"
         text = f"packets every {self.interval_p50_ms:.1f} ms (99 %: {self.interval_p99_ms:.1f} ms)"
         if self.interval_p50_ms > 1.0:
             text += ": a 1 ms window is not a 1 ms latency"

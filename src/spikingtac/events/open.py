@@ -12,7 +12,6 @@ from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
 from spikingtac.events.address import Address, is_address, is_stream
 from spikingtac.events.evt.header import read_header
-from spikingtac.events.evt.raw import RawStream
 from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
 from spikingtac.events.manifest import name_of
@@ -39,7 +38,7 @@ def open_events(
 
     Args:
         path: File, or folder with ``events.raw``. A named pipe, or ``-`` for standard input, is
-            read as RAW while it comes, once. The address of a camera, as
+            read as RAW while it comes, once; its header names encoding and size. The address of a camera, as
             ``udp:7777?encoding=evt2&size=320x320``, is read for as long as it sends.
         strict: Raise at the first damage instead of mending and counting it.
         chunk_events: About how many events a packet holds.
@@ -65,14 +64,15 @@ def open_events(
     options = ReadOptions(
         strict=strict, chunk_events=chunk_events, encoding=encoding, size=size, sensor=sensor
     )
-    if is_address(path):
+    if is_stream(Path(path)):
         from spikingtac.events.camera_source import CameraSource
 
-        return CameraSource(Address.parse(path), options)
+        named = path if is_address(path) else f"pipe:{path}"
+        return CameraSource(Address.parse(named), options)
     place = Path(path)
     if not place.is_dir():
         refuse_url(place)
-        if not place.exists() and not is_stream(place):
+        if not place.exists():
             raise RecordingError(f"there is no file {str(place)!r}; check the path")
         return _open_file(place, options)
     name = name_of(RECORDING_NAME, sensor or 0)
@@ -159,8 +159,6 @@ def _bags(folder: Path) -> list[Path]:
 
 
 def _open_file(path: Path, options: ReadOptions) -> FileSource:
-    if is_stream(path):
-        return RawStream(path, options)
     with path.open("rb") as file:
         start = file.read(SAMPLE_BYTES)
     if not start:

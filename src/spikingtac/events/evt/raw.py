@@ -1,20 +1,14 @@
-"""Prophesee RAW, from files and as it comes: a text header, then words of EVT2, EVT2.1 or EVT3."""
+"""Prophesee RAW files: a text header, then words of EVT2, EVT2.1 or EVT3."""
 
 from __future__ import annotations
 
-import io
-import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
 
-from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
-from spikingtac.events.address import STANDARD_INPUT
+from spikingtac.errors import ConfigError, FormatError, nearest
 from spikingtac.events.evt.header import (
     ENCODINGS,
     FOREIGN_SHARE,
-    HEADER_LIMIT_BYTES,
-    LINE_LIMIT,
     SOUND_SHARE,
     RawHeader,
     best_candidate,
@@ -22,9 +16,6 @@ from spikingtac.events.evt.header import (
     read_header,
 )
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
-
-if TYPE_CHECKING:
-    from spikingtac.events.evt.words import WordStream
 
 CHUNK_BYTES = 1 << 18  # Bytes that are decoded at once.
 
@@ -50,24 +41,24 @@ class RawSource(FileSource):
                 f"unknown encoding {options.encoding!r}{nearest(options.encoding, ENCODINGS)} "
                 f"(valid: {', '.join(ENCODINGS)})"
             )
-        sample = self._begin(path)
+        with path.open("rb") as file:
+            self.header = read_header(file)
+            sample = file.read(SAMPLE_BYTES)
         self._notes: list[str] = []
         self._encoding, self._byte_order = self._dispatched(path, sample, options)
         self.format = NAMES[self._encoding]
         super().__init__(path, options)
         self.notes.extend(self._notes)
 
-    def _begin(self, path: Path) -> bytes:
-        """Read the header; return words that are judged before the first one is decoded."""
-        with path.open("rb") as file:
-            self.header = read_header(file)
-            return file.read(SAMPLE_BYTES)
-
     def _size(self) -> tuple[int, int]:
         return self.header.size or self._size_from_events()
 
     def _columns(self) -> Iterator[Rows]:
-        stream = self._words()
+        from spikingtac.events.evt.words import WordDecoder, WordStream
+
+        continuous = self._encoding == "evt3" and self.header.generated_here
+        decoder = WordDecoder(self._encoding, self.size, self._byte_order, continuous)
+        stream = WordStream(decoder, self.losses, self.triggers, self.header.time_base_us)
         total = max(self.path.stat().st_size, 1)
         with self.path.open("rb") as file:
             file.seek(self.header.length)
@@ -77,14 +68,6 @@ class RawSource(FileSource):
                 self.progress = file.tell() / total
                 yield stream.feed(data, final=not following)
                 data = following
-
-    def _words(self) -> WordStream:
-        """Return a fresh decoder with its salvage."""
-        from spikingtac.events.evt.words import WordDecoder, WordStream
-
-        continuous = self._encoding == "evt3" and self.header.generated_here
-        decoder = WordDecoder(self._encoding, self.size, self._byte_order, continuous)
-        return WordStream(decoder, self.losses, self.triggers, self.header.time_base_us)
 
     def _dispatched(self, path: Path, sample: bytes, options: ReadOptions) -> tuple[str, str]:
         """Return encoding and byte order, from the header or else from the first words."""
@@ -189,81 +172,3 @@ class RawParts(FileSource):
             for rows in source.columns():
                 self.progress = (number + source.progress) / len(self._sources)
                 yield rows
-
-
-# With fewer bytes at hand the header's word is taken for the encoding.
-LEAST_SAMPLE_BYTES = 1 << 12
-
-
-class RawStream(RawSource):
-    """Events of a RAW stream, each packet as soon as its words are here.
-
-    The last microsecond waits for the next words, since more of it may follow. A stream can be
-    iterated once.
-
-    Raises:
-        FormatError: The header names no size, and none was given; or as :class:`RawSource`.
-        RecordingError: Standard input is a terminal, or the stream is read a second time.
-    """
-
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._spent = False
-        self._reader = _opened(path)
-        try:
-            super().__init__(path, options)
-        except BaseException:
-            self._reader.close()
-            raise
-
-    def _begin(self, path: Path) -> bytes:
-        """Wait for the header and the first words; keep those for the iteration."""
-        head = io.BytesIO(_header_lines(self._reader))
-        self.header = read_header(head)
-        wait = self._reader.read if self.header.encoding is None else self._reader.read1
-        self._pending = head.read() + wait(SAMPLE_BYTES)
-        known = self.header.encoding is not None and len(self._pending) < LEAST_SAMPLE_BYTES
-        return b"" if known else self._pending
-
-    def _size(self) -> tuple[int, int]:
-        if self.header.size is None:
-            raise FormatError(
-                f"the stream {str(self.path)!r} names no size in its header, and it cannot be read "
-                "twice to find one; let the writer send a line '% geometry 320x320' first"
-            )
-        return self.header.size
-
-    def _columns(self) -> Iterator[Rows]:
-        if self._spent:
-            raise RecordingError(
-                f"the stream {str(self.path)!r} can be read only once, as it comes; record it "
-                "into a file for what needs a second look"
-            )
-        self._spent = True
-        stream = self._words()
-        with self._reader as reader:
-            data = self._pending or reader.read1(CHUNK_BYTES)
-            while data:
-                yield stream.feed(data)
-                data = reader.read1(CHUNK_BYTES)
-            yield stream.feed(b"", final=True)
-
-
-def _opened(path: Path) -> io.BufferedReader:
-    standard = str(path) == STANDARD_INPUT
-    if standard and sys.stdin.isatty():
-        raise RecordingError(
-            "standard input is a terminal; pipe RAW events into it, or name a file"
-        )
-    reader = sys.stdin.buffer if standard else path.open("rb", buffering=SAMPLE_BYTES)
-    return cast(io.BufferedReader, reader)
-
-
-def _header_lines(reader: io.BufferedReader) -> bytes:
-    """Return the lines that begin with %, up to ``% end``; the last may be words already."""
-    lines = b""
-    while len(lines) < HEADER_LIMIT_BYTES and reader.peek(1)[:1] == b"%":
-        line = reader.readline(LINE_LIMIT)
-        lines += line
-        if line.split() == [b"%", b"end"] or not line.endswith(b"\n"):
-            break
-    return lines

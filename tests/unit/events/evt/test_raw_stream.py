@@ -1,6 +1,5 @@
 """RAW as it comes: pipes give the file's events, at once, and once."""
 
-import io
 import sys
 from pathlib import Path
 
@@ -58,18 +57,13 @@ def test_events_come_before_the_stream_ends(tmp_path: Path) -> None:
 
 
 def test_standard_input_is_a_stream(raw: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Piped:
-        buffer = io.BufferedReader(io.BytesIO(raw.read_bytes()))
-
-        def isatty(self) -> bool:
-            return False
-
-    monkeypatch.setattr(sys, "stdin", Piped())
-    assert_equal(whole(open_events("-")), whole(open_events(raw)))
+    with raw.open("rb") as file:
+        monkeypatch.setattr(sys, "stdin", file)
+        assert_equal(whole(open_events("-")), whole(open_events(raw)))
 
 
 @pytest.mark.parametrize("head", [b"% end\n", b""])
 def test_a_stream_without_a_size_is_refused(head: bytes, raw: Path, tmp_path: Path) -> None:
     PipedCamera(tmp_path / "live", head + without_header(raw.read_bytes()))
-    with pytest.raises(FormatError, match="names no size"):
+    with pytest.raises(FormatError, match="names encoding and size"):
         open_events(tmp_path / "live")
