@@ -38,8 +38,8 @@ def open_events(
 
     Args:
         path: File, or folder with ``events.raw``. A named pipe, or ``-`` for standard input, is
-            read as RAW while it comes, once; its header names encoding and size. The address of a camera, as
-            ``udp:7777?encoding=evt2&size=320x320``, is read for as long as it sends.
+            read as RAW while it comes, once; its header names encoding and size. The address of a
+            camera, as ``udp:7777?encoding=evt2&size=320x320``, is read for as long as it sends.
         strict: Raise at the first damage instead of mending and counting it.
         chunk_events: About how many events a packet holds.
         sensor: Which camera of a file or folder that holds several, from 0 on; 1 of a recording
