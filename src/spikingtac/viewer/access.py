@@ -101,6 +101,13 @@ def page_headers(host: str, framed: bool = False) -> dict[str, str]:
 
 LAST_PORT = 65_535  # Largest port number of TCP (RFC 793: 16 bits).
 
+# What the system says of a port -> in words.
+REFUSED = {
+    errno.EADDRINUSE: "in use",
+    errno.EACCES: "not permitted (those below 1024 seldom are)",
+    errno.EPERM: "not permitted (those below 1024 seldom are)",
+}
+
 
 def listen(host: str, port: int) -> socket.socket:
     """Take an address for the page, before anything is computed.
@@ -115,29 +122,18 @@ def listen(host: str, port: int) -> socket.socket:
     """
     if not 0 <= port <= LAST_PORT:
         raise ConfigError(f"--port is {port}, valid is 0 (any free one) to {LAST_PORT}")
-    not_here = ConfigError(
-        f"--host {host!r} is no address of this machine; valid are 127.0.0.1 (this machine alone) "
-        "and 0.0.0.0 (every network that it is on)"
-    )
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-    except (OSError, UnicodeError) as error:
-        raise not_here from error
-    family, kind, _, _, address = found[0]
-    listening = socket.socket(family, kind)
-    # A port whose last connections fade away is free.
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listening.bind(address)
-        listening.listen()
-    except OSError as error:
-        listening.close()
-        if error.errno == errno.EADDRNOTAVAIL:
-            raise not_here from error
-        denied = error.errno in (errno.EACCES, errno.EPERM)
-        why = "not permitted (those below 1024 seldom are)" if denied else "in use"
+        return socket.create_server(
+            (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET
+        )
+    except (OSError, TypeError) as error:
+        why = REFUSED.get(getattr(error, "errno", None) or 0)
+        if why is None:
+            raise ConfigError(
+                f"--host {host!r} is no address of this machine; valid are 127.0.0.1 (this machine "
+                "alone) and 0.0.0.0 (every network that it is on)"
+            ) from error
         raise DeviceError(
             f"port {port} of {host} is {why}; give another one: --port N, or --port 0 for any "
             "free one"
         ) from error
-    return listening
