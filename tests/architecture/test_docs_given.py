@@ -18,7 +18,6 @@ from architecture.test_docs import BLOCK, MARK, PAGES, PROJECT
 from spikingtac.robot import Watchdog, WatchdogConfig, WatchdogThread
 from spikingtac.sim.source import SceneSource
 from spikingtac.touch import SkinConfig, fit_force, synthetic_series
-from spikingtac.touch.synthetic_contacts import SyntheticContactConfig
 
 # What a block names -> what no test can give it; its names are looked up.
 NEEDS = {
@@ -50,7 +49,7 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
         step_on=0.14,
         step_off=0.14,
     )
-    skin = synthetic_series(SkinConfig(), own.reference_px, 15.4, config=SMALL)
+    skin = synthetic_series(SkinConfig(), own.reference_px, 15.4, frames=70)
     fit_force(skin).save(folder / "force.onnx")
     (folder / "training").mkdir()
     weights = resources.files("spikingtac.denoise") / "weights" / "lean-int8.onnx"
@@ -67,9 +66,6 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
     names = {"Watchdog": Watchdog, "WatchdogConfig": WatchdogConfig, "time": time, "arm": arm}
     names |= {"WatchdogThread": WatchdogThread, "st": st, "calibration": own, "frame": frames[-1]}
     return folder, names | {"quiet_windows": windows[:300], "windows": windows, "frames": frames}
-
-
-SMALL = SyntheticContactConfig(frames=100, series=2)
 
 
 @pytest.mark.parametrize("code", [pytest.param(code, id=name) for name, code in blocks()])

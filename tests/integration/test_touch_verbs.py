@@ -1,6 +1,7 @@
 """The verbs ``touch`` and ``force`` from the command line."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -114,8 +115,8 @@ def test_a_skin_of_known_stiffness_needs_no_labels(
 ) -> None:
     from spikingtac.touch import synthetic_contacts
 
-    few = synthetic_contacts.SyntheticContactConfig(frames=120, series=2, rounds=1)
-    monkeypatch.setattr(synthetic_contacts, "SyntheticContactConfig", lambda: few)
+    few = partial(synthetic_contacts.synthetic_series, frames=40)
+    monkeypatch.setattr(synthetic_contacts, "synthetic_series", few)
     places = 37.0 * REFERENCE[:, :2] / 1.5 + 40.0
     document = {
         "schema": 1,
@@ -140,7 +141,7 @@ def test_a_skin_of_known_stiffness_needs_no_labels(
     assert "thickness, 3.0 mm" in capsys.readouterr().err
     labelled = tracks_of(tmp_path / "labelled.npz", places)
     assert main([*near, "13", str(labelled), "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["series"]) == 3
+    assert len(json.loads(capsys.readouterr().out)["series"]) == 7
     assert main(["force", "fit", str(labelled), "--camera-distance-mm", "13"]) == 2
     assert "needs --shear-modulus-kpa" in capsys.readouterr().err
     assert main([*words, "--overwrite", str(arrays(tmp_path / "a.npz", 1))]) == 2

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.touch.slip import features as slip
-from spikingtac.touch.slip import own_motion as own
-from spikingtac.touch.slip.features import LEAST_ARM, LEAST_SQUARE, SIZE, WIDTHS, FieldSummary
-from spikingtac.touch.slip.stream import FeatureStream, spans_kernel
+from spikingtac.touch.slip.features import LEAST_ARM, LEAST_SQUARE, SIZE, WIDTHS
+from spikingtac.touch.slip.stream import FeatureStream
 
 Array = np.ndarray
 PITCH = 37.0
@@ -18,6 +17,12 @@ SPANS_S = np.array(slip.SPANS_US) / 1e6
 def grid(rows: int = 8, columns: int = 8) -> Array:
     x, y = np.meshgrid(np.arange(columns) * PITCH, np.arange(rows) * PITCH)
     return np.column_stack([x.ravel(), y.ravel()]) + 30.0
+
+
+def told(now: Array, before: Array) -> Array:
+    out = np.empty(slip.FIRST_MOTION)
+    slip.slip_features_kernel(now, before, SPANS_S, out)
+    return out
 
 
 def summary(places: Array, moved: Array) -> Array:
@@ -63,7 +68,7 @@ def own_features(places: Array, motion: Array, now: Array, elapsed_s: float) -> 
     mine = summary(places, motion)
     shift, growth, turn = mine[:8].reshape(4, 2), mine[8:12], mine[12:16]
     size = np.sqrt((mine[:16] ** 2).sum() / 4)
-    noisy, known = size + slip.CHANGE_SCATTER, size / (size + own.SLIGHT)
+    noisy, known = size + slip.CHANGE_SCATTER, size / (size + slip.SLIGHT)
     length, strength = np.sqrt((shift**2).sum(axis=1)), np.sqrt((now[2:4] ** 2).sum())
     along = shift[1] / length[1] if length[1] > 0 else np.array([1.0, 0.0])
     across = np.array([-along[1], along[0]])
@@ -71,8 +76,8 @@ def own_features(places: Array, motion: Array, now: Array, elapsed_s: float) -> 
     out = [np.log(size / (elapsed_s * slip.USUAL_SPEED) + slip.LEAST_SPEED)]
     out += (length / noisy).tolist() + (growth[:3] / noisy).tolist()
     out += (abs(turn[:3]) / noisy).tolist()
-    out += [own.AWAY_SCALE * known * (away @ along), own.AWAY_SCALE * known * abs(away @ across)]
-    out += [known * (now[2:4] @ along) / (strength + own.SLIGHT)]
+    out += [slip.AWAY_SCALE * known * (away @ along), slip.AWAY_SCALE * known * abs(away @ across)]
+    out += [known * (now[2:4] @ along) / (strength + slip.SLIGHT)]
     return np.clip(out, -slip.LARGEST, slip.LARGEST)
 
 
@@ -83,9 +88,8 @@ def test_a_motion_about_its_own_centre_has_the_features_that_its_sums_say(
 ) -> None:
     rng, places = np.random.default_rng(11), grid(*shape) / PITCH
     motion = scale * rng.normal(size=places.shape)
-    now, found = summary(places, rng.normal(size=places.shape)), np.empty(own.SPAN_FEATURES)
-    decay = np.array([0.5 / width**2 for width in WIDTHS])
-    own.own_motion_kernel(places, decay, motion, now, 20_000, found)
+    now, found = summary(places, rng.normal(size=places.shape)), np.empty(slip.MOTION_FEATURES)
+    slip.own_motion_kernel(places, motion, now, 20_000, found)
     expected = own_features(places, motion, now, 0.02)
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-14)
 
@@ -97,20 +101,20 @@ def test_the_stream_looks_at_the_motions_of_the_last_spans() -> None:
     found = [stream.update(k * 1_000, row) for k, row in enumerate(moved)][-1]
     assert found is not None
     places, now = reference / PITCH, summary(reference / PITCH, moved[-1] / PITCH)
-    for number, span_us in enumerate(own.SPANS_US):
+    for number, span_us in enumerate(slip.MOTION_SPANS_US):
         before = moved[149 - span_us // 1_000]
         expected = own_features(places, (moved[-1] - before) / PITCH, now, span_us / 1e6)
-        first = slip.FEATURES + number * own.SPAN_FEATURES
-        np.testing.assert_allclose(found[first : first + own.SPAN_FEATURES], expected, rtol=1e-9)
+        first = slip.FIRST_MOTION + number * slip.MOTION_FEATURES
+        np.testing.assert_allclose(found[first : first + slip.MOTION_FEATURES], expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("shape", [(8, 8), (3, 5), (1, 2)])
 @pytest.mark.parametrize("scale", [0.0, 1e-3, 5.0])
 def test_a_field_is_summarised_as_its_sums_say(shape: tuple[int, int], scale: float) -> None:
-    reference = grid(*shape)
-    moved = scale * np.random.default_rng(3).normal(size=reference.shape)
-    expected = summary(reference / PITCH, moved / PITCH)
-    np.testing.assert_allclose(FieldSummary(reference).of(moved), expected, rtol=1e-11, atol=1e-14)
+    places, found = grid(*shape) / PITCH, np.empty(SIZE)
+    moved = scale / PITCH * np.random.default_rng(3).normal(size=places.shape)
+    slip.field_summary_kernel(places, moved, found)
+    np.testing.assert_allclose(found, summary(places, moved), rtol=1e-11, atol=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -119,13 +123,13 @@ def test_features_are_the_ratios_that_they_are_said_to_be(seed: int) -> None:
     now = rng.normal(size=SIZE)
     before = rng.normal(size=(len(SPANS_S), SIZE)) * (0.1 + seed)
     expected = features(now, before, SPANS_S)
-    assert len(expected) == slip.FEATURES
-    np.testing.assert_allclose(slip.slip_features(now, before, SPANS_S), expected, rtol=1e-10)
+    assert len(expected) == slip.FIRST_MOTION
+    np.testing.assert_allclose(told(now, before), expected, rtol=1e-10)
 
 
 def test_a_field_at_rest_has_features() -> None:
     nothing, before = np.zeros(SIZE), np.zeros((len(SPANS_S), SIZE))
-    found = slip.slip_features(nothing, before, SPANS_S)
+    found = told(nothing, before)
     np.testing.assert_allclose(found, features(nothing, before, SPANS_S))
     assert np.isfinite(found).all()
 
@@ -138,10 +142,8 @@ def test_spans_begin_at_the_last_frame_before_them() -> None:
     starts, before = np.zeros(3, np.int64), np.zeros((3, SIZE))
     for k in range(300):
         slots[k % capacity], rows[k % capacity] = times[k], summaries[k]
-        square = spans_kernel(slots, rows, k + 1, spans, starts, before)
+        slip.spans_kernel(slots, rows, k + 1, spans, starts, before)
         oldest = max(0, k + 1 - capacity)
         at = [max(np.searchsorted(times, times[k] - span, "right") - 1, oldest) for span in spans]
         np.testing.assert_array_equal(starts, at)
         np.testing.assert_array_equal(before, summaries[at])
-        expected = ((summaries[k] - summaries[at[2]])[:-2] ** 2).sum()
-        assert square == pytest.approx(expected, rel=1e-12)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.touch.force.field_stream import (
+from spikingtac.touch.force.model import (
     AVERAGE_S,
     LONGEST_GAP_S,
     MEMORY_S,

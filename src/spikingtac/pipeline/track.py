@@ -27,7 +27,6 @@ from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.schema import to_mapping
-from spikingtac.touch.ageing import Swing, SwingRuns
 from spikingtac.touch.force.model import ForceEstimator, ForceModel, Wrench
 from spikingtac.tracks import Tracks, TracksWriter, create_tracks
 from spikingtac.tracks.columns import SIGMA
@@ -108,9 +107,8 @@ def track_to_file(
         force: Tells the wrench of every frame, too.
 
     Returns:
-        A summary: counts, largest displacement, markers never observed, anomalies, health, what
-        the recording has against the calibration, and its swing (a share of the calibrated one;
-        None where too little moved) with a warning where the gel has faded.
+        A summary: counts, largest displacement, markers never observed, anomalies, health, and
+        what the recording has against the calibration.
 
     Raises:
         CalibrationError: The recording's size is not the calibration's.
@@ -121,11 +119,10 @@ def track_to_file(
     estimator = None if force is None else _estimator(force, calibration)
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
-    checked, runs = CheckedSource(source, calibration), SwingRuns(calibration)
+    checked = CheckedSource(source, calibration)
     try:
         _mark(writer, source, before=True)
-        frames = follow(runs.passing(checked), tracker, config.rate_hz, checked.losses)
-        frames = _seen_by(runs, frames, calibration.reference_px)
+        frames = follow(checked, tracker, config.rate_hz, checked.losses)
         for frame, more in _told(frames, tracker, config):
             moved = frame.detected_px - calibration.reference_px
             if wrench := estimator.update(frame.t_us, moved) if estimator else None:
@@ -136,7 +133,6 @@ def track_to_file(
                 advance(source.progress)
         _mark(writer, source, before=False)
         found = {"health": source.counters().summary(), "calibration_misfit": checked.misfit}
-        found |= _ageing(runs.swing())
         writer.close({**provenance_of(source, config), **calibration.scale(), **found})
     except BaseException:
         writer.abandon()
@@ -161,14 +157,6 @@ def _told(
         yield frame, {SIGMA: sigma_px}
 
 
-def _seen_by(
-    runs: SwingRuns, frames: Iterable[MarkerFrame], reference_px: NDArray[np.float64]
-) -> Iterator[MarkerFrame]:
-    for frame in frames:
-        runs.follow(frame.detected_px - reference_px)
-        yield frame
-
-
 def _mark(writer: TracksWriter, source: FileSource | CheckedSource, before: bool) -> None:
     """Tell the trigger edges, known once all has been read: tables need them before their rows."""
     if writer.marks_rows != before or (before and is_stream(source.path)):
@@ -176,13 +164,6 @@ def _mark(writer: TracksWriter, source: FileSource | CheckedSource, before: bool
     if before:
         deque(source, maxlen=0)
     writer.mark(source.triggers.columns())
-
-
-def _ageing(swing: Swing | None) -> dict[str, Any]:
-    return {
-        "swing": None if swing is None else round(swing.share, 3),
-        "ageing": swing.words() if swing is not None and swing.faded else None,
-    }
 
 
 def _estimator(force: ForceModel, calibration: Calibration) -> ForceEstimator:

@@ -6,8 +6,8 @@ from .slip.held import HeldTouchDetector as HeldTouchDetector
 from .slip.held import find_slip as find_slip
 from .slip.held import find_touches as find_touches
 from .slip.monitor import SlipMonitor as SlipMonitor
-from .slip.types import Slip as Slip
-from .slip.types import SlipState as SlipState
+from .slip.monitor import Slip as Slip
+from .slip.monitor import SlipState as SlipState
 from .detector import TouchDetector as TouchDetector
 from .touch import Touch as Touch
 from .touch import TouchConfig as TouchConfig

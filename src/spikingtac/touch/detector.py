@@ -27,15 +27,15 @@ from spikingtac.types import MarkerFrame
 
 Field = NDArray[np.float64]
 
-# Share of the peak's spread below which the skin is released, whatever few markers say (ours).
+# Share of the peak's spread below which the skin is released, whatever few markers say.
 SPREAD_SHARE = 0.1
 
-# Times the scatter of a marker that the spread must have reached for that (ours).
+# Times the scatter of a marker that the spread must have reached for that.
 SPREAD_FACTOR = 5.0
-SPREAD_MARKERS = 0.6  # Share of the markers that must be back (ours).
+SPREAD_MARKERS = 0.6  # Share of the markers that must be back.
 
 # Share of the strength at which a touch begins below which it is over, whatever its peak: a faint
-# one leaves as much behind in the tracker (ours: 0.79 to 0.87 of it after presses of a ball that
+# one leaves as much behind in the tracker (0.79 to 0.87 of it after presses of a ball that
 # reach 1.5 to 3 times of it, simulated).
 FAINT_SHARE = 0.95
 
@@ -43,9 +43,9 @@ FAINT_SHARE = 0.95
 # that recover let the markers fall back one by one for 0.6 s (measured on a recorded gel).
 TAIL_US, TAIL_SHARE = 150_000, 0.3
 
-RESTING_US = 2_000_000  # Time constant of the rest otherwise, us (ours: slower presses are lost).
+RESTING_US = 2_000_000  # Time constant of the rest otherwise, us (slower presses are lost).
 
-# Strength against the calibrated rest up to which that holds (ours: a real gel, which creeps,
+# Strength against the calibrated rest up to which that holds (a real gel, which creeps,
 # rested at 0.009 to 0.031 from where it was calibrated; its presses reach 0.09 and more).
 START_STRENGTH = 0.05
 
@@ -143,11 +143,6 @@ class TouchDetector:
     def patch(self) -> Patch | None:
         """Where the open touch is, at its peak so far; None while nothing touches."""
         return None if self._open is None else self._gauge.patch(self._open.peak)
-
-    @property
-    def begin_us(self) -> int | None:
-        """When the open touch began, us, ever better known; None while nothing touches."""
-        return None if self._open is None else self._open.begin_us
 
     @property
     def threshold(self) -> float:

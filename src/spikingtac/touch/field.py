@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.calibration.pitch import marker_pitch_px
 from spikingtac.errors import ConfigError
-from spikingtac.touch.layout import straightened
 
 Field = NDArray[np.float64]
 
@@ -18,8 +18,26 @@ Field = NDArray[np.float64]
 NEIGHBOURS = 9
 LEAST_MARKERS = 4  # Fewer markers do not span a gradient with an error to judge it by.
 
+# Root mean square distance from a line, in pitches, up to which markers lie on it (ours): a row's
+# places err and bend as much, and it is too little to tell a slope by.
+LINE_PITCHES = 0.1
+
 # Share of the largest singular value below which a neighbourhood has no extent: rounding.
 LEAST_EXTENT = 1e-9
+
+
+def straightened(reference: Field) -> Field | None:
+    """Return markers ``(m, 2)`` of one row, each moved onto the row's line; None of any others.
+
+    Raises:
+        ConfigError: Fewer than two markers.
+    """
+    middle = reference.mean(axis=0)
+    away = reference - middle
+    _, extent, axes = np.linalg.svd(away, full_matrices=False)
+    if extent[1] > LINE_PITCHES * marker_pitch_px(reference) * np.sqrt(len(reference)):
+        return None
+    return middle + np.outer(away @ axes[0], axes[0])
 
 
 @dataclass(frozen=True, slots=True)

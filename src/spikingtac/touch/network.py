@@ -36,7 +36,7 @@ class Network:
         content: The file.
     """
 
-    def __init__(self, content: bytes, where: str) -> None:
+    def __init__(self, content: bytes, where: str = "the model") -> None:
         """Open a network.
 
         Args:

@@ -8,11 +8,41 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.touch.layout import MOTION_FEATURES, Neighbourhoods, SquareLattice
+from spikingtac.calibration.pitch import marker_pitch_px
+from spikingtac.touch.field import straightened
 from spikingtac.touch.network import packaged
 
 Field = NDArray[np.float64]
 
+REACH = 2  # Rows and columns of neighbours on each side.
+NEIGHBOURS = (2 * REACH + 1) ** 2  # Places of a neighbourhood, the marker itself included.
+WITHIN_PITCHES = 0.4  # Largest distance of a neighbour from its place in a square grid, in pitches.
+
+# Factors that make all features of the order of one; the model was fitted with them. Of the
+# neighbours' displacements from the marker's, per pitch (a press makes a tenth of a pitch); of the
+# marker's own; of its place; and what stands for a neighbour that is there.
+DIFFERENCE_SCALE, OWN_SCALE, PLACE_SCALE, PRESENT_SCALE = 10.0, 5.0, 0.5, 0.3
+FEATURES = 3 * NEIGHBOURS + 4  # Number of features of a marker.
+
+# Cells along each side of a marker's share of the skin (0.48 mm of the twin's skin, whose own
+# cells are 0.41 mm). The network was fitted to contacts on the twin, whose touched cells are known
+# (``scripts/fit_patch_model.py``); it was never measured on a real skin.
+SIDE = 5
+
+# Share of the largest probability, which is near 1 in all but faint touches, above which a cell
+# counts as touched.
+LIKELY = 0.5
+
+# Markers within so many pitches of a marker are its neighbours: in a square grid four, not the
+# diagonal ones.
+NEIGHBOUR_SHARE = 1.3
+
+# Pitches from its place in a square grid within which a neighbour must lie.
+GRID_TOLERANCE = 0.15
+
+# Share of a square grid's neighbours that must lie so for the markers to be one.
+GRID_SHARE = 0.8
+LEAST_MESH_MARKERS = 4  # Markers without which there is nothing to interpolate between.
 
 # Corners of a square about its centre, in its sides.
 SQUARE = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
@@ -49,12 +79,8 @@ def patch_of_cells(corners: Field, weights: Field) -> Patch:
     return Patch(place, float(hull.volume), points[hull.vertices])  # in a plane, its area
 
 
-PLACE_SCALE = 0.5  # Factor that makes places of the order of one; the model was fitted with it.
-FEATURES = MOTION_FEATURES + 2  # Number of features of a marker.
-
-
 class PatchFeatures:
-    """Features of every marker of one sensor.
+    """How the neighbourhood of every marker of one sensor has moved.
 
     Attributes:
         pitch_px: Distance between neighbours, px.
@@ -71,24 +97,117 @@ class PatchFeatures:
         Raises:
             ConfigError: Fewer than two markers.
         """
-        self._neighbourhoods = Neighbourhoods(reference_px, optical_axis_px)
-        self.pitch_px = self._neighbourhoods.pitch_px
+        self.pitch_px = marker_pitch_px(reference_px)
+        steps = np.array(list(product(range(-REACH, REACH + 1), repeat=2)), np.float64)[:, ::-1]
+        shape = len(reference_px), NEIGHBOURS
+        self._near, self._there = np.zeros(shape, np.int64), np.zeros(shape, np.bool_)
+        # Step by step: all at once would take half a gigabyte for a thousand markers.
+        for k, step in enumerate(steps * self.pitch_px):
+            aside = reference_px[:, None] + step - reference_px
+            away = np.hypot(aside[..., 0], aside[..., 1])
+            self._near[:, k] = away.argmin(axis=1)
+            self._there[:, k] = away.min(axis=1) < WITHIN_PITCHES * self.pitch_px
+        self._place = (reference_px - optical_axis_px) / self.pitch_px
 
     def of(self, displacement_px: Field) -> Field:
-        """Return the features ``(..., m, FEATURES)`` of displacements ``(..., m, 2)``, px."""
-        motion = self._neighbourhoods.motion(displacement_px)
-        place = np.broadcast_to(PLACE_SCALE * self._neighbourhoods.place, displacement_px.shape)
-        return np.concatenate([motion, place], axis=-1)
+        """Return the features ``(..., m, FEATURES)`` of displacements ``(..., m, 2)``, px.
+
+        Where the neighbours are from the marker, along x, then along y, row by row; which of them
+        are there; and where the marker itself is, from its rest and at rest.
+        """
+        moved, there = displacement_px / self.pitch_px, self._there
+        differ = (moved[..., self._near, :] - moved[..., :, None, :]) * there[..., None]
+        parts = (
+            DIFFERENCE_SCALE * differ[..., 0],
+            DIFFERENCE_SCALE * differ[..., 1],
+            np.broadcast_to(np.where(there, PRESENT_SCALE, 0.0), (*moved.shape[:-1], NEIGHBOURS)),
+            OWN_SCALE * moved,
+            np.broadcast_to(PLACE_SCALE * self._place, moved.shape),
+        )
+        return np.concatenate(parts, axis=-1)
 
 
-# Cells along each side of a marker's share of the skin (ours: 0.48 mm of the twin's skin, whose
-# own cells are 0.41 mm). The network was fitted to contacts on the twin, whose touched cells are
-# known (``scripts/fit_patch_model.py``); it was never measured on a real skin.
-SIDE = 5
+@dataclass(frozen=True)
+class SquareLattice:
+    """Points of a square grid along its own axes, and how the markers' field is read there.
 
-# Share of the largest probability, which is near 1 in all but faint touches, above which a cell
-# counts as touched.
-LIKELY = 0.5
+    Attributes:
+        pitch: Mean distance between neighbouring points, in the markers' unit.
+        places: ``(n, 2)`` the points along the lattice's axes, from the middle of the markers, in
+            the markers' unit.
+        weights: ``(n, m)`` shares of the markers in the field at each point; None where the points
+            are the markers.
+        rotation: ``(2, 2)`` from the lattice's axes to the image's.
+        middle: ``(2,)`` middle of the markers in the image.
+    """
+
+    pitch: float
+    places: Field
+    weights: Field | None
+    rotation: Field
+    middle: Field
+
+    @classmethod
+    def over(cls, reference: Field) -> SquareLattice:
+        """Return the lattice over markers ``(m, 2)``.
+
+        Raises:
+            ConfigError: Fewer than two markers.
+        """
+        pitch = marker_pitch_px(reference)
+        middle = reference.mean(axis=0)
+        away = reference[:, None] - reference[None]
+        near = away[
+            (NEIGHBOUR_SHARE * pitch > np.hypot(*away.T).T) & ~np.eye(len(away), dtype=bool)
+        ]
+        angles = np.arctan2(near[:, 1], near[:, 0])
+        turn = 0.25 * float(np.angle(np.exp(4j * angles).mean()))
+        rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        places, steps = (reference - middle) @ rotation, near @ rotation / pitch
+        off_grid = np.abs(steps - np.round(steps)).max(axis=1)
+        # A square of n markers has 4 (n - sqrt n) neighbours, each pair counted twice.
+        neighbours = 4.0 * (len(reference) - np.sqrt(len(reference)))
+        on_grid = (off_grid < GRID_TOLERANCE).sum() >= GRID_SHARE * neighbours
+        in_a_row = len(reference) < LEAST_MESH_MARKERS or straightened(reference) is not None
+        if on_grid or in_a_row:
+            mean_pitch = float(np.hypot(*near.T).mean()) if len(near) else pitch
+            return cls(mean_pitch, places, None, rotation, middle)
+        pitch, points, weights = _between(places)
+        return cls(pitch, points, weights, rotation, middle)
+
+    def field(self, values: Field) -> Field:
+        """Return vectors ``(m, 2)`` at the markers as the lattice's points see them, ``(n, 2)``."""
+        turned = values @ self.rotation
+        return turned if self.weights is None else self.weights @ turned
+
+    def in_image(self, places: Field) -> Field:
+        """Return places ``(..., 2)`` of the lattice in the image."""
+        return places @ self.rotation.T + self.middle
+
+
+def _between(places: Field) -> tuple[float, Field, Field]:
+    """Return pitch and points of a lattice within the markers' hull, and their shares in each."""
+    # A late import: every verb's start would wait for it.
+    from scipy.spatial import Delaunay
+
+    mesh = Delaunay(places)
+    corners = places[mesh.simplices]
+    edges = corners[:, 1:] - corners[:, :1]
+    area = 0.5 * np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]).sum()
+    # A mesh has two triangles for each marker, but for the border's.
+    pitch = float(np.sqrt(2.0 * area / len(corners)))
+    low, high = places.min(axis=0), places.max(axis=0)
+    axes = [np.arange(low[k], high[k] + 1e-9 * pitch, pitch) for k in range(2)]
+    axes = [axis + 0.5 * (high[k] - axis[-1]) for k, axis in enumerate(axes)]
+    points = np.column_stack([axis.ravel() for axis in np.meshgrid(*axes)])
+    triangle = mesh.find_simplex(points, tol=1e-6)
+    points, triangle = points[triangle >= 0], triangle[triangle >= 0]
+    to_shares, origin = mesh.transform[triangle, :2], mesh.transform[triangle, 2]
+    first = np.einsum("nij,nj->ni", to_shares, points - origin)
+    shares = np.column_stack([first, 1.0 - first.sum(axis=1)])
+    weights = np.zeros((len(points), len(places)))
+    np.put_along_axis(weights, mesh.simplices[triangle], shares, axis=1)
+    return pitch, points, weights
 
 
 class PatchEstimator:

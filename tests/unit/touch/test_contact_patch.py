@@ -8,8 +8,7 @@ from spikingtac.sim.gel import Gel, GelConfig
 from spikingtac.sim.indenters import IndenterConfig, make_indenter
 from spikingtac.sim.motions import IndenterMotion, MotionConfig, SegmentConfig
 from spikingtac.sim.scene import SkinConfig
-from spikingtac.touch.layout import SquareLattice
-from spikingtac.touch.patch import Patch, PatchEstimator
+from spikingtac.touch.patch import Patch, PatchEstimator, SquareLattice
 
 PITCH_MM, DISTANCE_MM = 2.4, 13.0
 GRID = SkinConfig().rest_mm()

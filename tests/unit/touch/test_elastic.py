@@ -8,8 +8,9 @@ from scipy.interpolate import RegularGridInterpolator
 
 from spikingtac.errors import ConfigError
 from spikingtac.sim.layer import GridConfig, LayerOperator
+from spikingtac.touch import synthetic_contacts
 from spikingtac.touch.elastic import SkinConfig, SurfaceResponse
-from spikingtac.touch.synthetic_contacts import SyntheticContactConfig, synthetic_series
+from spikingtac.touch.synthetic_contacts import FRICTION, synthetic_series
 
 SKIN = SkinConfig(shear_modulus_kpa=30.0, thickness_mm=3.0)
 
@@ -35,14 +36,12 @@ def test_the_closed_form_is_the_fourier_solution(direction: int) -> None:
 
 
 def test_contacts_that_are_drawn_obey_friction_and_repeat() -> None:
-    config = SyntheticContactConfig(frames=30, series=2, rounds=2)
-    first = synthetic_series(SKIN, grid(), 15.4, seed=3, config=config)
-    again = synthetic_series(SKIN, grid(), 15.4, seed=3, config=config)
-    assert [one.name for one in first] == [f"synthetic {k}" for k in (1, 2, 3, 4)]
+    first, again = (synthetic_series(SKIN, grid(), 15.4, seed=3, frames=30) for _ in range(2))
+    assert [one.name for one in first] == [f"synthetic {k}" for k in (1, 2, 3, 4, 5, 6)]
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.displacement, other.displacement)
         shear = np.hypot(one.wrench[:, 0], one.wrench[:, 1])
-        assert (shear <= config.friction * one.wrench[:, 2] + 1e-9).all()
+        assert (shear <= FRICTION * one.wrench[:, 2] + 1e-9).all()
         assert one.wrench[:, 2].max() > 0.0
         assert np.abs(one.displacement).max() > 1.0
 
@@ -62,10 +61,13 @@ def test_depth_is_the_fourier_solution() -> None:
         np.testing.assert_allclose(found[:, direction], expected, atol=0.02)
 
 
-def test_a_press_towards_the_camera_moves_markers_outwards() -> None:
-    config = SyntheticContactConfig(frames=40, series=1, noise_mm=0.0, friction=0.0)
+def test_a_press_towards_the_camera_moves_markers_outwards(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(synthetic_contacts, "NOISE_MM", 0.0)
+    monkeypatch.setattr(synthetic_contacts, "FRICTION", 0.0)
     near = SkinConfig(camera_distance_mm=13.0)
-    flat, seen = (synthetic_series(skin, grid(), 15.4, config=config)[0] for skin in (SKIN, near))
+    flat, seen = (synthetic_series(skin, grid(), 15.4, frames=40)[-1] for skin in (SKIN, near))
     np.testing.assert_array_equal(flat.wrench, seen.wrench)
     outwards = grid() - grid().mean(axis=0)
     moved = seen.displacement - flat.displacement

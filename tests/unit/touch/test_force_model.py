@@ -136,7 +136,7 @@ def test_a_model_survives_its_file(model: ForceModel, tmp_path: Path) -> None:
 
 def test_other_and_damaged_files_are_refused(model: ForceModel, tmp_path: Path) -> None:
     path = tmp_path / "force.onnx"
-    content = model._network.content
+    content = model.network.content
     record = {**model.record, "interval": [[1.0, "x", 0.0]] * 3}
     for bad in (b"", b"{}", content[:-40], with_record(content, {}), with_record(content, record)):
         path.write_bytes(bad)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import RecordingError
-from spikingtac.touch.force.labels import labelled, load_labels
-from spikingtac.touch.force.series import WrenchSeries
+from spikingtac.touch.force.series import WrenchSeries, labelled
 
 REFERENCE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
 
@@ -31,7 +30,7 @@ def test_a_force_sensor_on_another_clock_is_aligned(tmp_path: Path) -> None:
         f"{t + offset_s:.6f},0.0,0.1,{-5 * p:.5f}" for t, p in zip(t_s, pressing(t_s), strict=True)
     ]
     path.write_text("t_s,Fx,Fy,Fz\n" + "\n".join(lines) + "\n")
-    series = labelled(watched(), load_labels(path))
+    series = labelled(watched(), path)
     truth = -5 * pressing(series.t_us / 1e6)
     assert len(series.t_us) == len(watched().t_us)
     np.testing.assert_allclose(series.wrench[:, 2], truth, atol=0.05)
@@ -44,14 +43,14 @@ def test_forces_of_another_recording_are_refused(tmp_path: Path) -> None:
         "t_us,fx,fy,fz\n" + "".join(f"{i * 10000},{v},0,0\n" for i, v in enumerate(values))
     )
     with pytest.raises(RecordingError, match="same recording"):
-        labelled(watched(), load_labels(path))
+        labelled(watched(), path)
 
 
 def test_the_truth_of_the_twin_needs_no_alignment(tmp_path: Path) -> None:
     t_us = np.array([1_000_000, 2_000_000, 3_000_000], np.int64)
     force = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 2.0], [0.0, 1.0, 3.0]])
     np.savez(tmp_path / "truth.npz", contact_t_us=t_us, force_n=force, torque_n_mm=1000 * force)
-    series = labelled(watched(), load_labels(tmp_path))
+    series = labelled(watched(), tmp_path)
     assert series.t_us[0] == 1_000_000
     assert series.t_us[-1] == 3_000_000
     middle = np.searchsorted(series.t_us, 1_500_000)
@@ -73,9 +72,9 @@ def test_files_without_forces_are_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "force.csv"
     path.write_text(text)
     with pytest.raises(RecordingError, match=r"force\.csv"):
-        load_labels(path)
+        labelled(watched(), path)
     with pytest.raises(RecordingError, match="no forces"):
-        load_labels(tmp_path)
+        labelled(watched(), tmp_path)
 
 
 def test_a_truncated_truth_is_refused(tmp_path: Path) -> None:
@@ -83,4 +82,4 @@ def test_a_truncated_truth_is_refused(tmp_path: Path) -> None:
     np.savez(path, contact_t_us=np.arange(100), force_n=np.zeros((100, 3)))
     path.write_bytes(path.read_bytes()[:-200])
     with pytest.raises(RecordingError, match="no forces"):
-        load_labels(path)
+        labelled(watched(), path)

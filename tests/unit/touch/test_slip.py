@@ -9,9 +9,8 @@ import pytest
 
 from spikingtac.touch.elastic import SkinConfig, SurfaceResponse
 from spikingtac.touch.slip.held import HeldTouchDetector
-from spikingtac.touch.slip.monitor import SlipEstimate, SlipMonitor
+from spikingtac.touch.slip.monitor import Slip, SlipEstimate, SlipMonitor
 from spikingtac.touch.slip.stream import FeatureStream
-from spikingtac.touch.slip.types import AlarmConfig, Slip, SlipConfig
 from spikingtac.types import MarkerFrame
 
 PITCH_MM, PX_PER_MM = 2.4, 15.4
@@ -34,63 +33,55 @@ class Scripted:
         return SlipEstimate(share, float(share < 0.8))
 
 
-def slips(shares: list[float], config: SlipConfig) -> list[Slip]:
+def scripted(shares: list[float]) -> SlipMonitor:
+    monitor = SlipMonitor(REFERENCE)
+    monitor._estimator = Scripted(shares)  # type: ignore[assignment]
+    return monitor
+
+
+SETTLED = [1.0] * 20  # What is told of a contact in the first 20 ms, which count for nothing.
+
+
+def slips(shares: list[float]) -> list[Slip]:
     """Return the slips of a touch of which the model tells these shares, every ms from 1 ms on."""
-    monitor = SlipMonitor(REFERENCE, config, Scripted(shares))  # type: ignore[arg-type]
-    found = []
+    monitor, found = scripted(shares), []
     for k in range(len(shares) + 1):
         found.append(monitor.update(k * 1_000, 0.01 * k**2 * REFERENCE, touching=True))
     found.append(monitor.finish(len(shares) * 1_000))
     return [slip for slip in found if slip is not None]
 
 
-AT_ONCE = SlipConfig(
-    incipient=AlarmConfig(probability=0.5, hold_us=2_000),
-    gross=AlarmConfig(probability=0.5, hold_us=0),
-    settle_us=0,
-)
-
-
 def test_an_incipient_slip_announces_the_gross_one() -> None:
-    (slip,) = slips([1.0] * 3 + [0.5] * 20 + [0.05] * 5 + [1.0] * 3, AT_ONCE)
-    assert slip == Slip(6_000, 24_000, 29_000, 0.05)
-    assert slip.lead_us == 18_000
-
-
-def test_a_slip_that_is_shorter_than_the_hold_is_none() -> None:
-    assert slips([1.0] * 5 + [0.5] * 2 + [1.0] * 5, AT_ONCE) == []
+    (slip,) = slips(SETTLED + [1.0] * 3 + [0.5] * 20 + [0.05] * 5 + [1.0] * 3)
+    assert slip == Slip(24_000, 44_000, 49_000, 0.05)
+    assert slip.lead_us == 20_000
+    (at_once,) = slips(SETTLED + [1.0] * 3 + [0.0] * 2 + [1.0])
+    assert (at_once.incipient_us, at_once.gross_us, at_once.lead_us) == (24_000, 24_000, 0)
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.64, 0), (0.62, 1)])
 def test_no_slip_is_told_of_a_contact_most_of_which_sticks(share: float, told: int) -> None:
-    assert len(slips([1.0] * 3 + [share] * 20, AT_ONCE)) == told
+    assert len(slips(SETTLED + [share] * 20)) == told
 
 
 def test_a_slip_does_not_end_where_more_sticks_for_a_moment() -> None:
-    (slip,) = slips([1.0] * 3 + ([0.6] * 5 + [0.75] * 5) * 3 + [1.0], AT_ONCE)
-    assert (slip.incipient_us, slip.end_us) == (6_000, 34_000)
-
-
-def test_a_contact_that_slips_at_once_has_no_lead() -> None:
-    (slip,) = slips([1.0] * 3 + [0.0] * 2 + [1.0], AT_ONCE)
-    assert (slip.incipient_us, slip.gross_us, slip.lead_us) == (None, 4_000, None)
+    (slip,) = slips(SETTLED + [1.0] * 3 + ([0.6] * 5 + [0.75] * 5) * 3 + [1.0])
+    assert (slip.incipient_us, slip.end_us) == (24_000, 54_000)
 
 
 def test_two_slips_of_a_touch_are_told_one_by_one() -> None:
-    found = slips(([1.0] * 3 + [0.5] * 6) * 2, AT_ONCE)
+    found = slips(SETTLED + ([1.0] * 3 + [0.5] * 6) * 2)
     assert [slip.gross_us for slip in found] == [None, None]
-    assert [slip.end_us for slip in found] == [10_000, 18_000]
+    assert [slip.end_us for slip in found] == [30_000, 38_000]
 
 
 def test_nothing_is_told_right_after_the_begin_of_a_touch() -> None:
-    config = SlipConfig(incipient=AT_ONCE.incipient, gross=AT_ONCE.gross, settle_us=10_000)
-    (slip,) = slips([0.5] * 20, config)
-    assert slip.incipient_us == 12_000
+    (slip,) = slips([0.5] * 40)
+    assert slip.incipient_us == 20_000
 
 
 def test_a_skin_that_stands_still_rings_no_alarm() -> None:
-    monitor = SlipMonitor(REFERENCE, AT_ONCE, Scripted([1.0, *[0.15] * 300]))  # type: ignore[arg-type]
-    rng = np.random.default_rng(0)
+    monitor, rng = scripted([*SETTLED, *[0.15] * 300]), np.random.default_rng(0)
     for k in range(300):
         moved = rng.normal(0.0, 0.05, REFERENCE.shape)
         assert monitor.update(k * 1_000, moved, touching=True) is None
@@ -101,8 +92,7 @@ def test_a_skin_that_stands_still_rings_no_alarm() -> None:
 
 def test_a_slip_under_a_skin_that_stands_still_is_told_where_hardly_anything_sticks() -> None:
     moved = 0.02 * np.minimum(np.arange(300), 100)[:, None, None] * REFERENCE
-    model = Scripted([1.0] * 145 + [0.05] * 155)
-    monitor = SlipMonitor(REFERENCE, AT_ONCE, model)  # type: ignore[arg-type]
+    monitor = scripted([1.0] * 145 + [0.05] * 155)
     for k in range(300):  # a slow twist: the skin moves no further, the body does
         assert monitor.update(k * 1_000, moved[k], touching=True) is None
     slip = monitor.finish(300_000)
@@ -123,10 +113,9 @@ def test_a_slip_under_a_skin_that_stands_still_is_told_where_hardly_anything_sti
 def test_less_evidence_suffices_where_the_field_has_stopped_following(
     stops: bool, speed: float, share: float, told: bool
 ) -> None:
-    config = SlipConfig(incipient=AT_ONCE.incipient, settle_us=0)
     steps = np.where((np.arange(300) > 200) & stops, 0.1, 1.0)
     moved = speed * np.cumsum(steps)[:, None, None] * REFERENCE
-    monitor = SlipMonitor(REFERENCE, config, Scripted([share] * 300))  # type: ignore[arg-type]
+    monitor = scripted([share] * 300)
     for k in range(300):
         monitor.update(k * 1_000, moved[k], touching=True)
     slip = monitor.finish(300_000)
@@ -175,7 +164,7 @@ def test_a_model_steps_at_its_own_rate_however_often_frames_come() -> None:
     moved = 0.01 * np.arange(300)[:, None, None] ** 1.5 * (REFERENCE - REFERENCE.mean(axis=0)) / 99
     told = []
     for every in (1, 2, 4):
-        monitor = SlipMonitor(REFERENCE, AT_ONCE)
+        monitor = SlipMonitor(REFERENCE)
         for k in range(0, 300, every):
             monitor.update(k * 1_000, moved[k], touching=k >= 100)
         assert monitor.state is not None

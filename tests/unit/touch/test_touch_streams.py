@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from spikingtac.touch.detector import TouchDetector
-from spikingtac.touch.field import GradientOperator
-from spikingtac.touch.layout import SquareLattice, straightened
+from spikingtac.touch.field import GradientOperator, straightened
 from spikingtac.touch.onset import NOTHING_UNSEEN
+from spikingtac.touch.patch import SquareLattice
 from spikingtac.touch.release import RETURN_FACTOR, STILL_US, CalibratedRest
 from spikingtac.touch.slip.held import HeldTouchDetector
 from spikingtac.touch.touch import Touch, TouchConfig

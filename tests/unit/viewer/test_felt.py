@@ -9,7 +9,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.touch.elastic import SkinConfig
 from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.model import ForceModel
-from spikingtac.touch.synthetic_contacts import SyntheticContactConfig, synthetic_series
+from spikingtac.touch.synthetic_contacts import synthetic_series
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.felt import FeltLayer
 
@@ -19,8 +19,7 @@ REFERENCE = 37.0 * np.column_stack([X.ravel(), Y.ravel()]) + 40.0
 
 @pytest.fixture(scope="module")
 def model() -> ForceModel:
-    config = SyntheticContactConfig(frames=100, series=2)
-    return fit_force(synthetic_series(SkinConfig(), REFERENCE, 15.4, config=config))
+    return fit_force(synthetic_series(SkinConfig(), REFERENCE, 15.4, frames=70))
 
 
 def frame(t_us: int, moved: np.ndarray) -> MarkerFrame:

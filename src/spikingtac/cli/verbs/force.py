@@ -80,13 +80,12 @@ def run(args: Args) -> int:
 
 
 def _series(args: Args) -> list[WrenchSeries]:
-    from spikingtac.touch.force.labels import labelled, load_labels
-    from spikingtac.touch.force.series import load_series
+    from spikingtac.touch.force.series import labelled, load_series
 
     series = [load_series(path) for path in args.files]
     if not args.wrench:
         return series
-    return [labelled(one, load_labels(path)) for one, path in zip(series, args.wrench, strict=True)]
+    return [labelled(one, path) for one, path in zip(series, args.wrench, strict=True)]
 
 
 def _fit(args: Args) -> int:

@@ -27,7 +27,6 @@ from spikingtac.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.touch.ageing import Swing
     from spikingtac.touch.force.series import WrenchSeries
     from spikingtac.types import MarkerFrame
 
@@ -67,7 +66,6 @@ class _Watched:
     rate_hz: float
     anomalies: dict[str, int]
     health: dict[str, float]
-    swing: Callable[[], Swing | None] = lambda: None
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +75,6 @@ class _Found:
     rows: list[dict[str, Any]]
     first_us: int | None
     watched: _Watched
-    swing: Swing | None
     lines: list[dict[str, Any]] | None
 
     @property
@@ -89,7 +86,6 @@ class _Found:
             "anomalies": watched.anomalies,
             "health": watched.health or None,
             "vibration": self.lines,
-            "swing": None if self.swing is None else round(self.swing.share, 3),
         }
 
     def shown(self, name: str, since_us: int | None) -> list[Table | str]:
@@ -189,11 +185,8 @@ def _listed(args: Args, watched: _Watched) -> _Found:
                 lines.append(vibration_row(spectrum, watched.unit, watched.scale))
     last = detector.finish()
     found += [] if last is None else [last]
-    swing = watched.swing()
-    if swing is not None and swing.faded:
-        warn(swing.words())
     rows = [touch_row(held, watched.unit, watched.scale) for held in found]
-    return _Found(rows, first_us, watched, swing, None if monitor is None else lines)
+    return _Found(rows, first_us, watched, None if monitor is None else lines)
 
 
 def _watch(
@@ -228,29 +221,25 @@ def _track(
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.follow import follow
     from spikingtac.pipeline.track import require_same_size
-    from spikingtac.touch.ageing import SwingRuns
 
     calibration = Calibration.load(calibration_path)
     config = load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
     require_same_size(source.size, calibration.size)
     tracker, rate_hz = make_tracker(config.tracking, calibration), config.tracking.rate_hz
     checked = CheckedSource(source, calibration, refuse if args.strict else warn)
-    runs = SwingRuns(calibration)
     anomalies: dict[str, int] = {}
     health: dict[str, float] = {}
 
     def frames() -> Iterator[MarkerFrame]:
         with ending_on_interrupt(source):
-            packets = runs.passing(checked)
-            for index, frame in enumerate(follow(packets, tracker, rate_hz, checked.losses)):
-                runs.follow(frame.detected_px - calibration.reference_px)
+            for index, frame in enumerate(follow(checked, tracker, rate_hz, checked.losses)):
                 if index % PROGRESS_EVERY == 0:
                     advance(source.progress)
                 yield frame
         anomalies.update(source.losses.kinds())
         health.update(source.counters().summary())
 
-    told = (rate_hz, anomalies, health, runs.swing)
+    told = (rate_hz, anomalies, health)
     return _Watched(frames(), calibration.reference_px, "px", calibration.skin_scale, *told)
 
 

@@ -14,7 +14,7 @@ from spikingtac.errors import ConfigError
 if TYPE_CHECKING:
     from spikingtac.touch.field import Estimate
     from spikingtac.touch.slip.held import HeldTouch
-    from spikingtac.touch.slip.types import Slip
+    from spikingtac.touch.slip.monitor import Slip
     from spikingtac.touch.touch import Touch
     from spikingtac.touch.vibration import Spectrum
 

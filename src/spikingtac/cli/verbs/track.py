@@ -143,7 +143,7 @@ def _configured(args: Args, calibration_path: Path) -> tuple[TrackingConfig, Cal
 def track_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
     """Track one of many recordings and return its row of the table."""
     summary = _track(args, recording, output)
-    same = ("markers", "estimates", "held_share", "displacement_max_px", "swing")
+    same = ("markers", "estimates", "held_share", "displacement_max_px")
     return {name: summary[name] for name in same} | {
         "duration_s": summary["estimates"] / summary["rate_hz"],
         "never_observed": len(summary["never_observed"]),
@@ -160,7 +160,7 @@ def _shown(summary: dict[str, Any], recording: Path) -> list[Table | str]:
         f"marker {marker} was never observed; its positions are predictions"
         for marker in summary["never_observed"]
     ]
-    warnings = filter(None, (summary["calibration_misfit"], summary.get("ageing")))
+    warnings = filter(None, [summary["calibration_misfit"]])
     cells = {
         "markers": summary["markers"],
         "estimates": summary["estimates"],

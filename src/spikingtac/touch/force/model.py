@@ -1,4 +1,8 @@
-"""A fitted force model, and the stream of wrenches that it makes from marker displacements."""
+"""A fitted force model, and the stream of wrenches that it makes from marker displacements.
+
+Frames close to the zero known so far are taken for rest and move it, so drift of displacement and
+force is removed wherever nothing touches. A touch that moves no marker by more fades into it.
+"""
 
 from __future__ import annotations
 
@@ -11,22 +15,90 @@ from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError
-from spikingtac.touch.force.field_stream import FieldStream
 from spikingtac.touch.force.series import COMPONENTS, WrenchSeries
 from spikingtac.touch.network import Network, read, with_record
 
 Field = NDArray[np.float64]
 
+US_PER_S = 1e6
+BATCH = 4096  # Frames that the network takes at once, so that memory is bounded.
 SCHEMA = 5  # Version of the record.
 SIGMAS_90 = 1.645  # Standard deviations in half of a 90 % interval of normal errors.
 HINT = "make one with: spikingtac force fit FILES -o force.onnx"
 
-# Amplitude, in radii of rest, at which half of the network's error at rest is taken off (ours).
+# Amplitude, in radii of rest, at which half of the network's error at rest is taken off.
 REST_RADII = 2.0
 
 # Distance from the learned markers, in their own nearest distance, up to which markers are of the
-# same layout (ours: the references of data/force differ by 0.16 between series).
+# same layout (the references of data/force differ by 0.16 between series).
 LAYOUT_PITCHES = 0.35
+
+# Time at rest over which the zero averages, and the weight of the calibrated rest, s.
+AVERAGE_S, PRIOR_S = 3.0, 0.3
+LONGEST_STEP_S = 0.1  # Rest that one frame stands for at most, s: a single frame is noise, too.
+
+# What a field gains from its own past: shares of its means over two times, s. A gel that has just
+# been pressed gives way: the same force moves it less far than the tared field says (R2 of the
+# normal force between the series of data/force 0.89 instead of 0.86; 0.02 to 8 s were tried).
+# Other gels do not: the fit decides whether there is a memory.
+MEMORY_SHARES, MEMORY_S = np.array([[0.15], [0.3]]), np.array([[0.3], [5.0]])
+
+# Frames farther apart, s, tell nothing of what was between: the memory fades as at rest.
+LONGEST_GAP_S = 0.2
+
+
+class FieldStream:
+    """Displacement fields of one series from the skin's present rest, frame by frame."""
+
+    def __init__(self, radius: float, size: int, memory: bool) -> None:
+        """Start at the calibrated rest.
+
+        Args:
+            radius: Largest rms distance of a rest frame to the zero, in the fields' unit.
+            size: Numbers in a frame.
+            memory: Whether fields gain from their past.
+        """
+        self._radius, self._memory = radius, memory
+        self.tare(np.zeros(size), PRIOR_S)
+        self._last_us: int | None = None
+
+    def tare(self, displacement: Field, rested_s: float = AVERAGE_S) -> None:
+        """Take a frame ``(size,)`` for the rest, as if it had lasted for some time, s."""
+        self._zero = displacement
+        self._means = np.zeros((len(MEMORY_S), len(displacement)))
+        self._rested_s = rested_s
+
+    def update(self, t_us: int, displacement: Field) -> Field:
+        """Take in the frame ``(size,)`` of a time, us, and return it from the zero."""
+        first = self._last_us is None
+        elapsed_s = 0.0 if self._last_us is None else max(t_us - self._last_us, 0) / US_PER_S
+        self._last_us = t_us
+        away = displacement - self._zero
+        if away @ away < self._radius**2 * len(away):
+            step_s = LONGEST_STEP_S if first else min(elapsed_s, LONGEST_STEP_S)
+            self._rested_s = min(self._rested_s + step_s, AVERAGE_S)
+            self._zero = self._zero + step_s / self._rested_s * away
+            away = displacement - self._zero
+        return self._with_memory(elapsed_s, away) if self._memory else away
+
+    def _with_memory(self, elapsed_s: float, away: Field) -> Field:
+        """Solve e = u + sum of c_i ((1 - g_i) m_i + g_i e) for e; the means m_i follow it."""
+        fade = -np.expm1(-elapsed_s / MEMORY_S)
+        if elapsed_s > LONGEST_GAP_S:
+            self._means *= 1.0 - fade
+            fade = np.zeros_like(fade)
+        kept = (MEMORY_SHARES * (1.0 - fade) * self._means).sum(axis=0)
+        told = (away + kept) / (1.0 - float((MEMORY_SHARES * fade).sum()))
+        self._means += fade * (told - self._means)
+        return told
+
+
+def fields_of(series: WrenchSeries, radius: float, memory: bool) -> Field:
+    """Return the fields ``(n, size)`` of a series."""
+    flat = series.displacement.reshape(len(series.t_us), -1)
+    stream = FieldStream(radius, flat.shape[1], memory)
+    frames = zip(series.t_us.tolist(), flat, strict=True)
+    return np.array([stream.update(t_us, row) for t_us, row in frames]).reshape(flat.shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +142,6 @@ class Target(NamedTuple):
     resample: Field
     gain: Field
 
-    @classmethod
-    def read(cls, record: dict[str, Any]) -> Target:
-        """Return the target of a model's record."""
-        return cls(np.array(record["resample"], np.float64), np.array(record["gain"], np.float64))
-
     def fields(self, fields: Field) -> Field:
         """Return fields ``(n, 2 k)`` of its markers as ``(n, 2 m)`` of those that were learned."""
         moved = fields.reshape(len(fields), -1, 2)
@@ -85,6 +152,7 @@ class ForceModel:
     """A network from displacements to a wrench, with its record.
 
     Attributes:
+        network: From fields ``(n, size)`` to wrenches and spreads ``(n, c)``.
         record: Where the model came from: series, frames, ranges, errors between series.
         unit: Unit of the displacements, ``"mm"`` or ``"px"``.
         reference: ``(m, 2)`` markers of the series that were learned, in ``unit``.
@@ -97,8 +165,7 @@ class ForceModel:
         Raises:
             ConfigError: It is no force model of this version.
         """
-        self._network = network
-        self.record: dict[str, Any] = network.record
+        self.network, self.record = network, network.record
         try:
             if self.record["schema"] != SCHEMA:
                 raise ValueError(f"schema {self.record['schema']}, this version reads {SCHEMA}")
@@ -108,10 +175,11 @@ class ForceModel:
             self._interval = np.array(self.record["interval"], np.float64).T
             self.rest_radius = float(self.record["rest_radius"])
             self.memory = bool(self.record["memory"])
-            target = self.record.get("target")
-            self._target = None if target is None else Target.read(target)
+            self._target: Target | None = None
+            if "target" in self.record:
+                self._target = Target(*(np.array(self.record["target"][k]) for k in Target._fields))
             size = self.reference.size if self._target is None else 2 * len(self._target.resample)
-            self._zero = zero_wrench(self._network, size)
+            self._zero = network(np.zeros((1, size)))[0][0]
         except (KeyError, TypeError, ValueError) as error:
             raise ConfigError(f"{where} holds no force model: {error}; {HINT}") from error
 
@@ -153,18 +221,16 @@ class ForceModel:
         """
         series = series.in_image()
         self.require(series.reference, series.unit, series.name)
-        estimator = self.estimator()
-        frames = zip(series.t_us.tolist(), series.displacement, strict=True)
-        told = [estimator.update(t_us, moved) for t_us, moved in frames]
-        shape = (len(told), len(self.components))
-        values = np.array([one.values for one in told]).reshape(shape)
-        return values, np.array([one.half_width for one in told]).reshape(shape)
+        fields = fields_of(series, self.rest_radius, self.memory)
+        parts = np.array_split(fields, len(fields) // BATCH + 1)
+        values, widths = zip(*(self.wrench(part) for part in parts), strict=True)
+        return np.concatenate(values), np.concatenate(widths)
 
-    def wrench(self, field: Field) -> tuple[Field, Field]:
-        """Return wrench and half-width ``(c,)`` of a field ``(size,)`` from its zero."""
-        seen = field if self._target is None else self._target.fields(field[None])[0]
-        values, spread = (out[0] for out in self._network(seen[None]))
-        values = values - self._zero * rest_share(field, self.rest_radius)
+    def wrench(self, fields: Field) -> tuple[Field, Field]:
+        """Return wrenches and half-widths ``(n, c)`` of fields ``(n, size)`` from their zero."""
+        seen = fields if self._target is None else self._target.fields(fields)
+        values, spread = self.network(seen)
+        values = values - rest_share(fields, self.rest_radius) * self._zero
         if self._target is not None:
             values, spread = values @ self._target.gain, spread @ np.abs(self._target.gain)
         floor, share, factor = self._interval
@@ -172,43 +238,24 @@ class ForceModel:
 
     def with_record(self, changes: dict[str, Any]) -> ForceModel:
         """Return the same network with another record."""
-        content = with_record(self._network.content, {**self.record, **changes})
-        return ForceModel(Network(content, "the force model"))
-
-    def told(self, fields: Field) -> Field:
-        """Return what the network tells ``(n, c)`` of fields of the markers that it learned."""
-        return self._network(fields)[0]
+        return ForceModel(Network(with_record(self.network.content, self.record | changes)))
 
     def save(self, path: str | Path) -> None:
-        """Write ``force.onnx``.
-
-        Raises:
-            ConfigError: The file cannot be written.
-        """
+        """Write ``force.onnx``; a path that cannot be written raises ConfigError."""
         try:
             with replacing(Path(path)) as partial:
-                partial.write_bytes(self._network.content)
+                partial.write_bytes(self.network.content)
         except OSError as error:
             raise ConfigError(f"cannot write {str(path)!r}: {error.strerror}") from error
 
 
-def zero_wrench(network: Network, size: int) -> Field:
-    """Return what a network tells ``(c,)`` of markers at rest."""
-    return network(np.zeros((1, size)))[0][0]
-
-
 def rest_share(fields: Field, radius: float) -> Field:
-    """Return by how much of that the wrench of fields ``(..., size)`` is reduced: 1 at rest."""
-    far = (fields**2).mean(axis=-1) / (REST_RADII * radius) ** 2
-    return 1.0 / (1.0 + far)
+    """Return which share ``(n, 1)`` of the wrench at rest is taken off: 1 at rest."""
+    return 1.0 / (1.0 + (fields**2).mean(axis=1, keepdims=True) / (REST_RADII * radius) ** 2)
 
 
 def load_force(path: str | Path) -> ForceModel:
-    """Read ``force.onnx``.
-
-    Raises:
-        ConfigError: The file is missing, damaged, or holds no force model.
-    """
+    """Read ``force.onnx``; one that is missing or damaged raises ConfigError."""
     return ForceModel(read(path, HINT), str(path))
 
 
@@ -217,19 +264,18 @@ class ForceEstimator:
 
     Example:
         >>> estimator = load_force("force.onnx").estimator()  # doctest: +SKIP
-        >>> moved_px = frame.detected_px - calibration.reference_px  # doctest: +SKIP
-        >>> estimator.update(frame.t_us, moved_px).force_n  # doctest: +SKIP
+        >>> estimator.update(frame.t_us, frame.displacement_px).force_n  # doctest: +SKIP
     """
 
     def __init__(self, model: ForceModel) -> None:
         self._model = model
-        self._fields = FieldStream(model.rest_radius, model.reference.size, model.memory)
-        self._last: Field | None = None
+        self.reset()
 
     def reset(self) -> None:
         """Return to the calibrated rest."""
-        self._fields.reset()
-        self._last = None
+        model = self._model
+        self._fields = FieldStream(model.rest_radius, model.reference.size, model.memory)
+        self._last: Field | None = None
 
     def tare(self) -> None:
         """Take the last frame for the skin at rest: displacement and force are zero there."""
@@ -240,13 +286,13 @@ class ForceEstimator:
         """Take in displacements ``(m, 2)`` in the model's unit and return the wrench.
 
         Raises:
-            ConfigError: They are not of the model's markers and coordinates.
+            ConfigError: They are not of the model's markers.
         """
         if displacement.shape != self._model.reference.shape:
             raise ConfigError(
-                f"displacements of shape {displacement.shape} do not fit the force model, whose "
-                f"markers are {self._model.reference.shape}; fit a model of this sensor: "
-                "spikingtac force fit"
+                f"displacements are {displacement.shape}, markers of the force model "
+                f"{self._model.reference.shape}; fit one of this sensor: spikingtac force fit"
             )
         self._last = displacement.ravel().astype(np.float64)
-        return Wrench(t_us, *self._model.wrench(self._fields.update(t_us, self._last)))
+        values, half_width = self._model.wrench(self._fields.update(t_us, self._last)[None])
+        return Wrench(t_us, values[0], half_width[0])

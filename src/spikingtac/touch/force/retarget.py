@@ -9,19 +9,18 @@ from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
 from spikingtac.errors import ConfigError
-from spikingtac.touch.force.field_stream import RADIUS_SHARE, fields_of
-from spikingtac.touch.force.fit import COVERAGE, r_squared
-from spikingtac.touch.force.model import ForceModel, Target
+from spikingtac.touch.force.fit import COVERAGE, TINY, r_squared, relative_error, rest_of
+from spikingtac.touch.force.model import ForceModel, Target, fields_of
 from spikingtac.touch.force.series import COMPONENTS, WrenchSeries
 
 Field = NDArray[np.float64]
 
-LEAST_FRAMES = 20  # Fewer labelled frames make no gain.
+LEAST_FRAMES = 20  # Fewer labelled frames make no model of another sensor.
 
-# Displacements of the learned sensor over those of the other one under the same force (ours).
+# Displacements of the learned sensor over those of the other one under the same force.
 SOFTNESS = np.geomspace(0.4, 2.5, 13)
 
-# Weight of the gain that the largest force alone would ask for, beside the frames' (ours).
+# Weight of the gain that the largest force alone would ask for, beside the frames'.
 GAIN_PRIOR = 0.05
 
 
@@ -39,29 +38,24 @@ def retarget(model: ForceModel, series: Sequence[WrenchSeries]) -> ForceModel:
         ConfigError: There are too few, or they do not fit each other or the model.
     """
     kept, count = [one.in_image() for one in series], len(model.components)
-    if not kept or sum(len(one.t_us) for one in kept) < LEAST_FRAMES:
+    if sum(len(one.t_us) for one in kept) < LEAST_FRAMES:
         raise ConfigError(f"a model is re-targeted from {LEAST_FRAMES} labelled frames at least")
-    first = kept[0]
     for one in kept:
-        if one.wrench.shape[1] < count or one.reference.shape != first.reference.shape:
+        if one.wrench.shape[1] < count or one.reference.shape != kept[0].reference.shape:
             raise ConfigError(
                 f"{one.name} has {one.wrench.shape[1]} components and {len(one.reference)} markers"
-                f", needed are {count} and {len(first.reference)}"
+                f", needed are {count} and {len(kept[0].reference)}"
             )
-    reference = np.mean([one.reference for one in kept], axis=0)
-    moved = np.concatenate([one.displacement.ravel() for one in kept])
-    radius = RADIUS_SHARE * float(np.sqrt((moved**2).mean()))
-    fields = np.concatenate(
-        [fields_of(one.t_us, one.displacement, radius, model.memory) for one in kept]
-    )
+    reference, radius = rest_of(kept)
+    fields = np.concatenate([fields_of(one, radius, model.memory) for one in kept])
     wrench = np.concatenate([one.wrench[:, :count] for one in kept])
-    candidates = [_fitted(model, factor, reference, fields, wrench) for factor in SOFTNESS]
-    target, told = min(candidates, key=lambda pair: _loss(pair[1], wrench))
+    candidates = [_fitted_target(model, factor, reference, fields, wrench) for factor in SOFTNESS]
+    target, told = min(candidates, key=lambda pair: relative_error(pair[1], wrench))
     floor = np.quantile(np.abs(told - wrench), COVERAGE, axis=0)
     scores = [round(r_squared(*pair), 4) for pair in zip(wrench.T, told.T, strict=True)]
     return model.with_record(
         {
-            "unit": first.unit,
+            "unit": kept[0].unit,
             "reference": reference.round(5).tolist(),
             "rest_radius": radius,
             "target": {name: part.round(7).tolist() for name, part in target._asdict().items()},
@@ -73,24 +67,18 @@ def retarget(model: ForceModel, series: Sequence[WrenchSeries]) -> ForceModel:
     )
 
 
-def _loss(told: Field, wrench: Field) -> float:
-    """Return the squared errors of the forces, each over its variance."""
-    error = ((told - wrench)[:, :3] ** 2).mean(axis=0)
-    return float((error / np.maximum(wrench[:, :3].var(axis=0), 1e-12)).sum())
-
-
-def _fitted(
+def _fitted_target(
     model: ForceModel, softness: float, reference: Field, fields: Field, wrench: Field
 ) -> tuple[Target, Field]:
     """Return the target of a softness with its best gain, and what is then told of the fields."""
     scale = float((np.ptp(model.reference, axis=0) / np.ptp(reference, axis=0)).mean())
     places = (model.reference - model.reference.mean(axis=0)) / scale + reference.mean(axis=0)
     resample = softness * scale * RBFInterpolator(reference, np.eye(len(reference)))(places)
-    told = model.told(Target(resample, np.eye(wrench.shape[1])).fields(fields))
-    size = np.sqrt((told**2).mean(axis=0)) + 1e-12
-    rows, wanted = told / size, wrench
+    told = model.network(Target(resample, np.eye(wrench.shape[1])).fields(fields))[0]
+    size = np.sqrt((told**2).mean(axis=0)) + TINY
+    rows = told / size
+    start = np.diag((rows * wrench).mean(axis=0))
     prior = GAIN_PRIOR * len(rows)
-    start = np.diag((rows * wanted).mean(axis=0))
     square = rows.T @ rows + prior * np.eye(len(size))
-    gain = np.linalg.solve(square, rows.T @ wanted + prior * start) / size[:, None]
+    gain = np.linalg.solve(square, rows.T @ wrench + prior * start) / size[:, None]
     return Target(resample, gain), told @ gain

@@ -1,7 +1,11 @@
-"""Displacements of markers over time, with the wrench that made them where it was measured."""
+"""Displacements of markers over time, with the wrench that made them where it was measured.
+
+The wrench stands in the same file, in a force sensor's CSV, or in the truth of a simulation.
+"""
 
 from __future__ import annotations
 
+import csv
 import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +17,9 @@ from numpy.typing import NDArray
 from spikingtac.arrays import one_line
 from spikingtac.errors import RecordingError
 
+Field = NDArray[np.float64]
+Times = NDArray[np.int64]
+
 # Columns of a wrench: forces in N, then moments in Nm.
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
 UNITS = ("mm", "px")
@@ -20,6 +27,12 @@ ARRAY_KEYS = ("t_us", "reference_mm", "displacement_mm")
 
 # Keys of a file of arrays, and of tracks; ``wrench (n, 6)`` may come with either.
 TRACK_KEYS = ("t_us", "reference_px", "detected_px")
+US_PER_S = 1e6
+N_MM_PER_NM = 1e3
+
+# Step of the time in which two clocks are compared, us: a fifth of the fastest press.
+STEP_US = 5_000
+LEAST_CORRELATION = 0.6  # Motion and force that agree less are of different recordings.
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,26 +59,26 @@ class WrenchSeries:
     __repr__ = one_line
 
     def __post_init__(self) -> None:
-        frames, moved = len(self.t_us), self.displacement
-        if moved.ndim != 3 or moved.shape != (frames, *self.reference.shape):
-            raise RecordingError(
-                f"{self.name}: {frames} times, markers of {self.reference.shape} and displacements "
-                f"of {moved.shape}; these must be (times, markers, coordinates)"
-            )
-        if moved.shape[2] not in (2, 3) or self.unit not in UNITS:
-            raise RecordingError(
-                f"{self.name}: {moved.shape[2]} coordinates in {self.unit!r}; valid are 2 or 3 "
-                "in mm or px"
-            )
-        if len(self.wrench) != frames or self.wrench.shape[1:] > (len(COMPONENTS),):
-            raise RecordingError(
-                f"{self.name}: the wrench is {self.wrench.shape}, it must have {frames} rows and "
-                f"at most the columns {', '.join(COMPONENTS)}"
-            )
-        if not (np.isfinite(moved).all() and np.isfinite(self.wrench).all()):
-            raise RecordingError(f"{self.name}: displacements or forces are not finite numbers")
-        if (np.diff(self.t_us) < 0).any():
-            raise RecordingError(f"{self.name}: the times run backwards; sort the rows by t_us")
+        frames, moved, wrench = len(self.t_us), self.displacement, self.wrench
+        shape = moved.ndim == 3 and moved.shape == (frames, *self.reference.shape)
+        rules = {
+            f"{frames} times, markers of {self.reference.shape} and displacements of "
+            f"{moved.shape}; these must be (times, markers, coordinates)": shape,
+            f"{moved.shape[-1]} coordinates in {self.unit!r}; valid are 2 or 3 in mm or px": (
+                moved.shape[-1] in (2, 3) and self.unit in UNITS
+            ),
+            f"the wrench is {wrench.shape}, it must have {frames} rows and at most the columns "
+            f"{', '.join(COMPONENTS)}": (
+                len(wrench) == frames and wrench.shape[1:] <= (len(COMPONENTS),)
+            ),
+            "displacements or forces are not finite numbers": (
+                np.isfinite(moved).all() and np.isfinite(wrench).all()
+            ),
+            "the times run backwards; sort the rows by t_us": (np.diff(self.t_us) >= 0).all(),
+        }
+        for wrong, kept in rules.items():
+            if not kept:
+                raise RecordingError(f"{self.name}: {wrong}")
 
     def in_image(self) -> WrenchSeries:
         """Return the series without depth: what one camera sees."""
@@ -74,12 +87,8 @@ class WrenchSeries:
 
     def part(self, rows: NDArray[Any]) -> WrenchSeries:
         """Return the rows of a mask or of indices as a series of their own."""
-        return replace(
-            self,
-            t_us=self.t_us[rows],
-            displacement=self.displacement[rows],
-            wrench=self.wrench[rows],
-        )
+        columns = {name: getattr(self, name)[rows] for name in ("t_us", "displacement", "wrench")}
+        return replace(self, **columns)
 
 
 def is_series(path: Path) -> bool:
@@ -106,9 +115,9 @@ def load_series(path: str | Path) -> WrenchSeries:
             values = {name: archive[name] for name in archive.files if name in wanted}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise RecordingError(f"cannot read displacements from {str(path)!r}: {error}") from error
-    if all(name in values for name in ARRAY_KEYS):
+    if values.keys() >= set(ARRAY_KEYS):
         reference, moved, unit = values["reference_mm"], values["displacement_mm"], "mm"
-    elif all(name in values for name in TRACK_KEYS):
+    elif values.keys() >= set(TRACK_KEYS):
         reference, unit = values["reference_px"], "px"
         moved = values["detected_px"] - reference
     else:
@@ -119,3 +128,91 @@ def load_series(path: str | Path) -> WrenchSeries:
     wrench = values.get("wrench", np.empty((len(values["t_us"]), 0)))
     rest, away, labels = (one.astype(np.float64) for one in (reference, moved, wrench))
     return WrenchSeries(values["t_us"].astype(np.int64), rest, away, labels, unit, source.name)
+
+
+def labelled(series: WrenchSeries, path: str | Path) -> WrenchSeries:
+    """Return a series with the forces of a file at its times; frames outside are left out.
+
+    The file is ``truth.npz``, a simulation's folder, or the CSV of a force sensor. A CSV has
+    another clock, whose offset is found from the motion. Its header names ``t_us`` or ``t_s``,
+    ``fx``, ``fy``, ``fz`` (N) and all of ``mx``, ``my``, ``mz`` (Nm) or none.
+
+    Raises:
+        RecordingError: The file cannot be read, holds no wrench, or is of another recording.
+    """
+    source = Path(path)
+    if source.suffix.lower() == ".csv":
+        t_us, wrench = _from_csv(source)
+        if len(series.t_us):
+            t_us = t_us + _clock_offset_us(series, t_us, wrench)
+    else:
+        t_us, wrench = _from_truth(source / "truth.npz" if source.is_dir() else source)
+    inside = (series.t_us >= t_us[0]) & (series.t_us <= t_us[-1]) if len(t_us) else np.zeros(0)
+    if not inside.any():
+        raise RecordingError(f"{series.name}: no frame lies within the time of its forces")
+    columns = [np.interp(series.t_us, t_us, column) for column in wrench.T]
+    return replace(series, wrench=np.column_stack(columns)).part(inside)
+
+
+def _clock_offset_us(series: WrenchSeries, t_us: Times, wrench: Field) -> int:
+    """Return what must be added to the labels' times to get those of the displacements, us.
+
+    The amount of motion and the amount of force are made uniform in time and correlated. Contacts
+    that repeat alike at equal intervals are ambiguous: press once at an odd moment.
+    """
+    # A late import: every verb's start would wait for it.
+    from scipy.signal import correlate
+
+    def uniform(times_us: Times, values: Field) -> Field:
+        even = np.interp(np.arange(times_us[0], times_us[-1] + 1, STEP_US), times_us, values)
+        return even - even.mean()
+
+    seen = uniform(series.t_us, np.sqrt((series.displacement**2).sum(axis=2).mean(axis=1)))
+    felt = uniform(t_us, np.sqrt((wrench[:, :3] ** 2).sum(axis=1)))
+    scale = float(np.sqrt((seen**2).sum() * (felt**2).sum()))
+    score = correlate(seen, felt) / (scale if scale > 0.0 else 1.0)
+    best = int(score.argmax())
+    if not score[best] >= LEAST_CORRELATION:
+        raise RecordingError(
+            f"{series.name}: displacements and forces agree by {score[best]:.2f} at best; "
+            "are they of the same recording?"
+        )
+    return int(series.t_us[0]) - int(t_us[0]) + (best - (len(felt) - 1)) * STEP_US
+
+
+def _from_truth(path: Path) -> tuple[Times, Field]:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            t_us, parts = archive["contact_t_us"], [archive["force_n"]]
+            if "torque_n_mm" in archive:
+                parts.append(archive["torque_n_mm"] / N_MM_PER_NM)
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        raise RecordingError(
+            f"{str(path)!r} holds no forces: {error}; give a CSV or the truth.npz of a simulation"
+        ) from error
+    return t_us.astype(np.int64), np.hstack(parts).astype(np.float64)
+
+
+def _from_csv(path: Path) -> tuple[Times, Field]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file)
+            names = [name.strip().lower() for name in next(reader, [])]
+            table = np.array([[float(value) for value in row] for row in reader if row])
+    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
+        raise RecordingError(f"cannot read forces from {str(path)!r}: {error}") from error
+    clock = next((name for name in ("t_us", "t_s") if name in names), None)
+    kept = [name for name in COMPONENTS if name in names]
+    if not len(table) or clock is None or kept not in (list(COMPONENTS), list(COMPONENTS[:3])):
+        raise RecordingError(
+            f"{str(path)!r} needs a header and rows with t_us or t_s, fx, fy, fz, and all of mx, "
+            f"my, mz or none; it has {', '.join(names) or 'nothing'}"
+        )
+    bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
+    if len(bad):
+        raise RecordingError(f"{str(path)!r}: row {bad[0] + 1} has a value that is not finite")
+    t_us = table[:, names.index(clock)] * (US_PER_S if clock == "t_s" else 1.0)
+    if not (np.diff(t_us) > 0).all():
+        raise RecordingError(f"{str(path)!r}: its times do not increase")
+    wrench = table[:, [names.index(name) for name in kept]]
+    return np.round(t_us).astype(np.int64), wrench

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.touch.detector import TouchDetector
-from spikingtac.touch.slip.monitor import SlipMonitor
-from spikingtac.touch.slip.types import Slip, SlipState
+from spikingtac.touch.slip.monitor import Slip, SlipMonitor, SlipState
 from spikingtac.touch.touch import Touch, TouchConfig
 from spikingtac.tracks import Tracks
 from spikingtac.types import MarkerFrame
