@@ -155,11 +155,6 @@ class Gel:
         return self._contact.traction[2]
 
     @property
-    def shear_mpa(self) -> FloatArray:
-        """``(2, n, n)`` shear along x and y of the body on the skin, N/mm²."""
-        return self._contact.traction[:2]
-
-    @property
     def displacement_mm(self) -> FloatArray:
         """``(3, n, n)`` displacement of the cells along x, y and towards the camera, mm."""
         return self._displacement

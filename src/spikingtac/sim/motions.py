@@ -205,9 +205,13 @@ def segment_duration_s(segment: SegmentConfig, start: Pose) -> float:
     peak_over_mean = _PROFILES[segment.profile][1]
     if segment.speed_deg_s is not None:
         return abs(segment.angle_deg or 0.0) * peak_over_mean / segment.speed_deg_s
-    if segment.speed_mm_s is not None:
-        return _path_mm(segment, start) * peak_over_mean / segment.speed_mm_s
-    return RELEASE_S
+    if segment.speed_mm_s is None:
+        return RELEASE_S
+    strokes = 2 * (segment.repeats or 1) if segment.kind == "rub" else 1
+    path_mm = strokes * float(np.linalg.norm(_offset_mm(segment, start, 1.0)))
+    if segment.kind == "circle":
+        path_mm = 2.0 * math.pi * (segment.radius_mm or 0.0) * abs(segment.turns or 0.0)
+    return path_mm * peak_over_mean / segment.speed_mm_s
 
 
 def segment_pose(segment: SegmentConfig, start: Pose, fraction: float) -> Pose:
@@ -258,20 +262,11 @@ def _offset_mm(segment: SegmentConfig, start: Pose, covered: float) -> NDArray[n
 
 def _turn(segment: SegmentConfig, covered: float) -> NDArray[np.float64] | None:
     if segment.kind == "twist":
-        angle = math.radians(segment.angle_deg or 0.0) * covered
-        return rotation_about(NORMAL, angle)
-    if segment.kind == "roll":
-        dx, dy = segment.dx_mm or 0.0, segment.dy_mm or 0.0
-        distance = math.hypot(dx, dy)
-        if distance > 0.0:
-            # The body's centre lies at z < 0: this turn moves its contact point backwards.
-            axis = np.array([dy, -dx, 0.0]) / distance
-            return rotation_about(axis, distance * covered / (segment.radius_mm or 1.0))
-    return None
-
-
-def _path_mm(segment: SegmentConfig, start: Pose) -> float:
-    if segment.kind == "circle":
-        return 2.0 * math.pi * (segment.radius_mm or 0.0) * abs(segment.turns or 0.0)
-    strokes = 2 * (segment.repeats or 1) if segment.kind == "rub" else 1
-    return strokes * float(np.linalg.norm(_offset_mm(segment, start, 1.0)))
+        return rotation_about(NORMAL, math.radians(segment.angle_deg or 0.0) * covered)
+    dx, dy = segment.dx_mm or 0.0, segment.dy_mm or 0.0
+    distance = math.hypot(dx, dy)
+    if segment.kind != "roll" or distance == 0.0:
+        return None
+    # The body's centre lies at z < 0: this turn moves its contact point backwards.
+    axis = np.array([dy, -dx, 0.0]) / distance
+    return rotation_about(axis, distance * covered / (segment.radius_mm or 1.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -53,8 +54,7 @@ def simulate(
     if duration_s is not None and not low <= duration_s <= high:
         raise ConfigError(f"duration_s is {duration_s:g}, valid are {low:g} to {high:g} s")
     target = _prepared(Path(folder), overwrite)
-    source = SceneSource(scene, seed, duration_s)
-    events = 0
+    source, events = SceneSource(scene, seed, duration_s), 0
     with (
         whole_folder(target, last=MANIFEST) as partial,
         RecordingWriter(partial, source.size) as writer,
@@ -68,7 +68,7 @@ def simulate(
             if advance is not None and source.t_end_us:
                 advance(step.packet.t_end_us / source.t_end_us)
         writer.losses.update(source.losses)
-        writer.describe(**description(source, events))
+        writer.describe(**_manifest(source, events))
     assert source.t_end_us is not None
     return {
         "folder": str(target),
@@ -79,7 +79,7 @@ def simulate(
     }
 
 
-def description(source: SceneSource, events: int) -> dict[str, Any]:
+def _manifest(source: SceneSource, events: int) -> dict[str, Any]:
     """Return the manifest of a simulation. It holds neither date nor machine."""
     scene = source.scene
     camera = scene.camera.resolve(scene.size)
@@ -106,16 +106,12 @@ def _prepared(folder: Path, overwrite: bool) -> Path:
         raise RecordingError(
             f"cannot write the folder {str(folder)!r}: {error.strerror}"
         ) from error
-    if names and not overwrite and not _is_simulation(folder):
+    manifest: dict[str, Any] = {}
+    with contextlib.suppress(RecordingError):
+        manifest = Recording.open(folder).manifest
+    if names and not overwrite and manifest.get("source") != SOURCE:
         raise ConfigError(
             f"the folder {str(folder)!r} holds {names[0]!r} and is not the folder of a simulation; "
             "choose an empty or a new folder, or give --overwrite to write into this one"
         )
     return folder
-
-
-def _is_simulation(folder: Path) -> bool:
-    try:
-        return Recording.open(folder).manifest.get("source") == SOURCE
-    except RecordingError:
-        return False

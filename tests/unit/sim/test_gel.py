@@ -131,7 +131,7 @@ def test_partial_slip_of_a_ball_is_cattaneo_mindlin() -> None:
         state = gel.step(DT_S, ball, pose(mindlin_shift_mm(share, force), 0.0, approach))
         assert state.force_n[0] == pytest.approx(share * FRICTION * force, rel=0.05)
         assert abs(state.force_n[1]) < 1e-3 * state.force_n[0]
-        strength = np.hypot(*gel.shear_mpa)
+        strength = np.hypot(*gel._contact.traction[:2])
         stuck = (gel.pressure_mpa > 0.0) & (strength < FRICTION * gel.pressure_mpa * (1 - 1e-5))
         expected = pressed * (1.0 - share) ** (2.0 / 3.0)  # area of the stuck disc
         assert stuck.sum() == pytest.approx(expected, rel=0.05, abs=12)
