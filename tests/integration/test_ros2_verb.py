@@ -34,18 +34,12 @@ def domain() -> str:
 
 
 @pytest.fixture(scope="module")
-def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Tracks that a publisher is not through with when it is ended."""
-    path = tmp_path_factory.mktemp("tracks") / "long.npz"
-    circling_tracks(estimates=LONG, px_per_mm=8.0).save(path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def tracks(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("tracks") / "tracks.npz"
-    circling_tracks(estimates=FRAMES, px_per_mm=8.0).save(path)
-    return path
+def saved(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """Tracks, and longer ones that a publisher is not through with when it is ended."""
+    paths = {count: tmp_path_factory.mktemp("tracks") / "tracks.npz" for count in (FRAMES, LONG)}
+    for count, path in paths.items():
+        circling_tracks(estimates=count, px_per_mm=8.0).save(path)
+    return paths
 
 
 class Crowd:
@@ -87,11 +81,11 @@ def crowd(domain: str, tmp_path: Path) -> Iterator[Crowd]:
 
 
 def test_every_frame_arrives_as_it_was_tracked_and_a_slow_reader_does_no_harm(
-    crowd: Crowd, tracks: Path
+    crowd: Crowd, saved: dict[int, Path]
 ) -> None:
     slow = crowd.subscriber("slow.npz", 1, "slow")
     reader = crowd.subscriber("all.npz", FRAMES, "reliable")
-    publisher = crowd.publisher(tracks)
+    publisher = crowd.publisher(saved[FRAMES])
     said = json.loads(publisher.communicate(timeout=PATIENCE_S)[0])
     assert said["messages"]["field"] == FRAMES
     assert reader.wait(timeout=PATIENCE_S) == 0
@@ -116,8 +110,8 @@ def test_every_frame_arrives_as_it_was_tracked_and_a_slow_reader_does_no_harm(
     assert all(data.startswith("typehash=RIHS01_") for data in topics)
 
 
-def test_a_late_reader_and_a_killed_publisher(crowd: Crowd, long: Path, tracks: Path) -> None:
-    first = crowd.publisher(long, "--wait-s", "0")
+def test_a_late_reader_and_a_killed_publisher(crowd: Crowd, saved: dict[int, Path]) -> None:
+    first = crowd.publisher(saved[LONG], "--wait-s", "0")
     late = crowd.subscriber("late.npz", 100, "reliable")
     assert late.wait(timeout=PATIENCE_S) == 0
     assert first.poll() is None, "it published before anybody read, and goes on"
@@ -126,13 +120,13 @@ def test_a_late_reader_and_a_killed_publisher(crowd: Crowd, long: Path, tracks: 
     first.send_signal(signal.SIGKILL)
     first.wait()
     again = crowd.subscriber("again.npz", FRAMES, "reliable")
-    assert crowd.publisher(tracks).wait(timeout=PATIENCE_S) == 0
+    assert crowd.publisher(saved[FRAMES]).wait(timeout=PATIENCE_S) == 0
     assert again.wait(timeout=PATIENCE_S) == 0
     assert len(crowd.read("again.npz")["t_ns"]) == FRAMES
 
 
-def test_ctrl_c_ends_with_a_summary(crowd: Crowd, long: Path) -> None:
-    publisher = crowd.publisher(long, "--wait-s", "0")
+def test_ctrl_c_ends_with_a_summary(crowd: Crowd, saved: dict[int, Path]) -> None:
+    publisher = crowd.publisher(saved[LONG], "--wait-s", "0")
     reader = crowd.subscriber("a.npz", 1, "reliable")
     reader.wait(timeout=PATIENCE_S)
     publisher.send_signal(signal.SIGINT)
@@ -162,12 +156,13 @@ def test_events_are_tracked_and_published(
         (["--prefix", "tactile"], "no name of a topic"),
         (["--prefix", "/a b"], "no name of a topic"),
         (["--force", "no.json"], "no.json"),
+        (["--distance-mm", "20"], "size of the image is unknown"),
     ],
 )
 def test_mistakes_are_told(
-    tracks: Path, options: list[str], told: str, capsys: pytest.CaptureFixture[str]
+    saved: dict[int, Path], options: list[str], told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["ros2", str(tracks), *options]) in (1, 2)
+    assert main(["ros2", str(saved[FRAMES]), *options]) in (1, 2)
     assert told in capsys.readouterr().err
 
 
@@ -180,8 +175,8 @@ def test_events_without_calibration_are_refused(
 
 
 def test_the_extra_is_named_where_it_is_missing(
-    tracks: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    saved: dict[int, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "cyclonedds", None)
-    assert main(["ros2", str(tracks)]) == 3
+    assert main(["ros2", str(saved[FRAMES])]) == 3
     assert "spikingtac[ros2]" in capsys.readouterr().err
