@@ -1,1 +1,1 @@
-"""Cameras, one file each; ``events/cameras/kinds.py`` names them by the kind in their address."""
+"""Cameras, one file each; ``events/camera.py`` names them by the kind in their address."""

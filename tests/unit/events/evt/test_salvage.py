@@ -99,10 +99,3 @@ def test_fill_is_found_whatever_its_place() -> None:
         whole = start % 4 == 0
         assert (len(kept), begun, goes_on) == (75 - 16 * whole, int(whole), False)
     assert not may_be_filled(rng.integers(1, 255, 1_000).astype(np.uint8))
-
-
-def test_short_stretches_are_words_unless_they_go_on() -> None:
-    words = np.array([5, 0, 0, 7, 0xFFFF, 0xFFFF], np.uint16)
-    assert len(without_fill(words, False)[0]) == 6
-    kept, begun, goes_on = without_fill(words[1:], True)
-    assert (kept.tolist(), begun, goes_on) == ([7, 0xFFFF, 0xFFFF], 0, False)
