@@ -17,9 +17,6 @@ from spikingtac.events.formats.file_source import Rows
 # The library waits so long for a packet, s; it takes the time once, when the device is opened.
 WAIT_S = 0.02
 
-# What the events are called: since version 0.15, and before.
-EVENT_NAMES = ("polarity_events", "dvs_events")
-
 
 class NeuromorphicCamera(Camera):
     """Packets of a device of the library; its overflows are counted."""
@@ -66,10 +63,9 @@ class NeuromorphicCamera(Camera):
         except RuntimeError as error:
             raise CameraLostError(f"{self._about['model']} is gone ({error})") from error
         if status.ring is not None:
-            dropped = int(getattr(status.ring, "dropped_packets", 0))
-            self.losses.add("overflow", max(dropped - self._dropped, 0))
-            self._dropped = dropped
-        events = _events(packet)
+            self.losses.add("overflow", max(status.ring.dropped_packets - self._dropped, 0))
+            self._dropped = status.ring.dropped_packets
+        events = None if packet is None else packet.polarity_events
         if events is None or not len(events):
             return self.nothing()
         polarity = "on" if "on" in (events.dtype.names or ()) else "p"
@@ -85,16 +81,3 @@ class NeuromorphicCamera(Camera):
     def describe(self) -> dict[str, Any]:
         """Return model, serial number and connection."""
         return self._about
-
-
-def _events(packet: Any) -> Any:
-    """Return the events of a packet, an object in newer versions, a mapping in older ones."""
-    if packet is None:
-        return None
-    for name in EVENT_NAMES:
-        if isinstance(packet, dict):
-            if name in packet:
-                return packet[name]
-        elif hasattr(packet, name):
-            return getattr(packet, name)
-    return None

@@ -81,4 +81,4 @@ def ask_for_real_time() -> None:
     """Ask the system for what helps to keep deadlines, and tell what was granted."""
     from spikingtac.stream.real_time import meet_deadlines
 
-    remark(meet_deadlines().text())
+    remark(meet_deadlines())

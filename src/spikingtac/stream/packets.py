@@ -154,6 +154,7 @@ class PacketReader:
         late_s: A user that is so late goes on with the newest events, s.
 
     Attributes:
+        size: ``(width, height)`` of the sensor, px.
         losses: What the source has counted, by kind, and under ``missed`` what was missed here.
         received_s: When the latest packet that was taken was here, on the monotonic clock, s.
     """
@@ -162,7 +163,7 @@ class PacketReader:
         self, ring: SharedRing, *, from_now: bool = False, late_s: float = math.inf
     ) -> None:
         self._reader, self._late_s = ring.reader(from_now=from_now), late_s
-        self._size = told_size(ring) or (0, 0)
+        self.size = told_size(ring) or (0, 0)
         self.losses, self.received_s = LossCounters(), time.monotonic()
         self._words, self._missed_before = b"{}", 0
         self._before: Mapping[str, int] | None = None if from_now else {}
@@ -220,7 +221,7 @@ class PacketReader:
             for kind, count in told.items():
                 self.losses.add(kind, count - before.get(kind, 0))
             self._missed_before = self.losses["missed"]
-        packet = EventPacket(x, y, p, t, begin_us, end_us, self._size, True)
+        packet = EventPacket(x, y, p, t, begin_us, end_us, self.size, True)
         return Delivery(packet, received_s, triggers)
 
 

@@ -27,7 +27,7 @@ from spikingtac.stream.packets import (
     told_size,
 )
 from spikingtac.stream.ring import SharedRing
-from spikingtac.types import EventPacket, LossCounters
+from spikingtac.types import EventPacket
 
 POLL_S = 0.05  # Longest wait of a user before it looks whether it shall end, s.
 END_S = 0.1  # Wait for how a process has ended, s.
@@ -131,25 +131,22 @@ def fill(asker: Asker, opened: Factory[FileSource], name: str) -> None:
             source.release()
 
 
-class EventReader:
+class EventReader(PacketReader):
     """A stream that is read into a ring, and the first of the ring's users.
 
     Args:
         ring: That is filled.
         reading: Who fills it.
-
-    Attributes:
-        size: ``(width, height)`` of the sensor, px.
     """
 
     def __init__(self, ring: SharedRing, reading: ReadingThread | ReadingProcess) -> None:
         self.ring, self._reading = ring, reading
         self._close_ring = weakref.finalize(self, ring.close)
-        while (size := told_size(ring)) is None:
+        while told_size(ring) is None:
             if reading.over():
                 raise reading.outcome()
             reading.wait(POLL_S)
-        self.size, self._packets = size, PacketReader(ring)
+        super().__init__(ring)
 
     @classmethod
     def in_thread(
@@ -189,21 +186,6 @@ class EventReader:
             raise
 
     @property
-    def losses(self) -> LossCounters:
-        """What the source has counted, by kind, and under ``missed`` what this user missed."""
-        return self._packets.losses
-
-    @property
-    def received_s(self) -> float:
-        """When the latest packet that was taken was here, on the monotonic clock, s."""
-        return self._packets.received_s
-
-    @property
-    def lost_events(self) -> int:
-        """Events that this user was too slow for."""
-        return self._packets.lost_events
-
-    @property
     def ended(self) -> bool:
         """True once nothing more comes."""
         return self._reading.over()
@@ -218,11 +200,11 @@ class EventReader:
         until_s = time.monotonic() + timeout_s
         while True:
             over = self._reading.over()  # asked first: the last events come before the end
-            found = self._packets.next()
+            found = self.next()
             if found is not None:
                 return found
             if over:
-                self._packets.give_up()
+                self.give_up()
                 raise self._reading.outcome()
             left_s = until_s - time.monotonic()
             if left_s <= 0.0:
@@ -236,10 +218,6 @@ class EventReader:
                 found = self.take(POLL_S)
                 if found is not None:
                     yield found
-
-    def give_up(self) -> None:
-        """Count what waits as missed."""
-        self._packets.give_up()
 
     def close(self) -> None:
         """End the stream; what a thread has read by then can still be taken."""

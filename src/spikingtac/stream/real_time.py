@@ -8,7 +8,6 @@ import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 # Real-time priorities, 1 to 99 (ours: above ordinary work, below drivers; what guards an arm runs
@@ -25,38 +24,21 @@ LIMITS = "/etc/security/limits.conf"
 THREADS = Path("/proc/self/task")  # Where Linux lists the threads of this process.
 
 
-@dataclass(frozen=True, slots=True)
-class Granted:
-    """What the system has granted to a process with deadlines.
+def meet_deadlines() -> str:
+    """Request all measures that the system permits, and return in words what was granted.
 
-    Attributes:
-        memory: Whether its memory stays in place.
-        priority: Whether it runs before ordinary work.
-        core: The core that it keeps to, or None where there is no choice.
-    """
-
-    memory: bool
-    priority: bool
-    core: int | None
-
-    def text(self) -> str:
-        """Return what was granted, and where an administrator grants the rest."""
-        memory = "locked" if self.memory else f"not locked (memlock in {LIMITS})"
-        priority = "real-time" if self.priority else f"ordinary (rtprio in {LIMITS})"
-        core = "any core" if self.core is None else f"core {self.core} alone"
-        return f"real time: memory {memory}, priority {priority}, {core}, no garbage collection"
-
-
-def meet_deadlines() -> Granted:
-    """Request all measures that the system permits; to be called before the stream begins.
-
-    A process that is refused all of it works as before, and so does one on another system than
-    Linux. What it has started before keeps its own priority and cores. It keeps to one core only
-    with priority: without, it would wait there for whatever else runs, while another core is free.
+    To be called before the stream begins. A process that is refused all of it works as before, and
+    so does one on another system than Linux. What it has started before keeps its own priority and
+    cores. It keeps to one core only with priority: without, it would wait there for whatever else
+    runs, while another core is free.
     """
     exempt_from_collection()
-    memory, priority = lock_memory(), take_precedence()
-    return Granted(memory=memory, priority=priority, core=keep_to_one_core() if priority else None)
+    memory = "locked" if lock_memory() else f"not locked (memlock in {LIMITS})"
+    precedes = take_precedence()
+    priority = "real-time" if precedes else f"ordinary (rtprio in {LIMITS})"
+    core = keep_to_one_core() if precedes else None
+    where = "any core" if core is None else f"core {core} alone"
+    return f"real time: memory {memory}, priority {priority}, {where}, no garbage collection"
 
 
 def exempt_from_collection() -> None:

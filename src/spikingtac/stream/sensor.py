@@ -25,6 +25,8 @@ from spikingtac.stream.ring import SharedRing
 from spikingtac.stream.sources import LATE_S, opened_camera
 from spikingtac.types import EventPacket, MarkerFrame, SourceHealth
 
+# Lag at which a source that was late has caught up, and time over which its pace is looked at, s.
+CAUGHT_UP_S, PACE_S = 0.05, 0.1
 CLOCK_S = 1.0  # Time between two reports of the sensor's clock, s.
 
 # Length of the packets in which a recording is played, us (ours: a camera delivers as often).
@@ -162,14 +164,17 @@ class _Clock:
                 self._wait(packet.t_end_us)
                 yield packet
             return
-        clock, skips, last_us, last_s = StreamClock(), False, 0, 0.0
+        clock, since = StreamClock(), (0, 0.0)  # sensor and host time of a look at the pace
+        skips = False
         for packet in self._source:
-            now_s = time.monotonic()
-            if skips and now_s - last_s >= (packet.t_end_us - last_us) / US_PER_S:
-                clock, skips = StreamClock(), False  # what waited is read off
-            clock.arrive(packet.t_end_us, now_s)
-            skips = skips or clock.lag_s(packet.t_end_us, now_s) > LATE_S
-            last_us, last_s = packet.t_end_us, now_s
+            t_us, now_s = packet.t_end_us, time.monotonic()
+            clock.arrive(t_us, now_s)
+            behind_s, looked_s = clock.lag_s(t_us, now_s), now_s - since[1]
+            if looked_s > PACE_S:
+                if skips and (t_us - since[0]) / US_PER_S <= looked_s:  # nothing waits any more
+                    clock, behind_s = StreamClock(), 0.0
+                since = t_us, now_s
+            skips = behind_s > (CAUGHT_UP_S if skips else LATE_S)
             self._came_ns = round(getattr(self._source, "received_s", now_s) * NS_PER_S)
             self._tell_clock()
             if skips:

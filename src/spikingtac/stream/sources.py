@@ -189,9 +189,9 @@ class RingCamera(Camera):
 
     def __init__(self, ring: SharedRing, name: str, late_s: float = LATE_S) -> None:
         super().__init__()
-        self.size = told_size(ring) or (0, 0)
         self._ring: SharedRing | None = ring
         self._name, self._packets = name, PacketReader(ring, from_now=True, late_s=late_s)
+        self.size = self._packets.size
         self.published, self._from = 0, ring.weight
         self._told: dict[str, int] = {}
 

@@ -49,7 +49,7 @@ def run_session(
     view = open_view()
     greetings.publish(json.dumps(starting(view)).encode())
     warm_up(view)
-    granted = meet_deadlines().text() if options["realtime"] else ""
+    granted = meet_deadlines() if options["realtime"] else ""
     session = Session(view, frames, greetings, repeat=options["repeat"])
     session.warn(granted)
     while not asker.gone.is_set():
