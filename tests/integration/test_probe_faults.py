@@ -1,4 +1,6 @@
-"""Bad starts and faults through ``spikingtac probe``: exit code, message, arm, force, no output."""
+"""Bad starts and faults of a search: exit code, message, arm at rest, little force, no output."""
+
+from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
@@ -13,9 +15,16 @@ from spikingtac.cli.verbs import probe_arm
 from spikingtac.cli.verbs.probe import Args
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
+from spikingtac.contact.registry import DetectionConfig, make_detector
+from spikingtac.errors import SearchError
+from spikingtac.geometry.hole import Compensation
+from spikingtac.geometry.travel import TravelModel
+from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
 from spikingtac.robot.arm import Arm, ArmState
+from spikingtac.robot.cross_search import cross_search
+from spikingtac.robot.prober import ArmProber, ProbingConfig
 from spikingtac.sim.rig.hole_site import Grasp, HoleSite
-from spikingtac.sim.rig.walls import HoleWall, Wall
+from spikingtac.sim.rig.walls import HoleWall, NoWall, Wall
 from spikingtac.types import EventPacket
 
 FORCE_LIMIT_N = 0.05  # Ten times below what is allowed unless told: 1.25 mm of push.
@@ -139,3 +148,42 @@ def test_a_fault_of_an_arm(
     assert found[0] == code, found
     assert message in found[2]
     watched.require_rest()
+
+
+HOLE = HoleWall(radius_mm=1.0)
+SHORT = ProbingConfig(speed_mm_s=4.0, travel_limit_mm=1.2, travel_speed_mm_s=8.0, rest_windows=40)
+
+
+def searched(wall: Wall, start: tuple[float, float], adaptive: bool = False) -> HoleSite:
+    """Search, expect the caller's error, and check that the arm rests and nothing is pushed."""
+    site = HoleSite(Grasp.of(1000), 1)
+    windows = site.windows()
+    detector = make_detector(
+        "event_count", DetectionConfig(), [site.calibration], [next(windows) for _ in range(150)]
+    )
+    site.set_wall(wall, np.array(start))
+    prober = ArmProber(site.rig.arm, windows, detector, SHORT, free_travel=site.free_travel)
+    try:
+        travel = TravelModel.of(Compensation(travel_mm=0.12))
+        if adaptive:
+            AdaptiveSearch(prober, travel, AdaptiveSearchConfig()).run(np.array(start))
+        else:
+            cross_search(prober, np.array(start), travel)
+    finally:
+        site.rig.advance(300_000)
+        assert site.rig.arm.state() is not ArmState.MOVING
+        assert float(np.linalg.norm(site.rig.state.force_n)) < SHORT.force_limit_n
+    return site
+
+
+@pytest.mark.parametrize("adaptive", [False, True])
+def test_outside_a_hole_there_is_no_wall(adaptive: bool) -> None:
+    with pytest.raises(SearchError, match=r"no wall within 1\.2 mm"):
+        searched(NoWall(), (0.0, 0.0), adaptive=adaptive)
+
+
+@pytest.mark.parametrize(("adaptive", "start_mm"), [(False, 0.75), (True, 0.75), (False, 1.2)])
+def test_on_the_rim_there_is_no_room(adaptive: bool, start_mm: float) -> None:
+    """The bit leans on the wall: it answers when it is pressed on, and when it is let go."""
+    with pytest.raises(SearchError, match=r"make no circle|on the rim|no wall"):
+        searched(HOLE, (start_mm, 0.0), adaptive=adaptive)
