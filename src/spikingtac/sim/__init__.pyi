@@ -87,20 +87,20 @@ from .rig.walls import RoundBit as RoundBit
 from .rig.walls import Wall as Wall
 
 # Probing on the twin: calibration on a flat wall, readings of arms of different repeatability
-from .rig.wall_calibration import PLANNING_MM as PLANNING_MM
-from .rig.wall_calibration import SIGMAS_MM as SIGMAS_MM
-from .rig.wall_calibration import RecordingProber as RecordingProber
-from .rig.wall_calibration import touched_of as touched_of
-from .rig.wall_calibration import CORNER_MM as CORNER_MM
-from .rig.wall_calibration import CROSS as CROSS
-from .rig.wall_calibration import DEFAULT as DEFAULT
-from .rig.wall_calibration import STYLES as STYLES
-from .rig.wall_calibration import WALL_MM as WALL_MM
-from .rig.wall_calibration import detector_for as detector_for
-from .rig.wall_calibration import prober_for as prober_for
-from .rig.wall_calibration import quiet_windows as quiet_windows
-from .rig.wall_calibration import touch_flat_walls as touch_flat_walls
-from .rig.wall_calibration import travel_of as travel_of
+from .rig.hole_site import PLANNING_MM as PLANNING_MM
+from .rig.hole_site import SIGMAS_MM as SIGMAS_MM
+from .rig.hole_site import RecordingProber as RecordingProber
+from .rig.hole_site import touched_of as touched_of
+from .rig.hole_site import CORNER_MM as CORNER_MM
+from .rig.hole_site import CROSS as CROSS
+from .rig.hole_site import DEFAULT as DEFAULT
+from .rig.hole_site import STYLES as STYLES
+from .rig.hole_site import WALL_MM as WALL_MM
+from .rig.hole_site import detector_for as detector_for
+from .rig.hole_site import prober_for as prober_for
+from .rig.hole_site import quiet_windows as quiet_windows
+from .rig.hole_site import touch_flat_walls as touch_flat_walls
+from .rig.hole_site import travel_of as travel_of
 
 # What the experiments use besides
 from .coverage import discs_of as discs_of

@@ -9,7 +9,7 @@ from spikingtac.geometry.hole import hexagon_reach_mm
 from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
 from spikingtac.robot.cross_search import cross_search
 from spikingtac.robot.prober import Touched
-from spikingtac.sim.rig.wall_calibration import (
+from spikingtac.sim.rig.hole_site import (
     ANGLES_DEG,
     CROSS,
     DEFAULT,

@@ -17,14 +17,16 @@ from spikingtac.contact.detector import ContactDetector
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.plots.hole import HolePicture
 from spikingtac.robot.prober import ArmProber
-from spikingtac.sim.rig import wall_calibration
-from spikingtac.sim.rig.hole_site import Grasp, HoleSite, hole_trial
-from spikingtac.sim.rig.wall_calibration import (
+from spikingtac.sim.rig import hole_site
+from spikingtac.sim.rig.hole_site import (
     CORNER_MM,
     CROSS,
     DEFAULT,
     PLANNING_MM,
+    Grasp,
+    HoleSite,
     RecordingProber,
+    hole_trial,
 )
 
 # Calibration touches per direction: 16 for the cross, 36 for the adaptive search.
@@ -84,9 +86,9 @@ def on_twin(args: Args) -> ProbedHole:
 def calibrate(args: Args, site: HoleSite) -> tuple[ContactDetector, TravelModel]:
     """Return the detector, from quiet windows, and the travel, from touches of a flat wall."""
     style = DEFAULT if args.search == "default" else CROSS
-    quiet = wall_calibration.quiet_windows(site)
-    detector = wall_calibration.detector_for(site, args.detector, quiet)
-    plain = wall_calibration.prober_for(site, detector, style)
+    quiet = hole_site.quiet_windows(site)
+    detector = hole_site.detector_for(site, args.detector, quiet)
+    plain = hole_site.prober_for(site, detector, style)
     prober = RecordingProber(plain, [args.seed, CALIBRATION_STREAM])
-    wall_calibration.touch_flat_walls(site, prober, style, CYCLES[style])
-    return detector, wall_calibration.travel_of(prober.stored, PLANNING_MM)
+    hole_site.touch_flat_walls(site, prober, style, CYCLES[style])
+    return detector, hole_site.travel_of(prober.stored, PLANNING_MM)

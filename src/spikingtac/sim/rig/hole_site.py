@@ -1,14 +1,28 @@
-"""A place to probe: the rig with a bit in its grip, in front of a wall or a hole."""
+"""A place to probe: the rig with a bit in its grip before a wall or a hole; its calibration.
+
+The twin's arm reports without its repeatability error. A reading is the reported position plus
+``sigma`` times a normal draw, which is stored with it; the same touch can thus be read again as an
+arm of another repeatability would report it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import contextlib
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from spikingtac.arrays import FloatArray
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.contact.detector import ContactDetector, Window
+from spikingtac.contact.registry import DetectionConfig, make_detector
+from spikingtac.errors import SearchError
+from spikingtac.geometry.travel import TravelModel, fit_travel
+from spikingtac.robot.arm import ArmState
+from spikingtac.robot.prober import ArmProber, Prober, ProbingConfig, Touched
 from spikingtac.sim.rig.probe import ProbeConfig
 from spikingtac.sim.rig.rig import VIBRATION_MM, FingerConfig, Rig, RigConfig, SensingFinger
 from spikingtac.sim.rig.ur3 import UR3Config
@@ -16,16 +30,32 @@ from spikingtac.sim.rig.walls import HexBit, HoleWall, NoWall, PlaneWall, Wall
 from spikingtac.sim.scene import SkinConfig
 from spikingtac.types import EventPacket
 
-# Length of the approach to the wall that is simulated, mm; what lies before it is skipped. The
-# longest run-up of the searches' touches takes 0.2 mm of it.
+# Simulated length of the approach to a wall, mm; the longest run-up of a touch takes 0.2 mm of it.
 SIMULATED_APPROACH_MM = 0.5
 MARCH_TOLERANCE_MM = 1e-4  # Distance from the wall at which ray marching ends, mm.
 MAX_DISTANCE_MM = 30.0  # Largest distance of a wall, mm. A wall farther away is ignored.
 TILT_RAD = np.radians(1.0)  # Largest tilt of the plate (a part that lies on a table), rad.
 
-# Largest distance of the start from the centre, as a fraction of the bit's free travel.
-OFFSET_FRACTION = 0.9
+OFFSET_FRACTION = 0.9  # Largest distance of the start from the centre over the free travel.
 WARM_UP_US = 200_000  # Time after which the effect of the rod's start from rest has decayed, us.
+
+# Case prefix -> repeatability of one reading per axis, mm (contract.md).
+SIGMAS_MM = {"rep028": 0.028, "rep008": 0.008}
+PLANNING_MM = SIGMAS_MM["rep028"]  # Repeatability of the readings on which the searches plan, mm.
+CORNER_MM = 0.75 / math.sqrt(3.0)  # Largest radius of the hexagonal bit, 0.75 mm across flats, mm.
+CROSS, DEFAULT = "cross", "default"
+STYLES = {CROSS: ProbingConfig(), DEFAULT: ProbingConfig.conditioned()}  # How each search touches.
+
+# Directions of the calibration, degrees: those of the cross, and twelve evenly over the sector of
+# the adaptive search, which are enough to fit travel and heading.
+ANGLES_DEG = {
+    CROSS: (0.0, 180.0, 90.0, 270.0),
+    DEFAULT: (-17, -34, -51, 17, 34, 51, 163, 146, 129, 197, 214, 231),
+}
+WALL_MM = 1.0  # Distance of the calibration's wall from the bit, mm.
+QUIET_WINDOWS = 4000  # Windows of the moving arm, 1 ms each, from which the detector learns.
+SETTLE_WINDOWS = 100  # Windows after the start of that motion that are not used.
+QUIET_SPEED_MM_S = 3.0  # Speed of the arm during the quiet windows, mm/s: that of the touches.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -59,15 +89,8 @@ class Grasp:
         )
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class HoleTrial:
-    """One hole of the plate and the start of the search.
-
-    Attributes:
-        wall: The hole.
-        center_mm: ``(2,)`` true centre at the tip's height, mm.
-        start_mm: ``(2,)`` first position of the probe, mm.
-    """
+class HoleTrial(NamedTuple):
+    """One hole of the plate, its true centre at the tip's height, and the start of the search."""
 
     wall: HoleWall
     center_mm: FloatArray
@@ -77,11 +100,7 @@ class HoleTrial:
 def hole_trial(radius_mm: float, center_mm: FloatArray, reach_mm: float, seed: int) -> HoleTrial:
     """Draw the tilt of the plate and a start within 0.9 of the bit's free travel.
 
-    Args:
-        radius_mm: Radius of the hole, mm.
-        center_mm: ``(2,)`` centre on the plate, mm.
-        reach_mm: Largest radius of the bit, mm.
-        seed: Seed of the tilt (the same for all holes of a plate) and of the start.
+    ``reach_mm`` is the largest radius of the bit. All holes of a seed have the same tilt.
     """
     plate = np.random.default_rng([seed, 2])
     tilt, heading = TILT_RAD * np.sqrt(plate.uniform()), plate.uniform(0.0, 2.0 * np.pi)
@@ -91,9 +110,8 @@ def hole_trial(radius_mm: float, center_mm: FloatArray, reach_mm: float, seed: i
     away = OFFSET_FRACTION * (radius_mm - reach_mm) * np.sqrt(rng.uniform())
     angle = rng.uniform(0.0, 2.0 * np.pi)
     center = np.asarray(center_mm, np.float64)
-    wall = HoleWall(
-        center_mm=(float(center[0]), float(center[1]), 0.0), radius_mm=radius_mm, axis=axis
-    )
+    x, y = center.tolist()
+    wall = HoleWall(center_mm=(x, y, 0.0), radius_mm=radius_mm, axis=axis)
     start = center + away * np.array([np.cos(angle), np.sin(angle)])
     return HoleTrial(wall=wall, center_mm=center, start_mm=start)
 
@@ -102,8 +120,7 @@ class HoleSite:
     """The rig of the hole experiment: one sensing finger, a hexagonal bit, and walls.
 
     The second pad holds the bit as the first does, but it has no camera, which halves the computing
-    time. The arm reports its pose without repeatability error. The caller adds that error to the
-    readings, so that arms of different repeatability use the same touches.
+    time. The arm reports its pose without repeatability error.
 
     Args:
         grasp: Properties of the grasp.
@@ -141,14 +158,7 @@ class HoleSite:
         return self.rig.paired_windows()
 
     def set_wall(self, wall: Wall, place_mm: FloatArray) -> None:
-        """Place the probe at ``(2,)`` in front of another wall, in free air.
-
-        If the bit still touches the previous wall it is released first and swings.
-
-        Args:
-            wall: The new wall.
-            place_mm: ``(2,)`` position of the probe, mm.
-        """
+        """Place the probe in front of another wall; a bit that touches is released and swings."""
         self.rig.probe.contact.wall = NoWall()
         if self.rig.state.in_contact:
             self.rig.advance(WARM_UP_US)
@@ -159,13 +169,8 @@ class HoleSite:
     def free_travel(self, start_mm: FloatArray, direction: FloatArray) -> bool:
         """Skip the travel before the last stretch; see :data:`~spikingtac.robot.prober.FreeTravel`.
 
-        Args:
-            start_mm: ``(2,)`` start of the travel, mm.
-            direction: ``(2,)`` unit vector of the travel.
-
-        Returns:
-            False if nothing is skipped, because the probe touches the wall or the start is not in
-            free air.
+        Return False, without any change, where the probe touches the wall or would do so at the
+        start.
         """
         start = np.array([*start_mm, 0.0])
         if self.rig.state.in_contact or self.rig.probe.contact.gap_mm(start) <= 0.0:
@@ -190,3 +195,104 @@ def flat_wall(direction: FloatArray, distance_mm: float) -> PlaneWall:
         point_mm=(float(distance_mm * x), float(distance_mm * y), 0.0),
         normal=(-float(x), -float(y), 0.0),
     )
+
+
+class RecordingProber:
+    """A prober that adds the arm's repeatability to the readings, and stores readings and draws.
+
+    ``stored`` holds the touches without repeatability, as JSON does, ``returned`` what the caller
+    received, in the same order.
+    """
+
+    def __init__(self, prober: ArmProber, seed: Sequence[int]) -> None:
+        self.stored: list[dict[str, Any]] = []
+        self.returned: list[Touched] = []
+        self._prober, self._rng = prober, np.random.default_rng(seed)
+
+    def place_mm(self) -> FloatArray:
+        """Return the position of the probe ``(2,)``, mm."""
+        return self._prober.place_mm()
+
+    def touch(self, start_mm: FloatArray, direction: FloatArray) -> Touched:
+        """Touch, and return the reading with the repeatability :data:`PLANNING_MM`."""
+        before = self._prober.touches
+        touched = self._prober.touch(start_mm, direction)
+        stored = {
+            "start_mm": touched.start_mm.tolist(),
+            "direction": touched.direction.tolist(),
+            "reading_mm": touched.reading_mm.tolist(),
+            "draw": self._rng.standard_normal(2).tolist(),
+            "presses": self._prober.touches - before,
+        }
+        self.stored.append(stored)
+        self.returned.append(touched_of(stored, PLANNING_MM))
+        return self.returned[-1]
+
+    def numbers(self, touches: Sequence[Touched]) -> list[int]:
+        """Return the indices of some touches among the stored ones."""
+        return [k for one in touches for k, other in enumerate(self.returned) if other is one]
+
+
+def touched_of(stored: dict[str, Any], sigma_mm: float) -> Touched:
+    """Return a stored touch as an arm with a repeatability of ``sigma_mm`` would report it."""
+    reading = np.array(stored["reading_mm"]) + sigma_mm * np.array(stored["draw"])
+    return Touched(np.array(stored["start_mm"]), np.array(stored["direction"]), reading)
+
+
+def travel_of(stored: Sequence[dict[str, Any]], sigma_mm: float) -> TravelModel:
+    """Fit the travel to stored touches of flat walls, read by an arm of this repeatability, mm."""
+    touches = [touched_of(one, sigma_mm) for one in stored]
+    excess = [float(touch.reading_mm @ touch.direction) - WALL_MM for touch in touches]
+    angle = [float(np.arctan2(touch.direction[1], touch.direction[0])) for touch in touches]
+    return fit_travel(np.array(angle), np.array(excess))
+
+
+def touch_flat_walls(
+    site: HoleSite,
+    prober: Prober,
+    style: str,
+    cycles: int,
+    before_cross: Callable[[], None] | None = None,
+) -> None:
+    """Touch a flat wall at :data:`WALL_MM`, ``cycles`` times in every direction that a style uses.
+
+    The travel depends slightly on the previous direction. The directions therefore follow each
+    other as in use: at random for the adaptive search, in a fixed order for the cross, before each
+    of which ``before_cross`` makes an earlier contact.
+    """
+    for cycle in range(cycles):
+        angles = np.radians(ANGLES_DEG[style])
+        if style == DEFAULT:
+            angles = np.random.default_rng(cycle).permutation(angles)
+        elif before_cross is not None:
+            before_cross()
+        for angle in angles:
+            direction = np.array([np.cos(angle), np.sin(angle)])
+            site.set_wall(flat_wall(direction, WALL_MM), np.zeros(2))
+            with contextlib.suppress(SearchError):  # a failed touch is left out of the fit
+                prober.touch(np.zeros(2), direction)
+
+
+def prober_for(site: HoleSite, detector: ContactDetector, style: str) -> ArmProber:
+    """Return a prober of the site that touches in one of the :data:`STYLES`."""
+    arm, free = site.rig.arm, site.free_travel
+    return ArmProber(arm, site.windows(), detector, STYLES[style], free_travel=free)
+
+
+def detector_for(site: HoleSite, name: str, quiet: Sequence[Window]) -> ContactDetector:
+    """Return a contact detector for the site's finger."""
+    return make_detector(name, DetectionConfig(), [site.calibration], quiet)
+
+
+def quiet_windows(site: HoleSite) -> list[tuple[EventPacket, ...]]:
+    """Return :data:`QUIET_WINDOWS` windows of the arm that moves in free air."""
+    here, windows = site.rig.arm.true_position_mm(), site.windows()
+    seconds = (QUIET_WINDOWS + 2 * SETTLE_WINDOWS) * 1e-3
+    away_mm = np.array([QUIET_SPEED_MM_S * seconds, 0.0, 0.0])
+    site.rig.arm.move_linear(here + away_mm, QUIET_SPEED_MM_S)
+    for _ in range(SETTLE_WINDOWS):
+        next(windows)
+    quiet = [next(windows) for _ in range(QUIET_WINDOWS)]
+    while site.rig.arm.state() is ArmState.MOVING:
+        next(windows)
+    return quiet
