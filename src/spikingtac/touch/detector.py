@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.pitch import marker_pitch_px
-from spikingtac.touch.field import GradientOperator
-from spikingtac.touch.lost_markers import AbsentMarkers, LostMarkers, spread_kernel
+from spikingtac.touch.field import FieldGauge, GradientOperator
+from spikingtac.touch.lost_markers import LostMarkers, spread_of
 from spikingtac.touch.onset import Backlash, OnsetMemory
-from spikingtac.touch.patch import Patch
-from spikingtac.touch.release import CalibratedRest, Release
-from spikingtac.touch.touch import PeakGauge, Touch, TouchConfig, TouchPeak, spreads, strains
+from spikingtac.touch.patch import Patch, PatchEstimator
+from spikingtac.touch.release import END_SHARE, CalibratedRest, Release
+from spikingtac.touch.touch import Touch, TouchConfig, TouchPeak, spreads, strains
 from spikingtac.types import MarkerFrame
 
 Field = NDArray[np.float64]
@@ -30,8 +30,7 @@ Field = NDArray[np.float64]
 # Share of the peak's spread below which the skin is released, whatever few markers say.
 SPREAD_SHARE = 0.1
 
-# Times the scatter of a marker that the spread must have reached for that.
-SPREAD_FACTOR = 5.0
+SPREAD_FACTOR = 5.0  # Times a marker's scatter that the spread must have reached for that.
 SPREAD_MARKERS = 0.6  # Share of the markers that must be back.
 
 # Share of the strength at which a touch begins below which it is over, whatever its peak: a faint
@@ -43,6 +42,9 @@ FAINT_SHARE = 0.95
 # that recover let the markers fall back one by one for 0.6 s (measured on a recorded gel).
 TAIL_US, TAIL_SHARE = 150_000, 0.3
 
+NOISE_FACTOR = 6.0  # Times the strength at rest that a touch must exceed.
+SETTLE_US = 500_000  # Time after a release within which the rest follows whatever falls, us.
+START_US = 100_000  # Time from the first frame on that is rest, us.
 RESTING_US = 2_000_000  # Time constant of the rest otherwise, us (slower presses are lost).
 
 # Strength against the calibrated rest up to which that holds (a real gel, which creeps,
@@ -73,8 +75,7 @@ class _Settling:
 class TouchDetector:
     """Finds touches in marker frames, one by one and causally.
 
-    Frames come in order of time; one of an earlier time begins anew. Markers whose places are not
-    finite move as their neighbours do.
+    Frames come in order of time. Markers whose places are not finite move as their neighbours do.
 
     Example:
         >>> detector = TouchDetector(calibration.reference_px)  # doctest: +SKIP
@@ -86,22 +87,21 @@ class TouchDetector:
 
         Args:
             reference_px: ``(m, 2)`` markers at rest, px; mm with the settings for mm.
-            config: When touches begin and end; as of an event camera in px unless given, for mm
-                :meth:`TouchConfig.for_unit`.
+            config: Which sensor; an event camera in px unless given.
 
         Raises:
             ConfigError: Too few markers.
         """
         self._reference = np.asarray(reference_px, np.float64)
-        self._config = config or TouchConfig()
+        config = config or TouchConfig()
+        self._scatter = config.least_displacement_px
         self._pitch_px = marker_pitch_px(self._reference)
         self._gradient = GradientOperator(self._reference)
-        self._floor = self._config.least_displacement_px * self._gradient.noise_gain() / np.sqrt(2)
-        self._gauge = PeakGauge(self._reference, self._config.least_displacement_px)
-        self._absent = AbsentMarkers(self._reference)
+        self._floor = self._scatter * self._gradient.noise_gain() / np.sqrt(2)
+        self._patches = PatchEstimator(self._reference)
+        self._gauge = FieldGauge(self._reference, self._scatter)
         self._lost = LostMarkers(self._reference)
-        self._memory = OnsetMemory(self._config.unseen)
-        self._backlash = Backlash(len(self._reference))
+        self._memory = OnsetMemory(config.sees_changes)
         self.reset()
 
     def reset(self) -> None:
@@ -117,7 +117,7 @@ class TouchDetector:
         self._former = -TAIL_US, 0.0  # End of the last touch, us, and its peak strength.
         self._settling: _Settling | None = None
         self._memory.clear()
-        self._backlash.reset()
+        self._backlash = Backlash(len(self._reference))
 
     @property
     def touching(self) -> bool:
@@ -133,40 +133,41 @@ class TouchDetector:
     def tracked_px(self) -> Field:
         """``(m, 2)`` the same, but of a touch's markers only those lost before it as neighbours.
 
-        The rim of a small contact strains the skin so much that its markers look lost. They are
-        taken for lost and found again there by and by, which moves them by pixels at once: whoever
-        watches motions wants them as they were tracked.
+        The rim of a small contact strains the skin so much that its markers look lost, and are
+        found again by and by: they jump by pixels. Whoever watches motions wants no jumps.
         """
         return self._tracked - self._zero
 
     @property
     def patch(self) -> Patch | None:
         """Where the open touch is, at its peak so far; None while nothing touches."""
-        return None if self._open is None else self._gauge.patch(self._open.peak)
+        return None if self._open is None else self._patches.patch(self._open.peak.field)
 
     @property
     def threshold(self) -> float:
         """Strength of the gradient at which a touch begins now."""
-        return max(self._floor, self._config.noise_factor * self._rest_strength)
+        return max(self._floor, NOISE_FACTOR * self._rest_strength)
 
     def update(self, frame: MarkerFrame) -> Touch | None:
         """Take in a frame and return the touch that it ends, if any.
 
-        A frame of an earlier time than the last one begins anew; what was open is returned without
-        an end.
+        A frame of an earlier time begins anew; what was open is returned without an end.
         """
         if self._last_us is not None and frame.t_us < self._last_us:
             ended = self.finish()
             self.reset()
             self.update(frame)
             return ended
-        seen = self._absent.filled(frame.detected_px - self._reference, self._zero, self._moved)
+        seen = self._lost.filled(frame.detected_px - self._reference, self._zero, self._moved)
         moved = self._repaired(seen)
         self._moved = moved
-        self._tracked = moved if moved is seen else self._believed(seen, moved)
+        self._tracked = moved
+        if moved is not seen and self._open is not None:
+            lost = (self._lost.lost & self._lost_before)[:, None]
+            self._tracked = np.where(lost, moved, seen)
         string = self._backlash.update(moved)
         self._first_us = frame.t_us if self._first_us is None else self._first_us
-        begins = frame.t_us - self._first_us < self._config.start_us
+        begins = frame.t_us - self._first_us < START_US
         if begins and self._gradient.strength_of(moved) < START_STRENGTH:
             self._zero = moved
         elapsed_us = 0 if self._last_us is None else frame.t_us - self._last_us
@@ -198,7 +199,18 @@ class TouchDetector:
             return None
         if end_us is not None:
             self._former = end_us, peak.strength
-        return self._gauge.touch(touch.begin_us, end_us, peak)
+        patch = self._patches.patch(peak.field)
+        return Touch(
+            begin_us=touch.begin_us,
+            end_us=end_us,
+            peak_us=peak.t_us,
+            peak_strength=peak.strength,
+            peak_displacement_px=peak.largest_px,
+            place_px=patch.place,
+            area_px2=patch.area,
+            outline_px=patch.outline,
+            field=self._gauge.measure(peak.field),
+        )
 
     def _repaired(self, moved: Field) -> Field:
         """Replace lost markers; one that is lost or found at rest is at rest where it is now."""
@@ -212,21 +224,16 @@ class TouchDetector:
                 self._memory.clear()
         return repaired
 
-    def _believed(self, seen: Field, repaired: Field) -> Field:
-        if self._open is None:
-            return repaired
-        return np.where((self._lost.lost & self._lost_before)[:, None], repaired, seen)
-
     def _begun(self, pattern: Field) -> _Open:
-        begin_us, config = self._memory.notice(pattern), self._config
-        home = CalibratedRest(config, self._gradient, self._zero, pattern)
-        return _Open(begin_us, self.threshold, Release(config), home, TouchPeak(self.tracked_px))
+        begin_us = self._memory.notice(pattern)
+        home = CalibratedRest(self._gradient, self._zero, pattern)
+        return _Open(begin_us, self.threshold, Release(), home, TouchPeak(self.tracked_px))
 
     def _follow(self, touch: _Open, t_us: int, moved: Field) -> Touch | None:
         """Measure an open touch and return it if it is over."""
         away = moved - self._zero
         strength = self._gradient.strength_of(away)
-        largest_px, spread = spread_kernel(away, SPREAD_MARKERS)
+        largest_px, spread = spread_of(away, SPREAD_MARKERS)
         peak = touch.peak
         peak.largest_px = max(peak.largest_px, largest_px)
         peak.spread = max(peak.spread, spread)
@@ -253,23 +260,19 @@ class TouchDetector:
     def _left(self, touch: _Open, spread: float, strength: float) -> float:
         """Return the share of the touch's peak that is left, in strength or in spread.
 
-        A few markers that are lost in a sudden release strain the field for ever; most of the
-        markers are back nevertheless. A faint touch is over where it would not begin.
+        A few markers that are lost in a release strain the field for ever; most are back. A faint
+        touch is over where it would not begin.
         """
         peak = touch.peak
         left = strength / max(peak.strength, 1e-12)
-        faint = self._tracked_strength(strength) / (FAINT_SHARE * touch.threshold)
+        if self._tracked is not self._moved:  # some markers look lost only
+            strength = max(strength, self._gradient.strength_of(self.tracked_px))
+        faint = strength / (FAINT_SHARE * touch.threshold)
         if faint < 1.0:
-            left = min(left, self._config.end_share * faint)
-        if peak.spread < SPREAD_FACTOR * self._config.least_displacement_px:
+            left = min(left, END_SHARE * faint)
+        if peak.spread < SPREAD_FACTOR * self._scatter:
             return left
-        return min(left, self._config.end_share / SPREAD_SHARE * spread / peak.spread)
-
-    def _tracked_strength(self, strength: float) -> float:
-        """Return the strength as the markers are tracked, if that is more: some look lost only."""
-        if self._tracked is self._moved:
-            return strength
-        return max(strength, self._gradient.strength_of(self.tracked_px))
+        return min(left, END_SHARE / SPREAD_SHARE * spread / peak.spread)
 
     def _settle(self, t_us: int, moved: Field) -> bool:
         """Right after a release the rest is wherever the skin falls back to.
@@ -284,7 +287,7 @@ class TouchDetector:
         falls_back = strength <= settling.lowest + self.threshold
         if strength <= settling.lowest:
             settling.lowest, self._zero = strength, moved
-        if t_us - settling.t_us > self._config.settle_us:
+        if t_us - settling.t_us > SETTLE_US:
             self._settling = None
             if falls_back:
                 self._zero = moved

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.pitch import marker_pitch_px
@@ -108,18 +107,16 @@ class GradientOperator:
 
     def of(self, displacement: Field) -> Gradients:
         """Return the gradients of displacements ``(..., m, 2)``."""
-        slopes = np.matmul(self._along, displacement[..., None, :, :])
-        x_by_x, y_by_x = slopes[..., 0, :, 0], slopes[..., 0, :, 1]
-        x_by_y, y_by_y = slopes[..., 1, :, 0], slopes[..., 1, :, 1]
+        slopes = np.matmul(self._slopes, displacement[..., self._near, :])
+        x_by_x, y_by_x = slopes[..., 0, 0], slopes[..., 0, 1]
+        x_by_y, y_by_y = slopes[..., 1, 0], slopes[..., 1, 1]
         return Gradients(x_by_x + y_by_y, y_by_x - x_by_y, x_by_x - y_by_y, x_by_y + y_by_x)
 
     def strength_of(self, displacement: Field) -> float:
-        """Return :attr:`Gradients.strength` of one displacement ``(m, 2)``.
-
-        The same as :meth:`of`, for every frame: ten times as fast.
-        """
-        moved = np.ascontiguousarray(displacement, np.float64)
-        return strength_kernel(moved, self._near, self._slopes)
+        """Return :attr:`Gradients.strength` of one displacement ``(m, 2)``, for every frame."""
+        slopes = np.matmul(self._slopes, displacement[self._near])
+        # Divergence, curl, stretch and skew, squared and summed.
+        return float(np.sqrt(2.0 * (slopes * slopes).sum() / len(slopes)))
 
     def strength_form(self) -> Field:
         """Return the ``(m, m)`` quadratic form of the squared strength, the same for each axis.
@@ -136,30 +133,6 @@ class GradientOperator:
     def noise_gain(self) -> float:
         """Return the strength of the gradients of white noise of one px per axis."""
         return float(np.sqrt(4.0 * (self._along**2).sum() / (self._along.shape[1])))
-
-
-@njit(cache=True, nogil=True)
-def strength_kernel(displacement: Field, near: NDArray[np.int64], slopes: Field) -> float:
-    """Return the root mean square over the markers of the gradients' lengths.
-
-    Args:
-        displacement: ``(m, 2)``.
-        near: ``(m, n)`` the markers of each neighbourhood.
-        slopes: ``(m, 2, n)`` their weights in the derivatives by x and by y.
-    """
-    total = 0.0
-    for marker in range(len(near)):
-        x_by_x, y_by_x, x_by_y, y_by_y = 0.0, 0.0, 0.0, 0.0
-        for k in range(near.shape[1]):
-            x, y = displacement[near[marker, k], 0], displacement[near[marker, k], 1]
-            by_x, by_y = slopes[marker, 0, k], slopes[marker, 1, k]
-            x_by_x += by_x * x
-            y_by_x += by_x * y
-            x_by_y += by_y * x
-            y_by_y += by_y * y
-        # Divergence, curl, stretch and skew, squared and summed.
-        total += 2.0 * (x_by_x**2 + y_by_y**2 + y_by_x**2 + x_by_y**2)
-    return float(np.sqrt(total / len(near)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,48 +7,27 @@ motion that follows an earlier one is added first.
 
 After a motion every pixel at a marker's edge is closer to its next event in that direction than in
 the other, so the first part of a motion the other way makes no event. Each marker is followed by a
-point on a short slack string (:mod:`spikingtac.play_operator`): the string lies along the marker's
+point on a short slack string: the string lies along the marker's
 last motion.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
-
-from spikingtac.play_operator import within_play_kernel
 
 Field = NDArray[np.float64]
 
-# Length of the string, px: motions below it say nothing of a direction (ours: 0.1 is alike).
+# Length of the string, px: motions below it say nothing of a direction (0.1 is alike).
 STRING_PX = 0.2
 
-
-@dataclass(frozen=True, kw_only=True)
-class UnseenMotion:
-    """What an event camera does not see of the beginning of a motion.
-
-    Attributes:
-        later_px: Of a motion after any earlier one, px (ours: with it the begins of 69 touches of
-            the ten scenes of the twin are right on the average, 0.0 ms, seeds 3, 4 and 6; a pixel
-            needs an edge to move by 0.2 px for one event).
-        reversed_px: Further, where the motion reverses the last one, px (ours: as above).
-    """
-
-    later_px: float = 0.15
-    reversed_px: float = 0.25
-
-    def __post_init__(self) -> None:
-        if self.later_px < 0 or self.reversed_px < 0:
-            raise ValueError("later_px and reversed_px must not be negative")
-
-
-# For frames of a sensor that sees places and not changes.
-NOTHING_UNSEEN = UnseenMotion(later_px=0.0, reversed_px=0.0)
+# What an event camera does not see of the beginning of a motion after any earlier one, px, and
+# further where the motion reverses the last one, px (with both the begins of 69 touches of the
+# ten scenes of the twin are right on the average, 0.0 ms, seeds 3, 4 and 6; a pixel needs an edge
+# to move by 0.2 px for one event).
+UNSEEN_LATER_PX, UNSEEN_REVERSED_PX = 0.15, 0.25
 
 
 class Backlash:
@@ -57,40 +36,17 @@ class Backlash:
     def __init__(self, markers: int) -> None:
         """Start with markers that have never moved."""
         self._followed = np.zeros((markers, 2))
-        self.string = np.zeros((markers, 2))
-
-    def reset(self) -> None:
-        """Forget every motion."""
-        self._followed[:] = 0.0
-        self.string = np.zeros_like(self._followed)
 
     def update(self, displacement: Field) -> Field:
         """Take in displacements ``(m, 2)`` and return the strings ``(m, 2)``, px."""
-        self.string = np.empty_like(self._followed)
-        moved = np.ascontiguousarray(displacement, np.float64)
-        play_kernel(moved, STRING_PX, self._followed, self.string)
-        return self.string
+        away = displacement - self._followed
+        length = np.sqrt((away * away).sum(axis=1, keepdims=True))
+        string = away * np.minimum(STRING_PX / np.maximum(length, STRING_PX), 1.0)
+        self._followed = displacement - string
+        return string
 
 
-@njit(cache=True, nogil=True)
-def play_kernel(displacement: Field, length: float, followed: Field, string: Field) -> None:
-    """Let points on slack strings follow the markers.
-
-    Args:
-        displacement: ``(m, 2)`` of the markers.
-        length: Of the strings.
-        followed: ``(m, 2)`` the points; moved.
-        string: ``(m, 2)`` overwritten by where each marker is from its point.
-    """
-    for marker in range(len(displacement)):
-        x = displacement[marker, 0] - followed[marker, 0]
-        y = displacement[marker, 1] - followed[marker, 1]
-        string[marker, 0], string[marker, 1] = within_play_kernel(x, y, length)
-        followed[marker, 0] = displacement[marker, 0] - string[marker, 0]
-        followed[marker, 1] = displacement[marker, 1] - string[marker, 1]
-
-
-def unseen_px(string: Field, pattern: Field, unseen: UnseenMotion) -> float:
+def unseen_px(string: Field, pattern: Field) -> float:
     """Return how far the skin moves along a pattern ``(m, 2)`` before that is seen, px."""
     strength = (pattern * pattern).sum(axis=1)
     total = float(strength.sum())
@@ -100,33 +56,33 @@ def unseen_px(string: Field, pattern: Field, unseen: UnseenMotion) -> float:
     moved = np.sqrt((string * string).sum(axis=1)) / STRING_PX
     along = (string * pattern).sum(axis=1) / np.sqrt(np.maximum(strength, 1e-12)) / STRING_PX
     reversal = max(0.0, -float(weight @ along))
-    return unseen.later_px * float(weight @ moved) + unseen.reversed_px * reversal
+    return UNSEEN_LATER_PX * float(weight @ moved) + UNSEEN_REVERSED_PX * reversal
 
 
 Times = NDArray[np.int64]
 
-# Frames that are remembered before a touch is noticed, us (ours: presses of the ten scenes are
+# Frames that are remembered before a touch is noticed, us (presses of the ten scenes are
 # noticed after 15 to 70 ms).
 HISTORY_US = 400_000
 
-# Share of the pattern at which a rise is under way: what lies well before is rest (ours).
+# Share of the pattern at which a rise is under way: what lies well before is rest.
 RISEN_SHARE = 0.25
-BASE_US = 100_000  # Span of rest whose median is the level from which the motion rises, us (ours).
+BASE_US = 100_000  # Span of rest whose median is the level from which the motion rises, us.
 
-# Time between the rest and the rise that is looked at for neither, at the least, us (ours).
+# Time between the rest and the rise that is looked at for neither, at the least, us.
 LEAST_GAP_US = 10_000
 
-# Shares of the pattern between which the rise is fitted (ours: up to 1.0 and from 0.3 to 2.0 err
+# Shares of the pattern between which the rise is fitted (up to 1.0 and from 0.3 to 2.0 err
 # more on the ten scenes).
 FIRST_SHARE, LAST_SHARE = 0.2, 1.5
 
-# Share of its height up to which a rise that ends below ``LAST_SHARE`` is fitted (ours: 0.8 and
+# Share of its height up to which a rise that ends below ``LAST_SHARE`` is fitted (0.8 and
 # 0.9 err about as much).
 RISING_SHARE = 0.85
-LATER_US = 80_000  # Time after the touch is noticed within which the rise is fitted, us (ours).
+LATER_US = 80_000  # Time after the touch is noticed within which the rise is fitted, us.
 
 # Power of time with which a press is taken to set in (a sphere at constant speed has 1.5 by
-# Hertz; 1.5 to 1.9 in the truth of the ten scenes; ours).
+# Hertz; 1.5 to 1.9 in the truth of the ten scenes).
 GROWTH_POWER = 1.85
 LEAST_ROWS = 3  # Fewer frames in the rise are not fitted: frames of a slow camera.
 
@@ -134,8 +90,9 @@ LEAST_ROWS = 3  # Fewer frames in the rise are not fitted: frames of a slow came
 class OnsetMemory:
     """The last frames, in bounded memory, and the search for a beginning in them."""
 
-    def __init__(self, unseen: UnseenMotion) -> None:
-        self._unseen = unseen
+    def __init__(self, sees_changes: bool) -> None:
+        """Start empty; ``sees_changes`` as of :class:`TouchConfig`."""
+        self._sees_changes = sees_changes
         self._frames: deque[tuple[int, Field, Field]] = deque()
         self._noticed_us: int | None = None
         self._pattern = np.zeros((0, 2))
@@ -184,7 +141,7 @@ class OnsetMemory:
         last = int(before[-1])
         rest = _rest_rows(times, times[last], times[noticed] - times[last])
         string = self._frames[rest.stop - 1][2]
-        unseen = unseen_px(string, self._pattern, self._unseen)
+        unseen = unseen_px(string, self._pattern) if self._sees_changes else 0.0
         largest = float(np.sqrt((self._pattern**2).sum(axis=1).max()))
         above = along - float(np.median(along[rest]))
         return _extrapolated(times, above, last, unseen / max(largest, 1e-9))

@@ -12,41 +12,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.touch.field import GradientOperator
-from spikingtac.touch.touch import TouchConfig
 
 Field = NDArray[np.float64]
 
-# Share of the end's strength by which a release that is over may still fall in ``flat_us``.
-FLAT_SHARE = 0.1
+# Share of the peak strength below which the skin is released (residues lie below 0.18 and touches
+# above 0.28 on the ten scenes).
+END_SHARE = 0.22
 
-# Share of the peak strength by which a skin that stands still may change (ours).
+# Share of that by which a release that is over may still fall, and the time over which, us.
+FLAT_SHARE, FLAT_US = 0.1, 20_000
+
+# Share of the peak strength by which a skin that stands still may change.
 STILL_SLACK = 0.02
 
 # Time for which a skin below :data:`STILL_SHARE` must stand still to have been released before
-# (ours). Pixels that recover let it fall further later.
+# . Pixels that recover let it fall further later.
 STOOD_US = 50_000
 
-# Longest time that they take for that (ours: 143 and 187 ms on a recorded gel; a comb that is
+# Longest time that they take for that (143 and 187 ms on a recorded gel; a comb that is
 # slid on the twin stands below that share for 250).
 RECOVERED_US = 200_000
 
 # Share of the peak strength below which the skin is released where it also stands still: a
-# tracker of a sensor with rare OFF events keeps some of it (ours: 0.26 on a recorded gel; holds
+# tracker of a sensor with rare OFF events keeps some of it (0.26 on a recorded gel; holds
 # of the ten scenes lie above 0.3).
 STILL_SHARE = 0.3
-STILL_US = 400_000  # Time for which it must stand still for that, us (ours).
+STILL_US = 400_000  # Time for which it must stand still for that, us.
 
-# Time below that share that is needed, us (ours: a shake of 12 Hz passes through its rest for 5
+# Time below that share that is needed, us (a shake of 12 Hz passes through its rest for 5
 # ms).
 END_HOLD_US = 40_000
-RELEASE_US = 150_000  # Longest time that a release may take from there on, us (ours).
+RELEASE_US = 150_000  # Longest time that a release may take from there on, us.
 
 
 class Release:
     """Watches one touch for its release, causally."""
 
-    def __init__(self, config: TouchConfig) -> None:
-        self._config = config
+    def __init__(self) -> None:
         self._still_us, self._still_left = 0, 1.0
         self._stood_us: int | None = None
         self._fell_us: int | None = None
@@ -70,8 +72,7 @@ class Release:
 
     def _ended_us(self, t_us: int, left: float) -> int | None:
         """Return when it ended, or None: below its share, for long enough, and flat."""
-        config = self._config
-        if left > config.end_share:
+        if left > END_SHARE:
             self._fell_us = None
             self._falling.clear()
             still = left < STILL_SHARE and t_us - self._still_us >= STILL_US
@@ -91,10 +92,10 @@ class Release:
     def _flat_since_us(self) -> int | None:
         """Return the first time from which the strength hardly fell any more, or None."""
         falling = list(self._falling)
-        slack = FLAT_SHARE * self._config.end_share
+        slack = FLAT_SHARE * END_SHARE
         later = 0
         for t_us, left in falling:
-            while later < len(falling) and falling[later][0] < t_us + self._config.flat_us:
+            while later < len(falling) and falling[later][0] < t_us + FLAT_US:
                 later += 1
             if later == len(falling):
                 return None
@@ -104,27 +105,24 @@ class Release:
 
 
 # Times the strength of the rest from which it began that a touch must reach which began towards
-# the calibrated rest; what is weaker was the way there (ours: that way by itself reaches one).
+# the calibrated rest; what is weaker was the way there (that way by itself reaches one).
 RETURN_FACTOR = 1.5
 
 
 class CalibratedRest:
     """Watches an open touch for the skin's return to where it was calibrated, causally."""
 
-    def __init__(
-        self, config: TouchConfig, gradient: GradientOperator, zero: Field, pattern: Field
-    ) -> None:
+    def __init__(self, gradient: GradientOperator, zero: Field, pattern: Field) -> None:
         """Start where a touch begins.
 
         Args:
-            config: When touches end.
             gradient: Of these markers.
             zero: ``(m, 2)`` rest from which it begins, from the calibrated one, px.
             pattern: ``(m, 2)`` of the touch from there, px.
         """
-        self._still_us, self._gradient = STILL_US, gradient
+        self._gradient = gradient
         self._off, threshold = gradient.strength_of(zero), gradient.strength_of(pattern)
-        self._limit = max(threshold, config.end_share * self._off)
+        self._limit = max(threshold, END_SHARE * self._off)
         self._apart = self._off > threshold
         self._towards = bool((pattern * zero).sum() < 0.0)
         self._back_us: int | None = None
@@ -141,7 +139,7 @@ class CalibratedRest:
             self._back_us = None
             return None
         self._back_us = t_us if self._back_us is None else self._back_us
-        return self._back_us if t_us - self._back_us >= self._still_us else None
+        return self._back_us if t_us - self._back_us >= STILL_US else None
 
     def was_return(self, peak: float) -> bool:
         """Return whether a touch of this peak was the way back only: the skin is back now."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from spikingtac.arrays import one_line
 from spikingtac.calibration.pitch import marker_pitch_px
 from spikingtac.errors import ConfigError
-from spikingtac.touch.field import FieldGauge, FieldQuantities
-from spikingtac.touch.lost_markers import spread_kernel
-from spikingtac.touch.onset import NOTHING_UNSEEN, UnseenMotion
-from spikingtac.touch.patch import Patch, PatchEstimator
+from spikingtac.touch.field import FieldQuantities
+from spikingtac.touch.lost_markers import spread_of
 
 Field = NDArray[np.float64]
 
@@ -57,54 +55,31 @@ class Touch:
 
 UNITS = ("px", "mm")
 
-# Scatter of markers of another sensor, as a share of their pitch (ours: 0.045 mm of 1.6 mm on a
+# Scatter of markers of another sensor, as a share of their pitch (0.045 mm of 1.6 mm on a
 # published series at rest).
 SCATTER_SHARE = 0.03
 
 
 @dataclass(frozen=True, kw_only=True)
 class TouchConfig:
-    """When a touch begins and ends.
-
-    The lengths among them are px, and as they stand those of an event camera's markers; for markers
-    in mm take :meth:`for_unit`.
+    """Which sensor's markers are watched; as they stand, those of an event camera, in px.
 
     Attributes:
         least_displacement_px: Scatter of a marker that is no touch, px; the threshold is the
-            gradient's strength of markers that scatter so (ours: 0.2 px, twenty times the scatter
-            of the tracker ``default`` on the twin at rest; its steps are smaller).
-        noise_factor: Times the strength at rest that a touch must exceed (ours).
-        end_share: Share of the peak strength below which the skin is released (ours: residues lie
-            below 0.18 and touches above 0.28 on the ten scenes).
-        flat_us: Time over which a release that is over falls by less than a tenth, us (ours).
-        settle_us: Time after a release within which the rest follows whatever falls, us (ours).
-        start_us: Time from the first frame on that is rest, us (ours).
-        unseen: What the camera does not see of the beginning of a motion.
+            gradient's strength of markers that scatter so (0.2 px is twenty times the scatter of
+            the tracker ``default`` on the twin at rest; its steps are smaller).
+        sees_changes: Whether the camera sees changes only, and not the beginning of a motion that
+            follows another.
     """
 
-    least_displacement_px: float = field(
-        default=0.2,
-        metadata={"range": (0.02, 5.0), "about": "scatter of a marker that is no touch"},
-    )
-    noise_factor: float = field(
-        default=6.0,
-        metadata={"range": (1.0, 50.0), "about": "times the strength at rest that a touch exceeds"},
-    )
-    end_share: float = field(
-        default=0.22,
-        metadata={"range": (0.05, 0.9), "about": "share of the peak at which the skin is released"},
-    )
-    flat_us: int = 20_000
-    settle_us: int = 500_000
-    start_us: int = 100_000
-    unseen: UnseenMotion = field(default_factory=UnseenMotion)
+    least_displacement_px: float = 0.2
+    sees_changes: bool = True
 
     def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            if name != "unseen" and not getattr(self, name) > 0:
-                raise ValueError(f"{name} is {getattr(self, name)}, it must be positive")
-        if not self.end_share < 1:
-            raise ValueError(f"end_share is {self.end_share}, it must be below 1")
+        if not self.least_displacement_px > 0:
+            raise ValueError(
+                f"least_displacement_px is {self.least_displacement_px}, it must be positive"
+            )
 
     @classmethod
     def for_unit(cls, reference: NDArray[np.float64], unit: str) -> TouchConfig:
@@ -126,15 +101,15 @@ class TouchConfig:
         if unit == "px":
             return cls()
         least = SCATTER_SHARE * marker_pitch_px(reference)
-        return cls(least_displacement_px=least, unseen=NOTHING_UNSEEN)
+        return cls(least_displacement_px=least, sees_changes=False)
 
 
 # A touch moves so many markers, against the median of all, by this share of the one that moves
-# most: skin moves about its place. Less is noise in single markers (ours).
+# most: skin moves about its place. Less is noise in single markers.
 SUPPORT_MARKERS, SUPPORT_SHARE = 3, 0.15
 
 # Least change of displacement over a pitch, root mean square, as a share of the shift that all
-# markers share. Trackers err by some hundredths of a shift, which strains nothing (ours: 0.02
+# markers share. Trackers err by some hundredths of a shift, which strains nothing (0.02
 # under a plate that shifts the skin by 15 px; touches reach 0.8 and more).
 COMMON_SHARE = 0.1
 
@@ -165,8 +140,8 @@ def spreads(away: Field) -> bool:
     markers = len(away)
     if markers <= 2 * SUPPORT_MARKERS:
         return True
-    _, most = spread_kernel(away, (markers - 0.5) / markers)
-    _, least = spread_kernel(away, (markers - SUPPORT_MARKERS + 0.5) / markers)
+    _, most = spread_of(away, (markers - 0.5) / markers)
+    _, least = spread_of(away, (markers - SUPPORT_MARKERS + 0.5) / markers)
     return least >= SUPPORT_SHARE * most
 
 
@@ -174,39 +149,3 @@ def strains(peak: TouchPeak, pitch_px: float) -> bool:
     """Return whether a peak is more than a tracker's errors in a shift that all markers share."""
     common_px = float(np.hypot(*np.median(peak.field, axis=0)))
     return peak.strength * pitch_px >= COMMON_SHARE * common_px
-
-
-class PeakGauge:
-    """Measures peaks on one sensor."""
-
-    def __init__(self, reference_px: Field, scatter_px: float) -> None:
-        """Prepare the patch estimator and the field's gauge.
-
-        Args:
-            reference_px: ``(m, 2)`` markers at rest, px.
-            scatter_px: Standard deviation of a marker's place, per axis, px.
-
-        Raises:
-            ConfigError: Too few markers.
-        """
-        self._patches = PatchEstimator(reference_px)
-        self._fields = FieldGauge(reference_px, scatter_px)
-
-    def patch(self, peak: TouchPeak) -> Patch:
-        """Return the touched part of the skin."""
-        return self._patches.patch(peak.field)
-
-    def touch(self, begin_us: int, end_us: int | None, peak: TouchPeak) -> Touch:
-        """Return the touch of a peak from its begin to its end."""
-        patch = self.patch(peak)
-        return Touch(
-            begin_us=begin_us,
-            end_us=end_us,
-            peak_us=peak.t_us,
-            peak_strength=peak.strength,
-            peak_displacement_px=peak.largest_px,
-            place_px=patch.place,
-            area_px2=patch.area,
-            outline_px=patch.outline,
-            field=self._fields.measure(peak.field),
-        )

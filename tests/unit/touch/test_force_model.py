@@ -125,6 +125,20 @@ def test_a_slow_press_is_told_alike_however_fast_the_frames_come(
     assert told.force_n[2] == pytest.approx(-3.0 * 0.8**1.5, abs=0.5)
 
 
+def test_an_arm_is_stopped_where_the_force_surely_exceeds_its_limit(model: ForceModel) -> None:
+    """The loop of the how-to, on a press of 3 N * depth ** 1.5 that grows for a second."""
+    away = REFERENCE - [2.5, 2.0]
+    press = 0.5 * away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True) / 4.0)
+    estimator, stopped = model.estimator(), []
+    for k in range(-200, 1_000):
+        wrench = estimator.update(k * 1_000, max(k, 0) / 1_000 * press)
+        if wrench.exceeds(1.5):
+            stopped.append(k)
+            break
+    true_n = 3.0 * (stopped[0] / 1_000) ** 1.5
+    assert 1.5 < true_n < 2.5
+
+
 def test_a_model_survives_its_file(model: ForceModel, tmp_path: Path) -> None:
     model.save(tmp_path / "force.onnx")
     again = load_force(tmp_path / "force.onnx")

@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 
 from spikingtac.touch.lost_markers import EVERY, LostMarkers
-from spikingtac.touch.onset import (
-    NOTHING_UNSEEN,
-    STRING_PX,
-    UnseenMotion,
-    unseen_px,
-)
+from spikingtac.touch.onset import STRING_PX, UNSEEN_LATER_PX, UNSEEN_REVERSED_PX, unseen_px
 
 X, Y = np.meshgrid(np.arange(8.0), np.arange(8.0))
 REFERENCE = 37.0 * np.column_stack([X.ravel(), Y.ravel()])
@@ -48,12 +43,8 @@ def test_a_lost_marker_is_believed_again_only_when_it_is_well_back() -> None:
 
 
 def test_more_is_unseen_after_a_reversal() -> None:
-    unseen = UnseenMotion(later_px=0.1, reversed_px=0.2)
     string = np.full((4, 2), (STRING_PX, 0.0))
     onward, back = np.full((4, 2), (1.0, 0.0)), np.full((4, 2), (-1.0, 0.0))
-    assert unseen_px(string, onward, unseen) == pytest.approx(0.1)
-    assert unseen_px(string, back, unseen) == pytest.approx(0.3)
-    assert unseen_px(0 * string, back, unseen) == 0.0
-    assert unseen_px(string, back, NOTHING_UNSEEN) == 0.0
-    with pytest.raises(ValueError, match="negative"):
-        UnseenMotion(later_px=-1.0)
+    assert unseen_px(string, onward) == pytest.approx(UNSEEN_LATER_PX)
+    assert unseen_px(string, back) == pytest.approx(UNSEEN_LATER_PX + UNSEEN_REVERSED_PX)
+    assert unseen_px(0 * string, back) == 0.0

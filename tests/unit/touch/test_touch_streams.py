@@ -8,7 +8,6 @@ import pytest
 
 from spikingtac.touch.detector import TouchDetector
 from spikingtac.touch.field import GradientOperator, straightened
-from spikingtac.touch.onset import NOTHING_UNSEEN
 from spikingtac.touch.patch import SquareLattice
 from spikingtac.touch.release import RETURN_FACTOR, STILL_US, CalibratedRest
 from spikingtac.touch.slip.held import HeldTouchDetector
@@ -21,7 +20,7 @@ X, Y = np.meshgrid(np.arange(8.0), np.arange(8.0))
 REFERENCE = PITCH_PX * np.column_stack([X.ravel(), Y.ravel()]) + 30.0
 ROW = np.column_stack([PITCH_PX * np.arange(10.0), np.full(10, 80.0)])
 CENTER = np.array([160.0, 145.0])
-PLACES_ONLY = TouchConfig(unseen=NOTHING_UNSEEN)
+PLACES_ONLY = TouchConfig(sees_changes=False)
 
 
 def press(reference: np.ndarray, center: np.ndarray, depth: float = 1.0) -> np.ndarray:
@@ -149,9 +148,9 @@ def test_a_press_on_a_skin_that_is_held_ends_where_all_is_released_at_once() -> 
 def test_only_what_begins_towards_the_calibrated_rest_is_the_way_there(
     depth: float, was_return: bool
 ) -> None:
-    gradient, config = GradientOperator(REFERENCE), TouchConfig()
+    gradient = GradientOperator(REFERENCE)
     off = gradient.strength_of(PRESS)
-    home = CalibratedRest(config, gradient, PRESS, 0.1 * depth * PRESS)
+    home = CalibratedRest(gradient, PRESS, 0.1 * depth * PRESS)
     assert not home.was_return(off), "it is not back"
     assert home.update(0, 0.5 * PRESS) is None
     back_us = [home.update(t_us, 0.0 * PRESS) for t_us in (1_000, 2_000, 1_000 + STILL_US)]

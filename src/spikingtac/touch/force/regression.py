@@ -163,8 +163,8 @@ def fit_regression(reference: Field, fields: Field, wrench: Field, zero: Field) 
         "normal": normal[:, None], "normal_row": normal[None], "zero": zero,
     }  # fmt: skip
     arrays = {name: np.array(value) for name, value in (constants | learned | scalars).items()}
-    nodes, outputs = [_node(step) for step in STEPS.split()], ("wrench", "spread")
-    return graph(nodes, arrays, len(shapes.modes), dict.fromkeys(outputs, components))
+    outputs = {"wrench": components, "spread": components}
+    return graph([_node(step) for step in STEPS.split()], arrays, len(shapes.modes), outputs)
 
 
 def _gaussians(places: Field, centers: Field) -> Field:
@@ -197,9 +197,11 @@ def _fit(
     wanted, kept = rows.T @ (weight[:, None] * targets), len(square) - len(between)
     found, penalty = np.zeros((2, *wanted.shape)), np.zeros_like(square)
     penalty[kept:, kept:] = penalties[2] * between + JITTER * len(between) * np.eye(len(between))
-    for out, amount, size in zip(found, penalties[:2], (kept, len(square)), strict=True):
-        np.fill_diagonal(penalty[free:kept, free:kept], amount)
-        out[:size] = solve((square + penalty)[:size, :size], wanted[:size], assume_a="pos")
+    for number, size in enumerate((kept, len(square))):
+        np.fill_diagonal(penalty[free:kept, free:kept], penalties[number])
+        found[number, :size] = solve(
+            (square + penalty)[:size, :size], wanted[:size], assume_a="pos"
+        )
     return found
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.touch.field import FieldGauge, GradientOperator
 from spikingtac.touch.vibration import Spectrum, VibrationMonitor
 
 MARKERS = 64
@@ -68,41 +67,3 @@ def test_the_frequency_is_that_of_the_times(period_us: int) -> None:
     found = monitor.spectrum()
     assert found is not None
     assert found.line_hz == pytest.approx(60.0, abs=0.2)
-
-
-X, Y = np.meshgrid(np.arange(8.0), np.arange(8.0))
-REFERENCE = 37.0 * np.column_stack([X.ravel(), Y.ravel()])
-
-
-def test_quantities_of_a_known_field() -> None:
-    away = REFERENCE - REFERENCE.mean(axis=0)
-    moved = 0.02 * away + 0.01 * away @ [[0.0, 1.0], [-1.0, 0.0]] + [3.0, -1.0]
-    found = FieldGauge(REFERENCE, 0.1).measure(moved)
-    assert found.mean_shear_x_px.value == pytest.approx(3.0)
-    assert found.mean_shear_y_px.value == pytest.approx(-1.0)
-    assert found.torsion_rad.value == pytest.approx(np.arctan2(0.01, 1.02))
-    assert found.divergence.value == pytest.approx(0.04)
-    assert found.curl.value == pytest.approx(0.02)
-
-
-def test_their_uncertainty_is_that_of_repeated_noise() -> None:
-    rng, gauge = np.random.default_rng(5), FieldGauge(REFERENCE, 0.2)
-    away = REFERENCE - REFERENCE.mean(axis=0)
-    for stretch in (0.0, 0.005, 0.05):
-        moved = stretch * away * [1.0, 0.0]
-        found = [gauge.measure(moved + rng.normal(0.0, 0.2, (MARKERS, 2))) for _ in range(400)]
-        for name in ("mean_shear_x_px", "torsion_rad", "divergence", "curl", "strain"):
-            values = np.array([getattr(one, name).value for one in found])
-            told = np.mean([getattr(one, name).sigma for one in found])
-            assert values.std() == pytest.approx(told, rel=0.15), (name, stretch)
-
-
-def test_noise_is_taken_off_the_strain() -> None:
-    rng, gauge = np.random.default_rng(6), FieldGauge(REFERENCE, 0.2)
-    away = REFERENCE - REFERENCE.mean(axis=0)
-    for stretch in (0.005, 0.05):
-        moved = stretch * away * [1.0, 0.0]
-        noisy = [moved + rng.normal(0.0, 0.2, (MARKERS, 2)) for _ in range(400)]
-        strain = np.mean([gauge.measure(one).strain.value for one in noisy])
-        exact = float(GradientOperator(REFERENCE).of(moved).strength)
-        assert strain == pytest.approx(exact, rel=0.02)

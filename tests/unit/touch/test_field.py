@@ -1,0 +1,85 @@
+"""The gradient of a displacement field and the quantities of the whole, against closed forms."""
+
+import numpy as np
+import pytest
+
+from spikingtac.touch.field import FieldGauge, GradientOperator
+
+MARKERS = 64
+X, Y = np.meshgrid(np.arange(8.0), np.arange(8.0))
+REFERENCE = 37.0 * np.column_stack([X.ravel(), Y.ravel()])
+
+
+def grid(rows: int = 6, columns: int = 7, pitch: float = 37.0) -> np.ndarray:
+    x, y = np.meshgrid(np.arange(columns) * pitch, np.arange(rows) * pitch)
+    return np.column_stack([x.ravel(), y.ravel()])
+
+
+def test_an_affine_field_is_exact_at_every_marker() -> None:
+    place = grid()
+    matrix = np.array([[0.03, 0.02], [-0.05, 0.01]])
+    found = GradientOperator(place).of(place @ matrix.T + [3.0, -2.0])
+    np.testing.assert_allclose(found.divergence, 0.04, atol=1e-12)
+    np.testing.assert_allclose(found.curl, -0.05 - 0.02, atol=1e-12)
+    np.testing.assert_allclose(found.stretch, 0.02, atol=1e-12)
+    np.testing.assert_allclose(found.skew, -0.05 + 0.02, atol=1e-12)
+
+
+def test_many_frames_at_once_equal_one_by_one() -> None:
+    place, rng = grid(), np.random.default_rng(1)
+    frames = rng.normal(size=(5, len(place), 2))
+    operator = GradientOperator(place)
+    together = operator.of(frames).divergence
+    alone = np.stack([operator.of(frame).divergence for frame in frames])
+    np.testing.assert_allclose(together, alone)
+
+
+def test_the_strength_of_noise_is_as_foretold() -> None:
+    place, rng = grid(), np.random.default_rng(2)
+    operator = GradientOperator(place)
+    strengths = operator.of(rng.normal(size=(2000, len(place), 2))).strength
+    assert np.sqrt((strengths**2).mean()) == pytest.approx(operator.noise_gain(), rel=0.03)
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (2, 2), (3, 5)])
+def test_the_strength_is_that_of_the_gradients(shape: tuple[int, int]) -> None:
+    rng, place = np.random.default_rng(shape[0]), grid(*shape)
+    operator = GradientOperator(place + rng.normal(0.0, 1.0, place.shape))
+    for scale in (0.0, 1e-6, 5.0):
+        moved = scale * rng.normal(size=place.shape)
+        told = float(operator.of(moved).strength)
+        assert operator.strength_of(moved) == pytest.approx(told, rel=1e-11)
+
+
+def test_quantities_of_a_known_field() -> None:
+    away = REFERENCE - REFERENCE.mean(axis=0)
+    moved = 0.02 * away + 0.01 * away @ [[0.0, 1.0], [-1.0, 0.0]] + [3.0, -1.0]
+    found = FieldGauge(REFERENCE, 0.1).measure(moved)
+    assert found.mean_shear_x_px.value == pytest.approx(3.0)
+    assert found.mean_shear_y_px.value == pytest.approx(-1.0)
+    assert found.torsion_rad.value == pytest.approx(np.arctan2(0.01, 1.02))
+    assert found.divergence.value == pytest.approx(0.04)
+    assert found.curl.value == pytest.approx(0.02)
+
+
+def test_their_uncertainty_is_that_of_repeated_noise() -> None:
+    rng, gauge = np.random.default_rng(5), FieldGauge(REFERENCE, 0.2)
+    away = REFERENCE - REFERENCE.mean(axis=0)
+    for stretch in (0.0, 0.005, 0.05):
+        moved = stretch * away * [1.0, 0.0]
+        found = [gauge.measure(moved + rng.normal(0.0, 0.2, (MARKERS, 2))) for _ in range(400)]
+        for name in ("mean_shear_x_px", "torsion_rad", "divergence", "curl", "strain"):
+            values = np.array([getattr(one, name).value for one in found])
+            told = np.mean([getattr(one, name).sigma for one in found])
+            assert values.std() == pytest.approx(told, rel=0.15), (name, stretch)
+
+
+def test_noise_is_taken_off_the_strain() -> None:
+    rng, gauge = np.random.default_rng(6), FieldGauge(REFERENCE, 0.2)
+    away = REFERENCE - REFERENCE.mean(axis=0)
+    for stretch in (0.005, 0.05):
+        moved = stretch * away * [1.0, 0.0]
+        noisy = [moved + rng.normal(0.0, 0.2, (MARKERS, 2)) for _ in range(400)]
+        strain = np.mean([gauge.measure(one).strain.value for one in noisy])
+        exact = float(GradientOperator(REFERENCE).of(moved).strength)
+        assert strain == pytest.approx(exact, rel=0.02)
