@@ -164,11 +164,6 @@ def test_a_budget_that_is_no_positive_number_is_refused(budget: float) -> None:
         DetectionConfig(false_alarms_per_hour=budget)
 
 
-def test_motion_is_another_name_of_the_default_detector() -> None:
-    detector = make_detector("motion", DetectionConfig(), [calibration()], quiet())
-    assert found(detector, touched()) == found(build("default"), touched())
-
-
 def test_unknown_names_and_missing_calibrations_are_explained() -> None:
     with pytest.raises(ConfigError, match="did you mean 'default'"):
         make_detector("defualt", DetectionConfig(), [calibration()], quiet())
@@ -205,13 +200,6 @@ def test_another_sensor_is_refused_not_indexed() -> None:
             build("motion").update(packet)
         with pytest.raises(ConfigError, match=r"do not fit|lie outside"):
             make_detector("default", DetectionConfig(), [calibration()], [packet])
-
-
-@pytest.mark.parametrize("name", ["event_count", "motion"])
-@pytest.mark.parametrize("budget", [float("nan"), float("inf"), 0.0, -1.0])
-def test_impossible_budgets_are_refused(name: str, budget: float) -> None:
-    with pytest.raises(ConfigError, match="must be positive"):
-        make_detector(name, DetectionConfig(false_alarms_per_hour=budget), [calibration()], quiet())
 
 
 def test_what_teaches_nothing_is_refused_in_our_words() -> None:

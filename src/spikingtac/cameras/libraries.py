@@ -12,6 +12,8 @@ from typing import Any
 from spikingtac.errors import DeviceError, MissingExtraError
 from spikingtac.events.camera import KINDS
 
+# USB vendor numbers of OpenMV boards: OpenMV's own, and pid.codes' that older ones carry.
+USB_VENDORS = (0x37C5, 0x1209)
 VIDEO = Path("/sys/class/video4linux")
 
 # Names of the video devices that a Prophesee sensor's driver makes on a Raspberry Pi.
@@ -94,10 +96,15 @@ def remedy(kind: str) -> str:
     return f"pip install 'spikingtac[{extra}]'" if extra else "build OpenEB from its sources"
 
 
-def _openmv() -> Iterator[FoundCamera]:
-    from spikingtac.cameras.openmv import ports
+def openmv_ports() -> list[tuple[str, str]]:
+    """Return port and serial number of the OpenMV boards that are plugged in."""
+    listing = require("serial.tools.list_ports", "pyserial", "openmv")
+    ports = listing.comports()
+    return [(one.device, one.serial_number or "") for one in ports if one.vid in USB_VENDORS]
 
-    for port, serial in ports():
+
+def _openmv() -> Iterator[FoundCamera]:
+    for port, serial in openmv_ports():
         yield FoundCamera(address=f"openmv:{port}", model="OpenMV board", serial=serial)
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from importlib.resources import files
 from typing import Any, ClassVar, Self, TypeVar
 
-from spikingtac.cameras.libraries import require
+from spikingtac.cameras.libraries import openmv_ports, require
 from spikingtac.cameras.words import GENX320_SIZE, BareWords
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError
 from spikingtac.events.address import Address
@@ -33,9 +33,6 @@ WORDS, FEWEST_WORDS, MOST_WORDS = 2048, 1024, 65536
 SCRIPT_S = 8.0
 STOP_S = 0.5  # Wait after the running script was stopped, s; that of the maker's examples.
 POLL_S = 0.001
-
-# USB vendor numbers of OpenMV boards: OpenMV's own, and pid.codes' that older ones carry.
-USB_VENDORS = (0x37C5, 0x1209)
 
 
 class OpenMvCamera(Camera):
@@ -63,7 +60,11 @@ class OpenMvCamera(Camera):
         library = require("openmv.camera", "openmv", "openmv")
         if sys.version_info < (3, 12):
             _mend(library)
-        port = address.target or _first_port()
+        port = address.target or next((port for port, _ in openmv_ports()), "")
+        if not port:
+            raise DeviceError(
+                "no OpenMV board is plugged in; connect one, or name its port: openmv:/dev/ttyACM0"
+            )
         device = library.Camera(port, baudrate=921600, crc=False, ack=False)
         try:
             device.connect()
@@ -160,23 +161,3 @@ def _count_registered(device: Any, channel: int, event: int) -> None:
     """Note that the board has new channels: the one event that matters here."""
     if channel == 0 and event == 0:
         device.pending_channel_events += 1
-
-
-def _first_port() -> str:
-    """Return the port of the first board that is plugged in."""
-    found = ports()
-    if not found:
-        raise DeviceError(
-            "no OpenMV board is plugged in; connect one, or name its port: openmv:/dev/ttyACM0"
-        )
-    return found[0][0]
-
-
-def ports() -> list[tuple[str, str]]:
-    """Return port and serial number of the OpenMV boards that are plugged in."""
-    listing = require("serial.tools.list_ports", "pyserial", "openmv")
-    return [
-        (item.device, item.serial_number or "")
-        for item in listing.comports()
-        if item.vid in USB_VENDORS
-    ]

@@ -33,8 +33,6 @@ LOOK_S = 0.005  # Time between two looks whether a copy of this process has ende
 # Name of the thread that hears the asker; it waits in a read, and holds no lock.
 ASKER = "spikingtac-asker"
 
-WAKE = ""  # What a process tells its asker only to wake it.
-
 # Longest time that a process may take to complete its files once its asker is gone, s (ours).
 LONGEST_GRACE_S = 30.0
 
@@ -245,10 +243,8 @@ class Asker:
 
     def wake(self) -> None:
         """Wake an asker that waits for something; one that has enough to take is left alone."""
-        with self._lock:
-            free = select.select([], [self._channel], [], 0.0)[1]
-        if free:
-            self.tell(WAKE)
+        if select.select([], [self._channel], [], 0.0)[1]:
+            self.tell("")
 
     def _listen(self) -> None:
         with contextlib.suppress(EOFError, OSError):
