@@ -9,10 +9,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-from evaluation import evaluate, speed, vector_speed
+from evaluation import evaluate, speed, validate, vector_speed
 from learn import train
 from spikingtac_mujoco import TASKS
-from validation import validate
 
 LEARNED = "grip_ppo.npz"
 ABOUT = {

@@ -195,7 +195,7 @@ def test_touch_does_the_task(module: Any, name: str) -> None:
 
 def test_episodes_become_a_data_set(module: Any, tmp_path: Path) -> None:
     pytest.importorskip("pyarrow")
-    from spikingtac_mujoco.export import export_episodes
+    from spikingtac_mujoco.__main__ import export_episodes
 
     told = export_episodes("StopOnTouch", tmp_path / "set", 1)
     assert told["total_episodes"] == 1
