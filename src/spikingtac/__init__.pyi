@@ -39,7 +39,7 @@ from .contact.detector import ContactDetector as ContactDetector
 from .contact.registry import DetectionConfig as DetectionConfig
 from .contact.event_count import EventCountConfig as EventCountConfig
 from .contact.event_count import EventCountDetector as EventCountDetector
-from .contact.quiet import QuietStatistics as QuietStatistics
+from .contact.detector import QuietStatistics as QuietStatistics
 from .contact.sequential_detector import SequentialMotionDetector as SequentialMotionDetector
 from .contact.registry import make_detector as make_detector
 

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from spikingtac import plugins
-from spikingtac.contact.detector import ContactDetector, Window
-from spikingtac.contact.quiet import QuietStatistics
+from spikingtac.contact.detector import ContactDetector, QuietStatistics, Window
 from spikingtac.contact.registry import ALIASES, DetectionConfig, detectors, make_detector
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.windows import windows as cut_windows

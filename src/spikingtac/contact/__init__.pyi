@@ -21,6 +21,6 @@ from .registry import detectors as detectors
 from .registry import make_detector as make_detector
 from .event_count import EventCountConfig as EventCountConfig
 from .event_count import EventCountDetector as EventCountDetector
-from .quiet import QuietStatistics as QuietStatistics
+from .detector import QuietStatistics as QuietStatistics
 from .sequential_detector import SequentialMotionDetector as SequentialMotionDetector
 from .event_count import SelfCalibratingDetector as SelfCalibratingDetector

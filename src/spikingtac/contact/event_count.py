@@ -14,11 +14,12 @@ import numpy as np
 from spikingtac.contact.detector import (
     ContactDetails,
     DetectorSummary,
+    QuietStatistics,
     Window,
     count_of,
     packets_of,
+    unsettled,
 )
-from spikingtac.contact.quiet import QuietStatistics, unsettled
 from spikingtac.errors import ConfigError
 from spikingtac.types import Contact
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.contact.detector import Window, packets_of
+from spikingtac.contact.detector import SECONDS_PER_HOUR, Window, packets_of
 from spikingtac.contact.evidence import (
     AFFINE_MODES,
     OFF_RIM,
@@ -23,7 +23,6 @@ from spikingtac.contact.evidence import (
     ScaleTest,
     Vector,
 )
-from spikingtac.contact.quiet import SECONDS_PER_HOUR
 from spikingtac.errors import CalibrationError
 from spikingtac.types import EventPacket
 

@@ -12,14 +12,16 @@ from itertools import chain, islice
 import numpy as np
 
 from spikingtac.contact.detector import (
+    BLOCK_WINDOWS,
+    CLEAR_SIGMA,
     WINDOW_US,
     ContactDetails,
     ContactDetector,
     Window,
     count_of,
     packets_of,
+    unsettled,
 )
-from spikingtac.contact.quiet import BLOCK_WINDOWS, CLEAR_SIGMA, unsettled
 from spikingtac.errors import RecordingError
 from spikingtac.events.source import EventSource
 from spikingtac.events.windows import windows

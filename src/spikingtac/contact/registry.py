@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 from spikingtac import plugins
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.contact.detector import ContactDetector, Window
+from spikingtac.contact.detector import ContactDetector, QuietStatistics, Window, check_budget
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
-from spikingtac.contact.quiet import QuietStatistics, check_budget
 from spikingtac.contact.sequential_detector import SequentialMotionDetector
 from spikingtac.errors import named
 from spikingtac.plugins import with_plugins

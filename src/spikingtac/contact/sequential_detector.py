@@ -20,6 +20,8 @@ from spikingtac.contact.detector import (
     DetectorSummary,
     GelTouch,
     Window,
+    WindowCounter,
+    check_budget,
     packets_of,
 )
 from spikingtac.contact.evidence import (
@@ -32,7 +34,6 @@ from spikingtac.contact.evidence import (
     exceeded_kernel,
     rim_table,
 )
-from spikingtac.contact.quiet import WindowCounter, check_budget
 from spikingtac.contact.quiet_evidence import (
     QuietEvidence,
     quiet_evidence,

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.detector import (
+    SECONDS_PER_HOUR,
+    ContactDetector,
+    QuietStatistics,
+    unsettled,
+)
 from spikingtac.contact.event_count import (
     QUIET_WINDOWS,
     RELEASE_WINDOWS,
@@ -16,7 +21,6 @@ from spikingtac.contact.event_count import (
     EventCountDetector,
     SelfCalibratingDetector,
 )
-from spikingtac.contact.quiet import SECONDS_PER_HOUR, QuietStatistics, unsettled
 from spikingtac.types import EventPacket
 
 WINDOWS, PERIOD_S = 10_000, 0.001
