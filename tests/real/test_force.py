@@ -9,7 +9,7 @@ from spikingtac.touch.force.series import load_series
 
 SERIES = ("contacts_175756", "contacts_180422", "contacts_180917")
 
-# R2 of Fx, Fy, Fz over the pooled series; measured 0.954, 0.951, 0.900.
+# R2 of Fx, Fy, Fz over the pooled series; measured 0.954, 0.951, 0.898.
 POOLED = (0.95, 0.947, 0.895)
 
 

@@ -21,8 +21,17 @@ from spikingtac.touch.field import FieldGauge, GradientOperator
 from spikingtac.touch.lost_markers import LostMarkers, spread_of
 from spikingtac.touch.onset import Backlash, OnsetMemory
 from spikingtac.touch.patch import Patch, PatchEstimator
-from spikingtac.touch.release import END_SHARE, CalibratedRest, Release
-from spikingtac.touch.touch import Touch, TouchConfig, TouchPeak, spreads, strains
+from spikingtac.touch.touch import (
+    END_SHARE,
+    CalibratedRest,
+    OpenTouch,
+    Release,
+    Touch,
+    TouchConfig,
+    TouchPeak,
+    spreads,
+    strains,
+)
 from spikingtac.types import MarkerFrame
 
 Field = NDArray[np.float64]
@@ -50,17 +59,6 @@ RESTING_US = 2_000_000  # Time constant of the rest otherwise, us (slower presse
 # Strength against the calibrated rest up to which that holds (a real gel, which creeps,
 # rested at 0.009 to 0.031 from where it was calibrated; its presses reach 0.09 and more).
 START_STRENGTH = 0.05
-
-
-@dataclass(slots=True)
-class _Open:
-    """A touch that is not over yet."""
-
-    begin_us: int
-    threshold: float
-    release: Release
-    home: CalibratedRest
-    peak: TouchPeak
 
 
 @dataclass(slots=True)
@@ -106,7 +104,7 @@ class TouchDetector:
 
     def reset(self) -> None:
         """Forget everything: the markers are at the calibrated rest."""
-        self._open: _Open | None = None
+        self._open: OpenTouch | None = None
         self._lost.reset()
         self._zero = np.zeros_like(self._reference)
         self._moved = self._tracked = np.zeros_like(self._reference)
@@ -192,7 +190,7 @@ class TouchDetector:
             return None
         return self._told(touch, None)
 
-    def _told(self, touch: _Open, end_us: int | None) -> Touch | None:
+    def _told(self, touch: OpenTouch, end_us: int | None) -> Touch | None:
         peak, (before_us, before) = touch.peak, self._former
         tail = touch.begin_us - before_us < TAIL_US and peak.strength < TAIL_SHARE * before
         if tail or not (peak.spreads and strains(peak, self._pitch_px)):
@@ -224,12 +222,12 @@ class TouchDetector:
                 self._memory.clear()
         return repaired
 
-    def _begun(self, pattern: Field) -> _Open:
+    def _begun(self, pattern: Field) -> OpenTouch:
         begin_us = self._memory.notice(pattern)
         home = CalibratedRest(self._gradient, self._zero, pattern)
-        return _Open(begin_us, self.threshold, Release(), home, TouchPeak(self.tracked_px))
+        return OpenTouch(begin_us, self.threshold, Release(), home, TouchPeak(self.tracked_px))
 
-    def _follow(self, touch: _Open, t_us: int, moved: Field) -> Touch | None:
+    def _follow(self, touch: OpenTouch, t_us: int, moved: Field) -> Touch | None:
         """Measure an open touch and return it if it is over."""
         away = moved - self._zero
         strength = self._gradient.strength_of(away)
@@ -250,14 +248,14 @@ class TouchDetector:
         ended = self._closed(touch, back_us, moved)
         return None if touch.home.was_return(peak.strength) else ended
 
-    def _closed(self, touch: _Open, end_us: int, moved: Field) -> Touch | None:
+    def _closed(self, touch: OpenTouch, end_us: int, moved: Field) -> Touch | None:
         """Return a touch that is over, None of noise; where the skin is now, is its rest."""
         told = self._told(touch, end_us)
         self._open, self._zero = None, moved
         self._memory.clear()
         return told
 
-    def _left(self, touch: _Open, spread: float, strength: float) -> float:
+    def _left(self, touch: OpenTouch, spread: float, strength: float) -> float:
         """Return the share of the touch's peak that is left, in strength or in spread.
 
         A few markers that are lost in a release strain the field for ever; most are back. A faint

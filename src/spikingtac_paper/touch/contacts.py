@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -162,7 +161,7 @@ def draw_contact(
     motion = _Motion(rng, friction, speed, depth)
     press = SegmentConfig(kind="press", depth_mm=depth, duration_s=float(rng.uniform(0.15, 0.5)))
     wait = SegmentConfig(kind="hold", duration_s=float(rng.uniform(0.05, 0.4)))
-    segments = (press, wait, *_DRAWN[kind](motion), *RELEASE)
+    segments = (press, wait, *_segments(kind, motion), *RELEASE)
     x, y = rng.uniform(-PLACE_MM, PLACE_MM, 2) - 0.5 * motion.way * (kind not in IN_PLACE)
     indenter, yaw = body.indenter(rng), body.yaw_deg(rng)
     course = MotionConfig(
@@ -205,61 +204,20 @@ class _Motion:
         )
 
 
-_Drawn = Callable[[_Motion], list[SegmentConfig]]
-
-
-def _slide(motion: _Motion) -> list[SegmentConfig]:
-    return [motion.segment("slide")]
-
-
-def _twist(motion: _Motion, speeds_mm_s: tuple[float, float] = TWIST_MM_S) -> list[SegmentConfig]:
+def _twist(motion: _Motion, speeds_mm_s: tuple[float, float]) -> list[SegmentConfig]:
     angle = float(motion.rng.choice([-1.0, 1.0]) * motion.rng.uniform(*TURN_DEG))
     motion.speed = float(motion.rng.uniform(*speeds_mm_s))
     rate_deg_s = float(np.degrees(motion.speed / TWIST_ARM_MM))
     return [SegmentConfig(kind="twist", angle_deg=angle, speed_deg_s=rate_deg_s)]
 
 
-def _rub(motion: _Motion) -> list[SegmentConfig]:
-    motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
-    return [motion.segment("rub", 0.6, repeats=2)]
-
-
 def _circle(motion: _Motion) -> list[SegmentConfig]:
-    motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
-    radius_mm = float(motion.rng.uniform(0.3, 1.0))
     return [
         SegmentConfig(
-            kind="circle", radius_mm=radius_mm, turns=1.0, heading_deg=motion.heading_deg,
-            speed_mm_s=motion.speed,
+            kind="circle", radius_mm=float(motion.rng.uniform(0.3, 1.0)), turns=1.0,
+            heading_deg=motion.heading_deg, speed_mm_s=motion.speed,
         )
     ]  # fmt: skip
-
-
-def _roll(motion: _Motion, drawn: bool = False) -> list[SegmentConfig]:
-    radius_mm = float(motion.rng.uniform(*ROLLS_MM)) if drawn else ROLL_MM
-    motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
-    return [motion.segment("roll", 0.7, radius_mm=radius_mm)]
-
-
-def _short(motion: _Motion, drawn: _Drawn) -> list[SegmentConfig]:
-    """Return a motion on a way on which most contacts stick."""
-    motion.way = motion.rng.uniform(*SHORT_MM) * motion.friction * motion.along
-    return drawn(motion)
-
-
-def _slowly(motion: _Motion, drawn: _Drawn) -> list[SegmentConfig]:
-    motion.speed = float(motion.rng.uniform(*SLOW_MM_S))
-    return drawn(motion)
-
-
-def _deepen(motion: _Motion) -> list[SegmentConfig]:
-    deeper = motion.depth_mm * float(motion.rng.uniform(0.6, 1.3))
-    return [motion.segment("slide", depth_mm=deeper)]
-
-
-def _twice(motion: _Motion) -> list[SegmentConfig]:
-    half = motion.segment("slide", 0.5)
-    return [half, SegmentConfig(kind="hold", duration_s=0.3), half]
 
 
 def _carry(motion: _Motion) -> list[SegmentConfig]:
@@ -276,24 +234,35 @@ def _carry(motion: _Motion) -> list[SegmentConfig]:
     return segments
 
 
-def _hold(motion: _Motion) -> list[SegmentConfig]:
-    return [SegmentConfig(kind="hold", duration_s=HOLD_S)]
+_PAUSE = SegmentConfig(kind="hold", duration_s=0.3)
 
-
-_DRAWN: dict[str, _Drawn] = {
-    "slide": _slide,
-    "stick": partial(_short, drawn=_slide),
-    "twist": _twist,
-    "rub": _rub,
-    "short-rub": partial(_short, drawn=_rub),
+# Motion -> its segments.
+_DRAWN: dict[str, Callable[[_Motion], list[SegmentConfig]]] = {
+    "slide": lambda m: [m.segment("slide")],
+    "rub": lambda m: [m.segment("rub", 0.6, repeats=2)],
     "circle": _circle,
-    "roll": _roll,
-    "deepen": _deepen,
-    "twice": _twice,
-    "slow-slide": partial(_slowly, drawn=_slide),
-    "slow-circle": partial(_slowly, drawn=_circle),
-    "slow-twist": partial(_twist, speeds_mm_s=SLOW_TWIST_MM_S),
-    "any-roll": partial(_roll, drawn=True),
+    "roll": lambda m: [m.segment("roll", 0.7, radius_mm=ROLL_MM)],
+    "any-roll": lambda m: [m.segment("roll", 0.7, radius_mm=float(m.rng.uniform(*ROLLS_MM)))],
+    "twist": lambda m: _twist(m, TWIST_MM_S),
+    "slow-twist": lambda m: _twist(m, SLOW_TWIST_MM_S),
+    "deepen": lambda m: [m.segment("slide", depth_mm=m.depth_mm * float(m.rng.uniform(0.6, 1.3)))],
+    "twice": lambda m: [m.segment("slide", 0.5), _PAUSE, m.segment("slide", 0.5)],
     CARRY: _carry,
-    HOLD: _hold,
+    HOLD: lambda m: [SegmentConfig(kind="hold", duration_s=HOLD_S)],
 }
+
+# Kinds that are another motion: on a way on which most contacts stick, or slow.
+_SHORT = {"stick": "slide", "short-rub": "rub"}
+_SLOW = {"slow-slide": "slide", "slow-circle": "circle"}
+
+
+def _segments(kind: str, motion: _Motion) -> list[SegmentConfig]:
+    """Return the motion of a kind, which may change speed and way."""
+    if kind in _SHORT:
+        motion.way = motion.rng.uniform(*SHORT_MM) * motion.friction * motion.along
+    if kind in _SLOW:
+        motion.speed = float(motion.rng.uniform(*SLOW_MM_S))
+    kind = (_SHORT | _SLOW).get(kind, kind)
+    if kind in ("rub", "circle", "roll", "any-roll"):
+        motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
+    return _DRAWN[kind](motion)

@@ -31,7 +31,6 @@ from spikingtac_paper.touch.patches import (
     WatchedPress,
     draw_press,
     patch_scores,
-    region_above,
     watch_press,
 )
 from spikingtac_paper.touch.slip import (
@@ -69,14 +68,9 @@ ON = np.ones(len(T_US), np.bool_)
 def test_each_touch_is_found_once(found: list[tuple[int, int]], missed: int, extra: int) -> None:
     scores = touch_scores(TOUCHES, found)
     assert (scores["missed"], scores["extra"]) == (missed, extra)
-
-
-def test_begins_and_ends_are_in_time_or_not() -> None:
-    in_time = touch_scores(TOUCHES, [(1_005_000, 2_050_000), (2_991_000, 3_950_000)])
-    assert (in_time["begin_in_time"], in_time["end_in_time"]) == (1.0, 1.0)
-    late = touch_scores(TOUCHES, [(1_020_000, 1_400_000)])
-    assert (late["begin_in_time"], late["end_in_time"]) == (0.0, 0.0)
-    assert "begin_in_time" not in touch_scores([], [(0, 1)])
+    if not missed + extra:
+        in_time = float(found[0][0] < 1_100_000)
+        assert (scores["begin_in_time"], scores["end_in_time"]) == (in_time, in_time)
 
 
 def test_windows_above_rest_are_touches() -> None:
@@ -159,14 +153,6 @@ def test_every_method_tells_a_press_from_events_about_where_it_is(felt: WatchedP
     assert 0.4 < overlap["strained-region"] < overlap["patch-model"]
     assert 0.4 < overlap["event-region"] < overlap["patch-model"]
     assert max(one["place_mm"] for one in scores.values()) < 1.5
-
-
-def test_a_simpler_region_is_the_markers_with_the_largest_values() -> None:
-    grid = np.stack(np.meshgrid(np.arange(4.0), np.arange(4.0)), axis=-1).reshape(-1, 2)
-    values = np.where((grid == [1.0, 2.0]).all(axis=1), 1.0, 0.1)
-    patch = region_above(grid, values, 0.5)
-    np.testing.assert_allclose(patch.place, [1.0, 2.0])
-    assert patch.area == 1.0
 
 
 def slips(slow: bool = True) -> Truth:

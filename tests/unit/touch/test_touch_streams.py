@@ -9,9 +9,8 @@ import pytest
 from spikingtac.touch.detector import TouchDetector
 from spikingtac.touch.field import GradientOperator, straightened
 from spikingtac.touch.patch import SquareLattice
-from spikingtac.touch.release import RETURN_FACTOR, STILL_US, CalibratedRest
 from spikingtac.touch.slip.held import HeldTouchDetector
-from spikingtac.touch.touch import Touch, TouchConfig
+from spikingtac.touch.touch import RETURN_FACTOR, STILL_US, CalibratedRest, Touch, TouchConfig
 from spikingtac.types import MarkerFrame
 
 PITCH_PX, NOISE_PX, RATE_HZ = 37.0, 0.012, 500.0
