@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import importlib.resources
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,44 +76,8 @@ def packaged(file: str) -> Network:
     return Network(content, file)
 
 
-def read(path: str | Path, hint: str) -> Network:
-    """Open the network of a file.
-
-    Args:
-        path: The file.
-        hint: How to make one, for messages.
-
-    Raises:
-        ConfigError: It cannot be read, or is no network.
-    """
-    try:
-        content = Path(path).read_bytes()
-    except OSError as error:
-        raise ConfigError(f"cannot read {str(path)!r}: {error.strerror}; {hint}") from error
-    try:
-        return Network(content, str(path))
-    except ConfigError as error:
-        raise ConfigError(f"{error}; {hint}") from error
-
-
-class Node(NamedTuple):
-    """One operation of a graph.
-
-    Attributes:
-        operator: Its name in ONNX.
-        inputs: Names of its inputs.
-        output: Name of its output.
-        integers: Its integer attributes.
-    """
-
-    operator: str
-    inputs: Sequence[str]
-    output: str
-    integers: Mapping[str, int] = {}
-
-
 def graph(
-    nodes: Sequence[Node],
+    steps: str,
     weights: Mapping[str, NDArray[Any]],
     size: int,
     outputs: Mapping[str, int],
@@ -122,12 +85,12 @@ def graph(
     """Return an ONNX file of one input, ``fields (n, size)``, without a library.
 
     Args:
-        nodes: The operations, in order.
+        steps: The operations in order, as ``output=Operator(inputs)``.
         weights: Name -> array; float32 but for integers, which become int64.
         size: Width of the input.
         outputs: Name -> width of each output ``(n, width)``.
     """
-    parts = [_part(1, _node(node)) for node in nodes]
+    parts = [_part(1, _node(step)) for step in steps.split()]
     parts += [_part(2, b"graph")]
     parts += [_part(5, _tensor(name, values)) for name, values in weights.items()]
     parts += [_part(11, _value("fields", size))]
@@ -158,12 +121,13 @@ def _part(field: int, content: bytes) -> bytes:
     return _varint(field << 3 | 2) + _varint(len(content)) + content
 
 
-def _node(node: Node) -> bytes:
-    parts = [_part(1, name.encode()) for name in node.inputs]
-    parts += [_part(2, node.output.encode()), _part(4, node.operator.encode())]
-    for name, value in node.integers.items():
-        kind = _number(20, 2)  # an integer
-        parts.append(_part(5, _part(1, name.encode()) + _number(3, value) + kind))
+def _node(step: str) -> bytes:
+    output, call = step.split("=")
+    operator, inputs = call.rstrip(")").split("(")
+    parts = [_part(1, name.encode()) for name in inputs.split(",")]
+    parts += [_part(2, output.encode()), _part(4, operator.encode())]
+    if operator in ("Gather", "Concat"):  # along the columns: an attribute that is an integer
+        parts.append(_part(5, _part(1, b"axis") + _number(3, 1) + _number(20, 2)))
     return b"".join(parts)
 
 

@@ -130,35 +130,6 @@ def test_a_faint_touch_begins_and_ends_though_the_tracker_keeps_half_of_it(rise_
     assert (touch.end_us - 7_000_000) / 1e6 == pytest.approx(1.9, abs=0.1)
 
 
-def test_a_touch_without_an_end_says_so() -> None:
-    (touch,) = touches(watch(lambda t: 4 * pulse(t, 0.8, 9.0), 2.0))
-    assert touch.end_us is None
-    assert touch.duration_us is None
-
-
-def test_a_firmer_touch_of_a_wider_body_has_a_larger_area() -> None:
-    small, wide = press(4.0), (REFERENCE - CENTER) * 0.1
-    areas = []
-    for field in (small, wide):
-        frames = watch(lambda t: 0.0, 1.0)
-        detector = TouchDetector(REFERENCE)
-        for frame in frames:
-            shift = field if frame.t_us > 7_500_000 else 0.0 * field
-            moved = MarkerFrame(
-                frame.t_us,
-                frame.detected_px + shift,
-                frame.position_px,
-                frame.displacement_px,
-                frame.coasted,
-                frame.confidence,
-            )
-            detector.update(moved)
-        touch = detector.finish()
-        assert touch is not None
-        areas.append(touch.area_px2)
-    assert areas[1] > 2 * areas[0]
-
-
 def test_markers_that_are_lost_in_the_release_do_not_hold_the_touch() -> None:
     def stuck(frame: MarkerFrame) -> MarkerFrame:
         place = frame.detected_px.copy()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError
 from spikingtac.touch.force.series import COMPONENTS, WrenchSeries
-from spikingtac.touch.network import Network, read, with_record
+from spikingtac.touch.network import Network, with_record
 
 Field = NDArray[np.float64]
 
@@ -26,11 +26,9 @@ SCHEMA = 5  # Version of the record.
 SIGMAS_90 = 1.645  # Standard deviations in half of a 90 % interval of normal errors.
 HINT = "make one with: spikingtac force fit FILES -o force.onnx"
 
-# Amplitude, in radii of rest, at which half of the network's error at rest is taken off.
-REST_RADII = 2.0
+REST_RADII = 2.0  # Amplitude, radii of rest, at which half of the error at rest is taken off.
 
-# Distance from the learned markers, in their own nearest distance, up to which markers are of the
-# same layout (the references of data/force differ by 0.16 between series).
+# Distance from the learned markers up to which a layout is the same, pitches (data/force: 0.16).
 LAYOUT_PITCHES = 0.35
 
 # Time at rest over which the zero averages, and the weight of the calibrated rest, s.
@@ -107,7 +105,7 @@ class Wrench:
 
     Attributes:
         t_us: Time, us.
-        values: ``(c,)`` forces in N, then moments in Nm: the model's components.
+        values: ``(c,)`` forces in N, then moments in Nm.
         half_width: ``(c,)`` half of the 90 % interval of each, in its unit.
     """
 
@@ -256,7 +254,11 @@ def rest_share(fields: Field, radius: float) -> Field:
 
 def load_force(path: str | Path) -> ForceModel:
     """Read ``force.onnx``; one that is missing or damaged raises ConfigError."""
-    return ForceModel(read(path, HINT), str(path))
+    try:
+        network = Network(Path(path).read_bytes(), str(path))
+    except (OSError, ConfigError) as error:
+        raise ConfigError(f"cannot read {str(path)!r}: {error}; {HINT}") from error
+    return ForceModel(network, str(path))
 
 
 class ForceEstimator:

@@ -22,7 +22,7 @@ from scipy.interpolate import RBFInterpolator
 from scipy.linalg import solve
 
 from spikingtac.calibration.pitch import marker_pitch_px
-from spikingtac.touch.network import Node, graph
+from spikingtac.touch.network import graph
 
 Field = NDArray[np.float64]
 
@@ -164,7 +164,7 @@ def fit_regression(reference: Field, fields: Field, wrench: Field, zero: Field) 
     }  # fmt: skip
     arrays = {name: np.array(value) for name, value in (constants | learned | scalars).items()}
     outputs = {"wrench": components, "spread": components}
-    return graph([_node(step) for step in STEPS.split()], arrays, len(shapes.modes), outputs)
+    return graph(STEPS, arrays, len(shapes.modes), outputs)
 
 
 def _gaussians(places: Field, centers: Field) -> Field:
@@ -231,14 +231,6 @@ def _fit_logarithm(
         "sign": sign,
         "per_reach": 1.0 / (DIRECT_REACH * largest),
     }
-
-
-def _node(step: str) -> Node:
-    """Return the operation of ``output=Operator(inputs)``."""
-    output, call = step.split("=")
-    operator, inputs = call.rstrip(")").split("(")
-    integers = {"axis": 1} if operator in ("Gather", "Concat") else {}
-    return Node(operator, inputs.split(","), output, integers)
 
 
 def with_mirrored(reference: Field, fields: Field, wrench: Field) -> tuple[Field, Field, Field]:
