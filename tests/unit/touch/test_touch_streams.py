@@ -1,7 +1,7 @@
 """Streams of frames that are not as they should be: gaps, jumps in time, a touched start, a row."""
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -10,53 +10,26 @@ from spikingtac.touch.detector import TouchDetector
 from spikingtac.touch.field import GradientOperator, straightened
 from spikingtac.touch.patch import SquareLattice
 from spikingtac.touch.slip.held import HeldTouchDetector
-from spikingtac.touch.touch import RETURN_FACTOR, STILL_US, CalibratedRest, Touch, TouchConfig
+from spikingtac.touch.touch import RETURN_FACTOR, STILL_US, CalibratedRest, TouchConfig
 from spikingtac.types import MarkerFrame
+from stand_ins.pressed_skin import (
+    CENTER,
+    PITCH_PX,
+    PRESS,
+    REFERENCE,
+    press,
+    pulse,
+    touches,
+    watch,
+)
 
-PITCH_PX, NOISE_PX, RATE_HZ = 37.0, 0.012, 500.0
 MM_PER_PX = 0.065
-X, Y = np.meshgrid(np.arange(8.0), np.arange(8.0))
-REFERENCE = PITCH_PX * np.column_stack([X.ravel(), Y.ravel()]) + 30.0
 ROW = np.column_stack([PITCH_PX * np.arange(10.0), np.full(10, 80.0)])
-CENTER = np.array([160.0, 145.0])
 PLACES_ONLY = TouchConfig(sees_changes=False)
 
 
-def press(reference: np.ndarray, center: np.ndarray, depth: float = 1.0) -> np.ndarray:
-    """Markers spread away from a press, most at one and a half pitches from it."""
-    away = (reference - center) / PITCH_PX
-    return depth * away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True) / 1.5**2)
-
-
-PRESS = press(REFERENCE, CENTER)
-
-
-def pulse(t_s: float, begin_s: float, end_s: float, rise_s: float = 0.2) -> float:
-    """A press of depth 4 that grows as the square of time and is taken back alike."""
-    return 4.0 * max(min((t_s - begin_s) / rise_s, (end_s - t_s) / rise_s, 1.0), 0.0) ** 2
-
-
-def watch(
-    depth: Callable[[float], float],
-    seconds: float,
-    reference: np.ndarray = REFERENCE,
-    pattern: np.ndarray = PRESS,
-) -> Iterator[MarkerFrame]:
-    rng, none, sure = np.random.default_rng(4), np.zeros(len(reference), bool), np.ones(64)
-    for k in range(int(seconds * RATE_HZ)):
-        t_s = k / RATE_HZ
-        place = reference + depth(t_s) * pattern + rng.normal(0.0, NOISE_PX, reference.shape)
-        yield MarkerFrame(round(t_s * 1e6), place, place, place - reference, none, sure)
-
-
-def touches(detector: TouchDetector, frames: Iterator[MarkerFrame]) -> list[Touch]:
-    found = [touch for frame in frames if (touch := detector.update(frame))]
-    last = detector.finish()
-    return [*found, last] if last else found
-
-
 def one_press(t_s: float) -> float:
-    return pulse(t_s, 0.8, 1.9)
+    return 4 * pulse(t_s, 0.8, 1.9)
 
 
 @pytest.mark.parametrize(
@@ -119,7 +92,7 @@ def test_the_release_of_what_was_held_at_first_is_no_touch(strength: float, seco
 def test_after_that_release_presses_are_found() -> None:
     held = held_at_first(0.03, 1.0)
     detector = TouchDetector(REFERENCE, PLACES_ONLY)
-    frames = watch(lambda t_s: held(t_s) + pulse(t_s, 2.5, 3.5), 6.0)
+    frames = watch(lambda t_s: held(t_s) + 4 * pulse(t_s, 2.5, 3.5), 6.0)
     (touch,) = touches(detector, frames)
     assert touch.begin_us == pytest.approx(2_500_000, abs=10_000)
     assert touch.end_us == pytest.approx(3_500_000, abs=100_000)
@@ -128,7 +101,7 @@ def test_after_that_release_presses_are_found() -> None:
 @pytest.mark.parametrize(("rise_s", "begin_us"), [(0.05, 50_000), (0.2, 100_000), (0.3, 110_000)])
 def test_a_press_that_begins_with_the_recording_is_one_touch(rise_s: float, begin_us: int) -> None:
     detector = TouchDetector(REFERENCE, PLACES_ONLY)
-    (touch,) = touches(detector, watch(lambda t_s: pulse(t_s, 0.0, 1.5, rise_s), 4.0))
+    (touch,) = touches(detector, watch(lambda t_s: 4 * pulse(t_s, 0.0, 1.5, rise_s), 4.0))
     assert touch.begin_us <= begin_us
     assert touch.end_us == pytest.approx(1_500_000, abs=1e6 * 0.5 * rise_s + 40_000)
 
@@ -137,7 +110,7 @@ def test_a_press_on_a_skin_that_is_held_ends_where_all_is_released_at_once() -> 
     """By its peak alone it never does: what was held is no small share of that."""
     held = held_at_first(0.03, 2.0, fall_s=0.02)
     detector = TouchDetector(REFERENCE, PLACES_ONLY)
-    frames = watch(lambda t_s: held(t_s) + 0.6 * pulse(t_s, 1.0, 2.0, 0.02), 4.0)
+    frames = watch(lambda t_s: held(t_s) + 0.6 * 4 * pulse(t_s, 1.0, 2.0, 0.02), 4.0)
     (touch,) = touches(detector, frames)
     assert touch.begin_us == pytest.approx(1_000_000, abs=10_000)
     assert touch.end_us == pytest.approx(2_000_000, abs=20_000)
@@ -190,7 +163,7 @@ def test_a_single_row_of_markers_feels_a_press(degrees: float, bend_px: float) -
     bent = ROW + np.array([0.0, bend_px]) * ((np.arange(10.0) - 4.5) ** 2 / 20.0)[:, None]
     reference = bent @ turn
     center = ROW[4:6].mean(axis=0) @ turn
-    pattern = press(reference, center)
+    pattern = press(1.0, reference, center)
     frames = watch(one_press, 3.0, reference, pattern)
     (touch,) = touches(TouchDetector(reference, PLACES_ONLY), frames)
     assert touch.begin_us == pytest.approx(800_000, abs=12_000)
