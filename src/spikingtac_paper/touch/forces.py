@@ -19,8 +19,8 @@ from spikingtac.touch import (
     synthetic_series,
 )
 from spikingtac_paper.harness.report import Metric
+from spikingtac_paper.touch.contacts import record, watch
 from spikingtac_paper.touch.force_baselines import BASELINES, MeanDisplacement
-from spikingtac_paper.touch.watched import record, watch
 
 Field = NDArray[np.float64]
 

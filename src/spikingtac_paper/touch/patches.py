@@ -20,8 +20,7 @@ from spikingtac.touch import (
     patch_of_cells,
 )
 from spikingtac_paper.harness.report import Metric
-from spikingtac_paper.touch.contacts import LONG, TESTED
-from spikingtac_paper.touch.watched import record, watch
+from spikingtac_paper.touch.contacts import LONG, TESTED, record, watch
 
 Field = NDArray[np.float64]
 

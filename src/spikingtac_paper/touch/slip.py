@@ -18,11 +18,13 @@ from spikingtac_paper.touch.contacts import (
     HOLD,
     KINDS,
     LIFT_S,
+    RATE_HZ,
     TESTED,
     DrawnContact,
     draw_contact,
+    record,
+    watch,
 )
-from spikingtac_paper.touch.watched import RATE_HZ, record, watch
 
 Field = NDArray[np.float64]
 Times = NDArray[np.int64]

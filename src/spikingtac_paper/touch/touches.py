@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spikingtac.sim import SceneSource, load_scene
 from spikingtac.touch import TouchDetector
 from spikingtac_paper.harness.report import Metric
-from spikingtac_paper.touch.watched import record, watch
+from spikingtac_paper.touch.contacts import record, watch
 
 SCENES = ("finger-presses", "finger-slides", "finger-torsion", "spoon-rubs", "comb-slides",
           "spoon-circles", "finger-circles", "drag-release", "finger-rolls", "mixed")  # fmt: skip
