@@ -23,12 +23,12 @@ Field = NDArray[np.float64]
 
 PLACE_MM = 6.0  # Contacts begin within this distance of the middle, per axis, mm.
 
-# Steps of the gel, Hz (ours: scenes take 250 to 500; a field without events does with fewer).
+# Steps of the gel, Hz (scenes take 250 to 500; a field without events does with fewer).
 MECHANICS_HZ = 100.0
 EVERY = 4  # Steps of the gel of which one is kept.
 
 # Range of Brown's first radial coefficient, in units of the tangent of the view angle: from a
-# little more than the twin's barrel (-0.05) to none (ours).
+# little more than the twin's barrel (-0.05) to none.
 DISTORTION = (-0.06, 0.0)
 SYMMETRIES = 8  # Ways to turn and mirror a square.
 SKIN = SkinConfig()

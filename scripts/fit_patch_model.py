@@ -52,7 +52,7 @@ GELS = 3 * (GelConfig(),) + tuple(GelConfig(thickness_mm=h) for h in (2.0, 2.5, 
 DRAW = Draw(first_seed=700_000, bodies=BODIES, gels=GELS)
 CONTACTS, VALIDATION = 12_000, 300
 
-# Cameras to which each contact is shown (ours: with one, the network learns it by heart).
+# Cameras to which each contact is shown (with one, the network learns it by heart).
 VIEWS = 3
 FRAMES = 12  # Frames of a contact that a camera sees, at most.
 LEAST_DEPTH_MM = 0.03  # Skins that are indented by less are left out, mm.

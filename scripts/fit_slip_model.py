@@ -26,12 +26,12 @@ Weights = dict[str, Any]
 
 OUTPUTS = 2  # The sticking share, and the probability of incipient slip.
 
-# Steps after which the hidden state of an untouched skin no longer changes (ours).
+# Steps after which the hidden state of an untouched skin no longer changes.
 SETTLING_STEPS = 500
-HIDDEN = ENCODING = 40  # Sizes of hidden state and encoding (ours: 32 learns more slowly).
+HIDDEN = ENCODING = 40  # Sizes of hidden state and encoding (32 learns more slowly).
 FRAME_US = 1_000
 
-# Frames between two of its steps (ours: 4 tells fewer slips ahead, 2 costs more and is alike).
+# Frames between two of its steps (4 tells fewer slips ahead, 2 costs more and is alike).
 STEP_FRAMES = 3
 
 # Noise on the features while learning, in their deviations: as much again stays for the whole
@@ -53,7 +53,7 @@ ANNOUNCED_FRAMES = 80
 LATE_FRAMES, LATE_WEIGHT = 100, 0.3
 
 # Long contacts are learned in pieces, each from so many frames before it on: an unrolled network
-# takes one step after the other, so short courses side by side are faster (ours; a second of
+# takes one step after the other, so short courses side by side are faster (a second of
 # run-up is taken to be all that the memory needs).
 PIECE_FRAMES, RUN_UP_FRAMES = 4_000, 1_000
 
@@ -64,7 +64,7 @@ class Recipe:
 
     Attributes:
         sample: Name of what it is fitted to.
-        epochs: Turns through that (ours: with a third of the steps alarms are half as good).
+        epochs: Turns through that (with a third of the steps alarms are half as good).
         partly: Sticking share below which a contact slips in part.
         announced_frames: It slips wholly, too, where all of it does so many frames later.
         steadiness: How much more it costs to ring an alarm of a contact that holds, per target.

@@ -33,7 +33,7 @@ class Sample:
 
     Attributes:
         contacts: How many.
-        carried: How many bodies are carried besides (ours: with 60 instead of 180, 6 of 600 moves
+        carried: How many bodies are carried besides (with 60 instead of 180, 6 of 600 moves
             began with a false alarm, with 180 none did).
         kinds: What the contacts are drawn from.
         gels: Their gels.

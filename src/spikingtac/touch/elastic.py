@@ -68,7 +68,7 @@ def layer_response(wavenumber_per_mm: Field, thickness_mm: float) -> LayerRespon
 
 
 KPA_PER_MPA = 1e3
-WAVENUMBERS = 400  # Steps of the integral over wavenumbers (ours: 800 give the same to 1e-4).
+WAVENUMBERS = 400  # Steps of the integral over wavenumbers (800 give the same to 1e-4).
 
 # Largest wavenumber times smoothing radius; the smoothing leaves exp(-32) there.
 LARGEST_ARGUMENT = 8.0

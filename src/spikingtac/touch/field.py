@@ -17,7 +17,7 @@ Field = NDArray[np.float64]
 NEIGHBOURS = 9
 LEAST_MARKERS = 4  # Fewer markers do not span a gradient with an error to judge it by.
 
-# Root mean square distance from a line, in pitches, up to which markers lie on it (ours): a row's
+# Root mean square distance from a line, in pitches, up to which markers lie on it: a row's
 # places err and bend as much, and it is too little to tell a slope by.
 LINE_PITCHES = 0.1
 

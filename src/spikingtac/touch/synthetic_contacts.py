@@ -23,8 +23,8 @@ SOURCE_PITCH_MM = 0.9
 # Radius over which each is spread, in those distances (their sum is smooth to 1 %).
 SPREAD = 0.6
 
-# Reach of the table of responses: of the longer side of the marker field, and mm beyond it (ours:
-# no two places of a square field are farther apart than 1.42 sides).
+# Reach of the table of responses: of the longer side of the marker field, and mm beyond it
+# (no two places of a square field are farther apart than 1.42 sides).
 REACH_SHARE, REACH_MARGIN_MM = 1.6, 5.0
 CENTER_SHARE = 0.8  # Share of the marker field on which contacts are centred.
 

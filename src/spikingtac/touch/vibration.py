@@ -17,13 +17,13 @@ US_PER_S = 1e6
 
 # Fewer frames make no spectrum: below 128 frames a second a window of 0.5 s is longer.
 LEAST_FRAMES = 64
-LOWEST_HZ = 10.0  # Motions slower than this are touch, not vibration, Hz (ours).
+LOWEST_HZ = 10.0  # Motions slower than this are touch, not vibration, Hz.
 
-# Amplitude of a line over the median of the spectrum (ours: white noise exceeds 5 once in 4,000
+# Amplitude of a line over the median of the spectrum (white noise exceeds 5 once in 4,000
 # spectra of 250 bins).
 LINE_RATIO = 6.0
 
-# Share of a period by which a frame may come earlier or later than expected (ours: times are
+# Share of a period by which a frame may come earlier or later than expected (times are
 # rounded to 1 us; a frame that is missing breaks the wave).
 IRREGULAR_SHARE = 0.25
 

@@ -11,13 +11,13 @@ from spikingtac.touch import WrenchSeries
 
 Field = NDArray[np.float64]
 
-# Penalty per frame, over the variance of a displacement (ours: of 1e-4 to 1e-2 the least errors
+# Penalty per frame, over the variance of a displacement (of 1e-4 to 1e-2 the least errors
 # between the series of data/force).
 RIDGE_SHARE = 1e-2
 
-# Layers of the perceptron and how it is trained (ours).
+# Layers of the perceptron and how it is trained.
 WIDTHS, DROPOUT, EPOCHS, BATCH = (512, 256, 128), 0.2, 70, 64
-RATE, DECAY = 1e-3, 1e-4  # Its largest learning rate and the decay of its weights (ours).
+RATE, DECAY = 1e-3, 1e-4  # Its largest learning rate and the decay of its weights.
 
 
 class MeanDisplacement:

@@ -26,7 +26,7 @@ Field = NDArray[np.float64]
 
 FOLDER = "force"  # Folder of the series of a real gel below that of the recordings.
 FORCES = ("fx", "fy", "fz")
-NOISE_PX = 0.1  # Error of a marker's place, per axis, px: that of the tracker ``default`` (ours).
+NOISE_PX = 0.1  # Error of a marker's place, per axis, px: that of the tracker ``default``.
 STEPS = 3  # Every so many steps of the gel are used.
 RATE_HZ = 250.0  # Estimates per second: those of the gel's steps.
 TESTED_SEED = 100  # Seed of the tested scenes, from that of the taught ones on.

@@ -34,8 +34,8 @@ PLACE_MM = 4.0  # Presses lie within this distance of the middle, per axis, mm.
 WIDE_MM = 3.0  # Narrower diameter from which a patch is asked to be right, mm.
 ASKED = 0.7
 
-# Shares of the largest value from which a marker belongs to the simpler methods' regions (ours:
-# the best of 0.2 to 0.8 on 240 other presses).
+# Shares of the largest value from which a marker belongs to the simpler methods' regions
+# (the best of 0.2 to 0.8 on 240 other presses).
 STRAIN_SHARE, EVENT_SHARE = 0.6, 0.75
 METHODS = {
     "patch-model": "the touched cells of the skin, from the motion of the markers around them",

@@ -52,14 +52,14 @@ SEEDS = range((TAUGHT_SEED - HELD_SEED) // SEED_STRIDE)
 NO_KIND_OF_SLIDE = ("stick", "short-rub", "roll", CARRY, HOLD)
 SLOW_MM_S = 20.0  # Speed below which an incipient slip must be told ahead of the gross one, mm/s.
 
-STOP_SHARE = 0.2  # Share of its fastest growth below which a shift has stopped (ours).
-STOP_SPAN = 20  # Frames over which growth is taken: 20 ms (ours).
+STOP_SHARE = 0.2  # Share of its fastest growth below which a shift has stopped.
+STOP_SPAN = 20  # Frames over which growth is taken: 20 ms.
 
-# Growth of the mean shift in that time above which the skin moves, px (ours: five times its
+# Growth of the mean shift in that time above which the skin moves, px (five times its
 # error).
 LEAST_GROWTH_PX = 0.1
 
-LEAST_CELLS = 20  # Cells of the skin below which a share of them says little (ours: 3 mm2).
+LEAST_CELLS = 20  # Cells of the skin below which a share of them says little (3 mm2).
 ARM_MM = 3.0  # Arm at which a turn counts as a motion, mm.
 STILL_MM_S = 0.5  # Speed of the body below which it stands, mm/s.
 
