@@ -18,11 +18,11 @@ Floats = NDArray[np.float64]
 THICKNESS_MM = 3.0
 # Valid sides of a pad, mm: the gel is solved on a square of 26 mm.
 PAD_MM = (4.0, 24.0)
-# How far the pad goes on beyond the outer markers, in pitches (ours: 19.2 mm for 8 x 8).
+# How far the pad goes on beyond the outer markers, in pitches (19.2 mm for 8 x 8).
 RIM_PITCHES = 0.5
-# Mass of the plate, kg (ours: 20 x 20 x 3 mm of silicone weigh 1.3 g).
+# Mass of the plate, kg (20 x 20 x 3 mm of silicone weigh 1.3 g).
 PLATE_KG = 0.002
-# Inertia of the slides, kg, and of the hinges, kg m² (ours). MuJoCo's contacts give way in
+# Inertia of the slides, kg, and of the hinges, kg m². MuJoCo's contacts give way in
 # proportion to the inverse of the lightest mass; on the plate's 2 g they would be softer than gel.
 ARMATURE = (0.05, 3e-6)
 # MuJoCo's softness between plate and object: 0.01 mm/N, so that the springs are what gives way.

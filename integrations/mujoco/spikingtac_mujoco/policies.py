@@ -16,7 +16,7 @@ Program = Iterator[list[float]]
 
 BASELINE_STEPS = 5  # Steps at rest whose mean is the skin before a touch.
 
-# Change of the field, px rms over the markers, that is a touch (ours: half of a moving marker's
+# Change of the field, px rms over the markers, that is a touch (half of a moving marker's
 # error, twenty times that of a marker at rest).
 CONTACT_PX = {"ideal": 0.02, "markers": 0.05, "events": 0.05}
 

@@ -28,11 +28,11 @@ Fidelity = Literal["markers", "events", "ideal"]
 # Cells of the gel along a side: half of the twin's, where speed counts.
 CELLS: dict[str, int] = {"markers": 32, "events": 64, "ideal": 32}
 
-# Least and largest stiffness of the springs, N/m (ours): below that of the lightest touch, and
+# Least and largest stiffness of the springs, N/m: below that of the lightest touch, and
 # that of a pad that is touched all over.
 STIFFNESS_N_M = (300.0, 60_000.0)
 
-# Lateral over normal stiffness (ours; 0.2 to 0.4 on the twin: too stiff follows, too soft
+# Lateral over normal stiffness (0.2 to 0.4 on the twin: too stiff follows, too soft
 # swings).
 SHEAR_SHARE = 0.5
 
@@ -42,13 +42,13 @@ SIDEWAYS = np.array([True, True, False, False, False, True])
 # The wrench on a pad that faces this one, turned by half a turn about the site's y axis.
 MIRROR = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
 
-# Share of the way to the gel's stiffness in a step (ours): a sudden change drives the body.
+# Share of the way to the gel's stiffness in a step: a sudden change drives the body.
 FOLLOW = 0.5
 
-# Least mean square radius of a contact, for the springs of the hinges, mm² (ours).
+# Least mean square radius of a contact, for the springs of the hinges, mm².
 LEAST_TURN_MM2 = 4.0
 
-# Damping over stiffness of the springs, s (ours; with half of it a ball bounces on).
+# Damping over stiffness of the springs, s (with half of it a ball bounces on).
 DAMPING_S = 0.01
 STILL_MM = 0.02  # Least indentation for a secant, mm.
 

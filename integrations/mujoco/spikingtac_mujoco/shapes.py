@@ -26,7 +26,7 @@ NO_SURFACE_MM = -1e6  # Height where there is no body, far away from any skin, m
 # takes one for out of reach.
 REACH_MM = 1e5
 
-# Parts of a mesh that lie further than this above the skin never touch it, mm (ours).
+# Parts of a mesh that lie further than this above the skin never touch it, mm.
 BULGE_MM = 1.0
 TINY = 1e-12
 GEOM = mujoco.mjtGeom

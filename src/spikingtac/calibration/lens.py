@@ -92,9 +92,9 @@ def projected(homography: NDArray[np.float64], place: NDArray[np.float64]) -> ND
 
 
 PARAMETERS = 9  # Eight of the homography, one of the lens.
-FEWEST_MARKERS = 12  # Twice as many numbers as are sought, and half of them again (ours).
+FEWEST_MARKERS = 12  # Twice as many numbers as are sought, and half of them again.
 
-# Standard error of the scale at the outermost marker up to which a lens is believed (ours).
+# Standard error of the scale at the outermost marker up to which a lens is believed.
 LARGEST_DOUBT = 0.01
 
 

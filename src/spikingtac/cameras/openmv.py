@@ -29,7 +29,7 @@ CHANNEL = "events"
 # Words of one transfer unless the address names another number; what the firmware accepts.
 WORDS, FEWEST_WORDS, MOST_WORDS = 2048, 1024, 65536
 
-# Longest time that the script may take to start, s (ours: the sensor's reset takes under two).
+# Longest time that the script may take to start, s (the sensor's reset takes under two).
 SCRIPT_S = 8.0
 STOP_S = 0.5  # Wait after the running script was stopped, s; that of the maker's examples.
 POLL_S = 0.001

@@ -29,7 +29,7 @@ from spikingtac.events.evt.words import Rows, WordDecoder, WordStream
 CHUNK_BYTES = 1 << 18  # Most bytes that one read takes and decodes.
 END_OF_HEADER = b"% end\n"
 
-# Longest wait for a writer and its header, s (ours: a camera's software starts in a few).
+# Longest wait for a writer and its header, s (a camera's software starts in a few).
 PATIENCE_S = 30.0
 
 

@@ -33,7 +33,7 @@ AT_ONCE = 64  # Datagrams that one read takes at most: 3 Mev/s bring 8 in a mill
 # Socket buffer that is asked for: 0.7 s at 3 Mev/s. The kernel may grant less.
 BUFFER_BYTES = 8 << 20
 
-# A sender that has been silent for so long may be followed by another one, s (ours).
+# A sender that has been silent for so long may be followed by another one, s.
 SILENT_S = 1.0
 JUDGED_BYTES = 1 << 14  # Refused bytes from which on is said which encoding they fit.
 REMEMBERED = 32  # Latest datagrams that a new one is compared with, to tell one that came twice.

@@ -33,8 +33,8 @@ class EventCountConfig:
 
     Attributes:
         threshold: A contact begins where the count exceeds it.
-        release_windows: A contact ends after this many windows in a row below the threshold (ours:
-            a contact that slides or bounces is one contact).
+        release_windows: A contact ends after this many windows in a row below the threshold
+            (a contact that slides or bounces is one contact).
     """
 
     threshold: float
@@ -106,11 +106,11 @@ class EventCountDetector:
 # The first windows, which are taken for quiet: 0.3 s, as every scene of the twin begins.
 QUIET_WINDOWS = 300
 
-# The threshold is at least this many times the quiet mean (ours: the first windows may be the
+# The threshold is at least this many times the quiet mean (the first windows may be the
 # calmest of all).
 MARGIN = 3.0
 
-# A contact ends after this many quiet windows in a row (ours: a finger that holds still is as
+# A contact ends after this many quiet windows in a row (a finger that holds still is as
 # silent as one that left).
 RELEASE_WINDOWS = 300
 

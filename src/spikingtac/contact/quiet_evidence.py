@@ -33,7 +33,7 @@ TAIL_SHARES = (0.05, 0.02, 0.01)
 # Fewest blocks of the first share, which a short recording uses too, and of the other shares.
 # Their mean excess is known to a third and to two fifths.
 WHOLE_TAIL, LEAST_TAIL = 10, 6
-STANDARD_ERRORS = 2.0  # The mean excess is raised by this many of its standard errors (ours).
+STANDARD_ERRORS = 2.0  # The mean excess is raised by this many of its standard errors.
 
 
 def tail_threshold(values: NDArray[np.float64], block: int, per_block: float) -> float:

@@ -43,7 +43,7 @@ from spikingtac.errors import CalibrationError
 from spikingtac.types import Contact
 
 # The contact ends once the markers have come back by this share of their largest displacement,
-# less the dead travel (ours: light presses of the twin come back by no more).
+# less the dead travel (light presses of the twin come back by no more).
 BACK_SHARE = 0.4
 
 

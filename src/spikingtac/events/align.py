@@ -30,7 +30,7 @@ from spikingtac.events.recording import RecordingWriter
 # auto takes the host where the manifests know it, else the line.
 By = Literal["auto", "host", "triggers"]
 
-# Most that the two cameras' times of one edge differ, beside their clocks, us (ours: inputs are
+# Most that the two cameras' times of one edge differ, beside their clocks, us (inputs are
 # sampled every microsecond, slow firmware stamps within 0.1 ms).
 JITTER_US = 200.0
 
@@ -38,9 +38,9 @@ JITTER_US = 200.0
 MOST_DRIFT_PPM = 200.0
 EDGE_US = 1.0  # Resolution of trigger times, us: the least error of one edge.
 
-# A second place that fits to this share of the best one makes the best one a guess (ours).
+# A second place that fits to this share of the best one makes the best one a guess.
 CLEARLY = 0.5
-LEAST_VOTES = 2  # Like intervals at one place from which on it is more than a chance (ours).
+LEAST_VOTES = 2  # Like intervals at one place from which on it is more than a chance.
 
 # More than this share of one camera's edges, where both lines overlap, the other one has seen.
 LEAST_SHARED = 0.5
@@ -49,7 +49,7 @@ LEAST_SHARED = 0.5
 MOST_FITS = 1_000_000
 
 # A line began while a camera recorded where its first edge comes after so many times its longest
-# interval (ours).
+# interval.
 BEFORE_FIRST = 1.5
 
 _Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]

@@ -24,11 +24,11 @@ WhenLost = Literal["end", "raise", "reconnect"]
 # What shows the events of a camera to others; imported only where an address has ``share=NAME``.
 SHARED_WRITER = "spikingtac.stream.packets:shared_writer"
 
-# Longest wait for a camera before the source looks whether it shall stop, s (ours: nobody notices
+# Longest wait for a camera before the source looks whether it shall stop, s (nobody notices
 # it, and it costs nothing).
 POLL_S = 0.02
 
-# Time between two attempts to open a camera that is gone, s (ours: USB enumerates in about 0.5 s,
+# Time between two attempts to open a camera that is gone, s (USB enumerates in about 0.5 s,
 # and an attempt costs a few ms).
 RETRY_S = 0.25
 LONGEST_S = 1e7

@@ -16,7 +16,7 @@ from spikingtac.errors import ConfigError, RecordingError
 PPM = 1e-6
 US_PER_S = 1e6
 
-# Shared moments further from the line than this are taken for mistakes (ours: with a hundred of
+# Shared moments further from the line than this are taken for mistakes (with a hundred of
 # them a good one is that far off by chance once in 160 times).
 REJECTED_SIGMA = 4.0
 

@@ -22,7 +22,7 @@ from spikingtac.events.clock import PPM, US_PER_S, TimeMap
 RECENT_S = 2.0  # Time over which the rate is averaged, s.
 LATEST = 1 << 15  # Deliveries whose intervals are reported: the latest 30 s at 1 kHz.
 
-# Stretch of which the fastest arrival counts, s (ours: at 1 kHz one in a hundred is undelayed).
+# Stretch of which the fastest arrival counts, s (at 1 kHz one in a hundred is undelayed).
 BIN_S = 0.1
 
 # Stretches that are kept: then neighbours are joined, so that memory stays bounded.

@@ -18,7 +18,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import EventPacket
 
-# How long an event supports its neighbours, us (ours: an edge at 1 px/ms passes a neighbour
+# How long an event supports its neighbours, us (an edge at 1 px/ms passes a neighbour
 # within 1 ms; 5 ms leaves room for slow motion).
 SUPPORT_US = 5_000
 

@@ -19,7 +19,7 @@ from spikingtac.types import EventPacket
 # Window by which quiet stretches are found: long enough for some noise events on 320x320 px.
 WINDOW_US = 10_000
 
-# Fraction of the windows, those with the fewest events, that counts as noise alone (ours: a
+# Fraction of the windows, those with the fewest events, that counts as noise alone (a
 # sensor that is touched rests for more of its time than this).
 QUIET_SHARE = 0.1
 
@@ -34,11 +34,11 @@ QUARTERS, FEWEST_QUARTERS, EVEN_SHARE = 4, 3, 0.25
 # A hot pixel sends so many times what the second busiest of its eight neighbours does. (A rim that
 # moves makes several pixels busy; two hot pixels may touch.)
 OVER_NEIGHBOURS = 4.0
-WATCH_US = 500_000  # Window of the watch for pixels that become hot later, us of data time (ours).
-# A new hot pixel sends so many events in every window, 40 Hz (ours: rims at rest are silent).
+WATCH_US = 500_000  # Window of the watch for pixels that become hot later, us of data time.
+# A new hot pixel sends so many events in every window, 40 Hz (rims at rest are silent).
 WATCH_EVENTS = 20
 
-# Windows in which it is busy and its neighbours are not, 2 s (ours). One in which they move is no
+# Windows in which it is busy and its neighbours are not, 2 s. One in which they move is no
 # evidence either way; one in which it is silent begins anew.
 WATCH_WINDOWS = 4
 
@@ -244,7 +244,7 @@ def _judge_window(counts: NDArray[np.uint16], windows: NDArray[np.uint8]) -> int
 
 US_PER_S = 1_000_000
 
-# Beginning of a recording in which hot pixels are looked for, us (ours: one at 10 Hz sends 300
+# Beginning of a recording in which hot pixels are looked for, us (one at 10 Hz sends 300
 # events meanwhile).
 HOT_PIXEL_US = 30_000_000
 

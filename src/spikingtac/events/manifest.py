@@ -32,7 +32,7 @@ UNIX_LEAST_S = 1e9
 # Name of a time column -> its unit, us.
 TIME_COLUMNS = {"t_us": 1.0, "t_ns": 1e-3, "t_ms": 1e3, "t_s": US_PER_S, "timestamp": US_PER_S}
 
-# Hosts whose monotonic clocks began within this time are one host, s (ours: setting the time of
+# Hosts whose monotonic clocks began within this time are one host, s (setting the time of
 # day moves it by less, a start takes longer).
 SAME_START_S = 5.0
 

@@ -43,7 +43,7 @@ STORED = 0  # What ``table_xinfo`` says of a column that is stored; others are c
 # Bytes of a message that are decoded at once: a word may stand for 32 events.
 PIECE_BYTES = 1 << 18
 
-# Messages among which the cameras of a bag are found: each has sent one by then (ours).
+# Messages among which the cameras of a bag are found: each has sent one by then.
 FIRST_MESSAGES = 256
 
 # Bytes of an event in an array of ROS 1, and of ROS 2, which aligns each field.

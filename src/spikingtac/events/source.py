@@ -69,7 +69,7 @@ COUNTERS = {
     "missed": "overflows", "reconnected": "reconnects",
 }  # fmt: skip
 
-# Stretch over which the rate is told, us (ours: a press lasts longer, and at 320x320 px a resting
+# Stretch over which the rate is told, us (a press lasts longer, and at 320x320 px a resting
 # sensor sends some events in it).
 SLOT_US = 100_000
 US_PER_S = 1e6

@@ -16,7 +16,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.source import refuse_path
 from spikingtac.types import EventPacket
 
-# Longest silence that is filled: a minute (ours: a 320x320 sensor at rest sends events of noise
+# Longest silence that is filled: a minute (a 320x320 sensor at rest sends events of noise
 # within a second, and a minute of windows or estimates takes seconds, not hours).
 SILENCE_LIMIT_US = 60_000_000
 

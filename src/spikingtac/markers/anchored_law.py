@@ -1,4 +1,4 @@
-"""An output that is quiet at zero and cannot drift: a radial map without memory (ours).
+"""An output that is quiet at zero and cannot drift: a radial map without memory.
 
 If the output's increment is to vanish on every closed path, and not to depend on how often one
 looks, the law has no memory; if no direction is preferred, it is radial:
@@ -24,9 +24,9 @@ class AnchoredLawConfig:
     """The radial map f; the default trades a worst falsification below 0.6 px for a slope of 1.83.
 
     Attributes:
-        gamma: γ, slope of the map near zero (ours; 1 is the identity).
-        delta1_px: δ1, distance up to which the slope is γ, px (ours).
-        delta2_px: δ2, distance from which the map is the identity, px (ours).
+        gamma: γ, slope of the map near zero (1 is the identity).
+        delta1_px: δ1, distance up to which the slope is γ, px.
+        delta2_px: δ2, distance from which the map is the identity, px.
     """
 
     gamma: float = field(default=0.3, metadata={"range": (0.05, 1.0)})
@@ -115,9 +115,9 @@ class ReZeroConfig:
     Attributes:
         map: The radial map around the zero.
         time_constant_us: τ, us: 2 s, so that a contact shorter than that leaves little trace even
-            where nobody tells of it (ours).
+            where nobody tells of it.
         reach_px: ρ, largest distance of the zero from the reference, px: 1.5 covers the residue of
-            fifty contacts in a row (up to 0.61 px in simulation) twice over (ours).
+            fifty contacts in a row (up to 0.61 px in simulation) twice over.
     """
 
     map: AnchoredLawConfig = field(default_factory=AnchoredLawConfig)

@@ -4,7 +4,7 @@ A pixel just inside of a resting marker's rim can only fall at first, and one ju
 rise: whatever moves, however fast, the polarity of its first event tells on which side of the rim
 it lies. Where the markers stand elsewhere than the calibration says, or have another size, many
 pixels contradict it. Needs no tracker, so that one which has adapted itself to a wrong calibration
-hides nothing. (Ours.)
+hides nothing.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ NEIGHBOUR_US, NEIGHBOURS = 20_000, 2
 # already brought it there. Its event before, or one in RETURN_US, was of the other polarity.
 NO_ANSWER = 2
 
-# A way back takes several events of a pixel, all within this time. (Ours: a touch ends in 0.1 to
+# A way back takes several events of a pixel, all within this time. (A touch ends in 0.1 to
 # 0.3 s; noise of 0.1 Hz a pixel spoils one answer in ten.)
 RETURN_US = 1_000_000
 
@@ -54,7 +54,7 @@ FEWEST_PIXELS = 100
 # The share must exceed the limit by this: 95 % of the shares by chance do not.
 STANDARD_ERRORS = 1.64
 
-# Share of contradictions that is never suspicious. (Ours: 200 simulated recordings with their own
+# Share of contradictions that is never suspicious. (200 simulated recordings with their own
 # calibration stay below 0.032, the recorded sensor below 0.027; with that of another specimen 199
 # exceed 0.06.)
 MOST_CONTRADICTION = 0.06

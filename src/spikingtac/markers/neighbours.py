@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 NEIGHBOURS = 8  # Markers that vote on one: the ring around it in a square grid.
 
 # Decimals of a weight: linear algebra differs between processors in the fifteenth or so, and what
-# is rounded off is the same everywhere (ours: 1e-7 px of error on a sensor of 320 px).
+# is rounded off is the same everywhere (1e-7 px of error on a sensor of 320 px).
 WEIGHT_DECIMALS = 9
 TINY_PX2 = 1e-12  # Square of a difference, px^2, that is none: two zeros are not divided.
 
@@ -24,7 +24,7 @@ TINY_PX2 = 1e-12  # Square of a difference, px^2, that is none: two zeros are no
 RIDGE = 1e-3
 
 # How far a displacement may leave the range of its neighbours' displacements, in distances to the
-# nearest neighbour. A gel hardly stretches more between two markers (ours: at most 0.15 in every
+# nearest neighbour. A gel hardly stretches more between two markers (at most 0.15 in every
 # recording with truth, twisted by a finger; 0.14 on the recorded gel).
 FARTHEST_PITCHES = 0.25
 

@@ -27,14 +27,14 @@ from spikingtac.state_map.state_map import StateMap
 from spikingtac.types import EventPacket, MarkerFrame
 
 # OFF events are rare where each stands for so many ON events: they come alone, so that the filter
-# takes them for noise. (Ours: the twin and v2e have 1.04, a simulated recorded sensor 2.8.)
+# takes them for noise. (The twin and v2e have 1.04, a simulated recorded sensor 2.8.)
 RARE_OFF_RATIO = 1.5
 
-# Window of the filter of lone events there. (Ours, on one simulated recording: 5 ms 3.1 px, 20 ms
+# Window of the filter of lone events there. (On one simulated recording: 5 ms 3.1 px, 20 ms
 # 1.8 px, and without a refresh 0.7 px.)
 RARE_OFF_SUPPORT_US = 20_000
 
-# Level at which the cleaned map is binarised there (ours: 0.66 px, none lost, for 0.73 px, two
+# Level at which the cleaned map is binarised there (0.66 px, none lost, for 0.73 px, two
 # lost).
 RARE_OFF_THRESHOLD = 0.6
 
@@ -47,22 +47,22 @@ class BlobTrackerConfig:
     """What the paper leaves open in its front end, relative to the calibrated markers.
 
     Attributes:
-        threshold: Level at which the cleaned map is binarised (ours: half-way).
-        min_area_share: Smallest blob, as a share of the smallest calibrated disc (ours: one half. A
+        threshold: Level at which the cleaned map is binarised (half-way).
+        min_area_share: Smallest blob, as a share of the smallest calibrated disc (one half. A
             smaller piece of a disc need not contain its centre; at a sudden release such pieces of
             the erased footprint lie nearer than the marker and would capture its identity).
-        max_area_share: Largest blob, as a share of the largest calibrated disc (ours: motion
+        max_area_share: Largest blob, as a share of the largest calibrated disc (motion
             stretches a marker in the map and noise clumps it; two merged markers pass as well: the
             nearer one takes their joint centroid at a confidence of one half, the other is
             coasted).
         proximity_share: Association threshold as a share of the smallest distance between two
-            resting markers (ours: one half, beyond which a neighbour could be nearer than the
+            resting markers (one half, beyond which a neighbour could be nearer than the
             marker itself).
         support_us: Window of a background-activity filter before the map, us; 0 is none, as printed
-            (ours: nothing else keeps leak, which is always ON, from painting a map of last
+            (nothing else keeps leak, which is always ON, from painting a map of last
             polarities white within seconds; tuned by benchmarks/tune_baselines.py).
         refresh_us: Time after which the cleaned, binarised map replaces the map, us; 0 is never, as
-            printed (ours: a map of last polarities forgets nothing, so that noise fills it: at 5
+            printed (a map of last polarities forgets nothing, so that noise fills it: at 5
             Hz/px every fifth marker is lost after some seconds).
     """
 

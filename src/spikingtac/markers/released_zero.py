@@ -8,7 +8,7 @@ stands still near its rest, is therefore taken off from then on, until the next 
 
 It is learned only within a short time after a contact, and only if the markers, averaged with their
 neighbours, are near their rests: a static press is not taken for a rest, however long it lasts, nor
-is one that begins softly. A contact that is eased, but for less than these limits, is. Ours.
+is one that begins softly. A contact that is eased, but for less than these limits, is.
 """
 
 from __future__ import annotations

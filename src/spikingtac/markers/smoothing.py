@@ -37,7 +37,7 @@ DEAD_BAND_PX, DEAD_BAND_WAY_PX = 0.134, 0.41
 
 DELAY_SHARE = 0.09  # Standard deviation of the delay's own error, as a share of it.
 
-# Standard deviation of a marker that is held, px: it is looked for within about as much (ours).
+# Standard deviation of a marker that is held, px: it is looked for within about as much.
 LOST_PX = 10.0
 
 # Columns of a state after those of its motion: what was given beyond the filter's place and its

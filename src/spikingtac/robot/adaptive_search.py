@@ -35,26 +35,26 @@ SEARCHES = 2
 # Largest angle to the wall's normal of a head-on touch, rad: it is inside the friction cone of
 # 0.18, the least friction of steel on dry plastic.
 HEAD_ON_RAD = math.radians(10.0)
-FIRST_RAD = math.pi / 4  # Direction of the first touch, rad (ours: inside the sector).
+FIRST_RAD = math.pi / 4  # Direction of the first touch, rad (inside the sector).
 
 # Direction along the pads, rad: a rod that turns in their plane moves the markers, one that tilts
 # out of it hardly does.
 AXIS_RAD = 0.0
 
-# Largest angle between a touch and this axis, either way, rad (ours: four contacts at 45 degrees
+# Largest angle between a touch and this axis, either way, rad (four contacts at 45 degrees
 # give as much information as four along the axes).
 SECTOR_RAD = math.radians(50.0)
 
-# Free travel that a touch needs before the wall, mm (ours: arm and detector settle there).
+# Free travel that a touch needs before the wall, mm (arm and detector settle there).
 RUN_UP_MM = 0.1
 
-# Number of directions that are compared for the next touch (ours: five degrees apart).
+# Number of directions that are compared for the next touch (five degrees apart).
 DIRECTIONS = 72
 
-# Directions with an uncertainty within this fraction of the best count as equal (ours). The one
+# Directions with an uncertainty within this fraction of the best count as equal. The one
 # farthest from all touched directions is taken, since neighbours share errors.
 INDIFFERENCE = 0.05
-MISFIT_SIGMA = 6.0  # Largest distance of a contact from the circle, in standard deviations (ours).
+MISFIT_SIGMA = 6.0  # Largest distance of a contact from the circle, in standard deviations.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,11 +28,11 @@ class ProbingConfig:
 
     Attributes:
         speed_mm_s: Speed of the touch that counts, mm/s (0.8 in the paper, Section V-C).
-        settle_windows: Windows between reaching that speed and listening (ours: the rod is hardly
+        settle_windows: Windows between reaching that speed and listening (the rod is hardly
             excited by such a slow start, and a narrow hole has no room for more).
-        travel_speed_mm_s: Speed of back-off and free travel, mm/s (ours: slow enough that the rod
+        travel_speed_mm_s: Speed of back-off and free travel, mm/s (slow enough that the rod
             does not swing, v / omega = 0.03 mm).
-        rest_windows: Windows to wait after such a motion (ours: one time constant of the rod).
+        rest_windows: Windows to wait after such a motion (one time constant of the rod).
         find_speed_mm_s: Speed of the touch that only finds the wall, mm/s; used where
             ``conditioning_mm`` is not zero.
         conditioning_mm: How far to press on after finding the wall, before the touch that counts,
@@ -123,10 +123,10 @@ FreeTravel = Callable[[FloatArray, FloatArray], bool]
 
 MOST_TRIES = 3  # Number of pairs of touches before an error; about one touch in a hundred is false.
 
-# Largest distance of finding and measuring touch, mm; beyond it, one of them is false (ours: five
+# Largest distance of finding and measuring touch, mm; beyond it, one of them is false (five
 # times the spread of a touch).
 AGREE_MM = 0.12
-TIME_LIMIT_S = 60.0  # Longest duration of one approach, s (ours).
+TIME_LIMIT_S = 60.0  # Longest duration of one approach, s.
 WINDOW_S = 0.001  # Period of the detector's windows, s (Section V-B).
 
 

@@ -19,7 +19,7 @@ from typing import Any
 from spikingtac.errors import DeviceError, MissingExtraError
 from spikingtac.robot.ur_stop import require_controller
 
-# Longest time for which a call runs with real-time priority, s (ours: two cycles of CB3 and some;
+# Longest time for which a call runs with real-time priority, s (two cycles of CB3 and some;
 # a controller that answers does so within them).
 SPIN_S = 0.02
 

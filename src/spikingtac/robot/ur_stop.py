@@ -24,11 +24,11 @@ from spikingtac.errors import ConfigError, DeviceError
 
 POLL_S = 0.002  # Time between two looks at the reported speed, s: a quarter of a cycle of CB3.
 
-# Least share of the asked deceleration that counts as braking (ours: jerk and servo lag).
+# Least share of the asked deceleration that counts as braking (jerk and servo lag).
 BRAKING_SHARE = 0.5
-SPEED_NOISE_MM_S = 2.0  # What a reported speed may rise by without a motion, mm/s (ours).
+SPEED_NOISE_MM_S = 2.0  # What a reported speed may rise by without a motion, mm/s.
 
-# Reported speed below which the arm rests, mm/s (ours: measured speeds of an arm at rest stay
+# Reported speed below which the arm rests, mm/s (measured speeds of an arm at rest stay
 # below 0.5).
 REST_MM_S = 1.0
 
@@ -47,9 +47,9 @@ class StopConfig:
 
     Attributes:
         deceleration_m_s2: Deceleration that is asked for, m/s2 (contract.md: 8).
-        confirm_s: Rest counts once it is reported so long after the stop, s (ours: two cycles of
+        confirm_s: Rest counts once it is reported so long after the stop, s (two cycles of
             CB3, within which a motion that was commanded just before would begin).
-        react_s: Time that each means has until the speed must fall, s (ours: the first one passes
+        react_s: Time that each means has until the speed must fall, s (the first one passes
             through the control script, 8 ms; then a cycle of 8 ms, a servo lag of up to 12 ms, the
             jerk limit's 16 ms and the report's 8 ms. All together leave 0.06 s of the 0.2 s within
             which a failure is to be reported).

@@ -35,11 +35,11 @@ class WatchdogConfig:
     since a sensor at rest sends none.
 
     Attributes:
-        stale_s: Longest time without a heartbeat, s (ours: the arm is to rest within 0.2 s of a
+        stale_s: Longest time without a heartbeat, s (the arm is to rest within 0.2 s of a
             fault, of which the stop itself takes up to 0.11; the rest is room for a virtual
             machine, which held up a process of real-time priority for 14 ms four times a minute,
             and for 26 ms once in 40 minutes).
-        backlog_s: Longest delay of processed data behind the newest, s (ours: five windows).
+        backlog_s: Longest delay of processed data behind the newest, s (five windows).
     """
 
     stale_s: float = 0.04

@@ -178,7 +178,7 @@ class Gel:
         """Advance the gel and return its markers.
 
         Args:
-            dt_s: Length of the step, s (ours: 2 to 4 ms).
+            dt_s: Length of the step, s (2 to 4 ms).
             indenter: The body that may touch, or None.
             pose: Pose of that body at the end of the step, or None.
 

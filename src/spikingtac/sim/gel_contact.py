@@ -53,7 +53,7 @@ class FrictionConfig:
         static: Coefficient of friction while a cell sticks (contract: 0.8).
         kinetic_ratio: Coefficient of a slipping cell divided by the static one (0.8 for dry
             silicone).
-        tolerance_mm: Error of the displacement at which the iterations end (ours: 1e-4 mm, 0.002
+        tolerance_mm: Error of the displacement at which the iterations end (1e-4 mm, 0.002
             px).
     """
 

@@ -91,7 +91,7 @@ class Punch:
 
     Attributes:
         radius_mm: Outer radius, mm.
-        rim_mm: Radius of the rounded rim, mm (ours: the broken edge of a machined punch).
+        rim_mm: Radius of the rounded rim, mm (the broken edge of a machined punch).
         soft: Compliance of the body, or None if it is rigid.
     """
 

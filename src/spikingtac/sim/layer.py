@@ -24,8 +24,8 @@ class GridConfig:
     """The square, periodic grid on which tractions and displacements live.
 
     Attributes:
-        cells: Cells along each side (ours: 64; 128 where contacts are finer than 0.5 mm).
-        span_mm: Side of the square, mm (ours: the 20.6 mm field and a rim of about one thickness).
+        cells: Cells along each side (64; 128 where contacts are finer than 0.5 mm).
+        span_mm: Side of the square, mm (the 20.6 mm field and a rim of about one thickness).
     """
 
     cells: int = 64

@@ -106,7 +106,7 @@ NORMAL = np.array([0.0, 0.0, 1.0])  # Axis of yaw and twist.
 
 CLEARANCE_MM = 1.0  # Default height above the skin at the start of a motion and after a lift, mm.
 
-RELEASE_S = 0.005  # Duration of a sudden release, s (ours: one frame of a fast camera).
+RELEASE_S = 0.005  # Duration of a sudden release, s (one frame of a fast camera).
 
 # Fraction of a trapezoid's duration for the acceleration, and the same for the deceleration.
 RAMP_FRACTION = 0.2

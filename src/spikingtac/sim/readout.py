@@ -117,7 +117,7 @@ def background_events_kernel(source: NoiseSource, until_us: float, out: NDArray[
 
 
 _PIXEL_BITS = (1 << KEY_SHIFT) - 1
-BACKLOG_US = 1000.0  # Longest wait for the arbiter, us (ours). Longer ones are dropped and counted.
+BACKLOG_US = 1000.0  # Longest wait for the arbiter, us. Longer ones are dropped and counted.
 
 
 class Arbiter(NamedTuple):

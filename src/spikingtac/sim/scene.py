@@ -60,7 +60,7 @@ class SkinConfig:
         )
 
 
-# Most markers and contacts of a scene (ours): they stay below 100 MB and a minute of planning.
+# Most markers and contacts of a scene: they stay below 100 MB and a minute of planning.
 MOST_MARKERS, MOST_CONTACTS = 10_000, 10_000
 LENGTH_S = (1e-3, 1e5)  # Valid lengths of a scene, s: up to a day.
 LOADED = "load_scene('demo')"  # How a scene is made, for errors.

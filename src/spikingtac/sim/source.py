@@ -63,7 +63,7 @@ def touch_once(scene: Scene, seed: int) -> None:
         gel.step(TOUCH_STEP_S, *(timeline.at(step * TOUCH_STEP_S) or (None, None)))
 
 
-# Steps of the gel that a thread prepares while the camera renders (ours: 0.26 s at 250 Hz).
+# Steps of the gel that a thread prepares while the camera renders (0.26 s at 250 Hz).
 PREFETCH_STEPS = 64
 
 

@@ -71,7 +71,7 @@ def _turned(segment: SegmentConfig, heading_deg: float) -> SegmentConfig:
 _MOTION_STREAM, _HISTORY_STREAM = 1, 2  # Numbers of independent random streams of one seed.
 
 
-DRAG_S = 0.3  # Duration of the drag before a recording and its release, s (ours).
+DRAG_S = 0.3  # Duration of the drag before a recording and its release, s.
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ US_PER_S = 1e6
 LARGEST_SEED = (1 << 32) - 1
 NAP_S = 0.001  # Longest sleep before a packet is looked at again, s.
 
-# A packet that is given out later than this after its time is late, s (ours: a frame's time).
+# A packet that is given out later than this after its time is late, s (a frame's time).
 LATE_S = 0.02
 
 

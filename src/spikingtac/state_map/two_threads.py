@@ -14,7 +14,7 @@ from typing import TypeVar
 
 Part = TypeVar("Part")
 
-PARTS = 4  # Parts of divided work: so few that handing them over costs little, 10 us each (ours).
+PARTS = 4  # Parts of divided work: so few that handing them over costs little, 10 us each.
 
 # One thread for all trackers of the process, begun when it is first needed; trackers are copied,
 # and a thread cannot be.

@@ -10,19 +10,19 @@ from collections import deque
 
 US_PER_S = 1e6
 
-# Largest drift between the clocks, s/s (ours: two crystals of 50 ppm each). A backlog that grows
+# Largest drift between the clocks, s/s (two crystals of 50 ppm each). A backlog that grows
 # more slowly than this is taken for drift.
 DRIFT = 100e-6
 
-# A sensor time that runs ahead of host time by this much is a leap, s (ours: filled with empty
+# A sensor time that runs ahead of host time by this much is a leap, s (filled with empty
 # windows it costs a detector 20 ms; transport varies by less).
 LEAP_S = 0.5
 
 # What stays ahead by the first for as long as the second is a small leap, s, which is counted
-# (ours: transport varies by less, and the windows that fill a leap are read within it).
+# (transport varies by less, and the windows that fill a leap are read within it).
 SMALL_LEAP_S, SETTLED_S = 0.1, 0.1
 
-# A backlog counts once it has lasted this long, s (ours: USB transfers deliver several windows at
+# A backlog counts once it has lasted this long, s (USB transfers deliver several windows at
 # once, of which the first are late).
 SPAN_S = 0.020
 

@@ -27,13 +27,13 @@ from spikingtac.stream.real_time import ordinary_priority
 
 T = TypeVar("T")
 
-TERMINATE_S = 2.0  # Wait between the request to end and the kill of a process that hangs, s (ours).
+TERMINATE_S = 2.0  # Wait between the request to end and the kill of a process that hangs, s.
 LOOK_S = 0.005  # Time between two looks whether a copy of this process has ended, s.
 
 # Name of the thread that hears the asker; it waits in a read, and holds no lock.
 ASKER = "spikingtac-asker"
 
-# Longest time that a process may take to complete its files once its asker is gone, s (ours).
+# Longest time that a process may take to complete its files once its asker is gone, s.
 LONGEST_GRACE_S = 30.0
 
 

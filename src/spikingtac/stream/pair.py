@@ -30,7 +30,7 @@ SLOWEST, FASTEST = -0.5, 1.0
 
 Known = Callable[[], TimeMap | None]  # Tells what is known of a clock now.
 
-# Wait of a camera that delivers for one that is silent, s (ours: cameras start within one).
+# Wait of a camera that delivers for one that is silent, s (cameras start within one).
 SILENCE_S = 2.0
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-# Real-time priorities, 1 to 99 (ours: above ordinary work, below drivers; what guards an arm runs
+# Real-time priorities, 1 to 99 (above ordinary work, below drivers; what guards an arm runs
 # before a tracker or a display on the same core).
 PRIORITY, GUARD_PRIORITY = 10, 20
 

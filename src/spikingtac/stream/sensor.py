@@ -29,7 +29,7 @@ from spikingtac.types import EventPacket, MarkerFrame, SourceHealth
 CAUGHT_UP_S, PACE_S = 0.05, 0.1
 CLOCK_S = 1.0  # Time between two reports of the sensor's clock, s.
 
-# Length of the packets in which a recording is played, us (ours: a camera delivers as often).
+# Length of the packets in which a recording is played, us (a camera delivers as often).
 PLAY_US = 2_000
 NS_PER_US, NS_PER_MS, NS_PER_S = 1_000, 1_000_000, 1_000_000_000
 _HEAD = struct.Struct("<qqdd4qd")  # t, told, behind, most behind, health, rate

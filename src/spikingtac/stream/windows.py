@@ -22,10 +22,10 @@ from spikingtac.stream.clock import StreamClock
 from spikingtac.stream.reader import POLL_S, EventReader
 from spikingtac.types import EventPacket
 
-# A camera that delivered nothing for so long is silent, s (ours: the slowest of the counterparts
+# A camera that delivered nothing for so long is silent, s (the slowest of the counterparts
 # delivers within 0.07 s in 99 % while a skin moves, see results/cameras/latency.md).
 SILENT_S = 0.1
-STARTING_S = 2.0  # The same before its first delivery, s (ours: cameras start within one).
+STARTING_S = 2.0  # The same before its first delivery, s (cameras start within one).
 LOOK_S = 0.001  # Time between two looks whether a window is complete, s.
 NEVER_US = -(1 << 62)
 

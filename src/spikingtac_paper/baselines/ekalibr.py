@@ -35,16 +35,16 @@ from spikingtac_paper.baselines.ekalibr_kernels import (
     update_active_kernel,
 )
 
-RATE_HZ = 100.0  # Estimates per second, Hz (ours: two per window).
+RATE_HZ = 100.0  # Estimates per second, Hz (two per window).
 ROUNDS = 2  # Number of fits of each plane (original).
 TOLERANCE_US = 2_000.0  # Largest residual of a plane's inlier, us (original).
 INLIER_FRACTION = 0.6  # Smallest fraction of inliers of a plane (original).
 MIN_CLUSTER_PX = 10  # Smallest cluster, px (original).
 ANGLE_DEG = 30.0  # Largest angle between the flows of a pair, degrees (original).
 RESIDUAL_PX = 2.0  # Largest mean residual of a circle, px (original).
-ITERATIONS = 6  # Iterations of the circle's fit (ours).
+ITERATIONS = 6  # Iterations of the circle's fit.
 
-# Association threshold as a fraction of the smallest spacing of the markers (ours).
+# Association threshold as a fraction of the smallest spacing of the markers.
 PROXIMITY_FRACTION = 0.5
 
 

@@ -45,7 +45,7 @@ SOURCE_CLAMP_PX = 400.0  # Largest component of the summed attraction, px at the
 SOURCE_CAP_PX = 1.2  # Largest step per slice and axis, px at the original's pitch.
 
 
-RATE_HZ = 500.0  # Rate at which the dots are read out, Hz (ours); they move in slices at any rate.
+RATE_HZ = 500.0  # Rate at which the dots are read out, Hz; they move in slices at any rate.
 
 SLICE_US = 1_000  # Length of a slice, us (original: 1 ms).
 

@@ -38,7 +38,7 @@ class NeutacConfig:
     """The parameters of NeuTac that had to be chosen.
 
     Attributes:
-        support_us: Window of the background-activity filter, us (ours; tuned).
+        support_us: Window of the background-activity filter, us (tuned).
         decay_us: Time constant of the time surface, us (tuned).
         level: Threshold on the denoised time surface; 0.5 is grey (tuned).
     """

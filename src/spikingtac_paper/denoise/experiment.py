@@ -78,10 +78,10 @@ METHODS = (
 # Test recording with a kind of motion that is not in the training recordings.
 HELD_OUT = "finger-torsion"
 
-# Background rate times window of the activity filter (ours); about an eighth of the fraction of
+# Background rate times window of the activity filter; about an eighth of the fraction of
 # noise events that pass. The filter is the same for all methods.
 FILTER_PRODUCT = 0.03
-FAST_PX_S = 20.0  # Markers that move faster count as fast, others as slow, px/s (ours).
+FAST_PX_S = 20.0  # Markers that move faster count as fast, others as slow, px/s.
 METRICS = by_name(
     Metric("centroid_mean_px", "px", "distance of a found blob's centroid to the marker's true "
            "centre, mean"),

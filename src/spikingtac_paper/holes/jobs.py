@@ -50,13 +50,13 @@ from spikingtac_paper.harness.run import Record, code_digest, kept, load_windows
 
 # Ten radii from 0.7 to 5.0 mm, the range of section V-C.
 RADII_MM: tuple[float, ...] = tuple(round(0.7 + 4.3 / 9 * k, 3) for k in range(10))
-PITCH_MM = 15.0  # Distance of neighbouring holes, mm (ours: the holes do not touch each other).
+PITCH_MM = 15.0  # Distance of neighbouring holes, mm (the holes do not touch each other).
 COLUMNS = 5  # Holes in a row of the plate; it has two rows.
 MOST_CONTACTS = 12  # Contacts of the adaptive search.
 
 # Touches in each direction of a calibration, at most 10 (contract.md). The calibration's error is
 # common to all contacts of a seed: with five touches in each of twelve directions it was a
-# seventh of the variance of a centre from twelve contacts (ours: measured).
+# seventh of the variance of a centre from twelve contacts (measured).
 CYCLES = {CROSS: 4, DEFAULT: 10}
 
 # The same in a quick run, which has one seed and hence one calibration.

@@ -32,7 +32,7 @@ RATES_MEV_S = (2, 10, 50)
 DURATION_US, QUICK_DURATION_US = 400_000, 120_000
 
 # Distance of the lens: a wide skin is seen without distortion, so that all its markers are alike
-# (ours).
+# .
 FAR_MM = 200.0
 TRY_US = 50_000  # Length of a trial, from which the speed for the wanted rate follows, us.
 FIRST_TURNS_HZ = 2.0  # Circles per second of the first trial, for 64 markers and 1 Mev/s.

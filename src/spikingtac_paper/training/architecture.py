@@ -1,6 +1,6 @@
 """The encoder-decoder network that denoises a state map (paper section IV-B).
 
-There are two kinds. ``lean`` (ours) works on the map in blocks of 8x8 pixels, each block a pixel of
+There are two kinds. ``lean`` works on the map in blocks of 8x8 pixels, each block a pixel of
 64 channels. It needs a few hundredths of the arithmetic, so that one core denoises far more than
 350 maps per second. ``evflownet`` follows the architecture that the paper names: four strided
 encoders of 64 to 512 channels, two residual blocks, four decoders with skip connections (A. Zhu et
@@ -33,7 +33,7 @@ class NetworkConfig:
     """Size of the network.
 
     Attributes:
-        kind: ``lean`` (ours) or ``evflownet`` (as the paper names it).
+        kind: ``lean`` or ``evflownet`` (as the paper names it).
         fold: Side of a block, px; with 1 each pixel is a block.
         widths: For ``lean``: channels at the two resolutions.
         kernels: For ``lean``: sides of the first and of the last convolution, blocks. With 1 both

@@ -34,7 +34,7 @@ EVFLOWNET_MULTIPLE, LEAN_MULTIPLE = 16, 2
 
 # Fraction of a layer's values that its int8 range excludes at either end.
 #
-# A finer step for all other values is worth more than a few outliers (ours, measured).
+# A finer step for all other values is worth more than a few outliers (measured).
 RANGE_FRACTION = 1e-4
 _Inputs = dict[str, NDArray[np.float32]]
 EXTRA = "exporting needs onnx and safetensors; install them with: pip install 'spikingtac[train]'"

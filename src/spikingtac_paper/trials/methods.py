@@ -128,7 +128,7 @@ def main_methods() -> dict[str, Method]:
     methods = (
         of_config("default", "graded map, disc fit, no law"),
         of_config("fast", "the same tracker at 10 kHz"),
-        of_config("paper", "filter of isolated events and refreshed map (ours), binary map, "
+        of_config("paper", "filter of isolated events and refreshed map, binary map, "
                            "network, blobs, k-d tree, hold, published law, 350 Hz"),
         as_published("paper-printed", "the same without filter and refresh, as printed"),
         _baseline("evetac", "attraction law, weak regulariser", evetac, EvetacTracker, EVETAC_HZ),

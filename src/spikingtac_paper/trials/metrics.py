@@ -19,7 +19,7 @@ from spikingtac_paper.trials.prediction import Prediction
 # Largest return distance of a success and smallest error of a lost marker, px (section V-A).
 SUCCESS_PX = 5.0
 
-LOST_US = 50_000  # Shortest time with a large error after which a marker counts as lost, us (ours).
+LOST_US = 50_000  # Shortest time with a large error after which a marker counts as lost, us.
 
 
 # All metrics, in the order of the tables.

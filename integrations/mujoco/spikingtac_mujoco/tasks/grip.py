@@ -15,7 +15,7 @@ from spikingtac_mujoco.tasks.task import PHYSICS_S, Floats, Outcome, TouchTask
 MASS_G, FRICTION = (30.0, 150.0), (0.3, 0.9)
 # Range of the grip force, the first one, and how fast it may change, N/s.
 FORCE_N, FIRST_N, FORCE_RATE_N_S = (0.2, 8.0), 1.5, 15.0
-# Time constant of the gripper (ours).
+# Time constant of the gripper.
 FORCE_LAG_S = 0.02
 # When the hand lifts, and how far.
 LIFT_S, LIFT_M = (0.4, 1.0), 0.04

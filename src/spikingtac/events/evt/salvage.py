@@ -36,7 +36,7 @@ NEAR_STEPS = 16  # Steps of the upper time that cost nothing.
 # of time going back: one time word speaks for a leap, two for a jump, four for a restart.
 LEAP_COST, DISCARD_COST, JUMP_COST, FALL_COST = 1, 2, 3, 7
 
-# Stretches from this length on are no words (ours: no sensor sends 16 events of one pixel in one
+# Stretches from this length on are no words (no sensor sends 16 events of one pixel in one
 # microsecond, or so many empty words).
 FILL_BYTES = 64
 

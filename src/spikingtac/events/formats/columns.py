@@ -49,13 +49,13 @@ _PREFIX = re.compile(r"^(events?|ev|dvs|cd)[._/]")
 NANOSECOND_TIMES = 1e17
 
 # Mean step between events below which times with fractions are seconds: twenty events a second.
-# As microseconds it would be 20 million events a second, more than any such file holds (ours).
+# As microseconds it would be 20 million events a second, more than any such file holds.
 SECONDS_STEP = 0.05
 
 RARE_SHARE = 0.01  # Values of a polarity that make up less of a sample are taken for damage.
 
 # All rows are sorted where more than this share of the first ones, and more than a few, come
-# before their predecessor: a restart is one such row, shuffled rows are half (ours).
+# before their predecessor: a restart is one such row, shuffled rows are half.
 UNSORTED_SHARE, FEW_FALLS = 0.02, 3
 
 SORTED_ROWS_LIMIT = 1 << 25  # Most rows that are sorted, in memory: 33 million take 1.2 GB.

@@ -19,7 +19,7 @@ from spikingtac.markers.calibration.guide import (
 from spikingtac.markers.calibration.quality import region
 from spikingtac.types import EventPacket, LossCounters
 
-# A grid that ends further from the image's border than so many pitches may go on unseen. (Ours: a
+# A grid that ends further from the image's border than so many pitches may go on unseen. (A
 # pitch beyond the last marker there is room for one more.)
 NEAR_BORDER_PITCHES = 1.5
 

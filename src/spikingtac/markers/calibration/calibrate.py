@@ -56,7 +56,7 @@ FIRST_RADIUS_SHARE = 0.95
 
 # Contrast threshold of a camera at usual settings, log intensity. Only the product of steps and
 # contrast can be learnt from events, so it sets the scale of ``contrast``; a wrong one shifts
-# radii by some 0.1 px (ours).
+# radii by some 0.1 px.
 THRESHOLD = 0.25
 
 # Beginning of a recording from which a calibration by hand is completed, us: a few contacts.

@@ -6,7 +6,7 @@ that for blur. So each state has its own growth of the radius and its own ellips
 A pixel's offset is not known, so that only changes of its level between states count. The mean that
 is taken off the levels left over is therefore taken off their derivatives too. Without that, a
 shift that is common to all states hardly shows: a disc that never leaves some of its pixels stays
-where it was first seen, a pixel or more away (ours: simulated and recorded presses).
+where it was first seen, a pixel or more away (simulated and recorded presses).
 """
 
 from __future__ import annotations

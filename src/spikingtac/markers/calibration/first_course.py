@@ -60,14 +60,14 @@ def _stuck(look: Overview, swings: NDArray[np.float64]) -> NDArray[np.bool_]:
     return (swings < STUCK_SHARE * np.median(swings)) & (sent > STUCK_SHARE * np.median(sent))
 
 
-# Samples are so far apart that the markers move by this much between two, on the average. (Ours:
-# 0.2 px is no better on simulated presses, and takes half as long again.)
+# Samples are so far apart that the markers move by this much between two, on the average.
+# (0.2 px is no better on simulated presses, and takes half as long again.)
 SAMPLE_PX = 0.5
 
 # Bounds of the samples: short recordings are sampled more finely, long ones more coarsely.
 FEWEST_SAMPLES, MOST_SAMPLES = 400, 6_000
 
-# Short recordings of so many markers that this is exceeded are not sampled more finely. (Ours: of
+# Short recordings of so many markers that this is exceeded are not sampled more finely. (Of
 # 1,024 markers, 160 samples are as good as 400.)
 FEWEST_FITS = 160_000
 

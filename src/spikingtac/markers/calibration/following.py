@@ -34,7 +34,7 @@ SPEED_KEPT = 0.8  # Share of the last step by which a marker is expected to go o
 
 LED_SHARE = 0.3  # Share by which a disc that is not believed is drawn to where its neighbours went.
 
-MANY_DISCS = 48  # Fewer discs are fitted in the time that dividing them takes, 0.1 ms (ours).
+MANY_DISCS = 48  # Fewer discs are fitted in the time that dividing them takes, 0.1 ms.
 
 
 class Follower:

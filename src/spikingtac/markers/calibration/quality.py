@@ -17,7 +17,7 @@ from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.markers.calibration.refine import Refined
 
 # A marker with few events is measured when its disc explains this share of what the median disc
-# explains. (Ours: the recorded marker that hardly moves has 0.33 to 0.47; simulated ones whose
+# explains. (The recorded marker that hardly moves has 0.33 to 0.47; simulated ones whose
 # rest is known to a pixel mostly have more.)
 FEWEST_EXPLAINED_SHARE = 0.5
 

@@ -5,7 +5,7 @@ where it leaves, and a fast fall sends an OFF event more than a slow one. A pixe
 gives up, within 0.2 s, whatever it is darker than at its last event; what it is brighter it keeps.
 Then ON and OFF events stand for nearly the same step, and what looked like rare OFF events is slow
 motion. Other sensors keep both: this one's refinement is kept only where it explains their events
-better. Ours.
+better.
 """
 
 from __future__ import annotations

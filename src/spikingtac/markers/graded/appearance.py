@@ -26,7 +26,7 @@ BLOCK_PX = 32
 
 TABLE_ENTRIES = 1024  # Entries of a table: steps of 1/80 px for an edge scale of 1 px.
 
-# An OFF step over an ON step from which OFF events are rare (ours: on six simulated sensors with
+# An OFF step over an ON step from which OFF events are rare (on six simulated sensors with
 # ratios of 1.1 to 4.2 bands err by 20 to 52 % less than levels, on v2e's, of 1, by more).
 RARE_OFF_RATIO = 1.3
 

@@ -43,11 +43,11 @@ SMALL_STEP_PX = 0.005  # A fit whose last step was shorter has converged.
 # accurate on presses and loses markers that snap back at 2,000 px/s (measured, simulated).
 SOFT_RESIDUAL = 0.4
 
-ITERATIONS = 3  # Gauss-Newton steps per marker and estimate at most (ours).
+ITERATIONS = 3  # Gauss-Newton steps per marker and estimate at most.
 
-BAND_WEIGHT = 0.4  # Weight of a pixel that did not fire, over that of one that did (ours).
+BAND_WEIGHT = 0.4  # Weight of a pixel that did not fire, over that of one that did.
 
-MOST_GAIN = 0.3  # Largest share of a level's disagreement that one estimate corrects (ours).
+MOST_GAIN = 0.3  # Largest share of a level's disagreement that one estimate corrects.
 
 # Residual of an expected level at which a pixel counts half as agreeing, as in the disc fit.
 SOFT_LEVEL = 0.8

@@ -37,18 +37,18 @@ from spikingtac.markers.neighbours import Neighbourhood, settle_kernel
 from spikingtac.play_operator import within_play_kernel
 from spikingtac.state_map.graded import Array
 
-# Half of the way in which the direction of motion is told anew, in crossings (ours: 0.1 to 0.3
+# Half of the way in which the direction of motion is told anew, in crossings (0.1 to 0.3
 # are alike on the training scenes; below it is the fit's own jitter).
 SHORT_PLAY = 0.2
 
-# Half of the way in which a fit catches up after a turn, in crossings (ours: 3 to 6 are alike on
+# Half of the way in which a fit catches up after a turn, in crossings (3 to 6 are alike on
 # the training scenes).
 LONG_PLAY = 4.0
 
 MOST_CROSSING_PX = 1.25  # Longest crossing: that of a pale marker (contrast 1.9).
 
 # Background at which half of what pixels remember of a turn is gone: a pixel that noise lets fire
-# begins anew (ours: nothing is left to make good on training scenes at 1.2 Hz, everything at
+# begins anew (nothing is left to make good on training scenes at 1.2 Hz, everything at
 # 0.2).
 RENEWED_HZ_PX = 0.5
 
@@ -58,15 +58,15 @@ LEAP_PX = 2.0
 NO_WIDTH_PX = 1e-9  # Width of a play that is none.
 
 # By how much a fit stays behind its marker in steady motion, as a share of the way in which an
-# edge crosses one step (ours: on the training scenes 0.05 to 0.2 are alike within 1 %).
+# edge crosses one step (on the training scenes 0.05 to 0.2 are alike within 1 %).
 STEADY_SHARE = 0.15
 
-# By how much more it stays behind just after the marker turned round (ours: chosen on the
+# By how much more it stays behind just after the marker turned round (chosen on the
 # training scenes; both together shrink their errors by 5 %).
 TURN_SHARE = 0.3
 
 # Difference from the neighbours' prediction that is as likely an error of the fit as deformation,
-# px, and how much more it is, in crossings (ours, on the training scenes and others like v2e's:
+# px, and how much more it is, in crossings (on the training scenes and others like v2e's:
 # 0.1 and 0.15 px are alike; errors shrink by 8 and 15 %).
 SHRINK_PX, SHRINK_CROSSINGS = 0.1, 0.3
 

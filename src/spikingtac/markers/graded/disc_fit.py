@@ -29,7 +29,7 @@ SAME_BITS = {"nnan", "ninf", "nsz"}
 
 ROUNDING_PX = 0.75  # The window is centred on a whole pixel, up to half a diagonal from the marker.
 
-MOST_GROWTH = 0.3  # Largest change of an outline, as a share of the radius (ours).
+MOST_GROWTH = 0.3  # Largest change of an outline, as a share of the radius.
 
 # Residual at which a pixel counts half. A sharper cut trusts a lagging disc more than the pixels
 # that show its lag, and loses it where events are lost (measured: 0.3 loses markers that 0.8

@@ -37,23 +37,23 @@ from spikingtac.markers.graded.motion import (
 from spikingtac.state_map.graded import PAD_PX, Array, GradedStateMap, integrate_event_kernel
 from spikingtac.types import EventPacket
 
-STILL_PX_S = 0.2  # Filtered speed below which a marker without new events is not moved on (ours).
+STILL_PX_S = 0.2  # Filtered speed below which a marker without new events is not moved on.
 
-DUE_PX = 0.02  # Motion whose events ask for a fit at once, px (ours).
+DUE_PX = 0.02  # Motion whose events ask for a fit at once, px.
 
-# Fewer events are looked at after this time, us: as long as a prediction serves (ours; at 6 ms,
+# Fewer events are looked at after this time, us: as long as a prediction serves (at 6 ms,
 # 10,000 estimates a second err by 7 % more on v2e's recording).
 LATE_US = 2_000
 
-# Rate at which an outline follows what the fit sees, 1/s (ours: indentation and strain take tens
+# Rate at which an outline follows what the fit sees, 1/s (indentation and strain take tens
 # of ms).
 OUTLINE_PER_S = 150.0
 
 # Width of the rings beside a disc's edge in which events ask for a fit, too: a prediction may be
-# off by so much (ours).
+# off by so much.
 FARTHER_PX = 1.0
 
-MARKED_PX = 1.5  # Way after which a marker marks its pixels anew, px (ours).
+MARKED_PX = 1.5  # Way after which a marker marks its pixels anew, px.
 
 NOBODY = np.iinfo(np.uint16).max  # Mark of a pixel that belongs to no marker.
 

@@ -66,11 +66,11 @@ FULL_SHARE = 0.87
 
 SMALLEST_SHARE = 0.2  # Below this no map can be kept; the steps grow no further.
 
-# How doubtful the map is by the share that is lost (ours: 1 and 2 are alike where 30 % are).
+# How doubtful the map is by the share that is lost (1 and 2 are alike where 30 % are).
 DOUBT_PER_LOSS = 1.5
 
 # Way after a turn in which the silent pixels become fewer by a factor e, in ways in which an edge
-# crosses a step (ours: 2.6 on training scenes, 1.9 on v2e's gel, simulated).
+# crosses a step (2.6 on training scenes, 1.9 on v2e's gel, simulated).
 SILENT_CROSSINGS = 2.4
 
 LEAST_SILENT_PX = 0.1  # The same way at least, px: far below the shortest stroke that is asked.

@@ -20,7 +20,7 @@ from spikingtac.state_map.graded import PAD_PX
 LARGEST_SUM = 2.0**30
 
 # Decimals of a coefficient: linear algebra differs between processors in the thirteenth or so,
-# and what is rounded off is the same everywhere (ours: single precision has seven digits).
+# and what is rounded off is the same everywhere (single precision has seven digits).
 COEFFICIENT_DECIMALS = 6
 
 # S within 0.001 and dS/dq within 2 % of its largest value, for every contrast and edge whose flat
@@ -32,7 +32,7 @@ POLYNOMIAL_DEGREE = 11
 # 0.004 px).
 FLAT_SHARE = 0.02
 
-REACH_PX = 6.0  # Farthest from the radius that a fit reads, px (ours).
+REACH_PX = 6.0  # Farthest from the radius that a fit reads, px.
 
 CURVE_POINTS = 2001  # Points at which the polynomials are fitted: so many that more change nothing.
 

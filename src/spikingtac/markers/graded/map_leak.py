@@ -30,35 +30,35 @@ from spikingtac.markers.graded.locator import Locator
 from spikingtac.markers.graded.motion import AGREEMENT, VX, VY, X, Y
 from spikingtac.state_map.graded import PAD_PX, Array
 
-# Time in which a marker's agreement becomes usual, s (ours: a fit that may still follow its
+# Time in which a marker's agreement becomes usual, s (a fit that may still follow its
 # marker does so within 0.1 s).
 USUAL_S = 0.2
 
 # Disagreement that is left alone, in mean steps of the marker, in a stream that is known to be
 # whole, and before enough motion was seen or where most events are lost. A disc that lags behind
-# its marker for want of events must not erase the map's evidence of it (ours).
+# its marker for want of events must not erase the map's evidence of it.
 TOLERANCE, LOSSY_TOLERANCE = 0.3, 1.0
 
-OUTER_PX = 3.5  # How far outside of a disc the leak works, px (ours).
+OUTER_PX = 3.5  # How far outside of a disc the leak works, px.
 
-# Rate at which the edges of resting discs are drawn to their calibrated radii, 1/s (ours).
+# Rate at which the edges of resting discs are drawn to their calibrated radii, 1/s.
 DRAWN_PER_S = 0.3
 
 # Speed below which a marker counts as resting: creep, and the jitter of a filtered velocity.
 AT_REST_PX_S = 3.0
 
-# Rate at which the ground away from all discs returns to its level, 1/s (ours: what noise adds up
+# Rate at which the ground away from all discs returns to its level, 1/s (what noise adds up
 # there draws a disc that comes near; 0.3 to 10 are alike within 1 %).
 GROUND_PER_S = 0.3
 
 # The leak visits every n-th marker per turn: each one every 32 ms where turns are 1 ms apart.
-# Less work, same effect (ours).
+# Less work, same effect.
 GROUPS = 32
 
-# Turns in which all rows of the ground are visited once: a row or two of 320 in each (ours).
+# Turns in which all rows of the ground are visited once: a row or two of 320 in each.
 GROUND_TURNS = 256
 
-# Fall of the agreement that tells of a marker that snapped away (ours: a snap of 14 px costs 0.15
+# Fall of the agreement that tells of a marker that snapped away (a snap of 14 px costs 0.15
 # within 3 ms; 0.05 to 0.10 are equally good on a small simulated sensor).
 LARGEST_FALL = 0.05
 

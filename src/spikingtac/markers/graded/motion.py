@@ -11,10 +11,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-# Ours: finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none.
+# Finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none.
 ACCELERATION_NOISE_PX2_S3 = 5.0e5
 
-# Scatter of a fit from one ms to the next (ours, measured: 0.03 to 0.06).
+# Scatter of a fit from one ms to the next (measured: 0.03 to 0.06).
 MEASUREMENT_SIGMA_PX = 0.05
 
 # Time in which the map changes enough for the next measurement to be a new one.
@@ -22,7 +22,7 @@ MEASUREMENT_PERIOD_S = 1.0e-3
 
 START_VELOCITY_PX_S = 100.0  # Standard deviation of the unknown velocity at the first estimate.
 
-STOP_S = 3.0e-3  # Time in which the speed of a marker fades near which no pixel fires, s (ours).
+STOP_S = 3.0e-3  # Time in which the speed of a marker fades near which no pixel fires, s.
 
 # Variances of place (px^2) and speed (px^2/s^2) that a resting marker is believed to have at
 # most: a motion that begins within one estimate.

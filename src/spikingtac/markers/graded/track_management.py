@@ -32,38 +32,38 @@ from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, VX, VY
 from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
 from spikingtac.state_map.graded import Array
 
-LEAST_AGREEMENT = 0.35  # Share of the edge that must agree with the fitted disc (ours).
+LEAST_AGREEMENT = 0.35  # Share of the edge that must agree with the fitted disc.
 
-PATIENCE_US = 20_000  # How long a marker may look lost before it is held, us (ours).
+PATIENCE_US = 20_000  # How long a marker may look lost before it is held, us.
 
-SEARCH_US = 20_000  # Time between two full-frame detections while a marker is held, us (ours).
+SEARCH_US = 20_000  # Time between two full-frame detections while a marker is held, us.
 
-# Largest distance between prediction and detection, as a share of the smallest spacing (ours).
+# Largest distance between prediction and detection, as a share of the smallest spacing.
 CAPTURE_SHARE = 0.3
 
-# Area of a blob that may be a lost marker, over that of its disc (ours).
+# Area of a blob that may be a lost marker, over that of its disc.
 SMALLEST_BLOB_SHARE, LARGEST_BLOB_SHARE = 0.4, 2.5
 
 BLOB_LEVEL = 0.5  # Level at which the full-frame detection binarises the map: half-way.
 
-FADE_S = 0.1  # Time in which the confidence in a held marker falls by a factor e, s (ours).
+FADE_S = 0.1  # Time in which the confidence in a held marker falls by a factor e, s.
 
 # A marker held for longer comes back only if it sends events, us: a sudden motion that lost it is
-# over by then (ours).
+# over by then.
 LONG_HOLD_US = 200_000
 
-# Way whose events tell that it is there, px: several reversals' worth of dead band (ours).
+# Way whose events tell that it is there, px: several reversals' worth of dead band.
 HEARD_PX = 1.0
 
 # Travel without events of its own after which a marker is silent, px. Its confidence falls on the
-# way there (ours: a reversal costs up to half a px).
+# way there (a reversal costs up to half a px).
 SILENT_PX = 2.0
 
 # Share of the events of its travel from which a marker counts as sending: half of a disc sends
-# more than half of them (ours).
+# more than half of them.
 SENDING_SHARE = 0.35
 
-# Standard deviations above its background from which a cell's events tell of a marker (ours).
+# Standard deviations above its background from which a cell's events tell of a marker.
 CLEAR_SIGMAS = 3.0
 
 # Neighbours that may rest without acquitting a marker: they may be gone as well.

@@ -35,13 +35,13 @@ from spikingtac.types import EventPacket, MarkerFrame
 LAG_DEFAULT_US = 500.0
 
 # Longest time between estimates, us; where they are asked for more rarely, some are made in
-# between. (Ours: at 2 ms discs are as accurate as at 1 ms; at 30 ms they lose markers. The
+# between. (At 2 ms discs are as accurate as at 1 ms; at 30 ms they lose markers. The
 # prediction of a band fit is its prior, and strays: recorded gel, every 4 ms: 0.85 px pressed,
 # not 0.80.)
 LONGEST_PERIOD_US = {"disc": 2_000, "bands": 1_000}
 
 # Time between two turns of maintenance, us; in each the map leaks, and one other task in
-# :data:`TASKS` is done: at a ms or four the tracks are alike (ours).
+# :data:`TASKS` is done: at a ms or four the tracks are alike.
 TURN_US = 1_000
 
 BEFORE_ALL_US = -(1 << 62)  # A time before any estimate, us.
@@ -55,11 +55,11 @@ class GradedTrackerConfig:
     """How the tracker follows discs; shares of 0 switch a correction off.
 
     Attributes:
-        iterations: Gauss-Newton steps of a disc fit at most (ours: two suffice on average, a sudden
+        iterations: Gauss-Newton steps of a disc fit at most (two suffice on average, a sudden
             release takes more).
         lag_us: Delay of the events behind the motion, us; None takes the calibration's.
         leak_per_s: Rate at which map pixels give up their disagreement with the disc, 1/s. It cures
-            what noise and lost events leave in the map (ours).
+            what noise and lost events leave in the map.
         backlash: Share of the backlash that is made good.
         shrink: Share of a fit's error by which differences from the neighbours shrink.
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.

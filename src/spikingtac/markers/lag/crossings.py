@@ -21,7 +21,7 @@ from spikingtac.types import EventPacket
 # Events of one passage that are told apart: at a contrast of 12 a step of 0.21 makes 12.
 ORDERS = 12
 
-# Half-width of the zone around an edge (ours: five logistic scales of a 0.55 px edge).
+# Half-width of the zone around an edge (five logistic scales of a 0.55 px edge).
 REACH_PX = 3.0
 PLACE_BINS = 120  # Bins of q over the zone: 0.05 px each, a tenth of an edge's width.
 

@@ -33,12 +33,12 @@ _US_PER_S = 1e6
 _TRIALS = 400  # Values of tau_white that are tried, 1.6 % apart over the default range.
 _TABLE_PER_E_FOLD = 8  # Entries of the overshoot's table for each factor of e in kappa.
 _LEAST_RUNGS = 2  # Rungs of each polarity without which level and skew cannot be told apart.
-LOWEST_LEVEL = 0.12  # Below this level noise fires as often as the edge (ours).
-HIGHEST_LEVEL = 0.93  # Rungs above it belong to the pixels with the smallest steps only (ours).
+LOWEST_LEVEL = 0.12  # Below this level noise fires as often as the edge.
+HIGHEST_LEVEL = 0.93  # Rungs above it belong to the pixels with the smallest steps only.
 LEAST_COUNT = 60  # Events that a mean place needs.
 
 # Uncertainty of a mean place by what the model leaves out (curved edges, mismatch between
-# pixels), px (ours, from noise-free recordings).
+# pixels), px (from noise-free recordings).
 FLOOR_PX = 0.004
 SHORTEST_US = 10.0  # Least tau_white that is tried, us.
 
@@ -48,7 +48,7 @@ class LagConfig:
     """Prior values, and which events count.
 
     Attributes:
-        default_us: Returned where nothing can be seen (ours: between 500 us in good light and
+        default_us: Returned where nothing can be seen (between 500 us in good light and
             2500 us in dim light).
         default_uncertainty_us: Its uncertainty; a measurement that is no better is not used.
         dark: Equally likely dark currents B, relative to white (0: none; 0.12: v2e's offset of 20

@@ -22,7 +22,7 @@ _GRID_PX = 0.01  # Resolution of the profile: a fiftieth of an edge's width.
 # How far behind the edge a pixel is followed, in its slowest lengths: e^-12 is left then.
 _TRAIL = 12.0
 
-# But at most this far (ours: just under half a marker pitch, where the next edge comes).
+# But at most this far (just under half a marker pitch, where the next edge comes).
 _TRAIL_MAX_PX = 16.0
 _MARGIN_WIDTHS = 12.0  # Logistic scales from an edge at which the light is even to 1e-5.
 

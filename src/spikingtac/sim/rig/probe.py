@@ -48,9 +48,9 @@ class ProbeConfig:
         tilt_ratio: The same for rotation out of the pads' plane; about 4 for the layer model.
         creep: Pairs (J_i / J_0, tau_i in s) of the creep chain.
         grams_per_mm: Line density of the rod, g/mm (steel, 4 mm thick).
-        damping_ratio: Damping ratio of the rod's rocking mode, in addition to creep (ours: a range
+        damping_ratio: Damping ratio of the rod's rocking mode, in addition to creep (a range
             of 0.05 to 0.2).
-        tip_friction: Coefficient of friction between tip and wall (ours: steel on plastic).
+        tip_friction: Coefficient of friction between tip and wall (steel on plastic).
         bit: Shape of the tip.
     """
 

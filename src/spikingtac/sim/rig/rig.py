@@ -114,7 +114,7 @@ class PriorContact:
     """The contact before the experiment (contract.md: released 1 s earlier).
 
     Attributes:
-        press_mm: Travel of the arm beyond the first touch, mm (ours: a typical overshoot).
+        press_mm: Travel of the arm beyond the first touch, mm (a typical overshoot).
         speed_mm_s: Speed of approach and return, mm/s.
         hold_s: Time for which the probe presses, s.
         wait_s: Time from the release to the end, s.
