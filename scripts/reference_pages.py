@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import spikingtac
-from spikingtac.cli.registry import module_of, verbs
+from spikingtac.cli.main import module_of, verbs
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "reference"
 CLI_HEAD = """\

@@ -23,12 +23,10 @@ class Study:
     Attributes:
         module: Module with ``run(options) -> summary``.
         about: What it measures, a few words for the help.
-        divided: Whether its tasks are divided among processes, or done one by one in this one.
     """
 
     module: str
     about: str
-    divided: bool = True
 
 
 # Name -> experiment, for ``spikingtac experiment``.
@@ -39,7 +37,7 @@ EXPERIMENTS: dict[str, Study] = {
     "denoise": Study("spikingtac_paper.denoise.experiment", "denoisers, section IV-B"),
     "collision": Study("spikingtac_paper.collision.experiment", "stopping at contact, section V-B"),
     "holes": Study("spikingtac_paper.holes.experiment", "holes by touch, section V-C"),
-    "touch": Study("spikingtac_paper.touch.experiment", "forces, wrenches, touches", divided=False),
+    "touch": Study("spikingtac_paper.touch.experiment", "forces, wrenches, touches"),
     "real": Study("spikingtac_paper.real_gels.experiment", "recordings of real gels"),
 }
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from spikingtac.cli.registry import module_of, verbs
+from spikingtac.cli.main import module_of, verbs
 
 PROJECT = Path(__file__).resolve().parents[2]
 PAGES = [

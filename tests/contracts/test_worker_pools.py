@@ -1,4 +1,4 @@
-"""What every kind of worker pool must do: worker processes, and a Dask cluster."""
+"""What worker processes must do: try again, end at once, and never outlive their parent."""
 
 from __future__ import annotations
 
@@ -7,14 +7,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from spikingtac.batch.worker_pool import ATTEMPTS, check_scheduler, worker_pool
-from spikingtac.errors import ConfigError, DeviceError
-from stand_ins.dask_cluster import DaskCluster
+from spikingtac.batch.worker_pool import ATTEMPTS, worker_pool
+from spikingtac.errors import DeviceError
 
 pytestmark = pytest.mark.waits
 
@@ -27,14 +25,6 @@ if __name__ == "__main__":
         print(pool.submit(os.getpid).result(), flush=True)
         pool.submit(time.sleep, 600).result()
 """
-
-
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
-    pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
-    with DaskCluster(tmp_path_factory.mktemp("dask")) as running:
-        running.wait_for_worker()
-        yield running
 
 
 def die(marker: str, times: int) -> str:
@@ -93,20 +83,3 @@ def gone(pid: int) -> bool:
             return True
         time.sleep(0.05)
     return False
-
-
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        ("tcp://10.0.0.7:8786", "without encryption"),
-        ("tcp://cluster.example:8786", "without encryption"),
-        ("tcp://0.0.0.0:8786", "without encryption"),
-        ("127.0.0.1:8786", "no address"),
-        ("http://127.0.0.1", "no address"),
-    ],
-)
-def test_a_scheduler_without_encryption_or_password_is_refused(given: str, told: str) -> None:
-    with pytest.raises(ConfigError, match=told):
-        check_scheduler(given)
-    for valid in ("tcp://127.0.0.1:8786", "tcp://localhost", "tcp://[::1]:99", "tls://host:1"):
-        check_scheduler(valid)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from spikingtac.cli import main as frame
-from spikingtac.cli.registry import verbs
+from spikingtac.cli.main import verbs
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
 
 COMMAND = Path(sys.executable).with_name("spikingtac")

@@ -43,20 +43,3 @@ def test_bench_refuses_a_folder_that_holds_something_else(
     (tmp_path / "notes.txt").write_text("mine")
     assert main(["bench", "throughput", "-o", str(tmp_path)]) == 2
     assert "not empty" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("holes", "--scheduler", "tcp://192.0.2.1:8786"), "without encryption"),
-        (("holes", "--scheduler", "tcp://127.0.0.1:8786", "--workers", "2"), "give one of them"),
-        (("touch", "--scheduler", "tcp://127.0.0.1:8786"), "one by one"),
-    ],
-)
-def test_clusters_that_cannot_be_meant_are_refused_before_anything_is_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], said: str
-) -> None:
-    pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
-    assert main(["experiment", *words, "-o", str(tmp_path / "run")]) == 2
-    assert said in capsys.readouterr().err
-    assert not (tmp_path / "run").exists()

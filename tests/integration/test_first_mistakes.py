@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.cli.main import main
-from spikingtac.cli.registry import verbs
+from spikingtac.cli.main import main, verbs
 from spikingtac.errors import RecordingError
 from spikingtac.viewer.opening import open_view_source
 

@@ -150,11 +150,6 @@ def test_an_interrupted_run_goes_on_where_it_was(
         (["convert", "a.raw", "b.raw", "-o", "x", "--to", "nzp"], "did you mean"),
         (["convert", "a.raw", "-o", "x", "--to", "npz", "--encoding", "evt2"], "--to raw"),
         (["touch", "a.npz", "b.npz"], "-o results"),
-        (["touch", "a.npz", "-o", "x", "--scheduler", "tcp://10.0.0.1:1"], "without encryption"),
-        (
-            ["touch", "a.npz", "-o", "x", "--workers", "1", "--scheduler", "tcp://[::1]:1"],
-            "one of them",
-        ),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_written(

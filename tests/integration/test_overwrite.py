@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.main import main
-from spikingtac.cli.registry import module_of, verbs
+from spikingtac.cli.main import main, module_of, verbs
 
 
 @pytest.fixture

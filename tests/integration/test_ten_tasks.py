@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.main import _parsed, main
-from spikingtac.cli.registry import module_of
+from spikingtac.cli.main import _parsed, main, module_of
 from spikingtac.sim.catalog import load_scene
 from spikingtac.sim.render import simulate
 from stand_ins.pasted import SHOWN

@@ -1,3 +1,3 @@
 """Public names of the room ``batch``."""
 
-from .run_folder import begin_run as begin_run
+from .run import begin_run as begin_run

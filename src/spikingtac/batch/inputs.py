@@ -13,8 +13,6 @@ from spikingtac.events.address import is_address
 from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
 from spikingtac.events.open import READABLE, RECORDING_NAME
 
-WILDCARDS = frozenset("*?[")
-
 # Endings of many kinds of tables: in a folder they are no recordings, by name they may be.
 TABLES = frozenset({".csv", ".txt"})
 BAG = "metadata.yaml"  # What a folder with a bag of ROS 2 holds.
@@ -57,7 +55,13 @@ def find_recordings(
             raise ConfigError(
                 f"{str(path)!r} is a live source; many recordings must be files or folders"
             )
-        several = [p for p in _inside(path, members) if results not in p.absolute().parents]
+        named = sorted(glob.glob(str(path), recursive=True)) if _is_pattern(path) else [path]
+        several = [
+            recording
+            for one in named
+            for recording in _at(Path(one), members)
+            if results not in recording.absolute().parents
+        ]
         if not several:
             raise ConfigError(
                 f"{str(path)!r} holds no recording; valid are folders with {RECORDING_NAME}, and "
@@ -78,14 +82,12 @@ def outputs_of(recordings: Sequence[Path], folder: Path, ending: str) -> list[Pa
     Raises:
         ConfigError: Two recordings would have the same result.
     """
-    whole = [path.absolute() for path in recordings]
     parent = common_parent(recordings)
     taken: dict[Path, Path] = {}
-    for path in whole:
-        inner = path.relative_to(parent)
+    for path in (path.absolute() for path in recordings):
         # A folder's dots belong to its name: 2026.05.01 has no ending.
         name = path.name if path.is_dir() else path.stem
-        output = folder / inner.with_name(name + ending)
+        output = folder / path.relative_to(parent).with_name(name + ending)
         if output in taken:
             raise ConfigError(
                 f"{str(taken[output])!r} and {str(path)!r} would both be written to "
@@ -95,51 +97,22 @@ def outputs_of(recordings: Sequence[Path], folder: Path, ending: str) -> list[Pa
     return list(taken)
 
 
-def identity(recording: Path) -> list[list[str | int]]:
-    """Return name, size and time of change of every file of a recording, ns."""
-    files = sorted(recording.iterdir()) if recording.is_dir() else [recording]
-    return [[file.name, file.stat().st_size, file.stat().st_mtime_ns] for file in files]
-
-
-def recordings_below(
-    folder: Path, members: Sequence[str] = EVENT_MEMBERS, levels: int | None = None
-) -> Iterator[Path]:
-    """Yield the recordings of a folder and of those in it, in the order of their names.
-
-    Args:
-        folder: Where to look; what begins with a dot is left out.
-        members: An archive with one of these arrays is meant.
-        levels: How many folders deep, or None for all of them.
-    """
-    for path in sorted(folder.iterdir()):
-        if path.name.startswith("."):
-            continue
-        if _is_plain_folder(path):
-            if levels is None or levels > 0:
-                deeper = None if levels is None else levels - 1
-                yield from recordings_below(path, members, deeper)
-        elif path.is_dir() or _is_event_file(path, members):
-            yield path
-
-
-def _inside(path: Path, members: Sequence[str]) -> Iterator[Path]:
-    if _is_pattern(path):
-        for match in sorted(glob.glob(str(path), recursive=True)):
-            yield from (
-                recordings_below(Path(match), members)
-                if _is_plain_folder(Path(match))
-                else [Path(match)]
-            )
-    elif _is_plain_folder(path):
-        yield from recordings_below(path, members)
-    else:
+def _at(path: Path, members: Sequence[str]) -> Iterator[Path]:
+    """Yield a path, or the recordings of a folder and of those in it, in order of their names."""
+    if not _is_plain_folder(path):
         yield path
+        return
+    for inner in sorted(path.iterdir()):
+        if inner.name.startswith("."):
+            continue
+        if inner.is_dir() or _is_event_file(inner, members):
+            yield from _at(inner, members)
 
 
 def _is_pattern(path: Path) -> bool:
     if path.exists() or is_address(path):  # the options of an address begin with a question mark
         return False
-    return bool(WILDCARDS & set(str(path)))
+    return glob.has_magic(str(path))
 
 
 def _is_plain_folder(path: Path) -> bool:
@@ -149,10 +122,8 @@ def _is_plain_folder(path: Path) -> bool:
 
 def _is_event_file(path: Path, members: Sequence[str]) -> bool:
     ending = path.suffix.lower()
-    if ending not in READABLE or ending in TABLES:
-        return False
     if ending != ".npz":
-        return True
+        return ending in READABLE and ending not in TABLES
     try:
         with zipfile.ZipFile(path) as archive:
             return any(name in members for name in archive.namelist())

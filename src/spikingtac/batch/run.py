@@ -5,20 +5,21 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import CancelledError, Future, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from spikingtac._version import package_version
-from spikingtac.atomic_files import replacing
-from spikingtac.batch.inputs import common_parent, identity, outputs_of
-from spikingtac.batch.run_folder import RUN, begin_run
+from spikingtac.atomic_files import replacing, write_json
+from spikingtac.batch.inputs import common_parent, outputs_of
 from spikingtac.batch.worker_pool import worker_pool
-from spikingtac.errors import ConfigError, DeviceError, SpikingTacError
+from spikingtac.errors import ConfigError, SpikingTacError
 
+RUN = "run.json"  # The settings that the folder of a run was begun with.
 JOURNAL = "journal.jsonl"  # File of a run with one line for each recording, written when it ends.
 TABLE = "results.csv"  # File of a run with one row for each recording, written at its end.
 
@@ -40,6 +41,7 @@ class Batch:
         folder: Where the results go.
         ending: Ending of the results.
         settings: All that the results depend on, as JSON holds it.
+        workers: Number of processes; None takes one for every CPU.
     """
 
     name: str
@@ -48,39 +50,7 @@ class Batch:
     folder: Path
     ending: str
     settings: Mapping[str, Any]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Workers:
-    """Who does the work.
-
-    Attributes:
-        count: Number of processes; None takes one for every CPU.
-        scheduler: Address of a Dask scheduler in their place.
-    """
-
-    count: int | None = None
-    scheduler: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class BatchResult:
-    """What became of a batch.
-
-    Attributes:
-        rows: One for each recording, failures first.
-        kept: Number of results that were there already.
-        table: The table of all results, in the order of the recordings.
-    """
-
-    rows: Sequence[Row]
-    kept: int
-    table: Path
-
-    @property
-    def failed(self) -> int:
-        """Number of recordings that failed."""
-        return sum(row["status"] == "failed" for row in self.rows)
+    workers: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,47 +62,114 @@ class _Job:
 
 def run_batch(
     batch: Batch,
-    workers: Workers,
     resume: bool = False,
     overwrite: bool = False,
     advance: Callable[[float], None] = lambda share: None,
-) -> BatchResult:
+) -> tuple[list[Row], int]:
     """Work on every recording of a batch that is not done yet.
 
     Args:
         batch: The work.
-        workers: Who does it.
         resume: Go on with the run in the folder: keep what is done, try again what failed.
         overwrite: Remove the run in the folder first.
         advance: Told the share that is done, 0 to 1.
 
+    Returns:
+        One row for each recording, failures first, and how many results were there already.
+
     Raises:
         ConfigError: The folder holds something else, or a run with other settings, or of recordings
             below another folder.
-        DeviceError: The cluster cannot be reached, or was lost.
     """
-    jobs = _jobs(batch)
-    # The pool comes first: a cluster that does not answer leaves no run to be resumed.
-    with worker_pool(workers.count, len(jobs), workers.scheduler, isolated=True) as pool:
-        begin_run(batch.folder, _settings(batch), resume, overwrite)
-        journal = batch.folder / JOURNAL
-        found = _done(journal, jobs)
-        kept = len(found)
-        futures = {
-            pool.submit(_work_on, batch.work, job): job for job in jobs if job.key not in found
-        }
-        with journal.open("a", encoding="utf-8", newline="\n") as file:
-            for future in as_completed(futures):
-                job = futures[future]
-                found[job.key] = row = _row_of(future, job)
-                size = job.output.stat().st_size if row["status"] == "done" else 0
-                file.write(json.dumps({"key": job.key, "bytes": size, "row": row}) + "\n")
-                file.flush()
-                advance(len(found) / len(jobs))
+    settings = _settings(batch)
+    jobs = _jobs(batch, settings)
+    begin_run(batch.folder, settings, resume, overwrite)
+    journal = batch.folder / JOURNAL
+    found = _done(journal, jobs)
+    kept = len(found)
+    with (
+        worker_pool(batch.workers, len(jobs), isolated=True) as pool,
+        journal.open("a", encoding="utf-8", newline="\n") as file,
+    ):
+        left = [job for job in jobs if job.key not in found]
+        futures = {pool.submit(_work_on, batch.work, job): job for job in left}
+        for future in as_completed(futures):
+            job, lost = futures[future], future.exception()  # _work_on raises nothing
+            found[job.key] = row = _row(job, 0.0, str(lost)) if lost else future.result()
+            size = job.output.stat().st_size if row["status"] == "done" else 0
+            file.write(json.dumps({"key": job.key, "bytes": size, "row": row}) + "\n")
+            file.flush()
+            advance(len(found) / len(jobs))
     rows = [found[job.key] for job in jobs]
-    table = _write_table(batch.folder / TABLE, rows)
-    failures_first = sorted(rows, key=lambda row: row["status"] != "failed")
-    return BatchResult(rows=failures_first, kept=kept, table=table)
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    write_rows(batch.folder / TABLE, columns, rows)
+    return sorted(rows, key=lambda row: row["status"] != "failed"), kept
+
+
+def write_rows(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> None:
+    """Write rows as CSV, whole or not at all."""
+    with replacing(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def begin_run(
+    folder: Path, settings: Mapping[str, Any], resume: bool, overwrite: bool = False
+) -> None:
+    """Begin a run in a folder, or continue the one in it.
+
+    Args:
+        folder: Is created if it does not exist.
+        settings: The settings of the run; a folder holds the results of one set of them.
+        resume: Whether a run with the same settings may continue.
+        overwrite: Whether a run that is there is removed; nothing else ever is.
+
+    Raises:
+        ConfigError: The folder holds something else, or results of other settings; names them.
+    """
+    if resume and overwrite:
+        raise ConfigError("--resume goes on with a run, --overwrite removes it: give one of them")
+    begun = folder / RUN
+    try:
+        if begun.is_file() and overwrite:
+            _empty(folder)
+        elif begun.is_file():
+            return _require_same(folder, settings, resume)
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise ConfigError(
+                f"{str(folder)!r} is not empty and holds no run; give a new or an empty folder"
+            )
+        write_json(begun, settings)
+    except OSError as error:
+        raise ConfigError(f"cannot write into {str(folder)!r}: {error.strerror}") from error
+
+
+def _empty(folder: Path) -> None:
+    """Remove a run; its settings last, so that an interrupted removal is still known as a run."""
+    for path in sorted(folder.iterdir(), key=lambda path: path.name == RUN):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+
+
+def _require_same(folder: Path, settings: Mapping[str, Any], resume: bool) -> None:
+    stored = json.loads((folder / RUN).read_text(encoding="utf-8"))
+    given = json.loads(json.dumps(settings))
+    changed = sorted(key for key in {*stored, *given} if stored.get(key) != given.get(key))
+    if changed:
+        text = ", ".join(f"{key} {stored.get(key)!r} -> {given.get(key)!r}" for key in changed)
+        raise ConfigError(
+            f"{str(folder)!r} holds results with other settings ({text}); results are never "
+            "mixed: give a new folder, the settings of the old one, or --overwrite"
+        )
+    if not resume:
+        raise ConfigError(
+            f"{str(folder)!r} holds a run with these settings; "
+            "continue it with --resume, replace it with --overwrite, or give a new folder"
+        )
 
 
 def _work_on(work: Work, job: _Job) -> Row:
@@ -148,18 +185,6 @@ def _work_on(work: Work, job: _Job) -> Row:
     return _row(job, time.perf_counter() - begun, error) | dict(figures)
 
 
-def _row_of(future: Future[Row], job: _Job) -> Row:
-    """Return what a worker found, or why there is none."""
-    try:
-        return future.result()
-    except CancelledError as error:  # nobody here cancels: the cluster did
-        raise DeviceError(
-            "the Dask cluster was lost; what is done is kept, go on with --resume"
-        ) from error
-    except Exception as error:  # _work_on raises nothing: the worker is lost
-        return _row(job, 0.0, f"{error}")
-
-
 def _row(job: _Job, seconds: float, error: str | None) -> Row:
     return {
         "source": str(job.source),
@@ -170,19 +195,19 @@ def _row(job: _Job, seconds: float, error: str | None) -> Row:
     }
 
 
-def _jobs(batch: Batch) -> list[_Job]:
+def _jobs(batch: Batch, settings: Row) -> list[_Job]:
     """Return the jobs; the key of each is a digest of all that its result depends on."""
     folder, jobs = batch.folder.absolute(), []
-    for recording, output in zip(
-        batch.recordings, outputs_of(batch.recordings, folder, batch.ending), strict=True
-    ):
+    outputs = outputs_of(batch.recordings, folder, batch.ending)
+    for recording, output in zip(batch.recordings, outputs, strict=True):
         if output.parent == folder and output.name in (JOURNAL, RUN, TABLE):
             raise ConfigError(
                 f"{str(recording)!r} would be written to {str(output)!r}, a file of the run "
                 "itself; rename the recording"
             )
-        files = identity(recording) if recording.exists() else []
-        depends = (str(recording.absolute()), files, str(output), _settings(batch))
+        files = sorted(recording.iterdir()) if recording.is_dir() else [recording]
+        state = [(f.name, f.stat().st_size, f.stat().st_mtime_ns) for f in files if f.exists()]
+        depends = (str(recording.absolute()), state, str(output), settings)
         key = hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()
         jobs.append(_Job(key, recording.absolute(), output))
     return jobs
@@ -222,12 +247,3 @@ def _done(journal: Path, jobs: Sequence[_Job]) -> dict[str, Row]:
         and job.output.is_file()
         and job.output.stat().st_size == found["bytes"]
     }
-
-
-def _write_table(path: Path, rows: Sequence[Row]) -> Path:
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    with replacing(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-    return path

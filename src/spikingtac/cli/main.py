@@ -1,38 +1,94 @@
-"""The frame of the command line: verb -> dataclass -> function, and errors -> exit codes."""
+"""The frame of the command line: verb -> dataclass -> function, and errors -> exit codes.
+
+The product's own table of verbs is static, so that ``spikingtac --help`` answers without importing
+any verb. Other packages add verbs through the entry point group ``spikingtac.verbs``: the entry's
+name is the verb, its value a module with ``Args`` and ``run(args)``, and the first line of the
+module's docstring is its line of help.
+"""
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import errno
 import importlib
 import io
 import json
 import os
+import shutil
 import sys
+import textwrap
 import traceback
 from collections.abc import Sequence
+from importlib import metadata, util
+from pathlib import Path
 from typing import Any
 
-from spikingtac.cli.registry import VERBS, module_of, overview, verbs
 from spikingtac.errors import ConfigError, SpikingTacError, nearest
+
+GROUP = "spikingtac.verbs"  # Entry point group of the verbs that other packages add.
+
+# Verb -> one line of help; the module of that name has ``Args`` and ``run(args)``.
+VERBS: dict[str, str] = {
+    "demo": "watch a simulated finger press, twist and slide, tracked live; no hardware needed",
+    "info": "print the content of an event file: format, size, counts, rates, damage",
+    "convert": "write an event file in another format, or a part of it",
+    "export": "write tracks as a data set for robot learning: LeRobot, Zarr",
+    "record": "record a camera into a folder: lossless, in files, readable after a crash",
+    "align": "put two fingers, and a robot's poses, on one clock, and say how well it is known",
+    "simulate": "render a scene of the digital twin into a recording folder with ground truth",
+    "calibrate": "learn where the markers rest and how they look, from slides or contacts",
+    "track": "follow every marker through a recording",
+    "contact": "find the contacts in a recording, from raw events in 1 ms windows",
+    "touch": "list the touches in a recording: begin, end, place, area and peak of each",
+    "force": "learn forces from displacements with measured wrenches, and check them",
+    "probe": "find centre and radius of a hole by touch, on the twin or a real arm",
+    "guard": "watch a camera's stream and stop a moving arm at the first contact",
+    "view": "show a recording or a scene in the browser: replay, tune, measure",
+    "ros2": "publish a sensor to ROS 2, live; ROS need not be installed",
+    "foxglove": "show a sensor in Foxglove, live; neither ROS nor a bridge is needed",
+    "plot": "draw tracks: displacement over time, vector field, heat map, strain",
+    "compare": "compare two tracks, or tracks with a truth: errors over time and by marker",
+    "cameras": "list the cameras that are plugged in, and the ways to reach one",
+    "doctor": "check this machine: extras, kernel cache, CPU governor; measure a camera",
+}
+
+OVERVIEW = """\
+usage: spikingtac VERB [options]
+
+Event-camera tactile sensing: marker displacements and contacts from raw events.
+
+verbs:
+{verbs}
+
+options for every verb:
+  -h, --help   show the options of the verb
+  --json       print one JSON object on stdout; progress goes to stderr
+  --debug      show the traceback of an error
+  --version    print the version
+
+exit codes: 0 done, 1 the input is at fault, 2 the arguments are, 3 the machine is.
+"""
 
 EXIT_INPUT, EXIT_ARGUMENTS, EXIT_MACHINE = 1, 2, 3
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, what a shell reports of a program stopped by Ctrl-C.
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE, what a shell reports when the reader of a pipe has left.
 
-# Matrices are small here: beside other work, a second thread makes a product of 64 by 10 numbers
-# take 11 ms instead of 0.1 ms (ours). NumPy reads this when it is first imported.
+# Threads of a matrix product. Matrices are small here: beside other work, a second thread makes a
+# product of 64 by 10 numbers take 11 ms instead of 0.1 ms (measured). NumPy reads this when it is
+# first imported.
 ONE_THREAD = "1"
-_INPUT_ERRORS = (errno.ENOENT, errno.EISDIR, errno.ENOTDIR, errno.EACCES, errno.EPERM)
+_UNREADABLE = "; you may not read or write it: see its permissions with ls -l"
 
-# Error of the operating system -> what its text leaves open.
-_WAYS_OUT = {
-    errno.ENOENT: "; check the path",
-    errno.EISDIR: "; a file is needed here",
-    errno.EACCES: "; you may not read or write it: see its permissions with ls -l",
-    errno.EPERM: "; you may not read or write it: see its permissions with ls -l",
-    errno.EROFS: "; choose a folder that can be written",
-    errno.ENOSPC: "; free some space, or choose another folder",
+# Error of the operating system -> whose fault it is, and what its text leaves open.
+_OF_THE_SYSTEM = {
+    errno.ENOENT: (EXIT_INPUT, "; check the path"),
+    errno.EISDIR: (EXIT_INPUT, "; a file is needed here"),
+    errno.ENOTDIR: (EXIT_INPUT, ""),
+    errno.EACCES: (EXIT_INPUT, _UNREADABLE),
+    errno.EPERM: (EXIT_INPUT, _UNREADABLE),
+    errno.EROFS: (EXIT_MACHINE, "; choose a folder that can be written"),
+    errno.ENOSPC: (EXIT_MACHINE, "; free some space, or choose another folder"),
 }
 
 
@@ -44,8 +100,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", ONE_THREAD)
-    _survive_narrow_encodings()
-    debug = _take_flag(arguments, "--debug")
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a narrow encoding must not end a verb
+            stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+    debug = "--debug" in arguments
+    if debug:
+        arguments.remove("--debug")
     try:
         code = _dispatch(arguments)
         sys.stdout.flush()
@@ -64,22 +124,48 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _report(error, as_json="--json" in arguments)
 
 
-def exit_code(error: Exception) -> int:
-    """Return the exit code that an error stands for.
+def added_verbs() -> dict[str, str]:
+    """Return the verbs that other packages add: name -> module."""
+    points = metadata.entry_points(group=GROUP)
+    return {point.name: point.value for point in points if point.name not in VERBS}
 
-    What is no :class:`SpikingTacError` is neither the input's nor the arguments' fault, unless the
-    operating system says that a named file is not there, is no file, or is not permitted.
-    """
-    if isinstance(error, SpikingTacError):
-        return error.exit_code
-    if isinstance(error, OSError) and error.errno in _INPUT_ERRORS:
-        return EXIT_INPUT
-    return EXIT_MACHINE
+
+def verbs() -> dict[str, str]:
+    """Return every verb with one line of help; no verb is imported for it."""
+    return VERBS | {verb: _first_line(module) for verb, module in added_verbs().items()}
+
+
+def module_of(verb: str) -> str:
+    """Return the full name of the module of a verb."""
+    return f"spikingtac.cli.verbs.{verb}" if verb in VERBS else added_verbs()[verb]
+
+
+def _overview() -> str:
+    """Return the text of ``spikingtac --help``."""
+    every = verbs()
+    longest = max(len(verb) for verb in every)
+    width, indent = shutil.get_terminal_size().columns, " " * (longest + 5)
+    lines = (
+        textwrap.fill(f"  {verb:<{longest}}   {line}", max(width, 60), subsequent_indent=indent)
+        for verb, line in every.items()
+    )
+    return OVERVIEW.format(verbs="\n".join(lines))
+
+
+def _first_line(module: str) -> str:
+    """Return the first line of a module's docstring, read from its source."""
+    try:
+        spec = util.find_spec(module)
+        text = Path(spec.origin).read_text(encoding="utf-8") if spec and spec.origin else ""
+        line = (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
+        return line[:1].lower() + line[1:].removesuffix(".")
+    except (ImportError, OSError, SyntaxError):
+        return "cannot be loaded; update or remove the package that brings it"
 
 
 def _dispatch(arguments: list[str]) -> int:
     if not arguments or arguments[0] in ("-h", "--help", "help"):
-        sys.stdout.write(overview())
+        sys.stdout.write(_overview())
         return 0 if arguments else EXIT_ARGUMENTS
     if arguments[0] in ("-V", "--version"):
         from spikingtac._version import package_version
@@ -98,17 +184,14 @@ def _dispatch(arguments: list[str]) -> int:
 def _parsed(arguments: type, verb: str, rest: list[str]) -> Any:
     import tyro
 
-    from spikingtac.cli.options import HELP, check_options, check_values, description, for_help
+    from spikingtac.cli.options import HELP, check_given, description, for_help
 
-    check_options(arguments, verb, rest)
-    asked = not HELP.isdisjoint(rest)
-    if not asked:
-        check_values(arguments, rest)
+    check_given(arguments, verb, rest)
     told = io.StringIO()
     try:
         with contextlib.redirect_stderr(told):
             return tyro.cli(
-                for_help(arguments) if asked else arguments,
+                arguments if HELP.isdisjoint(rest) else for_help(arguments),
                 prog=f"spikingtac {verb}",
                 description=description(arguments),
                 args=rest,
@@ -117,44 +200,31 @@ def _parsed(arguments: type, verb: str, rest: list[str]) -> Any:
     except SystemExit as stop:
         if stop.code == 0:
             raise
-        raise ConfigError(f"{_plain(told.getvalue())}; see: spikingtac {verb} --help") from stop
-
-
-def _plain(box: str) -> str:
-    """Return the parser's text without the box around it and without its way to the help."""
-    lines = [line.strip(" \u2502") for line in box.splitlines()[1:]]  # the sides of the box
-    ends = [n for n, line in enumerate(lines) if not line or line[0] in "\u2500\u2570"]
-    return " ".join(lines[: min(ends, default=len(lines))])
+        # The parser's text without the box around it and without its way to the help.
+        lines = [line.strip(" \u2502") for line in told.getvalue().splitlines()[1:]]
+        ends = [n for n, line in enumerate(lines) if not line or line[0] in "\u2500\u2570"]
+        plain = " ".join(lines[: min(ends, default=len(lines))])
+        raise ConfigError(f"{plain}; see: spikingtac {verb} --help") from stop
 
 
 def _report(error: Exception, as_json: bool) -> int:
-    code = exit_code(error)
-    known = isinstance(error, SpikingTacError | OSError)
-    message = _said(error) if known else f"internal error, {type(error).__name__}: {error}"
-    hint = "" if known else " (please report it with the output of --debug)"
+    """Tell an error and return its exit code.
+
+    What is no :class:`SpikingTacError` is neither the input's nor the arguments' fault, unless the
+    operating system says that a named file is not there, is no file, or is not permitted.
+    """
+    code, message = EXIT_MACHINE, str(error)
+    if isinstance(error, SpikingTacError):
+        code = error.exit_code
+    elif isinstance(error, OSError):
+        code, way_out = _OF_THE_SYSTEM.get(error.errno or 0, (EXIT_MACHINE, ""))
+        if error.filename is not None and error.strerror is not None:
+            message = f"{str(error.filename)!r}: {error.strerror}{way_out}"
+    else:
+        message = f"internal error, {type(error).__name__}: {error}"
+    hint = " (please report it with the output of --debug)" if "internal error" in message else ""
     sys.stderr.write(f"spikingtac: error: {message}{hint}\n")
     if as_json:
         document = {"error": message, "kind": type(error).__name__, "exit_code": code}
         sys.stdout.write(json.dumps(document) + "\n")
     return code
-
-
-def _said(error: Exception) -> str:
-    """Return an error's text; what the operating system refuses is said with a way out."""
-    if not isinstance(error, OSError) or error.filename is None or error.strerror is None:
-        return str(error)
-    hint = _WAYS_OUT.get(error.errno or 0, "")
-    return f"{str(error.filename)!r}: {error.strerror}{hint}"
-
-
-def _take_flag(arguments: list[str], flag: str) -> bool:
-    if flag not in arguments:
-        return False
-    arguments.remove(flag)
-    return True
-
-
-def _survive_narrow_encodings() -> None:
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")  # type: ignore[union-attr]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 PIPE_COLUMNS = 1_000  # Width of a table that no terminal shows, in characters: wider than any.
 
@@ -15,13 +15,11 @@ UNITS = {"_mev_s": "million events/s", "_us": "us", "_ms": "ms", "_s": "s",
          "_hz": "Hz", "_px": "px", "_mm": "mm", "_n": "N"}  # fmt: skip
 SHARES = ("_fraction", "_share")  # Endings of what a reader is told in per cent.
 
+Advance = Callable[[float], None]  # Sets a progress bar to the fraction that is done, 0 to 1.
 
-class Advance(Protocol):
-    """Sets a progress bar."""
 
-    def __call__(self, done: float) -> None:
-        """Set the fraction that is done, 0 to 1."""
-        ...
+def no_progress(done: float) -> None:
+    """Show nothing: an :data:`Advance` where nobody looks."""
 
 
 class Table(NamedTuple):
@@ -59,6 +57,11 @@ def figures(title: str, document: Mapping[str, Any]) -> Table:
         name, text = _row(key, value)
         rows[name if name not in rows else key.replace("_", " ")] = text
     return Table(title, ("", ""), rows.items(), words=2)
+
+
+def counted(anomalies: Mapping[str, int], what: str = "recording") -> list[str]:
+    """Return a note for each kind of damage in what was read."""
+    return [f"note: {kind} {count} times in the {what}" for kind, count in anomalies.items()]
 
 
 def emit_json(document: Mapping[str, Any]) -> None:
@@ -128,9 +131,9 @@ def progress(what: str) -> Iterator[Advance]:
 
 
 def _row(key: str, value: Any) -> tuple[str, str]:
-    if key == "px_per_mm":
-        return "scale", "not known" if value is None else f"{value:.5g} px/mm"
     known = value not in (None, [])
+    if key == "px_per_mm":
+        return "scale", f"{value:.5g} px/mm" if known else "not known"
     if key in ("size", "grid") and known:
         return key, " x ".join(map(str, value))
     if key.endswith(SHARES) and known:

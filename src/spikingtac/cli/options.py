@@ -7,8 +7,8 @@ import shutil
 import textwrap
 import types
 import typing
-from collections.abc import Iterator, Sequence
-from dataclasses import MISSING, Field, dataclass, fields
+from collections.abc import Sequence
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +18,9 @@ from spikingtac.atomic_files import require_free
 from spikingtac.errors import ConfigError, nearest
 
 Output = Annotated[Path | None, tyro.conf.arg(aliases=["-o"])]  # Option -o: what is written.
+
+NARROWEST = 40  # Width of a terminal below which help is not wrapped further, characters.
+HELP = frozenset(("-h", "--help"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,14 +71,28 @@ class TrackerArgs(ReadArgs):
     rate_hz: float | None = None
     """Estimates per second; the preset's unless given."""
 
+    def needed_calibration(self) -> Path:
+        """Return the calibration.
 
-COMMON = ("--help",)  # Options of every verb that its dataclass does not list.
+        Raises:
+            ConfigError: None is given.
+        """
+        if self.calibration is None:
+            raise ConfigError(
+                "events need the sensor's calibration: --calibration calibration.json; "
+                "make one with: spikingtac calibrate RECORDING -o calibration.json"
+            )
+        return self.calibration
 
-NARROWEST = 40  # Width of a terminal below which help is not wrapped further, characters.
-HELP = frozenset(("-h", "--help"))
 
-# Defaults that say nothing to a reader: the text of the option says what happens without it.
-EMPTY: tuple[object, ...] = (None, False, ())
+def require_seconds(seconds: float | None) -> None:
+    """Refuse a duration that is not positive.
+
+    Raises:
+        ConfigError: ``seconds`` is not above 0.
+    """
+    if seconds is not None and not seconds > 0.0:
+        raise ConfigError(f"--seconds is {seconds:g}, it must be above 0")
 
 
 def for_help(arguments: type) -> type:
@@ -85,11 +102,15 @@ def for_help(arguments: type) -> type:
         arguments: The verb's dataclass.
     """
     hints = typing.get_type_hints(arguments, include_extras=True)
-    shown = {
-        field.name: Annotated[hints[field.name], tyro.conf.arg(help_behavior_hint=hint)]
-        for field in fields(arguments)
-        if (hint := _hint(field)) is not None
-    }
+    shown: dict[str, Any] = {}
+    for field in fields(arguments):
+        if field.default is MISSING and field.default_factory is MISSING:
+            told = "(required)"  # the parser takes a list of any length for one that may be empty
+        elif field.default is None or field.default is False or field.default == ():
+            told = ""  # the text of the option says what happens without it
+        else:
+            continue
+        shown[field.name] = Annotated[hints[field.name], tyro.conf.arg(help_behavior_hint=told)]
     names = {"__annotations__": shown, "__doc__": arguments.__doc__}
     return type(arguments.__name__, (arguments,), {**names, "__module__": arguments.__module__})
 
@@ -103,18 +124,11 @@ def description(arguments: type) -> str:
     return "\n\n".join(textwrap.fill(" ".join(one.split()), **indented) for one in paragraphs)
 
 
-def _hint(field: Field[Any]) -> str | None:
-    """Return what stands behind the text of an option, or None for its default."""
-    if field.default is MISSING and field.default_factory is MISSING:
-        return "(required)"  # the parser takes a list of any length for one that may be empty
-    return "" if any(field.default is empty for empty in EMPTY) else None
-
-
-def check_options(arguments: type, verb: str, given: Sequence[str]) -> None:
-    """Refuse the first unknown option.
+def check_given(arguments: type, verb: str, given: Sequence[str]) -> None:
+    """Refuse the first unknown option, and the first value that its option cannot take.
 
     The parser asks for what is missing before it says what is unknown, so that a mistyped option
-    would go unnamed where an argument is missing too.
+    would go unnamed where an argument is missing too. Of wrong values it names types of Python.
 
     Args:
         arguments: The verb's dataclass.
@@ -122,67 +136,54 @@ def check_options(arguments: type, verb: str, given: Sequence[str]) -> None:
         given: What was typed behind it.
 
     Raises:
-        ConfigError: The verb has no such option; names the nearest one.
+        ConfigError: The verb has no such option, a number was needed, or one of some words; names
+            the nearest one.
     """
-    valid = [*_options(arguments), *COMMON]
-    for word in given:
-        name = word.partition("=")[0].replace("_", "-")
+    kinds = _options(arguments)
+    valid = [*kinds, "--help"]
+    typed = []
+    for word, following in zip(given, [*given, ""][1:], strict=True):
+        name, equals, value = word.partition("=")
+        typed.append((name.replace("_", "-"), value if equals else following))
+    for name, _ in typed:
         if name.startswith("--") and name != "--" and name not in valid:
             raise ConfigError(
                 f"spikingtac {verb} has no option {name!r}{nearest(name, valid)} "
                 f"(valid: {', '.join(sorted(valid))})"
             )
+    if HELP.isdisjoint(given):
+        for name, value in typed:
+            _check_value(name, value, kinds.get(name))
 
 
-def check_values(arguments: type, given: Sequence[str]) -> None:
-    """Refuse the first value that its option cannot take: the parser names types of Python.
-
-    Args:
-        arguments: The verb's dataclass.
-        given: What was typed behind it.
-
-    Raises:
-        ConfigError: A number was needed, or one of some words; names the nearest one.
-    """
-    hints = typing.get_type_hints(arguments)
-    kinds = {"--" + field.name.replace("_", "-"): hints[field.name] for field in fields(arguments)}
-    for word, following in zip(given, [*given, ""][1:], strict=True):
-        name, equals, value = word.partition("=")
-        kind = _one_value(kinds.get(name.replace("_", "-")))
-        value = value if equals else following
-        if kind in (int, float) and not _is_number(value, kind):
-            needed = "a whole number" if kind is int else "a number"
-            raise ConfigError(f"{name} takes {needed}, {value!r} is none")
-        if typing.get_origin(kind) is typing.Literal:
-            valid = [str(choice) for choice in typing.get_args(kind)]
-            if value not in valid:
-                raise ConfigError(
-                    f"{name} cannot be {value!r}{nearest(value, valid)} (valid: {', '.join(valid)})"
-                )
-
-
-def _one_value(hint: Any) -> Any:
-    """Return the type of an option with one value, without None; None of any other option."""
-    kinds = [kind for kind in typing.get_args(hint) if kind is not type(None)]
-    if typing.get_origin(hint) in (typing.Union, types.UnionType):
-        return kinds[0] if len(kinds) == 1 else None
-    return hint
-
-
-def _is_number(text: str, kind: type) -> bool:
-    try:
-        kind(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _options(arguments: type) -> Iterator[str]:
+def _options(arguments: type) -> dict[str, Any]:
+    """Return the options of a verb, aliases too, with the type of the one value of each."""
     hints = typing.get_type_hints(arguments, include_extras=True)
+    plain = typing.get_type_hints(arguments)
+    found: dict[str, Any] = {}
     for field in fields(arguments):
         notes: tuple[Any, ...] = getattr(hints[field.name], "__metadata__", ())
         if tyro.conf.Positional in notes:
             continue
-        yield "--" + field.name.replace("_", "-")
-        for note in notes:
-            yield from getattr(note, "aliases", None) or ()
+        kind = plain[field.name]
+        if typing.get_origin(kind) in (typing.Union, types.UnionType):
+            kinds = [one for one in typing.get_args(kind) if one is not type(None)]
+            kind = kinds[0] if len(kinds) == 1 else None
+        aliases = [alias for note in notes for alias in getattr(note, "aliases", None) or ()]
+        found |= dict.fromkeys(["--" + field.name.replace("_", "-"), *aliases], kind)
+    return found
+
+
+def _check_value(name: str, value: str, kind: Any) -> None:
+    if kind in (int, float):
+        try:
+            kind(value)
+        except ValueError:
+            needed = "a whole number" if kind is int else "a number"
+            raise ConfigError(f"{name} takes {needed}, {value!r} is none") from None
+    if typing.get_origin(kind) is typing.Literal:
+        valid = [str(choice) for choice in typing.get_args(kind)]
+        if value not in valid:
+            raise ConfigError(
+                f"{name} cannot be {value!r}{nearest(value, valid)} (valid: {', '.join(valid)})"
+            )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -12,22 +12,20 @@ from typing import Any, Literal
 from spikingtac._version import package_version
 from spikingtac.atomic_files import PARTIAL
 from spikingtac.batch.inputs import find_recordings, outputs_of
-from spikingtac.datasets.episode import Episode
 from spikingtac.datasets.lerobot import INFO, write_lerobot
 from spikingtac.errors import ConfigError, MissingExtraError
 from spikingtac.tracks import FRAMES_PER_CHUNK, Tracks
-from spikingtac.tracks.columns import COLUMN_TYPES, FORCES
+from spikingtac.tracks.columns import FORCES, PER_MARKER
 
 Form = Literal["lerobot", "zarr"]
-ROOT = "zarr.json"  # What says that a folder is a Zarr store, version 3.
 
 # Arrays of a recording, as tracks.npz names them; those that it lacks are left out.
-ARRAYS = ("t_us", *COLUMN_TYPES, *FORCES, "reference_px")
+ARRAYS = ("t_us", *PER_MARKER, *FORCES, "reference_px")
 CHUNK_ROWS = 16 * FRAMES_PER_CHUNK  # Times of a chunk.
 MEMBERS = ("displacement_px.npy",)  # What tells tracks from other archives.
 
 # Form -> the file that says that a folder is such a data set.
-MARKS: dict[Form, str] = {"lerobot": INFO, "zarr": ROOT}
+MARKS: dict[Form, str] = {"lerobot": INFO, "zarr": "zarr.json"}
 LARGEST_FPS = 1_000
 
 
@@ -70,63 +68,46 @@ def export(
         ConfigError: There are no tracks, logs do not fit them, or the folder may not be replaced.
         RecordingError: Tracks or a log cannot be read.
     """
-    _require_free(config, overwrite)
+    output = config.output
+    _require_free(output, config.form, overwrite)
     found = find_recordings(config.sources, MEMBERS)
     if config.logs and len(config.logs) != len(found):
         raise ConfigError(
             f"there are {len(found)} recordings and {len(config.logs)} logs; give one for each, in "
             f"the order {', '.join(path.name for path in found[:3])} ..."
         )
-    partial = config.output.with_name(f".{config.output.name}{PARTIAL}{os.getpid()}")
+
+    def told() -> Iterator[Path]:
+        for number, path in enumerate(found, 1):
+            yield path
+            advance(number / len(found))
+
+    partial = output.with_name(f".{output.name}{PARTIAL}{os.getpid()}")
     partial.mkdir(parents=True)
     try:
         if config.form == "zarr":
             names = [path.as_posix() for path in outputs_of(found, Path(), "")]
-            told = _told(found, advance)
-            figures = write_zarr(partial, zip(names, told, strict=True))
+            figures = write_zarr(partial, zip(names, told(), strict=True))
         else:
-            figures = _lerobot(partial, config, found, advance)
-        if config.output.exists():
-            shutil.rmtree(config.output)
-        os.replace(partial, config.output)
+            logs = config.logs or (None,) * len(found)
+            pairs = zip(told(), logs, strict=True)
+            figures = write_lerobot(partial, pairs, config.fps, config.task)
+        if output.exists():
+            shutil.rmtree(output)
+        os.replace(partial, output)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-    return {"output": str(config.output), **figures}
+    return {"output": str(output), **figures}
 
 
-def _lerobot(
-    folder: Path, config: ExportConfig, found: Sequence[Path], advance: Callable[[float], None]
-) -> dict[str, Any]:
-    logs: Sequence[Path | None] = config.logs or [None] * len(found)
-    ages: list[int] = []
-
-    def episodes() -> Iterator[Episode]:
-        for path, log in zip(_told(found, advance), logs, strict=True):
-            episode = Episode.of(path, config.fps, log)
-            ages.append(episode.largest_age_us)
-            yield episode
-
-    info = write_lerobot(folder, episodes(), config.fps, config.task)
-    kept = {name: info[name] for name in ("total_episodes", "total_frames", "fps")}
-    names = [name for name, one in info["features"].items() if one["names"]]
-    return {**kept, "features": names, "largest_age_ms": max(ages) / 1e3}
-
-
-def _told(found: Sequence[Path], advance: Callable[[float], None]) -> Iterator[Path]:
-    for number, path in enumerate(found):
-        yield path
-        advance((number + 1) / len(found))
-
-
-def _require_free(config: ExportConfig, overwrite: bool) -> None:
-    output = config.output
+def _require_free(output: Path, form: Form, overwrite: bool) -> None:
     if not output.exists() or (output.is_dir() and not any(output.iterdir())):
         return
     if not output.is_dir():
         raise ConfigError(f"{str(output)!r} is a file; give the name of a folder")
-    if not (output / MARKS[config.form]).is_file():
+    if not (output / MARKS[form]).is_file():
         raise ConfigError(
-            f"{str(output)!r} is not empty and holds no {config.form} data set; give another folder"
+            f"{str(output)!r} is not empty and holds no {form} data set; give another folder"
         )
     if not overwrite:
         raise ConfigError(

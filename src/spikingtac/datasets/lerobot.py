@@ -7,7 +7,7 @@ Episodes follow each other in one file, one row group each; ``meta`` holds ``inf
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,33 +15,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.atomic_files import write_json
-from spikingtac.datasets.episode import Episode
-from spikingtac.errors import ConfigError, MissingExtraError
+from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
+from spikingtac.events.formats.array_file import load_arrays
+from spikingtac.tracks import Tracks
 
+US_PER_S = 1_000_000
 VERSION = "v3.0"  # The data set's version, ``CODEBASE_VERSION`` of LeRobot 0.4 to 0.6.
 INFO = "meta/info.json"  # What says that a folder is such a data set; written last.
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 FIRST_FILE = FILE.format(chunk_index=0, file_index=0)
-INDICES = ("frame_index", "episode_index", "index", "task_index")
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
+
+# Displacements, px: x and y of every marker, row by row.
+DISPLACEMENT = "observation.tactile.displacement"
+SEEN = "observation.tactile.seen"  # 1 where a marker was seen, 0 where its place is a prediction.
+
+# Forces in N, then moments in Nm, where a force model told them.
+WRENCH = "observation.tactile.wrench"
+LOG_NAMES = {"state": "observation.state", "action": "action"}  # Array of a robot's log -> feature.
+
+# Index of a frame -> what it counts.
+INDICES = ("frame_index", "episode_index", "index", "task_index")
 
 Columns = dict[str, NDArray[Any]]  # Name of a feature -> ``(n,)`` or ``(n, k)`` values.
 
 
-def write_lerobot(folder: Path, episodes: Iterable[Episode], fps: int, task: str) -> dict[str, Any]:
+def write_lerobot(
+    folder: Path, recordings: Iterable[tuple[Path, Path | None]], fps: int, task: str
+) -> dict[str, Any]:
     """Write a data set into an empty folder.
 
     Args:
         folder: An empty folder.
-        episodes: All with the same features.
+        recordings: tracks.npz of each episode, and a robot's log on the same clock or None.
         fps: Frames per second.
         task: What is done in them, in words.
 
     Returns:
-        ``info.json``.
+        Figures of what was written.
 
     Raises:
-        ConfigError: There is no episode, or one has other features than the first.
+        RecordingError: A file cannot be read, or holds nothing.
+        ConfigError: One has other features than the first, or does not overlap its log.
         MissingExtraError: pyarrow or pandas is not installed.
     """
     try:
@@ -52,21 +67,20 @@ def write_lerobot(folder: Path, episodes: Iterable[Episode], fps: int, task: str
         raise MissingExtraError(
             "LeRobot data sets need: pip install 'spikingtac[lerobot]'"
         ) from error
-    kept, rows, frames = list[Columns](), list[dict[str, Any]](), 0
-    described: dict[str, Any] = {}
-    for number, episode in enumerate(episodes):
-        features = _features(episode)
-        if described and features != described:
+    kept, rows, ages_us, described = list[Columns](), list[dict[str, Any]](), [0], {}
+    for number, (path, log) in enumerate(recordings):
+        features, age_us = frames_of(path, fps, log)
+        told = _described(features)
+        if described and told != described:
             raise ConfigError(
-                f"{episode.name!r} has other features than the first recording; a data set holds "
+                f"{path.stem!r} has other features than the first recording; a data set holds "
                 "one sensor and one kind of log"
             )
-        described = features
-        kept.append(_columns(episode, number, frames, fps))
-        rows.append(_row(number, len(episode.t_us), frames, task) | _told(kept[-1]))
-        frames += len(episode.t_us)
-    if not rows:
-        raise ConfigError("there is no episode to write")
+        described, before = told, sum(row["length"] for row in rows)
+        kept.append(_columns(features, number, before, fps))
+        length = len(kept[-1]["index"])
+        rows.append(_episode_row(number, before, length, task) | _flat_statistics(kept[-1]))
+        ages_us.append(age_us)
     for name in ("data", "meta/episodes"):
         (folder / name / FIRST_FILE).parent.mkdir(parents=True)
     tables = [pa.table({name: _array(pa, c) for name, c in columns.items()}) for columns in kept]
@@ -78,9 +92,98 @@ def write_lerobot(folder: Path, episodes: Iterable[Episode], fps: int, task: str
     tasks.to_parquet(folder / "meta" / "tasks.parquet")
     whole = {name: np.concatenate([columns[name] for columns in kept]) for name in kept[0]}
     write_json(folder / "meta" / "stats.json", {k: statistics_of(v) for k, v in whole.items()})
-    info = _info(described, fps, len(rows), frames)
-    write_json(folder / INFO, info)
-    return info
+    count = {"total_episodes": len(rows), "total_frames": len(whole["index"]), "fps": fps}
+    write_json(folder / INFO, _info(described, count))
+    names = [name for name, one in described.items() if one["names"]]
+    return {**count, "features": names, "largest_age_ms": max(ages_us) / 1e3}
+
+
+def frames_of(path: Path, fps: int, log: Path | None = None) -> tuple[Columns, int]:
+    """Read tracks, and a log on the same clock, and bring them to the same frames.
+
+    A frame gets the last values before it, as a robot would have had them; nothing is
+    interpolated from the future. Frames are where tracks and log overlap.
+
+    Args:
+        path: tracks.npz.
+        fps: Frames per second.
+        log: ``.npz`` with ``t_us (n,)`` and ``state (n, k)``, ``action (n, k)`` or both.
+
+    Returns:
+        Feature -> ``(n, k)`` float32, and how old the oldest value is that a frame was given, us.
+    """
+    tracks = Tracks.load(path)
+    if not len(tracks.t_us):
+        raise RecordingError(f"{str(path)!r} holds no estimate")
+    values = {
+        DISPLACEMENT: tracks.displacement_px.reshape(len(tracks.t_us), -1),
+        SEEN: ~tracks.coasted,
+    }
+    if tracks.wrench is not None:
+        values[WRENCH] = tracks.wrench
+    times = dict.fromkeys(values, tracks.t_us)
+    if log is not None:
+        log_us, logged = _log(log)
+        values |= logged
+        times |= dict.fromkeys(logged, log_us)
+    first_us = max(t[0] for t in times.values())
+    last_us = min(t[-1] for t in times.values())
+    if last_us < first_us:
+        raise ConfigError(
+            f"{str(path)!r} and its log do not overlap: one ends at {last_us} us, the other begins "
+            f"at {first_us} us; both must be on the same clock"
+        )
+    count = int((last_us - first_us) * fps // US_PER_S) + 1
+    t_us = first_us + np.arange(count, dtype=np.int64) * US_PER_S // fps
+    rows = {name: np.searchsorted(t, t_us, "right") - 1 for name, t in times.items()}
+    age_us = max(int((t_us - t[rows[name]]).max()) for name, t in times.items())
+    return {
+        name: np.ascontiguousarray(of[rows[name]], np.float32) for name, of in values.items()
+    }, age_us
+
+
+def _log(path: Path) -> tuple[NDArray[np.int64], Columns]:
+    """Return the times of a robot's log, and its features."""
+    arrays = load_arrays(path, "a robot's log")
+    found = {feature: arrays[name] for name, feature in LOG_NAMES.items() if name in arrays}
+    t_us = arrays.get("t_us", np.zeros(0))
+    fits = t_us.ndim == 1 and t_us.dtype.kind in "iu" and len(t_us) > 0
+    if not fits or not found or (np.diff(t_us.astype(np.int64)) < 0).any():
+        raise RecordingError(
+            f"{str(path)!r} is no log of a robot: it needs t_us (whole us, in order) and state, "
+            "action or both"
+        )
+    for feature, values in found.items():
+        if values.ndim != 2 or len(values) != len(t_us) or values.dtype.kind not in "fiu":
+            raise RecordingError(
+                f"{str(path)!r}: {feature} has shape {values.shape}, it must be ({len(t_us)}, k)"
+            )
+    return t_us.astype(np.int64), found
+
+
+def _described(features: Columns) -> dict[str, Any]:
+    """Return each feature with its type, its shape, and the names of its columns."""
+    told = {}
+    for feature, values in features.items():
+        count, short = values.shape[1], feature.rpartition(".")[2]
+        names = {
+            DISPLACEMENT: [f"{axis}_{marker}" for marker in range(count // 2) for axis in "xy"],
+            SEEN: [f"marker_{marker}" for marker in range(count)],
+            WRENCH: ["fx", "fy", "fz", "tx", "ty", "tz"][:count],
+        }.get(feature, [f"{short}_{number}" for number in range(count)])
+        told[feature] = {"dtype": "float32", "shape": [count], "names": names}
+    given = {"timestamp": "float32", **dict.fromkeys(INDICES, "int64")}
+    return told | {n: {"dtype": kind, "shape": [1], "names": None} for n, kind in given.items()}
+
+
+def _columns(features: Columns, number: int, before: int, fps: int) -> Columns:
+    frame = np.arange(len(features[SEEN]), dtype=np.int64)
+    indices = (frame, np.full(len(frame), number), before + frame, np.zeros(len(frame), np.int64))
+    return {
+        **{name: v[:, 0] if v.shape[1] == 1 else v for name, v in features.items()},
+        "timestamp": (frame / fps).astype(np.float32),
+        **dict(zip(INDICES, indices, strict=True)),
+    }
 
 
 def _array(pa: Any, column: NDArray[Any]) -> Any:
@@ -89,29 +192,7 @@ def _array(pa: Any, column: NDArray[Any]) -> Any:
     return pa.FixedSizeListArray.from_arrays(pa.array(column.ravel()), column.shape[1])
 
 
-def _columns(episode: Episode, number: int, before: int, fps: int) -> Columns:
-    frame = np.arange(len(episode.t_us), dtype=np.int64)
-    one = {name: v[:, 0] if v.shape[1] == 1 else v for name, v in episode.features.items()}
-    return {
-        **one,
-        "timestamp": (frame / fps).astype(np.float32),
-        "frame_index": frame,
-        "episode_index": np.full(len(frame), number, np.int64),
-        "index": before + frame,
-        "task_index": np.zeros(len(frame), np.int64),
-    }
-
-
-def _features(episode: Episode) -> dict[str, Any]:
-    own = {
-        name: {"dtype": "float32", "shape": [values.shape[1]], "names": list(episode.names[name])}
-        for name, values in episode.features.items()
-    }
-    given = {"timestamp": "float32", **dict.fromkeys(INDICES, "int64")}
-    return own | {n: {"dtype": kind, "shape": [1], "names": None} for n, kind in given.items()}
-
-
-def _row(number: int, length: int, before: int, task: str) -> dict[str, Any]:
+def _episode_row(number: int, before: int, length: int, task: str) -> dict[str, Any]:
     files = ("data/chunk_index", "data/file_index", "meta/episodes/chunk_index",
              "meta/episodes/file_index")  # fmt: skip
     return {
@@ -124,7 +205,7 @@ def _row(number: int, length: int, before: int, task: str) -> dict[str, Any]:
     }
 
 
-def _told(columns: Columns) -> dict[str, list[float]]:
+def _flat_statistics(columns: Columns) -> dict[str, list[float]]:
     return {
         f"stats/{name}/{kind}": values
         for name, column in columns.items()
@@ -132,21 +213,19 @@ def _told(columns: Columns) -> dict[str, list[float]]:
     }
 
 
-def _info(features: Mapping[str, Any], fps: int, episodes: int, frames: int) -> dict[str, Any]:
+def _info(features: dict[str, Any], count: dict[str, int]) -> dict[str, Any]:
     return {
         "codebase_version": VERSION,
         "robot_type": None,
-        "total_episodes": episodes,
-        "total_frames": frames,
+        **count,
         "total_tasks": 1,
         "chunks_size": 1_000,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
-        "fps": fps,
-        "splits": {"train": f"0:{episodes}"},
+        "splits": {"train": f"0:{count['total_episodes']}"},
         "data_path": f"data/{FILE}",
         "video_path": None,
-        "features": dict(features),
+        "features": features,
     }
 
 

@@ -9,20 +9,11 @@ import numpy as np
 
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError
-from spikingtac.plots.field_view import view_aspect
-from spikingtac.plots.theme import Theme, new_figure, style_axes
-from spikingtac.plots.tracks import (
-    US_PER_S,
-    FieldArrows,
-    draw_course_thinned,
-    draw_field,
-    require_estimates,
-)
+from spikingtac.plots.figure import US_PER_S, new_figure, require_writable, style_axes
+from spikingtac.plots.tracks import draw_course, draw_field, require_estimates, view_px
 from spikingtac.tracks import Tracks
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.lines import Line2D
     from PIL.Image import Image
 
 # Twenty pictures per second: GIF counts in 10 ms, and browsers slow down what is below 20 ms.
@@ -66,11 +57,7 @@ def save_animation(
     Raises:
         ConfigError: A name, the ending or the stretch makes no sense, or nothing was tracked.
     """
-    target = Path(path)
-    if target.suffix != ".gif":
-        raise ConfigError(f"cannot animate {target.name!r} (valid ending: .gif)")
-    if not target.parent.is_dir():
-        raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
+    target = require_writable(path, (".gif",))
     require_estimates(tracks)
     rows = _rows(tracks, stretch_s, slow)
     first, *rest = _pictures(tracks, rows, theme, width)
@@ -109,18 +96,25 @@ def _rows(tracks: Tracks, stretch_s: tuple[float | None, float | None], slow: fl
 
 
 def _pictures(tracks: Tracks, rows: list[int], theme: str, width: str) -> list[Image]:
+    """Draw the largest displacement of the stretch, then turn its arrows for each picture."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image as Images
 
-    field = FIELD_WIDTH * view_aspect(tracks.reference_px)
+    low, high = view_px(tracks.reference_px)
+    field = FIELD_WIDTH * float((high[1] - low[1]) / (high[0] - low[0]))
     figure, colors = new_figure(theme, width, field + COURSE_HEIGHT + AROUND)
     figure.set_dpi(SCREEN_DPI)
     canvas = FigureCanvasAgg(figure)
     upper, lower = figure.subplots(2, 1, height_ratios=(field, COURSE_HEIGHT))
-    arrows, now = _drawn((upper, lower), tracks, rows, colors)
+    for axes in (upper, lower):
+        style_axes(axes, colors)
+    moved_px = tracks.displacement_px
+    length = np.hypot(*np.moveaxis(moved_px[rows], 2, 0)).max(axis=1)
+    arrows = draw_field(upper, tracks, rows[int(length.argmax())], colors)
+    draw_course(lower, tracks, colors, COURSE_POINTS)
+    now = lower.axvline(0.0, color=colors.text, linewidth=0.8)
     canvas.draw()
     figure.set_layout_engine("none")  # as it was found once: nothing jumps
-    moved_px = tracks.displacement_px
     shown = []
     for row in rows:
         t_s = (int(tracks.t_us[row]) - int(tracks.t_us[0])) / US_PER_S
@@ -131,16 +125,3 @@ def _pictures(tracks: Tracks, rows: list[int], theme: str, width: str) -> list[I
         picture = Images.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
         shown.append(picture.quantize(MOST_COLORS, dither=Images.Dither.NONE))
     return shown
-
-
-def _drawn(
-    panels: tuple[Axes, Axes], tracks: Tracks, rows: list[int], colors: Theme
-) -> tuple[FieldArrows, Line2D]:
-    """Draw the panels at the largest displacement of the stretch; return what moves."""
-    upper, lower = panels
-    for axes in panels:
-        style_axes(axes, colors)
-    length = np.hypot(*np.moveaxis(tracks.displacement_px[rows], 2, 0)).max(axis=1)
-    arrows = draw_field(upper, tracks, rows[int(length.argmax())], colors)
-    draw_course_thinned(lower, tracks, COURSE_POINTS, colors)
-    return arrows, lower.axvline(0.0, color=colors.text, linewidth=0.8)

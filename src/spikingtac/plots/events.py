@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, named
 from spikingtac.events.hot_pixels import hot_pixels_of
-from spikingtac.plots.theme import FONT_PT, Theme, new_figure, style_axes
+from spikingtac.plots.figure import FONT_PT, US_PER_S, Theme, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from spikingtac.types import EventPacket
 
 EventKind = Literal["overview", "moment", "rate", "surface", "hot"]
-US_PER_S = 1_000_000
 
 # Time over which events are counted, us: a slow motion still fills it, a tap is not blurred.
 RATE_US = 10_000

@@ -19,7 +19,6 @@ ARROW_COLOR, CONTACT_COLOR = "#e9b44c", "#ffd479"
 GROUND, PANEL, TEXT, SOFT = "#0b0d0e", "#161a1d", "#dbe0e3", "#8d979e"
 RING_COLOR = "#4b545b"
 WIDTH_IN, HEIGHT_IN, DPI = 10.0, 5.6, 130
-PICTURE_ENDINGS = (".png", ".svg", ".pdf")
 CREATOR = "spikingtac summary"  # Creator field in the metadata of the picture.
 
 

@@ -11,52 +11,56 @@ from numpy.typing import NDArray
 from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.types import MarkerFrame
 
-# Columns in long form, in their order: what CSV, Parquet and tables hold.
-CSV_COLUMNS = (
-    "t_us",
-    "marker",
-    "detected_x_px",
-    "detected_y_px",
-    "position_x_px",
-    "position_y_px",
-    "displacement_x_px",
-    "displacement_y_px",
-    "held",
-    "confidence",
-)
-
-FIELDS = {"held": "coasted"}  # Key of a file -> the attribute that holds it, where the two differ.
-
-# Key of a file -> the type of its numbers.
-COLUMN_TYPES = {
-    "detected_px": np.float32,
-    "position_px": np.float32,
-    "displacement_px": np.float32,
-    "held": np.bool_,
-    "confidence": np.float32,
-}
-
-# Key of a file -> the type of a counter of the source, one a time; older files lack them.
-HEALTH_TYPES = {
-    "gaps": np.int32,
-    "overflows": np.int32,
-    "damaged": np.int32,
-    "reconnects": np.int32,
-    "rate_ev_s": np.float32,
-}
-
-# Force on the skin and its standard deviation, ``(n, 3)``: where a model estimated them.
-FORCES = ("force_n", "force_sigma_n", "torque_nm")
-
-# Key of the places' standard deviation, ``(n, m, 2)``: where tracks were smoothed.
-SIGMA = "sigma_px"
+Columns = Mapping[str, NDArray[Any]]  # Key of a file -> values.
 
 VECTORS = ("detected_px", "position_px", "displacement_px")  # Those that have an x and a y.
+PER_MARKER = (*VECTORS, "held", "confidence")
+
+# Counters of the source at each time; older files lack them.
+HEALTH = ("gaps", "overflows", "damaged", "reconnects", "rate_ev_s")
+
+# Force on the skin, its standard deviation, moment: where a model estimated them.
+FORCES = ("force_n", "force_sigma_n", "torque_nm")
+
+# Key of the places' standard deviation: where tracks were smoothed.
+SIGMA = "sigma_px"
+
+# Key of a file -> type of its numbers, and shape: n times, m markers, k trigger edges.
+SPECS: dict[str, tuple[type[np.generic], str]] = {
+    "t_us": (np.int64, "n"),
+    "reference_px": (np.float32, "m2"),
+    **dict.fromkeys(VECTORS, (np.float32, "nm2")),
+    "held": (np.bool_, "nm"),
+    "confidence": (np.float32, "nm"),
+    **dict.fromkeys(HEALTH[:4], (np.int32, "n")),
+    "rate_ev_s": (np.float32, "n"),
+    **dict.fromkeys(FORCES, (np.float32, "n3")),
+    SIGMA: (np.float32, "nm2"),
+    **dict(zip(TRIGGERS, ((np.int64, "k"), (np.uint8, "k"), (np.bool_, "k")), strict=True)),
+}
+
+ATTRIBUTES = {"held": "coasted"}  # Key of a file -> the attribute that holds it, where they differ.
 
 
-def by_attribute(values: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    """Return columns by the attributes of tracks instead of their keys in a file."""
-    return {FIELDS.get(name, name): array for name, array in values.items()}
+def require_shapes(values: Columns) -> None:
+    """Refuse arrays that do not belong together.
+
+    Raises:
+        ValueError: A shape or a type does not fit.
+        KeyError: An array is missing.
+    """
+    edges = values.get(TRIGGERS[0], ())
+    sizes = {"n": len(values["t_us"]), "m": len(values["reference_px"]), "k": len(edges)}
+    for name, (dtype, letters) in SPECS.items():
+        if name not in values and name not in ("t_us", "reference_px", *PER_MARKER):
+            continue
+        array = values[name]
+        shape = tuple(sizes[one] if one in sizes else int(one) for one in letters)
+        if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
+            raise ValueError(
+                f"{name} is {array.dtype} of shape {array.shape}, it must be "
+                f"{np.dtype(dtype)} of shape {shape}"
+            )
 
 
 def stacked(frames: Sequence[MarkerFrame], markers: int) -> dict[str, NDArray[Any]]:
@@ -66,19 +70,16 @@ def stacked(frames: Sequence[MarkerFrame], markers: int) -> dict[str, NDArray[An
         frames: Any number, also none.
         markers: How many markers each has.
     """
-    columns: dict[str, NDArray[Any]] = {
-        "t_us": np.array([frame.t_us for frame in frames], np.int64)
-    }
-    for name, dtype in COLUMN_TYPES.items():
-        rows = [getattr(frame, FIELDS.get(name, name)) for frame in frames]
-        shape = (len(frames), markers, 2) if name in VECTORS else (len(frames), markers)
-        columns[name] = np.array(rows, dtype).reshape(shape)
-    for name, dtype in HEALTH_TYPES.items():
-        columns[name] = np.array([getattr(frame.health, name) for frame in frames], dtype)
+    sizes, columns = {"n": len(frames), "m": markers, "2": 2}, {}
+    for name in ("t_us", *PER_MARKER, *HEALTH):
+        dtype, letters = SPECS[name]
+        attribute = ATTRIBUTES.get(name, name)
+        rows = [getattr(one.health if name in HEALTH else one, attribute) for one in frames]
+        columns[name] = np.array(rows, dtype).reshape([sizes[one] for one in letters])
     return columns
 
 
-def long_columns(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+def long_columns(columns: Columns) -> dict[str, NDArray[Any]]:
     """Return columns in long form, one row for each time and marker, by name.
 
     Args:
@@ -103,8 +104,14 @@ def long_columns(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]
     return rows
 
 
+def _by_axis(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return the columns of ``(n, 2 or 3)`` values, with the axis before the unit."""
+    quantity, _, unit = name.rpartition("_")
+    return {f"{quantity}_{axis}_{unit}": of for axis, of in zip("xyz", values.T, strict=False)}
+
+
 def trigger_column(
-    t_us: NDArray[np.int64], triggers: Mapping[str, NDArray[Any]], since_us: int | None = None
+    t_us: NDArray[np.int64], triggers: Columns, since_us: int | None = None
 ) -> dict[str, NDArray[Any]]:
     """Return the column ``trigger``: the channel of the last edge since the estimate before.
 
@@ -125,40 +132,3 @@ def trigger_column(
 def longest(vectors: NDArray[np.floating]) -> float:
     """Return the length of the longest vector."""
     return float(np.linalg.norm(vectors, axis=-1).max(initial=0.0))
-
-
-def _by_axis(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Return the columns of ``(n, 2 or 3)`` values, with the axis before the unit."""
-    quantity, _, unit = name.rpartition("_")
-    axes = "xyz"[: values.shape[1]]
-    return {f"{quantity}_{axis}_{unit}": values[:, n] for n, axis in enumerate(axes)}
-
-
-def require_shapes(values: Mapping[str, NDArray[Any]]) -> None:
-    """Refuse arrays that do not belong together.
-
-    Raises:
-        ValueError: A shape or a type does not fit; KeyError where an array is missing.
-    """
-    times, markers = values["t_us"].shape, len(values["reference_px"])
-    if len(times) != 1 or values["t_us"].dtype.kind != "i":
-        raise ValueError("t_us must be one row of whole numbers")
-    if values["reference_px"].shape != (markers, 2):
-        raise ValueError(f"reference_px has shape {values['reference_px'].shape}")
-    for name, dtype in COLUMN_TYPES.items():
-        array = values[name]
-        shape = (*times, markers, 2) if name in VECTORS else (*times, markers)
-        if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
-            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, not of {shape}")
-    for name in FORCES:
-        if name in values and values[name].shape != (*times, 3):
-            raise ValueError(f"{name} has shape {values[name].shape}, not {(*times, 3)}")
-    if SIGMA in values and values[SIGMA].shape != (*times, markers, 2):
-        raise ValueError(f"{SIGMA} has shape {values[SIGMA].shape}, not {(*times, markers, 2)}")
-    edges = [values[name] for name in TRIGGERS if name in values]
-    shapes, kinds = {edge.shape for edge in edges}, "".join(edge.dtype.kind for edge in edges)
-    if edges and (kinds != "iub" or shapes != {(edges[0].size,)}):
-        raise ValueError(f"{', '.join(TRIGGERS)} must be rows of one length")
-    for name in HEALTH_TYPES:
-        if name in values and values[name].shape != times:
-            raise ValueError(f"{name} has shape {values[name].shape}, not {times}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import zipfile
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,14 +15,12 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import WholeFile, write_text
 from spikingtac.errors import ConfigError, MissingExtraError
 from spikingtac.events.formats.array_file import ColumnFile
-from spikingtac.tracks.columns import CSV_COLUMNS, long_columns, stacked, trigger_column
+from spikingtac.tracks.columns import Columns, long_columns, stacked, trigger_column
 from spikingtac.types import MarkerFrame
 
 # Key of a Parquet file's metadata that holds what CSV has beside it, as JSON.
 PARQUET_META = "spikingtac"
 FRAMES_PER_CHUNK = 1_024  # Frames that are kept in memory before they are written.
-Measured = Mapping[str, NDArray[Any]]  # Name of a column -> its value at one time.
-NOTHING: Measured = {}
 
 
 class TracksWriter(ABC):
@@ -38,19 +35,17 @@ class TracksWriter(ABC):
 
     def __init__(self, markers: int) -> None:
         self._markers = markers
-        self._frames: list[MarkerFrame] = []
-        self._measured: list[Measured] = []
-        self._triggers: Mapping[str, NDArray[Any]] = {}
+        self._frames: list[tuple[MarkerFrame, Columns]] = []
+        self._triggers: Columns = {}
         self._last_us: int | None = None
 
-    def write(self, frame: MarkerFrame, measured: Measured = NOTHING) -> None:
+    def write(self, frame: MarkerFrame, measured: Columns | None = None) -> None:
         """Append a frame, and what else was measured then: the same names with every frame."""
-        self._frames.append(frame)
-        self._measured.append(measured)
+        self._frames.append((frame, measured or {}))
         if len(self._frames) == FRAMES_PER_CHUNK:
             self._flush()
 
-    def mark(self, triggers: Mapping[str, NDArray[Any]]) -> None:
+    def mark(self, triggers: Columns) -> None:
         """Tell the trigger edges by their keys in a file: where rows are marked, first."""
         self._triggers = triggers
 
@@ -72,16 +67,17 @@ class TracksWriter(ABC):
         """Write the meta data, and put the file in its place."""
 
     def _flush(self) -> None:
-        frames, self._frames = self._frames, []
-        measured, self._measured = self._measured, []
-        if frames:
-            columns = stacked(frames, self._markers)
-            for name in measured[0]:
-                columns[name] = np.stack([row[name] for row in measured]).astype(np.float32)
-            if self.marks_rows:
-                columns |= trigger_column(columns["t_us"], self._triggers, self._last_us)
-            self._append(columns)
-            self._last_us = frames[-1].t_us
+        if not self._frames:
+            return
+        frames, measured = zip(*self._frames, strict=True)
+        self._frames = []
+        columns = stacked(frames, self._markers)
+        for name in measured[0]:
+            columns[name] = np.stack([row[name] for row in measured]).astype(np.float32)
+        if self.marks_rows:
+            columns |= trigger_column(columns["t_us"], self._triggers, self._last_us)
+        self._append(columns)
+        self._last_us = frames[-1].t_us
 
 
 class NpzTracksWriter(TracksWriter):
@@ -95,6 +91,10 @@ class NpzTracksWriter(TracksWriter):
         self._file.set("reference_px", reference_px.astype(np.float32))
         self._append(stacked([], self._markers))  # an archive without estimates has them, too
 
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._file.abandon()
+
     def _append(self, columns: dict[str, NDArray[Any]]) -> None:
         self._file.append(columns)
 
@@ -103,10 +103,6 @@ class NpzTracksWriter(TracksWriter):
             self._file.set(name, values)
         self._file.set("meta", np.array(json.dumps(meta, sort_keys=True)))
         self._file.close()
-
-    def abandon(self) -> None:
-        """Give up: leave what was there before."""
-        self._file.abandon()
 
 
 class CsvTracksWriter(TracksWriter):
@@ -127,8 +123,8 @@ class CsvTracksWriter(TracksWriter):
         self._rows.writerows(zip(*(_texts(*item) for item in rows.items()), strict=True))
 
     def _complete(self, meta: Mapping[str, Any]) -> None:
-        if not self._begun:
-            self._rows.writerow(CSV_COLUMNS)
+        if not self._begun:  # no frame came
+            self._append(stacked([], self._markers))
         path = self._target.path
         text = json.dumps(meta, indent=1, sort_keys=True) + "\n"
         write_text(path.with_name(path.name + ".json"), text)
@@ -214,11 +210,3 @@ def create_tracks(path: str | Path, reference_px: NDArray[np.float64]) -> Tracks
     if target.suffix == ".parquet":
         return ParquetTracksWriter(target, len(reference_px))
     raise ConfigError(f"tracks are written as .npz, .csv or .parquet, not as {target.name!r}")
-
-
-def is_tracks_file(path: str | Path) -> bool:
-    """Return whether a file is an archive that holds displacements over time."""
-    if Path(path).suffix != ".npz" or not zipfile.is_zipfile(path):
-        return False
-    with zipfile.ZipFile(path) as archive:
-        return {"t_us.npy", "displacement_px.npy"} <= set(archive.namelist())

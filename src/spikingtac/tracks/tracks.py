@@ -20,11 +20,11 @@ from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.file_kinds import kind_of, told_kind
 from spikingtac.tracks.columns import (
+    ATTRIBUTES,
     FORCES,
-    HEALTH_TYPES,
+    HEALTH,
     SIGMA,
     VECTORS,
-    by_attribute,
     long_columns,
     longest,
     require_shapes,
@@ -110,12 +110,13 @@ class Tracks:
             frames: Any number of frames, in order of time.
             calibration: That they were tracked with.
         """
-        values = stacked(list(frames), len(calibration.reference_px))
-        return cls(
-            reference_px=calibration.reference_px.astype(np.float32),
-            meta=calibration.scale(),
-            **by_attribute(values),
-        )
+        values: dict[str, Any] = stacked(list(frames), len(calibration.reference_px))
+        values["reference_px"] = calibration.reference_px.astype(np.float32)
+        return cls._by_key(values, calibration.scale())
+
+    @classmethod
+    def _by_key(cls, values: dict[str, Any], meta: dict[str, Any]) -> Self:
+        return cls(meta=meta, **{ATTRIBUTES.get(name, name): v for name, v in values.items()})
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -130,7 +131,7 @@ class Tracks:
             if not isinstance(meta, dict):
                 raise ValueError("meta is no JSON object")
             require_shapes(values)
-            return cls(meta=meta, **by_attribute(values))
+            return cls._by_key(values, meta)
         except (RecordingError, ValueError, KeyError, TypeError, RecursionError) as error:
             other = kind_of(path) not in (None, "tracks") and told_kind(path)
             reason = other or str(error).rpartition("cannot be read as tracks: ")[2]
@@ -156,29 +157,13 @@ class Tracks:
 
     def frames(self) -> Iterator[MarkerFrame]:
         """Yield the estimates one by one."""
+        names = ("detected_px", "position_px", "displacement_px", "coasted", "confidence")
         for number, t_us in enumerate(self.t_us.tolist()):
-            yield MarkerFrame(
-                t_us=t_us,
-                detected_px=self.detected_px[number],
-                position_px=self.position_px[number],
-                displacement_px=self.displacement_px[number],
-                coasted=self.coasted[number],
-                confidence=self.confidence[number],
-                health=self._health(number),
-            )
-
-    def _health_at_the_end(self) -> dict[str, float] | None:
-        if self.rate_ev_s is None or not len(self.rate_ev_s):
-            return None
-        last = self._health(len(self.t_us) - 1)
-        return replace(last, rate_ev_s=float(self.rate_ev_s.mean(dtype=np.float64))).summary()
+            values = {name: getattr(self, name)[number] for name in names}
+            yield MarkerFrame(t_us=t_us, health=self._health(number), **values)
 
     def _health(self, number: int) -> SourceHealth:
-        columns = {name: getattr(self, name) for name in HEALTH_TYPES}
-        known = {
-            name: column[number].item() for name, column in columns.items() if column is not None
-        }
-        return SourceHealth(**known)
+        return SourceHealth(**{name: v[number].item() for name, v in self._known(HEALTH).items()})
 
     @property
     def px_per_mm(self) -> float | None:
@@ -224,8 +209,13 @@ class Tracks:
         moved_px = np.hypot(*np.moveaxis(self.displacement_px, 2, 0))
         empty = moved_px.size == 0
         at, marker = (0, 0) if empty else np.unravel_index(moved_px.argmax(), moved_px.shape)
-        largest_px = 0.0 if empty else float(moved_px[at, marker])
         steps_us = np.diff(self.t_us)
+        scaled = self.px_per_mm is not None
+        health = None
+        if self.rate_ev_s is not None and estimates:
+            rate_ev_s = float(self.rate_ev_s.mean(dtype=np.float64))
+            health = replace(self._health(estimates - 1), rate_ev_s=rate_ev_s).summary()
+        never = np.flatnonzero(self.coasted.all(axis=0)) if estimates else np.zeros(0, int)
         return {
             "markers": markers,
             "estimates": estimates,
@@ -233,17 +223,13 @@ class Tracks:
             "t_last_us": int(self.t_us[-1]) if estimates else None,
             "duration_s": float(steps_us.sum() / US_PER_S),
             "rate_hz": float(US_PER_S / np.median(steps_us)) if len(steps_us) else None,
-            "displacement_max_px": largest_px,
+            "displacement_max_px": 0.0 if empty else float(moved_px[at, marker]),
             "displacement_max_marker": None if empty else int(marker),
             "displacement_max_t_us": None if empty else int(self.t_us[at]),
-            "displacement_max_mm": None
-            if self.px_per_mm is None
-            else longest(self.displacement_mm),
+            "displacement_max_mm": longest(self.displacement_mm) if scaled else None,
             "held_share": 0.0 if empty else float(self.coasted.mean()),
-            "never_observed": np.flatnonzero(self.coasted.all(axis=0)).tolist()
-            if estimates
-            else [],
-            "health": self._health_at_the_end(),
+            "never_observed": never.tolist(),
+            "health": health,
             "px_per_mm": self.px_per_mm,
             "force_max_n": None if self.force_n is None else longest(self.force_n),
         }

@@ -50,7 +50,6 @@ class RunOptions:
         resume: Continue a run that was interrupted.
         overwrite: Remove the run that is in the folder, and begin anew.
         workers: Number of processes; None takes one for each CPU.
-        scheduler: Address of a Dask scheduler that takes their place, or None.
         methods: Names of the methods to run; empty runs all.
         ablations: Run the ablations instead of the main tables, where there are any.
         data: Folder of recordings from elsewhere, or None.
@@ -64,7 +63,6 @@ class RunOptions:
     resume: bool = False
     overwrite: bool = False
     workers: int | None = None
-    scheduler: str | None = None
     methods: tuple[str, ...] = ()
     ablations: bool = False
     data: Path | None = None
@@ -81,12 +79,12 @@ class RunOptions:
         return " ".join(words)
 
     def pool(self, tasks: int) -> AbstractContextManager[Executor]:
-        """Return the worker pool of a run, to be entered: worker processes here, or a cluster.
+        """Return the worker pool of a run, to be entered.
 
         Args:
             tasks: Number of tasks: more processes would be idle.
         """
-        return worker_pool.worker_pool(self.workers, tasks, self.scheduler)
+        return worker_pool.worker_pool(self.workers, tasks)
 
     def report_progress(self, done: int, total: int) -> None:
         """Call :attr:`advance`, if it is given, after ``done`` of ``total`` tasks."""

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from spikingtac.batch import worker_pool
 from spikingtac.cli import check_workers
-from spikingtac.errors import ConfigError
 from spikingtac_paper.registry import EXPERIMENTS, choices_text, run_study, runner_of
 
 
@@ -40,8 +38,6 @@ class Args:
     """Remove the run that is in the folder, and begin anew."""
     workers: int | None = None
     """Number of processes; one for each CPU unless given."""
-    scheduler: str | None = None
-    """A Dask scheduler instead, tcp://127.0.0.1:8786 or tls://HOST:8786."""
     json: bool = False
     """Print one JSON object on stdout."""
 
@@ -49,16 +45,5 @@ class Args:
 def run(args: Args) -> int:
     """Run the experiment and print its findings."""
     study = runner_of(EXPERIMENTS, args.name, "experiment")
-    check_workers(args.workers, args.scheduler)
-    if args.scheduler is not None:
-        if not EXPERIMENTS[args.name].divided:
-            raise ConfigError(
-                f"{args.name!r} is done one by one in this process; leave --scheduler out"
-            )
-        with worker_pool.worker_pool(
-            None, 0, args.scheduler
-        ):  # one that does not answer is refused first
-            pass
-        # The workers have folders of their own in which they run.
-        args = replace(args, output=args.output.absolute())
+    check_workers(args.workers)
     return run_study(study, args)

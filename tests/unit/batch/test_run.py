@@ -10,10 +10,9 @@ from typing import Any
 
 import pytest
 
-from spikingtac.batch.run import JOURNAL, Batch, Workers, run_batch
+from spikingtac.batch.run import JOURNAL, TABLE, Batch, run_batch
 from spikingtac.errors import ConfigError, RecordingError
 
-HERE = Workers()
 SEEN: list[str] = []
 
 
@@ -53,12 +52,12 @@ def batch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Batch:
 
 def test_failures_stop_nothing_and_come_first(batch: Batch) -> None:
     shares: list[float] = []
-    result = run_batch(batch, HERE, advance=shares.append)
-    assert [Path(row["source"]).stem for row in result.rows] == ["fail", "bug", "a", "b", "c"]
-    assert (result.failed, result.kept) == (2, 0)
+    rows, kept = run_batch(batch, advance=shares.append)
+    assert [Path(row["source"]).stem for row in rows] == ["fail", "bug", "a", "b", "c"]
+    assert kept == 0
     assert shares == pytest.approx([n / 5 for n in range(1, 6)])
-    assert "internal error, KeyError" in result.rows[1]["error"]
-    with result.table.open(newline="") as file:
+    assert "internal error, KeyError" in rows[1]["error"]
+    with (batch.folder / TABLE).open(newline="") as file:
         table = list(csv.DictReader(file))
     assert [row["source"] for row in table] == [str(path) for path in batch.recordings]
     assert table[0]["touches"] == "1"
@@ -68,45 +67,45 @@ def test_failures_stop_nothing_and_come_first(batch: Batch) -> None:
 
 def test_a_resumed_run_works_on_what_is_missing_or_failed_only(batch: Batch) -> None:
     begun = replace(batch, recordings=batch.recordings[:4])
-    run_batch(begun, HERE)
+    run_batch(begun)
     (batch.folder / "a.txt").unlink()
     (batch.folder / "b.txt").write_text("cut short")
     SEEN.clear()
-    result = run_batch(batch, HERE, resume=True)  # one recording is new
+    rows, kept = run_batch(batch, resume=True)  # one recording is new
     assert sorted(SEEN) == ["a", "b", "bug", "fail"]
-    assert (result.kept, len(result.rows)) == (1, 5)
+    assert (kept, len(rows)) == (1, 5)
     batch.recordings[3].write_text("other events")
     SEEN.clear()
-    run_batch(batch, HERE, resume=True)
+    run_batch(batch, resume=True)
     assert sorted(SEEN) == ["bug", "c", "fail"]
 
 
 def test_a_line_that_a_crash_cut_is_worked_on_again(batch: Batch) -> None:
-    run_batch(batch, HERE)
+    run_batch(batch)
     journal = batch.folder / JOURNAL
     lines = journal.read_text().splitlines(keepends=True)
     assert [name in line for name, line in zip("ab", lines, strict=False)] == [True, True]
     journal.write_text("".join(lines[1:-2]) + lines[-2][:20])  # without a's, c's is cut
     SEEN.clear()
-    run_batch(batch, HERE, resume=True)
+    run_batch(batch, resume=True)
     assert sorted(SEEN) == ["a", "bug", "c", "fail"]
     SEEN.clear()
-    run_batch(batch, HERE, resume=True)
+    run_batch(batch, resume=True)
     assert sorted(SEEN) == ["bug", "fail"]
 
 
 def test_results_of_other_settings_or_files_are_never_mixed(batch: Batch) -> None:
-    run_batch(batch, HERE)
+    run_batch(batch)
     other = replace(batch, settings={**batch.settings, "rate_hz": 10.0})
     with pytest.raises(ConfigError, match="rate_hz"):
-        run_batch(other, HERE, resume=True)
+        run_batch(other, resume=True)
     batch.recordings[0].write_text("another calibration")
     with pytest.raises(ConfigError, match="calibration_sha256"):
-        run_batch(batch, HERE, resume=True)
+        run_batch(batch, resume=True)
     batch.recordings[0].write_text("events")
     with pytest.raises(ConfigError, match="--resume"):
-        run_batch(batch, HERE)
+        run_batch(batch)
     above = batch.recordings[0].parent.with_name("elsewhere.raw")  # would move the results
     with pytest.raises(ConfigError, match="below"):
-        run_batch(replace(batch, recordings=[*batch.recordings, above]), HERE, resume=True)
-    assert run_batch(other, HERE, overwrite=True).kept == 0
+        run_batch(replace(batch, recordings=[*batch.recordings, above]), resume=True)
+    assert run_batch(other, overwrite=True)[1] == 0

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.interrupt import EXIT_TERMINATED, ended_by_sigterm
 from spikingtac.cli.main import main
+from spikingtac.cli.sources import EXIT_TERMINATED, ended_by_sigterm
 from spikingtac.events.create import create_events
 from spikingtac.types import EventPacket
 

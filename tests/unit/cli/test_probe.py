@@ -9,7 +9,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.cli.verbs import probe_arm, probe_twin
+from spikingtac.cli.verbs import probe, probe_arm
 from spikingtac.cli.verbs.probe import Args, run
 from spikingtac.errors import ConfigError
 from spikingtac.robot.robotiq import RobotiqGripper
@@ -89,7 +89,7 @@ def test_what_no_search_can_do_is_refused_at_once(
     def moves(args: Args) -> None:
         raise AssertionError("something moved")
 
-    monkeypatch.setattr(probe_twin, "on_twin", moves)
+    monkeypatch.setattr(probe, "on_twin", moves)
     with pytest.raises(ConfigError, match=message):
         run(Args(**given))  # type: ignore[arg-type]
 

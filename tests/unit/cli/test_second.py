@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from spikingtac.cli.second import SecondArgs, for_each
+from spikingtac.cli.sources import SecondArgs, for_each
 from spikingtac.errors import ConfigError
 
 PATIENCE_S = 20.0

@@ -39,7 +39,7 @@ def test_what_makes_no_sense_is_refused(tmp_path: Path) -> None:
     tracks = circling_tracks(estimates=400)
     with pytest.raises(ConfigError, match=r"from 0\.3 to 0\.2 s: the tracks go from 0 to 0\.399 s"):
         save_animation(tracks, tmp_path / "a.gif", stretch_s=(0.3, 0.2))
-    with pytest.raises(ConfigError, match=r"valid ending: \.gif"):
+    with pytest.raises(ConfigError, match=r"valid endings: \.gif"):
         save_animation(tracks, tmp_path / "a.webp")
     with pytest.raises(ConfigError, match="slow is 0"):
         save_animation(tracks, tmp_path / "a.gif", slow=0.0)

@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from spikingtac.geometry.hole import Circle
-from spikingtac.plots.hole import PLANE_REGION, HolePicture, draw_hole
-from spikingtac.plots.theme import THEMES
+from spikingtac.plots.circles import PLANE_REGION, HolePicture, draw_hole
+from spikingtac.plots.figure import THEMES
 
 RADIUS_MM = 2.0
 RESIDUAL_MM = np.array([0.02, -0.01, 0.0, 0.015])

@@ -11,8 +11,8 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 from spikingtac.errors import ConfigError
-from spikingtac.plots.theme import THEMES, WIDTHS_IN
-from spikingtac.plots.tracks import ARROW_SHARE, Kind, plot_comparison, plot_tracks, save_figure
+from spikingtac.plots.figure import THEMES, WIDTHS_IN, save_figure
+from spikingtac.plots.tracks import ARROW_SHARE, Kind, plot_comparison, plot_tracks
 from spikingtac.tracks.comparison import compare_tracks, compare_with_truth
 from stand_ins.tracks import circling_tracks
 from stand_ins.viewer import PITCH_PX

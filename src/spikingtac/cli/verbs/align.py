@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
@@ -12,12 +12,7 @@ from spikingtac.cli.messages import Table, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.events.align import By
-from spikingtac.events.manifest import PoseClock
-
-if TYPE_CHECKING:
-    from spikingtac.events.manifest import Poses
-
-POSES = "poses.npz"
+from spikingtac.events.manifest import PoseClock, name_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,50 +43,36 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Find the maps, write the aligned files, and report the errors."""
-    from spikingtac.events.manifest import name_of
+    from spikingtac.events.manifest import load_poses, map_of_poses
+    from spikingtac.stream.record import recorded
 
-    second = args.second
+    second, output = args.second, args.output
     if second is None and (args.first / name_of("events.raw", 1)).is_file():
         second = args.first
     if second is None and args.poses is None:
         raise ConfigError("there is nothing to align: name a second recording, or --poses")
-    _check_output(args, second)
+    if output is not None and second is not None:
+        recorded(output, args.overwrite)
+        output /= "poses.npz"
+    elif output is not None and output.suffix != ".npz":
+        raise ConfigError(f"poses alone are written as .npz, not as {output.name!r}")
+    else:
+        args.claim(output)
     document: dict[str, Any] = {"output": None if args.output is None else str(args.output)}
     placed = None
     with progress("comparing clocks"):
         if args.poses is not None:
-            placed, told = _poses(args, args.poses)
-            document["poses"] = told
+            poses = load_poses(args.poses)
+            time_map, clock = map_of_poses(poses, args.first, args.poses_clock)
+            placed = poses.on(time_map)
+            ends_us = [time_map.error_at_us(float(poses.t_us[end])) for end in (0, -1)]
+            told = {"rows": len(placed.t_us), "clock": clock, **time_map.summary()}
+            document["poses"] = told | {"error_at_end_us": max(ends_us)}
         if second is not None:
             document |= _two(args, second)
-    if placed is not None and args.output is not None:
-        placed.save(args.output / POSES if second is not None else args.output)
+    if placed is not None and output is not None:
+        placed.save(output)
     return tell(args.json, document, *_tables(document))
-
-
-def _check_output(args: Args, second: Path | None) -> None:
-    """Refuse an output before anything is computed."""
-    from spikingtac.stream.record import recorded
-
-    if args.output is None:
-        return
-    if second is not None:
-        recorded(args.output, args.overwrite)
-    elif args.output.suffix != ".npz":
-        raise ConfigError(f"poses alone are written as .npz, not as {args.output.name!r}")
-    else:
-        args.claim(args.output)
-
-
-def _poses(args: Args, path: Path) -> tuple[Poses, dict[str, Any]]:
-    from spikingtac.events.manifest import load_poses, map_of_poses
-
-    poses = load_poses(path)
-    time_map, clock = map_of_poses(poses, args.first, args.poses_clock)
-    placed = poses.on(time_map)
-    told = {"rows": len(placed.t_us), "clock": clock, **time_map.summary()}
-    at_ends_us = [time_map.error_at_us(float(poses.t_us[end])) for end in (0, -1)]
-    return placed, told | {"error_at_end_us": max(at_ends_us)}
 
 
 def _two(args: Args, second: Path) -> dict[str, Any]:
@@ -110,27 +91,23 @@ def _two(args: Args, second: Path) -> dict[str, Any]:
     ):
         raise ConfigError("-o names a recording that is read; choose another folder")
     prepare_folder(args.output, args.overwrite)
-    inputs = [args.first.name, second.name]
-    first = open_events(args.first)
-    return told | {
-        "events": write_pair(args.output, first, other.source, time_map, {"inputs": inputs})
-    }
+    first, inputs = open_events(args.first), [args.first.name, second.name]
+    written = write_pair(args.output, first, other.source, time_map, {"inputs": inputs})
+    return told | {"events": written}
 
 
 def _tables(document: dict[str, Any]) -> list[Table]:
     rows = []
     for name, key in (("second sensor", "time_base"), ("poses", "poses")):
-        if key in document:
-            found = document[key]
+        if (found := document.get(key)) is not None:
             drift = f"{found['drift_ppm']:.2f}"
             if found["drift_error_ppm"] is not None:
                 drift += f" +- {found['drift_error_ppm']:.2f}"
-            shift_ms = (found["base_us"] - found["own_us"]) / 1e3
-            error_us = f"{found['error_us']:.0f}"
-            rows.append((name, found["learned_from"], f"{shift_ms:.3f}", error_us, drift))
+            shift_ms = f"{(found['base_us'] - found['own_us']) / 1e3:.3f}"
+            rows.append((name, found["learned_from"], shift_ms, f"{found['error_us']:.0f}", drift))
     columns = ("clock of the", "found by", "ms to add", "error us", "drift ppm")
     tables = [Table("on the first sensor's clock", columns, rows, words=2)]
-    if document.get("host_later_us") is not None:
-        later = f"{document['host_later_us']:.0f}"
-        tables.append(Table("the host puts the second sensor later, by", ("us",), [(later,)], 0))
+    if (later_us := document.get("host_later_us")) is not None:
+        title = "the host puts the second sensor later, by"
+        tables.append(Table(title, ("us",), [(f"{later_us:.0f}",)], 0))
     return tables

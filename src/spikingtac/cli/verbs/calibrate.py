@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -9,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs, means_many, run_many
-from spikingtac.cli.messages import Table, progress, remark, tell
+from spikingtac.cli.messages import Table, figures, progress, remark, tell
+from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.errors import ConfigError
 from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.reference import Method
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
 EXIT_FOREIGN = 1  # The input is at fault: it does not fit the calibration.
 MOST_NAMED = 8  # Stray spots that are named one by one.
 
-# Figures of a calibration's notes that are told as they are.
+# Figures of a calibration, and of its notes, that are told as they are.
+TOLD = ("polarity", "contrast", "edge_px", "step_on", "step_off", "lag_us", "px_per_mm")
 NOTED = ("missing", "doubtful", "explained", "events", "swings", "residual", "scatter_px")
 
 
@@ -71,8 +73,6 @@ class Args(ManyArgs):
     may be missing unless given."""
     plot: Path | None = None
     """Picture to write: the markers as circles, good and doubtful ones in different colours."""
-    guide: bool = False
-    """Say every two seconds which markers still have to move, as is always done for a camera."""
     until_ready: bool = False
     """End a camera by itself once every marker has moved enough and the skin rests."""
 
@@ -81,11 +81,16 @@ def run(args: Args) -> int:
     """Calibrate, write the file, and say what was found; or check."""
     if args.check is not None:
         return _check(args, args.check)
-    recording = _only_one(args)
+    if means_many(args, args.recordings):
+        raise ConfigError(
+            "calibrate learns from one recording; to check many against a calibration: "
+            "spikingtac calibrate --check calibration.json DAY -o DAY_checked"
+        )
     from spikingtac.events.open import open_events
     from spikingtac.file_kinds import kind_of
     from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
 
+    recording = args.recordings[0]
     args.claim(args.output, args.plot)
     if kind_of(recording) == "calibration":
         return _set_scale(args, recording)
@@ -99,7 +104,7 @@ def run(args: Args) -> int:
     calibration.provenance["recording"] = recording.name
     calibration.save(args.output)
     if args.plot is not None:
-        from spikingtac.plots.calibration import save_calibration_plot
+        from spikingtac.plots.circles import save_calibration_plot
 
         save_calibration_plot(calibration, args.plot)
     found = summary(calibration)
@@ -125,27 +130,13 @@ def _set_scale(args: Args, path: Path) -> int:
     return tell(args.json, document, f"written: {args.output}, {calibration.px_per_mm:.3f} px/mm")
 
 
-def _only_one(args: Args) -> Path:
-    """Return the recording to learn from.
-
-    Raises:
-        ConfigError: Several are given, or options that are for several.
-    """
-    if means_many(args, args.recordings):
-        raise ConfigError(
-            "calibrate learns from one recording; to check many against a calibration: "
-            "spikingtac calibrate --check calibration.json DAY -o DAY_checked"
-        )
-    return args.recordings[0]
-
-
 def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> EventSource:
     """Return the source; that of a camera tells what the calibration still lacks."""
     from spikingtac.events.address import is_stream
     from spikingtac.markers.calibration.advice import GuidedSource, progress_line
     from spikingtac.markers.calibration.guide import CalibrationGuide
 
-    if not (args.guide or args.until_ready or is_stream(args.recordings[0])):
+    if not (args.until_ready or is_stream(args.recordings[0])):
         return source
     guide = CalibrationGuide(source.size, config)
     return GuidedSource(
@@ -157,16 +148,15 @@ def _grid_shape(text: str | None) -> tuple[int, int] | None:
     """Return ``(rows, columns)`` from text such as ``8x8``."""
     if text is None:
         return None
-    parts = text.lower().split("x")
-    if len(parts) != 2 or not all(part.isdecimal() and int(part) > 0 for part in parts):
+    found = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", text.lower())
+    if found is None:
         raise ConfigError(f"--grid is {text!r}, valid is ROWSxCOLUMNS, such as 8x8 or 7x10")
-    return int(parts[0]), int(parts[1])
+    return int(found[1]), int(found[2])
 
 
 def summary(calibration: Calibration) -> dict[str, Any]:
     """Return the figures of a calibration for people and programs."""
     notes = calibration.provenance
-    own = ("polarity", "contrast", "edge_px", "step_on", "step_off", "lag_us", "px_per_mm")
     return {
         "grid": calibration.rows_and_columns,
         "size": list(calibration.size),
@@ -174,45 +164,35 @@ def summary(calibration: Calibration) -> dict[str, Any]:
         "measured": len(calibration.radius_px) - len(notes["missing"]),
         "quality": notes["quality"],
         "radius_px": float(calibration.radius_px.mean()),
-        **{name: getattr(calibration, name) for name in own},
+        **{name: getattr(calibration, name) for name in TOLD},
         "lens": None if calibration.lens is None else calibration.lens.document(),
-        "no_lens": notes.get("no_lens"),
         "hot_px": [] if calibration.hot_px is None else calibration.hot_px.tolist(),
         "method": notes["method"],
         "unloaded_rests": len(notes["unloaded_rests_us"]),
         **{name: notes[name] for name in NOTED},
-        **{name: notes.get(name) for name in ("left_out_px", "stray_px", "fitting_grid")},
+        **{name: notes.get(name) for name in ("no_lens", "left_out_px", "stray_px")},
+        "fitting_grid": notes.get("fitting_grid"),
     }
 
 
 def _table(calibration: Calibration, found: dict[str, Any], args: Args) -> Table:
+    same = ("edge_px", "contrast", "step_on", "step_off", "unloaded_rests", "lag_us", "px_per_mm")
     radii = calibration.radius_px
-    shown = f"{found['measured']} of {found['markers']} markers measured"
-    explained = f"discs explain {_middle(found['explained']):.0%} of the changes"
-    rows = [
-        ("quality", found["quality"], f"{shown}; {explained}"),
-        ("grid", _shape(calibration.grid), f"rows x columns, {calibration.polarity}"),
-        ("radius", f"{radii.mean():.2f}", f"px, {radii.min():.2f} to {radii.max():.2f}"),
-        ("edge", f"{found['edge_px']:.2f}", "px, logistic scale"),
-        ("contrast", f"{found['contrast']:.2f}", "ratio, at a threshold of 0.25"),
-        ("step ON, OFF", f"{found['step_on']:.3f}, {found['step_off']:.3f}", "of a full swing"),
-        ("unloaded rests", found["unloaded_rests"], found["method"]),
-    ]
-    if calibration.lag_us is not None:
-        rows.append(("lag", f"{calibration.lag_us / 1e3:.2f}", "ms, events behind the motion"))
-    if calibration.px_per_mm is not None:
-        rows.append(("scale", f"{calibration.px_per_mm:.3f}", "px/mm"))
+    measured = f"{found['measured']} of {found['markers']} markers measured"
+    told = {
+        "quality": f"{found['quality']}, {measured}",
+        "grid": f"{_shape(calibration.grid)}, {calibration.polarity} markers",
+        "radius": f"{radii.mean():.2f} px, {radii.min():.2f} to {radii.max():.2f}",
+        **{name: found[name] for name in same},
+        "changes that discs explain": f"{_middle(found['explained']):.0%}",
+        "full swings of a marker": _middle(found["swings"]),
+        "residual, levels": _middle(found["residual"]),
+        "scatter over the rests_px": _middle(found["scatter_px"]),
+    }
     if (lens := calibration.lens) is not None:
         doubt = f"+- {lens.radial_sigma:.4f}, residual {1e3 * lens.residual_mm:.0f} um"
-        rows.append(("lens", f"{lens.radial:.4f}", f"radial, {doubt}"))
-    for name, key, unit in (
-        ("full swings", "swings", "per marker"),
-        ("residual", "residual", "levels, rms"),
-        ("scatter", "scatter_px", "px over the rests"),
-    ):
-        span = f"{min(found[key]):.3g} to {max(found[key]):.3g}"
-        rows.append((name, f"{_middle(found[key]):.3g}", f"{unit}, {span}"))
-    return Table(str(args.output), ("", "", ""), rows, words=3)
+        told["lens, radial"] = f"{lens.radial:.4f} {doubt}"
+    return figures(str(args.output), told)
 
 
 def _middle(values: list[float]) -> float:

@@ -8,11 +8,12 @@ from typing import Annotated
 
 import tyro
 
+from spikingtac.batch.run import write_rows
 from spikingtac.cli.messages import figures, tell
 from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.file_kinds import TOLD, kind_of
-from spikingtac.plots.theme import ThemeName, WidthName
+from spikingtac.plots.figure import ThemeName, WidthName
 from spikingtac.tracks import Tracks
 from spikingtac.tracks.comparison import Comparison, compare_tracks, compare_with_truth
 
@@ -41,11 +42,14 @@ def run(args: Args) -> int:
     found = compared(args.one, args.other)
     summary = found.summary()
     if args.output is not None:
-        from spikingtac.plots.tracks import plot_comparison, save_figure
+        from spikingtac.plots.figure import save_figure
+        from spikingtac.plots.tracks import plot_comparison
 
         save_figure(plot_comparison(found, theme=args.theme, width=args.width), args.output)
     if args.table is not None:
-        _write_table(found, args.table)
+        rows = found.by_marker()
+        texts = [{name: f"{value:.6g}" for name, value in row.items()} for row in rows]
+        write_rows(args.table, list(rows[0]), texts)
     written = [f"written: {path}" for path in (args.output, args.table) if path is not None]
     document = {**summary, "by_marker": found.by_marker()}
     return tell(args.json, document, figures(f"{args.one} against {args.other}", summary), *written)
@@ -73,12 +77,3 @@ def compared(one: Path, other: Path) -> Comparison:
         return compare_tracks(tracks, Tracks.load(path))
     truth = load_arrays(path, "ground truth")
     return compare_with_truth(tracks, truth["marker_t_us"], truth["marker_px"])
-
-
-def _write_table(found: Comparison, path: Path) -> None:
-    from spikingtac.atomic_files import write_text
-
-    rows = found.by_marker()
-    lines = [",".join(rows[0])]
-    lines += [",".join(f"{value:.6g}" for value in row.values()) for row in rows]
-    write_text(path, "\n".join(lines) + "\n")

@@ -11,21 +11,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.interrupt import ask_for_real_time, ending_on_interrupt, require_live
-from spikingtac.cli.messages import Table, progress, remark, tell, warn
+from spikingtac.cli.messages import Table, counted, progress, remark, tell, warn
 from spikingtac.cli.options import JsonArgs
+from spikingtac.cli.sources import ask_for_real_time, ending_on_interrupt, open_two, require_live
 from spikingtac.errors import ConfigError
 from spikingtac.events.manifest import name_of
 
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.contact.detector import ContactDetector, DetectorSummary
-    from spikingtac.contact.recording import FoundContact
     from spikingtac.contact.registry import DetectionConfig
     from spikingtac.events.formats.file_source import FileSource
     from spikingtac.events.source import EventSource
 
-SECOND_SENSOR = name_of("events.raw", 1)
 CALIBRATION = "calibration.json"
 FALLBACK = (
     "note: no calibration was given or found, so raw events are counted as published; "
@@ -71,9 +69,13 @@ class Args(JsonArgs):
 
 def run(args: Args) -> int:
     """Learn from the quiet windows, find the contacts, and report them."""
+    from spikingtac.config import load_config
     from spikingtac.events.address import is_stream
+    from spikingtac.pipeline.checked_source import CheckedSource, refuse
 
-    config = _config(args)
+    given = {"false_alarms_per_hour": args.budget, "detector": args.detector}
+    config = load_config(args.preset).contact
+    config = replace(config, **{name: one for name, one in given.items() if one is not None})
     live = is_stream(args.recording)
     if args.realtime:
         require_live([args.recording])
@@ -87,14 +89,16 @@ def run(args: Args) -> int:
     name = config.detector or ("default" if calibrations else "event_count")
     detector, first = _learn(args, replace(config, detector=name), sources, calibrations)
     learned = detector.summary()
-    checked = _checked(sources, calibrations, args.strict)
+    told = refuse if args.strict else warn
+    pairs = zip(sources, calibrations, strict=False)
+    checked: Sequence[Any] = [CheckedSource(source, own, told) for source, own in pairs] or sources
     if args.realtime:
         ask_for_real_time()
     found = _found(sources, checked, detector, live, first)
     anomalies = sum((Counter(dict(one.losses.kinds())) for one in sources), Counter[str]())
     misfits = filter(None, (getattr(one, "misfit", None) for one in checked))
     document = {
-        "contacts": [_contact(contact) for contact in found],
+        "contacts": found,
         "detector": name,
         "sensors": len(sources),
         "budget_per_hour": config.false_alarms_per_hour,
@@ -107,8 +111,9 @@ def run(args: Args) -> int:
     if args.json:
         return tell(True, document)
     notes = [FALLBACK] if config.detector is None and not calibrations else []
-    notes += [f"note: {kind} {count} times in the recording" for kind, count in anomalies.items()]
-    return tell(False, document, *notes, learned.rule, _table(document, args))
+    return tell(
+        False, document, *notes, *counted(anomalies), learned.rule, _table(document, args.recording)
+    )
 
 
 def _found(
@@ -117,44 +122,23 @@ def _found(
     detector: ContactDetector,
     live: bool,
     first: int,
-) -> list[FoundContact]:
+) -> list[dict[str, Any]]:
     """Return the contacts; those of a camera are told as they come."""
-    from spikingtac.contact.recording import find_contacts
+    from spikingtac.contact import recording
     from spikingtac.stream import live_windows
 
     found = []
     windows = live_windows(checked) if live and len(sources) > 1 else None
     bar = progress(f"finding contacts in {sources[0].path.name}")
     with ending_on_interrupt(*sources), bar as advance:
-        for contact in find_contacts(checked, detector, windows, first):
-            found.append(contact)
+        for one in recording.find_contacts(checked, detector, windows, first):
+            contact = {name: getattr(one.contact, name) for name in ("t_us", "count", "threshold")}
+            details = one.details.as_mapping() if one.details else {}
+            found.append(contact | {"end_us": one.end_us, **details})
             if live:
-                remark(f"contact at {contact.contact.t_us} us")
+                remark(f"contact at {contact['t_us']} us")
             advance(sources[0].progress)
     return found
-
-
-def _checked(
-    sources: Sequence[FileSource],
-    calibrations: Sequence[Calibration],
-    strict: bool,
-) -> Sequence[EventSource]:
-    """Return the sources such that a calibration of another sensor is noticed."""
-    from spikingtac.pipeline.checked_source import CheckedSource, refuse
-
-    tell = refuse if strict else warn
-    pairs = zip(sources, calibrations, strict=False)
-    return [CheckedSource(source, own, tell) for source, own in pairs] or sources
-
-
-def _config(args: Args) -> DetectionConfig:
-    """Return the preset's settings with what the command line changes."""
-    from spikingtac.config import load_config
-
-    config = load_config(args.preset).contact
-    if args.budget is not None:
-        config = replace(config, false_alarms_per_hour=args.budget)
-    return config if args.detector is None else replace(config, detector=args.detector)
 
 
 def _learn(
@@ -195,26 +179,27 @@ def _sources(path: Path, strict: bool, second: Path | None = None) -> list[FileS
     from spikingtac.events.open import open_events
 
     if second is not None:
-        from spikingtac.cli.second import open_two
-
         return open_two(path, second, strict=strict)
-    sensors = 2 if (path / SECOND_SENSOR).is_file() else 1
+    sensors = 2 if (path / name_of("events.raw", 1)).is_file() else 1
     return [open_events(path, strict=strict, sensor=sensor) for sensor in range(sensors)]
 
 
 def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[Calibration]:
+    """Return the calibrations that are given, or else lie beside each recording."""
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.pipeline.track import require_same_size
 
     if args.detector == "event_count":
         return []
-    beside = _beside(args)[: len(sources)]
-    paths = list(args.calibration) or [path for path in beside if path.is_file()]
-    if args.calibration and len(paths) != len(sources):
+    if args.calibration and len(args.calibration) != len(sources):
         raise ConfigError(
-            f"{len(paths)} calibrations were given for {len(sources)} sensors; "
+            f"{len(args.calibration)} calibrations were given for {len(sources)} sensors; "
             "give one for each, in the sensors' order"
         )
+    own = args.recording if args.recording.is_dir() else args.recording.parent
+    other = args.second if args.second is not None and args.second.is_dir() else own
+    beside = [own / CALIBRATION, other / (name_of(CALIBRATION, 1) if other == own else CALIBRATION)]
+    paths = args.calibration or [path for path in beside[: len(sources)] if path.is_file()]
     if len(paths) != len(sources):
         return []
     calibrations = [Calibration.load(path) for path in paths]
@@ -223,55 +208,23 @@ def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[Calibration
     return calibrations
 
 
-def _beside(args: Args) -> list[Path]:
-    """Return where calibrations lie unless they are named: beside each recording."""
-    own = args.recording if args.recording.is_dir() else args.recording.parent
-    other = args.second if args.second is not None and args.second.is_dir() else own
-    return [own / CALIBRATION, other / (name_of(CALIBRATION, 1) if other == own else CALIBRATION)]
-
-
-def _contact(found: FoundContact) -> dict[str, Any]:
-    contact = found.contact
-    return {
-        "t_us": contact.t_us,
-        "count": contact.count,
-        "threshold": contact.threshold,
-        "end_us": found.end_us,
-    } | (found.details.as_mapping() if found.details else {})
-
-
-def _table(document: dict[str, Any], args: Args) -> Table:
+def _table(document: dict[str, Any], recording: Path) -> Table:
     from spikingtac.events.open import first_event_us
 
-    quiet, begin_us = document["quiet"], first_event_us(args.recording)
+    quiet, begin_us = document["quiet"], first_event_us(recording)
     title = (
-        f"contacts in {args.recording.name} by {document['detector']}, at most "
+        f"contacts in {recording.name} by {document['detector']}, at most "
         f"{document['budget_per_hour']:g} false per hour; times from "
         f"{'zero' if begin_us is None else 'its first event'}"
     )
     if "mean" in quiet:
-        title += "; quiet: {seconds:g} s, {mean:.2f} events/ms, variance {variance:.2f}".format_map(
-            quiet
-        )
-    rows = [
-        (
-            _ms(contact["t_us"], begin_us),
-            _ms(contact["end_us"], begin_us),
-            f"{contact['count']:.0f}",
-            f"{contact['threshold']:.0f}",
-            _places(contact),
-        )
-        for contact in document["contacts"]
-    ]
+        figures = "; quiet: {seconds:g} s, {mean:.2f} events/ms, variance {variance:.2f}"
+        title += figures.format_map(quiet)
+    rows = []
+    for contact in document["contacts"]:
+        times_us = (contact["t_us"], contact["end_us"])
+        times = ["-" if t is None else f"{(t - (begin_us or 0)) / 1e3:.1f}" for t in times_us]
+        places = [touch["place_px"] if touch else None for touch in contact.get("sensors", [])]
+        where = "; ".join("{:.0f}, {:.0f}".format(*place) if place else "-" for place in places)
+        rows.append((*times, f"{contact['count']:.0f}", f"{contact['threshold']:.0f}", where))
     return Table(title, ("t ms", "ends ms", "statistic", "threshold", "where px"), rows, words=0)
-
-
-def _ms(t_us: int | None, begin_us: int | None) -> str:
-    return "-" if t_us is None else f"{(t_us - (begin_us or 0)) / 1e3:.1f}"
-
-
-def _places(contact: dict[str, Any]) -> str:
-    places = [touch["place_px"] if touch else None for touch in contact.get("sensors", [])]
-    return "; ".join(
-        "-" if place is None else f"{place[0]:.0f}, {place[1]:.0f}" for place in places
-    )

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs, means_many, run_many
-from spikingtac.cli.messages import progress, tell
+from spikingtac.cli.messages import Advance, counted, no_progress, progress, tell
 from spikingtac.cli.options import Output
+from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.errors import ConfigError, RecordingError, nearest
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from spikingtac.events.filters import Transform
-    from spikingtac.events.formats.codec import EventWriter
     from spikingtac.events.formats.file_source import FileSource
     from spikingtac.events.hot_pixels import HotPixelFilter
     from spikingtac.types import EventPacket
@@ -30,7 +26,7 @@ if TYPE_CHECKING:
 class Args(ManyArgs):
     """Write an event file in another format, chosen by the ending; damage is repaired.
 
-    Many files (with -o) go into a folder, with a table of all results and a report:
+    Many files (with -o) go into a folder, with a table of all results:
     spikingtac convert DAY -o DAY_npz --to npz --workers 4
     """
 
@@ -70,8 +66,16 @@ def run(args: Args) -> int:
     if args.from_us is not None and args.to_us is not None and args.from_us >= args.to_us:
         raise ConfigError(f"--from-us {args.from_us} must be before --to-us {args.to_us}")
     if args.output is not None or args.to is not None:
-        return _run_many(args)
-    source, target = _pair(args)
+        means_many(args, args.files)  # refuses options that do not go together
+        if args.to is None:
+            raise ConfigError("of many files, convert needs the format to write: --to npz")
+        return run_many("convert", args, convert_one, _ending(args.to, args.encoding))
+    if len(args.files) != 2 or means_many(args, args.files[:1]):
+        raise ConfigError(
+            "convert takes a file to read and a file to write; of many files, it takes "
+            "all of them and the folder and format to write: -o FOLDER --to npz"
+        )
+    source, target = args.files
     if args.encoding is not None and target.suffix.lower() != ".raw":
         raise ConfigError(
             f"--encoding {args.encoding} is for .raw files, not for {target.name!r}; leave it out"
@@ -80,50 +84,51 @@ def run(args: Args) -> int:
     args.claim(target)
     with progress(f"writing {target.name}") as advance:
         found, notes = _convert(args, source, target, advance)
-    notes += [f"{kind} {count} times in the input" for kind, count in found["anomalies"].items()]
+    notes += counted(found["anomalies"], "input")
     if found["hot_pixels_dropped"]:
-        notes.append(f"events of {found['hot_pixels_dropped']} hot pixels left out")
-    written = f"written: {target}, {found['events']} events"
-    return tell(args.json, found, *(f"note: {note}" for note in notes), written)
-
-
-def _pair(args: Args) -> tuple[Path, Path]:
-    if len(args.files) == 2 and not means_many(args, args.files[:1]):
-        return args.files[0], args.files[1]
-    raise ConfigError(
-        "convert takes a file to read and a file to write; of many files, it takes "
-        "all of them and the folder and format to write: -o FOLDER --to npz"
-    )
+        notes.append(f"note: events of {found['hot_pixels_dropped']} hot pixels left out")
+    return tell(args.json, found, *notes, f"written: {target}, {found['events']} events")
 
 
 def _convert(
-    args: Args, path: Path, target: Path, advance: Callable[[float], None] = lambda share: None
+    args: Args, path: Path, target: Path, advance: Advance = no_progress
 ) -> tuple[dict[str, Any], list[str]]:
     """Convert a recording; return the figures, and notes for a reader."""
+    from spikingtac.events.address import is_stream
     from spikingtac.events.create import create_events
     from spikingtac.events.filters import Transform
-    from spikingtac.events.hot_pixels import HotPixelFilter
+    from spikingtac.events.hot_pixels import HotPixelFilter, hot_pixels_of
     from spikingtac.events.open import open_events
 
     same = ("from_us", "to_us", "shift_us", "flip_polarity", "flip")
     given = {name: getattr(args, name) for name in same}
     change = Transform(**given, crop_px=args.crop, rotate_deg=args.rotate or 0)
     source = open_events(path, strict=args.strict, sensor=args.sensor, size=args.size)
+    hot_px = None
+    if args.hot_pixels == "drop":
+        if is_stream(source.path):
+            raise ConfigError("--hot-pixels drop reads a recording twice; record the camera first")
+        hot_px = hot_pixels_of(source)
     size, written, edges = change.size(source.size), 0, 0
-    hot_px = _hot_pixels(source) if args.hot_pixels == "drop" else None
-    with (
-        ending_on_interrupt(source),
-        create_events(target, size, encoding=args.encoding) as writer,
-    ):
+    writing = create_events(target, size, encoding=args.encoding)
+    with ending_on_interrupt(source), writing as writer:
+
+        def pass_triggers() -> None:
+            """Give the writer the trigger edges that were met since."""
+            nonlocal edges
+            if len(source.triggers) > edges:
+                writer.add_triggers(change.triggers(source.triggers.select(slice(edges, None))))
+            edges = len(source.triggers)
+
         for packet in _changed(source, change, HotPixelFilter(hot_px, source.size)):
-            edges = _pass_triggers(source, writer, change, edges)
+            pass_triggers()
             writer.write(packet)
             written += len(packet)
             advance(source.progress)
-        _pass_triggers(source, writer, change, edges)
-    notes = list(source.notes)
-    if writer.triggers_left_out:
-        notes.append(f"{target.suffix} holds no triggers: {writer.triggers_left_out} left out")
+        pass_triggers()
+    notes = [f"note: {note}" for note in source.notes]
+    if left_out := writer.triggers_left_out:
+        notes.append(f"note: {target.suffix} holds no triggers: {left_out} left out")
     document = {
         "input": str(path),
         "output": str(target),
@@ -136,13 +141,6 @@ def _convert(
         "health": source.counters().summary(),
     }
     return document, notes
-
-
-def _pass_triggers(source: FileSource, writer: EventWriter, change: Transform, passed: int) -> int:
-    """Give the writer the trigger edges that were met since; return how many there are by now."""
-    if len(source.triggers) > passed:
-        writer.add_triggers(change.triggers(source.triggers.select(slice(passed, None))))
-    return len(source.triggers)
 
 
 def _changed(source: FileSource, change: Transform, hot: HotPixelFilter) -> Iterator[EventPacket]:
@@ -171,22 +169,6 @@ def _changed(source: FileSource, change: Transform, hot: HotPixelFilter) -> Iter
         )
 
 
-def _hot_pixels(source: FileSource) -> NDArray[np.int64]:
-    from spikingtac.events.address import is_stream
-    from spikingtac.events.hot_pixels import hot_pixels_of
-
-    if is_stream(source.path):
-        raise ConfigError("--hot-pixels drop reads a recording twice; record the camera first")
-    return hot_pixels_of(source)
-
-
-def _run_many(args: Args) -> int:
-    means_many(args, args.files)  # refuses options that do not go together
-    if args.to is None:
-        raise ConfigError("of many files, convert needs the format to write: --to npz")
-    return run_many("convert", args, convert_one, _ending(args.to, args.encoding))
-
-
 def _ending(name: str, encoding: str | None) -> str:
     """Return the ending of a format, before any file is written in it."""
     from spikingtac import plugins
@@ -208,13 +190,9 @@ def convert_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
     """Convert one of many recordings and return its row of the table."""
     _refuse_same_file(recording, output)
     found, _ = _convert(args, recording, output)
-    return {
-        "format": found["format"],
-        "width": found["size"][0],
-        "height": found["size"][1],
-        "events": found["events"],
-        "anomalies": sum(found["anomalies"].values()),
-    }
+    width, height = found["size"]
+    told = {"format": found["format"], "width": width, "height": height, "events": found["events"]}
+    return told | {"anomalies": sum(found["anomalies"].values())}
 
 
 def _refuse_same_file(source: Path, target: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from spikingtac.cli.messages import remark
-from spikingtac.cli.verbs.view import PageArgs, check_seconds, report, show_source
+from spikingtac.cli.verbs.view import PageArgs, report, show_source
 
 SCENE = "demo"
 
@@ -23,7 +23,6 @@ class Args(PageArgs):
 
 def run(args: Args) -> int:
     """Simulate, track and serve, and print the summary at the end."""
-    check_seconds(args.seconds)
     remark("simulating a finger on the skin; the first start compiles its kernels")
     arguments = {"source": SCENE, "preset": args.preset, "seed": args.seed}
     summary = show_source(arguments, args, repeat=True)

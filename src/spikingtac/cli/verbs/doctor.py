@@ -5,22 +5,18 @@ from __future__ import annotations
 import os
 import platform
 import re
-import socket
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from importlib import metadata
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from spikingtac.cli.messages import Table, tell
-from spikingtac.cli.options import JsonArgs
-from spikingtac.errors import ConfigError
+from spikingtac.cli.options import JsonArgs, require_seconds
 
 EXIT_MACHINE = 3
-VIEWER_PORT = 8765  # Port of ``spikingtac view`` unless given.
 
 # Buffer that a camera's datagrams ask for (``cameras/udp.py``): 0.7 s at 3 Mev/s.
 SOCKET_BUFFER_BYTES = 8 << 20
@@ -40,17 +36,10 @@ CACHE_REMEDY = (
 # A line of a package's requirements: the library, and the extra that brings it.
 REQUIREMENT = re.compile(r"([\w.-]+)[^;]*(?:;(?:.*\bextra == ['\"](\w+)['\"])?.*)?")
 
-# Module of a distribution beside the package -> where it is installed from.
-INTEGRATIONS = {
-    "spikingtac_mujoco": "./integrations/mujoco",
-    "lerobot_camera_spikingtac": "./integrations/lerobot_camera_spikingtac",
-}
-NO_USERS = ("dev",)  # Extras for who develops the package.
-
 
 @dataclass(frozen=True, kw_only=True)
 class Args(JsonArgs):
-    """Check this machine: Python, kernel cache, extras, CPU governor, cameras, ports.
+    """Check this machine: Python, libraries, extras, kernel cache, CPU governor, socket buffer.
 
     With the address of a camera, also measure how it delivers.
     """
@@ -80,8 +69,7 @@ class Finding:
 
 def run(args: Args) -> int:
     """Print the findings; exit 3 where something will not work."""
-    if not args.seconds > 0.0:
-        raise ConfigError(f"--seconds is {args.seconds:g}, it must be above 0")
+    require_seconds(args.seconds)
     findings = [*_libraries(), *_settings()]
     if args.source is not None:
         findings += _delivery(args.source, args.seconds)
@@ -94,82 +82,52 @@ def run(args: Args) -> int:
 
 
 def _libraries() -> Iterator[Finding]:
-    from spikingtac.cameras.libraries import is_installed, remedy
-    from spikingtac.events.camera import KINDS
-
+    """Yield the state of Python, and of the libraries of the package and of each extra."""
     version, cores = platform.python_version(), os.cpu_count() or 1
     yield Finding("python", "ok", f"{version} on {platform.system()}, {cores} cores")
-    needed: dict[str, list[str]] = {}
+    absent: dict[str, list[str]] = {}
     for line in metadata.requires("spikingtac") or ():
         library, extra = REQUIREMENT.fullmatch(line).groups("")  # type: ignore[union-attr]
         if extra or ";" not in line:  # what only some machines need may be absent here
-            needed.setdefault(extra, []).append(library)
-    for extra in sorted(needed.keys() - {*NO_USERS}):
-        absent = [library for library in needed[extra] if not _is_there(library)]
-        found = f"without {', '.join(absent)}" if absent else "installed"
-        if extra:
-            todo = f"pip install 'spikingtac[{extra}]' if you need it"
-            yield _noted(f"extra [{extra}]", not absent, found, todo)
-        else:
-            todo = "pip install --force-reinstall spikingtac"
-            yield Finding("libraries", "fail" if absent else "ok", found, todo if absent else "")
-    for module, place in INTEGRATIONS.items():
-        installed = find_spec(module) is not None
-        todo = f"pip install {place} in a copy of the repository if you need it"
-        found = f"{'' if installed else 'not '}installed"
-        yield _noted(f"integration {module}", installed, found, todo)
-    for name, kind in KINDS.items():  # those of extras are told with the extras
-        if kind.module and not kind.extra:
-            found = f"{kind.about}: {'' if is_installed(name) else 'not '}installed"
-            todo = f"{remedy(name)} if you have one"
-            yield _noted("camera library", is_installed(name), found, todo)
-
-
-def _is_there(library: str) -> bool:
-    try:
-        return bool(metadata.version(library))
-    except metadata.PackageNotFoundError:
-        return False
+            missing = absent.setdefault(extra, [])
+            try:
+                metadata.version(library)
+            except metadata.PackageNotFoundError:
+                missing.append(library)
+    for extra in sorted(absent.keys() - {"dev"}):
+        found = f"without {', '.join(absent[extra])}" if absent[extra] else "installed"
+        todo = f"pip install 'spikingtac[{extra}]' if you need it"
+        name, bad = (f"extra [{extra}]", "note") if extra else ("libraries", "fail")
+        todo = todo if extra else "pip install --force-reinstall spikingtac"
+        yield _judged(name, not absent[extra], found, todo, bad)
 
 
 def _settings() -> Iterator[Finding]:
+    """Yield what of the system's settings matters to live work."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(chosen) if chosen else Path(__file__).resolve().parents[2]
     # Numba makes the folder itself; what counts is whether its nearest ancestor may be written.
     standing = next(path for path in (folder, *folder.parents) if path.exists())
-    yield _noted("kernel cache", os.access(standing, os.W_OK), f"{folder}", CACHE_REMEDY)
+    yield _judged("kernel cache", os.access(standing, os.W_OK), f"{folder}", CACHE_REMEDY)
     cpus = Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
     governors = {_text(path) for path in cpus} or {"not adjustable here"}
     todo = "live at 1 kHz: sudo cpupower frequency-set -g performance"
     good = governors <= {"performance", "not adjustable here"}
-    yield _noted("cpu governor", good, ", ".join(sorted(governors)), todo)
+    yield _judged("cpu governor", good, ", ".join(sorted(governors)), todo)
     limit = _text(Path("/proc/sys/net/core/rmem_max"))
     if limit.isdecimal():
         todo = f"for udp: cameras: sudo sysctl -w net.core.rmem_max={SOCKET_BUFFER_BYTES}"
         enough = int(limit) >= SOCKET_BUFFER_BYTES
-        yield _noted("socket buffer", enough, f"at most {int(limit) >> 10} KiB", todo)
-    for path in sorted([*Path("/dev").glob("ttyACM*"), *Path("/dev").glob("video*")]):
-        if not os.access(path, os.R_OK | os.W_OK):
-            group = "video" if path.name.startswith("video") else "dialout"
-            todo = f"sudo usermod -aG {group} $USER, then log in again"
-            yield Finding("permissions", "note", f"{path} may not be opened by you", todo)
-    with socket.socket() as probe:
-        free = probe.connect_ex(("127.0.0.1", VIEWER_PORT)) != 0
-    found = f"{VIEWER_PORT} is {'free' if free else 'taken'}"
-    yield _noted("viewer port", free, found, "give the viewer another one: --port N")
+        yield _judged("socket buffer", enough, f"at most {int(limit) >> 10} KiB", todo)
 
 
 def _delivery(address: str, seconds: float) -> Iterator[Finding]:
     """Open a camera, and yield how it delivers.
 
-    Args:
-        address: The camera's.
-        seconds: How long to listen, s.
-
     Raises:
         SpikingTacError: The camera cannot be opened.
     """
-    from spikingtac.cli.interrupt import ending_on_interrupt
+    from spikingtac.cli.sources import ending_on_interrupt
     from spikingtac.events.address import Address
     from spikingtac.events.camera_source import CameraSource
     from spikingtac.events.formats.file_source import ReadOptions
@@ -183,16 +141,15 @@ def _delivery(address: str, seconds: float) -> Iterator[Finding]:
             pass
     source.release()
     health = source.health()
-    rate = health.events / seconds
     fast = health.interval_p50_ms is not None and health.interval_p50_ms <= LATENCY_LIMIT_MS
-    found = f"{health.sentence}; {rate / 1e6:.3f} Mev/s over {seconds:g} s"
-    yield _noted("delivery", fast, found, SLOW_DELIVERY if health.events else NOTHING_CAME)
+    found = f"{health.sentence}; {health.events / seconds / 1e6:.3f} Mev/s over {seconds:g} s"
+    yield _judged("delivery", fast, found, SLOW_DELIVERY if health.events else NOTHING_CAME)
     for kind, count in health.losses.items():
         yield Finding("delivery", "note", f"{kind}: {count}")
 
 
-def _noted(name: str, good: bool, found: str, remedy: str) -> Finding:
-    return Finding(name, "ok", found) if good else Finding(name, "note", found, remedy)
+def _judged(name: str, good: bool, found: str, remedy: str, bad: str = "note") -> Finding:
+    return Finding(name, "ok", found) if good else Finding(name, bad, found, remedy)
 
 
 def _text(path: Path) -> str:

@@ -39,14 +39,9 @@ def run(args: Args) -> int:
     """Export, and say what was written."""
     from spikingtac.datasets.export import ExportConfig, export
 
-    config = ExportConfig(
-        sources=args.sources,
-        form=args.to,
-        output=args.output,
-        fps=args.fps,
-        task=args.task,
-        logs=args.log,
-    )
+    names = ("sources", "output", "fps", "task")
+    given = {name: getattr(args, name) for name in names}
+    config = ExportConfig(**given, form=args.to, logs=args.log)
     with progress(f"exporting to {args.to}") as advance:
         found = export(config, args.overwrite, advance)
     return tell(args.json, found, figures(f"{args.to} data set", found))

@@ -150,16 +150,8 @@ def _check(args: Args) -> int:
         for series in _series(args)
         for score in score_force(model, series)
     ]
-    shown = [
-        (
-            row["file"],
-            row["component"],
-            f"{row['r2']:.3f}",
-            f"{row['mae']:.4f} {row['unit']}",
-            f"{row['coverage90']:.1%}",
-        )
-        for row in rows
-    ]
+    forms = ("{file}", "{component}", "{r2:.3f}", "{mae:.4f} {unit}", "{coverage90:.1%}")
+    shown = [[form.format_map(row) for form in forms] for row in rows]
     columns = ("file", "component", "R2", "mean abs. error", "in 90 % interval")
     table = Table(f"{args.force.name} against measured forces", columns, shown, words=2)
     return tell(args.json, {"rows": rows}, table)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from spikingtac.cli.messages import remark
-from spikingtac.cli.publishing import PublishArgs, feed_of, publish
+from spikingtac.cli.verbs.ros2 import PublishArgs, feed_of, publish
 
 # Origins of the Foxglove app in a browser.
 FOXGLOVE_ORIGINS = ("https://app.foxglove.dev", "https://studio.foxglove.dev")

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.interrupt import ended_by_sigterm
-from spikingtac.cli.messages import emit_json, remark, warn
+from spikingtac.cli.messages import remark, tell, warn
 from spikingtac.cli.options import JsonArgs
+from spikingtac.cli.sources import ended_by_sigterm
 from spikingtac.contact.registry import detectors
 from spikingtac.errors import ConfigError, DeviceError, named
 
@@ -84,8 +84,10 @@ def run(args: Args) -> int:
     remark(NOT_A_SAFETY_FUNCTION)
     with ended_by_sigterm(), contextlib.closing(start(args)) as process:
         status = _wait(process)
-    if status["phase"] == "ended" and status["contact"] is not None and not _unstopped(status):
-        return _told_contact(status, args.json)
+    if status["phase"] == "ended" and status["contact"] and not status.get("stop_failure"):
+        names = ("contact", "latency", "windows", "health", "leaps", "losses")
+        told = f"contact at {status['contact']['t_us']} us, the arm was stopped"
+        return tell(args.json, {name: status[name] for name in names}, told)
     raise DeviceError(failure_text(status))
 
 
@@ -93,42 +95,25 @@ def failure_text(status: dict[str, Any]) -> str:
     """Return how a guard ended that ended badly: what became of the arm, and why."""
     if not status.get("connected"):
         return f"no arm was reached, nothing was stopped: {status['reason']}"
-    if _unstopped(status):
+    if status.get("stop_failure"):
         return f"the arm was NOT stopped: {status['reason']}: {status['stop_failure']}"
     return f"the guard stopped the arm without a contact: {status['reason']}"
 
 
-def _unstopped(status: dict[str, Any]) -> bool:
-    return bool(status.get("stop_failure"))
+def start(args: Args) -> ContactProcess:
+    """Start the process that watches the stream and stops the arm.
 
-
-def _told_contact(status: dict[str, Any], as_json: bool) -> int:
-    names = ("contact", "latency", "windows", "health", "leaps", "losses")
-    if as_json:
-        emit_json({name: status[name] for name in names})
-    else:
-        remark(f"contact at {status['contact']['t_us']} us, the arm was stopped")
-    return 0
-
-
-def _require_readable(args: Args) -> None:
-    """Refuse files that the guarding process could not learn from, before an arm is connected."""
+    Files that the process could not learn from are refused before an arm is connected.
+    """
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.events.open import open_events
     from spikingtac.pipeline.track import require_same_size
-
-    calibration = Calibration.load(args.calibration)
-    require_same_size(open_events(args.quiet).size, calibration.size)
-
-
-def start(args: Args) -> ContactProcess:
-    """Start the process that watches the stream and stops the arm."""
     from spikingtac.robot.ur import open_arm
     from spikingtac.stream.guard import ContactProcess
     from spikingtac.stream.guard_loop import stream_arrivals
     from spikingtac.stream.host import Factory
 
-    _require_readable(args)
+    require_same_size(open_events(args.quiet).size, Calibration.load(args.calibration).size)
     learning = {
         "name": args.detector,
         "calibration": str(args.calibration),
@@ -198,8 +183,7 @@ class _Follower:
 
     def __init__(self) -> None:
         self._told: set[str] = set()
-        self._leaps = 0
-        self._losses: dict[str, int] = {}
+        self._counts: dict[str, int] = {}
 
     def look(self, status: dict[str, Any], age_s: float) -> None:
         """Tell what a state says that was not told yet."""
@@ -208,22 +192,22 @@ class _Follower:
             self._once(f"waiting for {status['reason']}")
         if phase == "tripped":
             self._once(f"tripped: {status['reason']}")
-        if phase == "ready":
-            self._once("watching: the self-test has told the arm to stop; start its motion now")
-            if not status.get("precedes", False):
-                self._once(NO_PRECEDENCE)
-            self._tell_faults(status)
+        if phase != "ready":
+            return
+        self._once("watching: the self-test has told the arm to stop; start its motion now")
+        if not status.get("precedes", False):
+            self._once(NO_PRECEDENCE)
+        for kind, count in status.get("losses", {}).items():
+            self._more(kind, count, f"the stream: {kind} {count}")
+        leaps = status.get("leaps", 0)
+        self._more("", leaps, f"the sensor's clock leapt ahead, {leaps} times so far")
 
     def _once(self, text: str) -> None:
         if text not in self._told:
             self._told.add(text)
             remark(text)
 
-    def _tell_faults(self, status: dict[str, Any]) -> None:
-        losses, leaps = status.get("losses", {}), status.get("leaps", 0)
-        for kind, count in losses.items():
-            if count > self._losses.get(kind, 0):
-                remark(f"the stream: {kind} {count}")
-        if leaps > self._leaps:
-            remark(f"the sensor's clock leapt ahead, {leaps} times so far")
-        self._losses, self._leaps = losses, leaps
+    def _more(self, kind: str, count: int, text: str) -> None:
+        if count > self._counts.get(kind, 0):
+            remark(text)
+        self._counts[kind] = count

@@ -9,18 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import Table, figures, progress, remark, tell
 from spikingtac.cli.options import ReadArgs
+from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.file_kinds import TOLD, document_of, kind_of
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
 
 PEAK_WINDOW_US = 1_000  # Window of the peak rate, us: that of contact detection.
-
 US_PER_S = 1_000_000
-EVENTS_PER_MEV = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,11 +39,10 @@ def run(args: Args) -> int:
     kind = kind_of(args.file)
     if kind is not None and kind in _FIGURES:
         told = {"format": kind, **_FIGURES[kind](args.file)}
-        return tell(
-            args.json, {**told, "about": TOLD[kind]}, figures(str(args.file), told), TOLD[kind]
-        )
+        document = {**told, "about": TOLD[kind]}
+        return tell(args.json, document, figures(str(args.file), told), TOLD[kind])
     source = open_events(args.file, strict=args.strict, sensor=args.sensor, encoding=args.encoding)
-    found = summary(source)
+    found = _summary(source)
     return tell(args.json, found, *(f"note: {note}" for note in source.notes), *_shown(args, found))
 
 
@@ -53,14 +50,14 @@ def _shown(args: Args, found: dict[str, Any]) -> list[Table | str]:
     """Return the figures of a recording for a reader."""
     from spikingtac.events.formats.codec import KINDS
 
-    apart = {name: found[name] for name in ("anomalies", "trigger_channels")}
-    health = {kind: count for kind, count in found["health"].items() if kind != "rate_ev_s"}
-    plain = {name: value for name, value in found.items() if name not in apart}
-    shown: list[Table | str] = [figures(str(args.file), plain | {"health": health})]
-    if channels := apart["trigger_channels"]:
+    plain = dict(found)
+    anomalies, channels = plain.pop("anomalies"), plain.pop("trigger_channels")
+    plain["health"] = {kind: n for kind, n in plain["health"].items() if kind != "rate_ev_s"}
+    shown: list[Table | str] = [figures(str(args.file), plain)]
+    if channels:
         rows = [(name, *one.values()) for name, one in channels.items()]
         shown.append(Table("triggers", ("channel", "edges", "first us", "last us"), rows))
-    if anomalies := apart["anomalies"]:
+    if anomalies:
         rows = [(kind, KINDS.get(kind, ""), count) for kind, count in anomalies.items()]
         shown.append(Table("anomalies", ("kind", "what it means", "times"), rows, words=2))
     elif not found["events"]:
@@ -74,68 +71,48 @@ def _of_tracks(path: Path) -> dict[str, Any]:
     return Tracks.load(path).summary()
 
 
-def _of_truth(path: Path) -> dict[str, Any]:
-    from spikingtac.events.formats.array_file import load_arrays
-
-    truth = load_arrays(path, "ground truth")
-    t_us = truth["marker_t_us"]
-    return {
-        "markers": truth["marker_px"].shape[1],
-        "samples": len(t_us),
-        "duration_s": _duration_s(t_us),
-        "arrays": sorted(truth),
-    }
-
-
-def _of_series(path: Path) -> dict[str, Any]:
+def _of_arrays(path: Path) -> dict[str, Any]:
+    """Return the figures of a truth, or of a series of another sensor."""
     from spikingtac.events.formats.array_file import load_arrays
     from spikingtac.tracks.columns import longest
 
-    arrays = load_arrays(path, "displacements")
-    t_us, moved, wrench = arrays["t_us"], arrays["displacement_mm"], arrays.get("wrench")
-    return {
+    arrays = load_arrays(path, "arrays over time")
+    truth = "marker_px" in arrays
+    t_us = arrays["marker_t_us" if truth else "t_us"]
+    moved, wrench = arrays["marker_px" if truth else "displacement_mm"], arrays.get("wrench")
+    told = {
         "markers": moved.shape[1],
         "samples": len(t_us),
-        "duration_s": _duration_s(t_us),
+        "duration_s": float(t_us[-1] - t_us[0]) / US_PER_S if len(t_us) else 0.0,
+    }
+    if truth:
+        return told | {"arrays": sorted(arrays)}
+    return told | {
         "displacement_max_mm": longest(moved),
         "wrench_components": 0 if wrench is None else wrench.shape[1],
         "force_max_n": None if wrench is None else longest(wrench[:, :3]),
     }
 
 
-def _duration_s(t_us: Any) -> float:
-    return float(t_us[-1] - t_us[0]) / US_PER_S if len(t_us) else 0.0
-
-
 def _of_force(path: Path) -> dict[str, Any]:
     document = document_of(path)
-    return {
-        "components": document.get("components"),
-        "unit": document.get("unit"),
-        "markers": len(document["reference"]) if "reference" in document else None,
-    }
+    markers = len(document["reference"]) if "reference" in document else None
+    return {**{name: document.get(name) for name in ("components", "unit")}, "markers": markers}
 
 
 def _of_report(path: Path) -> dict[str, Any]:
     document = document_of(path)
     rows = [row for row in document["rows"] if isinstance(row, dict)]
-    return {
-        "experiment": document["experiment"],
-        "rows": len(rows),
-        **{
-            f"{name}s": sorted({str(row.get(name)) for row in rows})
-            for name in ("method", "case", "metric", "source")
-        },
-    }
+    names = ("method", "case", "metric", "source")
+    told = {f"{name}s": sorted({str(row.get(name)) for row in rows}) for name in names}
+    return {"experiment": document["experiment"], "rows": len(rows), **told}
 
 
 def _of_manifest(path: Path) -> dict[str, Any]:
-    document = document_of(path)
-    return {name: value for name, value in document.items() if not isinstance(value, dict)}
+    return {name: v for name, v in document_of(path).items() if not isinstance(v, dict)}
 
 
 def _of_calibration(path: Path) -> dict[str, Any]:
-    """Return the figures of a calibration."""
     from spikingtac.calibration.sensor_calibration import Calibration
 
     calibration = Calibration.load(path)
@@ -157,8 +134,8 @@ def _of_calibration(path: Path) -> dict[str, Any]:
 # Kind of a file of ours that holds no events -> its figures.
 _FIGURES: dict[str, Callable[[Path], dict[str, Any]]] = {
     "tracks": _of_tracks,
-    "truth": _of_truth,
-    "series": _of_series,
+    "truth": _of_arrays,
+    "series": _of_arrays,
     "calibration": _of_calibration,
     "force": _of_force,
     "report": _of_report,
@@ -166,19 +143,25 @@ _FIGURES: dict[str, Callable[[Path], dict[str, Any]]] = {
 }
 
 
-def summary(source: FileSource) -> dict[str, Any]:
+def _summary(source: FileSource) -> dict[str, Any]:
     """Read a source to its end and return its figures; times are None where there is no event."""
-    events = ups = peak = 0
+    import numpy as np
+
+    events = ups = peak = window = in_window = 0
     first_us = last_us = None
-    counter = _PeakCounter(PEAK_WINDOW_US)
     with ending_on_interrupt(source), progress(f"reading {source.path.name}") as advance:
         for packet in source:
-            if first_us is None:
-                first_us = packet.t_start_us
-            last_us = int(packet.t[-1]) if len(packet) else last_us
+            first_us = packet.t_start_us if first_us is None else first_us
+            if len(packet):
+                last_us = int(packet.t[-1])
+                windows, counts = np.unique(
+                    (packet.t - first_us) // PEAK_WINDOW_US, return_counts=True
+                )
+                counts[0] += in_window if windows[0] == window else 0
+                window, in_window = windows[-1], int(counts[-1])
+                peak = max(peak, int(counts.max()))
             events += len(packet)
             ups += int(packet.p.sum())
-            peak = counter.add(packet.t - first_us)
             advance(source.progress)
     duration_s = 0.0 if first_us is None or last_us is None else (last_us - first_us) / US_PER_S
     return {
@@ -189,22 +172,27 @@ def summary(source: FileSource) -> dict[str, Any]:
         "t_first_us": first_us,
         "t_last_us": last_us,
         "duration_s": duration_s,
-        "mean_rate_mev_s": events / duration_s / EVENTS_PER_MEV if duration_s else 0.0,
-        "peak_rate_mev_s": peak / PEAK_WINDOW_US * US_PER_S / EVENTS_PER_MEV,
+        "mean_rate_mev_s": events / duration_s / 1e6 if duration_s else 0.0,
+        "peak_rate_mev_s": peak / PEAK_WINDOW_US,
         "triggers": len(source.triggers),
         "trigger_channels": source.triggers.channels(),
         "anomalies": dict(source.losses.kinds()),
         "health": source.counters().summary(),
-        **_delivery(source),
-        **_told_by_manifest(source, events),
+        **_told_by_the_camera(source, events),
     }
 
 
-def _told_by_manifest(source: FileSource, events: int) -> dict[str, Any]:
-    """Return what a recorder has noted beside its files, compared with them; nothing elsewhere."""
+def _told_by_the_camera(source: FileSource, events: int) -> dict[str, Any]:
+    """Return how a camera delivers, or what its recorder noted; nothing of other files."""
+    from spikingtac.events.camera_source import CameraSource
     from spikingtac.events.manifest import MANIFEST, read_manifest
     from spikingtac.events.open import RECORDING_NAME
 
+    if isinstance(source, CameraSource):
+        health = source.health()
+        remark(health.sentence)
+        names = ("interval_p50_ms", "interval_p99_ms")
+        return {name: getattr(health, name) for name in names}
     path = source.path.parent / MANIFEST
     noted = read_manifest(path) if source.path.name == RECORDING_NAME else {}
     if noted.get("source") != "camera" or not isinstance(noted.get("events"), int):
@@ -217,34 +205,3 @@ def _told_by_manifest(source: FileSource, events: int) -> dict[str, Any]:
         "lost_events": noted.get("lost_events", 0),
         "recorded_losses": losses if isinstance(losses, dict) else {},
     }
-
-
-def _delivery(source: FileSource) -> dict[str, Any]:
-    """Return how a camera delivered; nothing of a file."""
-    from spikingtac.events.camera_source import CameraSource
-
-    if not isinstance(source, CameraSource):
-        return {}
-    health = source.health()
-    remark(health.sentence)
-    return {"interval_p50_ms": health.interval_p50_ms, "interval_p99_ms": health.interval_p99_ms}
-
-
-class _PeakCounter:
-    """The largest number of events in a window, for events in order of time."""
-
-    def __init__(self, window_us: int) -> None:
-        self._window_us = window_us
-        self._window, self._count, self._peak = 0, 0, 0
-
-    def add(self, t: Any) -> int:
-        """Count more events, times from the first one on; return the peak so far."""
-        import numpy as np
-
-        if len(t):
-            windows, counts = np.unique(t // self._window_us, return_counts=True)
-            if windows[0] == self._window:
-                counts[0] += self._count
-            self._window, self._count = int(windows[-1]), int(counts[-1])
-            self._peak = max(self._peak, int(counts.max()))
-        return self._peak

@@ -13,7 +13,7 @@ from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.file_kinds import kind_of
 from spikingtac.plots.events import EventKind
-from spikingtac.plots.theme import ThemeName, WidthName
+from spikingtac.plots.figure import ThemeName, WidthName
 from spikingtac.plots.tracks import Kind
 
 
@@ -79,7 +79,7 @@ def _check(args: Args, output: Path, kind: str, tracked: bool) -> None:
 def _of_events(args: Args, output: Path, kind: str) -> dict[str, Any]:
     from spikingtac.events.open import open_events
     from spikingtac.plots.events import event_figures, plot_events
-    from spikingtac.plots.tracks import save_figure
+    from spikingtac.plots.figure import save_figure
 
     figures = event_figures(open_events(args.source), args.at_s)
     save_figure(plot_events(figures, kind, theme=args.theme, width=args.width), output)
@@ -93,7 +93,8 @@ def _of_events(args: Args, output: Path, kind: str) -> dict[str, Any]:
 
 def _of_tracks(args: Args, output: Path, kind: str) -> dict[str, Any]:
     from spikingtac.plots.animation import save_animation
-    from spikingtac.plots.tracks import US_PER_S, plot_tracks, save_figure
+    from spikingtac.plots.figure import US_PER_S, save_figure
+    from spikingtac.plots.tracks import plot_tracks
     from spikingtac.tracks import Tracks
 
     tracks = Tracks.load(args.source)

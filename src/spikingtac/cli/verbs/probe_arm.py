@@ -9,28 +9,16 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.interrupt import ended_by_sigterm
-from spikingtac.cli.probe_search import (
-    ASSUMPTIONS,
-    Args,
-    probing_style,
-    resolved_config,
-    search,
-)
-from spikingtac.cli.verbs.probe_result import ProbedHole, readings
-from spikingtac.contact.detector import ContactDetector, Window, count_of
+from spikingtac.cli.probe_search import ASSUMPTIONS, Args, ProbedHole, search
+from spikingtac.cli.sources import ended_by_sigterm
+from spikingtac.contact.detector import Window, count_of
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.errors import DeviceError
 from spikingtac.geometry.hole import Circle, Compensation
 from spikingtac.geometry.travel import TravelModel
-from spikingtac.plots.hole import HolePicture
 from spikingtac.robot.prober import ArmProber, Touched
 from spikingtac.robot.robotiq import FULL_SCALE, Grip, RobotiqGripper
-from spikingtac.robot.watchdog import (
-    Watchdog,
-    WatchdogConfig,
-    WatchdogThread,
-)
+from spikingtac.robot.watchdog import Watchdog, WatchdogConfig, WatchdogThread
 from spikingtac.stream.real_time import exempt_from_collection
 
 if TYPE_CHECKING:
@@ -43,7 +31,7 @@ QUIET_WINDOWS = 4000  # Windows of the arm at rest from which the detector learn
 # mm, which is a force of 0.06 N at 0.04 N/mm.
 LIVE = WatchdogConfig(stale_s=0.1, backlog_s=0.25)
 
-# Wait after the gripper has closed, s (ours: the gel has crept most of its way by then).
+# Wait after the gripper has closed, s: the gel has crept most of its way by then.
 GRIP_SETTLE_S = 1.0
 OPEN = 0  # Position of the open gripper.
 ASSUMPTIONS_ON_ARM = (
@@ -63,27 +51,22 @@ def on_arm(args: Args) -> ProbedHole:
     """
     assert args.calibration is not None
     calibration = Calibration.load(args.calibration)
-    travel = TravelModel.of(
-        Compensation(travel_mm=args.travel_mm, travel_sigma_mm=args.travel_sigma_mm)
-    )
+    known = Compensation(travel_mm=args.travel_mm, travel_sigma_mm=args.travel_sigma_mm)
+    travel, grip = TravelModel.of(known), None
     with ended_by_sigterm(), contextlib.ExitStack() as stack:
-        gripper = None
-        grip = None
-        if args.gripper:
-            gripper = stack.enter_context(connect_gripper(args))
+        gripper = stack.enter_context(connect_gripper(args)) if args.gripper else None
+        if gripper is not None:
             grip = close_on_probe(gripper)
         circle, touches = _search_hole(args, calibration, travel, stack)
         if gripper is not None and args.release:
             gripper.move(OPEN)
-    given = {"events": str(args.events), "calibration": str(args.calibration)}
     return ProbedHole(
-        picture=HolePicture(circle=circle, reading_mm=readings(touches)),
+        args=args,
+        circle=circle,
         touches=touches,
         travel=travel,
-        method={"search": args.search, "detector": args.detector},
-        config=resolved_config(args) | given,
         assumed=ASSUMPTIONS_ON_ARM,
-        arm=args.arm,
+        given={"events": str(args.events), "calibration": str(args.calibration)},
         grip=grip,
     )
 
@@ -93,13 +76,26 @@ def _search_hole(
 ) -> tuple[Circle, Sequence[Touched]]:
     """Learn from the quiet stream, connect the arm, and search under the watchdog."""
     arms: list[Arm] = []
-    watchdog = Watchdog(
-        LIVE, lambda: _stop(arms), time.monotonic, confirm=lambda: _confirm_stop(arms)
-    )
+
+    def stop() -> None:
+        for arm in arms:
+            arm.stop()
+
+    def confirm() -> None:
+        for arm in arms:
+            arm.confirm_stop()
+
+    watchdog = Watchdog(LIVE, stop, time.monotonic, confirm=confirm)
     stream, live = listen(args, calibration, watchdog)
     if live is not None:
         stack.callback(live.close)
-    detector = learn_detector(args, calibration, stream)
+    quiet = list(islice(stream, QUIET_WINDOWS))
+    if not any(count_of(window) for window in quiet):  # a working sensor has noise and leak
+        raise DeviceError(
+            f"the sensor gave no event in its first {len(quiet)} windows of 1 ms: it is dead, "
+            "covered or masked, or the stream is empty; check the camera, nothing was moved"
+        )
+    detector = make_detector(args.detector, DetectionConfig(), [calibration], quiet)
     if live is not None:
         exempt_from_collection()
     arm = connect(args)
@@ -110,26 +106,12 @@ def _search_hole(
         live.skip()
         watchdog.arm()
         stack.enter_context(WatchdogThread(watchdog))
-    prober = ArmProber(arm, stream, detector, probing_style(args), watchdog)
+    prober = ArmProber(arm, stream, detector, args.probing, watchdog)
     return search(args, prober, travel, prober.place_mm())
 
 
-def _stop(arms: Sequence[Arm]) -> None:
-    for arm in arms:
-        arm.stop()
-
-
-def _confirm_stop(arms: Sequence[Arm]) -> None:
-    for arm in arms:
-        arm.confirm_stop()
-
-
 def connect_gripper(args: Args) -> RobotiqGripper:
-    """Return the gripper of the arm's controller.
-
-    Raises:
-        DeviceError: It does not answer.
-    """
+    """Return the gripper of the arm's controller; DeviceError where it does not answer."""
     assert args.arm is not None
     return RobotiqGripper(args.arm)
 
@@ -150,25 +132,6 @@ def close_on_probe(gripper: RobotiqGripper) -> dict[str, Any]:
         )
     time.sleep(GRIP_SETTLE_S)
     return {"object": "held", "position": position}
-
-
-def learn_detector(
-    args: Args, calibration: Calibration, stream: Iterator[Window]
-) -> ContactDetector:
-    """Build the detector from the first windows of the stream, before the arm moves.
-
-    Raises:
-        CalibrationError: There are too few windows.
-        DeviceError: There is no event in them. Noise and leak alone cause events in a working
-            sensor.
-    """
-    quiet = list(islice(stream, QUIET_WINDOWS))
-    if not any(count_of(window) for window in quiet):
-        raise DeviceError(
-            f"the sensor gave no event in its first {len(quiet)} windows of 1 ms: it is dead, "
-            "covered or masked, or the stream is empty; check the camera, nothing was moved"
-        )
-    return make_detector(args.detector, DetectionConfig(), [calibration], quiet)
 
 
 def connect(args: Args) -> Arm:

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.messages import emit_json, emit_table, remark
-from spikingtac.cli.options import WriteArgs
-from spikingtac.errors import ConfigError
+from spikingtac.cli.messages import Table, remark, tell
+from spikingtac.cli.options import WriteArgs, require_seconds
+from spikingtac.cli.sources import camera_address, ending_on_interrupt
 
 if TYPE_CHECKING:
     from spikingtac.stream.record import Session
@@ -23,6 +22,16 @@ if TYPE_CHECKING:
 EXIT_MACHINE = 3
 MEV = 1e6
 MB = 1e6
+CLEAR_LINE = "\r\x1b[2K"  # Begins the line of a terminal anew.
+
+# Why a recording ended, in words.
+ENDED = {
+    "closed": "Ctrl-C",
+    "seconds": "--seconds",
+    "ended": "the camera",
+    "lost": "the camera, which is gone",
+    "disk": "the disk",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,12 +64,8 @@ def run(args: Args) -> int:
     from spikingtac.stream.record import RecordOptions, locked_folder, prepare_folder, record
     from spikingtac.stream.recorder import Split
 
-    if args.seconds is not None and not args.seconds > 0.0:
-        raise ConfigError(f"--seconds is {args.seconds:g}, it must be above 0")
-    options = RecordOptions(
-        split=Split.parse(args.split),
-        seconds=math.inf if args.seconds is None else args.seconds,
-    )
+    require_seconds(args.seconds)
+    options = RecordOptions(split=Split.parse(args.split), seconds=args.seconds or math.inf)
     given = [args.source] if args.second is None else [args.source, args.second]
     addresses = [Address.parse(camera_address(source)) for source in given]
     remark(f"opening {' and '.join(map(str, addresses))}; Ctrl-C ends the recording")
@@ -71,62 +76,31 @@ def run(args: Args) -> int:
         opened.enter_context(ending_on_interrupt(*sources))
         show = opened.enter_context(_screen())
         summary = record(sources, args.output, options, show)
-    if args.json:
-        emit_json(summary)
-    else:
-        _print(summary)
-    return _ended_well(summary, args.output)
-
-
-def _ended_well(summary: dict[str, Any], output: Path) -> int:
-    """Return the exit code; say what a disk has refused."""
+    tell(args.json, summary, *_shown(summary))
     for told in (summary, summary.get("second", summary)):
         if told["failure"] is not None:
             remark(
                 f"spikingtac: error: nothing more could be written ({told['failure']}); "
-                f"{told['events']} events are in {str(output)!r} and can be read, "
+                f"{told['events']} events are in {str(args.output)!r} and can be read, "
                 f"{told['lost_events']} were lost; make room, or choose another disk"
             )
             return EXIT_MACHINE
     return 0
 
 
-def camera_address(source: Path) -> str:
-    """Return the address that a source means; a pipe is one, too.
-
-    Raises:
-        ConfigError: It is a file or a folder.
-    """
-    from spikingtac.events.address import is_address, is_stream
-
-    if is_address(source):
-        return str(source)
-    if is_stream(source):
-        return f"pipe:{source}"
-    if source.exists():
-        raise ConfigError(
-            f"{str(source)!r} is recorded already; to copy it or a part of it: "
-            "spikingtac convert IN OUT"
-        )
-    raise ConfigError(
-        f"{str(source)!r} is no camera; give an address, as udp:7777?encoding=evt2&size=320x320, "
-        "or a named pipe (spikingtac cameras lists what is plugged in)"
-    )
-
-
 @contextmanager
 def _screen() -> Iterator[Callable[[Sequence[Session]], object]]:
     """Yield what shows the progress: one line on stderr where it is a terminal."""
     if not sys.stderr.isatty():
-        yield lambda progress: None
+        yield lambda shown: None
         return
     try:
-        yield lambda shown: sys.stderr.write("\r\x1b[2K" + " | ".join(map(line, shown)))
+        yield lambda shown: sys.stderr.write(CLEAR_LINE + " | ".join(map(_line, shown)))
     finally:
-        sys.stderr.write("\r\x1b[2K")
+        sys.stderr.write(CLEAR_LINE)
 
 
-def line(session: Session) -> str:
+def _line(session: Session) -> str:
     """Return the progress in one line."""
     disk, camera = session.recorder, session.source.health()
     files = len(disk.parts)
@@ -145,49 +119,35 @@ def line(session: Session) -> str:
     return "  ".join(parts)
 
 
-def _print(summary: dict[str, Any]) -> None:
-    second = summary.get("second")
-    emit_table(f"recording {summary['output']}", ("", ""), _rows(summary), words=2)
-    if second is None:
-        return
-    emit_table("the second camera", ("", ""), _rows(second), words=2)
-    base = summary["time_base"]
-    if base is not None:
-        remark(
-            f"the second clock is on the first one within {base['error_us']:.0f} us, but for what "
-            "the cameras' transports differ by; spikingtac align finds that by what both feel"
-        )
+def _shown(summary: dict[str, Any]) -> list[Table | str]:
+    shown: list[Table | str] = [_table(f"recording {summary['output']}", summary)]
+    if "second" in summary:
+        shown.append(_table("the second camera", summary["second"]))
+        if (base := summary["time_base"]) is not None:
+            shown.append(
+                f"the second clock is on the first one within {base['error_us']:.0f} us, but for "
+                "what the cameras' transports differ by; spikingtac align finds that by what both "
+                "feel"
+            )
+    return shown
 
 
-def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    delivery = summary["delivery"]
-    clock = summary["clock"]
-    rows = [
-        ("recorded", f"{summary['seconds']:.1f} s, ended by: {ENDED[summary['ended']]}"),
-        ("events", f"{summary['events']} on disk, {summary['lost_events']} lost"),
-        ("files", f"{summary['files']}, {summary['bytes'] / MB:.1f} MB"),
-        ("reconnects", f"{delivery['reconnects']}, away for {delivery['away_s']:.1f} s"),
-    ]
+def _table(title: str, summary: dict[str, Any]) -> Table:
+    delivery, clock = summary["delivery"], summary["clock"]
+    rows = {
+        "recorded": f"{summary['seconds']:.1f} s, ended by: {ENDED[summary['ended']]}",
+        "events": f"{summary['events']} on disk, {summary['lost_events']} lost",
+        "files": f"{summary['files']}, {summary['bytes'] / MB:.1f} MB",
+        "reconnects": f"{delivery['reconnects']}, away for {delivery['away_s']:.1f} s",
+    }
     if delivery["interval_p50_ms"] is not None:
-        interval = (
-            f"{delivery['interval_p50_ms']:.1f} ms, 99 %: {delivery['interval_p99_ms']:.1f} ms"
-        )
-        rows.append(("delivered every", interval))
+        p50_ms, p99_ms = delivery["interval_p50_ms"], delivery["interval_p99_ms"]
+        rows["delivered every"] = f"{p50_ms:.1f} ms, 99 %: {p99_ms:.1f} ms"
     if clock is not None and clock["drift_error_ppm"] is not None:
         drift = f"{clock['drift_ppm']:.1f} +- {clock['drift_error_ppm']:.1f} ppm against this host"
-        rows.append(("camera's clock", drift))
-    pace = summary["camera"].get("pace")
-    if pace is not None:
+        rows["camera's clock"] = drift
+    if (pace := summary["camera"].get("pace")) is not None:
         late = f"{pace['late_packets']} of {pace['packets']} packets late"
-        rows.append(("real time", f"{late}, at worst by {pace['latest_ms']:.0f} ms (simulated)"))
-    return rows + [(kind, str(count)) for kind, count in summary["losses"].items()]
-
-
-# Why a recording ended, in words.
-ENDED = {
-    "closed": "Ctrl-C",
-    "seconds": "--seconds",
-    "ended": "the camera",
-    "lost": "the camera, which is gone",
-    "disk": "the disk",
-}
+        rows["real time"] = f"{late}, at worst by {pace['latest_ms']:.0f} ms (simulated)"
+    rows |= {kind: str(count) for kind, count in summary["losses"].items()}
+    return Table(title, ("", ""), rows.items(), words=2)

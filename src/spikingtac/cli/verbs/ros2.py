@@ -2,11 +2,38 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import closing
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-from spikingtac.cli.messages import remark
-from spikingtac.cli.publishing import PublishArgs, feed_of, publish
+import tyro
+
+from spikingtac.cli.messages import remark, tell, warn
+from spikingtac.cli.options import TrackerArgs, require_seconds
+from spikingtac.cli.sources import ending_on_interrupt
+
+if TYPE_CHECKING:
+    from spikingtac.ros2.feed import Feed
+    from spikingtac.ros2.stream import Publisher
+
+LOOK_S = 0.01  # Time between two looks for a reader, s.
+ENDING_S = 0.1  # Time for the last messages to leave before the topics end, s.
+
+
+@dataclass(frozen=True, kw_only=True)
+class PublishArgs(TrackerArgs):
+    """Options of verbs that publish a sensor."""
+
+    source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
+    """A camera's address, event file or recording folder, with --calibration; or tracks.npz."""
+    force: Path | None = None
+    """Force model: publish the wrench, too; make one with: spikingtac force fit."""
+    wait_s: float = 0.0
+    """Longest wait for a first reader of the field before the first frame, s."""
+    seconds: float | None = None
+    """Duration, s; without end unless given."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,3 +69,89 @@ def run(args: Args) -> int:
             f"publishing {args.prefix}/field and more on {where}, domain {args.domain}; Ctrl-C ends"
         )
         return publish(args, feed, publisher, prefix=args.prefix, distance_mm=args.distance_mm)
+
+
+def feed_of(args: PublishArgs) -> Feed:
+    """Return the frames that are published; nothing is left to compile at the first one."""
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.config import load_config
+    from spikingtac.file_kinds import kind_of
+    from spikingtac.pipeline.checked_source import refuse
+    from spikingtac.ros2.feed import feed_of_events, feed_of_tracks
+    from spikingtac.ros2.stream import rehearse
+    from spikingtac.stream.sources import open_live
+    from spikingtac.touch.force.model import load_force
+    from spikingtac.tracks import Tracks
+
+    require_seconds(args.seconds)
+    calibration = None if args.calibration is None else Calibration.load(args.calibration)
+    force = None if args.force is None else load_force(args.force)
+    if kind_of(args.source) == "tracks":
+        feed = feed_of_tracks(Tracks.load(args.source), calibration, force)
+    else:
+        calibration = calibration or Calibration.load(args.needed_calibration())
+        tracking = load_config(args.preset).with_tracking(rate_hz=args.rate_hz).tracking
+        events = open_live(args.source, strict=args.strict, sensor=args.sensor)
+        told = refuse if args.strict else warn
+        feed = feed_of_events(events, calibration, tracking, force, told)
+    rehearse(feed.layout)
+    return feed
+
+
+def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **config: Any) -> int:
+    """Publish until the source ends, --seconds of it are over, or Ctrl-C; tell the figures.
+
+    Args:
+        args: The verb's options.
+        feed: The frames.
+        publisher: Sends the messages.
+        **config: Further settings of :class:`spikingtac.ros2.stream.StreamConfig`.
+    """
+    from spikingtac.ros2.feed import Pace
+    from spikingtac.ros2.stream import SensorStream, StreamConfig
+    from spikingtac.stream.real_time import exempt_from_collection
+
+    def anomalies() -> dict[str, int]:
+        return {} if feed.source is None else dict(feed.source.losses.kinds())
+
+    own = {"wrench": feed.has_wrench, "events": feed.source is not None}
+    shown = StreamConfig(hardware=args.source.name, **own, **config)
+    stream = SensorStream(publisher, feed.layout, shown)
+    exempt_from_collection()  # a collection in the middle would hold up 200 frames
+    pace, stop, begun_s = Pace(), _Stop(), time.monotonic()
+    first_us: int | None = None
+    with ending_on_interrupt(feed.source, stop):
+        while time.monotonic() < begun_s + args.wait_s and not stop.asked:
+            if publisher.readers(f"{shown.prefix}/field"):
+                break
+            time.sleep(LOOK_S)
+        for frame, wrench in feed.frames(stream, pace):
+            stream.frame(frame, wrench, anomalies())
+            first_us = frame.t_us if first_us is None else first_us
+            over = args.seconds is not None and frame.t_us - first_us >= args.seconds * 1e6
+            if stop.asked or over:
+                break
+    if stop.asked:
+        remark("ended")
+    time.sleep(ENDING_S)
+    found = {
+        "seconds": round(time.monotonic() - begun_s, 3),
+        "largest_lag_ms": round(1e3 * pace.largest_lag_s, 3),
+        "messages": dict(sorted(stream.counts.items())),
+        "anomalies": anomalies(),
+    }
+    sent = ", ".join(f"{count} {name}" for name, count in found["messages"].items())
+    behind = f"at most {found['largest_lag_ms']:.0f} ms behind"
+    return tell(args.json, found, f"published {sent}; {behind}")
+
+
+class _Stop:
+    """Ends the publishing of what cannot be closed, tracks and recordings, at the next frame.
+
+    An interrupt in the middle of a message would end the process by the signal, not with 0.
+    """
+
+    asked = False
+
+    def close(self) -> None:
+        self.asked = True

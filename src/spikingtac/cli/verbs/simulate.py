@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from spikingtac.cli.messages import emit_json, progress, tell
+from spikingtac.cli.messages import progress, tell
 from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.plugins import SCENE_DESIGNS, with_plugins
@@ -47,7 +47,11 @@ def run(args: Args) -> int:
     from spikingtac.sim import catalog
 
     if args.list:
-        return _list(args.json)
+        scenes = catalog.scene_descriptions()
+        if args.json:
+            return tell(True, {"scenes": scenes})
+        sys.stdout.writelines(f"{name}  {about}\n" for name, about in scenes.items())
+        return 0
     if not args.scene or args.output is None:
         raise ConfigError(
             "give a scene and a folder: spikingtac simulate SCENE -o FOLDER "
@@ -66,25 +70,8 @@ def run(args: Args) -> int:
         # The package that registers the designs puts the scene on one of them.
         scene = with_plugins({}, SCENE_DESIGNS)["design"](scene, args.design)
     with progress(f"simulating {args.scene}") as advance:
-        summary = simulate(
-            scene,
-            args.output,
-            seed=args.seed,
-            duration_s=args.duration_s,
-            overwrite=args.overwrite,
-            advance=advance,
-        )
+        given = {"seed": args.seed, "duration_s": args.duration_s, "overwrite": args.overwrite}
+        summary = simulate(scene, args.output, advance=advance, **given)
     seconds, events, markers = (summary[name] for name in ("duration_s", "events", "markers"))
     written = f"written: {args.output}, {seconds:.3f} s, {events:,} events, {markers} markers"
     return tell(args.json, {"scene": args.scene, **summary}, written)
-
-
-def _list(as_json: bool) -> int:
-    from spikingtac.sim import catalog
-
-    scenes = catalog.scene_descriptions()
-    if as_json:
-        emit_json({"scenes": scenes})
-    else:
-        sys.stdout.writelines(f"{name}  {about}\n" for name, about in scenes.items())
-    return 0

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,23 +11,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from spikingtac.calibration.lens import SkinScale
-from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs, means_many, run_many
-from spikingtac.cli.messages import Table, progress, tell, warn
+from spikingtac.cli.messages import Advance, Table, counted, no_progress, progress, tell, warn
 from spikingtac.cli.options import Output, TrackerArgs
-from spikingtac.cli.second import SecondArgs, second_name, work_on_two
+from spikingtac.cli.sources import SecondArgs, ending_on_interrupt, for_each, open_two, second_name
 from spikingtac.cli.verbs.touch_rows import (
     touch_row,
     touch_table,
     vibration_row,
     vibration_table,
-    write_rows,
+    write_touches,
 )
 from spikingtac.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.touch.force.series import WrenchSeries
     from spikingtac.types import MarkerFrame
 
 VIBRATION_WINDOW_S = 1.0  # Length of a spectrum of vibration, s: bins of 1 Hz.
@@ -41,7 +39,7 @@ class Args(ManyArgs, TrackerArgs, SecondArgs):
     This verb tells touches apart and measures them, some 20 to 60 ms after they begin. To stop a
     robot within a millisecond, use: spikingtac contact.
 
-    Of many recordings, the lists go into a folder, with a table of all results and a report:
+    Of many recordings, the lists go into a folder, with a table of all results:
     spikingtac touch DAY --calibration C -o DAY_touches --workers 4
     """
 
@@ -64,41 +62,8 @@ class _Watched:
     unit: str
     scale: SkinScale | None
     rate_hz: float
-    anomalies: dict[str, int]
-    health: dict[str, float]
-
-
-@dataclass(frozen=True, slots=True)
-class _Found:
-    """The touches of a recording as rows, and where they are from."""
-
-    rows: list[dict[str, Any]]
-    first_us: int | None
-    watched: _Watched
-    lines: list[dict[str, Any]] | None
-
-    @property
-    def document(self) -> dict[str, Any]:
-        watched = self.watched
-        return {
-            "t_first_us": self.first_us,
-            "touches": self.rows,
-            "anomalies": watched.anomalies,
-            "health": watched.health or None,
-            "vibration": self.lines,
-        }
-
-    def shown(self, name: str, since_us: int | None) -> list[Table | str]:
-        """Return the same for a reader, with times from ``since_us`` on."""
-        anomalies = self.watched.anomalies.items()
-        notes = [f"note: {kind} {count} times in the recording" for kind, count in anomalies]
-        px_per_mm = None if self.watched.scale is None else self.watched.scale.px_per_mm
-        if not self.rows:
-            notes.append(f"note: no touch was found in {name}")
-        tables = [touch_table(name, self.rows, px_per_mm, since_us or 0)]
-        if self.lines is not None:
-            tables.append(vibration_table(name, self.lines, px_per_mm, since_us or 0))
-        return [*notes, *tables]
+    anomalies: dict[str, int] = field(default_factory=dict)
+    health: dict[str, float] = field(default_factory=dict)
 
 
 def run(args: Args) -> int:
@@ -112,11 +77,11 @@ def run(args: Args) -> int:
     args.claim(args.output)
     with progress(f"watching {source.name}") as advance:
         found = _listed(args, _watch(args, source, advance))
-    shown = found.shown(source.name, found.first_us)
+    shown = _shown(found, source.name, found["t_first_us"])
     if args.output is not None:
-        write_rows(args.output, found.rows)
+        write_touches(args.output, found["touches"])
         shown.append(f"written: {args.output}")
-    return tell(args.json, found.document, *shown)
+    return tell(args.json, found, *shown)
 
 
 def _run_two(args: Args, second: Path, many: bool) -> int:
@@ -125,15 +90,19 @@ def _run_two(args: Args, second: Path, many: bool) -> int:
     paths = [] if args.output is None else [args.output, second_name(args.output)]
     args.claim(*paths)
 
-    def work(number: int, source: FileSource) -> _Found:
-        return _listed(args, _track(args, source, calibrations[number]))
+    def work(number: int, source: FileSource) -> dict[str, Any]:
+        return _listed(args, _tracked(args, source, calibrations[number]))
 
-    one, other = work_on_two(args.sources[0], second, args.strict, work)
+    first = args.sources[0]
+    sources = open_two(first, second, strict=args.strict)
+    with ending_on_interrupt(*sources):
+        one, other = for_each(work, sources)
     for path, found in zip(paths, (one, other), strict=False):
-        write_rows(path, found.rows)
-    shown = one.shown(args.sources[0].name, one.first_us) + other.shown(second.name, one.first_us)
+        write_touches(path, found["touches"])
+    since_us = one["t_first_us"]
+    shown = _shown(one, first.name, since_us) + _shown(other, second.name, since_us)
     written = [f"written: {path}" for path in paths]
-    return tell(args.json, one.document | {"second": other.document}, *shown, *written)
+    return tell(args.json, one | {"second": other}, *shown, *written)
 
 
 def _run_many(args: Args) -> int:
@@ -142,25 +111,37 @@ def _run_many(args: Args) -> int:
 
     if args.vibration:
         raise ConfigError("--vibration works on one recording at a time; name one")
-    check, members = partial(load_config, args.preset), SERIES_MEMBERS
-    return run_many("touch", args, touch_one, ".csv", check, members=members)
+    check = partial(load_config, args.preset)
+    return run_many("touch", args, touch_one, ".csv", check, members=SERIES_MEMBERS)
 
 
 def touch_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
     """List the touches of one of many recordings and return its row of the table."""
     found = _listed(args, _watch(args, recording))
-    write_rows(output, found.rows)
-    ended = [row["duration_us"] for row in found.rows if row["duration_us"] is not None]
+    rows = found["touches"]
+    write_touches(output, rows)
     return {
-        "touches": len(found.rows),
-        "touching_s": sum(ended) / 1e6,
-        "slips": sum(len(row["slips"] or []) for row in found.rows),
-        "peak_strength_max": max((row["peak_strength"] for row in found.rows), default=0.0),
-        "anomalies": sum(found.watched.anomalies.values()),
+        "touches": len(rows),
+        "touching_s": sum(row["duration_us"] or 0 for row in rows) / 1e6,
+        "slips": sum(len(row["slips"] or []) for row in rows),
+        "peak_strength_max": max((row["peak_strength"] for row in rows), default=0.0),
+        "anomalies": sum(found["anomalies"].values()),
     }
 
 
-def _listed(args: Args, watched: _Watched) -> _Found:
+def _shown(found: dict[str, Any], name: str, since_us: int | None) -> list[Table | str]:
+    """Return what was found for a reader, with times from ``since_us`` on."""
+    shown: list[Table | str] = [*counted(found["anomalies"])]
+    if not found["touches"]:
+        shown.append(f"note: no touch was found in {name}")
+    shown.append(touch_table(name, found["touches"], since_us or 0))
+    if found["vibration"] is not None:
+        shown.append(vibration_table(name, found["vibration"], since_us or 0))
+    return shown
+
+
+def _listed(args: Args, watched: _Watched) -> dict[str, Any]:
+    """Return the touches as rows, with what was wrong with the events."""
     from spikingtac.touch.slip.held import HeldTouchDetector
     from spikingtac.touch.touch import TouchConfig
     from spikingtac.touch.vibration import VibrationMonitor
@@ -172,8 +153,7 @@ def _listed(args: Args, watched: _Watched) -> _Found:
     for frame in watched.frames:
         if first_us is None:
             first_us = asked_us = frame.t_us
-        held = detector.update(frame)
-        if held is not None:
+        if (held := detector.update(frame)) is not None:
             found.append(held)
         if monitor is None:
             continue
@@ -183,36 +163,31 @@ def _listed(args: Args, watched: _Watched) -> _Found:
             spectrum = monitor.spectrum()
             if spectrum is not None and spectrum.line_hz is not None:
                 lines.append(vibration_row(spectrum, watched.unit, watched.scale))
-    last = detector.finish()
-    found += [] if last is None else [last]
-    rows = [touch_row(held, watched.unit, watched.scale) for held in found]
-    return _Found(rows, first_us, watched, None if monitor is None else lines)
+    if (last := detector.finish()) is not None:
+        found.append(last)
+    return {
+        "t_first_us": first_us,
+        "touches": [touch_row(one, watched.unit, watched.scale) for one in found],
+        "anomalies": watched.anomalies,
+        "health": watched.health or None,
+        "vibration": None if monitor is None else lines,
+    }
 
 
-def _watch(
-    args: Args, path: Path, advance: Callable[[float], None] = lambda share: None
-) -> _Watched:
-    """Return the frames of a recording, of tracks, or of arrays; ``advance`` is told the share."""
-    from spikingtac.touch.force.series import is_series, load_series
+def _watch(args: Args, path: Path, advance: Advance = no_progress) -> _Watched:
+    """Return the frames of a recording, of tracks, or of arrays."""
+    from spikingtac.events.open import open_events
+    from spikingtac.touch.force.series import is_series
 
     if is_series(path):
-        return _watched_series(args, path, load_series(path).in_image())
-    if args.calibration is None:
-        raise ConfigError(
-            "events need the sensor's calibration: --calibration calibration.json; "
-            "make one with: spikingtac calibrate RECORDING -o calibration.json"
-        )
-    from spikingtac.events.open import open_events
-
+        return _of_series(args, path)
+    calibration = args.needed_calibration()
     source = open_events(path, strict=args.strict, sensor=args.sensor)
-    return _track(args, source, args.calibration, advance)
+    return _tracked(args, source, calibration, advance)
 
 
-def _track(
-    args: Args,
-    source: FileSource,
-    calibration_path: Path,
-    advance: Callable[[float], None] = lambda share: None,
+def _tracked(
+    args: Args, source: FileSource, calibration_path: Path, advance: Advance = no_progress
 ) -> _Watched:
     """Return the frames that a tracker makes of events."""
     from spikingtac.calibration.sensor_calibration import Calibration
@@ -227,8 +202,6 @@ def _track(
     require_same_size(source.size, calibration.size)
     tracker, rate_hz = make_tracker(config.tracking, calibration), config.tracking.rate_hz
     checked = CheckedSource(source, calibration, refuse if args.strict else warn)
-    anomalies: dict[str, int] = {}
-    health: dict[str, float] = {}
 
     def frames() -> Iterator[MarkerFrame]:
         with ending_on_interrupt(source):
@@ -236,18 +209,21 @@ def _track(
                 if index % PROGRESS_EVERY == 0:
                     advance(source.progress)
                 yield frame
-        anomalies.update(source.losses.kinds())
-        health.update(source.counters().summary())
+        watched.anomalies.update(source.losses.kinds())
+        watched.health.update(source.counters().summary())
 
-    told = (rate_hz, anomalies, health)
-    return _Watched(frames(), calibration.reference_px, "px", calibration.skin_scale, *told)
+    watched = _Watched(frames(), calibration.reference_px, "px", calibration.skin_scale, rate_hz)
+    return watched
 
 
-def _watched_series(args: Args, path: Path, series: WrenchSeries) -> _Watched:
+def _of_series(args: Args, path: Path) -> _Watched:
     """Return the frames of a series that was measured by another sensor, or of tracks."""
     import numpy as np
 
+    from spikingtac.touch.force.series import load_series
     from spikingtac.types import MarkerFrame
+
+    series = load_series(path).in_image()
 
     def frames() -> Iterator[MarkerFrame]:
         markers = len(series.reference)
@@ -258,17 +234,16 @@ def _watched_series(args: Args, path: Path, series: WrenchSeries) -> _Watched:
 
     scale = SkinScale(1.0) if series.unit == "mm" else _scale_in_image(args, path)
     rate_hz = 1e6 / float(np.median(np.diff(series.t_us))) if len(series.t_us) > 1 else 1.0
-    return _Watched(frames(), series.reference, series.unit, scale, rate_hz, {}, {})
+    return _Watched(frames(), series.reference, series.unit, scale, rate_hz)
 
 
 def _scale_in_image(args: Args, tracks: Path) -> SkinScale | None:
     """Return the scale of a calibration, or else the one that tracks keep; None without either."""
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.tracks import Tracks
+
     if args.calibration is not None:
-        from spikingtac.calibration.sensor_calibration import Calibration
-
         return Calibration.load(args.calibration).skin_scale
-    from spikingtac.tracks.tracks import Tracks
-
     try:
         return Tracks.load(tracks).skin_scale
     except RecordingError:  # arrays alone, of another program

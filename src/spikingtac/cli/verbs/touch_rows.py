@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spikingtac.atomic_files import replacing
+from spikingtac.batch.run import write_rows
 from spikingtac.calibration.lens import SkinScale
 from spikingtac.cli.messages import Table
-from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
     from spikingtac.touch.field import Estimate
     from spikingtac.touch.slip.held import HeldTouch
-    from spikingtac.touch.slip.monitor import Slip
-    from spikingtac.touch.touch import Touch
     from spikingtac.touch.vibration import Spectrum
 
 UM_PER_MM = 1e3
 IN_THE_IMAGE = SkinScale(1.0)  # Lengths stay what they are.
+SLIP = ("incipient_us", "gross_us", "end_us", "lead_us")  # Times of a slip, us.
+Row = dict[str, Any]
 
 
-def touch_row(held: HeldTouch, unit: str, scale: SkinScale | None) -> dict[str, Any]:
+def touch_row(held: HeldTouch, unit: str, scale: SkinScale | None) -> Row:
     """Return a touch as plain values: in px, and in mm where the scale is known.
 
     Args:
@@ -30,118 +28,70 @@ def touch_row(held: HeldTouch, unit: str, scale: SkinScale | None) -> dict[str, 
         unit: Unit of its lengths, ``px`` or ``mm``.
         scale: From the unit to mm, None where it is not known.
     """
-    touch = held.touch
-    row: dict[str, Any] = {
+    touch, field = held.touch, held.touch.field
+    row: Row = {
         "begin_us": touch.begin_us,
         "end_us": touch.end_us,
         "duration_us": touch.duration_us,
         "peak_us": touch.peak_us,
         "peak_strength": round(touch.peak_strength, 6),
     }
-    if unit == "px":
-        row |= _lengths(touch, "px", IN_THE_IMAGE)
-    if scale is not None:
-        row |= _lengths(touch, "mm", scale)
-    row["slips"] = None if held.slips is None else [_slip(slip) for slip in held.slips]
-    return row | {"field": _field(touch, unit, scale)}
-
-
-def _field(touch: Touch, unit: str, scale: SkinScale | None) -> dict[str, float]:
-    """Return the quantities of the field at the peak, each with its standard deviation."""
-    field, scales = touch.field, {}
-    if unit == "px":
-        scales["px"] = 1.0
-    if scale is not None:
-        scales["mm"] = scale.mm_per_px(touch.place_px)
+    scales = {"px": IN_THE_IMAGE} if unit == "px" else {}
+    scales |= {} if scale is None else {"mm": scale}
     told: dict[str, Estimate] = {}
-    for name, factor in scales.items():
-        told[f"mean_shear_x_{name}"] = field.mean_shear_x_px.times(factor)
-        told[f"mean_shear_y_{name}"] = field.mean_shear_y_px.times(factor)
+    for name, to_unit in scales.items():
+        local = to_unit.mm_per_px(touch.place_px) if name == "mm" else 1.0
+        row |= {
+            f"place_{name}": to_unit.to_mm(touch.place_px).round(4).tolist(),
+            f"area_{name}2": round(touch.area_px2 * local**2, 4),
+            f"peak_displacement_{name}": round(touch.peak_displacement_px * local, 5),
+            f"outline_{name}": to_unit.to_mm(touch.outline_px).round(3).tolist(),
+        }
+        told[f"mean_shear_x_{name}"] = field.mean_shear_x_px.times(local)
+        told[f"mean_shear_y_{name}"] = field.mean_shear_y_px.times(local)
+    row["slips"] = None
+    if held.slips is not None:
+        row["slips"] = [
+            {name: getattr(slip, name) for name in SLIP}
+            | {"least_sticking_share": round(slip.least_sticking_share, 3)}
+            for slip in held.slips
+        ]
     told |= {name: getattr(field, name) for name in ("torsion_rad", "divergence", "curl", "strain")}
-    values = {}
-    for name, estimate in told.items():
-        values[name], values[f"{name}_std"] = round(estimate.value, 6), round(estimate.sigma, 6)
-    return values
+    row["field"] = {}
+    for name, one in told.items():
+        row["field"] |= {name: round(one.value, 6), f"{name}_std": round(one.sigma, 6)}
+    return row
 
 
-def _slip_text(slips: list[dict[str, Any]] | None, first_us: int) -> str:
-    """Return what slipped first, and when, ms from ``first_us``."""
-    first = _first_slip(slips)
-    if first["slips"] is None:
-        return "unknown"
-    for what, t_us in (("all", first["gross_us"]), ("part", first["incipient_us"])):
-        if t_us is not None:
-            return f"{what} from {(t_us - first_us) / 1e3:.0f}"
-    return "none"
-
-
-def _slip(slip: Slip) -> dict[str, Any]:
-    return {
-        "incipient_us": slip.incipient_us,
-        "gross_us": slip.gross_us,
-        "end_us": slip.end_us,
-        "lead_us": slip.lead_us,
-        "least_sticking_share": round(slip.least_sticking_share, 3),
-    }
-
-
-def _first_slip(slips: list[dict[str, Any]] | None) -> dict[str, Any]:
-    """Return how many slips a touch had, and the first of each kind; nothing where none is told."""
-    told = slips or []
-    incipient = [slip["incipient_us"] for slip in told if slip["incipient_us"] is not None]
-    gross = [slip["gross_us"] for slip in told if slip["gross_us"] is not None]
-    return {
-        "slips": None if slips is None else len(slips),
-        "incipient_us": min(incipient, default=None),
-        "gross_us": min(gross, default=None),
-    }
-
-
-def _lengths(touch: Touch, unit: str, scale: SkinScale) -> dict[str, Any]:
-    local = scale.mm_per_px(touch.place_px)
-    return {
-        f"place_{unit}": scale.to_mm(touch.place_px).round(4).tolist(),
-        f"area_{unit}2": round(touch.area_px2 * local**2, 4),
-        f"peak_displacement_{unit}": round(touch.peak_displacement_px * local, 5),
-        f"outline_{unit}": scale.to_mm(touch.outline_px).round(3).tolist(),
-    }
-
-
-def write_rows(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Write touches as CSV, one line each, whole or not at all.
-
-    Raises:
-        ConfigError: The file cannot be written.
-    """
+def write_touches(path: Path, rows: list[Row]) -> None:
+    """Write touches as CSV, one line each, whole or not at all."""
     flat = [_flat(row) for row in rows]
     columns = list(flat[0]) if flat else ["begin_us", "end_us", "duration_us", "peak_us"]
-    try:
-        with replacing(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, columns, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(flat)
-    except OSError as error:
-        raise ConfigError(f"cannot write {str(path)!r}: {error.strerror}") from error
+    write_rows(path, columns, flat)
 
 
-def _flat(row: dict[str, Any]) -> dict[str, Any]:
-    out: dict[str, Any] = {}
+def _flat(row: Row) -> Row:
+    out: Row = {}
     for key, value in row.items():
         if key.startswith("place_"):
             unit = key.removeprefix("place_")
             out[f"place_x_{unit}"], out[f"place_y_{unit}"] = value
         elif key == "slips":
-            out |= _first_slip(value)
+            out |= {"slips": None if value is None else len(value)} | _first_slip(value)
         elif key != "field" and not key.startswith("outline_"):
             out[key] = value
     return out | row["field"]
 
 
-def touch_table(
-    name: str, rows: list[dict[str, Any]], px_per_mm: float | None, first_us: int
-) -> Table:
+def _first_slip(slips: list[Row] | None) -> Row:
+    """Return the time of the first slip of each kind; None where there is none."""
+    times = {name: [slip[name] for slip in slips or ()] for name in SLIP[:2]}
+    return {name: min((t for t in of if t is not None), default=None) for name, of in times.items()}
+
+
+def touch_table(name: str, rows: list[Row], first_us: int) -> Table:
     """Return the touches of a recording for a reader, times from ``first_us`` on."""
-    unit = "mm" if px_per_mm is not None else "px"
+    unit = "mm" if rows and "place_mm" in rows[0] else "px"
     columns = (
         *("begin ms", "end ms", f"place {unit}", f"area {unit}2", f"displacement {unit}"),
         *("peak strain", "slip ms"),
@@ -161,7 +111,18 @@ def touch_table(
     return Table(f"touches in {name}, times from its first event", columns, shown, words=0)
 
 
-def vibration_row(found: Spectrum, unit: str, skin: SkinScale | None) -> dict[str, Any]:
+def _slip_text(slips: list[Row] | None, first_us: int) -> str:
+    """Return what slipped first, and when, ms from ``first_us``."""
+    if slips is None:
+        return "unknown"
+    first = _first_slip(slips)
+    for what, t_us in (("all", first["gross_us"]), ("part", first["incipient_us"])):
+        if t_us is not None:
+            return f"{what} from {(t_us - first_us) / 1e3:.0f}"
+    return "none"
+
+
+def vibration_row(found: Spectrum, unit: str, skin: SkinScale | None) -> Row:
     """Return the line of a spectrum as plain values; in um, too, where the scale is known.
 
     Args:
@@ -169,7 +130,7 @@ def vibration_row(found: Spectrum, unit: str, skin: SkinScale | None) -> dict[st
         unit: Unit of its amplitudes, ``px`` or ``mm``.
         skin: Scale of the skin in that unit, or None.
     """
-    row: dict[str, Any] = {
+    row: Row = {
         "t_us": found.t_us,
         "line_hz": round(found.line_hz or 0.0, 3),
         "noise_ratio": round(found.line_px / found.noise_px, 2),
@@ -183,11 +144,9 @@ def vibration_row(found: Spectrum, unit: str, skin: SkinScale | None) -> dict[st
     return row
 
 
-def vibration_table(
-    name: str, lines: list[dict[str, Any]], px_per_mm: float | None, first_us: int
-) -> Table:
+def vibration_table(name: str, lines: list[Row], first_us: int) -> Table:
     """Return lines of vibration for a reader, times from ``first_us`` on."""
-    unit = "px" if px_per_mm is None else "um"
+    unit = "um" if lines and "amplitude_um" in lines[0] else "px"
     shown = [
         (
             f"{(row['t_us'] - first_us) / 1e3:.0f}",

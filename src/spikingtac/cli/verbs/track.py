@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,11 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.interrupt import ask_for_real_time, ending_on_interrupt, require_live
 from spikingtac.cli.many import ManyArgs, means_many, run_many
-from spikingtac.cli.messages import Table, progress, tell
+from spikingtac.cli.messages import Advance, Table, counted, no_progress, progress, tell
 from spikingtac.cli.options import Output
-from spikingtac.cli.second import SecondArgs, second_name, work_on_two
+from spikingtac.cli.sources import (
+    SecondArgs,
+    ask_for_real_time,
+    ending_on_interrupt,
+    for_each,
+    open_two,
+    require_live,
+    second_name,
+)
 from spikingtac.types import LawName, Polarity
 
 if TYPE_CHECKING:
@@ -22,8 +28,6 @@ if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
     from spikingtac.markers.tracking_config import TrackingConfig
     from spikingtac.pipeline.checked_source import CheckedSource
-
-TRACKS = Path("tracks.npz")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,34 +70,36 @@ def run(args: Args) -> int:
     many = means_many(args, args.recordings)
     if args.realtime:
         require_live([*args.recordings, *([args.second] if args.second else ())])
+    output = args.output or Path("tracks.npz")
     if args.second is not None:
-        return _run_two(args, args.second, many)
+        return _run_two(args, args.second, output, many)
     if many:
         check = partial(_configured, args, args.calibration)
         return run_many("track", args, track_one, ".npz", check)
-    recording, output = args.recordings[0], args.output or TRACKS
+    recording = args.recordings[0]
     args.claim(output)
     with progress(f"tracking {recording.name}") as advance:
         summary = _track(args, recording, output, advance)
     return tell(args.json, summary, *_shown(summary, recording))
 
 
-def _run_two(args: Args, second: Path, many: bool) -> int:
+def _run_two(args: Args, second: Path, output: Path, many: bool) -> int:
     """Track two fingers on the first one's clock."""
     calibrations = args.calibrations(args.calibration, many)
-    output, first = args.output or TRACKS, args.recordings[0]
-    outputs = [output, second_name(output)]
+    first, outputs = args.recordings[0], [output, second_name(output)]
     args.claim(*outputs)
 
     def work(number: int, source: FileSource) -> dict[str, Any]:
         return _track_source(args, source, calibrations[number], outputs[number])
 
-    one, other = work_on_two(first, second, args.strict, work)
+    sources = open_two(first, second, strict=args.strict)
+    with ending_on_interrupt(*sources):
+        one, other = for_each(work, sources)
     return tell(args.json, one | {"second": other}, *_shown(one, first), *_shown(other, second))
 
 
 def _track(
-    args: Args, recording: Path, output: Path, advance: Callable[[float], None] = lambda share: None
+    args: Args, recording: Path, output: Path, advance: Advance = no_progress
 ) -> dict[str, Any]:
     from spikingtac.events.open import open_events
 
@@ -106,7 +112,7 @@ def _track_source(
     source: FileSource | CheckedSource,
     calibration_path: Path,
     output: Path,
-    advance: Callable[[float], None] = lambda share: None,
+    advance: Advance = no_progress,
 ) -> dict[str, Any]:
     from spikingtac.events.address import is_stream
     from spikingtac.markers.calibration.calibrate import completed
@@ -153,14 +159,6 @@ def track_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
 
 
 def _shown(summary: dict[str, Any], recording: Path) -> list[Table | str]:
-    notes = [
-        f"{kind} {count} times in the recording" for kind, count in summary["anomalies"].items()
-    ]
-    notes += [
-        f"marker {marker} was never observed; its positions are predictions"
-        for marker in summary["never_observed"]
-    ]
-    warnings = filter(None, [summary["calibration_misfit"]])
     cells = {
         "markers": summary["markers"],
         "estimates": summary["estimates"],
@@ -170,9 +168,14 @@ def _shown(summary: dict[str, Any], recording: Path) -> list[Table | str]:
     }
     if summary.get("force_max_n") is not None:
         cells["largest force N"] = f"{summary['force_max_n']:.3f}"
+    misfit = summary["calibration_misfit"]
     return [
-        *(f"note: {note}" for note in notes),
-        *(f"warning: {warning}" for warning in warnings),
+        *counted(summary["anomalies"]),
+        *(
+            f"note: marker {marker} was never observed; its positions are predictions"
+            for marker in summary["never_observed"]
+        ),
+        *([f"warning: {misfit}"] if misfit else []),
         Table(f"tracks of {recording.name}", tuple(cells), [tuple(cells.values())], words=0),
         f"written: {summary['output']}",
     ]

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.interrupt import ask_for_real_time, require_live
 from spikingtac.cli.messages import figures, progress, remark, tell
-from spikingtac.cli.options import WriteArgs
+from spikingtac.cli.options import WriteArgs, require_seconds
+from spikingtac.cli.sources import ask_for_real_time, require_live
 from spikingtac.errors import ConfigError
-from spikingtac.plots.summary import PICTURE_ENDINGS
+from spikingtac.plots.figure import PICTURE_ENDINGS
 from spikingtac.sim.camera_config import CAMERA_NAMES
 
 if TYPE_CHECKING:
-    from spikingtac.viewer.show import PageOptions
+    from spikingtac.stream.host import Factory
     from spikingtac.viewer.source import ViewSource
 
 HEADLESS_S = 10.0  # Duration of a live source with --headless where --seconds is not given, s.
@@ -81,16 +82,11 @@ class Args(PageArgs):
 
 def run(args: Args) -> int:
     """Serve the page, and print the summary at its end."""
-    check_seconds(args.seconds)
+    require_seconds(args.seconds)
     _check_together(args)
-    arguments = {
-        "source": args.source,
-        "calibration": _text(args.calibration),
-        "preset": args.preset,
-        "rate_hz": args.rate_hz,
-        "seed": args.seed,
-        "camera": args.camera,
-    }
+    same = ("source", "preset", "rate_hz", "seed", "camera")
+    arguments: dict[str, Any] = {name: getattr(args, name) for name in same}
+    arguments["calibration"] = _text(args.calibration)
     if args.force is not None:
         arguments["force"] = str(args.force)
     target = args.export or args.picture
@@ -99,7 +95,12 @@ def run(args: Args) -> int:
     elif target is not None and (args.export or target.suffix not in PICTURE_ENDINGS):
         summary = _exported(arguments, args, target)
     else:
-        summary = _shown(arguments, args)
+        if args.force is None:
+            from spikingtac.viewer.calibrating import SaveTarget
+
+            arguments["look"] = args.calibrate
+            arguments["save"] = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
+        summary = show_source(arguments, args)
     return report(args.source, summary, as_json=args.json)
 
 
@@ -121,11 +122,14 @@ def _check_together(args: Args) -> None:
         raise ConfigError("--export, --picture and --calibrate take one finger; leave out --second")
 
 
+def _text(path: Path | None) -> str | None:
+    return None if path is None else str(path)
+
+
 def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str, Any]:
     """Show two sources side by side, each in a session of its own."""
     from spikingtac.stream.host import Factory
     from spikingtac.viewer.opening import open_felt_source, open_second_view, open_view_source
-    from spikingtac.viewer.show import show
 
     recorded = Path(args.source).exists() and Path(second).exists()
     other = {**arguments, "source": second, "calibration": _text(args.second_calibration)}
@@ -137,30 +141,7 @@ def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str,
         if args.headless:
             first, other_summary = (_headless(view(), args) for view in views)
             return {**first, "second": other_summary}
-    return show(views, page_options(args), remark)
-
-
-def _shown(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
-    from spikingtac.viewer.calibrating import SaveTarget
-
-    if args.force is None:
-        arguments["look"] = args.calibrate
-        arguments["save"] = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
-    return show_source(arguments, args)
-
-
-def _text(path: Path | None) -> str | None:
-    return None if path is None else str(path)
-
-
-def check_seconds(seconds: float | None) -> None:
-    """Refuse a duration that is not positive.
-
-    Raises:
-        ConfigError: ``seconds`` is not above 0.
-    """
-    if seconds is not None and not seconds > 0.0:
-        raise ConfigError(f"--seconds is {seconds:g}, it must be above 0")
+    return _served(views, args)
 
 
 def _exported(arguments: dict[str, Any], args: Args, target: Path) -> dict[str, Any]:
@@ -179,10 +160,7 @@ def _exported(arguments: dict[str, Any], args: Args, target: Path) -> dict[str, 
 
 
 def show_source(
-    arguments: dict[str, Any],
-    args: PageArgs,
-    *,
-    repeat: bool = False,
+    arguments: dict[str, Any], args: PageArgs, *, repeat: bool = False
 ) -> dict[str, Any]:
     """Serve a source under the options that ``view`` and ``demo`` share; return the summary.
 
@@ -194,16 +172,14 @@ def show_source(
     from spikingtac.stream.host import Factory
     from spikingtac.viewer.export import check_target
     from spikingtac.viewer.opening import open_felt_source, open_view_or_events
-    from spikingtac.viewer.show import show
 
-    check_seconds(args.seconds)
+    require_seconds(args.seconds)
     if args.picture is not None:
         check_target(args.picture, args.overwrite, PICTURE_ENDINGS)
     opener = open_felt_source if "force" in arguments else open_view_or_events
     if args.headless:
         return _headless(opener(**arguments), args)
-    options = replace(page_options(args), repeat=repeat)
-    return show([Factory(function=opener, arguments=arguments)], options, remark)
+    return _served([Factory(function=opener, arguments=arguments)], args, repeat)
 
 
 def _headless(view: ViewSource, args: PageArgs) -> dict[str, Any]:
@@ -218,18 +194,22 @@ def _headless(view: ViewSource, args: PageArgs) -> dict[str, Any]:
     return summary if args.picture is None else {**summary, "picture": str(args.picture)}
 
 
-def page_options(args: PageArgs) -> PageOptions:
-    """Return how the page is served, by the options that ``view`` and ``demo`` share."""
-    from spikingtac.viewer.show import PageOptions
+def _served(
+    views: Sequence[Factory[ViewSource]], args: PageArgs, repeat: bool = False
+) -> dict[str, Any]:
+    """Serve the page; two cameras side by side have one also without a browser."""
+    from spikingtac.viewer.show import PageOptions, show
 
-    return PageOptions(
+    options = PageOptions(
         host=args.host,
         port=args.port,
         browser=not (args.no_browser or args.headless),
         seconds=args.seconds or (HEADLESS_S if args.headless else None),
         picture=args.picture,
         realtime=getattr(args, "realtime", False),  # the demo has no deadlines
+        repeat=repeat,
     )
+    return show(views, options, remark)
 
 
 def report(source: str, summary: dict[str, Any], *, as_json: bool) -> int:

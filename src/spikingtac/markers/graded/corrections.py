@@ -13,8 +13,9 @@ flawed gel, whose steps and edges are larger, it is 0.1 and 0.23 px.
 The given place is ahead of the fitted one by two play operators, a short one that tells the
 direction of motion, and a long one that tells the fit's direction some px ago: a steady share of
 the first, and a share of their difference, which is large after a turn and vanishes on the way. A
-weighted sum of play operators is a Prandtl-Ishlinskii model, and this is its use as a compensator
-(Kuhnen 2003, doi:10.3166/ejc.9.407-418). The shares and widths are ours.
+weighted sum of play operators (Krasnosel'skii and Pokrovskii 1989, doi:10.1007/978-3-642-61302-9)
+is a Prandtl-Ishlinskii model, and this is its use as a compensator (Kuhnen 2003,
+doi:10.3166/ejc.9.407-418). The shares and widths are ours.
 
 A skin turns round as a whole, or nearly, and each fit notices it when its own pixels have crossed
 their dead bands. So the direction is told together with the neighbours: some notice a turn sooner,
@@ -34,7 +35,6 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.motion import AT_US, VX, VY, X, Y
 from spikingtac.markers.neighbours import Neighbourhood, settle_kernel
-from spikingtac.play_operator import within_play_kernel
 from spikingtac.state_map.graded import Array
 
 # Half of the way in which the direction of motion is told anew, in crossings (0.1 to 0.3
@@ -195,7 +195,9 @@ def lead_kernel(
         for play, state in ((SHORT_PLAY, direction), (LONG_PLAY, way)):
             width_px = max(play * crossings[m], NO_WIDTH_PX)
             x, y = state[m, 0] + dx / width_px, state[m, 1] + dy / width_px
-            state[m, 0], state[m, 1] = within_play_kernel(x, y, 1.0)
+            length2 = x * x + y * y
+            share = 1.0 / np.sqrt(length2) if length2 > 1.0 else 1.0
+            state[m, 0], state[m, 1] = x * share, y * share
     around = neighbours.shape[1]
     for m in range(crossings.size):
         x = y = 0.0

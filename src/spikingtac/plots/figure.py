@@ -1,13 +1,15 @@
-"""Colours, fonts and widths of the figures of results, for paper and for screens."""
+"""What all figures share: colours, fonts and widths for paper and for screens, and their files."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from spikingtac.errors import named
+from spikingtac.atomic_files import replacing
+from spikingtac.errors import ConfigError, named
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,11 +20,13 @@ ThemeName = Literal["light", "dark"]
 WidthName = Literal["single", "double"]
 
 # Widths of one and of two columns of an IEEE paper, inches (IEEE author centre).
-WIDTHS_IN: dict[WidthName, float] = {"single": 3.5, "double": 7.16}
+WIDTHS_IN = {"single": 3.5, "double": 7.16}
 DPI = 300  # Dots per inch of bitmaps: what publishers ask for.
 PAD_IN = 0.03  # Free space around a figure, inches: Matplotlib's own of its layout, about.
 COLORS = 256  # Steps of a colour map: those of a picture of 8 bits.
 FONT_PT = 8.0  # Size of text in a figure of one column, points.
+PICTURE_ENDINGS = (".png", ".svg", ".pdf")
+US_PER_S = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +41,6 @@ class Theme:
         second: What it is compared with.
         sequential: Part of viridis, a perceptually uniform map, for magnitudes: where it begins and
             ends, 0 to 1. What is small is near to the ground, what is large stands out from it.
-        diverging: Colour map of signed values.
     """
 
     ground: str
@@ -46,7 +49,6 @@ class Theme:
     strong: str
     second: str
     sequential: tuple[float, float]
-    diverging: str
 
     def magnitudes(self) -> Colormap:
         """Return the colour map of magnitudes."""
@@ -56,17 +58,16 @@ class Theme:
         return ListedColormap(mpl.colormaps["viridis"](np.linspace(*self.sequential, COLORS)))
 
 
-# The two hues are told apart by deuteranopes too (Okabe and Ito, 2008: blue and orange).
-
-# Name -> colours.
-THEMES: dict[ThemeName, Theme] = {
+# Name -> colours. The two hues are told apart by deuteranopes too (Okabe and Ito, 2008: blue and
+# orange).
+THEMES = {
     "light": Theme(
         ground="white", text="#1a1a1a", soft="#9aa3aa", strong="#0072b2", second="#d55e00",
-        sequential=(0.85, 0.0), diverging="RdBu_r",
+        sequential=(0.85, 0.0),
     ),
     "dark": Theme(
         ground="#0b0d0e", text="#dbe0e3", soft="#6d777e", strong="#56b4e9", second="#e69f00",
-        sequential=(0.25, 1.0), diverging="RdBu_r",
+        sequential=(0.25, 1.0),
     ),
 }  # fmt: skip
 
@@ -84,10 +85,34 @@ def new_figure(theme: str, width: str, height_share: float) -> tuple[Figure, The
     """
     from matplotlib.figure import Figure
 
-    colors = named({str(name): value for name, value in THEMES.items()}, theme, "theme")
-    wide = named({str(name): value for name, value in WIDTHS_IN.items()}, width, "width")
+    colors, wide = named(THEMES, theme, "theme"), named(WIDTHS_IN, width, "width")
     size = wide, wide * height_share
     return Figure(figsize=size, dpi=DPI, facecolor=colors.ground, layout="constrained"), colors
+
+
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write a figure as PNG, SVG or PDF; it appears whole or not at all.
+
+    Raises:
+        ConfigError: The ending is none of these, or the folder does not exist.
+    """
+    target = require_writable(path, PICTURE_ENDINGS)
+    with replacing(target) as partial:
+        figure.savefig(partial, facecolor=figure.get_facecolor(), dpi=DPI)
+
+
+def require_writable(path: str | Path, endings: tuple[str, ...]) -> Path:
+    """Return a path that a picture can be written to.
+
+    Raises:
+        ConfigError: The ending is none of these, or the folder does not exist.
+    """
+    target = Path(path)
+    if target.suffix not in endings:
+        raise ConfigError(f"cannot draw {target.name!r} (valid endings: {', '.join(endings)})")
+    if not target.parent.is_dir():
+        raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
+    return target
 
 
 def fit_height(figure: Figure) -> None:

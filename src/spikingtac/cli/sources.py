@@ -1,0 +1,203 @@
+"""Sources of events on the command line: how they end, keep deadlines, and are opened in pairs."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import tyro
+
+from spikingtac.cli.messages import remark, warn
+from spikingtac.cli.options import JsonArgs
+from spikingtac.errors import ConfigError
+from spikingtac.events.manifest import name_of
+
+if TYPE_CHECKING:
+    from spikingtac.events.formats.file_source import FileSource
+
+EXIT_TERMINATED = 143  # 128 + SIGTERM, what a shell reports of a program that was terminated.
+Result = TypeVar("Result")
+
+
+@contextmanager
+def ending_on_interrupt(*sources: object) -> Iterator[None]:
+    """Close live sources at the first Ctrl-C; a second one interrupts as usual.
+
+    Args:
+        *sources: Those with ``close()`` end so; where none has it, the work is interrupted at once.
+    """
+    closes = [close for source in sources if (close := getattr(source, "close", None)) is not None]
+
+    def end(*_: Any) -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for close in closes:
+            close()
+
+    with _on_signal(signal.SIGINT, end if closes else None):
+        yield
+
+
+@contextmanager
+def ended_by_sigterm() -> Iterator[None]:
+    """Turn SIGTERM into SystemExit while the context lasts, so that what was opened is closed.
+
+    A verb that drives an arm then brakes it; Python by itself would end without closing.
+    """
+
+    def end(*_: Any) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second one must not end the braking
+        raise SystemExit(EXIT_TERMINATED)
+
+    with _on_signal(signal.SIGTERM, end):
+        yield
+
+
+@contextmanager
+def _on_signal(number: signal.Signals, handler: Any) -> Iterator[None]:
+    """Handle a signal while the context lasts; only the main thread may."""
+    if handler is None or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+
+
+def require_live(sources: Iterable[Path | str]) -> None:
+    """Refuse ``--realtime`` for what has no deadline: a recording would take a core for itself.
+
+    Raises:
+        ConfigError: A source is a recording.
+    """
+    from spikingtac.events.address import is_stream
+
+    for source in sources:
+        if not is_stream(Path(source)):
+            raise ConfigError(
+                f"{str(source)!r} is a recording and has no deadlines; --realtime is for cameras "
+                "(an address, a named pipe, or -), leave it out"
+            )
+
+
+def ask_for_real_time() -> None:
+    """Ask the system for what helps to keep deadlines, and tell what was granted."""
+    from spikingtac.stream.real_time import meet_deadlines
+
+    remark(meet_deadlines())
+
+
+def camera_address(source: Path) -> str:
+    """Return the address that a source means; a pipe is one, too.
+
+    Raises:
+        ConfigError: It is a file or a folder.
+    """
+    from spikingtac.events.address import is_address, is_stream
+
+    if is_address(source):
+        return str(source)
+    if is_stream(source):
+        return f"pipe:{source}"
+    if source.exists():
+        raise ConfigError(
+            f"{str(source)!r} is recorded already; to copy it or a part of it: "
+            "spikingtac convert IN OUT"
+        )
+    raise ConfigError(
+        f"{str(source)!r} is no camera; give an address, as udp:7777?encoding=evt2&size=320x320, "
+        "or a named pipe (spikingtac cameras lists what is plugged in)"
+    )
+
+
+def second_name(path: Path) -> Path:
+    """Return where the second sensor's output goes: ``tracks.npz`` becomes ``tracks_1.npz``."""
+    return path.with_name(name_of(path.name, 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SecondArgs(JsonArgs):
+    """Options of verbs that take two fingers."""
+
+    second: Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")] = None
+    """The other finger: its recording or camera, put on the first one's clock."""
+    second_calibration: Path | None = None
+    """calibration.json of the other finger."""
+
+    def calibrations(self, first: Path | None, many: bool) -> list[Path]:
+        """Return the calibrations of two fingers.
+
+        Args:
+            first: Of the first one, or None where it was not given.
+            many: Whether the command line means many recordings.
+
+        Raises:
+            ConfigError: One is missing, or there are many recordings.
+        """
+        if many:
+            raise ConfigError("--second is the other finger of one recording; give a single one")
+        if first is None or self.second_calibration is None:
+            raise ConfigError(
+                "two fingers need a calibration each: --calibration and --second-calibration"
+            )
+        return [first, self.second_calibration]
+
+
+def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSource]:
+    """Open two fingers, the second one with its times on the first one's clock.
+
+    Cameras meet on the host's clock while they deliver; recordings of cameras bring their clocks in
+    their manifests. The same folder twice means its second sensor.
+
+    Raises:
+        ConfigError: One is a camera and the other a recording.
+        SpikingTacError: As of :func:`~spikingtac.events.open.open_events`.
+    """
+    from spikingtac.events.address import Address, is_stream
+    from spikingtac.events.camera_source import CameraSource
+    from spikingtac.events.formats.file_source import ReadOptions
+    from spikingtac.events.open import open_events, open_second
+    from spikingtac.stream.pair import live_pair
+
+    live = [is_stream(first), is_stream(second)]
+    if all(live):
+        options = ReadOptions(strict=strict)
+        addresses = [Address.parse(camera_address(path)) for path in (first, second)]
+        one, other = (CameraSource(address, options) for address in addresses)
+        return list(live_pair(one, other, options))
+    if any(live):
+        raise ConfigError(
+            f"{str(first)!r} and {str(second)!r}: one is a camera and the other a recording; give "
+            "two of a kind"
+        )
+    source, known = open_second(first, second, strict=strict)
+    if not known:
+        warn(
+            f"{first.name} and {second.name} know no common clock; their times are taken as they "
+            f"are. To find it by what both felt: spikingtac align {first} {second} -o PAIR"
+        )
+    return [open_events(first, strict=strict), source]
+
+
+def for_each(
+    work: Callable[[int, FileSource], Result], sources: Sequence[FileSource]
+) -> list[Result]:
+    """Do the work on both sources: at once for cameras, which do not wait, else one by one."""
+    if not all(hasattr(source, "close") for source in sources):
+        return [work(number, source) for number, source in enumerate(sources)]
+    with ThreadPoolExecutor(len(sources), "spikingtac-finger") as pool:
+        running = [pool.submit(work, number, source) for number, source in enumerate(sources)]
+        try:
+            wait(running, return_when=FIRST_EXCEPTION)
+        finally:  # where one has failed, the other one would go on without end
+            if not all(future.done() for future in running):
+                for source in sources:
+                    source.close()  # type: ignore[attr-defined]
+        return [future.result() for future in running]
