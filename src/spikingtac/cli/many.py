@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from spikingtac.batch.inputs import EVENT_MEMBERS, find_recordings, is_many
+from spikingtac.batch.run import TABLE, Batch, run_batch
 from spikingtac.cli.messages import Table, progress, remark, tell
 from spikingtac.cli.options import ReadArgs, WriteArgs
 from spikingtac.errors import ConfigError
@@ -37,8 +39,6 @@ def means_many(args: ManyArgs, given: Sequence[Path]) -> bool:
     Raises:
         ConfigError: The options do not go together.
     """
-    from spikingtac.batch.inputs import is_many
-
     if not given:
         raise ConfigError("name a recording, several, a folder of them, or a pattern in quotes")
     check_workers(args.workers)
@@ -73,9 +73,6 @@ def run_many(
         check: Refuses what is wrong for all of them, before any work is done.
         members: Arrays that tell a recording from other archives; events unless given.
     """
-    from spikingtac.batch.inputs import EVENT_MEMBERS, find_recordings
-    from spikingtac.batch.run import Batch, run_batch
-
     folder: Path | None = getattr(args, "output", None)
     if folder is None or (folder.suffix and not folder.is_dir()) or folder.is_file():
         given = "none is given" if folder is None else f"{str(folder)!r} is given"
@@ -86,18 +83,13 @@ def run_many(
     check()
     named = next(vars(args)[key] for key in ("recordings", "sources", "files") if key in vars(args))
     fixed = _absolute(args)
-    settings = {
-        key: str(value) if isinstance(value, Path) else value
-        for key, value in vars(fixed).items()
-        if key not in APART and value not in (None, False, ())
-    }
     batch = Batch(
         name=name,
         work=partial(work, fixed),
         recordings=find_recordings(named, members or EVENT_MEMBERS, folder),
         folder=folder,
         ending=ending,
-        settings=settings,
+        settings=_settings(fixed),
         workers=args.workers,
     )
     try:
@@ -110,7 +102,6 @@ def run_many(
 
 
 def _told(rows: Sequence[Mapping[str, Any]], kept: int, folder: Path, as_json: bool) -> int:
-    from spikingtac.batch.run import TABLE
 
     failures = [(Path(row["source"]).name, row["error"]) for row in rows if row["error"]]
     failed, done, table = len(failures), len(rows) - len(failures), str(folder / TABLE)
@@ -139,3 +130,12 @@ def _absolute(args: SomeArgs) -> SomeArgs:
     if preset.endswith(".toml"):
         changed["preset"] = str(Path(preset).absolute())
     return replace(args, **changed)
+
+
+def _settings(args: ManyArgs) -> dict[str, Any]:
+    """Return the arguments that all results depend on, as JSON holds them."""
+    return {
+        name: str(value) if isinstance(value, Path) else value
+        for name, value in vars(args).items()
+        if name not in APART and value not in (None, False, ())
+    }

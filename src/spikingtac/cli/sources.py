@@ -9,17 +9,16 @@ from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import tyro
 
 from spikingtac.cli.messages import remark, warn
 from spikingtac.cli.options import JsonArgs
 from spikingtac.errors import ConfigError
+from spikingtac.events.address import Address, is_address, is_stream
+from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.manifest import name_of
-
-if TYPE_CHECKING:
-    from spikingtac.events.formats.file_source import FileSource
 
 EXIT_TERMINATED = 143  # 128 + SIGTERM, what a shell reports of a program that was terminated.
 Result = TypeVar("Result")
@@ -77,8 +76,6 @@ def require_live(sources: Iterable[Path | str]) -> None:
     Raises:
         ConfigError: A source is a recording.
     """
-    from spikingtac.events.address import is_stream
-
     for source in sources:
         if not is_stream(Path(source)):
             raise ConfigError(
@@ -100,8 +97,6 @@ def camera_address(source: Path) -> str:
     Raises:
         ConfigError: It is a file or a folder.
     """
-    from spikingtac.events.address import is_address, is_stream
-
     if is_address(source):
         return str(source)
     if is_stream(source):
@@ -160,7 +155,6 @@ def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSou
         ConfigError: One is a camera and the other a recording.
         SpikingTacError: As of :func:`~spikingtac.events.open.open_events`.
     """
-    from spikingtac.events.address import Address, is_stream
     from spikingtac.events.camera_source import CameraSource
     from spikingtac.events.formats.file_source import ReadOptions
     from spikingtac.events.open import open_events, open_second

@@ -11,8 +11,10 @@ import tyro
 from spikingtac.cli.messages import Table, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.errors import ConfigError
-from spikingtac.events.align import By
-from spikingtac.events.manifest import PoseClock, name_of
+from spikingtac.events.align import By, SecondFinger, map_between, write_pair
+from spikingtac.events.manifest import PoseClock, load_poses, map_of_poses, name_of
+from spikingtac.events.open import open_events
+from spikingtac.stream.record import prepare_folder, recorded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,9 +45,6 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Find the maps, write the aligned files, and report the errors."""
-    from spikingtac.events.manifest import load_poses, map_of_poses
-    from spikingtac.stream.record import recorded
-
     second, output = args.second, args.output
     if second is None and (args.first / name_of("events.raw", 1)).is_file():
         second = args.first
@@ -76,9 +75,6 @@ def run(args: Args) -> int:
 
 
 def _two(args: Args, second: Path) -> dict[str, Any]:
-    from spikingtac.events.align import SecondFinger, map_between, write_pair
-    from spikingtac.events.open import open_events
-    from spikingtac.stream.record import prepare_folder
 
     other = SecondFinger(args.first, second)
     by = args.by if args.trigger_channel is None else "triggers"

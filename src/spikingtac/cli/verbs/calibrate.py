@@ -6,22 +6,29 @@ import re
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
+from spikingtac.atomic_files import write_json
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.many import ManyArgs, means_many, run_many
 from spikingtac.cli.messages import Table, figures, progress, remark, tell
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.errors import ConfigError
+from spikingtac.events.address import is_stream
+from spikingtac.events.open import open_events
+from spikingtac.events.source import EventSource
+from spikingtac.file_kinds import kind_of
+from spikingtac.markers.calibration.advice import GuidedSource, progress_line
+from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
+from spikingtac.markers.calibration.guide import CalibrationGuide
 from spikingtac.markers.calibration.lattice import LayoutKind
+from spikingtac.markers.calibration.quality import marker_name
 from spikingtac.markers.calibration.reference import Method
+from spikingtac.markers.calibration_check import CalibrationCheck
+from spikingtac.pipeline.track import require_same_size
 from spikingtac.types import Polarity
-
-if TYPE_CHECKING:
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.events.source import EventSource
-    from spikingtac.markers.calibration.calibrate import CalibrationConfig
 
 EXIT_FOREIGN = 1  # The input is at fault: it does not fit the calibration.
 MOST_NAMED = 8  # Stray spots that are named one by one.
@@ -86,9 +93,6 @@ def run(args: Args) -> int:
             "calibrate learns from one recording; to check many against a calibration: "
             "spikingtac calibrate --check calibration.json DAY -o DAY_checked"
         )
-    from spikingtac.events.open import open_events
-    from spikingtac.file_kinds import kind_of
-    from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
 
     recording = args.recordings[0]
     args.claim(args.output, args.plot)
@@ -115,8 +119,6 @@ def run(args: Args) -> int:
 
 def _set_scale(args: Args, path: Path) -> int:
     """Write a calibration that is there already with the scale of ``--pitch-mm``."""
-    from spikingtac.calibration.sensor_calibration import Calibration
-
     if args.pitch_mm is None:
         raise ConfigError(
             f"{str(path)!r} is a calibration already; calibrate learns from a recording, and sets "
@@ -132,10 +134,6 @@ def _set_scale(args: Args, path: Path) -> int:
 
 def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> EventSource:
     """Return the source; that of a camera tells what the calibration still lacks."""
-    from spikingtac.events.address import is_stream
-    from spikingtac.markers.calibration.advice import GuidedSource, progress_line
-    from spikingtac.markers.calibration.guide import CalibrationGuide
-
     if not (args.until_ready or is_stream(args.recordings[0])):
         return source
     guide = CalibrationGuide(source.size, config)
@@ -204,7 +202,6 @@ def _shape(grid: tuple[int, int] | list[int] | None) -> str:
 
 
 def _notes(calibration: Calibration, found: dict[str, Any]) -> list[str]:
-    from spikingtac.markers.calibration.quality import marker_name
 
     notes = []
     if found["no_lens"]:
@@ -230,8 +227,6 @@ def _notes(calibration: Calibration, found: dict[str, Any]) -> list[str]:
 
 def _check(args: Args, calibration: Path) -> int:
     """Check one recording, or many into a folder; 1 where one does not fit."""
-    from spikingtac.calibration.sensor_calibration import Calibration
-
     if means_many(args, args.recordings):
         check = partial(Calibration.load, calibration)
         return run_many("calibrate --check", args, check_one, ".json", check)
@@ -245,8 +240,6 @@ def _check(args: Args, calibration: Path) -> int:
 
 def check_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
     """Check one of many recordings, write what was found, and return its row of the table."""
-    from spikingtac.atomic_files import write_json
-
     found = _checked(args, recording)
     write_json(output, found)
     told = {"contradiction": found["contradiction"], "limit": found["limit"]}
@@ -254,10 +247,6 @@ def check_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
 
 
 def _checked(args: Args, recording: Path) -> dict[str, Any]:
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.events.open import open_events
-    from spikingtac.markers.calibration_check import CalibrationCheck
-    from spikingtac.pipeline.track import require_same_size
 
     assert args.check is not None
     calibration = Calibration.load(args.check)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
+from spikingtac.cameras.libraries import is_installed, plugged_in, remedy
 from spikingtac.cli.messages import Table, tell
 from spikingtac.cli.options import JsonArgs
+from spikingtac.events.camera import KINDS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,9 +21,6 @@ class Args(JsonArgs):
 
 def run(args: Args) -> int:
     """Print what is there, and what is missing."""
-    from spikingtac.cameras.libraries import is_installed, plugged_in, remedy
-    from spikingtac.events.camera import KINDS
-
     found = list(plugged_in())
     kinds = {
         name: {

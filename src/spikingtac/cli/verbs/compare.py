@@ -12,6 +12,7 @@ from spikingtac.batch.run import write_rows
 from spikingtac.cli.messages import figures, tell
 from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.file_kinds import TOLD, kind_of
 from spikingtac.plots.figure import ThemeName, WidthName
 from spikingtac.tracks import Tracks
@@ -62,8 +63,6 @@ def compared(one: Path, other: Path) -> Comparison:
         RecordingError: A file cannot be read, or holds neither.
         ConfigError: The two are of other sensors or other times.
     """
-    from spikingtac.events.formats.array_file import load_arrays
-
     path = other / "truth.npz" if other.is_dir() else other
     kind = kind_of(path)
     events = kind_of(one) in ("recording", "truth") or (one.is_file() and one.suffix != ".npz")

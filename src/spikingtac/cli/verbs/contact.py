@@ -7,22 +7,27 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.messages import Table, counted, progress, remark, tell, warn
 from spikingtac.cli.options import JsonArgs
 from spikingtac.cli.sources import ask_for_real_time, ending_on_interrupt, open_two, require_live
+from spikingtac.config import load_config
+from spikingtac.contact import recording
+from spikingtac.contact.detector import ContactDetector, DetectorSummary
+from spikingtac.contact.recording import leading_quiet, paired_windows
+from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.errors import ConfigError
+from spikingtac.events.address import is_stream
+from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.manifest import name_of
-
-if TYPE_CHECKING:
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.contact.detector import ContactDetector, DetectorSummary
-    from spikingtac.contact.registry import DetectionConfig
-    from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.events.source import EventSource
+from spikingtac.events.open import first_event_us, open_events
+from spikingtac.events.source import EventSource
+from spikingtac.pipeline.checked_source import CheckedSource, refuse
+from spikingtac.pipeline.track import require_same_size
 
 CALIBRATION = "calibration.json"
 FALLBACK = (
@@ -69,21 +74,7 @@ class Args(JsonArgs):
 
 def run(args: Args) -> int:
     """Learn from the quiet windows, find the contacts, and report them."""
-    from spikingtac.config import load_config
-    from spikingtac.events.address import is_stream
-    from spikingtac.pipeline.checked_source import CheckedSource, refuse
-
-    given = {"false_alarms_per_hour": args.budget, "detector": args.detector}
-    config = load_config(args.preset).contact
-    config = replace(config, **{name: one for name, one in given.items() if one is not None})
-    live = is_stream(args.recording)
-    if args.realtime:
-        require_live([args.recording])
-    if live and args.quiet is None:
-        raise ConfigError(
-            f"{str(args.recording)!r} is a stream and is read once, as it comes; give a recording "
-            "of the moving arm without contact to learn from: --quiet RECORDING"
-        )
+    config = _config(args)
     sources = _sources(args.recording, args.strict, args.second)
     calibrations = _calibrations(args, sources)
     name = config.detector or ("default" if calibrations else "event_count")
@@ -94,7 +85,7 @@ def run(args: Args) -> int:
     checked: Sequence[Any] = [CheckedSource(source, own, told) for source, own in pairs] or sources
     if args.realtime:
         ask_for_real_time()
-    found = _found(sources, checked, detector, live, first)
+    found = _found(sources, checked, detector, is_stream(args.recording), first)
     anomalies = sum((Counter(dict(one.losses.kinds())) for one in sources), Counter[str]())
     misfits = filter(None, (getattr(one, "misfit", None) for one in checked))
     document = {
@@ -111,9 +102,22 @@ def run(args: Args) -> int:
     if args.json:
         return tell(True, document)
     notes = [FALLBACK] if config.detector is None and not calibrations else []
-    return tell(
-        False, document, *notes, *counted(anomalies), learned.rule, _table(document, args.recording)
-    )
+    table = _table(document, args.recording)
+    return tell(False, document, *notes, *counted(anomalies), learned.rule, table)
+
+
+def _config(args: Args) -> DetectionConfig:
+    """Return the preset's settings with what the command line changes; refuse a mere stream."""
+    if args.realtime:
+        require_live([args.recording])
+    if is_stream(args.recording) and args.quiet is None:
+        raise ConfigError(
+            f"{str(args.recording)!r} is a stream and is read once, as it comes; give a recording "
+            "of the moving arm without contact to learn from: --quiet RECORDING"
+        )
+    given = {"false_alarms_per_hour": args.budget, "detector": args.detector}
+    chosen = {name: one for name, one in given.items() if one is not None}
+    return replace(load_config(args.preset).contact, **chosen)
 
 
 def _found(
@@ -124,7 +128,6 @@ def _found(
     first: int,
 ) -> list[dict[str, Any]]:
     """Return the contacts; those of a camera are told as they come."""
-    from spikingtac.contact import recording
     from spikingtac.stream import live_windows
 
     found = []
@@ -148,9 +151,6 @@ def _learn(
     calibrations: Sequence[Calibration],
 ) -> tuple[ContactDetector, int]:
     """Build the detector from the quiet windows; return also the first window that counts."""
-    from spikingtac.contact.recording import leading_quiet, paired_windows
-    from spikingtac.contact.registry import make_detector
-
     given = sources if args.quiet is None else _sources(args.quiet, args.strict)[: len(sources)]
     if len(given) < len(sources):
         raise ConfigError(f"--quiet holds {len(given)} sensor, RECORDING holds {len(sources)}")
@@ -176,7 +176,6 @@ def _quiet(args: Args, learned: DetectorSummary) -> dict[str, Any]:
 
 
 def _sources(path: Path, strict: bool, second: Path | None = None) -> list[FileSource]:
-    from spikingtac.events.open import open_events
 
     if second is not None:
         return open_two(path, second, strict=strict)
@@ -186,9 +185,6 @@ def _sources(path: Path, strict: bool, second: Path | None = None) -> list[FileS
 
 def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[Calibration]:
     """Return the calibrations that are given, or else lie beside each recording."""
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.pipeline.track import require_same_size
-
     if args.detector == "event_count":
         return []
     if args.calibration and len(args.calibration) != len(sources):
@@ -209,7 +205,6 @@ def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[Calibration
 
 
 def _table(document: dict[str, Any], recording: Path) -> Table:
-    from spikingtac.events.open import first_event_us
 
     quiet, begin_us = document["quiet"], first_event_us(recording)
     title = (

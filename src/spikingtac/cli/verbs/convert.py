@@ -5,21 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
+from spikingtac import plugins
 from spikingtac.cli.many import ManyArgs, means_many, run_many
 from spikingtac.cli.messages import Advance, counted, no_progress, progress, tell
 from spikingtac.cli.options import Output
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.errors import ConfigError, RecordingError, nearest
-
-if TYPE_CHECKING:
-    from spikingtac.events.filters import Transform
-    from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.events.hot_pixels import HotPixelFilter
-    from spikingtac.types import EventPacket
+from spikingtac.events.address import is_stream
+from spikingtac.events.create import WRITABLE, create_events
+from spikingtac.events.filters import Transform
+from spikingtac.events.formats.codec import EventWriter
+from spikingtac.events.formats.file_source import FileSource
+from spikingtac.events.hot_pixels import HotPixelFilter, hot_pixels_of
+from spikingtac.events.open import open_events
+from spikingtac.types import EventPacket
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,38 +97,22 @@ def _convert(
     args: Args, path: Path, target: Path, advance: Advance = no_progress
 ) -> tuple[dict[str, Any], list[str]]:
     """Convert a recording; return the figures, and notes for a reader."""
-    from spikingtac.events.address import is_stream
-    from spikingtac.events.create import create_events
-    from spikingtac.events.filters import Transform
-    from spikingtac.events.hot_pixels import HotPixelFilter, hot_pixels_of
-    from spikingtac.events.open import open_events
-
     same = ("from_us", "to_us", "shift_us", "flip_polarity", "flip")
     given = {name: getattr(args, name) for name in same}
     change = Transform(**given, crop_px=args.crop, rotate_deg=args.rotate or 0)
     source = open_events(path, strict=args.strict, sensor=args.sensor, size=args.size)
-    hot_px = None
-    if args.hot_pixels == "drop":
-        if is_stream(source.path):
-            raise ConfigError("--hot-pixels drop reads a recording twice; record the camera first")
-        hot_px = hot_pixels_of(source)
+    if args.hot_pixels == "drop" and is_stream(source.path):
+        raise ConfigError("--hot-pixels drop reads a recording twice; record the camera first")
+    hot_px = hot_pixels_of(source) if args.hot_pixels == "drop" else None
     size, written, edges = change.size(source.size), 0, 0
     writing = create_events(target, size, encoding=args.encoding)
     with ending_on_interrupt(source), writing as writer:
-
-        def pass_triggers() -> None:
-            """Give the writer the trigger edges that were met since."""
-            nonlocal edges
-            if len(source.triggers) > edges:
-                writer.add_triggers(change.triggers(source.triggers.select(slice(edges, None))))
-            edges = len(source.triggers)
-
         for packet in _changed(source, change, HotPixelFilter(hot_px, source.size)):
-            pass_triggers()
+            edges = _pass_triggers(source, writer, change, edges)
             writer.write(packet)
             written += len(packet)
             advance(source.progress)
-        pass_triggers()
+        _pass_triggers(source, writer, change, edges)
     notes = [f"note: {note}" for note in source.notes]
     if left_out := writer.triggers_left_out:
         notes.append(f"note: {target.suffix} holds no triggers: {left_out} left out")
@@ -141,6 +128,13 @@ def _convert(
         "health": source.counters().summary(),
     }
     return document, notes
+
+
+def _pass_triggers(source: FileSource, writer: EventWriter, change: Transform, passed: int) -> int:
+    """Give the writer the trigger edges that were met since; return how many there are by now."""
+    if len(source.triggers) > passed:
+        writer.add_triggers(change.triggers(source.triggers.select(slice(passed, None))))
+    return len(source.triggers)
 
 
 def _changed(source: FileSource, change: Transform, hot: HotPixelFilter) -> Iterator[EventPacket]:
@@ -171,9 +165,6 @@ def _changed(source: FileSource, change: Transform, hot: HotPixelFilter) -> Iter
 
 def _ending(name: str, encoding: str | None) -> str:
     """Return the ending of a format, before any file is written in it."""
-    from spikingtac import plugins
-    from spikingtac.events.create import WRITABLE
-
     ending = "." + name.lower().removeprefix(".")
     valid = [*WRITABLE, *(f".{foreign}" for foreign in plugins.with_plugins({}, plugins.WRITERS))]
     if ending not in valid:

@@ -15,6 +15,10 @@ import tyro
 
 from spikingtac.cli.messages import Table, tell
 from spikingtac.cli.options import JsonArgs, require_seconds
+from spikingtac.cli.sources import ending_on_interrupt
+from spikingtac.events.address import Address
+from spikingtac.events.camera_source import CameraSource
+from spikingtac.events.formats.file_source import ReadOptions
 
 EXIT_MACHINE = 3
 
@@ -127,11 +131,6 @@ def _delivery(address: str, seconds: float) -> Iterator[Finding]:
     Raises:
         SpikingTacError: The camera cannot be opened.
     """
-    from spikingtac.cli.sources import ending_on_interrupt
-    from spikingtac.events.address import Address
-    from spikingtac.events.camera_source import CameraSource
-    from spikingtac.events.formats.file_source import ReadOptions
-
     given = Address.parse(address)
     options = {**given.options, "seconds": f"{seconds:g}"}
     timed = Address(kind=given.kind, target=given.target, options=options)

@@ -10,6 +10,7 @@ import tyro
 
 from spikingtac.cli.messages import figures, progress, tell
 from spikingtac.cli.options import WriteArgs
+from spikingtac.datasets.export import ExportConfig, export
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +38,6 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Export, and say what was written."""
-    from spikingtac.datasets.export import ExportConfig, export
-
     names = ("sources", "output", "fps", "task")
     given = {name: getattr(args, name) for name in names}
     config = ExportConfig(**given, form=args.to, logs=args.log)

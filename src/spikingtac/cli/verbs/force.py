@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
+import numpy as np
 import tyro
 
+from spikingtac.atomic_files import replacing
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.messages import Table, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.errors import ConfigError
-
-if TYPE_CHECKING:
-    from spikingtac.touch.force.series import WrenchSeries
+from spikingtac.touch.elastic import SkinConfig
+from spikingtac.touch.force.fit import about, fit_force, score_force
+from spikingtac.touch.force.model import SIGMAS_90, load_force
+from spikingtac.touch.force.retarget import retarget
+from spikingtac.touch.force.series import WrenchSeries, labelled, load_series
+from spikingtac.touch.synthetic_contacts import synthetic_series
 
 MODEL = Path("force.onnx")
 ONE_SERIES = "note: one series; R2 is between its parts, a second series would be a harder test"
@@ -80,7 +86,6 @@ def run(args: Args) -> int:
 
 
 def _series(args: Args) -> list[WrenchSeries]:
-    from spikingtac.touch.force.series import labelled, load_series
 
     series = [load_series(path) for path in args.files]
     if not args.wrench:
@@ -89,14 +94,10 @@ def _series(args: Args) -> list[WrenchSeries]:
 
 
 def _fit(args: Args) -> int:
-    from spikingtac.touch.force.fit import about, fit_force
 
     output = MODEL if args.output is None else args.output
     args.claim(output)
     if args.base is not None:
-        from spikingtac.touch.force.model import load_force
-        from spikingtac.touch.force.retarget import retarget
-
         model = retarget(load_force(args.base), _series(args))
     else:
         with progress("learning forces") as advance:
@@ -120,9 +121,6 @@ def _drawn(args: Args) -> list[WrenchSeries]:
     """Return contacts on a skin of known stiffness; none where it is not known."""
     if args.shear_modulus_kpa is None:
         return []
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.touch.elastic import SkinConfig
-    from spikingtac.touch.synthetic_contacts import synthetic_series
 
     if args.calibration is None:
         raise ConfigError("--shear-modulus-kpa needs --calibration: where the skin's markers rest")
@@ -141,8 +139,6 @@ def _drawn(args: Args) -> list[WrenchSeries]:
 
 
 def _check(args: Args) -> int:
-    from spikingtac.touch.force.fit import score_force
-    from spikingtac.touch.force.model import load_force
 
     model = load_force(args.force)
     rows: list[dict[str, Any]] = [
@@ -158,11 +154,6 @@ def _check(args: Args) -> int:
 
 
 def _apply(args: Args) -> int:
-    import numpy as np
-
-    from spikingtac.atomic_files import replacing
-    from spikingtac.touch.force.model import SIGMAS_90, load_force
-    from spikingtac.touch.force.series import load_series
 
     if len(args.files) != 1 or args.output is None:
         raise ConfigError("apply takes one file of tracks, --force F and -o OUT")

@@ -6,20 +6,27 @@ import contextlib
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.messages import remark, tell, warn
 from spikingtac.cli.options import JsonArgs
 from spikingtac.cli.sources import ended_by_sigterm
-from spikingtac.contact.registry import detectors
+from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.recording import paired_windows
+from spikingtac.contact.registry import DetectionConfig, detectors, make_detector
 from spikingtac.errors import ConfigError, DeviceError, named
-
-if TYPE_CHECKING:
-    from spikingtac.contact.detector import ContactDetector
-    from spikingtac.robot.arm import Arm
-    from spikingtac.stream.guard import ContactProcess
+from spikingtac.events.address import is_stream
+from spikingtac.events.open import open_events
+from spikingtac.pipeline.checked_source import CheckedSource
+from spikingtac.pipeline.track import require_same_size
+from spikingtac.robot.arm import Arm
+from spikingtac.robot.ur import open_arm
+from spikingtac.stream.guard import ContactProcess
+from spikingtac.stream.guard_loop import stream_arrivals
+from spikingtac.stream.host import Factory
 
 POLL_S = 0.02  # Time between two looks at the state of the guarding process, s.
 
@@ -71,8 +78,6 @@ def run(args: Args) -> int:
             nothing was connected.
         DeviceError: The stream or the arm failed; the arm was commanded to stop.
     """
-    from spikingtac.events.address import is_stream
-
     named(detectors(), args.detector, "contact detector")
     if not args.budget > 0.0:
         raise ConfigError(f"--budget is {args.budget:g}, it must be positive (false contacts/h)")
@@ -84,9 +89,10 @@ def run(args: Args) -> int:
     remark(NOT_A_SAFETY_FUNCTION)
     with ended_by_sigterm(), contextlib.closing(start(args)) as process:
         status = _wait(process)
-    if status["phase"] == "ended" and status["contact"] and not status.get("stop_failure"):
+    found = status["contact"] if status["phase"] == "ended" else None
+    if found is not None and not status.get("stop_failure"):
         names = ("contact", "latency", "windows", "health", "leaps", "losses")
-        told = f"contact at {status['contact']['t_us']} us, the arm was stopped"
+        told = f"contact at {found['t_us']} us, the arm was stopped"
         return tell(args.json, {name: status[name] for name in names}, told)
     raise DeviceError(failure_text(status))
 
@@ -105,15 +111,8 @@ def start(args: Args) -> ContactProcess:
 
     Files that the process could not learn from are refused before an arm is connected.
     """
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.events.open import open_events
-    from spikingtac.pipeline.track import require_same_size
-    from spikingtac.robot.ur import open_arm
-    from spikingtac.stream.guard import ContactProcess
-    from spikingtac.stream.guard_loop import stream_arrivals
-    from spikingtac.stream.host import Factory
-
-    require_same_size(open_events(args.quiet).size, Calibration.load(args.calibration).size)
+    calibration = Calibration.load(args.calibration)
+    require_same_size(open_events(args.quiet).size, calibration.size)
     learning = {
         "name": args.detector,
         "calibration": str(args.calibration),
@@ -137,12 +136,6 @@ def learnt_detector(name: str, calibration: str, quiet: str, budget: float) -> C
         quiet: Path of the quiet recording.
         budget: Accepted number of false contacts per hour.
     """
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.contact.recording import paired_windows
-    from spikingtac.contact.registry import DetectionConfig, make_detector
-    from spikingtac.events.open import open_events
-    from spikingtac.pipeline.checked_source import CheckedSource
-
     config = DetectionConfig(false_alarms_per_hour=budget)
     own = Calibration.load(calibration)
     # The recording tells whose calibration it is; the stream is not asked while it guards an arm.

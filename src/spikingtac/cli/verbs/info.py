@@ -5,17 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import numpy as np
 import tyro
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.messages import Table, figures, progress, remark, tell
 from spikingtac.cli.options import ReadArgs
 from spikingtac.cli.sources import ending_on_interrupt
+from spikingtac.events.camera_source import CameraSource
+from spikingtac.events.formats.array_file import load_arrays
+from spikingtac.events.formats.codec import KINDS
+from spikingtac.events.formats.file_source import FileSource
+from spikingtac.events.manifest import MANIFEST, read_manifest
+from spikingtac.events.open import RECORDING_NAME, open_events
 from spikingtac.file_kinds import TOLD, document_of, kind_of
-
-if TYPE_CHECKING:
-    from spikingtac.events.formats.file_source import FileSource
+from spikingtac.tracks import Tracks
+from spikingtac.tracks.columns import longest
 
 PEAK_WINDOW_US = 1_000  # Window of the peak rate, us: that of contact detection.
 US_PER_S = 1_000_000
@@ -34,8 +41,6 @@ class Args(ReadArgs):
 
 def run(args: Args) -> int:
     """Read the whole file once and print its content."""
-    from spikingtac.events.open import open_events
-
     kind = kind_of(args.file)
     if kind is not None and kind in _FIGURES:
         told = {"format": kind, **_FIGURES[kind](args.file)}
@@ -48,8 +53,6 @@ def run(args: Args) -> int:
 
 def _shown(args: Args, found: dict[str, Any]) -> list[Table | str]:
     """Return the figures of a recording for a reader."""
-    from spikingtac.events.formats.codec import KINDS
-
     plain = dict(found)
     anomalies, channels = plain.pop("anomalies"), plain.pop("trigger_channels")
     plain["health"] = {kind: n for kind, n in plain["health"].items() if kind != "rate_ev_s"}
@@ -66,16 +69,12 @@ def _shown(args: Args, found: dict[str, Any]) -> list[Table | str]:
 
 
 def _of_tracks(path: Path) -> dict[str, Any]:
-    from spikingtac.tracks import Tracks
 
     return Tracks.load(path).summary()
 
 
 def _of_arrays(path: Path) -> dict[str, Any]:
     """Return the figures of a truth, or of a series of another sensor."""
-    from spikingtac.events.formats.array_file import load_arrays
-    from spikingtac.tracks.columns import longest
-
     arrays = load_arrays(path, "arrays over time")
     truth = "marker_px" in arrays
     t_us = arrays["marker_t_us" if truth else "t_us"]
@@ -113,7 +112,6 @@ def _of_manifest(path: Path) -> dict[str, Any]:
 
 
 def _of_calibration(path: Path) -> dict[str, Any]:
-    from spikingtac.calibration.sensor_calibration import Calibration
 
     calibration = Calibration.load(path)
     measured = calibration.marker_measured
@@ -145,8 +143,6 @@ _FIGURES: dict[str, Callable[[Path], dict[str, Any]]] = {
 
 def _summary(source: FileSource) -> dict[str, Any]:
     """Read a source to its end and return its figures; times are None where there is no event."""
-    import numpy as np
-
     events = ups = peak = window = in_window = 0
     first_us = last_us = None
     with ending_on_interrupt(source), progress(f"reading {source.path.name}") as advance:
@@ -184,10 +180,6 @@ def _summary(source: FileSource) -> dict[str, Any]:
 
 def _told_by_the_camera(source: FileSource, events: int) -> dict[str, Any]:
     """Return how a camera delivers, or what its recorder noted; nothing of other files."""
-    from spikingtac.events.camera_source import CameraSource
-    from spikingtac.events.manifest import MANIFEST, read_manifest
-    from spikingtac.events.open import RECORDING_NAME
-
     if isinstance(source, CameraSource):
         health = source.health()
         remark(health.sentence)

@@ -11,10 +11,12 @@ import tyro
 from spikingtac.cli.messages import tell
 from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.errors import ConfigError
+from spikingtac.events.open import open_events
 from spikingtac.file_kinds import kind_of
 from spikingtac.plots.events import EventKind
 from spikingtac.plots.figure import ThemeName, WidthName
 from spikingtac.plots.tracks import Kind
+from spikingtac.tracks import Tracks
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +79,6 @@ def _check(args: Args, output: Path, kind: str, tracked: bool) -> None:
 
 
 def _of_events(args: Args, output: Path, kind: str) -> dict[str, Any]:
-    from spikingtac.events.open import open_events
     from spikingtac.plots.events import event_figures, plot_events
     from spikingtac.plots.figure import save_figure
 
@@ -95,7 +96,6 @@ def _of_tracks(args: Args, output: Path, kind: str) -> dict[str, Any]:
     from spikingtac.plots.animation import save_animation
     from spikingtac.plots.figure import US_PER_S, save_figure
     from spikingtac.plots.tracks import plot_tracks
-    from spikingtac.tracks import Tracks
 
     tracks = Tracks.load(args.source)
     style: dict[str, Any] = {"theme": args.theme, "width": args.width}

@@ -5,10 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from spikingtac.cli.messages import Table, progress, remark, tell
 from spikingtac.cli.probe_search import ASSUMPTIONS, Args, ProbedHole, search
 from spikingtac.errors import ConfigError
 from spikingtac.plots.figure import PICTURE_ENDINGS
+from spikingtac.robot.prober import ArmProber
 
 # Fraction of the computing time on the twin that the calibration takes, measured.
 CALIBRATED_FRACTION = 0.6
@@ -80,9 +83,6 @@ def on_twin(args: Args) -> ProbedHole:
     Raises:
         SearchError: There is no wall, no room, or no circle; the arm is at rest.
     """
-    import numpy as np
-
-    from spikingtac.robot.prober import ArmProber
     from spikingtac.sim.rig import hole_site as twin
 
     site = twin.HoleSite(twin.Grasp.of(args.seed), args.seed)

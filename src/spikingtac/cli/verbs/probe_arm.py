@@ -6,7 +6,7 @@ import contextlib
 import time
 from collections.abc import Iterator, Sequence
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.probe_search import ASSUMPTIONS, Args, ProbedHole, search
@@ -14,16 +14,18 @@ from spikingtac.cli.sources import ended_by_sigterm
 from spikingtac.contact.detector import Window, count_of
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.errors import DeviceError
+from spikingtac.events.address import is_stream
+from spikingtac.events.open import open_events
+from spikingtac.events.windows import windows
 from spikingtac.geometry.hole import Circle, Compensation
 from spikingtac.geometry.travel import TravelModel
+from spikingtac.pipeline.track import require_same_size
+from spikingtac.robot.arm import Arm
 from spikingtac.robot.prober import ArmProber, Touched
 from spikingtac.robot.robotiq import FULL_SCALE, Grip, RobotiqGripper
 from spikingtac.robot.watchdog import Watchdog, WatchdogConfig, WatchdogThread
 from spikingtac.stream.real_time import exempt_from_collection
-
-if TYPE_CHECKING:
-    from spikingtac.robot.arm import Arm
-    from spikingtac.stream.windows import WatchedWindows
+from spikingtac.stream.windows import WatchedWindows
 
 QUIET_WINDOWS = 4000  # Windows of the arm at rest from which the detector learns, 1 ms each.
 
@@ -155,12 +157,6 @@ def listen(
     Raises:
         CalibrationError: The calibration belongs to a sensor of another size.
     """
-    from spikingtac.events.address import is_stream
-    from spikingtac.events.open import open_events
-    from spikingtac.events.windows import windows
-    from spikingtac.pipeline.track import require_same_size
-    from spikingtac.stream.windows import WatchedWindows
-
     assert args.events is not None
     source = open_events(args.events)
     require_same_size(source.size, calibration.size)

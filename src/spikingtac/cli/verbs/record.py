@@ -8,16 +8,18 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
 from spikingtac.cli.messages import Table, remark, tell
 from spikingtac.cli.options import WriteArgs, require_seconds
 from spikingtac.cli.sources import camera_address, ending_on_interrupt
-
-if TYPE_CHECKING:
-    from spikingtac.stream.record import Session
+from spikingtac.events.address import Address
+from spikingtac.events.camera_source import CameraSource
+from spikingtac.events.formats.file_source import ReadOptions
+from spikingtac.stream.record import RecordOptions, Session, locked_folder, prepare_folder, record
+from spikingtac.stream.recorder import Split
 
 EXIT_MACHINE = 3
 MEV = 1e6
@@ -58,12 +60,6 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Record, and print what was recorded; exit 3 where the disk refused to write."""
-    from spikingtac.events.address import Address
-    from spikingtac.events.camera_source import CameraSource
-    from spikingtac.events.formats.file_source import ReadOptions
-    from spikingtac.stream.record import RecordOptions, locked_folder, prepare_folder, record
-    from spikingtac.stream.recorder import Split
-
     require_seconds(args.seconds)
     options = RecordOptions(split=Split.parse(args.split), seconds=args.seconds or math.inf)
     given = [args.source] if args.second is None else [args.source, args.second]

@@ -10,9 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.messages import remark, tell, warn
 from spikingtac.cli.options import TrackerArgs, require_seconds
 from spikingtac.cli.sources import ending_on_interrupt
+from spikingtac.config import load_config
+from spikingtac.file_kinds import kind_of
+from spikingtac.pipeline.checked_source import refuse
+from spikingtac.touch.force.model import load_force
+from spikingtac.tracks import Tracks
 
 if TYPE_CHECKING:
     from spikingtac.ros2.feed import Feed
@@ -73,15 +79,9 @@ def run(args: Args) -> int:
 
 def feed_of(args: PublishArgs) -> Feed:
     """Return the frames that are published; nothing is left to compile at the first one."""
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.config import load_config
-    from spikingtac.file_kinds import kind_of
-    from spikingtac.pipeline.checked_source import refuse
     from spikingtac.ros2.feed import feed_of_events, feed_of_tracks
     from spikingtac.ros2.stream import rehearse
     from spikingtac.stream.sources import open_live
-    from spikingtac.touch.force.model import load_force
-    from spikingtac.tracks import Tracks
 
     require_seconds(args.seconds)
     calibration = None if args.calibration is None else Calibration.load(args.calibration)

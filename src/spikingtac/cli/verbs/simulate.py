@@ -12,8 +12,11 @@ import tyro
 from spikingtac.cli.messages import progress, tell
 from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
+from spikingtac.events.manifest import MANIFEST
 from spikingtac.plugins import SCENE_DESIGNS, with_plugins
+from spikingtac.sim import catalog
 from spikingtac.sim.camera_config import CAMERA_NAMES
+from spikingtac.sim.render import simulate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +47,6 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Write the recording, or list the scenes."""
-    from spikingtac.sim import catalog
-
     if args.list:
         scenes = catalog.scene_descriptions()
         if args.json:
@@ -57,8 +58,6 @@ def run(args: Args) -> int:
             "give a scene and a folder: spikingtac simulate SCENE -o FOLDER "
             f"(scenes: {', '.join(catalog.scene_names())}, or a TOML file)"
         )
-    from spikingtac.events.manifest import MANIFEST
-    from spikingtac.sim.render import simulate
 
     if (args.output / MANIFEST).is_file() and not args.overwrite:
         raise ConfigError(

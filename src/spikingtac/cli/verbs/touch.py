@@ -6,11 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import numpy as np
 import tyro
 
+from spikingtac.batch.inputs import SERIES_MEMBERS
 from spikingtac.calibration.lens import SkinScale
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.many import ManyArgs, means_many, run_many
 from spikingtac.cli.messages import Advance, Table, counted, no_progress, progress, tell, warn
 from spikingtac.cli.options import Output, TrackerArgs
@@ -22,11 +25,20 @@ from spikingtac.cli.verbs.touch_rows import (
     vibration_table,
     write_touches,
 )
+from spikingtac.config import load_config
 from spikingtac.errors import ConfigError, RecordingError
-
-if TYPE_CHECKING:
-    from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.types import MarkerFrame
+from spikingtac.events.formats.file_source import FileSource
+from spikingtac.events.open import open_events
+from spikingtac.markers.registry import make_tracker
+from spikingtac.pipeline.checked_source import CheckedSource, refuse
+from spikingtac.pipeline.follow import follow
+from spikingtac.pipeline.track import require_same_size
+from spikingtac.touch.force.series import is_series, load_series
+from spikingtac.touch.slip.held import HeldTouchDetector
+from spikingtac.touch.touch import TouchConfig
+from spikingtac.touch.vibration import VibrationMonitor
+from spikingtac.tracks import Tracks
+from spikingtac.types import MarkerFrame
 
 VIBRATION_WINDOW_S = 1.0  # Length of a spectrum of vibration, s: bins of 1 Hz.
 PROGRESS_EVERY = 256  # Frames between two reports of progress.
@@ -106,8 +118,6 @@ def _run_two(args: Args, second: Path, many: bool) -> int:
 
 
 def _run_many(args: Args) -> int:
-    from spikingtac.batch.inputs import SERIES_MEMBERS
-    from spikingtac.config import load_config
 
     if args.vibration:
         raise ConfigError("--vibration works on one recording at a time; name one")
@@ -142,10 +152,6 @@ def _shown(found: dict[str, Any], name: str, since_us: int | None) -> list[Table
 
 def _listed(args: Args, watched: _Watched) -> dict[str, Any]:
     """Return the touches as rows, with what was wrong with the events."""
-    from spikingtac.touch.slip.held import HeldTouchDetector
-    from spikingtac.touch.touch import TouchConfig
-    from spikingtac.touch.vibration import VibrationMonitor
-
     config = TouchConfig.for_unit(watched.reference, watched.unit)
     detector = HeldTouchDetector(watched.reference, config)
     monitor = VibrationMonitor(watched.rate_hz, VIBRATION_WINDOW_S) if args.vibration else None
@@ -176,9 +182,6 @@ def _listed(args: Args, watched: _Watched) -> dict[str, Any]:
 
 def _watch(args: Args, path: Path, advance: Advance = no_progress) -> _Watched:
     """Return the frames of a recording, of tracks, or of arrays."""
-    from spikingtac.events.open import open_events
-    from spikingtac.touch.force.series import is_series
-
     if is_series(path):
         return _of_series(args, path)
     calibration = args.needed_calibration()
@@ -190,13 +193,6 @@ def _tracked(
     args: Args, source: FileSource, calibration_path: Path, advance: Advance = no_progress
 ) -> _Watched:
     """Return the frames that a tracker makes of events."""
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.config import load_config
-    from spikingtac.markers.registry import make_tracker
-    from spikingtac.pipeline.checked_source import CheckedSource, refuse
-    from spikingtac.pipeline.follow import follow
-    from spikingtac.pipeline.track import require_same_size
-
     calibration = Calibration.load(calibration_path)
     config = load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
     require_same_size(source.size, calibration.size)
@@ -218,11 +214,6 @@ def _tracked(
 
 def _of_series(args: Args, path: Path) -> _Watched:
     """Return the frames of a series that was measured by another sensor, or of tracks."""
-    import numpy as np
-
-    from spikingtac.touch.force.series import load_series
-    from spikingtac.types import MarkerFrame
-
     series = load_series(path).in_image()
 
     def frames() -> Iterator[MarkerFrame]:
@@ -239,9 +230,6 @@ def _of_series(args: Args, path: Path) -> _Watched:
 
 def _scale_in_image(args: Args, tracks: Path) -> SkinScale | None:
     """Return the scale of a calibration, or else the one that tracks keep; None without either."""
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.tracks import Tracks
-
     if args.calibration is not None:
         return Calibration.load(args.calibration).skin_scale
     try:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.many import ManyArgs, means_many, run_many
 from spikingtac.cli.messages import Advance, Table, counted, no_progress, progress, tell
 from spikingtac.cli.options import Output
@@ -21,13 +22,16 @@ from spikingtac.cli.sources import (
     require_live,
     second_name,
 )
+from spikingtac.config import load_config
+from spikingtac.events.address import is_stream
+from spikingtac.events.formats.file_source import FileSource
+from spikingtac.events.open import open_events
+from spikingtac.markers.calibration.calibrate import completed
+from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.pipeline.checked_source import CheckedSource, refuse
+from spikingtac.pipeline.track import track_to_file
+from spikingtac.touch.force.model import load_force
 from spikingtac.types import LawName, Polarity
-
-if TYPE_CHECKING:
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.markers.tracking_config import TrackingConfig
-    from spikingtac.pipeline.checked_source import CheckedSource
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +105,6 @@ def _run_two(args: Args, second: Path, output: Path, many: bool) -> int:
 def _track(
     args: Args, recording: Path, output: Path, advance: Advance = no_progress
 ) -> dict[str, Any]:
-    from spikingtac.events.open import open_events
 
     source = open_events(recording, strict=args.strict, sensor=args.sensor)
     return _track_source(args, source, args.calibration, output, advance)
@@ -114,11 +117,6 @@ def _track_source(
     output: Path,
     advance: Advance = no_progress,
 ) -> dict[str, Any]:
-    from spikingtac.events.address import is_stream
-    from spikingtac.markers.calibration.calibrate import completed
-    from spikingtac.pipeline.checked_source import CheckedSource, refuse
-    from spikingtac.pipeline.track import track_to_file
-    from spikingtac.touch.force.model import load_force
 
     tracking, calibration = _configured(args, calibration_path)
     force = None if args.force is None else load_force(args.force)
@@ -134,9 +132,6 @@ def _track_source(
 
 def _configured(args: Args, calibration_path: Path) -> tuple[TrackingConfig, Calibration]:
     """Return how markers are followed, and the sensor's calibration, as the options say."""
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.config import load_config
-
     calibration = Calibration.load(calibration_path)
     config = load_config(args.preset).with_tracking(
         rate_hz=args.rate_hz,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
@@ -15,10 +15,17 @@ from spikingtac.cli.sources import ask_for_real_time, require_live
 from spikingtac.errors import ConfigError
 from spikingtac.plots.figure import PICTURE_ENDINGS
 from spikingtac.sim.camera_config import CAMERA_NAMES
-
-if TYPE_CHECKING:
-    from spikingtac.stream.host import Factory
-    from spikingtac.viewer.source import ViewSource
+from spikingtac.stream.host import Factory
+from spikingtac.viewer.calibrating import SaveTarget
+from spikingtac.viewer.export import check_target, export, summarize
+from spikingtac.viewer.opening import (
+    open_felt_source,
+    open_second_view,
+    open_view_or_events,
+    open_view_source,
+)
+from spikingtac.viewer.show import PageOptions, show
+from spikingtac.viewer.source import ViewSource
 
 HEADLESS_S = 10.0  # Duration of a live source with --headless where --seconds is not given, s.
 
@@ -96,8 +103,6 @@ def run(args: Args) -> int:
         summary = _exported(arguments, args, target)
     else:
         if args.force is None:
-            from spikingtac.viewer.calibrating import SaveTarget
-
             arguments["look"] = args.calibrate
             arguments["save"] = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
         summary = show_source(arguments, args)
@@ -128,9 +133,6 @@ def _text(path: Path | None) -> str | None:
 
 def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str, Any]:
     """Show two sources side by side, each in a session of its own."""
-    from spikingtac.stream.host import Factory
-    from spikingtac.viewer.opening import open_felt_source, open_second_view, open_view_source
-
     recorded = Path(args.source).exists() and Path(second).exists()
     other = {**arguments, "source": second, "calibration": _text(args.second_calibration)}
     opener = open_felt_source if "force" in arguments else open_view_source
@@ -145,8 +147,6 @@ def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str,
 
 
 def _exported(arguments: dict[str, Any], args: Args, target: Path) -> dict[str, Any]:
-    from spikingtac.viewer.export import check_target, export
-    from spikingtac.viewer.opening import open_view_or_events, open_view_source
 
     if args.force is not None:
         raise ConfigError("an export shows no forces; leave out --force")
@@ -169,10 +169,6 @@ def show_source(
         args: The verb's options.
         repeat: Begin again at the end.
     """
-    from spikingtac.stream.host import Factory
-    from spikingtac.viewer.export import check_target
-    from spikingtac.viewer.opening import open_felt_source, open_view_or_events
-
     require_seconds(args.seconds)
     if args.picture is not None:
         check_target(args.picture, args.overwrite, PICTURE_ENDINGS)
@@ -184,8 +180,6 @@ def show_source(
 
 def _headless(view: ViewSource, args: PageArgs) -> dict[str, Any]:
     """Track without a page: a recording to its end, what is live for some time."""
-    from spikingtac.viewer.export import summarize
-
     if getattr(args, "realtime", False):  # the demo has no deadlines
         ask_for_real_time()
     seconds = args.seconds if view.ends else args.seconds or HEADLESS_S
@@ -198,8 +192,6 @@ def _served(
     views: Sequence[Factory[ViewSource]], args: PageArgs, repeat: bool = False
 ) -> dict[str, Any]:
     """Serve the page; two cameras side by side have one also without a browser."""
-    from spikingtac.viewer.show import PageOptions, show
-
     options = PageOptions(
         host=args.host,
         port=args.port,
