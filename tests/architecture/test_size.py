@@ -24,11 +24,11 @@ class Size:
 
 # Folder -> what it may hold.
 MOST = {
-    "src/spikingtac": Size(386, 36_130, 32_680),
-    "src/spikingtac_paper": Size(80, 7_150, 5_810),
-    "src/spikingtac_hardware": Size(13, 1_520, 1_380),
-    "integrations": Size(25, 1_780, 1_650),
-    "tests": Size(346, 26_800, 23_120),
+    "src/spikingtac": Size(307, 32_420, 29_290),
+    "src/spikingtac_paper": Size(77, 7_100, 5_740),
+    "src/spikingtac_hardware": Size(12, 1_360, 1_250),
+    "integrations": Size(23, 1_770, 1_640),
+    "tests": Size(282, 24_910, 21_400),
     "benchmarks": Size(4, 910, 710),
 }
 
