@@ -95,14 +95,6 @@ class DatagramCamera(Camera):
 
     def read(self, timeout_s: float) -> Rows | None:
         """Return the events of the datagrams that wait; see :meth:`Camera.read`."""
-        try:
-            return self._read(timeout_s)
-        except (OSError, ValueError):
-            if self._closed:  # by another thread, while this one waited
-                return None
-            raise
-
-    def _read(self, timeout_s: float) -> Rows | None:
         if self._closed:
             return None
         ready, _, _ = select.select([self._socket], [], [], timeout_s)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from threading import Lock
 from typing import Any, ClassVar, Self
 
 from spikingtac.errors import CalibrationError, CameraLostError, DeviceError
@@ -96,7 +97,7 @@ class LiveSource(FileSource):
     def __init__(
         self, begin: Callable[[], EventReader], size: tuple[int, int], path: str | Path
     ) -> None:
-        self._begin, self._reader = begin, None
+        self._begin, self._reader, self._starting = begin, None, Lock()
         super().__init__(Path(path), ReadOptions(size=size))
         self.received_s = time.monotonic()
 
@@ -118,9 +119,10 @@ class LiveSource(FileSource):
         return found
 
     def start(self) -> EventReader:
-        """Begin to read; further calls return the same reader."""
-        self._reader = self._reader or self._begin()
-        return self._reader
+        """Begin to read; further calls, of any thread, return the same reader."""
+        with self._starting:  # two readers of one camera would take each other's events
+            self._reader = self._reader or self._begin()
+            return self._reader
 
     def close(self) -> None:
         """End the iteration soon; what was read is still given out."""

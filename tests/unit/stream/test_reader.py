@@ -6,6 +6,7 @@ import os
 import socket
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.stream.host import Factory
 from spikingtac.stream.packets import new_ring
 from spikingtac.stream.reader import EventReader
-from spikingtac.stream.sources import RemoteSource, RingCamera
+from spikingtac.stream.sources import LiveSource, RemoteSource, RingCamera
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import datagrams, events
 from stand_ins.packets import SIZE, Stream, packet
@@ -196,3 +197,14 @@ def test_any_verbs_camera_is_shared_where_its_address_says_so() -> None:
     taken += sum(len(packet) for packet in packets)
     assert all_of(camera) >= taken > 0
     assert camera.size == (320, 320)
+
+
+def test_two_threads_that_begin_share_one_reader() -> None:
+    def begin() -> Any:
+        time.sleep(0.05)
+        return object()
+
+    source = LiveSource(begin, SIZE, "camera")
+    with ThreadPoolExecutor(2) as pool:
+        one, other = (pool.submit(source.start) for _ in range(2))
+    assert one.result() is other.result()
