@@ -24,8 +24,8 @@ BINS_PER_EVENT, LARGEST_SWING = 4, 100
 TURN_EVENTS = 1.5
 
 # Quantile of the swings, weighted with their size, that stands for a full one: most of the change
-# in a picture of moving discs is made of full swings (within 30 % on fifteen simulated sensors;
-# :mod:`spikingtac.markers.calibration.first_model` begins with it).
+# in a picture of moving discs is made of full swings (within 30 % on fifteen simulated sensors; a
+# calibration begins with it).
 SWING_QUANTILE = 0.5
 
 # Shares of ON events among the events of motion between which a calibration is tried.

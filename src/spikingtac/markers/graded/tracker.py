@@ -41,7 +41,8 @@ LAG_DEFAULT_US = 500.0
 LONGEST_PERIOD_US = {"disc": 2_000, "bands": 1_000}
 
 # Time between two turns of maintenance, us; in each the map leaks, and one other task in
-# :data:`TASKS` is done: at a ms or four the tracks are alike.
+# :data:`TASKS` is done. Putting turns off by 1 or 2 ms in steps with many fits costs 5 or 21 % of
+# the mean error of ``default`` on v2e's recording.
 TURN_US = 1_000
 
 BEFORE_ALL_US = -(1 << 62)  # A time before any estimate, us.
