@@ -47,50 +47,59 @@ entry in the changelog. Everything else may. This page is made by `scripts/refer
 # End of a first sentence: the page gives that of each argument, ``help`` gives the rest.
 SENTENCE = re.compile(r"(?<=[a-z0-9)`])\. (?=[A-Z`])")
 SHARED = 3  # Number of verbs from which on an option with one description is described once.
-TABLE_HEAD = ["| argument | what it is | default |", "| --- | --- | --- |"]
 SECTION = re.compile(r"^(Args|Attributes|Returns|Yields|Raises|Example|Examples):$", re.M)
 
 
 def cli_page() -> str:
-    """Return the page of the command line: a table of arguments for each verb.
+    """Return the page of the command line: a list of arguments for each verb.
 
     An option that several verbs describe alike is described once.
     """
     tables = {verb: _table(verb) for verb in verbs()}
     verbs_of = Counter(row for rows in tables.values() for row in rows)
-    shared = {row for row, count in verbs_of.items() if count >= SHARED and row.startswith("| `-")}
+    shared = {row for row, count in verbs_of.items() if count >= SHARED and row.startswith("- `-")}
     parts = [
         CLI_HEAD,
         "## Options of several verbs\n",
-        "\n".join([*TABLE_HEAD, *sorted(shared)]) + "\n",
+        "\n".join(sorted(shared)) + "\n",
     ]
     for verb, rows in tables.items():
         arguments = importlib.import_module(module_of(verb)).Args
         parts.append(f"## {verb}\n\n{textwrap.dedent(inspect.getdoc(arguments) or '').strip()}\n")
         own = [row for row in rows if row not in shared]
         if own:
-            parts.append("\n".join([*TABLE_HEAD, *own]) + "\n")
-        if also := [row.split("|")[1].strip() for row in rows if row in shared]:
+            parts.append("\n".join(own) + "\n")
+        if also := [row[2:].split(maxsplit=1)[0].strip(":,") for row in rows if row in shared]:
             parts.append(f"Also: {', '.join(also)}.\n")
     return "\n".join(parts)
 
 
 def _table(verb: str) -> list[str]:
-    """Return a row for each argument, the positional ones (in capitals) first."""
+    """Return an item for each argument, the positional ones (in capitals) first."""
     arguments = importlib.import_module(module_of(verb)).Args
     rows = (_row(arguments, field) for field in dataclasses.fields(arguments))
-    return sorted(rows, key=lambda row: row.startswith("| `-"))
+    return sorted(rows, key=lambda row: row.startswith("- `-"))
 
 
 def api_page() -> str:
-    """Return the page of the public names: signature, summary, arguments, errors."""
+    """Return the page of the public names: summary, call, arguments, errors."""
     parts = [API_HEAD]
     for name in spikingtac.__all__:
         if name == "__version__":
             continue
         value = getattr(spikingtac, name)
-        parts.append(f"## {name}\n\n```text\n{_signature(name, value)}\n```\n")
-        parts.append(_plain(inspect.getdoc(value) or ""))
+        text = _plain(inspect.getdoc(value) or "")
+        call = f"```text\n{_signature(name, value)}\n```\n"
+        if dataclasses.is_dataclass(value) and isinstance(value, type):
+            # The list of its fields tells the call of a dataclass, so the defaults go there.
+            fields = dataclasses.fields(value)
+            for field in fields:
+                told = f"- {field.name}{_default(field).replace(' (required)', '')}:"
+                text = text.replace(f"- {field.name}:", told)
+            call = "" if all(f"\n- {field.name}" in text for field in fields) else call
+        elif call == f"```text\nst.{name}\n```\n":
+            call = ""
+        parts += [f"## {name}\n", *([call] if call else []), text]
     return "\n".join(parts)
 
 
@@ -111,17 +120,16 @@ def _row(arguments: type, field: dataclasses.Field[Any]) -> str:
         if positional
         else ", ".join(f"`{name}`" for name in names)
     )
-    told = " ".join(about.split()).replace("|", chr(92) + "|")
-    return f"| {shown} | {told} | {_default(field)} |"
+    return f"- {shown}{_default(field)}: {' '.join(about.split())}"
 
 
 def _default(field: dataclasses.Field[Any]) -> str:
     if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
-        return "required"
+        return " (required)"
     value = field.default
-    if value is dataclasses.MISSING or value is None or value is False or value == ():
+    if value is dataclasses.MISSING or value is None or value is False or value in ((), ""):
         return ""
-    return f"`{value}`"
+    return f" (`{value}`)"
 
 
 def _attribute_docs(arguments: type) -> dict[str, str]:

@@ -115,4 +115,4 @@ def test_every_verb_and_public_name_has_its_text() -> None:
         assert len(sections) > 20
         bare = [part.split()[0] for part in sections if len(part.split()) < 8]
         assert bare == []
-        assert [line for line in text.splitlines() if re.match(r"\| `.*` \|  \|", line)] == []
+        assert [line for line in text.splitlines() if re.match(r"- `.*: *$", line)] == []
