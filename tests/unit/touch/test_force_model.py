@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.pipeline.force_limit import ForceLimit
 from spikingtac.touch.force.fit import fit_force, score_force
 from spikingtac.touch.force.model import ForceModel, Wrench, load_force
 from spikingtac.touch.force.retarget import retarget
 from spikingtac.touch.force.series import WrenchSeries, labelled
 from spikingtac.touch.network import Network, with_record
+from spikingtac.types import EventPacket, MarkerFrame
 
 X, Y = np.meshgrid(np.arange(6.0), np.arange(5.0))
 REFERENCE = np.column_stack([X.ravel(), Y.ravel()])
@@ -126,17 +128,30 @@ def test_a_slow_press_is_told_alike_however_fast_the_frames_come(
 
 
 def test_an_arm_is_stopped_where_the_force_surely_exceeds_its_limit(model: ForceModel) -> None:
-    """The loop of the how-to, on a press of 3 N * depth ** 1.5 that grows for a second."""
+    """On a press of 3 N * depth ** 1.5 that grows for a second."""
     away = REFERENCE - [2.5, 2.0]
     press = 0.5 * away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True) / 4.0)
-    estimator, stopped = model.estimator(), []
-    for k in range(-200, 1_000):
-        wrench = estimator.update(k * 1_000, max(k, 0) / 1_000 * press)
-        if wrench.exceeds(1.5):
-            stopped.append(k)
-            break
-    true_n = 3.0 * (stopped[0] / 1_000) ** 1.5
+
+    class Tracker:
+        """Sees the press after a fifth of a second at rest."""
+
+        def absorb(self, packet: EventPacket) -> None: ...
+
+        def reset(self) -> None: ...
+
+        def estimate(self, t_us: int) -> MarkerFrame:
+            moved, none = max(t_us / 1e6 - 0.2, 0.0) * press, np.zeros(30, bool)
+            return MarkerFrame(t_us, REFERENCE + moved, REFERENCE + moved, moved, none, ~none * 1.0)
+
+    limit = ForceLimit(Tracker(), model.estimator(), 1.5)
+    windows = [EventPacket.empty(k * 1_000, (k + 1) * 1_000, (9, 9)) for k in range(1_200)]
+    (told,) = [contact for window in windows if (contact := limit.update(window))]
+    true_n = 3.0 * (told.t_us / 1e6 - 0.2) ** 1.5
     assert 1.5 < true_n < 2.5
+    assert told.count > told.threshold == 1.5
+    assert limit.in_contact
+    with pytest.raises(ConfigError, match="must be positive"):
+        ForceLimit(Tracker(), model.estimator(), 0.0)
 
 
 def test_a_model_survives_its_file(model: ForceModel, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,19 +15,23 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.messages import remark, tell, warn
 from spikingtac.cli.options import JsonArgs
 from spikingtac.cli.sources import ended_by_sigterm
+from spikingtac.config import load_config
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.recording import paired_windows
 from spikingtac.contact.registry import DetectionConfig, detectors, make_detector
 from spikingtac.errors import ConfigError, DeviceError, named
 from spikingtac.events.address import is_stream
 from spikingtac.events.open import open_events
+from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.checked_source import CheckedSource
+from spikingtac.pipeline.force_limit import ForceLimit
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.robot.arm import Arm
 from spikingtac.robot.ur import open_arm
 from spikingtac.stream.guard import ContactProcess
 from spikingtac.stream.guard_loop import stream_arrivals
 from spikingtac.stream.host import Factory
+from spikingtac.touch.force.model import load_force
 
 POLL_S = 0.02  # Time between two looks at the state of the guarding process, s.
 
@@ -38,6 +43,7 @@ SILENCE_S = 0.15
 WAITING_S = 2.0
 ENDED = ("ended", "failed")  # Phases after which the guarding process does nothing more.
 TRIPPED_S = 0.5  # Wait after a trip for the end of the guarding process, s: its loop may hang.
+WARM_UP_WINDOWS = 500  # Quiet windows that load all kernels before an arm moves, 0.5 s.
 NOT_A_SAFETY_FUNCTION = (
     "note: this is no safety function: it does not replace the robot's protective stop"
 )
@@ -67,6 +73,10 @@ class Args(JsonArgs):
     """Contact detector: default (signed, sequential) or event_count (as published)."""
     budget: float = 1.0
     """Accepted number of false contacts per hour of free motion."""
+    force: Path | None = None
+    """force.onnx of that finger, for --limit-n."""
+    limit_n: float | None = None
+    """Stop where the force surely exceeds this, N, instead of at the first contact."""
 
 
 def run(args: Args) -> int:
@@ -81,6 +91,8 @@ def run(args: Args) -> int:
     named(detectors(), args.detector, "contact detector")
     if not args.budget > 0.0:
         raise ConfigError(f"--budget is {args.budget:g}, it must be positive (false contacts/h)")
+    if (args.force is None) != (args.limit_n is None):
+        raise ConfigError("--force and --limit-n belong together: give both, or neither")
     if not is_stream(args.events):
         raise ConfigError(
             f"--events is {str(args.events)!r}, it must be a camera's named pipe or address; "
@@ -93,6 +105,8 @@ def run(args: Args) -> int:
     if found is not None and not status.get("stop_failure"):
         names = ("contact", "latency", "windows", "health", "leaps", "losses")
         told = f"contact at {found['t_us']} us, the arm was stopped"
+        if args.limit_n is not None:
+            told = f"{found['count']:.2f} N at {found['t_us']} us, the arm was stopped"
         return tell(args.json, {name: status[name] for name in names}, told)
     raise DeviceError(failure_text(status))
 
@@ -113,16 +127,15 @@ def start(args: Args) -> ContactProcess:
     """
     calibration = Calibration.load(args.calibration)
     require_same_size(open_events(args.quiet).size, calibration.size)
-    learning = {
-        "name": args.detector,
-        "calibration": str(args.calibration),
-        "quiet": str(args.quiet),
-        "budget": args.budget,
-    }
+    learning: dict[str, Any] = {"calibration": str(args.calibration), "quiet": str(args.quiet)}
+    if args.force is None:
+        learning |= {"name": args.detector, "budget": args.budget}
+    else:
+        learning |= {"force": str(args.force), "limit_n": args.limit_n}
     arm: Factory[Arm] = Factory(function=open_arm, arguments={"address": args.arm})
     return ContactProcess(
         Factory(function=stream_arrivals, arguments={"path": str(args.events)}),
-        Factory(function=learnt_detector, arguments=learning),
+        Factory(function=force_limit if args.force else learnt_detector, arguments=learning),
         arm,
     )
 
@@ -141,6 +154,25 @@ def learnt_detector(name: str, calibration: str, quiet: str, budget: float) -> C
     # The recording tells whose calibration it is; the stream is not asked while it guards an arm.
     checked = CheckedSource(open_events(quiet), own, warn)
     return make_detector(name, config, [own], paired_windows([checked]))
+
+
+def force_limit(calibration: str, quiet: str, force: str, limit_n: float) -> ContactDetector:
+    """Build a limit of force; the guarding process calls this.
+
+    Args:
+        calibration: Path of the finger's calibration.
+        quiet: Path of the quiet recording.
+        force: Path of the force model.
+        limit_n: Force at which the arm stops, N.
+    """
+    own, model = Calibration.load(calibration), load_force(force)
+    model.require(own.reference_px, "px", "the calibration")
+    tracker = make_tracker(load_config("fast").tracking, own)
+    limit = ForceLimit(tracker, model.estimator(), limit_n)
+    for window in islice(paired_windows([open_events(quiet)]), WARM_UP_WINDOWS):
+        limit.update(window)
+    limit.reset()
+    return limit
 
 
 def _wait(process: ContactProcess) -> dict[str, Any]:

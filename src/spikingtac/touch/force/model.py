@@ -123,10 +123,14 @@ class Wrench:
         """``(3,)`` one standard deviation of it, N."""
         return self.half_width[:3] / SIGMAS_90
 
+    @property
+    def least_n(self) -> float:
+        """The force that is surely reached, N: the nearest to zero of its 90 % interval."""
+        return float(np.linalg.norm(np.maximum(np.abs(self.force_n) - self.half_width[:3], 0.0)))
+
     def exceeds(self, limit_n: float) -> bool:
         """Return whether the force is surely larger than a limit, N: less its 90 % interval."""
-        nearest = np.maximum(np.abs(self.force_n) - self.half_width[:3], 0.0)
-        return bool(np.sqrt((nearest**2).sum()) > limit_n)
+        return self.least_n > limit_n
 
 
 class Target(NamedTuple):
