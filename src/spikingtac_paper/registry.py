@@ -31,14 +31,12 @@ class Study:
 
 # Name -> experiment, for ``spikingtac experiment``.
 EXPERIMENTS: dict[str, Study] = {
-    "point-tracking": Study(
-        "spikingtac_paper.point_tracking.experiment", "marker tracking, section V-A"
-    ),
-    "denoise": Study("spikingtac_paper.denoise.experiment", "denoisers, section IV-B"),
-    "collision": Study("spikingtac_paper.collision.experiment", "stopping at contact, section V-B"),
-    "holes": Study("spikingtac_paper.holes.experiment", "holes by touch, section V-C"),
-    "touch": Study("spikingtac_paper.touch.experiment", "forces, wrenches, touches"),
-    "real": Study("spikingtac_paper.real_gels.experiment", "recordings of real gels"),
+    "point-tracking": Study("spikingtac_paper.point_tracking.experiment", "section V-A"),
+    "denoise": Study("spikingtac_paper.denoise.experiment", "section IV-B"),
+    "collision": Study("spikingtac_paper.collision.experiment", "section V-B"),
+    "holes": Study("spikingtac_paper.holes.experiment", "section V-C"),
+    "touch": Study("spikingtac_paper.touch.experiment", "touches, slip and forces"),
+    "real": Study("spikingtac_paper.real_gels.experiment", "recorded gels"),
 }
 
 # Name -> bench, for ``spikingtac bench``.

@@ -18,7 +18,7 @@ class Args:
 
     name: Annotated[
         tyro.conf.Positional[str],
-        tyro.conf.arg(metavar="NAME", help=f"Name of the experiment: {choices_text(EXPERIMENTS)}"),
+        tyro.conf.arg(metavar="NAME", help=f"Experiment: {choices_text(EXPERIMENTS)}"),
     ]
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
     """Folder to write: new or empty, or one that was begun with the same settings (--resume)."""
