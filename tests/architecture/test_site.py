@@ -84,7 +84,7 @@ def test_links_out_of_the_documentation_lead_to_files(site: Path) -> None:
 
 
 def test_every_kind_of_camera_and_file_is_listed() -> None:
-    page = (DOCS / "reference" / "cameras.md").read_text(encoding="utf-8")
+    page = (DOCS / "how-to" / "connect-a-camera.md").read_text(encoding="utf-8")
     assert [kind for kind in KINDS if f"`{kind}:" not in page] == []
     formats = (DOCS / "reference" / "file-formats.md").read_text(encoding="utf-8")
     assert [ending for ending in READABLE if f"`{ending}`" not in formats] == []
