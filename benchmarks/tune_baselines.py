@@ -24,8 +24,7 @@ import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.markers.registry import make_tracker
-from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.markers.registry import MarkerTracker, make_tracker
 from spikingtac_paper.baselines.ekalibr import EkalibrConfig, EkalibrTracker
 from spikingtac_paper.baselines.evetac import EvetacConfig, EvetacTracker
 from spikingtac_paper.baselines.neutac import NeutacConfig, neutac_tracker

@@ -11,9 +11,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from spikingtac.markers.blobs import BlobDetector
-from spikingtac.state_map.binary import BinaryStateMap
-from spikingtac.state_map.paint import paint_discs
+from spikingtac.markers.blobs import find_blobs
+from spikingtac.state_map.binary import BinaryStateMap, paint_discs
 from spikingtac.types import EventPacket
 
 SIZE = (64, 32)
@@ -23,7 +22,6 @@ THRESHOLD = 0.25  # change of log intensity that makes one event
 STEPS = 140  # 0.1 px each, one diameter in all
 
 state_map = BinaryStateMap(SIZE)
-detector = BlobDetector(SIZE)
 radius = np.array([RADIUS_PX])
 
 
@@ -46,7 +44,7 @@ for step in range(1, STEPS + 1):
         EventPacket(x.astype(np.uint16), y.astype(np.uint16), on, t, step, step + 1, SIZE)
     )
     if step % (STEPS // 4) == 0:
-        blobs = detector.detect(state_map.values)
+        blobs = find_blobs(state_map.values)
         axis = axes[4 * step // STEPS - 1]
         axis.imshow(state_map.values, cmap="gray", vmin=0, vmax=1)
         axis.add_patch(plt.Circle((x_px, 16.0), RADIUS_PX, fill=False, color="tab:red"))

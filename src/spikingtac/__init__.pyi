@@ -20,7 +20,7 @@ from .pipeline.track import track as track
 from .config import Config as Config
 from .config import load_config as load_config
 from .markers.registry import make_tracker as make_tracker
-from .markers.tracker import MarkerTracker as MarkerTracker
+from .markers.registry import MarkerTracker as MarkerTracker
 from .pipeline.follow import follow as follow
 from .types import MarkerFrame as MarkerFrame
 from .tracks import Tracks as Tracks

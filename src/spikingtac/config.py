@@ -12,7 +12,7 @@ from typing import Any
 from spikingtac.contact.registry import DetectionConfig
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.markers.calibration.calibrate import CalibrationConfig
-from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.markers.registry import TrackingConfig
 from spikingtac.schema import build, read_toml, to_mapping
 
 PRESETS = ("default", "fast", "paper")  # Named configurations, as package data under ``configs/``.

@@ -23,7 +23,6 @@ _STAGES = {
     "bands": ("disc",),
     "blobs": ("denoiser", "blobs"),
     "paper": ("paper_law",),
-    "anchored": ("anchored_law",),
 }
 STEPS = 200  # Positions of a slider where the field names no step.
 

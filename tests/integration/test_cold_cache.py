@@ -35,7 +35,7 @@ for shift in range(12):
         near = np.s_[int(y) - 10 : int(y) + 12, int(x) - 10 : int(x) + 12]
         rows, columns = np.mgrid[near]
         level[near][np.hypot(columns - x, rows - y) < 9.2] += np.float32(1.6)
-    locator.map.repaint(level)
+    locator.map.values[:] = level
     locator.pending[:] = AT_ONCE
     locator.locate(1_000 * shift, np.zeros(64, np.bool_))
     settled = neighbours.settled_px(locator.motion[:, :2], np.full(64, 0.2), neighbours.bound_px)

@@ -12,8 +12,7 @@ from spikingtac.events.windows import windows
 from spikingtac.markers.graded import band_fit
 from spikingtac.markers.graded.appearance import profile_tables
 from spikingtac.markers.graded.band_fit import MODEL_VARIANCE, SOFT_RESIDUAL
-from spikingtac.markers.registry import make_tracker
-from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.markers.registry import TrackingConfig, make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.state_map.bands import END_SHARE, THRESHOLD_MISMATCH, BandStateMap
 from spikingtac.state_map.graded import GradedStateMap

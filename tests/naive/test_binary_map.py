@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.types import EventPacket
 
@@ -33,15 +32,6 @@ def naive_paint(start: np.ndarray, packet: EventPacket, dark_markers: bool) -> n
     return values
 
 
-def naive_counts(packet: EventPacket, period_us: int) -> list[int]:
-    counts = []
-    edge = packet.t_start_us
-    while edge < packet.t_end_us:
-        counts.append(int(np.sum((packet.t >= edge) & (packet.t < edge + period_us))))
-        edge += period_us
-    return counts
-
-
 @pytest.mark.parametrize("events", [0, 1, 2, 500, 5_000])
 @pytest.mark.parametrize("dark_markers", [False, True])
 def test_painting_equals_the_twin(events: int, dark_markers: bool) -> None:
@@ -52,34 +42,6 @@ def test_painting_equals_the_twin(events: int, dark_markers: bool) -> None:
     state_map.absorb(packet)
     np.testing.assert_array_equal(state_map.values, naive_paint(start, packet, dark_markers))
     assert state_map.values.dtype == np.float32
-
-
-@pytest.mark.parametrize("events", [0, 1, 2, 500, 5_000])
-@pytest.mark.parametrize("period_us", [1, 1_000, 9_500, 20_000])
-def test_counting_equals_the_twin(events: int, period_us: int) -> None:
-    packet = random_packet(np.random.default_rng(events + 1), events)
-    state_map = BinaryStateMap(SIZE)
-    counts = state_map.absorb_counted(packet, period_us)
-    assert counts.tolist() == naive_counts(packet, period_us)
-    empty = np.zeros_like(state_map.values)
-    np.testing.assert_array_equal(state_map.values, naive_paint(empty, packet, False))
-
-
-@pytest.mark.parametrize(
-    ("column", "value"),
-    [("x", SIZE[0]), ("y", SIZE[1]), ("x", 65_535), ("t", 999), ("t", 10_500), ("t", 5_000)],
-)
-def test_unfit_events_are_refused(column: str, value: int) -> None:
-    packet = random_packet(np.random.default_rng(2), 100)
-    packet.t[60:] = np.maximum(packet.t[60:], 5_500)
-    getattr(packet, column)[70] = value
-    with pytest.raises(RecordingError, match="event 70 "):
-        BinaryStateMap(SIZE).absorb_counted(packet, 1_000)
-
-
-def test_a_period_of_nothing_is_refused() -> None:
-    with pytest.raises(ConfigError, match="at least 1"):
-        BinaryStateMap(SIZE).absorb_counted(EventPacket.empty(0, 10, SIZE), 0)
 
 
 def test_the_order_of_events_counts_not_their_packets() -> None:

@@ -16,7 +16,7 @@ from spikingtac.markers.graded.motion import (
     predict_kernel,
     resting_motion,
 )
-from spikingtac.markers.hysteresis import NoLaw
+from spikingtac.markers.laws import OutputLaw
 from spikingtac.markers.smoothing import LOST_PX, Smoother, place_sigma_px, smoothed
 from spikingtac.types import MarkerFrame
 
@@ -102,4 +102,4 @@ def test_a_deviation_is_largest_where_dead_bands_hide_a_motion_and_grows_with_th
 
 def test_a_tracker_without_a_filter_is_refused() -> None:
     with pytest.raises(ConfigError, match="smooth with the preset default or fast"):
-        next(smoothed([], SimpleNamespace(), NoLaw()))  # type: ignore[arg-type]
+        next(smoothed([], SimpleNamespace(), OutputLaw()))  # type: ignore[arg-type]

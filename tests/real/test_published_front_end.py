@@ -17,7 +17,7 @@ from spikingtac.denoise.classical import Box7, Median3
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import cut, windows
-from spikingtac.markers.blobs import BlobConfig, BlobDetector
+from spikingtac.markers.blobs import find_blobs
 from spikingtac.markers.paper import PAPER_RATE_HZ, BlobTracker, BlobTrackerConfig
 from spikingtac.state_map.binary import BinaryStateMap
 
@@ -80,11 +80,10 @@ def test_the_rotating_dot_is_found_in_every_window(data_dir: Path) -> None:
     """A real sensor, a real dot that moves 13 px per ms; it is dark, so polarities swap."""
     source = open_events(data_dir / "real" / "evt2_rotating_dot.raw")
     state_map = BinaryStateMap(source.size, dark_markers=True)
-    detector = BlobDetector(source.size, BlobConfig(min_area_px=200.0, max_area_px=2_000.0))
     median, centers = Median3(), []
     for index, window in enumerate(windows(source, 1_000)):
         state_map.absorb(window)
-        blobs = detector.detect(median.clean(state_map.values))
+        blobs = find_blobs(median.clean(state_map.values), areas_px=(200.0, 2_000.0))
         if index >= SETTLED_AFTER_WINDOWS:
             assert len(blobs) == 1, f"window {index}"
             centers.append(blobs.center_px[0])

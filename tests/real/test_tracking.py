@@ -18,7 +18,7 @@ from spikingtac.config import load_config
 from spikingtac.events.filters import time_slice
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
-from spikingtac.markers.blobs import BlobConfig, BlobDetector
+from spikingtac.markers.blobs import find_blobs
 from spikingtac.markers.calibration.calibrate import calibrate
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
@@ -124,13 +124,12 @@ def test_the_graded_map_finds_the_rotating_dot_in_every_window(data_dir: Path) -
     source = open_events(data_dir / "real" / "evt2_rotating_dot.raw")
     width, height = source.size
     state_map = GradedStateMap(np.zeros((height, width), np.float32), 0.3, 0.3, dark_markers=True)
-    detector = BlobDetector(source.size, BlobConfig(min_area_px=200.0, max_area_px=2_000.0))
     centers = []
     for index, window in enumerate(windows(source, 1_000)):
         state_map.absorb(window)
         if index < 5:
             continue
-        blobs = detector.detect(state_map.values)
+        blobs = find_blobs(state_map.values, areas_px=(200.0, 2_000.0))
         assert len(blobs) == 1, f"window {index}"
         centers.append(blobs.center_px[0])
     points = np.array(centers)

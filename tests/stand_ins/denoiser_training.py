@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.state_map.paint import paint_binary_discs
+from spikingtac.state_map.binary import paint_binary_discs
 from spikingtac.types import EventPacket
 from spikingtac_paper.training.dataset import Clip
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.state_map.binary import BinaryStateMap
+from spikingtac.state_map.binary import BinaryStateMap, paint_binary_discs, paint_discs
 from spikingtac.state_map.graded import GradedStateMap
-from spikingtac.state_map.paint import paint_binary_discs, paint_discs
 from spikingtac.types import EventPacket
 from spikingtac_paper.baselines.neutac import TimeSurface
 

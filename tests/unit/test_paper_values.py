@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from spikingtac.markers.hysteresis import PaperLawConfig
+from spikingtac.markers.laws import PaperLawConfig
 from spikingtac.markers.paper import PAPER_RATE_HZ
 
 PROJECT = Path(__file__).resolve().parents[2]

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.blobs import BlobDetector
-from spikingtac.state_map.binary import BinaryStateMap
-from spikingtac.state_map.paint import paint_binary_discs
+from spikingtac.markers.blobs import find_blobs
+from spikingtac.state_map.binary import BinaryStateMap, paint_binary_discs
 from stand_ins.ideal_events import ideal_events
 
 SIZE = (80, 60)
@@ -28,7 +27,7 @@ def rebuilt(diameters: float, angle: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("angle", [0.0, 0.5, np.pi / 4])
 def test_a_marker_is_rebuilt_from_nothing_after_its_diameter(angle: float) -> None:
     values, end = rebuilt(1.1, angle)
-    blobs = BlobDetector(SIZE).detect(values)
+    blobs = find_blobs(values)
     assert len(blobs) == 1
     ideal = paint_binary_discs(SIZE, blobs.center_px, np.array([RADIUS_PX]))
     agreement = np.minimum(values, ideal).sum() / np.maximum(values, ideal).sum()
@@ -54,6 +53,6 @@ def test_the_painted_disc_runs_ahead_of_the_marker() -> None:
         start = paint_binary_discs(SIZE, path[0], np.array([RADIUS_PX]))
         state_map = BinaryStateMap(SIZE, start)
         state_map.absorb(ideal_events(path, RADIUS_PX, SIZE))
-        center = BlobDetector(SIZE).detect(state_map.values).center_px[0]
+        center = find_blobs(state_map.values).center_px[0]
         ahead.append((center - path[-1, 0]) @ direction)
     assert min(ahead) > 0.2

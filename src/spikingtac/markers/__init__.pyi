@@ -1,20 +1,17 @@
 """Public names of the room ``markers``."""
 
-from .anchored_law import AnchoredLaw as AnchoredLaw
-from .anchored_law import AnchoredLawConfig as AnchoredLawConfig
-from .anchored_law import ReZero as ReZero
-from .anchored_law import ReZeroConfig as ReZeroConfig
 from .blobs import UNMATCHED as UNMATCHED
-from .blobs import BlobConfig as BlobConfig
-from .blobs import BlobDetector as BlobDetector
 from .blobs import associate as associate
-from .hysteresis import NoLaw as NoLaw
-from .hysteresis import OutputLaw as OutputLaw
-from .hysteresis import PaperLaw as PaperLaw
-from .hysteresis import PaperLawConfig as PaperLawConfig
+from .blobs import find_blobs as find_blobs
+from .laws import AnchoredLaw as AnchoredLaw
+from .laws import OutputLaw as OutputLaw
+from .laws import PaperLaw as PaperLaw
+from .laws import PaperLawConfig as PaperLawConfig
 from .neighbours import smallest_spacing_px as smallest_spacing_px
 from .paper import BlobTracker as BlobTracker
 from .paper import BlobTrackerConfig as BlobTrackerConfig
+from .paper import PROXIMITY_SHARE as PROXIMITY_SHARE
+from .paper import blob_areas_px as blob_areas_px
 from .paper import painted_binary_map as painted_binary_map
 from .registry import TRACKERS as TRACKERS
 from .registry import trackers as trackers

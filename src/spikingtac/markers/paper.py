@@ -18,12 +18,10 @@ from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.filters import BackgroundActivityFilter
 from spikingtac.events.hot_pixels import HotPixelWatch
-from spikingtac.markers.blobs import UNMATCHED, BlobConfig, BlobDetector, associate
-from spikingtac.markers.hysteresis import NoLaw, OutputLaw
+from spikingtac.markers.blobs import UNMATCHED, associate, find_blobs
+from spikingtac.markers.laws import OutputLaw
 from spikingtac.markers.neighbours import smallest_spacing_px
-from spikingtac.state_map.binary import BinaryStateMap
-from spikingtac.state_map.paint import paint_binary_discs
-from spikingtac.state_map.state_map import StateMap
+from spikingtac.state_map.binary import BinaryStateMap, StateMap, paint_binary_discs
 from spikingtac.types import EventPacket, MarkerFrame
 
 # OFF events are rare where each stands for so many ON events: they come alone, so that the filter
@@ -38,6 +36,16 @@ RARE_OFF_SUPPORT_US = 20_000
 # lost).
 RARE_OFF_THRESHOLD = 0.6
 
+# Areas of a blob that may be a marker, as shares of the smallest and of the largest calibrated disc.
+# (A smaller piece of a disc need not contain its centre; at a sudden release such pieces of the
+# erased footprint lie nearer than the marker and would capture its identity. Motion stretches a
+# marker in the map; two merged markers pass as well: the nearer one takes their joint centroid.)
+SMALLEST_SHARE, LARGEST_SHARE = 0.5, 2.5
+
+# Association threshold as a share of the smallest distance between two resting markers: beyond one
+# half a neighbour could be nearer than the marker itself.
+PROXIMITY_SHARE = 0.5
+
 # Estimates per second of the published tracker (paper, abstract and section VI).
 PAPER_RATE_HZ = 350
 
@@ -48,16 +56,6 @@ class BlobTrackerConfig:
 
     Attributes:
         threshold: Level at which the cleaned map is binarised (half-way).
-        min_area_share: Smallest blob, as a share of the smallest calibrated disc (one half. A
-            smaller piece of a disc need not contain its centre; at a sudden release such pieces of
-            the erased footprint lie nearer than the marker and would capture its identity).
-        max_area_share: Largest blob, as a share of the largest calibrated disc (motion
-            stretches a marker in the map and noise clumps it; two merged markers pass as well: the
-            nearer one takes their joint centroid at a confidence of one half, the other is
-            coasted).
-        proximity_share: Association threshold as a share of the smallest distance between two
-            resting markers (one half, beyond which a neighbour could be nearer than the
-            marker itself).
         support_us: Window of a background-activity filter before the map, us; 0 is none, as printed
             (nothing else keeps leak, which is always ON, from painting a map of last
             polarities white within seconds; tuned by benchmarks/tune_baselines.py).
@@ -67,9 +65,6 @@ class BlobTrackerConfig:
     """
 
     threshold: float = field(default=0.5, metadata={"range": (0.05, 0.95)})
-    min_area_share: float = field(default=0.5, metadata={"range": (0.05, 0.95)})
-    max_area_share: float = field(default=2.5, metadata={"range": (1.05, 6.0)})
-    proximity_share: float = field(default=0.5, metadata={"range": (0.1, 1.0)})
     support_us: int = field(default=5_000, metadata={"range": (0, 100_000)})
     refresh_us: int = field(default=100_000, metadata={"range": (0, 1_000_000)})
 
@@ -77,13 +72,8 @@ class BlobTrackerConfig:
         for name, none in (("support_us", "no filter"), ("refresh_us", "never")):
             if getattr(self, name) < 0:
                 raise ConfigError(f"{name} is {getattr(self, name)}, valid is 0 ({none}) or above")
-        if not 0.0 < self.min_area_share < 1.0 < self.max_area_share:
-            raise ConfigError(
-                f"min_area_share {self.min_area_share} and max_area_share {self.max_area_share} "
-                "must lie on either side of 1 and above 0"
-            )
-        if not self.proximity_share > 0.0:
-            raise ConfigError(f"proximity_share is {self.proximity_share}, it must be positive")
+        if not 0.0 < self.threshold <= 1.0:
+            raise ConfigError(f"threshold is {self.threshold}, valid is 0 < threshold <= 1")
 
 
 class BlobTracker:
@@ -115,7 +105,7 @@ class BlobTracker:
             ConfigError: ``refresh_us`` is not 0, and the map is not a binary one.
         """
         self._config = config = _adapted(config, calibration)
-        self._calibration, self._denoiser, self._law = calibration, denoiser, law or NoLaw()
+        self._calibration, self._denoiser, self._law = calibration, denoiser, law or OutputLaw()
         self._map = state_map or painted_binary_map(calibration)
         if config.refresh_us and not isinstance(self._map, BinaryStateMap):
             raise ConfigError(
@@ -123,13 +113,8 @@ class BlobTracker:
                 "set it to 0"
             )
         self._disc_area_px: NDArray[np.float64] = np.pi * calibration.radius_px**2
-        blobs = BlobConfig(
-            threshold=config.threshold,
-            min_area_px=config.min_area_share * float(self._disc_area_px.min()),
-            max_area_px=config.max_area_share * float(self._disc_area_px.max()),
-        )
-        self._detector = BlobDetector(calibration.size, blobs)
-        self._proximity_px = config.proximity_share * smallest_spacing_px(calibration.reference_px)
+        self._areas_px = blob_areas_px(calibration.radius_px)
+        self._proximity_px = PROXIMITY_SHARE * smallest_spacing_px(calibration.reference_px)
         self._start()
 
     def absorb(self, packet: EventPacket) -> None:
@@ -150,7 +135,7 @@ class BlobTracker:
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the markers at ``t_us``, the end of what was absorbed (sections IV-B and IV-C)."""
         cleaned = self._denoiser.clean(self._map.values)
-        blobs = self._detector.detect(cleaned)
+        blobs = find_blobs(cleaned, self._config.threshold, self._areas_px)
         self._refresh(t_us, cleaned)
         match = associate(self._detected_px, blobs.center_px, self._proximity_px)
         found = match != UNMATCHED
@@ -196,7 +181,7 @@ class BlobTracker:
             return
         self._refreshed_us = t_us
         if isinstance(self._map, BinaryStateMap):
-            self._map.repaint(cleaned >= self._config.threshold)
+            self._map.values[:] = cleaned >= self._config.threshold
 
 
 def _adapted(config: BlobTrackerConfig, calibration: Calibration) -> BlobTrackerConfig:
@@ -207,6 +192,12 @@ def _adapted(config: BlobTrackerConfig, calibration: Calibration) -> BlobTracker
     support_us = max(config.support_us, RARE_OFF_SUPPORT_US) if config.support_us else 0
     threshold = max(config.threshold, RARE_OFF_THRESHOLD)
     return replace(config, support_us=support_us, refresh_us=0, threshold=threshold)
+
+
+def blob_areas_px(radius_px: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the smallest and the largest area of a blob that may be one of the markers, px."""
+    disc_px = np.pi * radius_px**2
+    return SMALLEST_SHARE * float(disc_px.min()), LARGEST_SHARE * float(disc_px.max())
 
 
 def painted_binary_map(calibration: Calibration) -> BinaryStateMap:

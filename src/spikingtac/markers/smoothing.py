@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.corrections import LEAP_PX
 from spikingtac.markers.graded.motion import AT_US, PP, PV, VV, VX, VY, X, Y, predict_kernel
-from spikingtac.markers.hysteresis import OutputLaw
-from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.markers.laws import OutputLaw
+from spikingtac.markers.registry import MarkerTracker
 from spikingtac.state_map.graded import Array
 from spikingtac.types import MarkerFrame
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from spikingtac.errors import ConfigError
 from spikingtac.events.source import HealthMeter, refuse_path
 from spikingtac.events.windows import cut, stretches
-from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.markers.registry import MarkerTracker
 from spikingtac.types import EventPacket, MarkerFrame
 
 LARGEST_RATE_HZ = 1.0e6  # Events carry microseconds; no estimate can be asked for more often.

@@ -20,10 +20,8 @@ from spikingtac.events.address import is_stream
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.open import open_events
-from spikingtac.markers.registry import make_law, make_tracker
+from spikingtac.markers.registry import MarkerTracker, TrackingConfig, make_law, make_tracker
 from spikingtac.markers.smoothing import smoothed
-from spikingtac.markers.tracker import MarkerTracker
-from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.schema import to_mapping

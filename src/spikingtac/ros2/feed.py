@@ -13,8 +13,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.windows import windows
-from spikingtac.markers.registry import make_tracker
-from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.markers.registry import TrackingConfig, make_tracker
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.pipeline.track import require_same_size

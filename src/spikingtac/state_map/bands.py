@@ -59,22 +59,17 @@ class BandStateMap(GradedStateMap):
         """
         packet.require_map(self._start.shape)
         _fire_kernel(
-            (self._memory, self.values, self.variance, self.fired),
+            (self.memory, self.values, self.variance, self.fired),
             (packet.x, packet.y, packet.p),
-            self._used,
+            self.signed_steps,
             self.dark_markers,
             self.turn,
         )
 
-    def repaint(self, levels: NDArray[np.float32]) -> None:
-        """Replace the map by ``(height, width)`` levels; the pixels' last contact is not known."""
-        super().repaint(levels)
-        self._forget_contacts()
-
     def restore(self, pixels: NDArray[np.bool_]) -> None:
         """Paint ``(height, width)`` pixels as in the beginning; their last contact is not known."""
         super().restore(pixels)
-        self._memory[pixels] += self._middle[pixels]
+        self.memory[pixels] += self._middle[pixels]
         self.variance[pixels] = self._first_variance[pixels]
         self.fired[pixels] = 0
 
@@ -85,7 +80,7 @@ class BandStateMap(GradedStateMap):
 
     def _forget_contacts(self) -> None:
         """Put every level into the middle of its band, as after a contact that is not known."""
-        self._memory += self._middle
+        self.memory += self._middle
         self.variance[:] = self._first_variance
         self.fired[:] = 0
         self.turn = 1

@@ -5,20 +5,46 @@ leading edge already paints and the first OFF event of the trailing edge already
 painted disc runs ahead of the marker and stays there when the motion stops. Nothing fades either:
 noise paints the ground until it is as white as black. ``docs/explanation/errata.md``
 has figures.
+
+The paper begins with a null map and slides an object over the skin before each session (section
+IV-B). A sensor whose markers are known at rest can begin with a painted map instead.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket
+
+
+class StateMap(Protocol):
+    """A persistent image of the skin that events keep up to date."""
+
+    @property
+    def values(self) -> NDArray[np.float32]:
+        """``(height, width)`` from 0 (ground) to 1 (marker); a view, to be read and not kept."""
+        ...
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Take in every event of the next stretch of time."""
+        ...
+
+    def reset(self) -> None:
+        """Go back to the map that the object was made with."""
+        ...
 
 
 class BinaryStateMap:
     """The map M of Eq. 1: an ON event paints its pixel white, an OFF event black.
+
+    Attributes:
+        values: ``(height, width)`` float32 of 0 and 1; the next packet changes it.
 
     Example:
         >>> import numpy as np
@@ -37,7 +63,7 @@ class BinaryStateMap:
         *,
         dark_markers: bool = False,
     ) -> None:
-        """Begin with an empty map, or with a painted one (:mod:`spikingtac.state_map.paint`).
+        """Begin with an empty map, or with a painted one (:func:`paint_binary_discs`).
 
         Args:
             size: ``(width, height)``, px.
@@ -54,78 +80,21 @@ class BinaryStateMap:
                 "(height, width); paint it with the size of the recording"
             )
         self._start = np.zeros(shape, np.float32) if start is None else start.astype(np.float32)
-        self._values = self._start.copy()
+        self.values = self._start.copy()
         self._dark_markers = dark_markers
 
-    @property
-    def values(self) -> NDArray[np.float32]:
-        """``(height, width)`` of 0 and 1; a view that the next packet changes."""
-        return self._values
-
     def absorb(self, packet: EventPacket) -> None:
-        """Paint every event of a packet, which is trusted to lie inside its ``size``.
+        """Paint every event of a packet.
 
         Raises:
             ConfigError: The packet comes from a sensor of another size.
         """
-        packet.require_map(self._values.shape)
-        _paint_events_kernel(self._values, packet.x, packet.y, packet.p, self._dark_markers)
-
-    def absorb_counted(self, packet: EventPacket, period_us: int) -> NDArray[np.int64]:
-        """Check a packet, paint it, and count its events per window.
-
-        Perception needs the counts and tracking the map (paper section V-B); this is for a driver
-        that takes events from an unchecked origin.
-
-        Args:
-            packet: Events; the first window begins at ``packet.t_start_us``.
-            period_us: Length of a window, us.
-
-        Returns:
-            ``int64[k]`` events in each window of the packet's span, empty windows included.
-
-        Raises:
-            ConfigError: The period is not positive.
-            RecordingError: An event lies outside of the sensor or of the packet's span, or goes
-                back in time; nothing is painted then.
-        """
-        if period_us < 1:
-            raise ConfigError(f"period_us is {period_us}, it must be at least 1")
-        unfit = first_unfit_event(packet)
-        if unfit is not None:
-            raise RecordingError(
-                f"event {unfit} (x {packet.x[unfit]}, y {packet.y[unfit]}, t {packet.t[unfit]} us) "
-                f"lies outside of the {packet.size[0]}x{packet.size[1]} sensor or of "
-                f"[{packet.t_start_us}, {packet.t_end_us}) us, or goes back in time; "
-                "read the recording with open_events, which mends or refuses such events"
-            )
-        self.absorb(packet)
-        edges_us = np.arange(packet.t_start_us, packet.t_end_us + period_us, period_us)
-        return np.diff(np.searchsorted(packet.t, edges_us))
-
-    def repaint(self, white: NDArray[np.bool_]) -> None:
-        """Replace the map, by ``(height, width)`` which pixels show a marker."""
-        self._values[:] = white
+        packet.require_map(self.values.shape)
+        _paint_events_kernel(self.values, packet.x, packet.y, packet.p, self._dark_markers)
 
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
-        self._values[:] = self._start
-
-
-def first_unfit_event(packet: EventPacket) -> int | None:
-    """Return the index of the first event that breaks the packet's invariants, or None.
-
-    The invariants are those of :class:`~spikingtac.types.EventPacket`: inside the sensor, inside
-    the span, never back in time.
-    """
-    x, y, t = packet.x, packet.y, packet.t
-    in_span = len(t) == 0 or (t[0] >= packet.t_start_us and t[-1] < packet.t_end_us)
-    if in_span and _all_fit_kernel(x, y, t, packet.size):
-        return None
-    unfit = (x >= packet.size[0]) | (y >= packet.size[1])
-    unfit |= (t < packet.t_start_us) | (t >= packet.t_end_us)
-    unfit[1:] |= np.diff(t) < 0
-    return int(np.argmax(unfit))
+        self.values[:] = self._start
 
 
 @njit(cache=True)
@@ -140,19 +109,51 @@ def _paint_events_kernel(
         values[y[i], x[i]] = p[i] != dark_markers
 
 
-@njit(cache=True)
-def _all_fit_kernel(
-    x: NDArray[np.uint16], y: NDArray[np.uint16], t: NDArray[np.int64], size: tuple[int, int]
-) -> bool:
-    # Three plain reductions instead of one loop with exits: LLVM turns each into vector code,
-    # which with the painting after it is 1.7 times faster than checking while painting.
-    largest_x = np.uint16(0)
-    for i in range(x.size):
-        largest_x = max(largest_x, x[i])
-    largest_y = np.uint16(0)
-    for i in range(y.size):
-        largest_y = max(largest_y, y[i])
-    any_negative = np.int64(0)
-    for i in range(1, t.size):
-        any_negative |= t[i] - t[i - 1]
-    return bool(largest_x < size[0] and largest_y < size[1] and any_negative >= 0)
+def paint_discs(
+    size: tuple[int, int],
+    reference_px: NDArray[np.float64],
+    radius_px: NDArray[np.float64],
+    profiles: Sequence[Any] | None = None,
+) -> NDArray[np.float32]:
+    """Paint discs with smooth edges, so that a calibrated sensor needs no new slides.
+
+    Without profiles each pixel holds the share of it that a straight edge at its centre's distance
+    covers, which differs from the exact one by less than 0.1 for discs of 3 px and more.
+
+    Args:
+        size: ``(width, height)``, px.
+        reference_px: ``(m, 2)`` centres, px; they may lie beyond the border.
+        radius_px: ``(m,)`` radii, px.
+        profiles: Their ``m`` edges (:class:`~spikingtac.calibration.disc_profile.DiscProfile`);
+            None for sharp ones.
+
+    Returns:
+        ``(height, width)`` float32 from 0 to 1.
+
+    Example:
+        >>> import numpy as np
+        >>> paint_discs((9, 9), np.array([[4.0, 4.0]]), np.array([2.0]))[4].tolist()
+        [0.0, 0.0, 0.5, 1.0, 1.0, 1.0, 0.5, 0.0, 0.0]
+    """
+    width, height = size
+    levels = np.zeros((height, width), np.float32)
+    edges = profiles or [None] * len(radius_px)
+    for (x, y), radius, edge in zip(reference_px, radius_px, edges, strict=True):
+        reach = float(radius) + (edge.reach_px if edge else 1.0)
+        columns = np.arange(max(0, int(x - reach)), min(width, int(x + reach) + 2))
+        rows = np.arange(max(0, int(y - reach)), min(height, int(y + reach) + 2))
+        if columns.size and rows.size:
+            distance = np.hypot(columns[np.newaxis, :] - x, rows[:, np.newaxis] - y)
+            patch = levels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+            q_px = distance - float(radius)
+            level = edge.level(q_px) if edge else np.clip(0.5 - q_px, 0.0, 1.0)
+            np.maximum(patch, level, out=patch)
+    return levels
+
+
+def paint_binary_discs(
+    size: tuple[int, int], reference_px: NDArray[np.float64], radius_px: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Paint discs of ones: the pixels whose centre a disc covers; see :func:`paint_discs`."""
+    half = np.float32(0.5)  # the cover of a pixel whose centre lies on the rim
+    return (paint_discs(size, reference_px, radius_px) >= half).astype(np.float32)

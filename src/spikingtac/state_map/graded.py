@@ -37,6 +37,8 @@ class GradedStateMap:
     Attributes:
         padded: ``(height + 2 PAD_PX, width + 2 PAD_PX)`` float32 levels with the margin at
             OUTSIDE_LEVEL; fits read it, the leak moves it.
+        memory: ``(height, width)`` float32 clipped sums behind :attr:`values`.
+        signed_steps: ``(height, width, 2)`` float32 steps in use: falling (negative), and rising.
         dark_markers: Whether markers are darker than the ground: polarities swap.
     """
 
@@ -64,8 +66,8 @@ class GradedStateMap:
         self._step_on = self._checked_steps("step_on", step_on)
         self._step_off = self._checked_steps("step_off", step_off)
         # Beside each other and signed, so that a polarity is an index and not a branch.
-        self._used = np.stack([-self._step_off, self._step_on], axis=-1)
-        self._memory = self._start.copy()
+        self.signed_steps = np.stack([-self._step_off, self._step_on], axis=-1)
+        self.memory = self._start.copy()
         height, width = start.shape
         self.padded = np.full((height + 2 * PAD_PX, width + 2 * PAD_PX), OUTSIDE_LEVEL)
         self.values[:] = self._start
@@ -83,20 +85,8 @@ class GradedStateMap:
             ConfigError: The packet comes from a sensor of another size.
         """
         packet.require_map(self._start.shape)
-        _integrate_kernel(
-            self._memory,
-            self.values,
-            packet.x,
-            packet.y,
-            packet.p,
-            self._used,
-            self.dark_markers,
-        )
-
-    @property
-    def signed_steps(self) -> NDArray[np.float32]:
-        """``(height, width, 2)`` the steps in use: falling (negative), and rising."""
-        return self._used
+        columns = packet.x, packet.y, packet.p
+        _integrate_kernel(self.memory, self.values, *columns, self.signed_steps, self.dark_markers)
 
     def set_events_kept(self, share: float) -> None:
         """Enlarge the steps for a stream that lost events.
@@ -108,31 +98,21 @@ class GradedStateMap:
             share: Events that arrive over events that the calibration saw; above 0.
         """
         for sign, calibrated, used in (
-            (-1.0, self._step_off, self._used[..., 0]),
-            (1.0, self._step_on, self._used[..., 1]),
+            (-1.0, self._step_off, self.signed_steps[..., 0]),
+            (1.0, self._step_on, self.signed_steps[..., 1]),
         ):
             np.divide(sign, (1.0 / calibrated - 1.0) * share + 1.0, out=used)
 
-    @property
-    def memory(self) -> NDArray[np.float32]:
-        """``(height, width)`` the clipped sums behind :attr:`values`."""
-        return self._memory
-
-    def repaint(self, levels: NDArray[np.float32]) -> None:
-        """Replace the map by ``(height, width)`` levels; the steps stay as they are."""
-        self._memory[:] = levels
-        self.values[:] = levels
-
     def restore(self, pixels: NDArray[np.bool_]) -> None:
         """Paint ``(height, width)`` pixels as in the beginning."""
-        self._memory[pixels] = self._start[pixels]
+        self.memory[pixels] = self._start[pixels]
         self.values[pixels] = self._start[pixels]
 
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
-        self._memory[:] = self._start
+        self.memory[:] = self._start
         self.values[:] = self._start
-        self._used[..., 0], self._used[..., 1] = -self._step_off, self._step_on
+        self.signed_steps[..., 0], self.signed_steps[..., 1] = -self._step_off, self._step_on
 
     def _checked_steps(self, name: str, step: NDArray[np.float32] | float) -> NDArray[np.float32]:
         steps = np.empty_like(self._start)

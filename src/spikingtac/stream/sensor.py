@@ -15,8 +15,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.address import is_stream
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import FileSource
-from spikingtac.markers.registry import make_tracker
-from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.markers.registry import TrackingConfig, make_tracker
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.stream.clock import US_PER_S, StreamClock

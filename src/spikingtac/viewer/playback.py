@@ -19,7 +19,7 @@ import numpy as np
 from spikingtac.contact.detector import WINDOW_US, ContactDetector
 from spikingtac.events.source import SLOT_US, slot_rate_ev_s, source_health
 from spikingtac.events.windows import SILENCE_LIMIT_US
-from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.markers.registry import MarkerTracker
 from spikingtac.pipeline.follow import EstimateTimes, check_rate
 from spikingtac.types import Contact, MarkerFrame, SourceHealth
 from spikingtac.viewer.event_store import EventStore

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.events.source import EventSource
-from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.markers.registry import MarkerTracker
 
 if TYPE_CHECKING:  # both need every kernel of the calibration and of touch
     from spikingtac.viewer.calibrating import CalibrationDesk

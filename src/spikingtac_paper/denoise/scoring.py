@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from spikingtac.denoise import Denoiser
 from spikingtac.events import BackgroundActivityFilter, open_events
-from spikingtac.markers import BlobConfig, BlobDetector, BlobTrackerConfig, smallest_spacing_px
+from spikingtac.markers import PROXIMITY_SHARE, blob_areas_px, find_blobs, smallest_spacing_px
 from spikingtac.sim import CameraChoice, Scene, SceneSource, load_scene
 from spikingtac.state_map import (
     BinaryStateMap,
@@ -164,19 +164,12 @@ class _Finder:
     """Blobs near the places where the markers should be."""
 
     def __init__(self, recording: CleanRecording) -> None:
-        tracker = BlobTrackerConfig()
-        disc_px = np.pi * recording.radius_px**2
-        config = BlobConfig(
-            threshold=tracker.threshold,
-            min_area_px=tracker.min_area_share * float(disc_px.min()),
-            max_area_px=tracker.max_area_share * float(disc_px.max()),
-        )
-        self._detector = BlobDetector(recording.events.size, config)
-        self._near_px = tracker.proximity_share * smallest_spacing_px(recording.reference_px)
+        self._areas_px = blob_areas_px(recording.radius_px)
+        self._near_px = PROXIMITY_SHARE * smallest_spacing_px(recording.reference_px)
 
     def find(self, state_map: NDArray[np.float32]) -> NDArray[np.float64]:
         """Return the blobs' centroids ``(k, 2)``, px."""
-        return self._detector.detect(state_map).center_px
+        return find_blobs(state_map, areas_px=self._areas_px).center_px
 
     def nearest(
         self, blobs_px: NDArray[np.float64], to_px: NDArray[np.float64]

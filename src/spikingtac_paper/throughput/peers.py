@@ -13,9 +13,10 @@ from spikingtac.config import load_config
 from spikingtac.errors import MissingExtraError
 from spikingtac.events import BackgroundActivityFilter
 from spikingtac.markers import (
+    PROXIMITY_SHARE,
     UNMATCHED,
-    BlobTrackerConfig,
     associate,
+    blob_areas_px,
     painted_binary_map,
     smallest_spacing_px,
 )
@@ -51,7 +52,7 @@ class PeerTracker:
         support_us = load_config("paper").tracking.blobs.support_us
         self._filter = BackgroundActivityFilter(calibration.size, support_us)
         spacing_px = smallest_spacing_px(calibration.reference_px)
-        self._proximity_px = BlobTrackerConfig().proximity_share * spacing_px
+        self._proximity_px = PROXIMITY_SHARE * spacing_px
         self._detected_px = calibration.reference_px.copy()
 
     def absorb(self, packet: EventPacket) -> None:
@@ -79,16 +80,13 @@ class PeerTracker:
 def opencv_tuned(calibration: Calibration) -> PeerTracker:
     """Return OpenCV: 7x7 blur, SimpleBlob with one threshold, area the only filter, k-d tree."""
     cv2 = _opencv()
-    share = BlobTrackerConfig()
-    disc_px = np.pi * calibration.radius_px**2
     params = cv2.SimpleBlobDetector_Params()
     params.minThreshold, params.maxThreshold, params.thresholdStep = 127, 128, 10
     params.minRepeatability = 1
     params.filterByColor = params.filterByCircularity = False
     params.filterByConvexity = params.filterByInertia = False
     params.filterByArea = True
-    params.minArea = share.min_area_share * float(disc_px.min())
-    params.maxArea = share.max_area_share * float(disc_px.max())
+    params.minArea, params.maxArea = blob_areas_px(calibration.radius_px)
     detector = cv2.SimpleBlobDetector_create(params)
 
     def locate(image: NDArray[np.uint8]) -> NDArray[np.float64]:

@@ -13,13 +13,9 @@ from spikingtac.config import Config, digest, load_config
 from spikingtac.markers import (
     TRACKERS,
     AnchoredLaw,
-    AnchoredLawConfig,
-    NoLaw,
     OutputLaw,
     PaperLaw,
     PaperLawConfig,
-    ReZero,
-    ReZeroConfig,
     trackers,
 )
 from spikingtac.schema import to_mapping
@@ -31,7 +27,6 @@ from spikingtac_paper.baselines.evetac import EvetacConfig, EvetacTracker
 from spikingtac_paper.baselines.neutac import RATE_HZ as NEUTAC_HZ
 from spikingtac_paper.baselines.neutac import NeutacConfig, neutac_tracker
 from spikingtac_paper.harness.run import code_digest
-from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.prediction import Prediction
 
 # Calibration fields of trackers that use neither steps nor contrast nor lag.
@@ -163,21 +158,10 @@ def as_published(name: str, about: str) -> Method:
     return of_config(name, about, config.with_tracking(blobs=blobs))
 
 
-def apply_law(prediction: Prediction, law: OutputLaw, truth: GroundTruth) -> Prediction:
-    """Return a prediction with the output positions of a law.
-
-    The re-zero law learns from the truth when nothing touches the skin: this is the best that a
-    contact detector could achieve. It does not learn before the first release.
-    """
-    at_us = prediction.t_us[:, None]
-    free = (at_us >= truth.free_us[:, 0]) & (at_us < truth.free_us[:, 1])
-    touched = np.logical_not(np.any(free, axis=1))
+def apply_law(prediction: Prediction, law: OutputLaw) -> Prediction:
+    """Return a prediction with the output positions of a law."""
     given = np.empty_like(prediction.detected_px)
-    for number, (t_us, detected) in enumerate(
-        zip(prediction.t_us.tolist(), prediction.detected_px.astype(np.float64), strict=True)
-    ):
-        if isinstance(law, ReZero):
-            law.observe(t_us, bool(touched[number]))
+    for number, detected in enumerate(prediction.detected_px.astype(np.float64)):
         given[number] = law.update(detected, prediction.reference_px)
     return replace(prediction, position_px=given)
 
@@ -185,24 +169,11 @@ def apply_law(prediction: Prediction, law: OutputLaw, truth: GroundTruth) -> Pre
 def compared_laws() -> list[Method]:
     """Return the laws of the main tables on the estimates of ``default``."""
     default = main_methods()["default"]
-    paper, anchored = PaperLawConfig(), AnchoredLawConfig()
-    anchored_about = f"gamma {anchored.gamma:g}, {anchored.delta1_px:g} to {anchored.delta2_px:g}"
+    paper = PaperLawConfig()
+    about = f"published law, gamma {paper.gamma:g}, delta {paper.delta_px:g} px"
     return [
-        default.with_law(
-            "law-paper",
-            f"published law, gamma {paper.gamma:g}, delta {paper.delta_px:g} px",
-            PaperLaw,
-            paper,
-        ),
-        default.with_law(
-            "law-anchored", f"anchored law, {anchored_about} px", AnchoredLaw, anchored
-        ),
-        default.with_law(
-            "law-rezero",
-            "anchored law around a zero that is learnt between contacts",
-            ReZero,
-            ReZeroConfig(),
-        ),
+        default.with_law("law-paper", about, PaperLaw, paper),
+        default.with_law("law-anchored", "anchored law, gamma 0.3, 0.75 to 2 px", AnchoredLaw),
     ]
 
 
@@ -211,5 +182,5 @@ def all_methods() -> dict[str, Method]:
     methods = main_methods()
     # NeuTac on the binary map equals ``paper`` without its law.
     about = "binary map, detection, no law: the estimates of paper before its law"
-    binary = replace(methods["paper"], name="neutac-binary", about=about, law=NoLaw)
+    binary = replace(methods["paper"], name="neutac-binary", about=about, law=OutputLaw)
     return methods | {method.name: method for method in (binary, *compared_laws())}

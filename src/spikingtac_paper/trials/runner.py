@@ -118,7 +118,7 @@ def _score_method(
         events, truth = trial.open(job.folder, job.data)
         prediction = Prediction.kept(file, key, lambda: predict(method, events, calibration, truth))
         if method is not None and method.law is not None:
-            prediction = apply_law(prediction, method.law(), truth)
+            prediction = apply_law(prediction, method.law())
         scores = point_scores(prediction, truth, trial.damaged_markers)
         return {"method": name, "trial": asdict(trial), "scores": scores}
 

@@ -8,7 +8,7 @@ import pytest
 from spikingtac.denoise.infer import MANIFEST, NetworkDenoiser, shipped_denoiser
 from spikingtac.denoise.registry import make_denoiser
 from spikingtac.errors import ConfigError
-from spikingtac.state_map.paint import paint_binary_discs
+from spikingtac.state_map.binary import paint_binary_discs
 from spikingtac_paper.training.export import export_network, read_weights
 from stand_ins.denoiser_training import lean_tensors, noisy_maps, write_weights
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import RecordingError
-from spikingtac.markers.anchored_law import AnchoredLawConfig
+from spikingtac.markers.laws import anchored_px
 from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.metrics import (
     POINT_METRICS,
@@ -55,8 +55,7 @@ def test_a_constant_offset_shows_in_each_metric_as_defined() -> None:
         assert scores[name] == pytest.approx(1.0, abs=1e-4)
     assert scores["return_mean_px"] == pytest.approx(1.0, abs=1e-4)
     assert scores["return_std_px"] == pytest.approx(0.0, abs=1e-4)
-    law = AnchoredLawConfig()
-    zeroed = float(law.radius_px(np.array(1.0)))
+    zeroed = float(anchored_px(np.array(1.0)))
     assert scores["zeroed_return_mean_px"] == pytest.approx(zeroed, abs=1e-3)
 
 
@@ -145,6 +144,5 @@ def test_the_release_is_the_end_of_the_last_contact() -> None:
     }
     columns["force_n"][2:5, 2] = 1.0
     assert GroundTruth.of(columns).released_us == 5_000
-    assert GroundTruth.of(columns).free_us.tolist() == [[5_000, 9_000]]
     columns["force_n"][7, 0] = -1.0
-    assert GroundTruth.of(columns).free_us.tolist() == [[5_000, 7_000], [8_000, 9_000]]
+    assert GroundTruth.of(columns).released_us == 8_000

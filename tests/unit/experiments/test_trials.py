@@ -11,7 +11,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.open import open_events
-from spikingtac.markers.anchored_law import AnchoredLaw, ReZero
+from spikingtac.markers.laws import AnchoredLaw
 from spikingtac.sim import catalog
 from spikingtac.sim.motions import IndenterMotion
 from spikingtac.types import EventPacket, MarkerFrame
@@ -23,9 +23,7 @@ from spikingtac_paper.point_tracking.cases import (
     main_trials,
 )
 from spikingtac_paper.trials import runner as runner_module
-from spikingtac_paper.trials.ground_truth import GroundTruth
-from spikingtac_paper.trials.methods import Method, apply_law
-from spikingtac_paper.trials.prediction import Prediction
+from spikingtac_paper.trials.methods import Method
 from spikingtac_paper.trials.runner import TrialJob, run_all, run_job
 from spikingtac_paper.trials.trial import Trial, shortened
 
@@ -184,19 +182,3 @@ def test_a_quick_run_shortens_the_sequences_and_keeps_the_rest_after_the_release
     assert all(trial.motion_s is None for trial in main_trials(range(0, 1), False))
     loops = [trial for trial in main_trials(range(0, 1), True) if trial.scene == LOOPS]
     assert [trial.motion_s for trial in loops] == [None], "a loop that is cut short is not closed"
-
-
-def test_re_zero_learns_between_contacts_and_is_frozen_in_them() -> None:
-    rest, t_us = np.array([[50.0, 50.0], [90.0, 50.0]]), np.arange(0, 10_000_000, 2_000)
-    there = np.tile(rest + np.array([0.6, 0.0]), (len(t_us), 1, 1)).astype(np.float32)
-    off = Prediction(t_us, there, there, rest)
-    course = np.tile(rest, (len(t_us), 1, 1))
-    spans = (np.empty((0, 2), np.int64), np.array([[0, 10_000_000]]))
-    frozen, learnt = (
-        apply_law(off, ReZero(), GroundTruth(t_us, course, rest, np.full(2, 7.0), 0, free_us))
-        for free_us in spans
-    )
-    held_px = np.linalg.norm(frozen.position_px[-1] - rest, axis=1)
-    assert held_px == pytest.approx(0.18, abs=1e-3)
-    assert np.linalg.norm(learnt.position_px[-1] - rest, axis=1).max() < 0.01
-    assert np.array_equal(learnt.detected_px, off.detected_px)

@@ -9,7 +9,7 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.classical import Median3, NoDenoiser
 from spikingtac.errors import ConfigError
-from spikingtac.markers.hysteresis import PaperLaw
+from spikingtac.markers.laws import PaperLaw
 from spikingtac.markers.paper import (
     BlobTracker,
     BlobTrackerConfig,
@@ -164,9 +164,7 @@ def test_a_single_marker_has_no_neighbours() -> None:
 @pytest.mark.parametrize(
     "values",
     [
-        {"min_area_share": 0.0},
-        {"max_area_share": 0.9},
-        {"proximity_share": 0.0},
+        {"threshold": 0.0},
         {"support_us": -1},
         {"refresh_us": -1},
     ],

@@ -27,7 +27,7 @@ from spikingtac.events.address import is_stream
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.open import open_events
 from spikingtac.markers.calibration.calibrate import completed
-from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.markers.registry import TrackingConfig
 from spikingtac.pipeline.checked_source import CheckedSource, refuse
 from spikingtac.pipeline.track import track_to_file
 from spikingtac.touch.force.model import load_force

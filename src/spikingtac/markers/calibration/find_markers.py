@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError, ConfigError
-from spikingtac.markers.blobs import BlobConfig, BlobDetector
+from spikingtac.markers.blobs import find_blobs
 from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.layout import Layout, find_layout
 from spikingtac.markers.calibration.level_maps import (
@@ -34,7 +34,7 @@ AREA_SHARES = (0.25, 3.0)
 
 # Spots of the smoothed map that may be markers: radii of 2 px and more. Blur takes a little off
 # the level of small discs, so that the threshold is below one half.
-CANDIDATES = BlobConfig(threshold=0.45, min_area_px=12.0, max_area_px=20_000.0)
+CANDIDATE_LEVEL, CANDIDATE_PX = 0.45, (12.0, 20_000.0)
 
 FEWEST_MARKERS = 3  # Fewer markers are no grid.
 
@@ -203,7 +203,7 @@ def see_markers(level: NDArray[np.float32], config: FindingConfig) -> SeenMarker
         CalibrationError: No markers are there; says what was seen instead.
     """
     size = level.shape[1], level.shape[0]
-    spots = BlobDetector(size, CANDIDATES).detect(_smoothed(level))
+    spots = find_blobs(_smoothed(level), CANDIDATE_LEVEL, CANDIDATE_PX)
     whole = spots.area_px[~spots.cut] if (~spots.cut).any() else spots.area_px
     usual = float(np.median(whole)) if len(whole) else 0.0
     alike = (spots.area_px >= AREA_SHARES[0] * usual) & (spots.area_px <= AREA_SHARES[1] * usual)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.disc_profile import DiscProfile, disc_profiles
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.neighbours import smallest_spacing_px
+from spikingtac.state_map.binary import paint_discs
 from spikingtac.state_map.graded import STEP_DEFAULT, GradedStateMap
 
 Map = TypeVar("Map", bound=GradedStateMap)
@@ -139,19 +140,8 @@ def painted_map(calibration: Calibration, kind: type[Map]) -> Map:
 
 def painted_levels(calibration: Calibration) -> NDArray[np.float32]:
     """Return ``(height, width)`` levels of the calibrated discs at rest."""
-    width, height = calibration.size
-    levels = np.zeros((height, width), np.float32)
-    profiles = disc_profiles(calibration)
-    places_px, radii_px = calibration.reference_px, calibration.radius_px
-    for (x, y), radius, profile in zip(places_px, radii_px, profiles, strict=True):
-        reach = float(radius) + profile.reach_px
-        columns = np.arange(max(0, int(x - reach)), min(width, int(x + reach) + 2))
-        rows = np.arange(max(0, int(y - reach)), min(height, int(y + reach) + 2))
-        if columns.size and rows.size:
-            distance = np.hypot(columns[np.newaxis, :] - x, rows[:, np.newaxis] - y)
-            patch = levels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-            np.maximum(patch, profile.level(distance - float(radius)), out=patch)
-    return levels
+    discs = calibration.size, calibration.reference_px, calibration.radius_px
+    return paint_discs(*discs, disc_profiles(calibration))
 
 
 def _steps(

@@ -26,7 +26,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.blobs import UNMATCHED, BlobConfig, BlobDetector, associate
+from spikingtac.markers.blobs import UNMATCHED, associate, find_blobs
 from spikingtac.markers.graded.event_loss import BACKGROUND_SHARE, FAST_PX_S, SLOW_PX_S, CellCounts
 from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, VX, VY
 from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
@@ -43,8 +43,6 @@ CAPTURE_SHARE = 0.3
 
 # Area of a blob that may be a lost marker, over that of its disc.
 SMALLEST_BLOB_SHARE, LARGEST_BLOB_SHARE = 0.4, 2.5
-
-BLOB_LEVEL = 0.5  # Level at which the full-frame detection binarises the map: half-way.
 
 FADE_S = 0.1  # Time in which the confidence in a held marker falls by a factor e, s.
 
@@ -93,14 +91,8 @@ class TrackManager:
         self.neighbours = Neighbourhood(calibration.reference_px)
         self._surrounded = _surrounded(calibration.reference_px, self.neighbours.index)
         disc_px = np.pi * calibration.radius_px**2
-        self._detector = BlobDetector(
-            calibration.size,
-            BlobConfig(
-                threshold=BLOB_LEVEL,
-                min_area_px=SMALLEST_BLOB_SHARE * float(disc_px.min()),
-                max_area_px=LARGEST_BLOB_SHARE * float(disc_px.max()),
-            ),
-        )
+        smallest, largest = float(disc_px.min()), float(disc_px.max())
+        self._areas_px = SMALLEST_BLOB_SHARE * smallest, LARGEST_BLOB_SHARE * largest
         spacing_px = min(smallest_spacing_px(calibration.reference_px), max(calibration.size))
         self.capture_px = CAPTURE_SHARE * spacing_px
         self._doubted_since_us, self._held_since_us = (np.full(count, -1, np.int64) for _ in "dh")
@@ -179,7 +171,7 @@ class TrackManager:
     def _search(
         self, t_us: int, fitted_px: NDArray[np.float64], levels: NDArray[np.float32]
     ) -> None:
-        blobs = self._detector.detect(levels)
+        blobs = find_blobs(levels, areas_px=self._areas_px)
         expected_px = np.where(self.coasted[:, np.newaxis], self.position_px, fitted_px)
         match = associate(expected_px, blobs.center_px, self.capture_px)
         sending = (t_us - self._held_since_us < LONG_HOLD_US) | (self._heard_px >= HEARD_PX)

@@ -25,7 +25,7 @@ from spikingtac.markers.graded.event_loss import EventLoss, events_per_px
 from spikingtac.markers.graded.map_leak import MapLeak
 from spikingtac.markers.graded.motion import VX, VY
 from spikingtac.markers.graded.track_management import TrackManager
-from spikingtac.markers.hysteresis import NoLaw, OutputLaw
+from spikingtac.markers.laws import OutputLaw
 from spikingtac.markers.released_zero import ReleasedZero
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket, MarkerFrame
@@ -106,7 +106,7 @@ class GradedTracker:
                 backlash: what has not fired pulls only where the disc would leave the band.
         """
         self._calibration = calibration
-        self._law = law or NoLaw()
+        self._law = law or OutputLaw()
         self._adapts = config.adapt_to_loss and fit == "disc"
         self._locator: DiscLocator | BandLocator
         if fit == "disc":

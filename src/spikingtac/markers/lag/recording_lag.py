@@ -14,7 +14,7 @@ from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
 from spikingtac.markers.lag.crossings import CrossingObserver, MarkerTrack
 from spikingtac.markers.lag.estimate import LagConfig, LagEstimate, estimate_lag
 from spikingtac.markers.lag.photoreceptor import EdgeProfile
-from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.markers.registry import MarkerTracker
 
 PERIOD_US = 1_000  # Time between tracked positions: at 100 px/s an edge moves by 0.1 px.
 

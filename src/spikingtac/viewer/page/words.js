@@ -8,12 +8,8 @@ export const WORDS = {
   "disc.shrink": ["smoothing", "A marker that differs a little from what its neighbours expect is drawn towards it: so small a difference is more likely an error than deformation."],
   "disc.adapt_to_loss": ["make up for lost events", "Each event counts for more when fewer arrive than the motion asks for."],
   "blobs.threshold": ["brightness of a marker", "Pixels at or above this level belong to a marker."],
-  "blobs.min_area_share": ["smallest spot", "Smaller spots are no markers; as a share of the smallest calibrated disc."],
-  "blobs.max_area_share": ["largest spot", "Larger spots are no markers; as a share of the largest calibrated disc."],
-  "blobs.proximity_share": ["farthest step", "A spot further away is another marker; as a share of the smallest distance of two markers."],
   "blobs.support_us": ["filter of lone events", "An event counts only if a neighbour had one within this time; 0 is no filter."],
   "blobs.refresh_us": ["renewal of the map", "How often the cleaned map replaces the map; 0 is never."],
   "paper_law.delta_px": ["window around the rest", "Displacements up to this are damped."],
   "paper_law.gamma": ["gain in the window", "1 does not damp, 0 holds the marker at its rest."],
-  "anchored_law.gamma": ["gain near the rest", "1 does not damp."],
 };

@@ -36,7 +36,7 @@ def moved_by(shift_px: float) -> DiscLocator:
     """Return a locator whose map shows the discs elsewhere; it has made its first estimate."""
     locator = DiscLocator(CALIBRATION, EVENTS_PER_PX, 3)
     elsewhere = replace(CALIBRATION, reference_px=REST_PX + np.array([shift_px, 0.0]))
-    locator.map.repaint(painted_levels(elsewhere))
+    locator.map.values[:] = painted_levels(elsewhere)
     locator.locate(0, np.zeros(2, np.bool_))
     return locator
 
@@ -128,7 +128,7 @@ def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
 
 def test_a_fit_that_has_not_converged_goes_on_at_once() -> None:
     locator = DiscLocator(CALIBRATION, EVENTS_PER_PX, 1)
-    locator.map.repaint(moved_by(5.0).map.values)
+    locator.map.values[:] = moved_by(5.0).map.values
     for t_us in range(0, 9_000, 1_000):
         if t_us == 0:
             locator.pending[:] = AT_ONCE

@@ -9,7 +9,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded import track_management
 from spikingtac.markers.graded.event_loss import CellCounts
 from spikingtac.markers.graded.track_management import TrackManager
-from spikingtac.state_map.paint import paint_discs
+from spikingtac.state_map.binary import paint_discs
 
 SIZE = (210, 210)
 PITCH_PX, COUNT = 40.0, 25

@@ -1,8 +1,9 @@
-"""What the published law does, fact by fact: each figure is its own, none of them is wished for."""
+"""What the output laws do, fact by fact: the published one, and the anchored one."""
 
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -10,7 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spikingtac.errors import ConfigError
-from spikingtac.markers.hysteresis import NoLaw, PaperLaw, PaperLawConfig
+from spikingtac.markers.laws import (
+    AnchoredLaw,
+    OutputLaw,
+    PaperLaw,
+    PaperLawConfig,
+    anchored_px,
+)
+from spikingtac.markers.registry import TrackingConfig, make_law
+from spikingtac.types import LawName
 
 REST = np.array([[100.0, 60.0]])
 
@@ -20,7 +29,7 @@ def line(start: tuple[float, float], end: tuple[float, float], samples: int) -> 
     return np.array(start) + share * (np.array(end) - np.array(start))
 
 
-def run(law: PaperLaw | NoLaw, path: np.ndarray) -> np.ndarray:
+def run(law: OutputLaw, path: np.ndarray) -> np.ndarray:
     outputs = [law.update(REST + point, REST)[0] - REST[0] for point in path]
     return np.array(outputs)
 
@@ -92,7 +101,7 @@ def test_loops_wholly_outside_the_window_leave_nothing(y: list[float], x: float)
 def test_a_gain_of_one_is_the_identity(path: list[tuple[float, float]]) -> None:
     law = PaperLaw(PaperLawConfig(gamma=1.0))
     np.testing.assert_allclose(run(law, np.array(path)), np.array(path), atol=1e-9)
-    np.testing.assert_array_equal(run(NoLaw(), np.array(path)), REST + np.array(path) - REST)
+    np.testing.assert_array_equal(run(OutputLaw(), np.array(path)), REST + np.array(path) - REST)
 
 
 def test_the_window_belongs_to_the_outside() -> None:
@@ -109,7 +118,55 @@ def test_a_held_marker_stays_and_a_reset_forgets() -> None:
     np.testing.assert_array_equal(run(law, path), outputs)
 
 
+def test_every_named_law_is_built_and_no_other() -> None:
+    laws = {type(make_law(TrackingConfig(hysteresis=name))) for name in get_args(LawName)}
+    assert laws == {OutputLaw, PaperLaw, AnchoredLaw}
+    with pytest.raises(ConfigError, match="anchored"):
+        make_law(TrackingConfig(hysteresis="anchor"))
+
+
 @pytest.mark.parametrize("values", [{"delta_px": -1.0}, {"gamma": -0.1}, {"gamma": 1.1}])
 def test_unfit_settings_are_refused(values: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(values))):
         PaperLawConfig(**values)
+
+
+def mapped(point: np.ndarray, law: AnchoredLaw | None = None) -> np.ndarray:
+    return (law or AnchoredLaw()).update(REST + point, REST)[0] - REST[0]
+
+
+points = st.tuples(st.floats(-12.0, 12.0), st.floats(-12.0, 12.0)).map(np.array)
+
+
+def test_shape_and_costs_of_the_anchored_map() -> None:
+    distances_px = np.linspace(0.0, 6.0, 60_001)
+    radius = anchored_px(distances_px)
+    slope = np.diff(radius) / np.diff(distances_px)
+    assert slope.min() > 0.0, "it never folds"
+    assert np.abs(np.diff(slope)).max() < 0.01, "its slope is continuous"
+    assert slope.max() == pytest.approx(1.83, abs=0.005)
+    assert np.abs(radius - distances_px).max() == pytest.approx(0.59, abs=0.005)
+    residues_px = anchored_px(np.array([0.45, 0.95, 1.45]))
+    assert residues_px.tolist() == pytest.approx([0.14, 0.36, 1.14], abs=0.006)
+
+
+@given(point=points)
+def test_the_map_is_radial_and_the_identity_far_out(point: np.ndarray) -> None:
+    out = mapped(point)
+    assert abs(out[0] * point[1] - out[1] * point[0]) < 1e-9
+    assert out @ point >= 0.0
+    if np.hypot(*point) >= 2.0:
+        np.testing.assert_allclose(out, point, atol=1e-9)
+    if np.hypot(*point) <= 0.75:
+        np.testing.assert_allclose(out, 0.3 * point, atol=1e-9)
+
+
+@settings(deadline=None)
+@given(path=st.lists(points, min_size=1, max_size=20), last=points)
+def test_the_output_depends_on_the_present_detection_alone(
+    path: list[np.ndarray], last: np.ndarray
+) -> None:
+    law = AnchoredLaw()
+    for point in path:
+        mapped(point, law)
+    np.testing.assert_allclose(mapped(last, law), mapped(last), atol=1e-9)
