@@ -36,8 +36,8 @@ RARE_OFF_SUPPORT_US = 20_000
 # lost).
 RARE_OFF_THRESHOLD = 0.6
 
-# Areas of a blob that may be a marker, as shares of the smallest and of the largest calibrated disc.
-# (A smaller piece of a disc need not contain its centre; at a sudden release such pieces of the
+# Areas of a blob that may be a marker, as shares of the smallest and the largest disc. (A
+# smaller piece of a disc need not contain its centre; at a sudden release such pieces of the
 # erased footprint lie nearer than the marker and would capture its identity. Motion stretches a
 # marker in the map; two merged markers pass as well: the nearer one takes their joint centroid.)
 SMALLEST_SHARE, LARGEST_SHARE = 0.5, 2.5
