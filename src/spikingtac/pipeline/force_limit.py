@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from spikingtac.contact.detector import ContactDetails, DetectorSummary, Window, packets_of
 from spikingtac.errors import ConfigError
-from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.markers.registry import MarkerTracker
 from spikingtac.touch.force.model import ForceEstimator
 from spikingtac.types import Contact
 
