@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import re
@@ -87,7 +88,7 @@ def build(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
     """
     hints = typing.get_type_hints(cls)
     fields = {field.name: field for field in dataclasses.fields(cls) if field.init}  # type: ignore[arg-type]
-    former = {old: name for name in fields for old in _former_names(fields[name])}
+    former = {old: name for name, f in fields.items() for old in f.metadata.get("former_names", ())}
     mapping = {former.get(key, key): value for key, value in mapping.items()}
     for key in mapping:
         if key not in fields:
@@ -96,15 +97,10 @@ def build(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
                 f"(valid: {', '.join(sorted(fields))})"
             )
     values = {key: _convert(hints[key], value, f"{where}.{key}") for key, value in mapping.items()}
-    missing = [
-        name
-        for name, field in fields.items()
-        if name not in values
-        and field.default is dataclasses.MISSING
-        and field.default_factory is dataclasses.MISSING
-    ]
-    if missing:
-        raise ConfigError(f"{where}: the key {missing[0]!r} is missing")
+    for name, field in fields.items():
+        none = dataclasses.MISSING
+        if name not in values and field.default is none and field.default_factory is none:
+            raise ConfigError(f"{where}: the key {name!r} is missing")
     try:
         return cls(**values)
     except ConfigError:
@@ -123,11 +119,6 @@ def require_within(config: Any, **limits: tuple[float, float]) -> None:
         value = getattr(config, name)
         if value is not None and not low <= value <= high:
             raise ValueError(f"{name} is {value:g}, valid are {low:g} to {high:g}")
-
-
-def _former_names(field: dataclasses.Field[Any]) -> tuple[str, ...]:
-    """Return the names under which earlier versions wrote a field."""
-    return field.metadata.get("former_names", ())
 
 
 def merged(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
@@ -164,13 +155,13 @@ def to_toml(mapping: Mapping[str, Any]) -> str:
 
 
 def _convert(hint: Any, value: Any, where: str) -> Any:
-    origin = typing.get_origin(hint)
+    origin, parts = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        return _convert_union(typing.get_args(hint), value, where)
+        return _convert_union(parts, value, where)
     if origin is typing.Literal:
-        return _convert_literal(typing.get_args(hint), value, where)
+        return _convert_literal(parts, value, where)
     if origin is tuple:
-        return _convert_tuple(typing.get_args(hint), value, where)
+        return _convert_tuple(parts, value, where)
     if dataclasses.is_dataclass(hint):
         if not isinstance(value, Mapping):
             raise ConfigError(f"{where}: expected a table, got {value!r}")
@@ -181,15 +172,11 @@ def _convert(hint: Any, value: Any, where: str) -> Any:
 def _convert_union(options: tuple[Any, ...], value: Any, where: str) -> Any:
     if value is None and type(None) in options:
         return None
-    rest = [option for option in options if option is not type(None)]
-    if len(rest) == 1:
-        return _convert(rest[0], value, where)
-    for option in rest:
-        try:
+    *others, last = (option for option in options if option is not type(None))
+    for option in others:
+        with contextlib.suppress(ConfigError):
             return _convert(option, value, where)
-        except ConfigError:
-            continue
-    raise ConfigError(f"{where}: {value!r} fits none of the valid kinds")
+    return _convert(last, value, where)
 
 
 def _convert_literal(options: tuple[Any, ...], value: Any, where: str) -> Any:
@@ -205,7 +192,7 @@ def _convert_tuple(items: tuple[Any, ...], value: Any, where: str) -> tuple[Any,
     if not isinstance(value, list | tuple):
         raise ConfigError(f"{where}: expected a list, got {value!r}")
     if len(items) == 2 and items[1] is Ellipsis:
-        return tuple(_convert(items[0], item, f"{where}[{i}]") for i, item in enumerate(value))
+        items = (items[0],) * len(value)
     if len(items) != len(value):
         raise ConfigError(f"{where}: expected {len(items)} values, got {len(value)}")
     pairs = zip(items, value, strict=True)
@@ -213,14 +200,12 @@ def _convert_tuple(items: tuple[Any, ...], value: Any, where: str) -> tuple[Any,
 
 
 def _convert_scalar(hint: Any, value: Any, where: str) -> Any:
-    if hint is Any:
-        return value
     number = int | float if hint is float else int
     if hint in (int, float) and isinstance(value, number) and not isinstance(value, bool):
         if not abs(value) <= LARGEST:  # no comparison holds for NaN
             raise ConfigError(f"{where}: the number is not finite, or beyond {LARGEST:g}")
         return hint(value)
-    if hint in (str, bool) and isinstance(value, hint):
+    if hint is Any or (hint in (str, bool) and isinstance(value, hint)):
         return value
     if (hint is dict or typing.get_origin(hint) is dict) and isinstance(value, Mapping):
         return dict(value)

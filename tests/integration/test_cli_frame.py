@@ -1,53 +1,62 @@
-"""The frame of the command line, through the installed command."""
+"""The frame of the command line: help, mistakes of a new user, wrong files, exit codes."""
 
+from __future__ import annotations
+
+import errno
+import importlib
 import json
 import os
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli import main as frame
-from spikingtac.cli.main import verbs
+from spikingtac.cli.main import main, module_of, verbs
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
+from stand_ins.tracks import circling_tracks
+from stand_ins.viewer import record_circling
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
 
-
-def spikingtac(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [COMMAND, *arguments],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        env={**os.environ, **environment},
-    )
+# Names of the arguments that say where something is written.
+WRITTEN = {"output", "picture", "target", "export"}
 
 
-def test_help_lists_every_verb() -> None:
-    done = spikingtac("--help")
+def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
+    code = main([str(argument) for argument in arguments])
+    shown = capsys.readouterr()
+    assert "Traceback" not in shown.err
+    return code, " ".join((shown.out + shown.err).split())
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording with its calibration, tracks, and a truth."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "circling").mkdir()
+    record_circling(folder / "circling")
+    circling_tracks(estimates=20).save(folder / "tracks.npz")
+    np.savez(folder / "truth.npz", marker_t_us=np.arange(2), marker_px=np.zeros((2, 64, 2)))
+    Calibration.load(folder / "circling" / "calibration.json").save(folder / "finger.json")
+    return folder
+
+
+def test_the_command_lists_every_verb_and_ends_quietly_without_a_reader() -> None:
+    pipe = subprocess.PIPE
+    done = subprocess.run([COMMAND, "--help"], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0
     assert all(f"\n  {verb} " in done.stdout for verb in verbs())
-
-
-def test_a_mistyped_verb_gets_a_suggestion() -> None:
-    done = spikingtac("calibrat")
-    assert done.returncode == 2
-    assert "did you mean 'calibrate'" in done.stderr
-    assert "Traceback" not in done.stderr
-
-
-def test_a_reader_that_leaves_ends_the_command_quietly() -> None:
-    with subprocess.Popen(
-        [COMMAND, "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as process:
+    with subprocess.Popen([COMMAND, "--help"], stdout=pipe, stderr=pipe) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         process.stdout.close()
         noise = process.stderr.read()
-    assert process.returncode == frame.EXIT_BROKEN_PIPE
-    assert noise == b""
+    assert (process.returncode, noise) == (frame.EXIT_BROKEN_PIPE, b"")
 
 
 @pytest.mark.parametrize(
@@ -59,41 +68,150 @@ def test_a_reader_that_leaves_ends_the_command_quietly() -> None:
         (FileNotFoundError(2, "No such file", "x.raw"), 1),
         (OSError(28, "No space left on device"), 3),
         (ZeroDivisionError("a mistake of ours"), 3),
+        (KeyboardInterrupt(), frame.EXIT_INTERRUPTED),
     ],
 )
 def test_errors_become_exit_codes(
-    error: Exception, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    error: BaseException,
+    code: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     def fail(arguments: list[str]) -> int:
         raise error
 
     monkeypatch.setattr(frame, "_dispatch", fail)
-    assert frame.main(["info", "--json"]) == code
+    assert main(["info", "--json"]) == code
     captured = capsys.readouterr()
+    if isinstance(error, KeyboardInterrupt):
+        assert captured.err == ""
+        return
     assert json.loads(captured.out)["exit_code"] == code
     assert captured.err.startswith("spikingtac: error: ")
     assert "Traceback" not in captured.err
+    assert main(["info", "--debug"]) == code
+    assert "Traceback" in capsys.readouterr().err
 
 
-def test_debug_shows_the_traceback(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("number", "told"),
+    [
+        (errno.EACCES, "'x.raw': Permission denied; you may not read or write it"),
+        (errno.ENOSPC, "'x.raw': No space left on device; free some space"),
+    ],
+)
+def test_what_the_system_refuses_has_a_way_out(
+    number: int, told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fail(arguments: list[str]) -> int:
-        raise RecordingError(f"cut {arguments}")
-
-    monkeypatch.setattr(frame, "_dispatch", fail)
-    assert frame.main(["info", "--debug"]) == 1
-    captured = capsys.readouterr()
-    assert "Traceback" in captured.err
-    assert "cut ['info']" in captured.err
+    frame._report(OSError(number, os.strerror(number), "x.raw"), as_json=False)
+    assert told in capsys.readouterr().err
 
 
-def test_ctrl_c_is_quiet(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("verb", verbs())
+def test_help_shows_no_none_and_verbs_that_write_take_overwrite(
+    verb: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupt(arguments: list[str]) -> int:
-        raise KeyboardInterrupt
+    code, text = said(capsys, verb, "--help")
+    assert code == 0
+    for nothing in ("{None", "(default: None)", "(default: False)", "(default: )"):
+        assert nothing not in text.replace("│ │ ", "")
+    assert "usage: spikingtac" in text
+    names = {field.name for field in fields(importlib.import_module(module_of(verb)).Args)}
+    assert "overwrite" in names or not names & WRITTEN
 
-    monkeypatch.setattr(frame, "_dispatch", interrupt)
-    assert frame.main(["info"]) == frame.EXIT_INTERRUPTED
-    assert capsys.readouterr().err == ""
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("calibrat",), "did you mean 'calibrate'"),
+        (("info", "--stricd", "x"), "did you mean '--strict'"),
+        (("track", "a.raw"), "--calibration PATH"),
+        (("view",), "SOURCE"),
+        (("convert", "a", "b", "--crop", "1", "2"), "--crop"),
+        (("plot", "a", "b"), "Unrecognized options: b"),
+        (("track", "a", "--rate-hz", "fast"), "--rate-hz takes a number, 'fast' is none"),
+        (("track", "a", "--workers=1.5"), "--workers takes a whole number, '1.5' is none"),
+        (
+            ("track", "a", "--polarity", "whites"),
+            "--polarity cannot be 'whites'; did you mean 'white'? (valid: white",
+        ),
+        (("probe", "--search", "cross"), "did you mean 'cross4'"),
+    ],
+)
+def test_what_is_typed_wrong_is_told_in_words(
+    words: tuple[str, ...], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words, "--json"]) == 2
+    shown = capsys.readouterr()
+    document = json.loads(shown.out)
+    assert (document["exit_code"], document["kind"]) == (2, "ConfigError")
+    assert told in document["error"]
+    assert "class" not in document["error"]
+    assert shown.err.startswith("spikingtac: error: ")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("track", "tracks.npz", "--calibration", "finger.json"), "it holds tracks"),
+        (("view", "finger.json"), "it is a calibration"),
+        (("plot", "truth.npz"), "holds no tracks: it holds the truth"),
+        (("track", "circling", "--calibration", "tracks.npz"), "no calibration: it holds tracks"),
+        (("track", "circling", "--calibration", "circling/events.raw"), "make one with"),
+        (("compare", "tracks.npz", "finger.json"), "neither tracks nor a truth: it is a calib"),
+        (("compare", "tracks.npz", "nowhere.npz"), "No such file"),
+    ],
+)
+def test_what_a_file_is_instead_is_told(
+    words: tuple[str, ...], told: str, made: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(made)
+    code, text = said(capsys, *words, *(("-o", "new.npz") if words[0] == "track" else ()))
+    assert code == 1
+    assert told in text
+
+
+def test_what_is_no_recording_is_not_blamed_for_a_missing_calibration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "words.txt").write_text("dear diary\n")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "noise.raw").write_bytes(np.random.default_rng(0).bytes(30_000))
+    for path in tmp_path.iterdir():
+        code, text = said(capsys, "view", path, "--headless")
+        assert code == 1
+        assert "calibration" not in text
+
+
+def test_figures_stand_with_their_units(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, text = said(capsys, "info", made / "circling")
+    for unit in (" %", " us", "million events/s", "duration"):
+        assert unit in text
+    for key in ("on_fraction", "rate_mev", "rate ev s", "duration_s"):
+        assert key not in text
+    text = said(capsys, "info", made / "tracks.npz")[1]
+    assert "never observed 9" in text
+    assert "scale not known" in text
+
+
+@pytest.mark.parametrize("verb", ["convert", "calibrate", "track"])
+def test_a_file_is_replaced_only_when_asked(
+    verb: str, made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output, recording = tmp_path / "out.npz", made / "circling"
+    output.write_bytes(b"mine")
+    if verb == "calibrate":
+        (tmp_path / "still.npz").touch()
+        np.savez(tmp_path / "still.npz", t=[0], x=[0], y=[0], p=[True], size=(320, 320))
+        recording = tmp_path / "still.npz"
+    given = [verb, recording, *(() if verb == "convert" else ("-o",)), output]
+    given += ["--calibration", made / "finger.json"] if verb == "track" else []
+    code, text = said(capsys, *given)
+    assert code == 2
+    assert "--overwrite" in text
+    assert output.read_bytes() == b"mine"
+    code = main([*map(str, given), "--overwrite"])
+    fails = verb == "calibrate"  # one event: what was there stays
+    assert (code, output.read_bytes() == b"mine") == ((1, True) if fails else (0, False))
+    assert not list(tmp_path.glob(".*"))
