@@ -1,0 +1,210 @@
+"""Figures: what is drawn of tracks, events and holes is what was measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+from matplotlib.quiver import Quiver
+from PIL import Image
+
+from spikingtac.errors import ConfigError
+from spikingtac.events import create_events, open_events
+from spikingtac.geometry.hole import Circle
+from spikingtac.plots.animation import FRAME_MS, save_animation
+from spikingtac.plots.circles import PLANE_REGION, HolePicture, draw_hole
+from spikingtac.plots.events import RATE_US, SURFACE_US, event_figures, plot_events
+from spikingtac.plots.figure import THEMES, WIDTHS_IN, save_figure
+from spikingtac.plots.tracks import ARROW_SHARE, Kind, plot_comparison, plot_tracks
+from spikingtac.tracks.comparison import compare_tracks, compare_with_truth
+from spikingtac.types import EventPacket
+from stand_ins.tracks import circling_tracks
+from stand_ins.viewer import PITCH_PX
+
+SIZE = (32, 24)
+HOT = (5, 7)
+RADIUS_MM = 2.0
+RESIDUAL_MM = np.array([0.02, -0.01, 0.0, 0.015])
+ANGLE_RAD = np.radians([10.0, 100.0, 190.0, 280.0])
+
+
+@pytest.mark.parametrize("kind", get_args(Kind))
+@pytest.mark.parametrize("theme", THEMES)
+def test_every_kind_is_drawn_in_every_theme(kind: str, theme: str, tmp_path: Path) -> None:
+    figure = plot_tracks(circling_tracks(estimates=20), kind, theme=theme)
+    save_figure(figure, tmp_path / "figure.png")
+    image = np.asarray(Image.open(tmp_path / "figure.png").convert("L"), float)
+    assert image.shape[1] == pytest.approx(300 * WIDTHS_IN["single"], abs=2)
+    assert image.std() > 5.0
+    assert (image.mean() > 128) == (theme == "light")
+
+
+def test_the_course_is_the_length_of_the_displacement() -> None:
+    tracks = circling_tracks(px_per_mm=2.0)
+    axes = plot_tracks(tracks, "course").axes[0]
+    lines = [np.asarray(line.get_ydata()) for line in axes.get_lines()]
+    length_mm = np.hypot(*np.moveaxis(tracks.displacement_px, 2, 0)) / 2.0
+    np.testing.assert_allclose(np.array(lines[:64]), length_mm.T, rtol=1e-5)
+    np.testing.assert_allclose(lines[-1], length_mm.max(axis=1), rtol=1e-5)
+    assert axes.get_ylabel() == "displacement (mm)"
+
+
+def test_arrows_point_where_the_markers_went() -> None:
+    tracks = circling_tracks()
+    axes = plot_tracks(tracks, "field", at_us=250_007).axes[0]
+    arrows = next(item for item in axes.collections if isinstance(item, Quiver))
+    moved = tracks.displacement_px[250]
+    drawn = np.column_stack([np.asarray(arrows.U), np.asarray(arrows.V)])
+    longest_px = np.hypot(*moved.T).max()
+    np.testing.assert_allclose(drawn, moved * ARROW_SHARE * PITCH_PX / longest_px, rtol=1e-5)
+    np.testing.assert_allclose(arrows.XY, tracks.reference_px)
+    gain = ARROW_SHARE * PITCH_PX / longest_px
+    assert axes.get_title() == f"t = 0.250 s, arrows × {gain:.2g}"
+    tips = tracks.reference_px + gain * moved
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    assert (tips > (left, top)).all()
+    assert (tips < (right, bottom)).all()
+
+
+def test_figures_in_mm_have_axes_in_mm() -> None:
+    for scale, unit in ((None, "px"), (10.0, "mm")):
+        axes = plot_tracks(circling_tracks(estimates=20, px_per_mm=scale), "field").axes[0]
+        assert axes.get_xlabel() == f"x ({unit})"
+        ticks = [(tick, float(text.get_text())) for tick, text in
+                 zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)]  # fmt: skip
+        assert all(tick == pytest.approx(label * (scale or 1.0)) for tick, label in ticks)
+    figure = circling_tracks(estimates=20, px_per_mm=10.0).plot("course")
+    legend = figure.axes[0].get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["each marker", "median", "largest"]
+
+
+def test_a_comparison_shows_differences_and_errors_of_a_truth() -> None:
+    tracks = circling_tracks()
+    over_time, by_marker = plot_comparison(compare_tracks(tracks, circling_tracks(off_px=0.5))).axes
+    for line in (*over_time.get_lines(), *by_marker.get_lines()):
+        np.testing.assert_allclose(np.asarray(line.get_ydata()), 0.5, atol=1e-3)
+    assert over_time.get_ylabel() == "difference (px)"
+    true = compare_with_truth(tracks, tracks.t_us, tracks.position_px)
+    assert plot_comparison(true).axes[1].get_ylabel() == "error (px)"
+
+
+def test_wrong_names_and_empty_tracks_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="did you mean 'field'"):
+        plot_tracks(circling_tracks(estimates=2), "fild")
+    with pytest.raises(ConfigError, match="nothing to draw"):
+        plot_tracks(circling_tracks(estimates=0))
+    figure = plot_tracks(circling_tracks(estimates=2))
+    with pytest.raises(ConfigError, match=r"\.png, \.svg, \.pdf"):
+        save_figure(figure, tmp_path / "figure.jpg")
+    with pytest.raises(ConfigError, match="does not exist"):
+        save_figure(figure, tmp_path / "no" / "figure.png")
+
+
+def pictures(path: Path) -> np.ndarray:
+    with Image.open(path) as image:
+        frames = []
+        for number in range(image.n_frames):
+            image.seek(number)
+            frames.append(np.asarray(image.convert("L"), float))
+    return np.array(frames)
+
+
+@pytest.mark.parametrize(("theme", "bright"), [("light", True), ("dark", False)])
+def test_a_picture_for_every_fiftieth_of_a_second(theme: str, bright: bool, tmp_path: Path) -> None:
+    tracks = circling_tracks()
+    path = tmp_path / "field.gif"
+    count = save_animation(tracks, path, stretch_s=(0.1, 0.4), slow=2.0, theme=theme)
+    shown = pictures(path)
+    assert count == len(shown) == 1 + round(0.3 * 2.0 * 1_000 / FRAME_MS)
+    assert (shown[0].mean() > 128) == bright
+    changed = np.abs(np.diff(shown, axis=0)).max(axis=0) > 64
+    assert changed.mean() > 0.001  # arrows, the line of the time, and the title
+    assert changed[:, : shown.shape[2] // 20].mean() == 0.0  # no label of an axis moves
+
+
+def test_what_makes_no_sense_is_refused(tmp_path: Path) -> None:
+    tracks = circling_tracks(estimates=400)
+    with pytest.raises(ConfigError, match=r"from 0\.3 to 0\.2 s: the tracks go from 0 to 0\.399 s"):
+        save_animation(tracks, tmp_path / "a.gif", stretch_s=(0.3, 0.2))
+    with pytest.raises(ConfigError, match=r"valid endings: \.gif"):
+        save_animation(tracks, tmp_path / "a.webp")
+    with pytest.raises(ConfigError, match="slow is 0"):
+        save_animation(tracks, tmp_path / "a.gif", slow=0.0)
+    with pytest.raises(ConfigError, match="600 at most"):
+        save_animation(tracks, tmp_path / "a.gif", slow=200.0)
+    with pytest.raises(ConfigError, match="does not exist"):
+        save_animation(tracks, tmp_path / "none" / "a.gif")
+    with pytest.raises(ConfigError, match="nothing to draw"):
+        save_animation(circling_tracks(estimates=0), tmp_path / "a.gif")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    """A hot pixel at 1 kHz for 2 s, and a burst of 100 ON events of one column at 1.0 s."""
+    hot_us = np.arange(0, 2_000_000, 1_000)
+    t = np.concatenate([hot_us, np.full(100, 1_000_500)])
+    x = np.concatenate([np.full(2_000, HOT[0]), np.full(100, 20)]).astype(np.uint16)
+    y = np.concatenate([np.full(2_000, HOT[1]), np.arange(100) % 20]).astype(np.uint16)
+    p = np.concatenate([np.zeros(2_000, bool), np.ones(100, bool)])
+    order = np.argsort(t, kind="stable")
+    columns = (column[order] for column in (x, y, p, t))
+    with create_events(tmp_path / "a.raw", SIZE) as writer:
+        writer.write(EventPacket(*columns, 0, 2_000_000, SIZE))
+    return tmp_path / "a.raw"
+
+
+def test_the_busiest_moment_the_surface_and_the_hot_pixel_are_found(recorded: Path) -> None:
+    for chunk in (50, 100_000):
+        found = event_figures(open_events(recorded, chunk_events=chunk))
+        assert found.at_us == 1_000_000
+        assert found.rate_kev_s[[0, 100]].tolist() == [1.0, 11.0]
+        assert found.moment[:20, 20].tolist() == [5] * 20
+        assert found.moment[HOT[::-1]] == -RATE_US // 1_000
+        age_us = 1_000_000 + RATE_US - 1_000_500
+        assert found.surface[3, 20] == pytest.approx(np.exp(-age_us / SURFACE_US))
+        assert found.surface[0, 0] == 0.0
+        assert found.counts[HOT[::-1]] == 2_000
+        assert found.hot_px.tolist() == [list(HOT)]
+
+
+def test_every_kind_is_drawn_with_its_axes(recorded: Path) -> None:
+    found = event_figures(open_events(recorded), at_s=0.5)
+    assert found.at_us == 500_000
+    labels = {"moment": "x (px)", "rate": "time (s)", "surface": "x (px)", "hot": "x (px)"}
+    for kind, label in labels.items():
+        assert plot_events(found, kind).axes[0].get_xlabel() == label
+    drawn = plot_events(found, theme="dark").axes
+    assert [axes.get_xlabel() for axes in drawn] == list(labels.values())
+    assert "1 hot pixel" in drawn[3].get_title()
+    with pytest.raises(ConfigError, match="did you mean 'moment'"):
+        plot_events(found, "momnt")
+    with pytest.raises(ConfigError, match="the events last 2 s"):
+        event_figures(open_events(recorded), at_s=2.5)
+
+
+def test_a_hole_is_drawn_as_its_legend_says() -> None:
+    axes = Figure().add_subplot()
+    circle = Circle(np.array([0.03, 0.0]), RADIUS_MM, np.diag([0.02, 0.04, 0.02]) ** 2, RESIDUAL_MM)
+    reading = circle.center_mm + 1.7 * np.column_stack([np.cos(ANGLE_RAD), np.sin(ANGLE_RAD)])
+    truth = {"true_center_mm": np.zeros(2), "true_radius_mm": RADIUS_MM}
+    one = HolePicture(circle=circle, reading_mm=reading, **truth)
+    draw_hole(axes, one, THEMES["light"])
+    handles, labels = axes.get_legend_handles_labels()
+    drawn = dict(zip(labels, handles, strict=True))
+    assert axes.get_aspect() == 1.0
+    region = drawn[f"95 % region of the centre × {one.center_factor:g}"]
+    assert isinstance(region, Ellipse)
+    assert max(region.width, region.height) == pytest.approx(
+        2.0 * one.center_factor * 0.04 * np.sqrt(PLANE_REGION)
+    )
+    away = drawn[f"true centre, its distance × {one.center_factor:g}"].get_xydata()[0]
+    np.testing.assert_allclose(away, [0.03 * (1.0 - one.center_factor), 0.0], atol=1e-12)
+    contacts = drawn[f"contacts, residual × {one.residual_factor:g}"].get_xydata()
+    distance = np.linalg.norm(contacts - one.circle.center_mm, axis=1)
+    np.testing.assert_allclose(distance, RADIUS_MM + one.residual_factor * RESIDUAL_MM)
