@@ -1,4 +1,4 @@
-"""From tracks to a figure, a table and a comparison, by the command line."""
+"""From tracks to a figure, a comparison and a data set, by the command line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from spikingtac.cli.main import main
-from stand_ins.tracks import circling_tracks
+from spikingtac.tracks import Tracks
+from stand_ins.tracks import FIRST_US, circling_tracks
 from stand_ins.viewer import positions_px
 
 
@@ -29,17 +30,20 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
-@pytest.mark.parametrize("ending", [".png", ".svg", ".pdf"])
-def test_plot_writes_a_figure(
-    folder: Path, ending: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    output = f"field{ending}"
-    found = told(capsys, "plot", "one.npz", "--kind", "field", "--at-s", "0.1", "-o", output)
-    assert found["output"] == output
-    assert found["displacement_max_mm"] > 0.5
-    assert (folder / output).stat().st_size > 1_000
-    assert main(["plot", "one.npz", "-o", output]) == 2
-    assert "--overwrite" in capsys.readouterr().err
+def test_plot_writes_a_figure(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for output in ("field.png", "field.svg", "field.pdf"):
+        found = told(capsys, "plot", "one.npz", "--kind", "field", "--at-s", "0.1", "-o", output)
+        assert found["output"] == output
+        assert found["displacement_max_mm"] > 0.5
+        assert (folder / output).stat().st_size > 1_000
+    for given, why in (
+        (["-o", "field.pdf"], "--overwrite"),
+        (["-o", "a.gif", "--at-s", "1"], "leave out --at-s"),
+        (["--from-s", "1"], "are for animations"),
+        (["--kind", "rate"], "is not for tracks"),
+    ):
+        assert main(["plot", "one.npz", *given]) == 2
+        assert why in capsys.readouterr().err
 
 
 def test_compare_gives_the_error_between_tracks_and_to_a_truth(
@@ -56,16 +60,136 @@ def test_compare_gives_the_error_between_tracks_and_to_a_truth(
     assert "difference mean " in capsys.readouterr().out
 
 
-def test_compare_refuses_what_is_neither(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    np.savez(folder / "x.npz", a=1)
-    assert main(["compare", "one.npz", "x.npz"]) == 1
-    assert "neither tracks nor a truth" in capsys.readouterr().err
-    assert main(["compare", "x.npz", "one.npz"]) == 1
-    assert "holds no tracks" in capsys.readouterr().err
+LENGTHS = (500, 301)
+FPS = 40
 
 
-def test_info_describes_tracks(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = told(capsys, "info", "one.npz")
-    assert (found["format"], found["markers"], found["estimates"]) == ("tracks", 64, 500)
-    assert main(["info", "one.npz"]) == 0
-    assert "displacement max" in capsys.readouterr().out
+@pytest.fixture
+def day(tmp_path: Path) -> Path:
+    """Two recordings; the second one moved otherwise."""
+    folder = tmp_path / "day"
+    folder.mkdir()
+    for number, length in enumerate(LENGTHS):
+        tracks = circling_tracks(estimates=length, px_per_mm=8.0, off_px=float(number))
+        tracks.save(folder / f"{number}.npz")
+    return folder
+
+
+def tracks_of(day: Path) -> list[Tracks]:
+    return [Tracks.load(day / f"{number}.npz") for number in range(len(LENGTHS))]
+
+
+def rows_at(tracks: Tracks, t_us: np.ndarray) -> np.ndarray:
+    """Return the last row before each time, found one by one."""
+    return np.array([max(np.flatnonzero(tracks.t_us <= t)) for t in t_us])
+
+
+def export(day: Path, form: str, output: Path, *options: str) -> list[str]:
+    return ["export", str(day), "--to", form, "-o", str(output), *options]
+
+
+def test_a_lerobot_data_set_holds_the_tracks_at_its_frames(
+    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pq = pytest.importorskip("pyarrow.parquet", reason="the extra [lerobot] is not installed")
+    pandas = pytest.importorskip("pandas", reason="the extra [lerobot] is not installed")
+    out = tmp_path / "set"
+    assert main(export(day, "lerobot", out, "--fps", str(FPS), "--task", "twist", "--json")) == 0
+    said = json.loads(capsys.readouterr().out)
+    info = json.loads((out / "meta" / "info.json").read_text())
+    assert info["codebase_version"] == "v3.0"
+    assert (said["total_episodes"], said["total_frames"]) == (2, 20 + 13)
+    assert said["largest_age_ms"] < 1.0
+    table = pq.read_table(out / info["data_path"].format(chunk_index=0, file_index=0))
+    assert set(table.column_names) == set(info["features"])
+    assert table["index"].to_pylist() == list(range(33))
+    assert table["frame_index"].to_pylist() == [*range(20), *range(13)]
+    moved = np.array(table["observation.tactile.displacement"].to_pylist(), np.float32)
+    seen = np.array(table["observation.tactile.seen"].to_pylist())
+    for number, tracks in enumerate(tracks_of(day)):
+        mine = np.array(table["episode_index"]) == number
+        frame = np.array(table["frame_index"])[mine]
+        rows = rows_at(tracks, FIRST_US + frame * 1_000_000 // FPS)
+        expected = tracks.displacement_px[rows].reshape(len(rows), -1)
+        np.testing.assert_array_equal(moved[mine], expected)
+        np.testing.assert_array_equal(seen[mine] == 1, ~tracks.coasted[rows])
+        stamps = np.array(table["timestamp"])[mine]
+        np.testing.assert_allclose(stamps, frame / FPS, rtol=1e-6)
+    stats = json.loads((out / "meta" / "stats.json").read_text())
+    told = stats["observation.tactile.displacement"]
+    np.testing.assert_allclose(told["mean"], moved.astype(float).mean(axis=0), atol=1e-9)
+    np.testing.assert_allclose(told["std"], moved.astype(float).std(axis=0), atol=1e-9)
+    assert told["count"] == [33]
+    tasks = pandas.read_parquet(out / "meta" / "tasks.parquet")
+    assert tasks.loc["twist", "task_index"] == 0
+    episodes = pq.read_table(out / "meta" / "episodes" / "chunk-000" / "file-000.parquet")
+    assert episodes["dataset_from_index"].to_pylist() == [0, 20]
+    assert episodes["dataset_to_index"].to_pylist() == [20, 33]
+    assert pq.ParquetFile(out / "data" / "chunk-000" / "file-000.parquet").num_row_groups == 2
+
+
+def test_a_robots_log_is_aligned_in_time_and_never_from_the_future(
+    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pq = pytest.importorskip("pyarrow.parquet", reason="the extra [lerobot] is not installed")
+    pytest.importorskip("pandas", reason="the extra [lerobot] is not installed")
+    logs = []
+    for number, length in enumerate(LENGTHS):
+        t_us = np.arange(20_000, length * 1_000, 8_000)
+        state = np.column_stack((t_us, -t_us, t_us * 0 + number)).astype(np.float32)
+        logs.append(tmp_path / f"log{number}.npz")
+        np.savez(logs[-1], t_us=t_us, state=state, action=state[:, :1])
+    out = tmp_path / "set"
+    given = ["--fps", "100", "--json", "--log", *map(str, logs)]
+    assert main(export(day, "lerobot", out, *given)) == 0
+    assert json.loads(capsys.readouterr().out)["largest_age_ms"] < 8.0
+    table = pq.read_table(out / "data" / "chunk-000" / "file-000.parquet")
+    state = np.array(table["observation.state"].to_pylist())
+    frame_us = 20_000 + np.array(table["frame_index"]) * 10_000
+    age_us = frame_us - state[:, 0]
+    assert age_us.min() >= 0
+    assert age_us.max() < 8_000
+    assert (state[:, 2] == np.array(table["episode_index"])).all()
+    assert table["action"].to_pylist() == state[:, 0].tolist()  # one number is no list
+
+
+def test_a_zarr_store_holds_the_tracks(
+    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    zarr = pytest.importorskip("zarr", reason="the extra [zarr] is not installed")
+    out = tmp_path / "set.zarr"
+    assert main(export(day, "zarr", out, "--json")) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["recordings"], said["frames"]) == (2, sum(LENGTHS))
+    root = zarr.open_group(str(out), mode="r")
+    assert sorted(root) == ["0", "1"]
+    for number, tracks in enumerate(tracks_of(day)):
+        group = root[str(number)]
+        np.testing.assert_array_equal(group["t_us"][:], tracks.t_us)
+        np.testing.assert_array_equal(group["displacement_px"][:], tracks.displacement_px)
+        np.testing.assert_array_equal(group["held"][:], tracks.coasted)
+        assert group.attrs["px_per_mm"] == 8.0
+        assert "force_n" not in group
+
+
+def test_a_data_set_is_replaced_only_when_asked_and_nothing_else_ever_is(
+    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("zarr", reason="the extra [zarr] is not installed")
+    out = tmp_path / "set"
+    assert main(export(day, "zarr", out)) == 0
+    assert main(export(day, "zarr", out)) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    (day / "1.npz").write_bytes(b"PK broken")
+    before = sorted(path.name for path in out.iterdir())
+    assert main(export(day, "zarr", out, "--overwrite")) == 1
+    assert sorted(path.name for path in out.iterdir()) == before
+    (day / "1.npz").unlink()
+    assert main(export(day, "zarr", out, "--overwrite")) == 0
+    assert not (out / "1").exists()
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "thesis.txt").write_text("mine")
+    assert main(export(day, "zarr", other, "--overwrite")) == 2
+    assert (other / "thesis.txt").read_text() == "mine"
+    assert not list(tmp_path.glob(".*"))
