@@ -9,6 +9,7 @@ import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -55,9 +56,9 @@ class Batch:
 
 @dataclass(frozen=True, slots=True)
 class _Job:
-    key: str
     source: Path
     output: Path
+    files: list[list[Any]]  # name, size and time of change (ns) of each file of the recording
 
 
 def run_batch(
@@ -81,9 +82,8 @@ def run_batch(
         ConfigError: The folder holds something else, or a run with other settings, or of recordings
             below another folder.
     """
-    settings = _settings(batch)
-    jobs = _jobs(batch, settings)
-    begin_run(batch.folder, settings, resume, overwrite)
+    jobs = _jobs(batch)
+    begin_run(batch.folder, _settings(batch), resume, overwrite)
     journal = batch.folder / JOURNAL
     found = _done(journal, jobs)
     kept = len(found)
@@ -91,16 +91,16 @@ def run_batch(
         worker_pool(batch.workers, len(jobs), isolated=True) as pool,
         journal.open("a", encoding="utf-8", newline="\n") as file,
     ):
-        left = [job for job in jobs if job.key not in found]
+        left = [job for job in jobs if job.source not in found]
         futures = {pool.submit(_work_on, batch.work, job): job for job in left}
         for future in as_completed(futures):
             job, lost = futures[future], future.exception()  # _work_on raises nothing
-            found[job.key] = row = _row(job, 0.0, str(lost)) if lost else future.result()
+            found[job.source] = row = _row(job, 0.0, str(lost)) if lost else future.result()
             size = job.output.stat().st_size if row["status"] == "done" else 0
-            file.write(json.dumps({"key": job.key, "bytes": size, "row": row}) + "\n")
+            file.write(json.dumps({"files": job.files, "bytes": size, "row": row}) + "\n")
             file.flush()
             advance(len(found) / len(jobs))
-    rows = [found[job.key] for job in jobs]
+    rows = [found[job.source] for job in jobs]
     columns = list(dict.fromkeys(name for row in rows for name in row))
     write_rows(batch.folder / TABLE, columns, rows)
     return sorted(rows, key=lambda row: row["status"] != "failed"), kept
@@ -195,8 +195,7 @@ def _row(job: _Job, seconds: float, error: str | None) -> Row:
     }
 
 
-def _jobs(batch: Batch, settings: Row) -> list[_Job]:
-    """Return the jobs; the key of each is a digest of all that its result depends on."""
+def _jobs(batch: Batch) -> list[_Job]:
     folder, jobs = batch.folder.absolute(), []
     outputs = outputs_of(batch.recordings, folder, batch.ending)
     for recording, output in zip(batch.recordings, outputs, strict=True):
@@ -206,10 +205,8 @@ def _jobs(batch: Batch, settings: Row) -> list[_Job]:
                 "itself; rename the recording"
             )
         files = sorted(recording.iterdir()) if recording.is_dir() else [recording]
-        state = [(f.name, f.stat().st_size, f.stat().st_mtime_ns) for f in files if f.exists()]
-        depends = (str(recording.absolute()), state, str(output), settings)
-        key = hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()
-        jobs.append(_Job(key, recording.absolute(), output))
+        state = [[f.name, f.stat().st_size, f.stat().st_mtime_ns] for f in files if f.exists()]
+        jobs.append(_Job(recording.absolute(), output, state))
     return jobs
 
 
@@ -226,24 +223,23 @@ def _settings(batch: Batch) -> Row:
     return {"verb": batch.name, "version": version, "below": below, **batch.settings, **digests}
 
 
-def _done(journal: Path, jobs: Sequence[_Job]) -> dict[str, Row]:
+def _done(journal: Path, jobs: Sequence[_Job]) -> dict[Path, Row]:
     """Return the rows of what is done and still there whole; a line that a crash cut is none."""
-    lines = {}
+    lines: dict[str, dict[str, Any]] = {}
     text = journal.read_text(encoding="utf-8", errors="replace") if journal.is_file() else ""
     if text and not text.endswith("\n"):
         with journal.open("a", encoding="utf-8") as file:
             file.write("\n")
     for line in text.splitlines():
-        try:
+        with suppress(ValueError, KeyError, TypeError):
             found = json.loads(line)
-            lines[found["key"]] = found
-        except (ValueError, KeyError, TypeError):
-            continue
+            lines[found["row"]["source"]] = found
     return {
-        job.key: found["row"]
+        job.source: found["row"]
         for job in jobs
-        if (found := lines.get(job.key))
-        and found["row"]["status"] == "done"
+        if (found := lines.get(str(job.source)))
+        and found["row"]["output"] == str(job.output)  # of a failure it is None
+        and found.get("files") == job.files
         and job.output.is_file()
         and job.output.stat().st_size == found["bytes"]
     }
