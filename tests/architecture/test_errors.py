@@ -16,7 +16,7 @@ ARGUMENTS = {"ValueError", "TypeError", "AttributeError", "NotImplementedError"}
 
 # Errors of one room: they descend from those of ``errors``, or its callers turn them into one.
 WITHIN = {
-    "CommandError": "viewer/wire.py",
+    "CommandError": "viewer/server.py",
     "DamagedPieceError": "events/formats/limits.py",
     "_MisfitError": "robot/adaptive_search.py",
     "NoCalibrationError": "viewer/opening.py",

@@ -9,8 +9,8 @@ from typing import Any
 
 from spikingtac.stream.host import Factory
 from spikingtac.viewer.access import Gate, listen
-from spikingtac.viewer.process import SessionProcess
 from spikingtac.viewer.server import PageServer, serve
+from spikingtac.viewer.show import PageOptions, SessionProcess
 from spikingtac.viewer.source import ViewSource
 
 START_S = 180.0
@@ -18,7 +18,7 @@ START_S = 180.0
 
 def run_server(opener: Callable[..., ViewSource], given: list[dict[str, Any]], port: Any) -> None:
     views = [Factory(function=opener, arguments=arguments) for arguments in given]
-    sessions = [SessionProcess(view, repeat=True) for view in views]
+    sessions = [SessionProcess(view, PageOptions(repeat=True)) for view in views]
     try:
         listening = listen("127.0.0.1", 0)
         port.put(listening.getsockname()[1])

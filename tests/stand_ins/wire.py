@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.viewer.wire import MAGIC, PREFIX
+from spikingtac.viewer.snapshot import MAGIC, PREFIX
 
 
 def unpack(packed: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:

@@ -23,7 +23,7 @@ from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrat
 from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
 from spikingtac.stream.host import Asker, Factory, Host, closed_by
 from spikingtac.types import EventPacket, MarkerFrame
-from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.source import EventStore
 
 SHOWN_S = 0.25  # How often the guide's view is made anew: faster than it can be read, s.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +16,10 @@ from spikingtac.plots.summary import DPI, PANEL, SensorDrawing
 from spikingtac.ros2.messages import NS_PER_US, Layout
 from spikingtac.ros2.stream import SensorStream, StreamConfig
 from spikingtac.types import MarkerFrame
-from spikingtac.viewer.event_store import EventStore
-from spikingtac.viewer.mcap import McapPublisher, image_message
+from spikingtac.viewer.files import McapPublisher, image_message, write_mp4
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.record import EXPOSURE_US, Record, picture_of
-from spikingtac.viewer.source import ViewSource
+from spikingtac.viewer.source import EventStore, ViewSource
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -42,65 +40,50 @@ SIDE_IN = 3.4  # Side of an animation's picture, inches.
 LONGEST_S = 60.0  # Longest animation, s: a GIF of a minute has tens of megabytes already.
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """A view that is tracked from its beginning to a given end, as fast as the machine can.
-
-    Attributes:
-        playback: Tracks it.
-        record: What was tracked.
-        end_us: End of the stretch, us.
-    """
-
-    playback: Playback
-    record: Record
-    end_us: int
-
-    def advance(self, step_us: int) -> int:
-        """Track on by a step, at most to the end; return how far it went, us.
-
-        A silence that is too long to be filled counts as one step.
-        """
-        before_us = self.playback.position_us
-        target_us = max(before_us + step_us, self.playback.resumes_us(before_us + step_us) or 0)
-        self.playback.aim(min(target_us, self.end_us))
-        self.playback.work(BUDGET_S)
-        return self.playback.position_us - before_us
-
-
 @contextmanager
-def open_stretch(
-    view: ViewSource,
-    seconds: float | None,
-    on_frame: Callable[[MarkerFrame], None] = lambda frame: None,
-) -> Iterator[Stretch]:
-    """Open a stretch of a view; its temporary files go with the context.
+def tracked(
+    view: ViewSource, seconds: float | None, on_frame: Callable[[MarkerFrame], object]
+) -> Iterator[tuple[Playback, int]]:
+    """Open a view that is tracked as fast as the machine can; its files go with the context.
 
     Args:
         view: What is exported.
         seconds: Length from the beginning, s; None is all of it.
-        on_frame: Takes every estimate, beside the record.
+        on_frame: Takes every estimate.
+
+    Yields:
+        What tracks it, and the end of the stretch, us.
 
     Raises:
         ConfigError: The source does not end by itself and no length was given.
     """
     if seconds is None and not view.ends:
         raise ConfigError("this source does not end by itself; give a length: --seconds N")
-    store, record = EventStore(view.source), Record()
-
-    def take(frame: MarkerFrame) -> None:
-        record.estimate(frame)
-        on_frame(frame)
-
+    store = EventStore(view.source)
     try:
         asked_us = float("inf") if seconds is None else store.t_start_us + round(seconds * 1e6)
         if view.ends:
             store.extend_to(float("inf"))
             asked_us = min(asked_us, store.t_end_us)
-        yield Stretch(Playback(store, view, take), record, int(asked_us))
+        yield Playback(store, view, on_frame), int(asked_us)
     finally:
         store.close()
         view.close()
+
+
+def steps(playback: Playback, step_us: int, end_us: int) -> Iterator[int]:
+    """Track on step by step to the end; yield how far each step went, us.
+
+    A silence that is too long to be filled counts as one step.
+    """
+    while True:
+        before_us = playback.position_us
+        target_us = max(before_us + step_us, playback.resumes_us(before_us + step_us) or 0)
+        playback.aim(min(target_us, end_us))
+        playback.work(BUDGET_S)
+        if playback.position_us == before_us:
+            return
+        yield playback.position_us - before_us
 
 
 def check_target(path: Path, overwrite: bool, endings: Sequence[str] = ENDINGS) -> None:
@@ -137,24 +120,18 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
             return 1
         if target.suffix == ".mcap":
             return export_mcap(view, partial, seconds)
-        video = target.suffix == ".mp4"
-        frame_ms = VIDEO_FRAME_MS if video else GIF_FRAME_MS
-        pictures = draw_stretch(view, frame_ms, VIDEO_COLORS if video else GIF_COLORS, seconds)
-        if video:
-            from spikingtac.viewer.mp4 import write_mp4
-
-            write_mp4(pictures, frame_ms, partial)
+        if target.suffix == ".mp4":
+            pictures = draw_stretch(view, VIDEO_FRAME_MS, VIDEO_COLORS, seconds)
+            write_mp4(pictures, VIDEO_FRAME_MS, partial)
         else:
+            pictures = draw_stretch(view, GIF_FRAME_MS, GIF_COLORS, seconds)
             options: dict[str, Any] = {"save_all": True, "append_images": pictures[1:], "loop": 0}
-            pictures[0].save(partial, duration=frame_ms, optimize=True, **options)
+            pictures[0].save(partial, duration=GIF_FRAME_MS, optimize=True, **options)
         return len(pictures)
 
 
 def summarize(
-    view: ViewSource,
-    *,
-    seconds: float | None = None,
-    picture: Path | None = None,
+    view: ViewSource, *, seconds: float | None = None, picture: Path | None = None
 ) -> dict[str, Any]:
     """Track a view as fast as the machine, or a live source, can; return its figures.
 
@@ -168,19 +145,19 @@ def summarize(
         SpikingTacError: A live source failed; the picture shows what came before.
     """
     ended: BaseException | None = None
-    with open_stretch(view, seconds) as stretch:
-        playback, record = stretch.playback, stretch.record
-        step_us = max((stretch.end_us - playback.position_us) // LOOKS, LEAST_STEP_US)
+    record = Record()
+    with tracked(view, seconds, record.estimate) as (playback, end_us):
+        step_us = max((end_us - playback.position_us) // LOOKS, LEAST_STEP_US)
         try:
-            while stretch.advance(step_us):
-                record.take(view, playback)
+            for _ in steps(playback, step_us, end_us):
+                record.take(playback)
         except (SpikingTacError, OSError, RuntimeError, KeyboardInterrupt) as error:
             if view.ends:
                 raise
             ended = error
         if picture is not None:
-            record.save_picture(picture, view, playback)
-        summary = record.summary(view, playback)
+            record.save_picture(picture, playback)
+        summary = record.summary(playback)
     if ended is not None and not isinstance(ended, KeyboardInterrupt):
         raise ended
     return summary
@@ -201,12 +178,12 @@ def export_mcap(view: ViewSource, path: Path, seconds: float | None) -> int:
     with closing(McapPublisher(path)) as publisher:
         stream = SensorStream(publisher, layout, config, clock_ns=None)
         publisher.advertise(IMAGE, "sensor_msgs/Image")
-        with open_stretch(view, seconds, stream.frame) as stretch:
-            playback, store = stretch.playback, stretch.playback.store
-            while advanced_us := stretch.advance(MESSAGE_US):
+        with tracked(view, seconds, stream.frame) as (playback, last_us):
+            store = playback.store
+            for advanced_us in steps(playback, MESSAGE_US, last_us):
                 now_us = playback.position_us
                 # The events after the last whole step belong to the last message.
-                end_us = stretch.end_us if advanced_us < MESSAGE_US else now_us
+                end_us = last_us if advanced_us < MESSAGE_US else now_us
                 stream.events(store.between(now_us - advanced_us, end_us))
                 exposed, t_ns = store.between(now_us - EXPOSURE_US, now_us), now_us * NS_PER_US
                 publisher.publish(IMAGE, image_message(exposed, t_ns), t_ns)
@@ -235,11 +212,12 @@ def draw_stretch(
     canvas, axes = FigureCanvasAgg(figure), figure.add_subplot()
     drawing: SensorDrawing | None = None
     pictures: list[Image] = []
-    with open_stretch(view, seconds) as stretch:
-        for _ in range(int(min(seconds or LONGEST_S, LONGEST_S) * 1000 / frame_ms)):
-            if not stretch.advance(frame_ms * 1000) or stretch.playback.frame is None:
+    most = int(min(seconds or LONGEST_S, LONGEST_S) * 1000 / frame_ms)
+    with tracked(view, seconds, lambda _: None) as (playback, end_us):
+        for _ in steps(playback, frame_ms * 1000, end_us):
+            if len(pictures) == most or playback.frame is None:
                 break
-            picture = picture_of(view, stretch.playback)
+            picture = picture_of(playback)
             if drawing is None:
                 drawing = SensorDrawing(axes, picture)
                 canvas.draw()

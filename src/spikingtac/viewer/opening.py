@@ -40,8 +40,8 @@ def open_view_source(
     calibration: str | None = None,
     preset: str = "default",
     rate_hz: float | None = None,
-    seed: int = 0,
-    camera: str | None = None,
+    force: str | None = None,
+    **scene: Any,
 ) -> ViewSource:
     """Open an event file, a recording folder, a camera, or a scene of the digital twin.
 
@@ -50,30 +50,34 @@ def open_view_source(
         calibration: Path of a calibration; a folder's own unless given; a scene brings its own.
         preset: Configuration: ``default``, ``fast``, ``paper``, or a TOML file.
         rate_hz: Estimates per second; the preset's unless given.
-        seed: Of a scene.
-        camera: Camera preset of a scene.
+        force: Path of a force model, to show what is felt.
+        **scene: ``seed`` and ``camera`` (a preset) of a scene.
 
     Raises:
         RecordingError: The recording cannot be read.
         DeviceError: There is no such camera.
         CalibrationError: The calibration does not fit; NoCalibrationError where there is none.
-        ConfigError: There is neither such a path nor such a scene, or a recording has a camera.
+        ConfigError: There is neither such a path nor such a scene, a recording has a camera, or
+            the force model cannot be read or is of another sensor.
     """
-    path = Path(source)
+    path, named = Path(source), (scene.get("seed", 0), scene.get("camera"))
     if is_twin(source):  # the page shows the truth that the twin knows
         address = Address.parse(source)
-        view = _open_scene(address.target, *twin_options(address, seed, camera))
+        view = _open_scene(address.target, *twin_options(address, *named))
     elif is_stream(path):
-        view = _open_stream(path, calibration)
+        if calibration is None:
+            raise NoCalibrationError(f"{source!r} is a camera; name its --calibration")
+        events = LiveSource.in_process(source, Calibration.load(calibration).size)
+        view = _events_alone(path.name, events, ends=False)
     elif path.suffix == ".toml" or not path.exists():
         refuse_url(path)
         if path.suffix != ".toml" and (path.suffix or len(path.parts) > 1):
             raise RecordingError(
-                f"there is no file or folder {str(path)!r}; a scene is named without an ending "
+                f"there is no file or folder {source!r}; a scene is named without an ending "
                 "(spikingtac simulate --list)"
             )
-        view = _open_scene(source, seed, camera)
-    elif camera is not None:
+        view = _open_scene(source, *named)
+    elif scene.get("camera") is not None:
         raise ConfigError(f"{source!r} is a recording, --camera belongs to a scene; leave it out")
     else:
         view = _open_recording(path, calibration)
@@ -81,7 +85,14 @@ def open_view_source(
         given = Calibration.load(calibration)
         view = replace(view, calibration=given, calibrated_by=calibration, own_calibration=False)
     require_same_size(view.source.size, view.calibration.size)
-    return calibrated_view(view, view.calibration, preset=preset, rate_hz=rate_hz)
+    view = calibrated_view(view, view.calibration, preset=preset, rate_hz=rate_hz)
+    if force is None:
+        return view
+    from spikingtac.touch.force.model import load_force
+    from spikingtac.viewer.record import FeltLayer
+
+    layer = FeltLayer(view.calibration.reference_px, view.rate_hz, load_force(force))
+    return replace(view, felt=layer)
 
 
 def calibrated_view(
@@ -107,21 +118,6 @@ def calibrated_view(
     )
 
 
-def open_felt_source(*, force: str, **arguments: Any) -> ViewSource:
-    """Open a source and show what is felt: :func:`open_view_source` with a force model's path.
-
-    Raises:
-        ConfigError: The force model cannot be read, or is of another sensor; and as there.
-    """
-    from spikingtac.touch.force.model import load_force
-    from spikingtac.viewer.felt import FeltLayer
-
-    model = load_force(force)
-    view = open_view_source(**arguments)
-    felt = FeltLayer(view.calibration.reference_px, view.rate_hz, model)
-    return replace(view, felt=felt)
-
-
 def open_view_or_events(
     source: str, *, look: bool = False, save: SaveTarget | None = None, **options: Any
 ) -> ViewSource:
@@ -131,13 +127,14 @@ def open_view_or_events(
         source: See :func:`open_view_source`.
         look: Show the events alone even where a calibration is known, to calibrate anew.
         save: Where a calibration that the page makes goes.
-        **options: As there.
+        **options: As there; forces are shown of a calibrated sensor only.
     """
     if not look:
         try:
             return open_view_source(source, **options)
         except NoCalibrationError:
-            pass
+            if options.get("force") is not None:
+                raise
     live = is_stream(Path(source))
     whole: Factory[EventSource] | None = None
     if is_twin(source) or not (live or Path(source).exists()):
@@ -170,7 +167,7 @@ def open_second_view(
         beside: The first finger's recording.
         source: The other one's; the same folder again means its second sensor.
         calibration: Path of its calibration; calibration_1.json of one folder unless given.
-        **options: As of :func:`open_view_source`, or with ``force`` of :func:`open_felt_source`.
+        **options: As of :func:`open_view_source`.
     """
     path, same = Path(source), is_same_folder(Path(beside), Path(source))
     if same and not (path / name_of("events.raw", 1)).is_file():
@@ -182,8 +179,7 @@ def open_second_view(
                 f"{source!r} holds no {own.name}; name the other finger's: --second-calibration"
             )
         calibration = str(own)
-    opener = open_felt_source if "force" in options else open_view_source
-    view = opener(source=source, calibration=calibration, **options)
+    view = open_view_source(source, calibration=calibration, **options)
     events, _ = open_second(Path(beside), path)
     if not same:
         return replace(view, source=events)
@@ -209,28 +205,37 @@ def _open_recording(path: Path, calibration: str | None) -> ViewSource:
     source = open_events(path)  # first: a file that is no recording needs no calibration
     folder = path if path.is_dir() else path.parent
     manifest = read_manifest(folder / MANIFEST) if path.is_dir() else {}
-    view = _events_alone(path.resolve().name, source)
-    truth = _truth(folder / TRUTH if path.is_dir() else path.with_suffix(".truth.npz"))
-    view = replace(view, truth=truth, simulated=manifest.get("source") == "twin")
+    stored = folder / TRUTH if path.is_dir() else path.with_suffix(".truth.npz")
+    known = load_arrays(stored, "ground truth") if stored.exists() else {}
+    if known and not {"marker_t_us", "marker_px"} <= known.keys():
+        raise RecordingError(
+            f"{str(stored)!r} lacks marker_t_us or marker_px; remove it, or simulate the scene "
+            "again"
+        )
+    view = replace(
+        _events_alone(path.resolve().name, source),
+        truth=SampledTruth(known["marker_t_us"].tolist(), known["marker_px"]) if known else None,
+        simulated=manifest.get("source") == "twin",
+    )
+    beside = folder / CALIBRATION_NAME
     if calibration is not None:
         return view
-    beside = folder / CALIBRATION_NAME
     if beside.exists():
         return replace(view, calibration=Calibration.load(beside), calibrated_by=str(beside))
-    if "grid" in manifest and (folder / TRUTH).exists():
-        known = _calibration_from_truth(folder / TRUTH, manifest)
-        return replace(view, calibration=known, calibrated_by="the twin's truth at rest")
+    if "grid" in manifest and known:
+        document = {
+            "schema": CALIBRATION_SCHEMA,
+            **{name: manifest.get(name) for name in ("size", "grid")},
+            **{name: known.get(name) for name in ("reference_px", "radius_px")},
+            "polarity": _polarity(manifest.get("contrast")),
+            "provenance": {"from": "the twin's truth at rest"},
+        }
+        found = Calibration.from_document(document, where=str(stored))
+        return replace(view, calibration=found, calibrated_by="the twin's truth at rest")
     raise NoCalibrationError(
         f"there is no {CALIBRATION_NAME} beside the recording; name one with --calibration, or "
         "make it with: spikingtac calibrate RECORDING -o calibration.json"
     )
-
-
-def _open_stream(path: Path, calibration: str | None) -> ViewSource:
-    if calibration is None:
-        raise NoCalibrationError(f"{str(path)!r} is a camera; name its --calibration")
-    events = LiveSource.in_process(str(path), Calibration.load(calibration).size)
-    return _events_alone(path.name, events, ends=False)
 
 
 def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
@@ -267,29 +272,3 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
 def _polarity(contrast: Any) -> str:
     """Return which markers a scene has; one of unknown contrast (marker over ground) has white."""
     return "dark" if isinstance(contrast, int | float) and contrast < 1 else "white"
-
-
-def _calibration_from_truth(path: Path, manifest: dict[str, Any]) -> Calibration:
-    stored = load_arrays(path, "ground truth")
-    document = {
-        "schema": CALIBRATION_SCHEMA,
-        "size": manifest.get("size"),
-        "grid": manifest.get("grid"),
-        "reference_px": stored.get("reference_px"),
-        "radius_px": stored.get("radius_px"),
-        "polarity": _polarity(manifest.get("contrast")),
-        "provenance": {"from": "the twin's truth at rest"},
-    }
-    return Calibration.from_document(document, where=str(path))
-
-
-def _truth(path: Path) -> SampledTruth | None:
-    if not path.exists():
-        return None
-    stored = load_arrays(path, "ground truth")
-    t_us, marker_px = stored.get("marker_t_us"), stored.get("marker_px")
-    if t_us is None or marker_px is None:
-        raise RecordingError(
-            f"{str(path)!r} lacks marker_t_us or marker_px; remove it, or simulate the scene again"
-        )
-    return SampledTruth(t_us.tolist(), marker_px)

@@ -22,8 +22,7 @@ from spikingtac.events.windows import SILENCE_LIMIT_US
 from spikingtac.markers.registry import MarkerTracker
 from spikingtac.pipeline.follow import EstimateTimes, check_rate
 from spikingtac.types import Contact, MarkerFrame, SourceHealth
-from spikingtac.viewer.event_store import EventStore
-from spikingtac.viewer.source import ViewSource
+from spikingtac.viewer.source import EventStore, ViewSource
 
 RECENT_STEPS = 2_000  # Step times kept for the percentiles, 2 s at 1 kHz.
 
@@ -52,6 +51,7 @@ class Playback:
 
     Attributes:
         store: The events.
+        view: How they are tracked.
         position_us: Everything before this time was tracked.
         aim_us: Where :meth:`work` leads to.
         contacts: The contacts found so far, by time.
@@ -77,7 +77,7 @@ class Playback:
         check_rate(view.rate_hz)
         self.store, self.steps = store, 0
         self.contacts: dict[int, Contact] = {}
-        self._view, self._on_frame = view, on_frame
+        self.view, self._on_frame = view, on_frame
         self._step_s: deque[float] = deque(maxlen=RECENT_STEPS)
         self._spent_s = 0.0
         self._rated_us, self._rate_ev_s = -1, 0.0
@@ -150,7 +150,7 @@ class Playback:
 
     def _rewind(self) -> None:
         self.position_us = self.store.t_start_us
-        self._state = _State(self._view.make_tracker(self._config), self._view.make_detector())
+        self._state = _State(self.view.make_tracker(self._config), self.view.make_detector())
 
     def _advance(self) -> bool:
         """Go on to the next estimate time or window's end; False where the source has ended."""
@@ -160,7 +160,7 @@ class Playback:
         if store.first_event_us is None:
             store.extend_to(window_us)
         first_us = store.first_event_us
-        times = None if first_us is None else EstimateTimes(first_us, self._view.rate_hz)
+        times = None if first_us is None else EstimateTimes(first_us, self.view.rate_hz)
         estimate_us = window_us + 1 if times is None else times.at(state.step)
         edge_us = min(estimate_us, window_us)
         if not store.extend_to(edge_us):

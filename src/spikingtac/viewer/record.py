@@ -1,20 +1,21 @@
-"""What was shown of a view, kept thinly: enough for a table and a picture at its end."""
+"""What is kept of every estimate: the figures and picture of a view's end, and what is felt."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.plots.summary import Course, Picture, save_summary
+from spikingtac.touch.force.model import ForceModel, Wrench
+from spikingtac.touch.slip.held import HeldTouchDetector
+from spikingtac.touch.vibration import Spectrum, VibrationMonitor
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.snapshot import OFF_CODE, activity, events_per_s, view_step
-from spikingtac.viewer.source import ViewSource
 
 EXPOSURE_US = 30_000  # Events of the last two frames of an ordinary camera, as on the page, us.
 
@@ -22,10 +23,11 @@ EXPOSURE_US = 30_000  # Events of the last two frames of an ordinary camera, as 
 # row of 64 markers holds 512 bytes, so that a record stays at some 3 MiB however long it lasts.
 MOST_ROWS = 4_096
 US_PER_S = 1e6
+SPECTRUM_EVERY_US = 100_000  # How often the spectrum is made anew: faster than it can be read, us.
+LARGEST_BINS = 250  # Bins of the spectrum that the page draws.
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
+class _Row(NamedTuple):
     t_s: float
     rate_kev_s: float
     moved_px: NDArray[np.float32]
@@ -54,28 +56,34 @@ class Record:
         self.largest_px = max(self.largest_px, far_px)
         self._held = max(self._held, int(frame.coasted.sum()))
 
-    def take(self, view: ViewSource, playback: Playback) -> None:
+    def take(self, playback: Playback) -> None:
         """Take the present state."""
         now_us, start_us = playback.position_us, playback.store.t_start_us
-        last_us = start_us if self._last_us is None else self._last_us
-        self._played_us += max(now_us - last_us, 0)
+        self._played_us += max(now_us - (start_us if self._last_us is None else self._last_us), 0)
         if now_us == self._last_us:
             return
         self._last_us = now_us
-        row = _row(view, playback)
-        largest_px = float(row.moved_px.max(initial=0.0))
+        frame, truth = playback.frame, playback.view.truth
+        moved_px, error_px = np.empty(0, np.float32), None
+        if frame is not None:
+            moved_px = np.hypot(*frame.displacement_px.T).astype(np.float32)
+            truth_px = truth.at(frame.t_us) if truth and len(moved_px) else None
+            if truth_px is not None:
+                error_px = np.hypot(*(frame.detected_px - truth_px).T).astype(np.float32)
+        largest_px = float(moved_px.max(initial=0.0))
         if self._shown is None or largest_px >= self._shown[0]:  # of events alone, the last moment
-            self._shown = largest_px, picture_of(view, playback)
+            self._shown = largest_px, picture_of(playback)
         self._taken += 1
         if self._taken % self._every == 0:
-            self._rows.append(row)
+            since_s, rate_kev_s = (now_us - start_us) / US_PER_S, events_per_s(playback) / 1e3
+            self._rows.append(_Row(since_s, rate_kev_s, moved_px, error_px))
         if len(self._rows) > MOST_ROWS:
             self._rows, self._every = self._rows[1::2], 2 * self._every
 
-    def summary(self, view: ViewSource, playback: Playback) -> dict[str, Any]:
+    def summary(self, playback: Playback) -> dict[str, Any]:
         """Return the figures so far."""
         p50_us, p99_us = playback.step_percentiles_us()
-        frame = playback.frame
+        frame, view = playback.frame, playback.view
         document: dict[str, Any] = {
             "played_s": round(self._played_us / US_PER_S, 3),
             "calibration": view.calibrated_by or None,
@@ -94,15 +102,15 @@ class Record:
             document["error_p95_px"] = round(float(np.percentile(errors_px, 95)), 4)
         return document
 
-    def save_picture(self, path: Path, view: ViewSource, playback: Playback) -> None:
+    def save_picture(self, path: Path, playback: Playback) -> None:
         """Write the moment of largest displacement beside the course.
 
         Raises:
             ConfigError: Nothing was shown.
         """
+        view, start_us = playback.view, playback.store.t_start_us
         if self._shown is None:
             raise ConfigError(f"{view.label}: nothing was shown, there is nothing to draw")
-        start_us = playback.store.t_start_us
         markers = max((len(row.moved_px) for row in self._rows), default=0)
         rows = [row for row in self._rows if len(row.moved_px) == markers]
         rows.sort(key=lambda row: row.t_s)
@@ -116,22 +124,10 @@ class Record:
         save_summary(path, title, self._shown[1], course)
 
 
-def _row(view: ViewSource, playback: Playback) -> _Row:
-    frame = playback.frame
-    since_s = (playback.position_us - playback.store.t_start_us) / US_PER_S
-    moved_px, error_px = np.empty(0, np.float32), None
-    if frame is not None:
-        moved_px = np.hypot(*frame.displacement_px.T).astype(np.float32)
-        truth_px = view.truth.at(frame.t_us) if view.truth and len(moved_px) else None
-        if truth_px is not None:
-            error_px = np.hypot(*(frame.detected_px - truth_px).T).astype(np.float32)
-    return _Row(since_s, events_per_s(playback) / 1e3, moved_px, error_px)
-
-
-def picture_of(view: ViewSource, playback: Playback) -> Picture:
+def picture_of(playback: Playback) -> Picture:
     """Return what a page would show now."""
-    frame, store, calibration = playback.frame, playback.store, view.calibration
-    now_us, step = playback.position_us, view_step(playback.store.size)
+    frame, store, calibration = playback.frame, playback.store, playback.view.calibration
+    now_us, step = playback.position_us, view_step(store.size)
     codes = activity(store.between(now_us - EXPOSURE_US, now_us))
     tracked = frame is not None and len(frame.position_px) == len(calibration.reference_px)
     position_px = frame.position_px if frame and tracked else calibration.reference_px
@@ -142,3 +138,70 @@ def picture_of(view: ViewSource, playback: Playback) -> Picture:
         radius_px=calibration.radius_px / step,
         t_s=(now_us - store.t_start_us) / US_PER_S,
     )
+
+
+class FeltLayer:
+    """Takes every estimate and gives the page the latest quantities of touch."""
+
+    def __init__(
+        self, reference_px: NDArray[np.float64], rate_hz: float, force: ForceModel
+    ) -> None:
+        """Begin at rest.
+
+        Args:
+            reference_px: ``(m, 2)`` markers at rest, px.
+            rate_hz: Estimates per second.
+            force: The force model of this sensor.
+
+        Raises:
+            ConfigError: The model is of another sensor.
+        """
+        force.require(reference_px, "px")
+        self._reference, self._rate = reference_px, rate_hz
+        self._force = force.estimator()
+        self._touches = HeldTouchDetector(reference_px)
+        self._restart()
+
+    def _restart(self) -> None:
+        self._force.reset()
+        self._touches.reset()
+        self._vibration = VibrationMonitor(self._rate)
+        self._last_us = -1
+        self._spectrum_us = 0
+        self._wrench: Wrench | None = None
+        self._spectrum: Spectrum | None = None
+
+    def take(self, frame: MarkerFrame) -> None:
+        """Take the next estimate; an earlier one begins anew."""
+        if frame.t_us <= self._last_us:
+            self._restart()
+        self._last_us = frame.t_us
+        moved = frame.detected_px - self._reference
+        self._wrench = self._force.update(frame.t_us, moved)
+        self._touches.update(frame)
+        self._vibration.update(frame.t_us, moved)
+        if frame.t_us - self._spectrum_us >= SPECTRUM_EVERY_US:
+            self._spectrum_us = frame.t_us
+            self._spectrum = self._vibration.spectrum()
+
+    def shown(self) -> dict[str, Any]:
+        """Return what the page shows, as JSON can hold it."""
+        if self._wrench is None:
+            return {}
+        patch, line, slip = self._touches.touches.patch, self._spectrum, self._touches.slip
+        return {
+            "force_n": _rounded(self._wrench.force_n),
+            "half_width_n": _rounded(self._wrench.half_width[:3]),
+            "place_px": None if patch is None else _rounded(patch.place),
+            "outline_px": None if patch is None else _rounded(patch.outline),
+            "slip": None if slip is None else slip.phase,
+            "sticking_share": None if slip is None else round(slip.sticking_share, 3),
+            "line_hz": None if line is None else line.line_hz,
+            "line_px": 0.0 if line is None else line.line_px,
+            "spectrum_hz": 0.0 if line is None else float(line.frequency_hz[1]),
+            "spectrum_px": [] if line is None else _rounded(line.amplitude_px[:LARGEST_BINS]),
+        }
+
+
+def _rounded(values: NDArray[np.float64]) -> Any:
+    return np.round(values, 4).tolist()

@@ -6,6 +6,7 @@ Every page gets the latest frame that it can take; none slows another or the ses
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import signal
 import socket
@@ -13,7 +14,7 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from http import HTTPStatus
 from importlib import resources
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl, urlsplit
 
 from websockets.asyncio import server as websockets
@@ -22,8 +23,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from spikingtac.viewer.access import Gate, page_headers
-from spikingtac.viewer.process import SessionProcess
-from spikingtac.viewer.wire import LONGEST_COMMAND, CommandError, parse_command
+
+if TYPE_CHECKING:
+    from spikingtac.viewer.show import SessionProcess
 
 KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 FINGER = "finger"  # Parameter of an address that names one of two sessions.
@@ -37,30 +39,65 @@ UNACKNOWLEDGED = 2  # Most frames on their way to a page; one is drawn while the
 WAKE_S = 1.0  # How often a page without frames is checked, s.
 MOST_PAGES = 32
 SILENT_S = 60.0  # A page that acknowledges nothing for this long is disconnected, s.
+LONGEST_COMMAND = 1024  # Characters; a page never needs more.
+SLOWEST, FASTEST = 0.01, 10.0  # Speeds of playback, relative to the recording's own time.
+SHORTEST_EXPOSURE_US, LONGEST_EXPOSURE_US = 500, 500_000
+LATEST_US = 1 << 53  # Integers beyond it are not exact in a browser.
 
 _LOG = logging.getLogger(__name__)
 _LOG.disabled = True  # what a foreign client does wrong is nothing to the user
 
 
-class Page:
-    """One connected page.
+class CommandError(ValueError):
+    """A message from a page that is no command."""
 
-    Attributes:
-        wake: Set when there may be something to send.
-        on_the_way: Frames that it has not acknowledged. One that was sent none is not silent: the
-            first start compiles for a minute on a busy machine, and a page waits for it.
-        since_s: When it last acknowledged a frame, or got the first of those on the way, s.
+
+def parse_command(text: str) -> tuple[str, Any]:
+    """Return ``(name, value)`` of a command.
+
+    Commands are JSON objects of one key: ``ack``, ``play``, ``speed``, ``seek_us``,
+    ``exposure_us``, ``map``, ``set`` (a list of a control's name and its value), ``defaults``,
+    ``reset`` (of the stream's fault), ``calibrate`` or ``begin_anew`` (the guide of a calibration).
+
+    Raises:
+        CommandError: The text is anything else.
     """
+    if len(text) > LONGEST_COMMAND:
+        raise CommandError(f"{len(text)} characters, at most {LONGEST_COMMAND} are valid")
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise CommandError("no JSON") from error
+    if not isinstance(document, dict) or len(document) != 1:
+        raise CommandError("a command is a JSON object of one key")
+    ((name, value),) = document.items()
+    fits = _RULES.get(name)
+    if fits is None or not fits(value):
+        raise CommandError(f"{name!r} is unknown, or its value is out of range")
+    return name, value
 
-    def __init__(self) -> None:
-        self.wake = asyncio.Event()
-        self.on_the_way, self.since_s = 0, 0.0
 
-    def acknowledge(self) -> None:
-        """Note that the page has drawn a frame."""
-        self.on_the_way = max(self.on_the_way - 1, 0)
-        self.since_s = asyncio.get_running_loop().time()
-        self.wake.set()
+def _whole(low: int, high: int) -> Callable[[Any], bool]:
+    return lambda value: type(value) is int and low <= value <= high
+
+
+def _setting(value: Any) -> bool:
+    if not isinstance(value, list) or len(value) != 2 or not isinstance(value[0], str):
+        return False
+    return isinstance(value[1], bool | int | float | str)
+
+
+# Command -> whether a value fits it.
+_RULES: dict[str, Callable[[Any], bool]] = {
+    "ack": _whole(0, LATEST_US),
+    "play": lambda value: isinstance(value, bool),
+    "speed": lambda value: type(value) in (int, float) and SLOWEST <= value <= FASTEST,
+    "seek_us": _whole(-LATEST_US, LATEST_US),
+    "exposure_us": _whole(SHORTEST_EXPOSURE_US, LONGEST_EXPOSURE_US),
+    "map": lambda value: isinstance(value, bool),
+    "set": _setting,
+    **dict.fromkeys(("defaults", "reset", "calibrate", "begin_anew"), lambda value: value is True),
+}
 
 
 class PageFeeds:
@@ -68,66 +105,79 @@ class PageFeeds:
 
     def __init__(self, session: SessionProcess) -> None:
         self.session, self.pages = session, set[Page]()
-        self._frame = self._greeting = (0, b"")
+        self.frame = self.greeting = (0, b"")
 
     async def poll(self) -> None:
         """Follow the session until cancelled."""
         while True:
-            frame = self.session.frame(self._frame[0])
-            greeting = self.session.greeting(self._greeting[0])
-            self._frame, self._greeting = frame or self._frame, greeting or self._greeting
+            frame = self.session.frame(self.frame[0])
+            greeting = self.session.greeting(self.greeting[0])
+            self.frame, self.greeting = frame or self.frame, greeting or self.greeting
             if frame or greeting:
                 for page in self.pages:
                     page.wake.set()
             await asyncio.sleep(POLL_S)
 
-    async def serve(self, page: Page, connection: websockets.ServerConnection) -> None:
-        """Send a page the latest greeting and frames as fast as it acknowledges them.
 
-        Returns when the page has been silent for :data:`SILENT_S`.
-        """
-        greeted = framed = 0
-        loop = asyncio.get_running_loop()
-        while not page.on_the_way or loop.time() - page.since_s < SILENT_S:
-            if self._greeting[0] > greeted:
-                greeted, message = self._greeting
-                await connection.send(message.decode())
-            if page.on_the_way < UNACKNOWLEDGED and self._frame[0] > framed:
-                framed, message = self._frame
-                page.since_s = page.since_s if page.on_the_way else loop.time()
-                page.on_the_way += 1
-                await connection.send(message)
-                continue
-            page.wake.clear()
-            # Not wait_for: in Python 3.11 it may swallow a cancellation that meets a wake-up.
-            with suppress(TimeoutError):
-                async with asyncio.timeout(WAKE_S):
-                    await page.wake.wait()
+class Page:
+    """One connected page.
 
-    async def listen(self, page: Page, connection: websockets.ServerConnection) -> None:
-        """Take a page's commands until it leaves, or sends something else."""
-        with suppress(CommandError, ConnectionClosed):
-            async for message in connection:
-                name, value = parse_command(message if isinstance(message, str) else "")
-                if name == "ack":
-                    page.acknowledge()
-                else:
-                    self.session.command(name, value)
+    Attributes:
+        wake: Set when there may be something to send.
+    """
 
-    async def attend(self, connection: websockets.ServerConnection) -> None:
-        """Serve a page until it leaves, stops acknowledging, or sends no valid command."""
-        page = Page()
-        self.pages.add(page)
-        both = self.listen(page, connection), self.serve(page, connection)
-        tasks = [asyncio.create_task(one) for one in both]
+    def __init__(self, feeds: PageFeeds, connection: websockets.ServerConnection) -> None:
+        self.wake = asyncio.Event()
+        self._feeds, self._connection = feeds, connection
+        # Frames that it has not acknowledged. One that was sent none is not silent: the first start
+        # compiles for a minute on a busy machine, and a page waits for it.
+        self._on_the_way = 0
+        self._since_s = 0.0  # of the last acknowledgement, or of the first frame on the way
+
+    async def attend(self) -> None:
+        """Serve the page until it leaves, stops acknowledging, or sends no valid command."""
+        self._feeds.pages.add(self)
+        tasks = [asyncio.create_task(one) for one in (self._listen(), self._serve())]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            self.pages.discard(page)
+            self._feeds.pages.discard(self)
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            await connection.close(CLOSED_BY_POLICY)
+            await self._connection.close(CLOSED_BY_POLICY)
+
+    async def _serve(self) -> None:
+        """Send the latest greeting and frames as fast as the page acknowledges them."""
+        greeted = framed = 0
+        loop, feeds = asyncio.get_running_loop(), self._feeds
+        while not self._on_the_way or loop.time() - self._since_s < SILENT_S:
+            if feeds.greeting[0] > greeted:
+                greeted, message = feeds.greeting
+                await self._connection.send(message.decode())
+            if self._on_the_way < UNACKNOWLEDGED and feeds.frame[0] > framed:
+                framed, message = feeds.frame
+                self._since_s = self._since_s if self._on_the_way else loop.time()
+                self._on_the_way += 1
+                await self._connection.send(message)
+                continue
+            self.wake.clear()
+            # Not wait_for: in Python 3.11 it may swallow a cancellation that meets a wake-up.
+            with suppress(TimeoutError):
+                async with asyncio.timeout(WAKE_S):
+                    await self.wake.wait()
+
+    async def _listen(self) -> None:
+        """Take the page's commands until it leaves, or sends something else."""
+        with suppress(CommandError, ConnectionClosed):
+            async for message in self._connection:
+                name, value = parse_command(message if isinstance(message, str) else "")
+                if name != "ack":
+                    self._feeds.session.command(name, value)
+                    continue
+                self._on_the_way = max(self._on_the_way - 1, 0)
+                self._since_s = asyncio.get_running_loop().time()
+                self.wake.set()
 
 
 class PageServer:
@@ -152,7 +202,7 @@ class PageServer:
         options |= {"max_size": 4 * LONGEST_COMMAND, "compression": None, "server_header": None}
         try:
             async with websockets.serve(
-                lambda connection: self._feeds(connection.request).attend(connection),
+                lambda connection: Page(self._feeds(connection.request), connection).attend(),
                 sock=listening,
                 process_request=self._answer,
                 process_response=self._guard,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
@@ -15,12 +14,10 @@ from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.stream.ring import Publisher
 from spikingtac.tuning import with_value
 from spikingtac.types import MarkerFrame
-from spikingtac.viewer.event_store import EventStore
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.record import EXPOSURE_US, Record
-from spikingtac.viewer.snapshot import greeting, images, moving
-from spikingtac.viewer.source import ViewSource
-from spikingtac.viewer.wire import encode
+from spikingtac.viewer.snapshot import encode, greeting, images, moving
+from spikingtac.viewer.source import EventStore, ViewSource
 
 FRAME_HZ = 60.0  # Frames offered per second; displays show no more.
 
@@ -47,12 +44,7 @@ class Session:
     """
 
     def __init__(
-        self,
-        view: ViewSource,
-        frames: Publisher,
-        greetings: Publisher,
-        *,
-        repeat: bool = False,
+        self, view: ViewSource, frames: Publisher, greetings: Publisher, *, repeat: bool = False
     ) -> None:
         """Open a view.
 
@@ -64,8 +56,7 @@ class Session:
         """
         self.view, self._config = view, view.config
         self._frames, self._greetings = frames, greetings
-        self.record = Record()
-        self._notice, self._repeat = "", repeat
+        self.record, self._notice, self._repeat = Record(), "", repeat
         source = view.source
         # Looking at events needs no calibration.
         if len(view.calibration.reference_px) and not view.own_calibration:
@@ -82,7 +73,8 @@ class Session:
         self._shown: tuple[dict[str, Any], dict[str, NDArray[Any]]] | None = None
         self._greeted_s = 0.0
         self.failure: Exception | None = None
-        self._fault: dict[str, str] | None = None if view.ends else {"health": "OK", "reason": ""}
+        self._fault: dict[str, str] | None = None
+        self._forget_fault()
         self._overruns, self._due_s = 0, time.perf_counter() + 1 / FRAME_HZ
 
     def command(self, name: str, value: Any) -> None:
@@ -119,9 +111,9 @@ class Session:
             self._playhead_us += self.speed * 1e6 / FRAME_HZ
             self.playback.aim(int(self._playhead_us))
         reached = self._work()
-        if self.playing and reached and self._playhead_us >= self._last_us():
+        if self.playing and reached and self._at_end():
             self._play(self._repeat)
-        self.record.take(self.view, self.playback)
+        self.record.take(self.playback)
         self._greet()
         self._publish(start_us, reached)
 
@@ -132,49 +124,36 @@ class Session:
         time.sleep(max(self._due_s - now_s, 0.0))
         self._due_s = max(self._due_s, now_s) + 1 / FRAME_HZ
 
-    def close(self, picture: Path | None = None) -> dict[str, Any]:
-        """End a source that runs by itself, draw the picture; return the figures.
-
-        Args:
-            picture: File for a picture of what was shown, or None.
-
-        Raises:
-            ConfigError: A picture is asked for, and nothing was shown.
-        """
-        view = self.view
-        try:
-            if picture is not None:
-                self.record.save_picture(picture, view, self.playback)
-            return self.record.summary(view, self.playback)
-        finally:
-            if view.desk is not None:
-                view.desk.close()
-            self.playback.store.close()
-            view.close()
+    def close(self) -> None:
+        """End what runs by itself: the source, and a calibration that goes on."""
+        if self.view.desk is not None:
+            self.view.desk.close()
+        self.playback.store.close()
+        self.view.close()
 
     def _work(self) -> bool:
         """Track for a frame's time; True once the aim is reached or the source is lost."""
-        store, budget_s = self.playback.store, WORK_SHARE / FRAME_HZ
-        if self._fault is None:
-            return self.playback.work(budget_s)
+        store = self.playback.store
         before_s = store.waited_s
         try:
-            reached = self.playback.work(budget_s)
+            reached = self.playback.work(WORK_SHARE / FRAME_HZ)
         except (SpikingTacError, OSError, RuntimeError) as error:
+            if self.view.ends:
+                raise
             self.failure = error
             self._fault = {"health": "DISCONNECTED", "reason": str(error)}
             self.playback.aim(self.playback.position_us)
             return True
         # A slow tracker, a pause or a first compilation is no silence of the sensor.
         waited_s = store.waited_s - before_s
-        if waited_s > STALE_S and self._fault["health"] == "OK":
+        if self._fault and waited_s > STALE_S and self._fault["health"] == "OK":
             reason = f"nothing came for {1e3 * waited_s:.1f} ms"
             self._fault = {"health": "STALE", "reason": reason}
         return reached
 
     def _forget_fault(self) -> None:
-        """Clear a standstill; a source that is lost stays lost."""
-        if self._fault is not None and self.failure is None:
+        """Clear a standstill of a live source; one that is lost stays lost."""
+        if not self.view.ends and self.failure is None:
             self._fault = {"health": "OK", "reason": ""}
 
     def _take(self, frame: MarkerFrame) -> None:
@@ -200,7 +179,7 @@ class Session:
         self._greeted_s = 0.0
 
     def _play(self, playing: bool) -> None:
-        if playing and self._playhead_us >= self._last_us():
+        if playing and self._at_end():
             self._seek(self.playback.store.t_start_us)
         self.playing = playing
 
@@ -209,10 +188,9 @@ class Session:
         self._playhead_us = float(min(max(t_us, store.t_start_us), store.t_end_us))
         self.playback.aim(int(self._playhead_us))
 
-    def _last_us(self) -> float:
-        """Return where playing ends: at the end of the source, or never while it goes on."""
+    def _at_end(self) -> bool:
         store = self.playback.store
-        return store.t_end_us if store.ended else float("inf")
+        return store.ended and self._playhead_us >= store.t_end_us
 
     def _retune(self, config: Any) -> None:
         self._config, self._notice = config, ""
@@ -231,7 +209,7 @@ class Session:
         playback = self.playback
         catching_up = not reached and playback.aim_us - playback.position_us > CATCHING_UP_US
         if not catching_up or self._shown is None:
-            scalars, arrays = moving(self.view, playback)
+            scalars, arrays = moving(playback)
             drawn = images(playback, self._exposure_us, self._with_map)
             self._shown = scalars, arrays | drawn
         scalars, arrays = self._shown

@@ -1,7 +1,16 @@
-"""What a page is shown: a greeting with what is constant, frames with what changes, images."""
+"""What a page is shown: a greeting with what is constant, frames with what changes, images.
+
+A frame is, little-endian: ``STV1``, uint32 length of the JSON, the JSON padded with spaces so that
+the arrays begin at a multiple of 8 bytes, then the arrays, each padded likewise. The JSON's
+``arrays`` lists ``[name, dtype, shape, offset from the first array]``, so that a reader needs no
+other description.
+"""
 
 from __future__ import annotations
 
+import json
+import struct
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -12,9 +21,14 @@ from spikingtac.contact.detector import WINDOW_US
 from spikingtac.events.hot_pixels import judge_events
 from spikingtac.tuning import in_use
 from spikingtac.types import EventPacket, MarkerFrame
-from spikingtac.viewer.event_store import EventStore
 from spikingtac.viewer.playback import Playback
-from spikingtac.viewer.source import ViewSource
+from spikingtac.viewer.source import EventStore, ViewSource
+
+# Largest frame: two packed images of 640x640, and the markers of any grid in use.
+FRAME_BYTES = 2 << 20
+GREETING_BYTES = 1 << 20  # Largest description of a view, which a page gets once.
+MAGIC, PREFIX = b"STV1", struct.Struct("<4sI")
+ALIGNED = 8  # The widest item that a typed array in a browser may start at, bytes.
 
 WIDEST_PX = 640  # Larger sensors are shown at every second, third... pixel; a page is no wider.
 AGE_BINS = 7  # Ages that are told apart; code 0 is no event, 1 to 7 ON, 9 to 15 OFF, oldest first.
@@ -71,6 +85,24 @@ def pack(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.bitwise_or(flat[0::2] << 4, flat[1::2], dtype=np.uint8)
 
 
+def encode(meta: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """Return one message.
+
+    Args:
+        meta: Scalars and short lists that JSON can hold; the key ``arrays`` is taken.
+        arrays: Little-endian arrays by name, of any shape.
+    """
+    listed, parts, offset = [], [], 0
+    for name, array in arrays.items():
+        body = np.ascontiguousarray(array).tobytes()
+        listed.append([name, array.dtype.str.lstrip("<|"), list(array.shape), offset])
+        parts.append(body + bytes(-len(body) % ALIGNED))
+        offset += len(parts[-1])
+    text = json.dumps({**meta, "arrays": listed}, separators=(",", ":"), allow_nan=False).encode()
+    text += b" " * (-(len(text) + PREFIX.size) % ALIGNED)
+    return b"".join((PREFIX.pack(MAGIC, len(text)), text, *parts))
+
+
 def starting(view: ViewSource) -> dict[str, Any]:
     """Return the greeting while the session still gets ready."""
     return {
@@ -108,9 +140,9 @@ def greeting(view: ViewSource, store: EventStore, config: Any) -> dict[str, Any]
     }
 
 
-def moving(view: ViewSource, playback: Playback) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def moving(playback: Playback) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Return the scalars and arrays of a frame, but for the images."""
-    store, frame = playback.store, playback.frame
+    view, store, frame = playback.view, playback.store, playback.frame
     now_us = playback.position_us
     contacts = sorted(t_us for t_us in playback.contacts if t_us <= now_us)[-SHOWN_CONTACTS:]
     latest = playback.contacts[contacts[-1]] if contacts else None

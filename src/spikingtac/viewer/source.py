@@ -1,9 +1,14 @@
-"""What is viewed: a source of events, how it is tracked, and the truth where it is known."""
+"""What is viewed: events with random access in time, how they are tracked, and the truth."""
 
 from __future__ import annotations
 
+import os
+import tempfile
+import time
+import weakref
 from bisect import bisect_right
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +19,18 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.events.source import EventSource
 from spikingtac.markers.registry import MarkerTracker
+from spikingtac.types import EventPacket
 
 if TYPE_CHECKING:  # both need every kernel of the calibration and of touch
     from spikingtac.viewer.calibrating import CalibrationDesk
-    from spikingtac.viewer.felt import FeltLayer
+    from spikingtac.viewer.record import FeltLayer
 
-BEYOND_US = 2_000  # How far the last line is prolonged: one step of a simulation at 500 Hz.
+# How far the truth's last line is prolonged, us: one step of a simulation at 500 Hz.
+BEYOND_US = 2_000
+
+# Events that the files hold before they grow; they double, and stay sparse on disk.
+FIRST_CAPACITY = 1 << 20
+COLUMNS = {"x": np.uint16, "y": np.uint16, "p": np.bool_, "t": np.int64}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,9 +72,7 @@ class ViewSource:
 
     def close(self) -> None:
         """End a source that runs by itself, as a camera and a scene do."""
-        end = getattr(self.source, "close", None)
-        if end is not None:
-            end()
+        getattr(self.source, "close", lambda: None)()
 
 
 class SampledTruth:
@@ -95,3 +104,95 @@ class SampledTruth:
         start_us, end_us = times_us[after - 1], times_us[after]
         first, last = (self._marker_px[row].astype(np.float64) for row in (after - 1, after))
         return first + (t_us - start_us) / (end_us - start_us) * (last - first)
+
+
+class EventStore:
+    """Stores every event of a source in temporary files, and returns any stretch of time.
+
+    A source that goes on (a camera, a simulation) is pulled only as far as is asked for.
+
+    Attributes:
+        size: ``(width, height)`` of the sensor, px.
+        losses: What the source has lost so far, by kind.
+        ended: True once the source has nothing more.
+        waited_s: Time spent waiting for the source so far, s.
+        t_start_us: First microsecond of the stream.
+        t_end_us: First microsecond that was not pulled yet.
+    """
+
+    def __init__(self, source: EventSource) -> None:
+        self.size, self.losses = source.size, source.losses
+        self.ended, self.waited_s, self.t_end_us = False, 0.0, 0
+        self._stream: Iterator[EventPacket] = iter(source)
+        self._columns: dict[str, NDArray[Any]] = {}
+        self._events = 0
+        # Files without a name: nothing is left of them, even where the process is killed.
+        opened = ExitStack()
+        made = ((name, tempfile.TemporaryFile()) for name in COLUMNS)  # noqa: SIM115
+        self._files = {name: opened.enter_context(file) for name, file in made}
+        self._close_files = weakref.finalize(self, opened.close)
+        self._grow(FIRST_CAPACITY)
+        first = self._pull()
+        self.t_start_us = 0 if first is None else first.t_start_us
+
+    @property
+    def first_event_us(self) -> int | None:
+        """Time of the first event, or None while none has been pulled."""
+        return int(self._columns["t"][0]) if self._events else None
+
+    def around(self, t_us: int) -> tuple[int | None, int | None]:
+        """Return the times of the last event before ``t_us`` and of the next one from it on.
+
+        None stands for an event that is not there, or was not pulled yet.
+        """
+        times_us = self._columns["t"][: self._events]
+        place = int(np.searchsorted(times_us, t_us))
+        last_us = int(times_us[place - 1]) if place else None
+        return last_us, int(times_us[place]) if place < len(times_us) else None
+
+    def extend_to(self, t_us: float) -> bool:
+        """Pull the source until it covers ``t_us``; False where it ends before.
+
+        Args:
+            t_us: A time, us; infinity pulls everything of a source that ends.
+        """
+        while not self.ended and self.t_end_us < t_us:
+            self._pull()
+        return self.t_end_us >= t_us
+
+    def between(self, t_start_us: int, t_end_us: int) -> EventPacket:
+        """Return the events of ``[t_start_us, t_end_us)`` among those that were pulled (views)."""
+        times_us = self._columns["t"][: self._events]
+        first, last = np.searchsorted(times_us, (t_start_us, t_end_us))
+        x, y, p, t = (self._columns[name][first:last] for name in COLUMNS)
+        return EventPacket(x, y, p, t, t_start_us, t_end_us, self.size)
+
+    def close(self) -> None:
+        """Remove the temporary files; packets that were returned stay valid."""
+        self._columns.clear()
+        self._close_files()
+
+    def _pull(self) -> EventPacket | None:
+        asked_s = time.perf_counter()
+        try:
+            packet = next(self._stream, None)
+        finally:
+            self.waited_s += time.perf_counter() - asked_s
+        if packet is None:
+            self.ended = True
+            return None
+        self.t_end_us = packet.t_end_us
+        after = self._events + len(packet)
+        if after > len(self._columns["t"]):
+            self._grow(max(after, 2 * len(self._columns["t"])))
+        for name, column in self._columns.items():
+            column[self._events : after] = getattr(packet, name)
+        self._events = after
+        return packet
+
+    def _grow(self, capacity: int) -> None:
+        for name, dtype in COLUMNS.items():
+            file = self._files[name]
+            os.truncate(file.fileno(), capacity * np.dtype(dtype).itemsize)
+            # asarray: slices of np.memmap itself cost microseconds each.
+            self._columns[name] = np.asarray(np.memmap(file, dtype, mode="r+", shape=(capacity,)))

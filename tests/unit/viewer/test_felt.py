@@ -11,7 +11,7 @@ from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.model import ForceModel
 from spikingtac.touch.synthetic_contacts import synthetic_series
 from spikingtac.types import MarkerFrame
-from spikingtac.viewer.felt import FeltLayer
+from spikingtac.viewer.record import FeltLayer
 
 X, Y = np.meshgrid(np.arange(6.0), np.arange(6.0))
 REFERENCE = 37.0 * np.column_stack([X.ravel(), Y.ravel()]) + 40.0

@@ -14,10 +14,10 @@ import pytest
 from spikingtac.events.source import PacketSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.types import EventPacket, MarkerFrame
-from spikingtac.viewer import event_store
 from spikingtac.viewer import playback as module
-from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer import source
 from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.source import EventStore
 from stand_ins.live import (
     SIZE,
     BurstDetector,
@@ -136,11 +136,10 @@ def test_few_copies_are_kept_of_a_large_state(
 
 @pytest.mark.parametrize("capacity", [1, 7, 1 << 20])
 def test_any_stretch_equals_the_source(capacity: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(event_store, "FIRST_CAPACITY", capacity)
+    monkeypatch.setattr(source, "FIRST_CAPACITY", capacity)
     whole = EventPacket.concatenate(random_packets(1, 20))
     store = EventStore(random_source(1, 20))
     store.extend_to(10**9)
-    assert len(store) == len(whole)
     for start_us, end_us in [(0, 10**9), (5_000, 5_001), (17_123, 90_001), (300_000, 400_000)]:
         part = store.between(start_us, end_us)
         inside = (whole.t >= start_us) & (whole.t < end_us)
@@ -161,11 +160,11 @@ def test_a_source_is_pulled_no_further_than_needed() -> None:
 LEFT_BEHIND = """
 import os, signal, sys
 sys.path.insert(0, {tests!r})
-from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.source import EventStore
 from stand_ins.live import random_source
 store = EventStore(random_source(1, 20))
 store.extend_to(10**9)
-assert len(store.between(0, 10**9)) == len(store) > 0
+assert len(store.between(0, 10**9)) > 0
 os.kill(os.getpid(), signal.SIGKILL)
 """
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spikingtac.viewer import record as module
-from spikingtac.viewer.export import open_stretch, summarize
+from spikingtac.viewer.export import steps, summarize, tracked
 from stand_ins.viewer import open_circling
 
 
@@ -17,18 +17,18 @@ def test_a_record_stays_small_and_covers_the_whole_session(
 ) -> None:
     monkeypatch.setattr(module, "MOST_ROWS", 20)
     view = open_circling(1_000_000)
-    with open_stretch(view, None) as stretch:
-        record, playback = stretch.record, stretch.playback
-        while stretch.advance(16_000):
-            record.take(view, playback)
+    record = module.Record()
+    with tracked(view, None, record.estimate) as (playback, end_us):
+        for _ in steps(playback, 16_000, end_us):
+            record.take(playback)
             assert len(record._rows) <= 20
         playback.aim(500_000)  # going back and on counts as played
         playback.work(60.0)
-        record.take(view, playback)
-        stretch.advance(16_000)
-        record.take(view, playback)
-        summary = record.summary(view, playback)
-        record.save_picture(tmp_path / "x.png", view, playback)
+        record.take(playback)
+        next(steps(playback, 16_000, end_us))
+        record.take(playback)
+        summary = record.summary(playback)
+        record.save_picture(tmp_path / "x.png", playback)
     times_s = np.array([row.t_s for row in record._rows])
     assert times_s[0] < 0.2
     assert times_s.max() > 0.9

@@ -18,12 +18,11 @@ from websockets.exceptions import ConnectionClosed
 
 from spikingtac.errors import DeviceError
 from spikingtac.stream.host import Factory
-from spikingtac.viewer import process, server
+from spikingtac.viewer import server
 from spikingtac.viewer import show as show_module
 from spikingtac.viewer.access import Gate, listen
-from spikingtac.viewer.process import SessionProcess
 from spikingtac.viewer.server import UNACKNOWLEDGED, PageServer
-from spikingtac.viewer.show import PageOptions, show
+from spikingtac.viewer.show import PageOptions, SessionProcess, show
 from stand_ins.viewer import open_circling, open_nothing
 
 pytestmark = pytest.mark.waits
@@ -145,7 +144,7 @@ def test_a_session_that_was_killed_is_a_failure(shown: Callable[..., SessionProc
 def test_ctrl_c_ends_a_session_that_hangs(
     shown: Callable[..., SessionProcess], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(process, "SHUTDOWN_S", 0.5)
+    monkeypatch.setattr(show_module, "SHUTDOWN_S", 0.5)
 
     def hang(pid: int) -> None:
         os.kill(pid, signal.SIGSTOP)
@@ -227,7 +226,8 @@ def test_a_page_that_answers_nothing_is_hung_up_on(monkeypatch: pytest.MonkeyPat
 
 def test_memory_does_not_grow_with_frames() -> None:
     session = SessionProcess(
-        Factory(function=open_circling, arguments={"duration_us": 300_000}), repeat=True
+        Factory(function=open_circling, arguments={"duration_us": 300_000}),
+        PageOptions(repeat=True),
     )
     try:
         sizes, number, until_s = [], 0, time.monotonic() + PATIENCE_S

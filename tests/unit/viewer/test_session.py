@@ -9,10 +9,10 @@ import pytest
 
 from spikingtac.errors import DeviceError
 from spikingtac.types import EventPacket
-from spikingtac.viewer import event_store
 from spikingtac.viewer import session as module
+from spikingtac.viewer import source
+from spikingtac.viewer.server import CommandError, parse_command
 from spikingtac.viewer.session import Session
-from spikingtac.viewer.wire import CommandError, parse_command
 from stand_ins.viewer import (
     SIZE,
     CirclingDots,
@@ -110,7 +110,7 @@ class Cut(CirclingDots):
 @pytest.fixture
 def live(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kept]]:
     monkeypatch.setattr(module, "WORK_SHARE", 600.0)
-    monkeypatch.setattr(event_store.time, "perf_counter", lambda: Cut.now_s)
+    monkeypatch.setattr(source.time, "perf_counter", lambda: Cut.now_s)
     frames, greetings = Kept(), Kept()
     view = replace(open_circling(), source=Cut(10**6), ends=False)
     session = Session(view, frames, greetings)

@@ -18,12 +18,7 @@ from spikingtac.sim.camera_config import CAMERA_NAMES
 from spikingtac.stream.host import Factory
 from spikingtac.viewer.calibrating import SaveTarget
 from spikingtac.viewer.export import check_target, export, summarize
-from spikingtac.viewer.opening import (
-    open_felt_source,
-    open_second_view,
-    open_view_or_events,
-    open_view_source,
-)
+from spikingtac.viewer.opening import open_second_view, open_view_or_events, open_view_source
 from spikingtac.viewer.show import PageOptions, show
 from spikingtac.viewer.source import ViewSource
 
@@ -93,18 +88,15 @@ def run(args: Args) -> int:
     _check_together(args)
     same = ("source", "preset", "rate_hz", "seed", "camera")
     arguments: dict[str, Any] = {name: getattr(args, name) for name in same}
-    arguments["calibration"] = _text(args.calibration)
-    if args.force is not None:
-        arguments["force"] = str(args.force)
+    arguments |= {"calibration": _text(args.calibration), "force": _text(args.force)}
     target = args.export or args.picture
     if args.second is not None:
         summary = _both_shown(arguments, args, args.second)
     elif target is not None and (args.export or target.suffix not in PICTURE_ENDINGS):
         summary = _exported(arguments, args, target)
     else:
-        if args.force is None:
-            arguments["look"] = args.calibrate
-            arguments["save"] = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
+        arguments["look"] = args.calibrate
+        arguments["save"] = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
         summary = show_source(arguments, args)
     return report(args.source, summary, as_json=args.json)
 
@@ -135,8 +127,7 @@ def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str,
     """Show two sources side by side, each in a session of its own."""
     recorded = Path(args.source).exists() and Path(second).exists()
     other = {**arguments, "source": second, "calibration": _text(args.second_calibration)}
-    opener = open_felt_source if "force" in arguments else open_view_source
-    views = [Factory(function=opener, arguments=given) for given in (arguments, other)]
+    views = [Factory(function=open_view_source, arguments=each) for each in (arguments, other)]
     if recorded:
         beside = {**other, "beside": args.source}
         views[1] = Factory(function=open_second_view, arguments=beside)
@@ -147,7 +138,6 @@ def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str,
 
 
 def _exported(arguments: dict[str, Any], args: Args, target: Path) -> dict[str, Any]:
-
     if args.force is not None:
         raise ConfigError("an export shows no forces; leave out --force")
     check_target(target, args.overwrite)
@@ -172,10 +162,9 @@ def show_source(
     require_seconds(args.seconds)
     if args.picture is not None:
         check_target(args.picture, args.overwrite, PICTURE_ENDINGS)
-    opener = open_felt_source if "force" in arguments else open_view_or_events
     if args.headless:
-        return _headless(opener(**arguments), args)
-    return _served([Factory(function=opener, arguments=arguments)], args, repeat)
+        return _headless(open_view_or_events(**arguments), args)
+    return _served([Factory(function=open_view_or_events, arguments=arguments)], args, repeat)
 
 
 def _headless(view: ViewSource, args: PageArgs) -> dict[str, Any]:
