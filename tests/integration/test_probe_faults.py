@@ -17,8 +17,7 @@ from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.errors import SearchError
-from spikingtac.geometry.hole import Compensation
-from spikingtac.geometry.travel import TravelModel
+from spikingtac.geometry.travel import Compensation, TravelModel
 from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.robot.cross_search import cross_search

@@ -1,9 +1,10 @@
-"""From contact points to a circle with its uncertainty, and the geometry of the bit (Section V-C).
+"""From readings of touches to a circle with its uncertainty (Section V-C).
 
-The tip's centre at the decision lies beyond the first touch by the travel that the detector needs
-(delta_crit). The first touch lies inside the hole by the bit's effective radius (R_offset):
-``R_real = R_measured + R_offset - delta_crit``. The published constants, 0.375 and 0.4 mm, nearly
-cancel. The bit is hexagonal and touches with its corners; its mean effective radius is 0.41 mm.
+A motion that meets the wall head-on has the calibrated travel along its direction. A motion at an
+angle beyond the friction cone slides: the rod bends along the edge of the cone, and the tip moves
+along the wall. The travel is therefore subtracted along the force. Incidence and the hexagon's
+reach depend on the hole, so the fit is repeated a few times. Contacts far off the circle get less
+weight, since one in a thousand is false.
 """
 
 from __future__ import annotations
@@ -15,65 +16,28 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from spikingtac.arrays import one_line
+from spikingtac.geometry.travel import TravelModel
 from spikingtac.types import FloatArray
 
-HEXAGON_STEP_RAD = math.pi / 3  # Angle between neighbouring corners of a hexagon, rad.
+# The Gaussian prior. Clustered contacts do not determine radius and centre separately: the prior
+# keeps the estimate in reach, and the covariance states how little the contacts contribute.
+PRIOR_RADIUS_MM = 2.8  # Expected radius of the circle of contacts, mm (middle of 0.7 to 5.0 mm).
+PRIOR_SIGMA_MM = (2.5, 2.5, 2.0)  # Standard deviations of centre x, centre y and radius, mm.
+FRICTION = 0.3  # Coulomb coefficient between bit and wall (steel on plastic).
+
+# Standard deviation that sliding adds to a contact, per travel and per angle beyond the friction
+# cone in rad (friction known to a third).
+SLIP_SIGMA = 0.3
+
+# Number of standard deviations off the circle beyond which a contact gets less weight (this affects
+# one correct contact in 370).
+DOUBT_SIGMA = 3.0
+ROUNDS = 4  # Number of repeated fits: the third one changes the estimate by less than a micrometre.
 TOLERANCE = 1e-12  # Relative change of the circle at which the fit ends (below a nanometre).
 
 # Relative change of the cost at which it ends: the cost is flat at its minimum.
 COST_TOLERANCE = 1e-15
 TINY = float(np.finfo(np.float64).tiny)  # Smallest divisor: a point may lie at the centre.
-
-
-def hexagon_reach_mm(across_flats_mm: float, angle_rad: float | FloatArray) -> FloatArray:
-    """Return how far a hexagon reaches in a direction (its support function), mm.
-
-    Args:
-        across_flats_mm: Distance of opposite sides, mm.
-        angle_rad: Direction relative to a corner, rad, any shape.
-    """
-    folded = np.mod(np.asarray(angle_rad) + HEXAGON_STEP_RAD / 2, HEXAGON_STEP_RAD)
-    corner_mm = across_flats_mm / 2 / math.cos(HEXAGON_STEP_RAD / 2)
-    return corner_mm * np.cos(folded - HEXAGON_STEP_RAD / 2)
-
-
-def mean_hexagon_reach_mm(across_flats_mm: float) -> float:
-    """Return the mean reach over all headings: 0.4135 mm for 0.75 mm across flats."""
-    corner_mm = across_flats_mm / 2 / math.cos(HEXAGON_STEP_RAD / 2)
-    return corner_mm * math.sin(HEXAGON_STEP_RAD / 2) / (HEXAGON_STEP_RAD / 2)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Compensation:
-    """The distance between the measured tip centre and the wall.
-
-    Attributes:
-        offset_mm: R_offset, the bit's effective radius, mm.
-        travel_mm: delta_crit, the tip's travel from first touch to decision, mm.
-        offset_sigma_mm: Standard deviation of the effective radius from touch to touch, mm: a
-            hexagon of unknown heading, 0.75 mm across flats, has 0.0174.
-        travel_sigma_mm: Standard deviation of the travel from touch to touch, mm.
-    """
-
-    offset_mm: float = mean_hexagon_reach_mm(0.75)
-    travel_mm: float = 0.4
-    offset_sigma_mm: float = 0.0174
-    travel_sigma_mm: float = 0.02
-
-    @classmethod
-    def published(cls) -> Compensation:
-        """Return the paper's constants: half the bit's width, 0.375 mm, and 0.4 mm."""
-        return cls(offset_mm=0.375, travel_mm=0.4, offset_sigma_mm=0.0)
-
-    @property
-    def total_mm(self) -> float:
-        """Correction of a radius that was measured head-on, mm."""
-        return self.offset_mm - self.travel_mm
-
-    @property
-    def sigma_mm(self) -> float:
-        """Standard deviation of one contact along the radius, mm, without the arm's error."""
-        return math.hypot(self.offset_sigma_mm, self.travel_sigma_mm)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,27 +68,7 @@ class Circle:
         return replace(self, radius_mm=self.radius_mm + by_mm)
 
 
-@dataclass(frozen=True, kw_only=True)
-class HoleFitConfig:
-    """The Gaussian prior of centre and radius.
-
-    Clustered contacts do not determine radius and centre separately. The prior then keeps the
-    estimate in reach, and the covariance states how little the contacts contribute.
-
-    Attributes:
-        radius_mm: Expected radius of the circle of contacts, mm (middle of 0.7 to 5.0 mm).
-        radius_sigma_mm: Standard deviation of this radius, mm.
-        center_sigma_mm: Standard deviation of the centre about the search's start, per axis, mm.
-    """
-
-    radius_mm: float = 2.8
-    radius_sigma_mm: float = 2.0
-    center_sigma_mm: float = 2.5
-
-
-def fit_circle(
-    points_mm: FloatArray, start_mm: FloatArray, config: HoleFitConfig, sigma_mm: FloatArray | float
-) -> Circle:
+def fit_circle(points_mm: FloatArray, start_mm: FloatArray, sigma_mm: FloatArray | float) -> Circle:
     """Fit a circle to points by regularised least squares of the radial distances.
 
     Levenberg-Marquardt minimises the squared distances over the contacts' variances plus the
@@ -137,7 +81,6 @@ def fit_circle(
     Args:
         points_mm: ``(n, 2)`` points on the circle, mm; n is 1 or more.
         start_mm: ``(2,)`` start of the search inside the circle: the prior's centre, mm.
-        config: The prior.
         sigma_mm: Standard deviation of each contact along the radius ``(n,)``, or of all, mm.
 
     Raises:
@@ -149,8 +92,7 @@ def fit_circle(
     if not (np.isfinite(points).all() and np.isfinite(start).all()):
         raise ValueError("contacts and start must be finite")
     scale = 1.0 / np.broadcast_to(np.asarray(sigma_mm, np.float64), (len(points),))
-    sigmas = config.center_sigma_mm, config.center_sigma_mm, config.radius_sigma_mm
-    expected, prior_scale = np.append(start, config.radius_mm), 1.0 / np.array(sigmas)
+    expected, prior_scale = np.append(start, PRIOR_RADIUS_MM), 1.0 / np.array(PRIOR_SIGMA_MM)
 
     def distances(circle: FloatArray) -> FloatArray:
         return np.linalg.norm(points - circle[:2], axis=1) - circle[2]
@@ -159,9 +101,8 @@ def fit_circle(
         """Return the scaled residuals: contacts, start outside the circle, prior."""
         outside = float(np.linalg.norm(start - circle[:2])) - circle[2]
         inside = [float(scale.max()) * max(outside, 0.0)]
-        return np.concatenate(
-            [scale * distances(circle), inside, prior_scale * (circle - expected)]
-        )
+        scaled = scale * distances(circle), inside, prior_scale * (circle - expected)
+        return np.concatenate(scaled)
 
     def jacobian(circle: FloatArray) -> FloatArray:
         offset = (start - circle[:2])[None, :]
@@ -175,8 +116,12 @@ def fit_circle(
     found = least_squares(residuals, first, jacobian, method="lm", **limits)  # pyright: ignore[reportArgumentType]
     estimate = known = np.asarray(found.x, np.float64)
     one_sided = largest_gap_rad(points, start) > math.pi
-    if one_sided:
-        known = _flattest(points, estimate, config.radius_mm + config.radius_sigma_mm)
+    if one_sided:  # the circle through the same contacts that has at least a radius of the prior
+        radius = max(float(estimate[2]), PRIOR_RADIUS_MM + PRIOR_SIGMA_MM[2])
+        middle = points.mean(axis=0)
+        inward = estimate[:2] - middle
+        inward = inward / max(float(np.linalg.norm(inward)), TINY)
+        known = np.append(middle + radius * inward, radius)
     rows = scale[:, None] * _gradient(points - known[:2])
     covariance = np.linalg.inv(rows.T @ rows + np.diag(prior_scale**2)).astype(np.float64)
     return Circle(estimate[:2], float(estimate[2]), covariance, distances(estimate))
@@ -189,18 +134,58 @@ def largest_gap_rad(points_mm: FloatArray, start_mm: FloatArray) -> float:
     return float(np.diff(angle, append=angle[0] + 2.0 * math.pi).max())
 
 
-def _flattest(points: FloatArray, estimate: FloatArray, radius_mm: float) -> FloatArray:
-    """Return the circle through the same contacts that has at least this radius."""
-    radius = max(float(estimate[2]), radius_mm)
-    if not math.isfinite(radius):
-        return estimate
-    middle = points.mean(axis=0)
-    inward = estimate[:2] - middle
-    inward = inward / max(float(np.linalg.norm(inward)), TINY)
-    return np.append(middle + radius * inward, radius)
-
-
 def _gradient(offset: FloatArray) -> FloatArray:
     """Return how the distances of points at some offsets ``(n, 2)`` follow (x, y, radius)."""
     length = np.maximum(np.linalg.norm(offset, axis=1), TINY)
     return np.column_stack([-offset / length[:, None], -np.ones(len(offset))])
+
+
+def estimate_hole(
+    reading_mm: FloatArray, direction: FloatArray, start_mm: FloatArray, travel: TravelModel
+) -> Circle:
+    """Estimate a hole from the arm's readings at the decisions.
+
+    Args:
+        reading_mm: ``(n, 2)`` readings in the plane of the plate, mm.
+        direction: ``(n, 2)`` unit directions of the motions.
+        start_mm: ``(2,)`` start of the search inside the hole, mm.
+        travel: The calibration.
+
+    Returns:
+        Hole, with the covariance of contacts and calibration; residuals are those of the contacts.
+
+    Raises:
+        ValueError: As :func:`fit_circle`, or the shapes differ.
+    """
+    reading, heading = np.asarray(reading_mm, np.float64), np.asarray(direction, np.float64)
+    if reading.shape != heading.shape:
+        raise ValueError(f"got readings {reading.shape} and directions {heading.shape}; need equal")
+    normal, doubt, radius_mm = heading, np.ones(len(reading)), math.inf
+    for number in range(ROUNDS + 1):
+        # Each reading less the travel along its force is the tip's centre at the first touch.
+        force, slid = _force(heading, normal)
+        size = travel.travel_mm(np.arctan2(force[:, 1], force[:, 0]))
+        reach = travel.reach_mm(np.arctan2(normal[:, 1], normal[:, 0]), radius_mm)
+        center = reading - size[:, None] * force
+        sigma = doubt * np.hypot(travel.sigma_mm, SLIP_SIGMA * np.abs(size) * slid)
+        circle = fit_circle(center + reach[:, None] * normal, start_mm, sigma)
+        away = center - circle.center_mm
+        normal = away / np.maximum(np.linalg.norm(away, axis=1), TINY)[:, None]
+        if number < ROUNDS:
+            off = np.abs(circle.residual_mm) * doubt / (DOUBT_SIGMA * sigma)
+            doubt = np.maximum(off, 1.0) ** 2
+            radius_mm = max(circle.radius_mm, travel.across_flats_mm)
+    rows = np.column_stack([normal, np.ones(len(normal))])
+    gain = circle.covariance_mm2 @ (rows / sigma[:, None] ** 2).T
+    angle = np.arctan2(heading[:, 1], heading[:, 0])
+    covariance = circle.covariance_mm2 + travel.systematic_mm2(angle, gain)
+    return replace(circle, covariance_mm2=covariance)
+
+
+def _force(heading: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the force directions ``(n, 2)`` and the angles beyond the cone ``(n,)``, rad."""
+    (x, y), (along_x, along_y) = normal.T, heading.T
+    turn = np.arctan2(x * along_y - y * along_x, (normal * heading).sum(axis=1))
+    kept = np.clip(turn, -math.atan(FRICTION), math.atan(FRICTION))
+    cos, sin = np.cos(kept), np.sin(kept)
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=1), np.abs(turn - kept)

@@ -1,4 +1,9 @@
-"""The trigger travel delta_crit by direction, and the bit's heading, from touches on a known wall.
+"""The bit and the trigger travel delta_crit by direction, from touches on a known wall.
+
+The tip's centre at the decision lies beyond the first touch by the travel that the detector needs
+(delta_crit). The first touch lies inside the hole by the bit's effective radius (R_offset):
+``R_real = R_measured + R_offset - delta_crit``. The published constants, 0.375 and 0.4 mm, nearly
+cancel. The bit is hexagonal and touches with its corners; its mean effective radius is 0.41 mm.
 
 The travel depends on the direction: the pads respond sooner to a rod that turns in their plane than
 to one that tilts out of it, and stiffness and references differ with the sign. A touch of a flat
@@ -14,14 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.geometry.hole import (
-    HEXAGON_STEP_RAD,
-    Compensation,
-    hexagon_reach_mm,
-    mean_hexagon_reach_mm,
-)
 from spikingtac.types import FloatArray
 
+HEXAGON_STEP_RAD = math.pi / 3  # Angle between neighbouring corners of a hexagon, rad.
 HEADINGS = 120  # Number of headings that are tried: half a degree apart, 1 um of reach at most.
 HARMONICS = 5  # Number of coefficients of a travel: constant, first and second harmonic.
 
@@ -35,6 +35,79 @@ SAME_RAD = 1e-3  # Directions nearer to each other than this count as one, rad.
 
 # Typical error of a fitted heading, rad: the step of the derivative of the reach.
 HEADING_ERROR_RAD = math.radians(2.0)
+
+
+def hexagon_reach_mm(across_flats_mm: float, angle_rad: float | FloatArray) -> FloatArray:
+    """Return how far a hexagon reaches in a direction (its support function), mm.
+
+    Args:
+        across_flats_mm: Distance of opposite sides, mm.
+        angle_rad: Direction relative to a corner, rad, any shape.
+    """
+    folded = np.mod(np.asarray(angle_rad) + HEXAGON_STEP_RAD / 2, HEXAGON_STEP_RAD)
+    corner_mm = across_flats_mm / 2 / math.cos(HEXAGON_STEP_RAD / 2)
+    return corner_mm * np.cos(folded - HEXAGON_STEP_RAD / 2)
+
+
+def mean_hexagon_reach_mm(across_flats_mm: float) -> float:
+    """Return the mean reach over all headings: 0.4135 mm for 0.75 mm across flats."""
+    corner_mm = across_flats_mm / 2 / math.cos(HEXAGON_STEP_RAD / 2)
+    return corner_mm * math.sin(HEXAGON_STEP_RAD / 2) / (HEXAGON_STEP_RAD / 2)
+
+
+def hexagon_reach_in_hole_mm(
+    across_flats_mm: float, angle_rad: float | FloatArray, radius_mm: float
+) -> FloatArray:
+    """Return how far a hexagon's centre stays from the wall of a hole, mm.
+
+    The corner next to the direction touches: the centre is then ``sqrt(R^2 - c^2 sin^2) - c cos``
+    from the hole's centre, c the distance of a corner. In a wide hole that is the flat wall's
+    :func:`hexagon_reach_mm`.
+
+    Args:
+        across_flats_mm: Distance of opposite sides, mm.
+        angle_rad: Direction from the hole's centre against a corner, rad, any shape.
+        radius_mm: Radius of the hole, mm, at least the corner's distance; may be infinite.
+    """
+    flat = hexagon_reach_mm(across_flats_mm, angle_rad)
+    if math.isinf(radius_mm):
+        return flat
+    corner_mm = across_flats_mm / 2 / math.cos(HEXAGON_STEP_RAD / 2)
+    across_square = np.maximum(corner_mm**2 - flat**2, 0.0)
+    return radius_mm - np.sqrt(np.maximum(radius_mm**2 - across_square, 0.0)) + flat
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compensation:
+    """The distance between the measured tip centre and the wall.
+
+    Attributes:
+        offset_mm: R_offset, the bit's effective radius, mm.
+        travel_mm: delta_crit, the tip's travel from first touch to decision, mm.
+        offset_sigma_mm: Standard deviation of the effective radius from touch to touch, mm: a
+            hexagon of unknown heading, 0.75 mm across flats, has 0.0174.
+        travel_sigma_mm: Standard deviation of the travel from touch to touch, mm.
+    """
+
+    offset_mm: float = mean_hexagon_reach_mm(0.75)
+    travel_mm: float = 0.4
+    offset_sigma_mm: float = 0.0174
+    travel_sigma_mm: float = 0.02
+
+    @classmethod
+    def published(cls) -> Compensation:
+        """Return the paper's constants: half the bit's width, 0.375 mm, and 0.4 mm."""
+        return cls(offset_mm=0.375, travel_mm=0.4, offset_sigma_mm=0.0)
+
+    @property
+    def total_mm(self) -> float:
+        """Correction of a radius that was measured head-on, mm."""
+        return self.offset_mm - self.travel_mm
+
+    @property
+    def sigma_mm(self) -> float:
+        """Standard deviation of one contact along the radius, mm, without the arm's error."""
+        return math.hypot(self.offset_sigma_mm, self.travel_sigma_mm)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -109,28 +182,6 @@ class TravelModel:
             row = _with_heading(angle_rad, self.heading_rad, self.across_flats_mm)
         moved = gain @ row
         return moved @ self.covariance_mm2 @ moved.T
-
-
-def hexagon_reach_in_hole_mm(
-    across_flats_mm: float, angle_rad: float | FloatArray, radius_mm: float
-) -> FloatArray:
-    """Return how far a hexagon's centre stays from the wall of a hole, mm.
-
-    The corner next to the direction touches: the centre is then ``sqrt(R^2 - c^2 sin^2) - c cos``
-    from the hole's centre, c the distance of a corner. In a wide hole that is the flat wall's
-    :func:`~spikingtac.geometry.hole.hexagon_reach_mm`.
-
-    Args:
-        across_flats_mm: Distance of opposite sides, mm.
-        angle_rad: Direction from the hole's centre against a corner, rad, any shape.
-        radius_mm: Radius of the hole, mm, at least the corner's distance; may be infinite.
-    """
-    flat = hexagon_reach_mm(across_flats_mm, angle_rad)
-    if math.isinf(radius_mm):
-        return flat
-    corner_mm = across_flats_mm / 2 / math.cos(HEXAGON_STEP_RAD / 2)
-    across_square = np.maximum(corner_mm**2 - flat**2, 0.0)
-    return radius_mm - np.sqrt(np.maximum(radius_mm**2 - across_square, 0.0)) + flat
 
 
 def fit_travel(

@@ -12,13 +12,12 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from spikingtac.errors import ConfigError, SearchError
-from spikingtac.geometry.hole import Circle
-from spikingtac.geometry.touch_fit import TouchFitConfig, estimate_hole
+from spikingtac.geometry.hole import PRIOR_SIGMA_MM, Circle, estimate_hole
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.cross_search import require_room
 from spikingtac.robot.prober import Prober, Touched
@@ -65,12 +64,10 @@ class AdaptiveSearchConfig:
         contacts: Largest number of contacts.
         center_sigma_mm: The search ends earlier when the standard deviation of the centre along
             each axis is below this, mm; 0 never ends it early.
-        fit: Settings of the estimate.
     """
 
     contacts: int = 12
     center_sigma_mm: float = 0.0
-    fit: TouchFitConfig = field(default_factory=TouchFitConfig)
 
     def __post_init__(self) -> None:
         if self.contacts < LEAST_CONTACTS:
@@ -137,7 +134,7 @@ class AdaptiveSearch:
 
     def circle(self, touches: Sequence[Touched]) -> Circle:
         """Return the estimate from some contacts."""
-        return hole_around(touches, self._travel, self._config.fit)
+        return hole_around(touches, self._travel)
 
     def _chord(self, start: FloatArray) -> list[Touched]:
         """Touch in both directions of a line; repeat a touch that began too near the wall."""
@@ -187,8 +184,7 @@ class AdaptiveSearch:
 
     def _covariance(self, direction: FloatArray) -> FloatArray:
         """Return the covariance ``(3, 3)`` after contacts in some directions ``(n, 2)``."""
-        prior = self._config.fit.prior
-        known = np.diag([prior.center_sigma_mm**-2.0] * 2 + [prior.radius_sigma_mm**-2.0])
+        known = np.diag(np.array(PRIOR_SIGMA_MM) ** -2.0)
         row = np.column_stack([direction, np.ones(len(direction))])
         return np.linalg.inv(known + row.T @ row / self._travel.sigma_mm**2).astype(np.float64)
 
@@ -251,7 +247,7 @@ def probe_hole(
     return AdaptiveSearch(prober, travel, config or AdaptiveSearchConfig()).run(start)
 
 
-def hole_around(touches: Sequence[Touched], travel: TravelModel, config: TouchFitConfig) -> Circle:
+def hole_around(touches: Sequence[Touched], travel: TravelModel) -> Circle:
     """Return the hole that fits some touches; the mean of their starts is inside it.
 
     Raises:
@@ -260,7 +256,7 @@ def hole_around(touches: Sequence[Touched], travel: TravelModel, config: TouchFi
     reading = np.array([touch.reading_mm for touch in touches])
     direction = np.array([touch.direction for touch in touches])
     inside = np.mean([touch.start_mm for touch in touches], axis=0)
-    return estimate_hole(reading, direction, inside, travel, config)
+    return estimate_hole(reading, direction, inside, travel)
 
 
 def _is_head_on(touch: Touched, circle: Circle) -> bool:

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from spikingtac.errors import SearchError
-from spikingtac.geometry.hole import Circle, Compensation
-from spikingtac.geometry.touch_fit import TouchFitConfig
-from spikingtac.geometry.travel import TravelModel
+from spikingtac.geometry.hole import FRICTION, SLIP_SIGMA, Circle
+from spikingtac.geometry.travel import Compensation, TravelModel
 from spikingtac.robot.prober import Prober, Touched
 from spikingtac.types import FloatArray
 
@@ -153,9 +152,8 @@ def _spread_mm(
     """
     cosine = (away * direction).sum(axis=1) / np.linalg.norm(away, axis=1)
     turn = np.arccos(np.clip(cosine, LEAST_COSINE, 1.0))
-    slip = TouchFitConfig()
-    slid = np.maximum(turn - math.atan(slip.friction), 0.0)
-    return np.hypot(sigma_mm, slip.slip_sigma * np.abs(size) * slid) / np.cos(turn)
+    slid = np.maximum(turn - math.atan(FRICTION), 0.0)
+    return np.hypot(sigma_mm, SLIP_SIGMA * np.abs(size) * slid) / np.cos(turn)
 
 
 def _circle(point: FloatArray, sigma_mm: float) -> Circle:

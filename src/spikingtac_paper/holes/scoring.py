@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.geometry import Circle, TouchFitConfig, TravelModel
+from spikingtac.geometry import Circle, TravelModel
 from spikingtac.robot import Touched, calibrated_circle, hole_around, published_circle
 from spikingtac.sim import CROSS, DEFAULT, SIGMAS_MM, touched_of, travel_of
 from spikingtac.types import FloatArray
@@ -145,7 +145,7 @@ def _estimate(method: str, touches: list[Touched], travel: TravelModel) -> Circl
         return published_circle(touches, travel.sigma_mm)
     if method == "cross4":
         return calibrated_circle(touches, travel)
-    return hole_around(touches, travel, TouchFitConfig())
+    return hole_around(touches, travel)
 
 
 def hole_rows(

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.geometry.hole import hexagon_reach_mm
+from spikingtac.geometry.travel import hexagon_reach_mm
 from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
 from spikingtac.robot.cross_search import cross_search
 from spikingtac.robot.prober import Touched

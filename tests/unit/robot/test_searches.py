@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import SearchError
-from spikingtac.geometry.hole import Compensation
-from spikingtac.geometry.travel import TravelModel
+from spikingtac.geometry.travel import Compensation, TravelModel
 from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig, probe_hole
 from spikingtac.robot.cross_search import calibrated_circle, cross_search, published_circle
 from spikingtac_paper.holes.scoring import REGION

@@ -17,8 +17,8 @@ from spikingtac.errors import DeviceError
 from spikingtac.events.address import is_stream
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
-from spikingtac.geometry.hole import Circle, Compensation
-from spikingtac.geometry.travel import TravelModel
+from spikingtac.geometry.hole import Circle
+from spikingtac.geometry.travel import Compensation, TravelModel
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.robot.arm import Arm
 from spikingtac.robot.prober import ArmProber, Touched
