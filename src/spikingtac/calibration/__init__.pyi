@@ -1,3 +1,3 @@
 """Public names of the room ``calibration``."""
 
-from .pitch import marker_pitch_px as marker_pitch_px
+from .lens import marker_pitch_px as marker_pitch_px

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import binascii
 import zlib
 from typing import Any
 
@@ -53,16 +52,7 @@ MAPS = ("step_on_map", "step_off_map")  # Keys that may be absent: packed maps.
 # One count of a packed map stands for 0.0001 of the full swing: a thousandth of a usual step.
 COUNTS_PER_UNIT = 10_000
 
-# Files of version 0.1 hold one byte per pixel, and one count stands for 0.001.
-FORMER_COUNTS_PER_UNIT = 1000
-
-# Keys of earlier files: factors from the steps that they hold to the measured ones.
-FORMER_SCALES = {
-    "band_scale_on": ("step_on", "marker_step_on", "step_on_map"),
-    "band_scale_off": ("step_off", "marker_step_off", "step_off_map"),
-}
-
-FORMER_SCALE = (1e-2, 100.0)  # Range of these factors.
+FORMER_KEY = "band_scale_on"  # Key of files of version 0.1, whose steps have another meaning.
 
 
 def checked_document(document: Any, where: str) -> dict[str, Any]:
@@ -92,6 +82,8 @@ def _checked(document: Any) -> dict[str, Any]:
         raise ValueError("the document is not a JSON object")
     if document.get("schema") != CALIBRATION_SCHEMA:
         raise ValueError(f"schema is {document.get('schema')!r}, this version reads 1")
+    if document.get(FORMER_KEY) is not None:
+        raise ValueError(f"{FORMER_KEY} is a key of version 0.1; calibrate the sensor again")
     polarity = document.get("polarity", "white")
     if polarity not in ("white", "dark"):
         raise ValueError(f"polarity is {polarity!r}, valid are 'white' and 'dark'")
@@ -99,14 +91,15 @@ def _checked(document: Any) -> dict[str, Any]:
     if size[0] * size[1] > LARGEST_AREA_PX:
         raise ValueError(f"a sensor of {size[0]}x{size[1]} px is not possible")
     grid = None if document["grid"] is None else _whole_pair(document["grid"], "grid")
-    markers = _markers(document, grid, size)
-    values = _numbers(document, NUMBERS) | _marker_values(document, len(markers["radius_px"]))
-    values |= {name: unpack_map(document[name], size, name) for name in MAPS if document.get(name)}
+    reference_px, radius_px = _markers(document, grid, size)
     return {
         "size": size,
         "grid": grid,
-        **markers,
-        **_steps_as_measured(document, values),
+        "reference_px": reference_px,
+        "radius_px": radius_px,
+        **_numbers(document, len(radius_px)),
+        MEASURED: _measured(document.get(MEASURED), len(radius_px)),
+        **{name: unpack_map(document[name], size, name) for name in MAPS if document.get(name)},
         HOT_PIXELS: _pixels(document.get(HOT_PIXELS), size),
         "polarity": polarity,
         "hysteresis": document.get("hysteresis"),
@@ -124,7 +117,13 @@ def _whole_pair(value: Any, name: str) -> tuple[int, int]:
 
 def _markers(
     document: dict[str, Any], grid: tuple[int, int] | None, size: tuple[int, int]
-) -> dict[str, NDArray[np.float64]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return rest positions and radii.
+
+    Raises:
+        ValueError: They do not fit the grid, or a marker lies wholly off the sensor, is larger than
+            it, or two share one pixel.
+    """
     reference = np.array(document["reference_px"], np.float64)
     radius = np.array(document["radius_px"], np.float64)
     markers = len(reference) if grid is None else grid[0] * grid[1]
@@ -136,83 +135,47 @@ def _markers(
         raise ValueError(f"radius_px has shape {radius.shape}, expected ({markers},)")
     if not (np.isfinite(reference).all() and np.isfinite(radius).all() and (radius > 0).all()):
         raise ValueError("positions must be finite and radii positive")
-    _require_places(reference, radius, size)
-    return {"reference_px": reference, "radius_px": radius}
-
-
-def _require_places(
-    reference_px: NDArray[np.float64], radius_px: NDArray[np.float64], size: tuple[int, int]
-) -> None:
-    """Refuse markers that no sensor could show.
-
-    Raises:
-        ValueError: A marker lies wholly off the sensor, is larger than it, or two share one pixel.
-    """
-    if radius_px.max() > max(size):
-        raise ValueError(f"a radius of {radius_px.max():g} px is larger than the sensor")
-    off = (reference_px < -radius_px[:, None]) | (
-        reference_px > np.array(size) + radius_px[:, None]
-    )
+    if radius.max() > max(size):
+        raise ValueError(f"a radius of {radius.max():g} px is larger than the sensor")
+    reach = radius[:, np.newaxis]
+    off = ((reference < -reach) | (reference > np.array(size) + reach)).any(axis=1)
     if off.any():
-        marker = int(np.argmax(off.any(axis=1)))
         raise ValueError(
-            f"marker {marker} at {reference_px[marker].tolist()} px lies off the sensor of "
-            f"{size[0]}x{size[1]} px"
+            f"marker {np.argmax(off)} at {reference[np.argmax(off)].tolist()} px lies off the "
+            f"sensor of {size[0]}x{size[1]} px"
         )
-    _, place, times = np.unique(
-        np.round(reference_px), axis=0, return_inverse=True, return_counts=True
-    )
-    if times.max() > 1:
-        pair = np.flatnonzero(place.ravel() == int(np.argmax(times)))[:2].tolist()
-        raise ValueError(f"markers {pair[0]} and {pair[1]} lie at one and the same pixel")
+    if len(np.unique(np.round(reference), axis=0)) < markers:
+        raise ValueError("two markers lie at one and the same pixel")
+    return reference, radius
 
 
-def _numbers(document: dict[str, Any], ranges: dict[str, tuple[float, float]]) -> dict[str, float]:
-    numbers = {}
-    for name, (low, high) in ranges.items():
-        if document.get(name) is not None:
-            numbers[name] = float(document[name])
-            if not low <= numbers[name] <= high:
-                raise ValueError(f"{name} is {document[name]}, it must lie in {low:g} to {high:g}")
-    return numbers
-
-
-def _steps_as_measured(document: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
-    scales = _numbers(document, dict.fromkeys(FORMER_SCALES, FORMER_SCALE))
-    scaled = {
-        name: np.minimum(values[name] * scale, STEP[1])
-        for key, scale in scales.items()
-        for name in FORMER_SCALES[key]
-        if name in values
-    }
-    return values | scaled
-
-
-def _marker_values(document: dict[str, Any], markers: int) -> dict[str, NDArray[Any]]:
-    values: dict[str, NDArray[Any]] = {}
-    for name in (*MARKER_NUMBERS, MEASURED):
+def _numbers(document: dict[str, Any], markers: int) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for name, (low, high) in (NUMBERS | MARKER_NUMBERS).items():
         if document.get(name) is None:
             continue
-        value = np.array(document[name])
-        if value.shape != (markers,):
-            raise ValueError(f"{name} has shape {value.shape}, expected ({markers},)")
-        if name == MEASURED:
-            if value.dtype != np.bool_:
-                raise ValueError(f"{name} must hold true or false for each marker")
-        else:
-            value, (low, high) = value.astype(np.float64), MARKER_NUMBERS[name]
-            if not ((value >= low) & (value <= high)).all():
-                raise ValueError(f"{name} must be positive, each from {low:g} to {high:g}")
-        values[name] = value
+        value, shape = np.array(document[name], np.float64), () if name in NUMBERS else (markers,)
+        if value.shape != shape:
+            raise ValueError(f"{name} has shape {value.shape}, expected {shape}")
+        if not ((value >= low) & (value <= high)).all():
+            raise ValueError(f"{name} is {value}, it must lie in {low:g} to {high:g}")
+        values[name] = value if shape else float(value)
     return values
+
+
+def _measured(value: Any, markers: int) -> NDArray[np.bool_] | None:
+    if value is None:
+        return None
+    measured = np.array(value)
+    if measured.shape != (markers,) or measured.dtype != np.bool_:
+        raise ValueError(f"{MEASURED} must hold true or false for each marker")
+    return measured
 
 
 def _pixels(value: Any, size: tuple[int, int]) -> NDArray[np.int64] | None:
     if value is None:
         return None
-    pixels = np.array(value)
-    if not pixels.size:
-        return np.empty((0, 2), np.int64)
+    pixels = np.array(value) if len(value) else np.empty((0, 2), np.int64)
     if pixels.dtype.kind != "i" or pixels.shape[1:] != (2,):
         raise ValueError(f"{HOT_PIXELS} must hold the column and the row of each hot pixel")
     if not ((pixels >= 0) & (pixels < size)).all():
@@ -249,27 +212,16 @@ def unpack_map(text: Any, size: tuple[int, int], name: str) -> NDArray[np.float3
         ValueError: The text is no base64, does not inflate, or holds another number of pixels.
     """
     width, height = size
-    if not isinstance(text, str):
-        raise ValueError(f"{name} must be base64 text, got {type(text).__name__}")
-    try:
-        packed = base64.b64decode(text, validate=True)
-    except (binascii.Error, ValueError) as error:
-        raise ValueError(f"{name} is no base64: {error}; leave the key out") from error
     inflater = zlib.decompressobj()
     try:
         # One byte more than fits shows what is too long without inflating all of it.
-        counts = inflater.decompress(packed, 2 * width * height + 1)
-    except zlib.error as error:
-        raise ValueError(f"{name} does not inflate: {error}; leave the key out") from error
-    whole = inflater.eof
-    if whole and len(counts) == 2 * width * height:
-        steps = np.frombuffer(counts, "<u2").astype(np.float32) / np.float32(COUNTS_PER_UNIT)
-    elif whole and len(counts) == width * height:
-        steps = np.frombuffer(counts, np.uint8) / np.float32(FORMER_COUNTS_PER_UNIT)
-    else:
-        found = f"{len(counts)} bytes" if whole else f"more than {2 * width * height} bytes"
+        counts = inflater.decompress(base64.b64decode(text, validate=True), 2 * width * height + 1)
+    except (TypeError, ValueError, zlib.error) as error:
+        raise ValueError(f"{name} is no deflated map in base64: {error}; leave it out") from error
+    if len(counts) != 2 * width * height or not inflater.eof:
         raise ValueError(
-            f"{name} holds {found} where the size {width}x{height} asks for two bytes for each of "
-            f"its {width * height} pixels; leave the key out"
+            f"{name} holds another number of bytes than two for each of the {width * height} "
+            f"pixels of {width}x{height}; leave it out"
         )
+    steps = np.frombuffer(counts, "<u2").astype(np.float32) / np.float32(COUNTS_PER_UNIT)
     return steps.reshape(height, width).clip(0.0, 1.0)

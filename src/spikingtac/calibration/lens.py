@@ -1,4 +1,4 @@
-"""From the image to the flat skin, where the lens distorts or the camera is tilted.
+"""From the image to the flat skin: the pitch of the markers, and the lens where it distorts.
 
 One radial coefficient by the division model, u = s / (1 + k s^2) (Fitzgibbon, CVPR 2001), where s
 is the place relative to the image's centre over half of its diagonal; then a homography from u to
@@ -7,13 +7,13 @@ the skin.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import CalibrationError
+from spikingtac.errors import CalibrationError, ConfigError
 
 LARGEST_RADIAL = 0.9  # Beyond 1 the model folds the image over itself inside of the sensor.
 
@@ -45,14 +45,7 @@ class Lens:
 
     def document(self) -> dict[str, Any]:
         """Return it as JSON, for calibrations and tracks."""
-        return {
-            "center_px": list(self.center_px),
-            "half_diagonal_px": self.half_diagonal_px,
-            "radial": self.radial,
-            "radial_sigma": self.radial_sigma,
-            "homography": self.homography.tolist(),
-            "residual_mm": self.residual_mm,
-        }
+        return {**asdict(self), "homography": self.homography.tolist()}
 
     @classmethod
     def from_document(cls, document: Any) -> Self:
@@ -117,14 +110,41 @@ def fit_lens(
     Raises:
         CalibrationError: The grid is too small, or too uneven itself, to show a lens.
     """
-    from scipy.optimize import least_squares
-
     used = np.ones(len(reference_px), bool) if measured is None else measured
-    _refuse_few(int(np.count_nonzero(used)), grid)
+    if min(grid) < 3 or np.count_nonzero(used) < FEWEST_MARKERS:
+        raise CalibrationError(
+            f"{np.count_nonzero(used)} markers in {grid[0]}x{grid[1]} do not show a lens; at least "
+            f"{FEWEST_MARKERS} in three rows and columns are needed"
+        )
     y, x = np.mgrid[0 : grid[0], 0 : grid[1]].astype(np.float64) * pitch_mm
     ideal_mm = np.stack([x.ravel() - x.mean(), y.ravel() - y.mean()], axis=1)[used]
     center_px, half_px = ((size[0] - 1) / 2, (size[1] - 1) / 2), float(np.hypot(*size)) / 2
     scaled = (reference_px[used] - center_px) / half_px
+    values, sigma, residual_mm = _solved(scaled, ideal_mm)
+    # The radial scale of the division model is (1 - k s^2) / (1 + k s^2)^2, near 1 - 3 k s^2.
+    doubt = 3.0 * sigma * float((scaled**2).sum(axis=1).max())
+    if not doubt <= LARGEST_DOUBT:
+        raise CalibrationError(
+            f"the grid does not show the lens: the scale at its rim would be uncertain by "
+            f"{100 * doubt:.1f} % (at most {100 * LARGEST_DOUBT:g} % is accepted); the markers are "
+            "placed too unevenly, cover too little of the image, or were calibrated on a skin that "
+            "is not flat"
+        )
+    return Lens(
+        center_px=center_px,
+        half_diagonal_px=half_px,
+        radial=float(values[-1]),
+        radial_sigma=sigma,
+        homography=_upright(_homography(values)),
+        residual_mm=residual_mm,
+    )
+
+
+def _solved(
+    scaled: NDArray[np.float64], ideal_mm: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float, float]:
+    """Return the parameters, the standard error of the radial one, and the rms residual, mm."""
+    from scipy.optimize import least_squares
 
     def off_mm(values: NDArray[np.float64]) -> NDArray[np.float64]:
         place = projected(_homography(values), undistorted(scaled, values[-1]))
@@ -137,43 +157,7 @@ def fit_lens(
     found = least_squares(off_mm, start, bounds=(-bound, bound), x_scale="jac")
     variance = (found.fun**2).sum() / (len(found.fun) - PARAMETERS)
     spread = variance * np.linalg.pinv(found.jac.T @ found.jac)
-    radial, sigma = float(found.x[-1]), float(np.sqrt(spread[-1, -1]))
-    _refuse_doubt(sigma, scaled)
-    return Lens(
-        center_px=center_px,
-        half_diagonal_px=half_px,
-        radial=radial,
-        radial_sigma=sigma,
-        homography=_upright(_homography(found.x)),
-        residual_mm=float(np.sqrt((found.fun**2).mean())),
-    )
-
-
-def rim_share(radial: float, scaled: NDArray[np.float64]) -> float:
-    """Return by which share a coefficient changes the scale at the outermost of some places.
-
-    The radial scale of the division model is (1 - k s^2) / (1 + k s^2)^2, near 1 - 3 k s^2.
-    """
-    return 3.0 * radial * float((scaled**2).sum(axis=1).max())
-
-
-def _refuse_few(markers: int, grid: tuple[int, int]) -> None:
-    if min(grid) < 3 or markers < FEWEST_MARKERS:
-        raise CalibrationError(
-            f"{markers} markers in {grid[0]}x{grid[1]} do not show a lens; at least "
-            f"{FEWEST_MARKERS} in three rows and columns are needed"
-        )
-
-
-def _refuse_doubt(sigma: float, scaled: NDArray[np.float64]) -> None:
-    doubt = rim_share(sigma, scaled)
-    if not doubt <= LARGEST_DOUBT:
-        raise CalibrationError(
-            f"the grid does not show the lens: the scale at its rim would be uncertain by "
-            f"{100 * doubt:.1f} % (at most {100 * LARGEST_DOUBT:g} % is accepted); the markers are "
-            "placed too unevenly, cover too little of the image, or were calibrated on a skin that "
-            "is not flat"
-        )
+    return found.x, float(np.sqrt(spread[-1, -1])), float(np.sqrt((found.fun**2).mean()))
 
 
 def _homography(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -237,3 +221,41 @@ class SkinScale:
             for way in (steps_px, steps_px[:, ::-1])
         )
         return float(np.sqrt(abs(x[0] * y[1] - x[1] * y[0]))) / (2.0 * HALF_STEP_PX)
+
+
+FEWEST_NEIGHBOURS = 2  # Fewer markers have no pitch.
+
+# Markers up to this many times the distance of the nearest one are neighbours: the other axis of
+# a rectangular grid is, the diagonal of a square one is not.
+NEIGHBOUR_SHARE = 1.25
+
+
+def marker_pitch_px(reference_px: NDArray[np.float64]) -> float:
+    """Return the median distance of markers ``(m, 2)`` from their nearest neighbours, px.
+
+    Raises:
+        ConfigError: There are fewer than two markers.
+    """
+    return float(np.median(_distances_px(reference_px).min(axis=1)))
+
+
+def mean_pitch_px(reference_px: NDArray[np.float64]) -> float:
+    """Return the mean distance of all neighbours among markers ``(m, 2)``, px.
+
+    Raises:
+        ConfigError: There are fewer than two markers.
+    """
+    away_px = _distances_px(reference_px)
+    nearest_px = away_px.min(axis=1)
+    reach_px = NEIGHBOUR_SHARE * np.minimum(nearest_px[:, None], nearest_px)
+    return float(away_px[away_px <= np.maximum(reach_px, nearest_px[:, None])].mean())
+
+
+def _distances_px(reference_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    if len(reference_px) < FEWEST_NEIGHBOURS:
+        raise ConfigError(
+            f"{len(reference_px)} marker has no pitch, at least {FEWEST_NEIGHBOURS} are needed"
+        )
+    away_px = np.sqrt(((reference_px[:, None] - reference_px[None]) ** 2).sum(axis=2))
+    np.fill_diagonal(away_px, np.inf)
+    return away_px

@@ -23,8 +23,7 @@ from spikingtac.calibration.document import (
     checked_document,
     pack_map,
 )
-from spikingtac.calibration.lens import Lens, SkinScale
-from spikingtac.calibration.pitch import mean_pitch_px
+from spikingtac.calibration.lens import Lens, SkinScale, mean_pitch_px
 from spikingtac.errors import CalibrationError
 from spikingtac.file_kinds import told_kind
 

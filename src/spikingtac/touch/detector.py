@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.pitch import marker_pitch_px
+from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.field import FieldGauge, GradientOperator
 from spikingtac.touch.lost_markers import LostMarkers, spread_of
 from spikingtac.touch.onset import Backlash, OnsetMemory

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.pitch import marker_pitch_px
+from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.errors import ConfigError
 
 Field = NDArray[np.float64]

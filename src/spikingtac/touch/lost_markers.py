@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.pitch import marker_pitch_px
+from spikingtac.calibration.lens import marker_pitch_px
 
 Field = NDArray[np.float64]
 

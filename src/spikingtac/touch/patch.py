@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.pitch import marker_pitch_px
+from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.field import straightened
 from spikingtac.touch.network import packaged
 

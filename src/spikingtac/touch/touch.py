@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.arrays import one_line
-from spikingtac.calibration.pitch import marker_pitch_px
+from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.errors import ConfigError
 from spikingtac.touch.field import FieldQuantities, GradientOperator
 from spikingtac.touch.lost_markers import spread_of

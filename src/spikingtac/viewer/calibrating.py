@@ -18,7 +18,6 @@ from spikingtac.errors import SpikingTacError
 from spikingtac.events.create import create_events
 from spikingtac.events.open import open_events
 from spikingtac.events.source import EventSource
-from spikingtac.markers.calibration.advice import advice, way_of
 from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
 from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
 from spikingtac.stream.host import Asker, Factory, Host, closed_by
@@ -204,13 +203,13 @@ class CalibrationDesk:
             "enough": int(view.enough.sum()),
             "rests": view.rests,
             "ready": view.ready,
-            "advice": advice(view),
+            "advice": view.advice(),
             "path": str(self._target.path.resolve()),
             "command": f"spikingtac calibrate {self._label} -o {self._target.path}",
         }
         if self._state == "done" or not len(view.place_px):
             return scalars, {}
-        ways = [0 if done else WAYS.index(way_of(view, i)) for i, done in enumerate(view.enough)]
+        ways = [0 if done else WAYS.index(view.way_of(i)) for i, done in enumerate(view.enough)]
         return scalars, {
             "guide_px": view.place_px.astype(np.float32),
             "guide_share": np.round(view.share * FULL).astype(np.uint8),

@@ -1,65 +1,120 @@
+"""The file of a calibration: what is read, what survives, and what is refused by name."""
+
+from __future__ import annotations
+
+import base64
+import json
+import zlib
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from spikingtac.calibration.disc_profile import DiscProfile
+from spikingtac.calibration.document import pack_map
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import CalibrationError
+from spikingtac.errors import CalibrationError, ConfigError
 
-MINIMAL = {
+SIZE = (70, 50)
+MINIMAL: dict[str, Any] = {
     "schema": 1,
-    "size": [320, 320],
+    "size": list(SIZE),
     "grid": [1, 2],
     "reference_px": [[10.0, 20.0], [30.0, 20.0]],
     "radius_px": [7.0, 7.5],
 }
 
 
+def packed(raw: bytes) -> str:
+    return base64.b64encode(zlib.compress(raw)).decode()
+
+
 def test_a_minimal_file_by_hand_is_accepted() -> None:
     calibration = Calibration.from_document(MINIMAL)
-    assert calibration.grid == (1, 2)
-    assert calibration.polarity == "white"
+    assert (calibration.grid, calibration.polarity) == ((1, 2), "white")
     assert calibration.step_on is None
     np.testing.assert_array_equal(calibration.radius_px, [7.0, 7.5])
+    one_radius = Calibration.from_document({**MINIMAL, "radius_px": 7.0})
+    np.testing.assert_array_equal(one_radius.radius_px, [7.0, 7.0])
+    free = Calibration.from_document({**MINIMAL, "grid": None})
+    assert free.scale() == {"grid": None}
+    assert free.with_pitch(2.0).px_per_mm == 10.0
+    with pytest.raises(ValueError, match="pitch_mm"):
+        free.with_pitch(0.0)
 
 
-def test_one_radius_stands_for_all() -> None:
-    calibration = Calibration.from_document({**MINIMAL, "radius_px": 7.0})
-    np.testing.assert_array_equal(calibration.radius_px, [7.0, 7.0])
-
-
-def test_save_and_load_agree(tmp_path: Path) -> None:
-    document = {**MINIMAL, "step_on": 0.15, "polarity": "dark", "provenance": {"from": "slides"}}
-    document["hot_px"] = [[5, 6], [319, 0]]
-    calibration = Calibration.from_document(document)
-    calibration.save(tmp_path / "c.json")
+def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
+    steps = (np.random.default_rng(0).integers(0, 256, SIZE[::-1]) / 1000).astype(np.float32)
+    steps[0, :2] = 0.13949, 0.0
+    values = {
+        "polarity": "dark", "step_on": 0.15, "recovery_s": 0.2, "hot_px": [[5, 6], [69, 0]],
+        "marker_contrast": [4.0, 5.0], "marker_edge_px": [0.8, 0.9], "marker_step_on": [0.12, 0.1],
+        "marker_step_off": [0.55, 0.5], "marker_measured": [False, True],
+        "step_on_map": pack_map(steps), "provenance": {"from": "slides"},
+    }  # fmt: skip
+    Calibration.from_document(MINIMAL | values).save(tmp_path / "c.json")
     again = Calibration.load(tmp_path / "c.json")
-    np.testing.assert_array_equal(again.reference_px, calibration.reference_px)
-    assert again.hot_px is not None
-    assert again.hot_px.tolist() == [[5, 6], [319, 0]]
-    assert (again.step_on, again.polarity, again.provenance) == (0.15, "dark", {"from": "slides"})
+    for name, value in values.items():
+        kept = getattr(again, name)
+        if name == "step_on_map":
+            np.testing.assert_allclose(kept, steps, atol=6e-5)
+        else:
+            assert (kept.tolist() if isinstance(kept, np.ndarray) else kept) == value
+    assert again.step_off_map is None
 
 
 @pytest.mark.parametrize(
     ("change", "named"),
     [
         ({"schema": 2}, "schema is 2"),
+        ({"size": "large"}, "needs schema 1"),
+        ({"size": [float("inf"), 320]}, "needs schema 1"),
+        ({"size": [10**400, 320]}, "not possible"),
+        ({"size": [1 << 20, 1 << 20]}, "not possible"),
         ({"grid": [2, 2]}, "asks for 4 points"),
         ({"grid": [0, 2]}, "must be positive"),
+        ({"grid": [1.5, 2]}, "two whole numbers"),
+        ({"grid": [float("nan"), 2]}, "needs schema 1"),
         ({"radius_px": [7.0, -1.0]}, "radii positive"),
         ({"radius_px": [7.0]}, "expected \\(2,\\)"),
+        ({"radius_px": [10**400, 8]}, "needs schema 1"),
+        ({"radius_px": 1e300}, "larger than the sensor"),
         ({"reference_px": [[1.0, float("nan")], [2.0, 3.0]]}, "finite"),
+        ({"reference_px": [[10**400, 1], [2, 3]]}, "needs schema 1"),
+        ({"reference_px": [[10.0, 10.0], [10.0, 10.0]]}, "one and the same pixel"),
+        ({"reference_px": [[10.0, 10.0], [9_000.0, 10.0]]}, "marker 1 .* lies off the sensor"),
         ({"polarity": "blue"}, "'white' and 'dark'"),
-        ({"step_on": -0.1}, "step_on is -0.1"),
-        ({"hot_px": [[320, 0]]}, "hot_px holds a pixel off the sensor"),
+        ({"hot_px": [[70, 0]]}, "hot_px holds a pixel off the sensor"),
         ({"hot_px": [5]}, "column and the row"),
         ({"hot_px": [[0.5, 1.0]]}, "column and the row"),
-        ({"size": "large"}, "needs schema 1"),
+        ({"provenance": ["a"]}, "needs schema 1"),
+        ({"band_scale_on": 0.4}, "version 0.1; calibrate the sensor again"),
+        ({"px_per_mm": 10**400}, "needs schema 1"),
+        ({"px_per_mm": 0.0}, "px_per_mm is .* must lie in"),
+        ({"step_on": -0.1}, "step_on is -0.1"),
+        ({"step_on": float("inf")}, "step_on is inf"),
+        ({"lag_us": 1e18}, "lag_us is .* must lie in"),
+        ({"contrast": 0.5}, "contrast is .* must lie in"),
+        ({"marker_contrast": [4.0]}, "shape"),
+        ({"marker_edge_px": [-1.0, 1.0]}, "must lie in"),
+        ({"marker_step_on": ["much", 1]}, "much"),
+        ({"marker_measured": [1, 0]}, "true or false"),
+        ({"step_on_map": "no base64!"}, "step_on_map is no deflated map"),
+        ({"step_on_map": "AAAA"}, "step_on_map is no deflated map"),
+        ({"step_on_map": [0.1, 0.2]}, "step_on_map is no deflated map"),
+        ({"step_on_map": packed(bytes(34))}, "step_on_map holds another number of bytes"),
+        ({"step_on_map": packed(bytes(10**6))}, "step_on_map holds another number of bytes"),
+        (
+            {"step_on_map": base64.b64encode(zlib.compress(bytes(7_000))[:-2]).decode()},
+            "step_on_map holds another number of bytes",
+        ),
     ],
 )
 def test_unfit_values_are_named(change: dict[str, object], named: str) -> None:
     with pytest.raises(CalibrationError, match=named):
-        Calibration.from_document({**MINIMAL, **change})
+        Calibration.from_document(MINIMAL | change)
 
 
 @pytest.mark.parametrize("key", ["size", "grid", "reference_px", "radius_px"])
@@ -69,20 +124,34 @@ def test_missing_keys_are_named(key: str) -> None:
         Calibration.from_document(document)
 
 
-def test_a_missing_file_says_how_to_make_one(tmp_path: Path) -> None:
+def test_what_is_no_calibration_says_how_to_make_one(tmp_path: Path) -> None:
     with pytest.raises(CalibrationError, match="spikingtac calibrate"):
         Calibration.load(tmp_path / "none.json")
-
-
-def test_what_is_no_json_is_refused(tmp_path: Path) -> None:
     (tmp_path / "c.json").write_text("grid = 8")
     with pytest.raises(CalibrationError, match="not JSON"):
         Calibration.load(tmp_path / "c.json")
+    (tmp_path / "c.json").write_text(json.dumps([1]))
+    with pytest.raises(CalibrationError, match="not a JSON object"):
+        Calibration.load(tmp_path / "c.json")
 
 
-def test_an_earlier_file_holds_steps_for_another_map() -> None:
-    former = {**MINIMAL, "step_on": 0.4, "step_off": 0.2, "marker_step_on": [0.4, 0.5]}
-    former |= {"band_scale_on": 0.41, "band_scale_off": 1.0}
-    calibration = Calibration.from_document(former)
-    assert (calibration.step_on, calibration.step_off) == pytest.approx((0.164, 0.2))
-    np.testing.assert_allclose(calibration.marker_step_on, [0.164, 0.205])
+def test_what_could_not_be_loaded_is_not_written(tmp_path: Path) -> None:
+    known = Calibration.from_document(MINIMAL)
+    with pytest.raises(CalibrationError, match="off the sensor"):
+        replace(known, reference_px=known.reference_px + 1e4).save(tmp_path / "c.json")
+    assert not (tmp_path / "c.json").exists()
+
+
+def test_a_profile_is_the_normalised_logarithm_of_a_blurred_disc() -> None:
+    profile = DiscProfile(contrast=5.0, edge_px=0.7)
+    q, h = np.linspace(-4.0, 4.0, 33), 1e-6
+    intensity = 1.0 + 4.0 / (1.0 + np.exp(q / 0.7))
+    np.testing.assert_allclose(profile.level(q), np.log(intensity) / np.log(5.0), atol=1e-12)
+    numeric = (profile.level(q + h) - profile.level(q - h)) / (2 * h)
+    np.testing.assert_allclose(profile.slope(q), numeric, atol=1e-6)
+
+
+@pytest.mark.parametrize(("contrast", "edge"), [(1.0, 0.5), (0.3, 0.5), (6.0, 0.0)])
+def test_unfit_profiles_are_refused(contrast: float, edge: float) -> None:
+    with pytest.raises(ConfigError):
+        DiscProfile(contrast, edge)

@@ -1,4 +1,4 @@
-"""The lens from a flat grid, against Brown's distortion in the digital twin."""
+"""Pitch, scale and lens of a flat grid, against Brown's distortion in the digital twin."""
 
 import json
 from dataclasses import replace
@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.calibration.lens import fit_lens
+from spikingtac.calibration.lens import SkinScale, fit_lens, marker_pitch_px
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import CalibrationError, RecordingError
+from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.markers.calibration.calibrate import with_lens
 from spikingtac.sim.optics import DiscConfig, Optics, OpticsConfig
 from spikingtac.sim.scene import SkinConfig
@@ -150,3 +150,26 @@ def test_a_damaged_lens_is_refused(damage: dict, tmp_path: Path) -> None:
     tracks = tracks_of(calibration(), np.zeros((64, 2)))
     with pytest.raises(RecordingError, match="lens"):
         _ = replace(tracks, meta={**tracks.meta, "lens": document["lens"]}).displacement_mm
+
+
+def test_the_local_scale_is_that_of_small_areas() -> None:
+    lens, place = fit_lens(rests_px(1), GRID, SIZE, PITCH_MM), np.array([290.0, 40.0])
+    scale, corners = (
+        SkinScale(15.0, lens),
+        place + 2.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]),
+    )
+    x, y = scale.to_mm(corners).T
+    area_mm2 = 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+    assert scale.mm_per_px(place) == pytest.approx(np.sqrt(area_mm2 / 16.0), rel=1e-3)
+    one = SkinScale(10.0)
+    np.testing.assert_allclose(one.to_mm(np.array([[20.0, 5.0]])), [[2.0, 0.5]])
+    assert one.mm_per_px(place) == pytest.approx(0.1)
+
+
+def test_the_pitch_is_the_usual_distance_of_the_nearest_marker() -> None:
+    x, y = np.meshgrid(np.arange(0.0, 120.0, 30.0), np.arange(0.0, 123.0, 41.0))
+    assert marker_pitch_px(np.column_stack([x.ravel(), y.ravel()])) == 30.0
+    line = np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0], [200.0, 0.0]])
+    assert marker_pitch_px(line) == 10.0, "a marker apart does not move it"
+    with pytest.raises(ConfigError, match="1 marker has no pitch, at least 2"):
+        marker_pitch_px(np.zeros((1, 2)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,7 +21,6 @@ from spikingtac.events.address import is_stream
 from spikingtac.events.open import open_events
 from spikingtac.events.source import EventSource
 from spikingtac.file_kinds import kind_of
-from spikingtac.markers.calibration.advice import GuidedSource, progress_line
 from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
 from spikingtac.markers.calibration.guide import CalibrationGuide
 from spikingtac.markers.calibration.lattice import LayoutKind
@@ -28,9 +28,10 @@ from spikingtac.markers.calibration.quality import marker_name
 from spikingtac.markers.calibration.reference import Method
 from spikingtac.markers.calibration_check import CalibrationCheck
 from spikingtac.pipeline.track import require_same_size
-from spikingtac.types import Polarity
+from spikingtac.types import EventPacket, Polarity
 
 EXIT_FOREIGN = 1  # The input is at fault: it does not fit the calibration.
+TELL_US = 2_000_000  # Sensor time between two reports of what a calibration lacks, us.
 MOST_NAMED = 8  # Stray spots that are named one by one.
 
 # Figures of a calibration, and of its notes, that are told as they are.
@@ -102,9 +103,12 @@ def run(args: Args) -> int:
     given = {name: getattr(args, name) for name in same}
     config = CalibrationConfig(grid=_grid_shape(args.grid), **given)
     source = open_events(recording, strict=args.strict, sensor=args.sensor)
-    guided = _guided(source, config, args)
+    seen: EventSource = source
+    if args.until_ready or is_stream(recording):
+        guide = CalibrationGuide(source.size, config)
+        seen = GuidedSource(source, guide, until_ready=args.until_ready)
     with ending_on_interrupt(source), progress(f"calibrating from {recording.name}"):
-        calibration = calibrate(guided, config)
+        calibration = calibrate(seen, config)
     calibration.provenance["recording"] = recording.name
     calibration.save(args.output)
     if args.plot is not None:
@@ -132,14 +136,37 @@ def _set_scale(args: Args, path: Path) -> int:
     return tell(args.json, document, f"written: {args.output}, {calibration.px_per_mm:.3f} px/mm")
 
 
-def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> EventSource:
-    """Return the source; that of a camera tells what the calibration still lacks."""
-    if not (args.until_ready or is_stream(args.recordings[0])):
-        return source
-    guide = CalibrationGuide(source.size, config)
-    return GuidedSource(
-        source, guide, lambda view: remark(progress_line(view)), until_ready=args.until_ready
-    )
+class GuidedSource:
+    """Passes a camera's events on and tells what the calibration still lacks.
+
+    Args:
+        source: Where the events come from.
+        guide: Sees them.
+        until_ready: End once a calibration has all that it needs.
+    """
+
+    def __init__(
+        self, source: EventSource, guide: CalibrationGuide, *, until_ready: bool = False
+    ) -> None:
+        self.size, self.losses = source.size, source.losses
+        self._source, self._guide, self._until_ready = source, guide, until_ready
+
+    def __iter__(self) -> Iterator[EventPacket]:
+        """Yield the source's packets."""
+        told_us: int | None = None
+        for packet in self._source:
+            self._guide.absorb(packet)
+            yield packet
+            told_us = packet.t_start_us if told_us is None else told_us
+            if packet.t_end_us - told_us >= TELL_US:
+                told_us = packet.t_end_us
+                remark(self._guide.view().progress_line())
+            if self._until_ready and self._guide.complete:
+                close = getattr(self._source, "close", None)
+                if close is not None:
+                    close()
+                break
+        remark(self._guide.view().progress_line())
 
 
 def _grid_shape(text: str | None) -> tuple[int, int] | None:

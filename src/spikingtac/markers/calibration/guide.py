@@ -1,4 +1,4 @@
-"""What a calibration still lacks while events stream in: how far each marker has moved so far.
+"""What a calibration still lacks while events stream in, and what to do next, in words.
 
 The calibration reads a recording forwards and backwards; a guide has seen only what came so far.
 Levels begin at the ground and are added up as in
@@ -8,6 +8,7 @@ the marker has left it and has come back: exactly then its steps can be learned.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,6 +23,7 @@ from spikingtac.markers.calibration.find_markers import (
     see_markers,
 )
 from spikingtac.markers.calibration.level_maps import MeanSteps, SwingHistogram
+from spikingtac.markers.calibration.quality import region
 from spikingtac.markers.calibration.recording import RestWatch
 from spikingtac.types import EventPacket, Polarity
 
@@ -33,27 +35,21 @@ SWUNG_LEVEL = 0.9
 # wide passes in this time at 3 px/s.
 SLOWEST_SWING_US = 1_000_000
 
-# Share of a full swing of an event before any swing was seen: five events a swing.
-FIRST_STEP = 0.2
+FIRST_STEP = 0.2  # Share of a full swing of an event before any swing was seen: five a swing.
 
 # Events after which the ratio of ON to OFF events is believed, and its bounds.
 FEWEST_EVENTS, BALANCE = 2_000, (0.1, 10.0)
 
-# Quarters of a disc, in the order of :attr:`GuideView.sides`.
-SIDES = ("right", "left", "lower", "upper")
-
-# The way that a marker must go and come back from, to uncover each of :data:`SIDES`.
-OPPOSITE = ("left", "right", "up", "down")
+# The ways that a marker must go and come back from, to uncover its right, left, lower, upper side.
+WAYS = ("left", "right", "up", "down")
 
 LOOK_US = 500_000  # Sensor time between two searches for the markers, us: one takes some 20 ms.
 
 # Share of its disc that has swung from which a marker has moved enough (noise and blurred rims
-# leave some pixels of every disc below the level), and below which a calibration hardly measures
-# it.
-ENOUGH_SHARE, DOUBTFUL_SHARE = 0.7, 0.4
+# leave some pixels of every disc below the level).
+ENOUGH_SHARE = 0.7
 
-# Radius within which the disc is measured, as a share of its own: the rim is blurred.
-CORE_SHARE = 0.8
+CORE_SHARE = 0.8  # Share of its radius within which a disc is measured: the rim is blurred.
 
 # Share of the markers that may lack motion while the guide says that all is there.
 MOST_UNMOVED_SHARE = 0.05
@@ -61,6 +57,8 @@ MOST_UNMOVED_SHARE = 0.05
 # Rests without which a calibration is less sure: one before and one after the contacts (slides of
 # the twin: 0.137 px mean error from one slide before the second rest, 0.110 px after it).
 FEWEST_RESTS = 2
+
+MOST_REGIONS = 3  # Regions that a sentence names.
 
 
 class StreamedLevels:
@@ -130,24 +128,18 @@ def levels_kernel(
 
 def coverage(
     swung: NDArray[np.bool_], center_px: NDArray[np.float64], radius_px: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return shares of each disc that swung: ``(m,)`` of all, ``(m, 4)`` of its :data:`SIDES`.
+) -> NDArray[np.float64]:
+    """Return ``(m, 5)`` shares of each disc that swung: of all, right, left, below, above.
 
     Args:
         swung: ``(height, width)`` which pixels swung.
         center_px: ``(m, 2)`` where the markers rest, px; discs may reach over the border.
         radius_px: Their radius, px.
-
-    Example:
-        >>> seen = np.zeros((9, 9), bool)
-        >>> seen[:, 5:] = True  # the right half of a disc in the middle
-        >>> coverage(seen, np.array([[4.0, 4.0]]), 3.0)[1].tolist()
-        [[1.0, 0.0, 0.4, 0.4]]
     """
     reach = int(np.ceil(radius_px)) + 1
-    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    y, x = (axis.ravel() - reach for axis in np.indices((2 * reach + 1, 2 * reach + 1)))
     nearest = np.rint(center_px).astype(np.int64)
-    column, row = nearest[:, :1] + x.ravel(), nearest[:, 1:] + y.ravel()
+    column, row = nearest[:, :1] + x, nearest[:, 1:] + y
     dx, dy = column - center_px[:, :1], row - center_px[:, 1:]
     height, width = swung.shape
     inside = (np.hypot(dx, dy) <= radius_px) & (column >= 0) & (row >= 0)
@@ -155,11 +147,11 @@ def coverage(
     seen = swung[row.clip(0, height - 1), column.clip(0, width - 1)]
     across = np.abs(dx) > np.abs(dy)
     quarters = (across & (dx > 0), across & (dx < 0), ~across & (dy > 0), ~across & (dy < 0))
-    whole, *sides = (
+    shares = [
         (inside & part & seen).sum(axis=1) / np.maximum((inside & part).sum(axis=1), 1)
         for part in (inside, *quarters)
-    )
-    return whole, np.column_stack(sides)
+    ]
+    return np.column_stack(shares)
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,24 +161,22 @@ class GuideView:
     Attributes:
         size: ``(width, height)``, px.
         t_us: Time of the last event that was taken.
+        rests: How often the skin has rested.
         grid: ``(rows, columns)``, or None where the markers fill no rows.
         place_px: ``(m, 2)`` where each marker is seen or expected, px.
         radius_px: Typical radius of the markers, px.
         share: ``(m,)`` share of each disc that has been seen to change.
-        sides: ``(m, 4)`` the same by :data:`SIDES`.
-        rests: How often the skin has rested.
-        resting: Whether it rests now.
+        sides: ``(m, 4)`` the same of its right, left, lower and upper quarter.
     """
 
     size: tuple[int, int]
     t_us: int = 0
+    rests: int = 0
     grid: tuple[int, int] | None = None
     place_px: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
     radius_px: float = 0.0
     share: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     sides: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 4)))
-    rests: int = 0
-    resting: bool = False
 
     @property
     def enough(self) -> NDArray[np.bool_]:
@@ -194,16 +184,45 @@ class GuideView:
         return self.share >= ENOUGH_SHARE
 
     @property
-    def doubtful(self) -> NDArray[np.bool_]:
-        """``(m,)`` which markers the calibration would hardly measure."""
-        return self.share < DOUBTFUL_SHARE
-
-    @property
     def ready(self) -> bool:
         """Whether a calibration from these events would know nearly every marker of the grid."""
         few = MOST_UNMOVED_SHARE * len(self.share)
         rested = self.rests >= FEWEST_RESTS
         return len(self.place_px) > 0 and rested and bool((~self.enough).sum() <= few)
+
+    def way_of(self, marker: int) -> str:
+        """Return which way a marker should go next: left, right, up or down."""
+        return WAYS[int(np.argmin(self.sides[marker]))]
+
+    def advice(self) -> list[str]:
+        """Return what to do next, the most pressing first; never empty."""
+        if not len(self.place_px):
+            return [
+                "Slide a flat object or a finger over all of the skin, so that every marker moves "
+                "by more than its diameter."
+            ]
+        lines, short = [], np.flatnonzero(~self.enough)
+        if len(short):
+            lacking = np.maximum(ENOUGH_SHARE - self.sides[short], 0.0).sum(axis=0)
+            way = int(np.argmax(lacking))
+            counts = Counter(region(place, self.size) for place in self.place_px[short])
+            named = " and the ".join(name for name, _ in counts.most_common(MOST_REGIONS))
+            where = "all over" if len(counts) > MOST_REGIONS else f"on the {named} of"
+            needed = "marker needs" if len(short) == 1 else "markers need"
+            lines.append(
+                f"{len(short)} {needed} more motion: "
+                f"slide {WAYS[way]} and back {WAYS[way ^ 1]} {where} the skin."
+            )
+        if self.rests < FEWEST_RESTS:
+            lines.append("Take everything off the skin and wait half a second.")
+        return lines or [f"All {len(self.place_px)} markers have moved enough: calibrate now."]
+
+    def progress_line(self) -> str:
+        """Return where a calibration stands and what it needs next, in one line."""
+        shape = "no rows" if self.grid is None else "grid {}x{}".format(*self.grid)
+        moved = f"{shape}, {int(self.enough.sum())} of {len(self.place_px)} markers moved enough"
+        found = moved if len(self.place_px) else "no grid yet"
+        return f"{self.t_us / 1e6:.1f} s: {found}. {self.advice()[0]}"
 
 
 class CalibrationGuide:
@@ -247,21 +266,17 @@ class CalibrationGuide:
     @property
     def level(self) -> NDArray[np.float32]:
         """``(height, width)`` how bright each pixel is, from 0 (ground) to 1 (marker)."""
-        return self._levels.level[self._row]
-
-    @property
-    def _row(self) -> int:
-        return ("white", "dark").index(self._polarity)
+        return self._levels.level[int(self._polarity == "dark")]
 
     def view(self) -> GuideView:
         """Return what is known now."""
-        seen, rests = self._seen, (self._rests.rests, self._rests.resting)
+        seen, about = self._seen, (self._size, self._t_us, self._rests.rests)
         if seen is None:
-            return GuideView(self._size, self._t_us, rests=rests[0], resting=rests[1])
-        core_px = CORE_SHARE * seen.radius_px
-        share, sides = coverage(self._levels.swung[self._row], seen.center_px, core_px)
-        known = seen.layout.shape, seen.center_px, seen.radius_px, share, sides
-        return GuideView(self._size, self._t_us, *known, *rests)
+            return GuideView(*about)
+        swung = self._levels.swung[int(self._polarity == "dark")]
+        share = coverage(swung, seen.center_px, CORE_SHARE * seen.radius_px)
+        known = seen.layout.shape, seen.center_px, seen.radius_px
+        return GuideView(*about, *known, share[:, 0], share[:, 1:])
 
     def _look(self) -> None:
         self._levels.refresh()

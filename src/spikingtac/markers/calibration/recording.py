@@ -233,16 +233,12 @@ class RestWatch:
         counts[0] += self._count
         # Of a silence of more than a minute the last minute tells all.
         for count in counts[max(ended - MOST_BINS, 0) : ended].tolist():
-            self._end_bin(count)
+            self._bins.append(count)
+            quiet = count <= quiet_limit(np.array(self._bins, float), NOISE_DEVIATIONS)
+            was, self._quiet_bins = self.resting, self._quiet_bins + 1 if quiet else 0
+            self.rests += self.resting and not was
         self._count = int(counts[ended:].sum())
         self._begin_us += ended * BIN_SUM_US
-
-    def _end_bin(self, count: int) -> None:
-        self._bins.append(count)
-        was = self.resting
-        quiet = count <= quiet_limit(np.array(self._bins, float), NOISE_DEVIATIONS)
-        self._quiet_bins = self._quiet_bins + 1 if quiet else 0
-        self.rests += self.resting and not was
 
 
 SMOOTH_PX = 3  # Width of the box mean before two maps are compared: single pixels are noise.

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.linalg import solve
 
-from spikingtac.calibration.pitch import marker_pitch_px
+from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.network import graph
 
 Field = NDArray[np.float64]

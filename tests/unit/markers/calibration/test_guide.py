@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.calibration.advice import FIRST, advice, progress_line, way_of
-from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
+from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView, coverage
 from spikingtac.types import EventPacket
 from stand_ins.sliding import GRID, MARKERS, RADIUS_PX, SIZE, packets_of_trips, resting_px, trip
 
@@ -31,8 +30,8 @@ def test_slides_by_more_than_a_diameter_are_enough(wide: list[EventPacket]) -> N
     assert view.enough.all()
     assert view.rests >= 3
     assert view.ready
-    assert advice(view) == ["All 12 markers have moved enough: calibrate now."]
-    assert "grid 3x4, 12 of 12 markers moved enough" in progress_line(view)
+    assert view.advice() == ["All 12 markers have moved enough: calibrate now."]
+    assert "grid 3x4, 12 of 12 markers moved enough" in view.progress_line()
 
 
 def test_dark_markers_are_recognized(wide: list[EventPacket]) -> None:
@@ -62,22 +61,22 @@ def test_what_went_left_only_by_a_little_has_to_go_right() -> None:
     assert view.grid == GRID
     lacking = np.flatnonzero(~view.enough)
     assert set(lacking) == set(np.flatnonzero(moved < 1))
-    assert {way_of(view, int(marker)) for marker in lacking} == {"right"}
-    said = advice(view)[0]
+    assert {view.way_of(int(marker)) for marker in lacking} == {"right"}
+    said = view.advice()[0]
     assert said.startswith("3 markers need more motion: slide right and back left")
     assert "right" in said.split("on the")[1]
     assert not view.ready
 
 
-def test_a_grid_that_ends_early_may_go_on() -> None:
-    moved = np.where(np.arange(MARKERS) % GRID[1] >= 3, 0.0, 1.0)
-    view = seen(packets_of_trips([trip((1, 0), moved), trip((-1, 0), moved)]))
-    assert view.grid == (3, 3)
-    assert any("near the right edge" in line for line in advice(view))
-
-
 def test_noise_alone_is_no_grid() -> None:
     quiet = seen(packets_of_trips([trip((1, 0), 0.0)] * 3, noise_hz=1.0))
     assert quiet.grid is None
-    assert advice(quiet) == [FIRST]
+    assert quiet.advice()[0].startswith("Slide a flat object or a finger over all")
     assert not quiet.ready
+
+
+def test_coverage_is_told_by_quarters() -> None:
+    seen = np.zeros((9, 9), bool)
+    seen[:, 5:] = True  # the right half of a disc in the middle
+    shares = coverage(seen, np.array([[4.0, 4.0]]), 3.0)[0, 1:]
+    np.testing.assert_allclose(shares, [1.0, 0.0, 1 / 3, 1 / 3])
