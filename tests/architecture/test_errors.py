@@ -17,7 +17,7 @@ ARGUMENTS = {"ValueError", "TypeError", "AttributeError", "NotImplementedError"}
 # Errors of one room: they descend from those of ``errors``, or its callers turn them into one.
 WITHIN = {
     "CommandError": "viewer/server.py",
-    "DamagedPieceError": "events/formats/limits.py",
+    "DamagedPieceError": "events/formats/pieces.py",
     "_MisfitError": "robot/adaptive_search.py",
     "NoCalibrationError": "viewer/opening.py",
 }

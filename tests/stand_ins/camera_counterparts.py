@@ -26,7 +26,7 @@ import pytest
 from spikingtac.events.address import Address
 from spikingtac.events.camera import Camera, open_camera
 from spikingtac.events.evt.encode import Evt2Encoder, Evt3Encoder, Evt21Encoder
-from spikingtac.events.evt.header import format_header
+from spikingtac.events.evt.raw import format_header
 from spikingtac.types import EventPacket
 from stand_ins.camera_modules import DriversDevice, HalDevice, drivers_module, hal_module
 from stand_ins.openmv_board import OpenMvBoard

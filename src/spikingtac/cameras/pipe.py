@@ -22,8 +22,8 @@ from spikingtac.errors import (
 )
 from spikingtac.events.address import Address
 from spikingtac.events.camera import Camera
-from spikingtac.events.evt.header import HEADER_LIMIT_BYTES, RawHeader, read_header
-from spikingtac.events.evt.raw import NAMES
+from spikingtac.events.evt.raw import HEADER_LIMIT_BYTES, RawHeader, read_header
+from spikingtac.events.evt.wire import NAMES
 from spikingtac.events.evt.words import Rows, WordDecoder, WordStream
 
 CHUNK_BYTES = 1 << 18  # Most bytes that one read takes and decodes.
@@ -59,10 +59,9 @@ class PipeCamera(_ByteCamera):
             )
         self.size = header.size
         self._file = file
-        self._encoding = header.encoding
-        continuous = header.encoding == "evt3" and header.generated_here
+        self.format = NAMES[header.encoding]
         order = header.byte_order or "little"
-        decoder = WordDecoder(header.encoding, header.size, order, continuous)
+        decoder = WordDecoder(header.encoding, header.size, order, header.continuous)
         warm_up(header.encoding, header.size, order)
         self._stream = WordStream(decoder, self.losses, self.triggers, header.time_base_us)
         self._pending = pending
@@ -101,7 +100,7 @@ class PipeCamera(_ByteCamera):
 
     def describe(self) -> dict[str, Any]:
         """Return the encoding."""
-        return {"encoding": NAMES[self._encoding]}
+        return {"encoding": self.format}
 
 
 def _opened(address: Address) -> int:

@@ -8,23 +8,21 @@ import numpy as np
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address
-from spikingtac.events.evt.header import (
+from spikingtac.events.evt.wire import (
+    BYTE_ORDERS,
     ENCODINGS,
     FOREIGN_SHARE,
+    NAMES,
     SOUND_SHARE,
     best_candidate,
     implausible_share,
 )
-from spikingtac.events.evt.raw import NAMES
 from spikingtac.events.evt.words import Rows, WordDecoder, WordStream
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import LossCounters
 
 # Width and height of the sensor that is assumed unless an address names another, px.
 GENX320_SIZE = (320, 320)
-
-# Orders of EVT2.1 words: a GenX320 sends ``little``, an IMX636 ``legacy``.
-BYTE_ORDERS = ("little", "legacy", "big")
 
 # Options of addresses whose words come without a header.
 WORD_OPTIONS = ("encoding", "size", "order")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.clock import PPM, TimeMap, through_moments
-from spikingtac.events.evt.raw import RawParts, parts_of
+from spikingtac.events.evt.raw import RawSource, later_parts
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource, ReadOptions
 from spikingtac.events.manifest import (
@@ -68,7 +68,7 @@ class SecondFinger:
             path = first / name_of(RECORDING_NAME, 1)
             if not path.is_file():
                 raise RecordingError(f"{str(first)!r} holds one sensor; name the other recording")
-            self.source: FileSource = RawParts(parts_of(path), ReadOptions())
+            self.source: FileSource = RawSource(path, ReadOptions(), later_parts(path))
             self.clock = RecordedClock.of(read_manifest(first / name_of(MANIFEST, 1)))
         else:
             self.source, self.clock = open_events(second), clock_beside(second)

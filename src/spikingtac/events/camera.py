@@ -30,6 +30,7 @@ class Camera(ABC):
         OPTIONS: Names of the options that its address may carry.
         EXTRA: Extra of this package that brings its library; empty where none is needed.
         size: ``(width, height)`` of the sensor, px.
+        format: Name of the format of its bytes, where they are a file's; empty of a camera.
         checked: Whether the columns come checked (in order, on the sensor, of the package's types).
         losses: What was lost or mended, by kind (``codec.KINDS``); the camera counts into it.
         triggers: Trigger edges met so far.
@@ -39,6 +40,7 @@ class Camera(ABC):
     OPTIONS: ClassVar[tuple[str, ...]] = ()
     EXTRA: ClassVar[str] = ""
     size: tuple[int, int]
+    format: str = ""
     checked: bool = False
 
     def __init__(self) -> None:

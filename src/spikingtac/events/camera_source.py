@@ -75,7 +75,7 @@ class CameraSource(FileSource):
         self.address, self.when_lost = address, when_lost
         self._seconds = address.number("seconds", LONGEST_S, 1e-3, LONGEST_S)
         self.camera: Camera = open_camera(address)
-        self.format = f"{address.kind} camera"
+        self.format = self.camera.format or f"{address.kind} camera"
         super().__init__(Path(str(address)), options)
         share = address.text("share")
         # Others attach to this ring as ring:NAME, whichever verb reads the camera.

@@ -11,7 +11,7 @@ from pathlib import Path
 from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
 from spikingtac.events.address import Address, is_address, is_stream
-from spikingtac.events.evt.header import read_header
+from spikingtac.events.evt.raw import RawSource, later_parts, read_header
 from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
 from spikingtac.events.manifest import name_of
@@ -118,11 +118,10 @@ def open_second(first: Path, second: Path, *, strict: bool = False) -> tuple[Fil
 
 def _of_folder(folder: Path, file: Path, sensor: int, options: ReadOptions) -> FileSource:
     """Return the events of one sensor of a folder, all its parts, on the first sensor's clock."""
-    from spikingtac.events.evt.raw import RawParts, parts_of
     from spikingtac.events.manifest import RetimedSource, time_base_of
 
-    parts = parts_of(file)
-    source = RawParts(parts, options) if len(parts) > 1 else _open_file(file, options)
+    later = later_parts(file)
+    source = RawSource(file, options, later) if later else _open_file(file, options)
     time_map = time_base_of(folder, sensor)
     return source if time_map is None else RetimedSource(source, time_map, options)
 
@@ -202,7 +201,7 @@ def _kind_by_values(path: Path, start: bytes) -> str:
     Raises:
         FormatError: They look like nothing that is known; says what is valid.
     """
-    from spikingtac.events.evt.header import SOUND_SHARE, best_candidate
+    from spikingtac.events.evt.wire import SOUND_SHARE, best_candidate
     from spikingtac.events.formats.text import looks_like_text
 
     if looks_like_text(start):

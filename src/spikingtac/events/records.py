@@ -22,12 +22,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
-from spikingtac.events.evt.header import read_header
+from spikingtac.events.evt.raw import read_header
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
-from spikingtac.events.formats.limits import refuse_piece
+from spikingtac.events.formats.packing import Counter
+from spikingtac.events.formats.pieces import refuse_piece
 
 CHUNK_BYTES = 1 << 20  # Bytes that are decoded at once.
-TIME_PERIOD_US = 1 << 32  # Period of a counter of 32 bits, us.
 CD_TYPES = (0x00, 0x0C)  # Types of the events of a .dat file that are read.
 DAT_EVENT = np.dtype([("t", "<u4"), ("address", "<u4")])
 AEDAT2_EVENT = np.dtype([("address", ">u4"), ("t", ">u4")])
@@ -64,33 +64,13 @@ class _Records(FileSource):
     _record: np.dtype[Any]
 
     def _records(self) -> Iterator[tuple[NDArray[Any], NDArray[np.int64]]]:
-        """Yield some records and their times, us.
-
-        The counter has wrapped where it fell from its last second to its first ones. A wrong
-        timestamp near its end falls, too, but nothing led up to it: such steps cancel.
-        """
-        epoch_us, last, half = 0, None, TIME_PERIOD_US // 2
-        for data in self._pieces(CHUNK_BYTES):
+        """Yield some records and their times, us."""
+        counter = Counter(1 << 32)
+        for data in self._chunks(self._start, CHUNK_BYTES):
             usable = len(data) // self._record.itemsize * self._record.itemsize
             self.losses.add("truncated", int(usable < len(data)))
             records = np.frombuffer(data[:usable], self._record)
-            t = records["t"].astype(np.int64)
-            if not len(t):
-                continue
-            steps = np.diff(t, prepend=t[0] if last is None else last)
-            periods = np.cumsum((steps < -half).astype(np.int64) - (steps > half))
-            last, before_us = t[-1], epoch_us
-            epoch_us += int(periods[-1]) * TIME_PERIOD_US
-            yield records, t + before_us + periods * TIME_PERIOD_US
-
-    def _pieces(self, length: int) -> Iterator[bytes]:
-        """Yield the bytes behind the header."""
-        total = max(self.path.stat().st_size, 1)
-        with self.path.open("rb") as file:
-            file.seek(self._start)
-            while data := file.read(length):
-                self.progress = file.tell() / total
-                yield data
+            yield records, counter.unwrapped(records["t"])
 
 
 class DatSource(_Records):
@@ -101,10 +81,11 @@ class DatSource(_Records):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         with path.open("rb") as file:
-            self._header = read_header(file)
+            header = read_header(file)
             kind = file.read(2)
             self._start = file.tell()
-        if self._header.fields.get("Version", "2") != "2":
+        self._named_size = header.size
+        if header.fields.get("Version", "2") != "2":
             raise FormatError(f"{str(path)!r} is a .dat file of version 1; version 2 is read")
         if len(kind) == 2 and (kind[0] not in CD_TYPES or kind[1] != DAT_EVENT.itemsize):
             raise FormatError(
@@ -112,9 +93,6 @@ class DatSource(_Records):
                 "CD events (type 0xc, 8 bytes) are read"
             )
         super().__init__(path, options)
-
-    def _size(self) -> tuple[int, int]:
-        return self._header.size or self._size_from_events()
 
     def _columns(self) -> Iterator[Rows]:
         for events, t in self._records():
@@ -134,19 +112,16 @@ class Aedat2Source(_Records):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._header, self._start = _aedat_header(path)
-        self._chip_px = _named_size(self._header)
-        super().__init__(path, options)
-
-    def _size(self) -> tuple[int, int]:
-        if self._chip_px is None:
+        self._named_size = _named_size(self._header)
+        if self._named_size is None and options.size is None:
             raise FormatError(
-                f"{str(self.path)!r} names no chip whose addresses are known in its header line "
+                f"{str(path)!r} names no chip whose addresses are known in its header line "
                 f"'# AEChip:' (valid: {', '.join(SIZES_PX)})"
             )
-        return self._chip_px
+        super().__init__(path, options)
 
     def _columns(self) -> Iterator[Rows]:
-        width, height = self._chip_px or self.size
+        width, height = self._named_size or self.size
         dvs128 = (width, height) == (128, 128) and "davis" not in self._header.lower()
         for words, t in self._records():
             address = words["address"].astype(np.int64)
@@ -166,11 +141,9 @@ class Aedat3Source(FileSource):
     format = "AEDAT 3.1"
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._header, self._start = _aedat_header(path)
+        header, self._start = _aedat_header(path)
+        self._named_size = _named_size(header)
         super().__init__(path, options)
-
-    def _size(self) -> tuple[int, int]:
-        return _named_size(self._header) or self._size_from_events()
 
     def _columns(self) -> Iterator[Rows]:
         total = max(self.path.stat().st_size, 1)
@@ -224,16 +197,13 @@ class EsSource(_Records):
                 f"on {width}x{height} px; DVS events (type 1) of version 2 are read: convert "
                 "others with event_stream"
             )
-        self._header_size = (width, height)
+        self._named_size = (width, height)
         super().__init__(path, options)
 
-    def _size(self) -> tuple[int, int]:
-        return self._header_size
-
     def _columns(self) -> Iterator[Rows]:
-        height = self._header_size[1]
+        height = self.size[1]
         state, tail = np.zeros(1, np.int64), b""
-        for data in self._pieces(CHUNK_BYTES // 4):
+        for data in self._chunks(self._start, CHUNK_BYTES // 4):
             buffer = np.frombuffer(tail + data, np.uint8)
             room = len(buffer) // ES_EVENT_BYTES + 1
             x, y = np.empty(room, np.int64), np.empty(room, np.int64)

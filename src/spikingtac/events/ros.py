@@ -12,14 +12,14 @@ import sqlite3
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from spikingtac.errors import FormatError
-from spikingtac.events.bags import Count, Mcap, RawMessage, Ros1
+from spikingtac.events.bags import Mcap, RawMessage, Ros1
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
-from spikingtac.events.formats.limits import PIECE_LIMIT_BYTES
+from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES, Count
 
 if TYPE_CHECKING:
     from spikingtac.events.evt.words import WordStream
@@ -46,18 +46,21 @@ PIECE_BYTES = 1 << 18
 # Messages among which the cameras of a bag are found: each has sent one by then.
 FIRST_MESSAGES = 256
 
-# Bytes of an event in an array of ROS 1, and of ROS 2, which aligns each field.
-ARRAY_EVENT_BYTES, ALIGNED_BYTES = 13, 16
+# Fields of an event in an array, its bytes and the places of its fields: ROS 2 aligns them.
+ARRAY_FIELDS = (("x", "u2"), ("y", "u2"), ("s", "u4"), ("ns", "u4"), ("p", "u1"))
+PACKED, ALIGNED = (13, (0, 2, 4, 8, 12)), (16, (0, 2, 6, 10, 14))
 
 
 class _Packet(NamedTuple):
-    width: int
-    height: int
+    """A message of events; ``order`` is that of its bytes, ``cdr`` whether fields are aligned."""
+
+    size: tuple[int, int]
     sequence: int
     base_ns: int
     encoding: str
     events: bytes
     order: str
+    cdr: bool
 
 
 class RosSource(FileSource):
@@ -96,6 +99,7 @@ class RosSource(FileSource):
             )
         self.format = f"ROS bag ({first.encoding})"
         self.checked = first.encoding not in ("mono", "array")  # decoders of words check
+        self._named_size = first.size if min(first.size) > 0 else None
         super().__init__(path, options)
 
     def _topics(self) -> dict[str, _Packet]:
@@ -106,10 +110,6 @@ class RosSource(FileSource):
             if number >= FIRST_MESSAGES:
                 break
         return dict(sorted(found.items()))
-
-    def _size(self) -> tuple[int, int]:
-        width, height = self._first.width, self._first.height
-        return (width, height) if width > 0 and height > 0 else self._size_from_events()
 
     def _columns(self) -> Iterator[Rows]:
         encoding, start_ns = self._first.encoding, None
@@ -177,14 +177,14 @@ def _parsed(message: RawMessage) -> _Packet:
     block(number("I"))  # the frame's name
     height, width = number("I"), number("I")
     if message.kind in ARRAYS:
-        count = number("I")
-        size = ALIGNED_BYTES if cdr else ARRAY_EVENT_BYTES
-        length = max(size * count - (size - ARRAY_EVENT_BYTES), 0)
-        return _Packet(width, height, -1, size, "array", block(length), order)
+        count, size = number("I"), (ALIGNED if cdr else PACKED)[0]
+        length = max(size * count - (size - PACKED[0]), 0)  # no padding after the last one
+        return _Packet((width, height), -1, 0, "array", block(length), order, cdr)
     sequence, base_ns = number("Q"), number("Q")
     encoding = block(number("I")).rstrip(b"\0").decode("ascii")
     number("B")  # byte order of the sender; the encodings are little-endian
-    return _Packet(width, height, sequence, base_ns, encoding, block(number("I")), order)
+    events = block(number("I"))
+    return _Packet((width, height), sequence, base_ns, encoding, events, order, cdr)
 
 
 def _mono_events(packet: _Packet, start_ns: int) -> Rows:
@@ -199,24 +199,21 @@ def _mono_events(packet: _Packet, start_ns: int) -> Rows:
 
 def _array_events(packet: _Packet) -> Rows:
     """Return the columns of a message of single events: x, y, seconds, nanoseconds, polarity."""
-    order, size = packet.order, packet.base_ns
-    if size == ARRAY_EVENT_BYTES:
-        fields = [("x", "<u2"), ("y", "<u2"), ("s", "<u4"), ("ns", "<u4"), ("p", "u1")]
-        events = np.frombuffer(packet.events, fields)
-        x, y = events["x"], events["y"]
-    else:
-        # Each field is aligned, not each event: x follows the polarity of the event before it.
-        names, offsets = ["y", "s", "ns", "p", "next_x"], [0, 4, 8, 12, 14]
-        kinds = [f"{order}u2", f"{order}i4", f"{order}u4", "u1", f"{order}u2"]
-        kind = np.dtype(
-            {"names": names, "formats": kinds, "offsets": offsets, "itemsize": ALIGNED_BYTES}
-        )
-        events = np.frombuffer(packet.events + bytes(-len(packet.events) % ALIGNED_BYTES), kind)
-        first = np.frombuffer(packet.events, f"{order}u2", min(2, len(packet.events)))
-        x = np.concatenate((first[:1], events["next_x"][:-1])).astype(np.uint16)
-        y = np.concatenate((first[1:], events["y"][1:])).astype(np.uint16)
+    length, offsets = ALIGNED if packet.cdr else PACKED
+    data = packet.events
+    if packet.cdr:
+        # Each field is aligned, not each event: x and y of all but the first lie two bytes earlier.
+        data = data[:4] + bytes(2) + data[4:]
+        data += bytes(-len(data) % length)
+    form: Any = {
+        "names": [name for name, _ in ARRAY_FIELDS],
+        "formats": [packet.order + kind for _, kind in ARRAY_FIELDS],
+        "offsets": offsets,
+        "itemsize": length,
+    }
+    events = np.frombuffer(data if len(packet.events) else b"", np.dtype(form))
     t = events["s"].astype(np.int64) * 1_000_000 + events["ns"].astype(np.int64) // NS_PER_US
-    return x, y, events["p"] != 0, t
+    return events["x"], events["y"], events["p"] != 0, t
 
 
 def messages_of(path: Path, types: tuple[str, ...], count: Count) -> Iterator[RawMessage]:

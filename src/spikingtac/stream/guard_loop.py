@@ -18,7 +18,7 @@ from spikingtac.contact.detector import ContactDetector, Window, packets_of
 from spikingtac.errors import DeviceError
 from spikingtac.events.address import Address, is_address, is_stream
 from spikingtac.events.camera_source import CameraSource
-from spikingtac.events.evt.header import ENCODINGS
+from spikingtac.events.evt.wire import ENCODINGS
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows

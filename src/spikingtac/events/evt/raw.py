@@ -2,30 +2,144 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import chain, pairwise
 from pathlib import Path
+from typing import BinaryIO, NamedTuple
 
-from spikingtac.errors import ConfigError, FormatError, nearest
-from spikingtac.events.evt.header import (
+from spikingtac.errors import FormatError, named
+from spikingtac.events.evt.wire import (
+    BYTE_ORDERS,
     ENCODINGS,
     FOREIGN_SHARE,
+    NAMES,
     SOUND_SHARE,
-    RawHeader,
+    WIDEST_PX,
     best_candidate,
     implausible_share,
-    read_header,
 )
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
 CHUNK_BYTES = 1 << 18  # Bytes that are decoded at once.
-
 SAMPLE_BYTES = 1 << 16  # Bytes that are judged before the first one is decoded.
+LINE_LIMIT = 4096  # Longest header line that is believed, bytes.
+HEADER_LIMIT_BYTES = 1 << 20  # Longest header that is read; those of cameras have a kilobyte.
+GENERATOR = "spikingtac"
+VERSIONS = {"2.0": "evt2", "2.1": "evt21", "3.0": "evt3"}  # What the line ``evt`` says.
 
-NAMES = {"evt2": "EVT2", "evt21": "EVT2.1", "evt3": "EVT3"}
+
+@dataclass(frozen=True, kw_only=True)
+class RawHeader:
+    """What the header of a RAW file names; None where it is silent.
+
+    Attributes:
+        encoding: ``evt2``, ``evt21`` or ``evt3``.
+        size: ``(width, height)``, px.
+        byte_order: Of EVT 2.1 words: ``little`` (64 bits at once), ``legacy`` (the upper half
+            first, each half little-endian) or ``big``.
+        time_base_us: Added to the wire's time; whole periods of its counter.
+        fields: Every line, key to value.
+        length: Bytes before the first word.
+    """
+
+    encoding: str | None = None
+    size: tuple[int, int] | None = None
+    byte_order: str | None = None
+    time_base_us: int = 0
+    fields: dict[str, str] = field(default_factory=dict)
+    length: int = 0
+
+    @property
+    def continuous(self) -> bool:
+        """Whether this package wrote EVT3: its time words follow without holes."""
+        return self.encoding == "evt3" and self.fields.get("generator", "").startswith(GENERATOR)
+
+
+def read_header(file: BinaryIO) -> RawHeader:
+    """Read the header lines and leave the file at the first word (a header may be missing)."""
+    fields: dict[str, str] = {}
+    first = file.tell()
+    while (start := file.tell()) - first < HEADER_LIMIT_BYTES:
+        line = file.readline(LINE_LIMIT)
+        printable = all(byte >= 0x20 or byte in b"\t\r\n" for byte in line) and 0x7F not in line
+        if not (line.startswith(b"%") and line.endswith(b"\n") and printable):
+            file.seek(start)
+            break
+        key, _, value = line[1:].decode("latin-1").strip().partition(" ")
+        if key == "end":
+            break
+        fields[key] = value.strip()
+    name, *options = fields.get("format", "").split(";")
+    settings = {key.lower(): value for key, _, value in (item.partition("=") for item in options)}
+    plain = name.strip().lower().removesuffix(".0").replace(".", "")
+    order = (settings.get("endianness") or fields.get("endianness") or "").lower()
+    return RawHeader(
+        encoding=plain if plain in ENCODINGS else VERSIONS.get(fields.get("evt", "")),
+        size=_size({key.lower(): value for key, value in fields.items()}, settings),
+        byte_order=order if order in BYTE_ORDERS else None,
+        time_base_us=_number(fields.get("time_base_us")),
+        fields=fields,
+        length=file.tell(),
+    )
+
+
+def _size(fields: dict[str, str], settings: dict[str, str]) -> tuple[int, int] | None:
+    geometry = re.fullmatch(r"(\d+)\s*x\s*(\d+)", fields.get("geometry", ""))
+    for pair in (
+        (settings.get("width"), settings.get("height")),
+        geometry.groups() if geometry else (None, None),
+        (fields.get("width"), fields.get("height")),
+    ):
+        width, height = map(_number, pair)
+        if width and height and max(width, height) <= WIDEST_PX:
+            return width, height
+    return None
+
+
+def _number(text: str | None) -> int:
+    """Return a whole number, or 0 where there is none."""
+    text = (text or "").strip()
+    return int(text) if text.isascii() and text.isdigit() and len(text) < 19 else 0
+
+
+def format_header(encoding: str, size: tuple[int, int], time_base_us: int = 0) -> bytes:
+    """Return the header that this package writes; nothing in it depends on the clock."""
+    version = next(key for key, name in VERSIONS.items() if name == encoding)
+    width, height = size
+    order = ";endianness=little" if encoding == "evt21" else ""
+    lines = [
+        f"evt {version}",
+        f"format {encoding.upper()};width={width};height={height}{order}",
+        f"geometry {width}x{height}",
+        f"generator {GENERATOR}",
+        # Metavision picks the plug-in that decodes a file by this pair of names.
+        "integrator_name Prophesee",
+        "plugin_name hal_plugin_prophesee",
+    ]
+    if encoding == "evt21":
+        lines.append("endianness little")
+    if time_base_us:
+        lines.append(f"time_base_us {time_base_us}")
+    return "".join(f"% {line}\n" for line in [*lines, "end"]).encode("ascii")
+
+
+class _Part(NamedTuple):
+    """One file of a recording: its header, and its encoding with the byte order of EVT2.1."""
+
+    path: Path
+    header: RawHeader
+    candidate: str
 
 
 class RawSource(FileSource):
-    """Events of a RAW file; damage is mended and counted.
+    """Events of a RAW file, or of several that follow each other; damage is mended and counted.
+
+    Args:
+        path: The file, or the first one.
+        options: How it is read.
+        others: The files that follow in time, in order.
 
     Raises:
         ConfigError: ``encoding`` is unknown.
@@ -35,81 +149,76 @@ class RawSource(FileSource):
 
     checked = True
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        if options.encoding is not None and options.encoding not in ENCODINGS:
-            raise ConfigError(
-                f"unknown encoding {options.encoding!r}{nearest(options.encoding, ENCODINGS)} "
-                f"(valid: {', '.join(ENCODINGS)})"
-            )
-        with path.open("rb") as file:
-            self.header = read_header(file)
-            sample = file.read(SAMPLE_BYTES)
-        self._notes: list[str] = []
-        self._encoding, self._byte_order = self._dispatched(path, sample, options)
-        self.format = NAMES[self._encoding]
+    def __init__(self, path: Path, options: ReadOptions, others: tuple[Path, ...] = ()) -> None:
+        if options.encoding is not None:
+            named(NAMES, options.encoding, "encoding")
+        notes: list[str] = []
+        self._parts = [_part(file, options.encoding, notes) for file in (path, *others)]
+        encoding = self._parts[0].candidate.partition("/")[0]
+        self.format = NAMES[encoding] + (f" in {len(self._parts)} parts" if others else "")
+        self._named_size = self._parts[0].header.size
         super().__init__(path, options)
-        self.notes.extend(self._notes)
-
-    def _size(self) -> tuple[int, int]:
-        return self.header.size or self._size_from_events()
+        self.notes.extend(notes)
 
     def _columns(self) -> Iterator[Rows]:
         from spikingtac.events.evt.words import WordDecoder, WordStream
 
-        continuous = self._encoding == "evt3" and self.header.generated_here
-        decoder = WordDecoder(self._encoding, self.size, self._byte_order, continuous)
-        stream = WordStream(decoder, self.losses, self.triggers, self.header.time_base_us)
-        total = max(self.path.stat().st_size, 1)
-        with self.path.open("rb") as file:
-            file.seek(self.header.length)
-            data = file.read(CHUNK_BYTES)
-            while data:
-                following = file.read(CHUNK_BYTES)
-                self.progress = file.tell() / total
+        for number, (path, header, candidate) in enumerate(self._parts):
+            encoding, _, order = candidate.partition("/")
+            decoder = WordDecoder(encoding, self.size, order or "little", header.continuous)
+            stream = WordStream(decoder, self.losses, self.triggers, header.time_base_us)
+            chunks = chain(self._chunks(header.length, CHUNK_BYTES, path), (b"",))
+            for data, following in pairwise(chunks):
+                self.progress = (number + self.progress) / len(self._parts)
                 yield stream.feed(data, final=not following)
-                data = following
-
-    def _dispatched(self, path: Path, sample: bytes, options: ReadOptions) -> tuple[str, str]:
-        """Return encoding and byte order, from the header or else from the first words."""
-        header = self.header
-        claimed = options.encoding or header.encoding
-        if claimed is None:
-            return self._guessed(path, sample)
-        orders = [header.byte_order] if header.byte_order else ["little", "legacy"]
-        names = tuple(f"evt21/{order}" for order in orders) if claimed == "evt21" else (claimed,)
-        if not sample:
-            return claimed, orders[0]
-        name, share = best_candidate(sample, header.size, names)
-        if claimed == "evt21" and not header.byte_order:
-            self._notes.append(f"the header names no byte order; {name.partition('/')[2]} fits")
-        if options.encoding is None and share > FOREIGN_SHARE:
-            _refuse_foreign(path, sample, header, name)
-        return claimed, name.partition("/")[2] or "little"
-
-    def _guessed(self, path: Path, sample: bytes) -> tuple[str, str]:
-        if not sample:
-            self._notes.append("the file holds no events")
-            return "evt3", "little"
-        name, share = best_candidate(sample, self.header.size)
-        if share > FOREIGN_SHARE:
-            raise FormatError(
-                f"{str(path)!r} names no encoding in its header, and its words fit none of "
-                f"{', '.join(NAMES.values())}; name one if you know it (--encoding, in Python "
-                "encoding=), or export the recording again with the software of its camera"
-            )
-        encoding, _, order = name.partition("/")
-        self._notes.append(f"the header names no encoding; {NAMES[encoding]} fits")
-        return encoding, order or "little"
 
 
-def _refuse_foreign(path: Path, sample: bytes, header: RawHeader, claimed: str) -> None:
-    found, share = best_candidate(sample, header.size)
+def _part(path: Path, encoding: str | None, notes: list[str]) -> _Part:
+    """Return a file with its encoding, from what is asked for, the header, or the first words."""
+    with path.open("rb") as file:
+        header = read_header(file)
+        sample = file.read(SAMPLE_BYTES)
+    claimed, orders = encoding or header.encoding, BYTE_ORDERS[:2]
+    if header.byte_order:
+        orders = (header.byte_order,)
+    if claimed is None:
+        return _Part(path, header, _guessed(path, sample, header.size, notes))
+    names = tuple(f"evt21/{order}" for order in orders) if claimed == "evt21" else (claimed,)
+    if not sample:
+        return _Part(path, header, names[0])
+    name, share = best_candidate(sample, header.size, names)
+    if claimed == "evt21" and not header.byte_order:
+        notes.append(f"the header names no byte order; {name.partition('/')[2]} fits")
+    if encoding is None and share > FOREIGN_SHARE:
+        _refuse_foreign(path, sample, header.size, name)
+    return _Part(path, header, name)
+
+
+def _guessed(path: Path, sample: bytes, size: tuple[int, int] | None, notes: list[str]) -> str:
+    """Return the encoding that the words of a file without a telling header look like."""
+    if not sample:
+        notes.append("the file holds no events")
+        return "evt3"
+    name, share = best_candidate(sample, size)
+    if share > FOREIGN_SHARE:
+        raise FormatError(
+            f"{str(path)!r} names no encoding in its header, and its words fit none of "
+            f"{', '.join(NAMES.values())}; name one if you know it (--encoding, in Python "
+            "encoding=), or export the recording again with the software of its camera"
+        )
+    notes.append(f"the header names no encoding; {NAMES[name.partition('/')[0]]} fits")
+    return name
+
+
+def _refuse_foreign(path: Path, sample: bytes, size: tuple[int, int] | None, claimed: str) -> None:
+    found, share = best_candidate(sample, size)
     if found == claimed or share > SOUND_SHARE:
         return
-    doubt = implausible_share(sample, claimed, header.size)
+    doubt = implausible_share(sample, claimed, size)
+    said, fits = _spoken(claimed), _spoken(found)
     raise FormatError(
-        f"{str(path)!r}: the header says {_spoken(claimed)}, but the words are {_spoken(found)} "
-        f"({doubt:.0%} of them make no sense as {_spoken(claimed)}); correct the header's "
+        f"{str(path)!r}: the header says {said}, but the words are {fits} "
+        f"({doubt:.0%} of them make no sense as {said}); correct the header's "
         f"'% evt' and '% format' lines, or read it with "
         f"--encoding {found.partition('/')[0]} (in Python encoding=)"
     )
@@ -131,44 +240,10 @@ def part_name(first: str, number: int) -> str:
     return first if number == 0 else f"{stem}.{number:04d}{dot}{ending}"
 
 
-def parts_of(first: Path) -> list[Path]:
-    """Return the parts of a recording that are there, in order; those without a word are left out.
-
-    Args:
-        first: Path of the first part.
-    """
+def later_parts(first: Path) -> tuple[Path, ...]:
+    """Return the parts of a recording behind its first one, in order; empty files are left out."""
     stem, _, ending = first.name.rpartition(".")
     named = first.parent.glob(f"{stem}.[0-9][0-9][0-9][0-9]*.{ending}")
     numbers = {path: path.stem.rpartition(".")[2] for path in named if path.stat().st_size}
     later = [path for path, number in numbers.items() if number.isdecimal()]
-    return [first, *sorted(later, key=lambda path: int(numbers[path]))]
-
-
-class RawParts(FileSource):
-    """Events of several RAW files of one sensor that follow each other in time.
-
-    Args:
-        parts: The files, in order; at least one.
-        options: As of a file.
-
-    Raises:
-        FormatError: A part does not fit its header.
-    """
-
-    checked = True
-
-    def __init__(self, parts: list[Path], options: ReadOptions) -> None:
-        self._sources = [RawSource(path, options) for path in parts]
-        super().__init__(parts[0], options)
-        self.format = f"{self._sources[0].format} in {len(parts)} parts"
-        self.notes.extend(note for source in self._sources for note in source.notes)
-
-    def _size(self) -> tuple[int, int]:
-        return self._sources[0].size
-
-    def _columns(self) -> Iterator[Rows]:
-        for number, source in enumerate(self._sources):
-            source.losses, source.triggers = self.losses, self.triggers
-            for rows in source.columns():
-                self.progress = (number + source.progress) / len(self._sources)
-                yield rows
+    return tuple(sorted(later, key=lambda path: int(numbers[path])))

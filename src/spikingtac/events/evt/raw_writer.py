@@ -12,7 +12,7 @@ import numpy as np
 from spikingtac.atomic_files import WholeFile
 from spikingtac.errors import FormatError, named
 from spikingtac.events.evt.encode import ENCODERS, WordEncoder
-from spikingtac.events.evt.header import format_header
+from spikingtac.events.evt.raw import format_header
 from spikingtac.events.formats.codec import EventWriter, Triggers
 from spikingtac.types import EventPacket
 

@@ -55,6 +55,16 @@ EVT2 = WordFormat(6, 28, 60_000_000 >> 6, 8, 1 << 14, 0b1110_0101_0000_0011)
 # Four seconds are far, one is a leap.
 EVT3 = WordFormat(12, 12, 4_000_000 >> 12, 64, 1 << 8, 0b1100_0101_1111_1101)
 
+ENCODINGS = ("evt2", "evt21", "evt3")
+NAMES = {"evt2": "EVT2", "evt21": "EVT2.1", "evt3": "EVT3"}
+BYTE_ORDERS = ("little", "legacy", "big")  # Of EVT2.1 words; the first one is the usual one.
+
+# Encodings, with the byte order of EVT2.1: what a stream of words may be.
+CANDIDATES = ("evt3", "evt2", *(f"evt21/{order}" for order in BYTE_ORDERS))
+FOREIGN_SHARE = 0.15  # Share of implausible words from which on a claimed format is doubted.
+SOUND_SHARE = 0.04  # Share of implausible words up to which another format is believed instead.
+WIDEST_PX = 1 << 11  # Columns and rows that an address names.
+
 
 class WordView(NamedTuple):
     """What each of some words says.
@@ -76,8 +86,44 @@ class WordView(NamedTuple):
     time: NDArray[np.int64]
 
 
-def view_evt2(heads: Words, masks: Words | None, size: tuple[int, int]) -> WordView:
-    """Look at EVT2 words, or at the halves of EVT2.1 words (``masks`` holds the lower ones)."""
+class Wire:
+    """How the words of an encoding lie in bytes.
+
+    Args:
+        name: One of :data:`CANDIDATES`.
+
+    Attributes:
+        form: How the format divides the time.
+        word: Type of a word on the wire.
+        events_per_word: Most events that a word can stand for.
+        upper: Which half of an EVT2.1 word is the upper one.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.encoding, _, order = name.partition("/")
+        self.form = EVT3 if self.encoding == "evt3" else EVT2
+        mark = ">" if order == "big" else "<"
+        self.word = np.dtype(mark + {"evt2": "u4", "evt21": "u8", "evt3": "u2"}[self.encoding])
+        self.events_per_word = {"evt2": 1, "evt21": VECTOR_WIDTH_PX, "evt3": 12}[self.encoding]
+        self._half, self.upper = np.dtype(f"{mark}u4"), int(order == "little")
+
+    def halves(self, words: Words) -> Words:
+        """Return ``(n, 2)`` halves of EVT2.1 words, as they follow each other in the bytes."""
+        return words.view(self._half).reshape(-1, 2)
+
+    def heads(self, words: Words) -> Words:
+        """Return the part of each word that holds its type."""
+        return self.halves(words)[:, self.upper] if self.encoding == "evt21" else words
+
+    def view(self, words: Words, size: tuple[int, int]) -> WordView:
+        """Return what each word says, on a sensor of a size, px."""
+        if self.encoding == "evt3":
+            return _view_evt3(words, size)
+        masks = self.halves(words)[:, 1 - self.upper] if self.encoding == "evt21" else None
+        return _view_evt2(self.heads(words), masks, size)
+
+
+def _view_evt2(heads: Words, masks: Words | None, size: tuple[int, int]) -> WordView:
     kind = heads >> 28
     is_low, is_high = kind <= EVENT_ON, kind == TIME_HIGH
     column = (heads >> 11) & 0x7FF
@@ -94,8 +140,7 @@ def view_evt2(heads: Words, masks: Words | None, size: tuple[int, int]) -> WordV
     )
 
 
-def view_evt3(words: Words, size: tuple[int, int]) -> WordView:
-    """Look at EVT3 words."""
+def _view_evt3(words: Words, size: tuple[int, int]) -> WordView:
     kind, address = words >> 12, words & 0x7FF
     column = (kind == ADDR_X) | (kind == BASE_X)
     return WordView(
@@ -112,16 +157,28 @@ def _undefined(kind: Words, form: WordFormat) -> Flags:
     return (form.known_types >> kind.astype(np.int64)) & 1 == 0
 
 
-def implausible_share(view: WordView, form: WordFormat) -> float:
+def implausible_share(data: bytes, candidate: str, size: tuple[int, int] | None) -> float:
     """Return the share of words that make no sense; 1 where none holds the upper time."""
+    wire = Wire(candidate)
+    words = np.frombuffer(data, wire.word, len(data) // wire.word.itemsize)
+    view = wire.view(words, size or (WIDEST_PX, WIDEST_PX))
     if not view.is_high.any():
         return 1.0
     clock = np.flatnonzero(view.is_low | view.is_high)
     low, time = view.is_low[clock], view.time[clock]
-    falls = low[1:] & low[:-1] & (np.diff(time) < -form.fall_steps)
-    leaps = np.diff(time[~low]) % (1 << form.high_bits) > form.leap_steps
+    falls = low[1:] & low[:-1] & (np.diff(time) < -wire.form.fall_steps)
+    leaps = np.diff(time[~low]) % (1 << wire.form.high_bits) > wire.form.leap_steps
     bad = np.count_nonzero(view.unknown | view.outside)
-    return (bad + np.count_nonzero(falls) + np.count_nonzero(leaps)) / len(view.time)
+    return (bad + np.count_nonzero(falls) + np.count_nonzero(leaps)) / len(words)
+
+
+def best_candidate(
+    data: bytes, size: tuple[int, int] | None, candidates: tuple[str, ...] = CANDIDATES
+) -> tuple[str, float]:
+    """Return the candidate with the least implausible share, and that share."""
+    shares = {name: implausible_share(data, name, size) for name in candidates}
+    name = min(shares, key=lambda key: shares[key])
+    return name, shares[name]
 
 
 class TimeWords(NamedTuple):

@@ -17,7 +17,7 @@ from spikingtac.events.evt.decoders import (
     decode_evt21_kernel,
 )
 from spikingtac.events.evt.salvage import may_be_filled, mend_high_kernel, without_fill
-from spikingtac.events.evt.wire import TimeWords, WordView, time_words
+from spikingtac.events.evt.wire import Wire, time_words
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.packing import Rows
 from spikingtac.types import LossCounters
@@ -30,10 +30,9 @@ CARRY_LIMIT_BYTES = 1 << 20  # Most that is held back until a leap of the time i
 
 
 NO_WRAP_BITS = 62  # Bits of a counter that never wraps, as the lower time within an upper one.
-EVENTS_PER_WORD = {"evt2": 1, "evt21": wire.VECTOR_WIDTH_PX, "evt3": 12}  # at most
 
 
-class WordDecoder:
+class WordDecoder(Wire):
     """Decodes the words of one format; keeps time, row and vector base from call to call.
 
     Args:
@@ -43,11 +42,7 @@ class WordDecoder:
         continuous: Whether the writer is known to leave no time word out.
 
     Attributes:
-        form: How the format divides the time.
-        word: Type of a word on the wire.
-        events_per_word: Most events that a word can stand for.
         state: The kernels' state, see :mod:`spikingtac.events.evt.decoder`.
-        mended: Time words replaced so far.
     """
 
     def __init__(
@@ -57,37 +52,16 @@ class WordDecoder:
         byte_order: str = "little",
         continuous: bool = False,
     ) -> None:
-        self._encoding, self._size = encoding, size
-        self.form = wire.EVT3 if encoding == "evt3" else wire.EVT2
-        mark = ">" if byte_order == "big" else "<"
-        self.word = np.dtype(mark + {"evt2": "u4", "evt21": "u8", "evt3": "u2"}[encoding])
-        self._half, self._upper = np.dtype(f"{mark}u4"), int(byte_order == "little")
-        self.events_per_word = EVENTS_PER_WORD[encoding]
-        self.state, self.mended = new_state(size, continuous), 0
+        super().__init__(f"{encoding}/{byte_order}")
+        self._size, self.state = size, new_state(size, continuous)
 
     def decode(self, words: Words, out: Columns) -> int:
         """Decode words into the columns and return the number of events."""
-        if self._encoding == "evt21":
-            halves = self._halves(words).astype("<u4", copy=False)
-            return decode_evt21_kernel(_read_only(halves), self._upper, out, self.state)
-        kernel = decode_evt2_kernel if self._encoding == "evt2" else decode_evt3_kernel
+        if self.encoding == "evt21":
+            halves = self.halves(words).astype("<u4", copy=False)
+            return decode_evt21_kernel(_read_only(halves), self.upper, out, self.state)
+        kernel = decode_evt2_kernel if self.encoding == "evt2" else decode_evt3_kernel
         return kernel(_read_only(words), out, self.state)
-
-    def view(self, words: Words) -> WordView:
-        """Return what each word says."""
-        if self._encoding == "evt3":
-            return wire.view_evt3(words, self._size)
-        masks = None
-        if self._encoding == "evt21":
-            masks = self._halves(words)[:, 1 - self._upper]
-        return wire.view_evt2(self._heads(words), masks, self._size)
-
-    def _halves(self, words: Words) -> Words:
-        return words.view(self._half).reshape(-1, 2)
-
-    def _heads(self, words: Words) -> Words:
-        """Return the part of each word that holds its type."""
-        return self._halves(words)[:, self._upper] if self._encoding == "evt21" else words
 
     def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Return for each byte offset whether a word that begins there is implausible."""
@@ -96,33 +70,36 @@ class WordDecoder:
             return np.empty(0, np.bool_)
         near = int(self.state[at.HIGH])  # upper time that the words of a chunk should be near
         if near < 0:
-            times = time_words(self.view(data[: len(data) // length * length].view(self.word)))
+            times = time_words(
+                self.view(data[: len(data) // length * length].view(self.word), self._size)
+            )
             near = int(np.median(times.value)) if len(times.value) else 0
         words = np.ascontiguousarray(sliding_window_view(data, length)).view(self.word).ravel()
-        view = self.view(words)
+        view = self.view(words, self._size)
         far = view.is_high & (abs(view.time - near) > self.form.far_steps)
         return view.unknown | view.outside | view.rare | far
 
-    def time_words(self, words: Words) -> TimeWords:
-        """Return the upper times; of EVT3, the lower ones are mended in place before."""
-        times = time_words(self.view(words))
-        if self._encoding != "evt3":
-            return times
-        before = np.concatenate(([self.state[at.HIGH]], times.value[:-1]))
-        units = times.position[times.value != before]
-        low = np.flatnonzero(words >> 12 == wire.TIME_LOW)
-        for places in np.split(low, np.searchsorted(low, units)):
-            value = (words[places] & 0xFFF).astype(np.int64)
-            whole = np.zeros(len(value), np.bool_)
-            self.mended += int(mend_high_kernel(value, whole, at.NONE, NO_WRAP_BITS))
-            words[places] = (wire.TIME_LOW << 12) | value
-        return time_words(self.view(words))
+    def undefined(self, words: Words) -> NDArray[np.bool_]:
+        """Return which words are of no type that the format defines."""
+        return self.view(words, self._size).unknown
 
-    def set_time_words(self, words: Words, times: TimeWords) -> None:
-        """Write mended upper times back into the words."""
-        heads = self._heads(words)
-        type_bits = 8 * heads.itemsize - 4
-        heads[times.position] = (wire.TIME_HIGH << type_bits) | times.value
+    def mend_times(self, words: Words) -> int:
+        """Mend upper times, of EVT3 the lower ones before, in place; return how many."""
+        times, mended = time_words(self.view(words, self._size)), 0
+        last = int(self.state[at.HIGH])
+        if self.encoding == "evt3":
+            units = times.position[times.value != np.concatenate(([last], times.value[:-1]))]
+            low = np.flatnonzero(words >> 12 == wire.TIME_LOW)
+            for places in np.split(low, np.searchsorted(low, units)):
+                value = (words[places] & 0xFFF).astype(np.int64)
+                whole = np.zeros(len(value), np.bool_)
+                mended += int(mend_high_kernel(value, whole, at.NONE, NO_WRAP_BITS))
+                words[places] = (wire.TIME_LOW << 12) | value
+            times = time_words(self.view(words, self._size))
+        mended += int(mend_high_kernel(times.value, times.wrapped, last, self.form.high_bits))
+        heads = self.heads(words)
+        heads[times.position] = (wire.TIME_HIGH << (8 * heads.itemsize - 4)) | times.value
+        return mended
 
 
 def _read_only(array: Words) -> Words:
@@ -206,14 +183,9 @@ class WordStream:
         if misaligned:
             words, end, breaks = salvage.aligned(buffer, decoder.suspects(buffer), decoder.word)
             self._losses.add("resynchronised", breaks)
-            words, blocks = salvage.without_garbage(words, decoder.view(words).unknown)
+            words, blocks = salvage.without_garbage(words, decoder.undefined(words))
             self._losses.add("garbage", blocks)
-        times = decoder.time_words(words)
-        last = int(decoder.state[at.HIGH])
-        mended = salvage.mend_high_kernel(times.value, times.wrapped, last, decoder.form.high_bits)
-        decoder.set_time_words(words, times)
-        self._losses.add("time_glitch", int(mended) + decoder.mended)
-        decoder.mended = 0
+        self._losses.add("time_glitch", decoder.mend_times(words))
         return words, end
 
     def _taken(self, count: int) -> Rows:

@@ -16,16 +16,16 @@ from pathlib import Path
 import numpy as np
 
 from spikingtac.errors import FormatError
-from spikingtac.events.formats.file_source import (
-    FileSource,
+from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
+from spikingtac.events.formats.pieces import (
+    CUT,
+    Piece,
     Read,
-    ReadOptions,
-    Rows,
-    chosen_sensor,
-    place_after_damage,
+    decompressed,
+    pieces,
     reader_of,
+    refuse_piece,
 )
-from spikingtac.events.formats.limits import decompressed, refuse_piece
 
 SIGNATURE = b"#!AER-DAT4.0\r\n"
 EVENT = np.dtype(
@@ -72,6 +72,8 @@ class Aedat4Source(FileSource):
         self._stream, self._named_size, own = streams[chosen_sensor(cameras, options.sensor, path)]
         named = [number for number, name in triggers if name == own]
         self._edges = named or [number for number, _ in triggers]
+        mark, self._before_mark = _MARKS.get(self._compression, (b"EVTS", 16))
+        self.mark = re.compile(re.escape(mark))
         super().__init__(path, options)
 
     def _read_head(self, path: Path) -> tuple[Streams, list[tuple[int, str]]]:
@@ -91,49 +93,44 @@ class Aedat4Source(FileSource):
         except (ValueError, struct.error, ElementTree.ParseError, RecursionError) as error:
             raise FormatError(f"{str(path)!r} is no readable AEDAT4 file: {error}") from error
 
-    def _size(self) -> tuple[int, int]:
-        return self._named_size
-
     def _columns(self) -> Iterator[Rows]:
-        total = max(self.path.stat().st_size, 1)
-        end = self._table_position if self._table_position > 0 else total
+        total = self.path.stat().st_size
+        end = min(self._table_position, total) if self._table_position > 0 else total
         where = f"{str(self.path)!r}: a packet"
         with self.path.open("rb") as file:
-            read, place = reader_of(file), self._begin
-            while place < min(end, total):
-                head = _packet_at(read, place, total)
-                if head is None:
-                    found = self._after_damage(read, place + 1, total)
-                    self.losses.add("truncated" if found is None else "bad_record")
-                    if found is not None:
-                        place = found
-                        continue
-                stream, length = head or (self._stream, total - place - PACKET_HEAD.size)
-                place += PACKET_HEAD.size + length
-                self.progress = place / total
-                if stream not in (self._stream, *self._edges) or length <= 0:
+            read = reader_of(file)
+            for stream, start, stop, _ in pieces(self, read, (self._begin, end), self.losses.add):
+                self.progress = stop / total
+                cut = stream == CUT
+                start += PACKET_HEAD.size * cut
+                if not (cut or stream in (self._stream, *self._edges)) or start >= stop:
                     continue
-                refuse_piece(where, length)
+                refuse_piece(where, stop - start)
                 try:
-                    stored = read(place - length, length)
-                    data = decompressed(stored, self._compression, where)
-                    if stream == self._stream:
-                        yield self._events(data, head is None)
+                    data = decompressed(read(start, stop - start), self._compression, where)
+                    if cut or stream == self._stream:
+                        yield self._events(data, cut)
                     else:
                         self._take_triggers(data)
                 except (struct.error, ValueError):
-                    self.losses.add("bad_record", int(head is not None))
+                    self.losses.add("bad_record", int(not cut))
 
-    def _after_damage(self, read: Read, place: int, total: int) -> int | None:
-        """Return where the next packet of events begins, or None where the rest holds none."""
-        mark, before = _MARKS.get(self._compression, (b"EVTS", 16))
+    def piece_at(self, read: Read, place: int, end: int) -> Piece | None:
+        """Return the packet at a place, or None where there is none."""
+        head = read(place, PACKET_HEAD.size)
+        if len(head) < PACKET_HEAD.size:
+            return None
+        stream, length = PACKET_HEAD.unpack(head)
+        start = place + PACKET_HEAD.size
+        fits = 0 <= stream < STREAM_LIMIT and length <= end - start
+        return Piece(stream, start, start + length) if fits else None
 
-        def proven(at: int) -> int | None:
-            packet = _packet_at(read, at - before, total) if at - before >= place else None
-            sound = packet is not None and packet[0] == self._stream and packet[1] > 0
-            return at - before if sound else None
-
-        return place_after_damage(read, place, total, re.compile(re.escape(mark)), proven)
+    def proven(self, read: Read, place: int, end: int) -> int | None:
+        """Return where the packet of events with a mark begins, or None where there is none."""
+        begin = max(place - self._before_mark, 0)
+        packet = self.piece_at(read, begin, end)
+        sound = packet is not None and packet.kind == self._stream and packet.end > packet.start
+        return begin if sound else None
 
     def _events(self, data: bytes, cut: bool) -> Rows:
         """Return the events of a size-prefixed EventPacket; count where they are not as many."""
@@ -156,16 +153,6 @@ class Aedat4Source(FileSource):
             if kind in EDGES:
                 self.triggers.append(edge.number(0, "<q", 0), *EDGES[kind])
                 self.losses.add("trigger")
-
-
-def _packet_at(read: Read, place: int, total: int) -> tuple[int, int] | None:
-    """Return stream and length of the packet at a place, or None where there is none."""
-    head = read(place, PACKET_HEAD.size)
-    if len(head) < PACKET_HEAD.size:
-        return None
-    stream, length = PACKET_HEAD.unpack(head)
-    fits = 0 <= stream < STREAM_LIMIT and length <= total - place - PACKET_HEAD.size
-    return (stream, length) if fits else None
 
 
 class _Table:

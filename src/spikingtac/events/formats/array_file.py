@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import FormatError, RecordingError
 from spikingtac.events.formats.file_source import FileSource
-from spikingtac.events.formats.limits import PIECE_LIMIT_BYTES, refuse_piece
+from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES, refuse_piece
 
 # What zipfile and NumPy's header parser raise on damaged archives.
 ARCHIVE_DAMAGE = (

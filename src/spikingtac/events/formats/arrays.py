@@ -25,7 +25,8 @@ from spikingtac.events.formats.columns import (
     rows_of,
 )
 from spikingtac.events.formats.file_source import ReadOptions, Rows
-from spikingtac.events.formats.limits import refuse_piece
+from spikingtac.events.formats.packing import Counter
+from spikingtac.events.formats.pieces import refuse_piece
 from spikingtac.file_kinds import told_kind
 from spikingtac.types import LossCounters
 
@@ -170,18 +171,11 @@ class _Array:
 
 def _openmv_rows(tables: Iterable[NDArray[Any]], losses: LossCounters) -> Iterator[Rows]:
     """Yield the columns of an OpenMV board's rows that are events; count the others."""
-    wraps = last_s = 0
+    seconds = Counter(OPENMV_SECONDS)
     for table in tables:
-        rows = table.astype(np.int64)
-        events = rows[rows[:, 0] <= 1]
-        losses.add("vendor_word", len(rows) - len(events))
-        if not len(events):
-            continue
-        seconds = events[:, 1] + wraps * OPENMV_SECONDS
-        falls = np.diff(seconds, prepend=last_s) < -(OPENMV_SECONDS // 2)
-        seconds += np.cumsum(falls) * OPENMV_SECONDS
-        wraps, last_s = wraps + int(falls.sum()), int(seconds[-1])
-        t = seconds * 1_000_000 + events[:, 2] * 1_000 + events[:, 3]
+        events = table[table[:, 0] <= 1].astype(np.int64)
+        losses.add("vendor_word", len(table) - len(events))
+        t = seconds.unwrapped(events[:, 1]) * 1_000_000 + events[:, 2] * 1_000 + events[:, 3]
         yield events[:, 4], events[:, 5], events[:, 0] == 1, t
 
 

@@ -219,7 +219,6 @@ class TableSource(FileSource):
             is out of order and too long to be sorted.
     """
 
-    _named_size: tuple[int, int] | None = None
     _unit: str | None = None
     _offset_us: int = 0
 
@@ -228,11 +227,9 @@ class TableSource(FileSource):
         raise NotImplementedError
 
     def _size(self) -> tuple[int, int]:
-        if self._named_size is not None:
-            return self._named_size
-        if not any(len(t) for _, _, _, t in self._rows()):
+        if self._named_size is None and not any(len(t) for _, _, _, t in self._rows()):
             raise FormatError(f"{str(self.path)!r} holds no events: nothing was recorded into it")
-        return self._size_from_events()
+        return super()._size()
 
     def _columns(self) -> Iterator[Rows]:
         pieces = self._understood()

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
-from spikingtac.errors import ConfigError, DamageError
+from spikingtac.errors import ConfigError, DamageError, FormatError
 from spikingtac.events.formats.codec import HARMLESS, KINDS, Triggers
-from spikingtac.events.formats.limits import SIDE_LIMIT_PX, require_size
 from spikingtac.events.formats.packing import ColumnCheck, Packer, Rows
 from spikingtac.events.source import HealthMeter
 from spikingtac.types import EventPacket, LossCounters, SourceHealth
@@ -22,8 +19,11 @@ CHUNK_EVENTS = 1 << 17  # About how many events a packet holds by default.
 # Sensors that are assumed where a file names no size: the first that holds its events.
 SIZES_PX = ((320, 320), (346, 260), (640, 480), (1280, 720))
 
-# Bytes that are searched at once for where reading goes on after damage, and the longest mark.
-SEARCH_BYTES, MARK_BYTES = 1 << 20, 32
+SIDE_LIMIT_PX = 1 << 16  # Columns and rows that a coordinate of two bytes can name.
+
+# Largest sensor that is believed, px: 16 megapixels; a map of it takes 64 MB (the largest event
+# sensor on the market has one).
+AREA_LIMIT_PX = 1 << 24
 
 # Share of a file's events that may lie outside of the size that is read from them.
 STRAY_SHARE = 1e-3
@@ -68,6 +68,25 @@ def chosen_sensor(names: list[str], sensor: int | None, path: Path) -> int:
     raise ConfigError(f"{str(path)!r} holds {given}; choose one with --sensor (sensor=): {listed}")
 
 
+def require_size(size: tuple[int, int], where: str) -> tuple[int, int]:
+    """Return a sensor's size.
+
+    Args:
+        size: ``(width, height)``, px.
+        where: Its origin, for the error.
+
+    Raises:
+        FormatError: No sensor has such a size.
+    """
+    width, height = size
+    if min(size) < 1 or max(size) > SIDE_LIMIT_PX or width * height > AREA_LIMIT_PX:
+        raise FormatError(
+            f"{where}: a sensor of {width}x{height} px is not possible (valid: 1 to "
+            f"{SIDE_LIMIT_PX} a side, {AREA_LIMIT_PX} px together); give the true size with size="
+        )
+    return size
+
+
 class FileSource:
     """Events of one file, as an :class:`~spikingtac.events.source.EventSource`.
 
@@ -85,6 +104,7 @@ class FileSource:
     """
 
     format = "events"
+    _named_size: tuple[int, int] | None = None  # What the file says; readers set it first.
     checked = False  # Whether columns come in order, on the sensor, of the package's types.
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
@@ -97,8 +117,8 @@ class FileSource:
         self.size = require_size(options.size or self._size(), repr(str(path)))
 
     def _size(self) -> tuple[int, int]:
-        """Return the sensor's size, from the file or from its events."""
-        return self._size_from_events()
+        """Return the sensor's size: as the file names it, else from its events."""
+        return self._named_size or self._size_from_events()
 
     def _columns(self) -> Iterator[Rows]:
         """Yield columns from the start of the file; count what is wrong."""
@@ -107,6 +127,16 @@ class FileSource:
     def columns(self) -> Iterator[Rows]:
         """Yield columns from the start of the file, not yet packed, and count what is wrong."""
         return self._columns()
+
+    def _chunks(self, start: int, length: int, path: Path | None = None) -> Iterator[bytes]:
+        """Yield the bytes of the file (or another one) from a place on, so many at once."""
+        path = path or self.path
+        total = max(path.stat().st_size, 1)
+        with path.open("rb") as file:
+            file.seek(start)
+            while data := file.read(length):
+                self.progress = file.tell() / total
+                yield data
 
     def __iter__(self) -> Iterator[EventPacket]:
         """Yield the file's packets.
@@ -170,37 +200,3 @@ class FileSource:
         size = usual[0] if usual else (width, height)
         self.notes.append(f"the file names no size; {size[0]}x{size[1]} px holds its events")
         return size
-
-
-Read = Callable[[int, int], bytes]  # Returns up to so many bytes from a place on.
-
-
-def reader_of(file: BinaryIO) -> Read:
-    """Return what reads a file from any place."""
-
-    def read(place: int, length: int) -> bytes:
-        file.seek(place)
-        return file.read(length)
-
-    return read
-
-
-def place_after_damage(
-    read: Read, place: int, end: int, mark: re.Pattern[bytes], proven: Callable[[int], int | None]
-) -> int | None:
-    """Return where reading goes on after damage, or None where the rest holds nothing sound.
-
-    Args:
-        read: Reads the file.
-        place: Where to begin to search.
-        end: Length of the file, bytes.
-        mark: What a piece may begin with.
-        proven: Returns where the piece begins that a mark at a place belongs to, or None.
-    """
-    while place < end:
-        for match in mark.finditer(read(place, SEARCH_BYTES + MARK_BYTES)):
-            found = proven(place + match.start())
-            if found is not None:
-                return found
-        place += SEARCH_BYTES
-    return None

@@ -38,7 +38,7 @@ from spikingtac.events.formats.hdf5_layout import (
     rows_in,
     size_of,
 )
-from spikingtac.events.formats.limits import PIECE_LIMIT_BYTES
+from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES
 from spikingtac.types import EventPacket
 
 # What h5py raises on damaged files.

@@ -13,8 +13,8 @@ import numpy as np
 
 from spikingtac.errors import FormatError
 from spikingtac.events.formats.columns import ROLES, TABLE_WIDTHS, Order, order_named
-from spikingtac.events.formats.limits import refuse_piece
 from spikingtac.events.formats.packing import TIME_LIMIT_US
+from spikingtac.events.formats.pieces import refuse_piece
 
 LEAST_STORED_BYTES = 1 << 14  # Stored bytes below which no claim is weighed against them.
 

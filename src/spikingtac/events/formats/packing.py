@@ -191,6 +191,30 @@ def _whole(t: NDArray[Any]) -> NDArray[np.int64]:
     return np.clip(t, -TIME_LIMIT_US, TIME_LIMIT_US).astype(np.int64)
 
 
+class Counter:
+    """A device's counter of time, which begins anew after a period.
+
+    It has begun anew where it fell by more than half of its period. A wrong timestamp near its end
+    falls, too, but rose before: such steps cancel.
+
+    Args:
+        period: How far it counts.
+    """
+
+    def __init__(self, period: int) -> None:
+        self._period, self._begun, self._last = period, 0, None
+
+    def unwrapped(self, t: NDArray[Any]) -> NDArray[np.int64]:
+        """Return ``(n,)`` times that follow the ones before, without the falls."""
+        if not len(t):
+            return t.astype(np.int64)
+        steps = np.diff(t.astype(np.int64), prepend=int(t[0]) if self._last is None else self._last)
+        half = self._period // 2
+        periods = np.cumsum((steps < -half).astype(np.int64) - (steps > half)) + self._begun
+        self._last, self._begun = int(t[-1]), int(periods[-1])
+        return t + periods * self._period
+
+
 TIE_LIMIT = 1 << 22  # Events of one and the same microsecond that are held back at most.
 
 

@@ -108,16 +108,13 @@ class TextSource(TableSource):
             self._order = order_of_values(tables, repr(str(path)))
 
     def _rows(self) -> Iterator[Rows]:
-        total, self._bad, tail = max(self.path.stat().st_size, 1), 0, b""
-        with self.path.open("rb") as file:
-            file.seek(self._start)
-            while data := file.read(CHUNK_BYTES):
-                complete, newline, tail = (tail + data).rpartition(b"\n")
-                if not newline and len(tail) >= CHUNK_BYTES:  # no line is so long
-                    self._bad, tail = self._bad + 1, b""
-                self.progress = file.tell() / total
-                yield from self._parsed(complete)
-            yield from self._parsed(tail)
+        self._bad, tail = 0, b""
+        for data in self._chunks(self._start, CHUNK_BYTES):
+            complete, newline, tail = (tail + data).rpartition(b"\n")
+            if not newline and len(tail) >= CHUNK_BYTES:  # no line is so long
+                self._bad, tail = self._bad + 1, b""
+            yield from self._parsed(complete)
+        yield from self._parsed(tail)
 
     def _parsed(self, text: bytes) -> Iterator[Rows]:
         blank = self._blank(text)

@@ -32,7 +32,7 @@ def test_a_pipe_gives_the_events_of_the_file(raw: Path, tmp_path: Path) -> None:
     source = open_events(tmp_path / "live")
     packets = list(source)
     camera.join()
-    assert source.size == SIZE
+    assert (source.size, source.format) == (SIZE, open_events(raw).format)
     assert_equal(EventPacket.concatenate(packets), whole(open_events(raw)))
     ends = [packet.t_end_us for packet in packets]
     assert ends[:-1] == [packet.t_start_us for packet in packets[1:]]
