@@ -17,7 +17,7 @@ from spikingtac.cli.verbs import guard
 from spikingtac.errors import DeviceError
 from spikingtac.events.create import create_events
 from spikingtac.events.evt.encode import Evt2Encoder
-from spikingtac.events.evt.header import format_header
+from spikingtac.events.evt.raw import format_header
 from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
 from spikingtac.stream.guard import ContactProcess
 from spikingtac.stream.guard_loop import Arrival, ContactLoop, GuardReport, stream_arrivals
