@@ -28,12 +28,8 @@ from spikingtac import Calibration
 from spikingtac.events import HotPixelFilter
 from spikingtac.markers import UNMATCHED, associate, smallest_spacing_px
 from spikingtac.types import EventPacket, MarkerFrame
-from spikingtac_paper.baselines.ekalibr_kernels import (
-    NEVER,
-    moving_circle_kernel,
-    normal_flow_kernel,
-    update_active_kernel,
-)
+
+Field = NDArray[np.float64]
 
 RATE_HZ = 100.0  # Estimates per second, Hz (two per window).
 ROUNDS = 2  # Number of fits of each plane (original).
@@ -43,6 +39,16 @@ MIN_CLUSTER_PX = 10  # Smallest cluster, px (original).
 ANGLE_DEG = 30.0  # Largest angle between the flows of a pair, degrees (original).
 RESIDUAL_PX = 2.0  # Largest mean residual of a circle, px (original).
 ITERATIONS = 6  # Iterations of the circle's fit.
+NEVER = -(2**62)  # Time of a pixel without any event, us.
+
+# Smallest number of active pixels, of nine, for a plane: one more than its parameters.
+PLANE_POINTS = 4
+
+# Columns and rows of a block of 3x3 pixels from its middle, px.
+PLACES = np.array([(column, row) for row in (-1, 0, 1) for column in (-1, 0, 1)], np.float64)
+
+# Damping of a circle's centre, velocity, radius and growth per event, for a stable fit.
+DAMPING = np.array([1e-6, 1e-6, 1e-2, 1e-2, 1e-2, 1e-1])
 
 # Association threshold as a fraction of the smallest spacing of the markers.
 PROXIMITY_FRACTION = 0.5
@@ -80,7 +86,6 @@ class EkalibrTracker:
         self._proximity_px = PROXIMITY_FRACTION * spacing_px
         width, height = calibration.size
         self._last_us = np.empty((2, height, width), np.int64)
-        self._flow = np.empty((2, 2, height, width))
         self.reset()
 
     def absorb(self, packet: EventPacket) -> None:
@@ -94,7 +99,8 @@ class EkalibrTracker:
         if not len(packet):
             return
         bright = packet.p != (self._calibration.polarity == "dark")
-        update_active_kernel(packet.x, packet.y, bright.astype(np.int64), packet.t, self._last_us)
+        # Of a pixel's events the last one is kept.
+        self._last_us[bright.astype(np.int64), packet.y, packet.x] = packet.t
         self._recent.append(packet)
 
     def estimate(self, t_us: int) -> MarkerFrame:
@@ -119,139 +125,178 @@ class EkalibrTracker:
         """Return to the calibrated rest positions."""
         self._last_us[:] = NEVER
         self._recent: list[EventPacket] = []
-        self._detected_px: NDArray[np.float64] = self._calibration.reference_px.astype(np.float64)
+        self._detected_px: Field = self._calibration.reference_px.astype(np.float64)
 
-    def _circles(self, t_us: int, since_us: int) -> NDArray[np.float64]:
-        config = self._config
-        arcs: list[list[Arc]] = []
-        labels: list[NDArray[np.int32]] = []
-        for polarity in (0, 1):
-            normal_flow_kernel(
-                self._last_us[polarity],
-                since_us,
-                ROUNDS,
-                TOLERANCE_US,
-                INLIER_FRACTION,
-                self._flow[polarity],
-            )
-            active = self._last_us[polarity] >= since_us
-            label, found = find_arcs(active, self._flow[polarity], config.dilate_px, MIN_CLUSTER_PX)
-            labels.append(label)
-            arcs.append(found)
-        pairs = pair_arcs(arcs[0], arcs[1], ANGLE_DEG, 3.0 * self._radius_px)
-        if not pairs:
+    def _circles(self, t_us: int, since_us: int) -> Field:
+        """Return the centres ``(n, 2)`` of the circles at ``t_us``, px."""
+        labels, arcs = [], []
+        for last_us in self._last_us:
+            found = find_arcs(normal_flow(last_us, since_us), last_us >= since_us, self._config)
+            labels.append(found[0])
+            arcs.append(found[1])
+        pairs = pair_arcs(*arcs, 3.0 * self._radius_px)
+        if not len(pairs):
             return np.empty((0, 2))
-        points, first = self._grouped(labels, t_us)
-        offset = int(labels[0].max()) + 1
+        points, groups, first = self._grouped(labels, t_us)
+        trailing, leading = arcs[0][pairs[:, 0]], arcs[1][pairs[:, 1]]
         centers = []
-        for trailing, leading in pairs:
-            dark = points[first[trailing.label] : first[trailing.label + 1]]
-            bright = points[first[offset + leading.label] : first[offset + leading.label + 1]]
-            center_px = self._circle(np.concatenate([dark, bright]), trailing, leading)
+        for behind, before in zip(trailing, leading, strict=True):
+            numbers = int(behind[0]), int(before[0]) + int(labels[0].max()) + 1
+            at = np.searchsorted(groups, numbers)
+            own = [points[first[k] : first[k + 1]] for k in at]
+            center_px = self._circle(np.concatenate(own), 0.5 * (behind + before)[1:])
             if center_px is not None:
                 centers.append(center_px)
         return np.array(centers).reshape(-1, 2)
 
     def _grouped(
         self, labels: list[NDArray[np.int32]], t_us: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Return the recent events ``(n, 3)`` sorted by arc, and the first index of each arc."""
+    ) -> tuple[Field, NDArray[np.int64], NDArray[np.intp]]:
+        """Return the recent events ``(n, 3)`` sorted by arc, the arcs, and the first of each."""
         x, y, p, t = (
             np.concatenate([getattr(packet, name) for packet in self._recent]) for name in "xypt"
         )
         recent = t >= t_us - self._config.window_us
         x, y, p, t = x[recent], y[recent], p[recent], t[recent]
         bright = p != (self._calibration.polarity == "dark")
-        offset = int(labels[0].max()) + 1
-        group = np.where(bright, offset + labels[1][y, x], labels[0][y, x])
-        group = group.astype(np.int16)  # so few that numpy sorts by digits
+        group = np.where(bright, labels[1][y, x] + labels[0].max() + 1, labels[0][y, x])
         order = np.argsort(group, kind="stable")
         points = np.column_stack([x, y, (t - t_us) / self._config.window_us])[order]
-        arcs = np.arange(offset + int(labels[1].max()) + 2)
-        return points.astype(np.float64), np.searchsorted(group[order], arcs)
+        groups, first = np.unique(group[order], return_index=True)
+        return points.astype(np.float64), groups, np.append(first, len(points))
 
-    def _circle(
-        self, points: NDArray[np.float64], trailing: Arc, leading: Arc
-    ) -> NDArray[np.float64] | None:
-        middle_px = 0.5 * (trailing.center_px + leading.center_px)
-        speed = 0.5 * (trailing.flow_px_us + leading.flow_px_us) * self._config.window_us
+    def _circle(self, points: Field, arcs: Field) -> Field | None:
+        """Return the centre ``(2,)`` of a circle through events; None where none fits.
+
+        Args:
+            points: ``(n, 3)`` events: x px, y px, time from the estimate in windows.
+            arcs: ``(4,)`` mean centre, px, and mean flow, px/us, of the two arcs.
+        """
+        speed = arcs[2:] * self._config.window_us
         # Half of the window ago the marker was in the middle of its arcs.
-        start = np.array([*(middle_px + 0.5 * speed), *speed, self._radius_px, 0.0])
-        fit, residual_px = moving_circle_kernel(points, start, ITERATIONS)
+        start = np.array([*(arcs[:2] + 0.5 * speed), *speed, self._radius_px, 0.0])
+        fit, residual_px = moving_circle(points, start, ITERATIONS)
         deviation = abs(fit[4] - self._radius_px) / self._radius_px
-        fits = residual_px < RESIDUAL_PX
-        if not (fits and deviation < self._config.radius_tolerance):
-            return None
-        return fit[:2]
+        fits = residual_px < RESIDUAL_PX and deviation < self._config.radius_tolerance
+        return fit[:2] if fits else None
 
 
-@dataclass(frozen=True, slots=True)
-class Arc:
-    """A cluster of active pixels of one polarity.
+def normal_flow(last_us: NDArray[np.int64], since_us: int) -> Field:
+    """Fit a plane t = a x + b y + c to each active pixel's 3x3; return its normal flow, px/us.
 
-    Attributes:
-        label: Number in the label image.
-        center_px: ``(2,)`` mean place of its pixels, px.
-        flow_px_us: ``(2,)`` mean normal flow, px/us.
+    The flow is the gradient divided by its square; it is 0 where no plane fits. Outliers are
+    removed after each fit.
+
+    Args:
+        last_us: ``(height, width)`` last event times of one polarity, us.
+        since_us: Pixels with an older last event are not active, us.
+
+    Returns:
+        ``(2, height, width)`` flow along x and y.
     """
+    flow = np.zeros((2, *last_us.shape))
+    row, column = np.nonzero(last_us[1:-1, 1:-1] >= since_us)
+    around = np.lib.stride_tricks.sliding_window_view(last_us, (3, 3))[row, column].reshape(-1, 9)
+    active = around >= since_us
+    later_us = np.where(active, around - around[:, 4:5], 0).astype(np.float64)
+    used, fits = active, np.ones(len(row), np.bool_)
+    slope = np.zeros((len(row), 2))
+    for _ in range(ROUNDS):
+        fits &= used.sum(axis=1) >= PLANE_POINTS
+        slope, level = _planes(later_us, used.astype(np.float64))
+        off_us = later_us - slope @ PLACES.T - level[:, None]
+        used = active & (np.abs(off_us) <= TOLERANCE_US)
+    least = np.maximum(PLANE_POINTS, INLIER_FRACTION * active.sum(axis=1))
+    square = (slope**2).sum(axis=1)
+    fits &= (used.sum(axis=1) >= least) & (square > 0.0)
+    flow[:, row[fits] + 1, column[fits] + 1] = slope[fits].T / square[fits]
+    return flow
 
-    label: int
-    center_px: NDArray[np.float64]
-    flow_px_us: NDArray[np.float64]
+
+def _planes(later_us: Field, used: Field) -> tuple[Field, Field]:
+    """Return slopes ``(n, 2)`` and levels ``(n,)`` of planes through the used of nine pixels."""
+    count = np.maximum(used.sum(axis=1), 1.0)[:, None]
+    mean, level = used @ PLACES / count, (used * later_us).sum(axis=1) / count[:, 0]
+    xx, yy = (used @ PLACES**2 - count * mean**2).T
+    xy = used @ PLACES.prod(axis=1) - count[:, 0] * mean.prod(axis=1)
+    xt, yt = ((used * later_us) @ PLACES - count * mean * level[:, None]).T
+    determinant = xx * yy - xy**2
+    spans = determinant >= 1e-9  # Otherwise the points lie on a line.
+    slope = np.column_stack([xt * yy - yt * xy, yt * xx - xt * xy])
+    slope = np.where(spans[:, None], slope / np.where(spans, determinant, 1.0)[:, None], 0.0)
+    return slope, level - (slope * mean).sum(axis=1)
+
+
+def moving_circle(points: Field, start: Field, iterations: int) -> tuple[Field, float]:
+    """Fit |e - c - v s| = r + q s to events by damped Gauss-Newton iterations.
+
+    Args:
+        points: ``(n, 3)`` events: x px, y px, and s, the time relative to the estimate, scaled to
+            -1 to 0 over the window.
+        start: ``(6,)`` first guess: centre x, y, velocity x, y (px per window), radius, growth of
+            the radius.
+        iterations: Number of iterations.
+
+    Returns:
+        The six parameters, and the mean absolute residual, px.
+    """
+    fit, s = start.copy(), points[:, 2]
+    rows = np.ones((len(points), 6))
+    rows[:, 5] = s
+    damping = np.diag(DAMPING * len(points) + 1e-9)
+    for step in range(iterations + 1):
+        away = points[:, :2] - fit[:2] - s[:, None] * fit[2:4]
+        distance = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-9)
+        error = distance - fit[4] - fit[5] * s
+        if step < iterations:
+            rows[:, :2] = away / distance[:, None]
+            rows[:, 2:4] = rows[:, :2] * s[:, None]
+            fit += np.linalg.solve(rows.T @ rows + damping, rows.T @ error)
+    return fit, float(np.abs(error).mean())
 
 
 def find_arcs(
-    active: NDArray[np.bool_], flow: NDArray[np.float64], dilate_px: int, min_cluster_px: int
-) -> tuple[NDArray[np.int32], list[Arc]]:
-    """Cluster the active pixels that have a flow.
+    flow: Field, active: NDArray[np.bool_], config: EkalibrConfig
+) -> tuple[NDArray[np.int32], Field]:
+    """Cluster the active pixels of one polarity that have a flow.
 
     Args:
-        active: ``(height, width)`` active pixels of one polarity.
         flow: ``(2, height, width)`` normal flow, px/us; 0 where there is none.
-        dilate_px: Pixels at most this far apart belong to one cluster, px.
-        min_cluster_px: Smaller clusters are dropped, px.
+        active: ``(height, width)`` active pixels.
+        config: How near the pixels of a cluster are.
 
     Returns:
-        ``(height, width)`` label image (0 is none), and the arcs.
+        ``(height, width)`` label image (0 is none), and the arcs ``(k, 5)``: label, mean place x,
+        y, px, mean flow x, y, px/us.
     """
-    moving = active & ((flow[0] != 0.0) | (flow[1] != 0.0))
-    grown = _dilated(moving, dilate_px // 2)
-    label = np.zeros(grown.shape, np.int32)
-    ndimage.label(grown, np.ones((3, 3)), output=label)
-    count = int(label.max())
+    moving = active & flow.any(axis=0)
+    grown = ndimage.maximum_filter(moving, 2 * (config.dilate_px // 2) + 1, mode="constant")
+    label, count = ndimage.label(grown, np.ones((3, 3)))
     label = np.where(active, label, 0).astype(np.int32)
-    row, column = np.divmod(np.flatnonzero(moving), moving.shape[1])
+    row, column = np.nonzero(moving)
     number = label[row, column]
     size = np.bincount(number, minlength=count + 1)
-    safe = np.maximum(size, 1)
-    # Of each arc: the mean of places and of flows.
-    values = (column, row, flow[0, row, column], flow[1, row, column])
-    x, y, u, v = (np.bincount(number, value, count + 1) / safe for value in values)
-    kept = np.flatnonzero(size >= min_cluster_px)
-    arcs = [Arc(int(k), np.array([x[k], y[k]]), np.array([u[k], v[k]])) for k in kept if k > 0]
-    return label, arcs
+    values = (number, column, row, *flow[:, row, column])
+    arcs = np.column_stack(
+        [np.bincount(number, one, count + 1) / np.maximum(size, 1) for one in values]
+    )
+    return label, arcs[1:][size[1:] >= MIN_CLUSTER_PX]
 
 
-def pair_arcs(
-    trailing: list[Arc], leading: list[Arc], angle_deg: float, reach_px: float
-) -> list[tuple[Arc, Arc]]:
-    """Return pairs of arcs with the same motion, one behind the other.
+def pair_arcs(trailing: Field, leading: Field, reach_px: float) -> NDArray[np.int64]:
+    """Return which arcs ``(n, 2)`` have the same motion, one behind the other.
 
     Each arc belongs to one pair at most.
 
     Args:
-        trailing: Arcs that become darker: behind a bright marker.
+        trailing: Arcs that become darker, of :func:`find_arcs`: behind a bright marker.
         leading: Arcs that become brighter: in front of it.
-        angle_deg: Largest angle between the two flows, and between them and the line from arc to
-            arc, degrees.
         reach_px: Largest distance between the two arcs, px.
     """
-    if not trailing or not leading:
-        return []
-    offset = _stack(leading, "center_px")[None] - _stack(trailing, "center_px")[:, None]
+    offset = leading[None, :, 1:3] - trailing[:, None, 1:3]
     distance = np.hypot(offset[..., 0], offset[..., 1])
-    behind, before = _unit(_stack(trailing, "flow_px_us")), _unit(_stack(leading, "flow_px_us"))
-    min_cosine = np.cos(np.radians(angle_deg))
+    behind, before = _unit(trailing[:, 3:]), _unit(leading[:, 3:])
+    min_cosine = np.cos(np.radians(ANGLE_DEG))
     agree = behind @ before.T >= min_cosine
     direction = _unit(behind[:, None] + before[None])
     along = (direction * offset).sum(axis=2) >= min_cosine * distance
@@ -259,28 +304,11 @@ def pair_arcs(
     pairs = []
     while np.isfinite(cost).any():
         i, j = np.unravel_index(int(cost.argmin()), cost.shape)
-        pairs.append((trailing[int(i)], leading[int(j)]))
+        pairs.append((i, j))
         cost[i], cost[:, j] = np.inf, np.inf
-    return pairs
+    return np.array(pairs, np.int64).reshape(-1, 2)
 
 
-def _dilated(image: NDArray[np.bool_], reach_px: int) -> NDArray[np.bool_]:
-    # Row by row, then column by column: ten times as fast as a general filter on booleans.
-    grown = image.copy()
-    for shift in range(1, reach_px + 1):
-        grown[shift:] |= image[:-shift]
-        grown[:-shift] |= image[shift:]
-    wide = grown.copy()
-    for shift in range(1, reach_px + 1):
-        wide[:, shift:] |= grown[:, :-shift]
-        wide[:, :-shift] |= grown[:, shift:]
-    return wide
-
-
-def _stack(arcs: list[Arc], name: str) -> NDArray[np.float64]:
-    return np.array([getattr(arc, name) for arc in arcs])
-
-
-def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unit(vectors: Field) -> Field:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.maximum(length, np.finfo(np.float64).tiny)

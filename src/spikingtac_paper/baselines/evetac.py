@@ -20,12 +20,11 @@ are run.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac import Calibration
@@ -34,21 +33,13 @@ from spikingtac.events import BackgroundActivityFilter, HotPixelFilter
 from spikingtac.types import EventPacket, MarkerFrame
 
 SOURCE_PITCH_PX = 61.3  # Mean pitch of the original's dots, px. The following lengths refer to it.
-
 SOURCE_RING_PX = 13.75  # Width of the ring in which events count, px at the original's pitch.
-
 # Largest calibrated distance of a neighbour, px at the original's pitch: the eight around.
 SOURCE_NEIGHBOUR_PX = 105.0
-
 SOURCE_CLAMP_PX = 400.0  # Largest component of the summed attraction, px at the original's pitch.
-
 SOURCE_CAP_PX = 1.2  # Largest step per slice and axis, px at the original's pitch.
-
-
 RATE_HZ = 500.0  # Rate at which the dots are read out, Hz; they move in slices at any rate.
-
 SLICE_US = 1_000  # Length of a slice, us (original: 1 ms).
-
 TURN_RATIO = 1.25  # R divided by the outer radius of the ring (original).
 
 
@@ -94,31 +85,37 @@ class EvetacTracker:
         """
         self._config, self._calibration = config, calibration
         self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
-        many = len(calibration.reference_px) > 1
-        pitch_px = marker_pitch_px(calibration.reference_px) if many else SOURCE_PITCH_PX
+        rest_px = calibration.reference_px.astype(np.float64)
+        pitch_px = marker_pitch_px(rest_px) if len(rest_px) > 1 else SOURCE_PITCH_PX
         self._scale = pitch_px / SOURCE_PITCH_PX
         self._outer_px = config.reach_ratio * float(calibration.radius_px.mean())
-        reach_px = SOURCE_NEIGHBOUR_PX * self._scale
-        self._neighbour, self._rest_px = neighbours(calibration.reference_px, reach_px)
-        count = len(calibration.reference_px)
-        self._pull, self._regularizer = np.empty((count, 2)), np.empty((count, 2))
-        self._support = np.empty(count, np.int64)
+        away_px = np.linalg.norm(rest_px[:, None] - rest_px, axis=2)
+        near = (away_px > 0.0) & (away_px < SOURCE_NEIGHBOUR_PX * self._scale)
+        self._neighbour_px = np.where(near, away_px, np.nan)
         self.reset()
 
     def absorb(self, packet: EventPacket) -> None:
         """Take in all events of the next packet. Complete slices move the dots."""
-        for part in self._slices.take(self._filter(self._hot.kept(packet))):
-            self._advance(part)
+        packet = self._filter(self._hot.kept(packet))
+        waiting = EventPacket.concatenate([*self._waiting, packet])
+        number = waiting.t // SLICE_US
+        complete = int(np.searchsorted(number, waiting.t_end_us // SLICE_US))
+        cuts = np.flatnonzero(np.diff(number[:complete])) + 1
+        for first, last in itertools.pairwise([0, *cuts.tolist(), complete]):
+            # A slice without events changes nothing.
+            if first < last:
+                self._advance(waiting.x[first:last], waiting.y[first:last])
+        ends_us = waiting.t_start_us, waiting.t_end_us
+        self._waiting = [waiting.part(complete, len(waiting), *ends_us)]
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the dots after the last complete slice before ``t_us``."""
-        reference_px = self._calibration.reference_px
         coasted = self._support < self._config.gate
         return MarkerFrame(
             t_us=t_us,
             detected_px=self._center_px.copy(),
             position_px=self._center_px.copy(),
-            displacement_px=self._center_px - reference_px,
+            displacement_px=self._center_px - self._calibration.reference_px,
             coasted=coasted,
             confidence=np.where(coasted, 0.0, 1.0),
         )
@@ -126,159 +123,60 @@ class EvetacTracker:
     def reset(self) -> None:
         """Return to the calibrated rest positions."""
         self._filter = BackgroundActivityFilter(self._calibration.size, self._config.support_us)
-        self._slices = SliceBuffer(SLICE_US)
+        self._waiting: list[EventPacket] = []
         self._center_px: NDArray[np.float64] = self._calibration.reference_px.astype(np.float64)
-        self._support[:] = 0
+        self._support = np.zeros(len(self._center_px), np.int64)
 
-    def _advance(self, part: EventPacket) -> None:
+    def _advance(self, x: NDArray[np.uint16], y: NDArray[np.uint16]) -> None:
+        """Move the dots by the events of one slice."""
         config, scale = self._config, self._scale
         inner_px = max(self._outer_px - SOURCE_RING_PX * scale, 0.0)
-        attraction_kernel(
-            part.x,
-            part.y,
-            self._center_px,
-            inner_px,
-            self._outer_px,
-            TURN_RATIO * self._outer_px,
-            self._pull,
-            self._support,
-        )
-        regularizer_kernel(self._center_px, self._neighbour, self._rest_px, self._regularizer)
-        clamp_px = SOURCE_CLAMP_PX * scale
+        pull, self._support = attraction(x, y, self._center_px, (inner_px, self._outer_px))
+        clamp_px, cap_px = SOURCE_CLAMP_PX * scale, SOURCE_CAP_PX * scale
         weight = config.regularizer / scale**2
-        step_px = config.gain * (self._pull.clip(-clamp_px, clamp_px) - weight * self._regularizer)
+        held = weight * regularizer(self._center_px, self._neighbour_px)
+        step_px = config.gain * (pull.clip(-clamp_px, clamp_px) - held)
         step_px[self._support < config.gate] = 0.0
-        cap_px = SOURCE_CAP_PX * scale
         self._center_px -= step_px.clip(-cap_px, cap_px)
 
 
-def neighbours(
-    reference_px: NDArray[np.float64], reach_px: float
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the neighbours of each marker and their distances.
-
-    Args:
-        reference_px: ``(m, 2)`` rest positions, px.
-        reach_px: Largest distance of a neighbour, px.
-
-    Returns:
-        ``(m, k)`` indices, -1 beyond the last, and ``(m, k)`` distances, px.
-    """
-    offset = reference_px[:, None] - reference_px[None]
-    distance = np.hypot(offset[..., 0], offset[..., 1])
-    near = (distance < reach_px) & (distance > 0.0)
-    width = max(int(near.sum(axis=1).max(initial=0)), 1)
-    index = np.full((len(reference_px), width), -1, np.int64)
-    rest_px = np.zeros(index.shape)
-    for i, row in enumerate(near):
-        found = np.flatnonzero(row)
-        index[i, : len(found)], rest_px[i, : len(found)] = found, distance[i, found]
-    return index, rest_px
-
-
-@njit(cache=True)
-def attraction_kernel(
+def attraction(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     center_px: NDArray[np.float64],
-    inner_px: float,
-    outer_px: float,
-    turn_px: float,
-    pull: NDArray[np.float64],
-    support: NDArray[np.int64],
-) -> None:
-    """Sum g = 2 (d - R d / rho) over the events in each dot's ring; count the non-zero components.
+    ring_px: tuple[float, float],
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Sum g = 2 (d - R d / rho) over the events in each dot's ring.
 
     Args:
         x: ``(n,)`` columns, px.
         y: ``(n,)`` rows, px.
         center_px: ``(m, 2)`` dots, px.
-        inner_px: Inner radius of the ring, px.
-        outer_px: Outer radius of the ring, px.
-        turn_px: R, the radius at which attraction would become repulsion, px; larger than
-            ``outer_px``.
-        pull: ``(m, 2)`` sums g, overwritten.
-        support: ``(m,)`` numbers of non-zero components of g, overwritten.
+        ring_px: Inner and outer radius of the ring, px. R lies beyond the outer one.
+
+    Returns:
+        The sums ``(m, 2)``, and the numbers ``(m,)`` of non-zero components of g.
     """
-    pull[:] = 0.0
-    support[:] = 0
-    for i in range(len(x)):
-        for m in range(len(center_px)):
-            # Towards zero, as a conversion to integers does in the original's table.
-            dx = np.trunc(x[i] - center_px[m, 0])
-            dy = np.trunc(y[i] - center_px[m, 1])
-            if abs(dx) > outer_px or abs(dy) > outer_px:
-                continue
-            rho = max(np.sqrt(dx * dx + dy * dy), 1.0)
-            if inner_px < rho <= outer_px:
-                weight = 2.0 * (1.0 - turn_px / rho)
-                pull[m, 0] += weight * dx
-                pull[m, 1] += weight * dy
-                support[m] += (dx != 0.0) + (dy != 0.0)
+    inner_px, outer_px = ring_px
+    # Towards zero, as a conversion to integers does in the original's table.
+    dx, dy = np.trunc(x[:, None] - center_px[:, 0]), np.trunc(y[:, None] - center_px[:, 1])
+    rho = np.maximum(np.hypot(dx, dy), 1.0)
+    inside = (rho > inner_px) & (rho <= outer_px)
+    weight = np.where(inside, 2.0 * (1.0 - TURN_RATIO * outer_px / rho), 0.0)
+    pull = np.column_stack([(weight * dx).sum(axis=0), (weight * dy).sum(axis=0)])
+    return pull, (inside & (dx != 0.0)).sum(axis=0) + (inside & (dy != 0.0)).sum(axis=0)
 
 
-@njit(cache=True)
-def regularizer_kernel(
-    center_px: NDArray[np.float64],
-    neighbour: NDArray[np.int64],
-    rest_px: NDArray[np.float64],
-    regularizer: NDArray[np.float64],
-) -> None:
-    """Write h_i = 4 sum_j (c_j - c_i)(|c_j - c_i|^2 - D_ij^2), times 8 / (number of neighbours).
+def regularizer(
+    center_px: NDArray[np.float64], neighbour_px: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return h_i = 4 sum_j (c_j - c_i)(|c_j - c_i|^2 - D_ij^2), times 8 / (number of neighbours).
 
     Args:
         center_px: ``(m, 2)`` dots, px.
-        neighbour: ``(m, k)`` indices of the neighbours, -1 beyond the last.
-        rest_px: ``(m, k)`` calibrated distances D_ij, px.
-        regularizer: ``(m, 2)`` k_i h_i, overwritten.
+        neighbour_px: ``(m, m)`` calibrated distances D_ij, px; nan of those that are no neighbours.
     """
-    for i in range(len(center_px)):
-        sum_x, sum_y, count = 0.0, 0.0, 0
-        for k in range(neighbour.shape[1]):
-            j = neighbour[i, k]
-            if j >= 0:
-                dx = center_px[j, 0] - center_px[i, 0]
-                dy = center_px[j, 1] - center_px[i, 1]
-                excess = dx * dx + dy * dy - rest_px[i, k] ** 2
-                sum_x += 4.0 * dx * excess
-                sum_y += 4.0 * dy * excess
-                count += 1
-        border = 8.0 / count if count else 0.0
-        regularizer[i, 0] = border * sum_x
-        regularizer[i, 1] = border * sum_y
-
-
-class SliceBuffer:
-    """Joins and cuts packets into slices that begin at multiples of their length.
-
-    Slices without events are omitted, because they do not change any tracker here.
-
-    Args:
-        slice_us: Length of a slice, us.
-    """
-
-    def __init__(self, slice_us: int) -> None:
-        self._slice_us = slice_us
-        self._pending: list[EventPacket] = []
-        self._slice = 0
-
-    def take(self, packet: EventPacket) -> Iterator[EventPacket]:
-        """Yield the slices that ``packet`` completes."""
-        number = packet.t // self._slice_us
-        bounds = np.append(np.flatnonzero(np.diff(number)) + 1, len(packet))
-        first = 0
-        for last in bounds.tolist():
-            if first == last:
-                continue
-            if self._pending and number[first] != self._slice:
-                yield self._flush()
-            self._slice = int(number[first])
-            self._pending.append(packet.part(first, last, packet.t_start_us, packet.t_end_us))
-            first = last
-        if self._pending and packet.t_end_us >= (self._slice + 1) * self._slice_us:
-            yield self._flush()
-
-    def _flush(self) -> EventPacket:
-        whole = EventPacket.concatenate(self._pending)
-        self._pending = []
-        return whole
+    offset_px = center_px[None] - center_px[:, None]
+    excess = np.nan_to_num((offset_px**2).sum(axis=2) - neighbour_px**2)
+    count = np.maximum(np.isfinite(neighbour_px).sum(axis=1), 1)[:, None]
+    return 32.0 / count * np.einsum("ij,ijk->ik", excess, offset_px)

@@ -20,7 +20,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac import Calibration
@@ -90,7 +89,8 @@ class TimeSurface:
     @property
     def values(self) -> NDArray[np.float32]:
         """``(height, width)`` values after the last packet; the next access overwrites them."""
-        surface_kernel(self._weight, self._decay(), self._values)
+        np.multiply(self._weight, self._decay(), out=self._values)
+        self._values += GREY
         return self._values
 
     def absorb(self, packet: EventPacket) -> None:
@@ -106,10 +106,9 @@ class TimeSurface:
         if self._now_us - self._zero_us > REBASE_DECAYS * self._decay_us:
             self._weight *= self._decay()
             self._zero_us = self._now_us
-        dark, zero_us = self._dark, self._zero_us
-        update_weight_kernel(
-            packet.x, packet.y, packet.p != dark, packet.t, zero_us, self._decay_us, self._weight
-        )
+        # Scaled so that one decay serves all pixels; of a pixel's events the last one is kept.
+        grown = 0.5 * np.exp((packet.t - self._zero_us) / self._decay_us)
+        self._weight[packet.y, packet.x] = np.where(packet.p != self._dark, grown, -grown)
 
     def reset(self) -> None:
         """Return to the initial state. Time starts with the next packet."""
@@ -120,29 +119,3 @@ class TimeSurface:
     def _decay(self) -> np.float32:
         elapsed_us = 0 if self._now_us is None else self._now_us - self._zero_us
         return np.float32(np.exp(-elapsed_us / self._decay_us))
-
-
-@njit(cache=True)
-def update_weight_kernel(
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    p: NDArray[np.bool_],
-    t: NDArray[np.int64],
-    zero_us: int,
-    decay_us: float,
-    weight: NDArray[np.float32],
-) -> None:
-    """Store p exp((t - zero) / τ) / 2 of each pixel's last event, so that one decay serves all."""
-    for i in range(len(x)):
-        grown = 0.5 * np.exp((t[i] - zero_us) / decay_us)
-        weight[y[i], x[i]] = grown if p[i] else -grown
-
-
-@njit(cache=True)
-def surface_kernel(
-    weight: NDArray[np.float32], decay: np.float32, values: NDArray[np.float32]
-) -> None:
-    """Write the surface: grey plus the weights, decayed since time zero."""
-    for row in range(weight.shape[0]):
-        for column in range(weight.shape[1]):
-            values[row, column] = np.float32(0.5) + decay * weight[row, column]
