@@ -232,7 +232,7 @@ class SlipNetworks(torch.nn.Module):
             "fitted": "contacts drawn on the twin", "trainer": "scripts/fit_slip_model.py",
         }  # fmt: skip
         inputs = {"features": torch.zeros(1, FEATURES), "hidden": hidden}
-        return export(self, inputs, ("estimate", "hidden_after"), record, any_length=False)
+        return export(self, inputs, ("estimate", "hidden_after"), record, free_axes={})
 
 
 def fitted(courses: list[Course], recipe: Recipe) -> Weights:

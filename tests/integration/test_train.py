@@ -18,10 +18,9 @@ steps = 3
 batch = 4
 crop_px = 32
 threads = 1
+moments = 3
 [network]
 widths = [4, 4]
-[pairs]
-moments = 3
 """
 
 
@@ -83,10 +82,9 @@ def test_the_same_seed_gives_the_same_weights_and_an_interrupted_run_goes_on_to_
     torch = pytest.importorskip("torch")
     from spikingtac_paper.training import train as training
     from spikingtac_paper.training.dataset import load_clip, map_after
-    from spikingtac_paper.training.session import load_training_config
 
     folder, recordings, _ = trained
-    config = load_training_config(str(folder / "tiny.toml"))
+    config = training.load_training_config(str(folder / "tiny.toml"))
     start = map_after(load_clip(recordings[0]))
     clips = [load_clip(path, start) for path in recordings]
 

@@ -1,9 +1,6 @@
-"""Tiny clips and weights for tests of training and export: a disc that moves, no simulator."""
+"""Tiny clips for tests of training and export: a disc that moves, no simulator."""
 
 from __future__ import annotations
-
-import json
-from pathlib import Path
 
 import numpy as np
 
@@ -36,37 +33,6 @@ def moving_disc(seed: int = 0) -> Clip:
         x.astype(np.uint16), y.astype(np.uint16), p.astype(bool), t, 0, SPAN_US, SIZE
     )
     return Clip(f"disc-{seed}", events, start)
-
-
-def lean_tensors(seed: int = 0, fold: int = 8, widths: tuple[int, int] = (8, 8)) -> dict:
-    """Random tensors of the lean network, made without torch."""
-    random = np.random.default_rng(seed)
-    fine, coarse = widths
-    shapes = {
-        "stem.0": (fine, fold**2),
-        "down.0": (coarse, fine),
-        "middle.0.0": (coarse, coarse),
-        "up.0": (fine, fine + coarse),
-        "head": (fold**2, fine),
-    }
-    tensors = {
-        "trust.weight": np.zeros((1, fine, 1, 1), np.float32),
-        "trust.bias": np.full(1, 6.0, np.float32),
-    }
-    for name, (outputs, inputs) in shapes.items():
-        scale = 0.3 / np.sqrt(inputs)
-        kernel = scale * random.standard_normal((outputs, inputs, 3, 3))
-        tensors[f"{name}.weight"] = kernel.astype(np.float32)
-        tensors[f"{name}.bias"] = (0.1 * random.standard_normal(outputs)).astype(np.float32)
-    return tensors
-
-
-def write_weights(path: Path, tensors: dict, network: dict | None = None) -> Path:
-    from safetensors.numpy import save_file
-
-    about = network or {"kind": "lean", "fold": 8, "widths": [8, 8], "base": 64}
-    save_file(tensors, path, {"format": "spikingtac-denoiser-1", "network": json.dumps(about)})
-    return path
 
 
 def noisy_maps(count: int = 4) -> list[np.ndarray]:

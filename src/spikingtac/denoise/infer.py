@@ -37,7 +37,7 @@ FORMAT = "spikingtac-denoiser-1"  # Format name in the metadata of a network fil
 # Names of a float graph's inputs and output. Not every network has the second input.
 INPUT, EVIDENCE, OUTPUT = "folded", "evidence", "cleaned"
 
-# Names of an int8 graph's input and output (:mod:`spikingtac_paper.training.block_graph`).
+# Names of an int8 graph's input and output (:mod:`spikingtac_paper.training.export`).
 BLOCKS, ANSWER = "blocks", "answer"
 
 # Its metadata: the logit of one step of the output, and the byte of logit 0.

@@ -134,7 +134,7 @@ class EkalibrTracker:
             found = find_arcs(normal_flow(last_us, since_us), last_us >= since_us, self._config)
             labels.append(found[0])
             arcs.append(found[1])
-        pairs = pair_arcs(*arcs, 3.0 * self._radius_px)
+        pairs = pair_arcs(arcs[0], arcs[1], 3.0 * self._radius_px)
         if not len(pairs):
             return np.empty((0, 2))
         points, groups, first = self._grouped(labels, t_us)
@@ -240,7 +240,7 @@ def moving_circle(points: Field, start: Field, iterations: int) -> tuple[Field, 
     Returns:
         The six parameters, and the mean absolute residual, px.
     """
-    fit, s = start.copy(), points[:, 2]
+    fit, s, error = start.copy(), points[:, 2], np.zeros(0)
     rows = np.ones((len(points), 6))
     rows[:, 5] = s
     damping = np.diag(DAMPING * len(points) + 1e-9)
@@ -271,8 +271,9 @@ def find_arcs(
     """
     moving = active & flow.any(axis=0)
     grown = ndimage.maximum_filter(moving, 2 * (config.dilate_px // 2) + 1, mode="constant")
-    label, count = ndimage.label(grown, np.ones((3, 3)))
-    label = np.where(active, label, 0).astype(np.int32)
+    label = np.zeros(grown.shape, np.int32)
+    count = int(ndimage.label(grown, np.ones((3, 3)), output=label))
+    label[~active] = 0
     row, column = np.nonzero(moving)
     number = label[row, column]
     size = np.bincount(number, minlength=count + 1)

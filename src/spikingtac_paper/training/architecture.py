@@ -36,8 +36,6 @@ class NetworkConfig:
         kind: ``lean`` or ``evflownet`` (as the paper names it).
         fold: Side of a block, px; with 1 each pixel is a block.
         widths: For ``lean``: channels at the two resolutions.
-        kernels: For ``lean``: sides of the first and of the last convolution, blocks. With 1 both
-            see their own block only.
         depth: For ``lean``: number of convolutions at the coarse resolution, after the strided one.
         base: For ``evflownet``: channels of the first encoder (64 as published).
     """
@@ -45,8 +43,7 @@ class NetworkConfig:
     kind: Literal["lean", "evflownet"] = "lean"
     fold: int = 8
     widths: tuple[int, int] = (32, 32)
-    kernels: tuple[int, int] = (3, 3)
-    depth: int = 1
+    depth: int = 2
     base: int = 64
 
     def __post_init__(self) -> None:
@@ -54,8 +51,6 @@ class NetworkConfig:
             raise ValueError(f"fold is {self.fold}, valid are 1, 2, 4 and 8")
         if min(*self.widths, self.depth, self.base) < 1:
             raise ValueError("widths, depth and base must be positive")
-        if not set(self.kernels) <= {1, 3}:
-            raise ValueError(f"kernels are {list(self.kernels)}, valid are 1 and 3")
 
     @property
     def multiple_px(self) -> int:
@@ -85,12 +80,12 @@ class LeanUNet(nn.Module):
         super().__init__()
         pixels = config.fold**2
         fine, coarse = config.widths
-        first, last = config.kernels
-        self.stem = _block(pixels, fine, kernel=first)
+        # The first and the last convolution see their own block only.
+        self.stem = _block(pixels, fine, kernel=1)
         self.down = _block(fine, coarse, stride=2)
         self.middle = nn.Sequential(*(_block(coarse, coarse) for _ in range(config.depth)))
         self.up = _block(fine + coarse, fine)
-        self.head = nn.Conv2d(fine, pixels, last, 1, last // 2)
+        self.head = nn.Conv2d(fine, pixels, 1)
         self.trust = nn.Conv2d(fine, 1, 1)
         for layer, bias in ((self.head, 0.0), (self.trust, SMOOTH_GAIN)):
             nn.init.zeros_(layer.weight)
@@ -143,7 +138,7 @@ class EvFlowNet(nn.Module):
         )
         self.head = nn.Conv2d(after[-1], pixels, 1)
 
-    def forward(self, folded: Tensor, evidence: Tensor) -> Tensor:
+    def forward(self, folded: Tensor, evidence: Tensor | None = None) -> Tensor:
         """Return logits; see :meth:`LeanUNet.forward`. The smoothed map is not used."""
         skips = []
         values = folded

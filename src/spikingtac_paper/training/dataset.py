@@ -7,10 +7,10 @@ recording anew, so that no pair occurs twice.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -26,52 +26,24 @@ US_PER_S = 1e6
 LEVELS = 255  # Largest value of a stored map, one byte per pixel; a step of a graded map is 35.
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class PairConfig:
-    """How a recording becomes training pairs. All values are ours.
+# Window of the activity filter before the target map, us. The recording's own noise adds only
+# variance to the gradient: behind the filter the network learns in minutes what it does not learn
+# in an hour without it.
+TARGET_FILTER_US = 20_000
 
-    Attributes:
-        target_filter_us: Window of the activity filter before the target map, us; 0 is no filter.
-            The recording's own noise adds only variance to the gradient: behind the filter the
-            network learns in minutes what it does not learn in an hour without it.
-        noise_hz: Range of the added background, Hz per pixel, drawn log-uniformly.
-        drop: Range of the fraction of events that the input loses, drawn uniformly.
-        filter_noise_product: Range of the product of background rate and window of the input's
-            activity filter, drawn log-uniformly. About an eighth of it is the fraction of noise
-            events that pass.
-        filter_us: Shortest and longest window of that filter, us.
-        unfiltered_fraction: Fraction of the inputs without a filter.
-        unfiltered_noise_hz: Largest background of an unfiltered input, Hz per pixel. With more, a
-            binary map is half white after some seconds and teaches nothing.
-        graded_fraction: Fraction of the pairs from graded maps; the others are binary.
-        moments: Number of moments of each recording in one round.
-    """
+# Ranges of the input's degradation (assumed; wider than what the sensor's presets have): added
+# background, Hz per pixel, drawn log-uniformly; fraction of events that are lost, drawn uniformly.
+NOISE_HZ, DROP = (0.02, 5.0), (0.0, 0.6)
 
-    target_filter_us: int = 20_000
-    noise_hz: tuple[float, float] = (0.02, 5.0)
-    drop: tuple[float, float] = (0.0, 0.6)
-    filter_noise_product: tuple[float, float] = field(
-        default=(0.005, 0.06), metadata={"former_names": ("filter_share",)}
-    )
-    filter_us: tuple[int, int] = (3_000, 80_000)
-    unfiltered_fraction: float = field(default=0.25, metadata={"former_names": ("unfiltered",)})
-    unfiltered_noise_hz: float = 0.3
-    graded_fraction: float = field(default=0.3, metadata={"former_names": ("graded",)})
-    moments: int = 32
+# Range of the product of background rate and window of the input's activity filter, drawn
+# log-uniformly, and shortest and longest window, us. About an eighth of the product is the fraction
+# of noise events that pass.
+FILTER_NOISE_PRODUCT, FILTER_US = (0.005, 0.06), (3_000, 80_000)
 
-    def __post_init__(self) -> None:
-        ranges = (self.noise_hz, self.filter_noise_product, self.filter_us)
-        if any(not 0 < low <= high for low, high in ranges):
-            raise ValueError(
-                "noise_hz, filter_noise_product and filter_us must be ranges of positive "
-                "numbers in increasing order"
-            )
-        if not 0 <= self.drop[0] <= self.drop[1] < 1:
-            raise ValueError(f"drop is {list(self.drop)}, valid is 0 <= first <= second < 1")
-        if not (0 <= self.unfiltered_fraction <= 1 and 0 <= self.graded_fraction <= 1):
-            raise ValueError("unfiltered_fraction and graded_fraction must lie between 0 and 1")
-        if self.moments < 1 or self.target_filter_us < 0:
-            raise ValueError("moments must be at least 1, target_filter_us not negative")
+# Fraction of the inputs without that filter, and their largest background, Hz per pixel. With more,
+# a binary map is half white after some seconds and teaches nothing.
+UNFILTERED_FRACTION, UNFILTERED_NOISE_HZ = 0.25, 0.3
+GRADED_FRACTION = 0.3  # Fraction of the pairs from graded maps; the others are binary.
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,15 +61,11 @@ class Clip:
     start: NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True)
-class Pairs:
+class Pairs(NamedTuple):
     """Inputs and targets of one round: ``(n, height, width)`` uint8 each, 255 for level 1."""
 
     inputs: NDArray[np.uint8]
     targets: NDArray[np.uint8]
-
-    def __len__(self) -> int:
-        return len(self.inputs)
 
 
 def load_clip(path: str | Path, start: NDArray[np.float32] | None = None) -> Clip:
@@ -134,67 +102,53 @@ def map_after(clip: Clip) -> NDArray[np.float32]:
     return Median3().clean(state_map.values).copy()
 
 
-def make_pairs(clips: Sequence[Clip], config: PairConfig, random: Generator) -> Pairs:
+def make_pairs(clips: Sequence[Clip], moments: int, random: Generator) -> Pairs:
     """Degrade each recording once and return one round of pairs.
 
     Args:
         clips: Recordings of one sensor size.
-        config: Settings.
+        moments: Number of moments of each recording.
         random: Source of the degradations and of the moments.
     """
-    made = [_pairs_of(clip, config, random) for clip in clips]
-    return Pairs(
-        np.concatenate([pairs.inputs for pairs in made]),
-        np.concatenate([pairs.targets for pairs in made]),
-    )
+    made = [_pairs_of(clip, moments, random) for clip in clips]
+    return Pairs(*(np.concatenate(column) for column in zip(*made, strict=True)))
 
 
-def _pairs_of(clip: Clip, config: PairConfig, random: Generator) -> Pairs:
-    graded = bool(random.random() < config.graded_fraction)
-    span_us = clip.events.t_end_us - clip.events.t_start_us
-    after_us = np.sort(random.integers(0, span_us, config.moments)) + clip.events.t_start_us
-    inputs = _maps(_degraded(clip.events, config, random), clip.start, graded, after_us)
-    target = _filtered(clip.events, config.target_filter_us)
+def _pairs_of(clip: Clip, moments: int, random: Generator) -> Pairs:
+    graded = bool(random.random() < GRADED_FRACTION)
+    events = clip.events
+    span_us = events.t_end_us - events.t_start_us
+    after_us = np.sort(random.integers(0, span_us, moments)) + events.t_start_us
+    inputs = _maps(_degraded(events, random), clip.start, graded, after_us)
+    target = BackgroundActivityFilter(events.size, TARGET_FILTER_US)(events)
     return Pairs(inputs, _maps(target, clip.start, graded, after_us))
 
 
-def _degraded(events: EventPacket, config: PairConfig, random: Generator) -> EventPacket:
-    rate_hz = _log_uniform(config.noise_hz, random)
-    drop = random.uniform(*config.drop)
-    wanted_us = US_PER_S * _log_uniform(config.filter_noise_product, random) / rate_hz
-    window_us = round(min(max(wanted_us, config.filter_us[0]), config.filter_us[1]))
-    if random.random() < config.unfiltered_fraction:
-        rate_hz, window_us = min(rate_hz, config.unfiltered_noise_hz), 0
+def _degraded(events: EventPacket, random: Generator) -> EventPacket:
+    rate_hz = float(np.exp(random.uniform(*np.log(NOISE_HZ))))
+    drop = random.uniform(*DROP)
+    wanted_us = US_PER_S * float(np.exp(random.uniform(*np.log(FILTER_NOISE_PRODUCT)))) / rate_hz
+    window_us = round(min(max(wanted_us, FILTER_US[0]), FILTER_US[1]))
+    unfiltered = random.random() < UNFILTERED_FRACTION
+    if unfiltered:
+        rate_hz = min(rate_hz, UNFILTERED_NOISE_HZ)
     noisy = with_background(with_drops(events, drop, random), rate_hz, random)
-    return _filtered(noisy, window_us)
-
-
-def _filtered(events: EventPacket, window_us: int) -> EventPacket:
-    if window_us == 0:
-        return events
-    return BackgroundActivityFilter(events.size, window_us)(events)
+    return noisy if unfiltered else BackgroundActivityFilter(events.size, window_us)(noisy)
 
 
 def _maps(
     events: EventPacket, start: NDArray[np.float32], graded: bool, at_us: NDArray[np.int64]
 ) -> NDArray[np.uint8]:
+    """Return the maps ``(n, height, width)`` at some times, us."""
     state_map: StateMap = GradedStateMap(start) if graded else BinaryStateMap(events.size, start)
     out = np.empty((len(at_us), *start.shape), np.uint8)
-    for index, part in enumerate(_parts(events, at_us)):
-        state_map.absorb(part)
-        out[index] = np.rint(LEVELS * state_map.values)
-    return out
-
-
-def _parts(events: EventPacket, until_us: NDArray[np.int64]) -> Iterator[EventPacket]:
     first, start_us = 0, events.t_start_us
-    for end_us, last in zip(until_us, np.searchsorted(events.t, until_us), strict=True):
-        yield events.part(first, int(last), start_us, int(end_us))
-        first, start_us = int(last), int(end_us)
-
-
-def _log_uniform(limits: tuple[float, float], random: Generator) -> float:
-    return math.exp(random.uniform(math.log(limits[0]), math.log(limits[1])))
+    for index, last in enumerate(np.searchsorted(events.t, at_us).tolist()):
+        end_us = int(at_us[index])
+        state_map.absorb(events.part(first, last, start_us, end_us))
+        out[index] = np.rint(LEVELS * state_map.values)
+        first, start_us = last, end_us
+    return out
 
 
 def with_background(packet: EventPacket, rate_hz: float, random: Generator) -> EventPacket:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import torch
@@ -79,8 +80,7 @@ def export(
     inputs: Mapping[str, torch.Tensor],
     outputs: Iterable[str],
     record: Mapping[str, Any],
-    *,
-    any_length: bool = True,
+    free_axes: Mapping[int, str] = MappingProxyType({0: "n"}),
 ) -> bytes:
     """Return a network as an ONNX file with its record.
 
@@ -89,10 +89,10 @@ def export(
         inputs: Name -> an example of each input.
         outputs: Names of the outputs.
         record: What it was fitted to and what its numbers mean.
-        any_length: Whether the first axis of inputs and outputs may have any length.
+        free_axes: Axes of inputs and outputs that may have any length, with a name for each.
     """
     names = list(outputs)
-    axes = {name: {0: "n"} for name in (*inputs, *names)} if any_length else None
+    axes = {name: dict(free_axes) for name in (*inputs, *names)}
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the exporter, about itself
         path = Path(folder) / "network.onnx"

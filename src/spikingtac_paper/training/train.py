@@ -1,28 +1,44 @@
-"""Train a denoiser on recordings with PyTorch. A run can be resumed and logs every round.
+"""Train a denoiser on recordings with PyTorch, and export it; needs the extra ``[train]``.
 
 The folder of a run holds ``config.json``, ``log.jsonl``, ``state.safetensors`` (to resume) and
 ``weights.safetensors``. A round draws its degradations, crops and flips from (seed, round) alone,
-so that a resumed run gives the same weights as an uninterrupted one.
+so that a resumed run gives the same weights as an uninterrupted one. The ``truth.npz`` of a
+recording is never opened.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.random import Generator
-from torch import Tensor
+from safetensors import safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
 
-from spikingtac.errors import ConfigError
-from spikingtac.schema import to_mapping
+from spikingtac.atomic_files import replacing
+from spikingtac.errors import ConfigError, nearest
+from spikingtac.schema import build, read_toml, to_mapping
 from spikingtac_paper.training.architecture import NetworkConfig, apply_network, make_network
-from spikingtac_paper.training.dataset import LEVELS, Clip, PairConfig, Pairs, make_pairs
-from spikingtac_paper.training.state import TrainingState, load_state, save_state, save_weights
+from spikingtac_paper.training.dataset import LEVELS, Clip, Pairs, load_clip, make_pairs, map_after
+from spikingtac_paper.training.export import export_network
 
+Advance = Callable[[float], None]  # Is called with the fraction of the work that is done, 0 to 1.
+
+# Clips to train on, and clips of a motion that is not trained on.
+TrainingSet = tuple[list[Clip], list[Clip]]
+CONFIGS = ("lean", "evflownet")  # Configurations of the package, under ``configs``.
+
+# Seed, besides the run's, of the maps on which the int8 ranges are measured.
+CALIBRATION_SEED = 1 << 21
+CALIBRATION_MAPS = 128  # Number of these maps: few of a hundred are noisy enough to set the ranges.
+FORMAT = "spikingtac-denoiser-1"  # Format name in the metadata of a weight file.
 HELD_OUT_SEED = 1 << 20  # Second seed of the held-out pairs; no round has this number.
 
 # Rounds between two evaluations of the held-out loss, which take as long as a dozen steps.
@@ -40,7 +56,7 @@ class TrainConfig:
         seeds: Seeds of each scene.
         held_out: Scene without training pairs, whose loss is logged.
         bootstrap: Scene whose slides give the initial map of the others.
-        pairs: How recordings become pairs.
+        moments: Number of moments of each recording in one round.
         network: Size of the network.
         seed: Seed of weights, degradations and crops.
         rounds: Number of times that each recording is degraded anew.
@@ -56,7 +72,7 @@ class TrainConfig:
     seeds: tuple[int, ...] = (1, 2)
     held_out: str = ""
     bootstrap: str = ""
-    pairs: PairConfig = field(default_factory=PairConfig)
+    moments: int = 32
     network: NetworkConfig = field(default_factory=NetworkConfig)
     seed: int = 1
     rounds: int = 60
@@ -68,14 +84,111 @@ class TrainConfig:
     device: str = "cpu"
 
     def __post_init__(self) -> None:
-        if min(self.rounds, self.steps, self.batch, self.threads) < 1 or self.seed < 0:
-            raise ValueError("rounds, steps, batch and threads must be positive, seed not negative")
+        counts = (self.moments, self.rounds, self.steps, self.batch, self.threads)
+        if min(counts) < 1 or self.seed < 0:
+            raise ValueError(
+                "moments, rounds, steps, batch and threads must be positive, seed not negative"
+            )
         if self.crop_px < 1 or self.crop_px % self.network.multiple_px:
             raise ValueError(
                 f"crop_px is {self.crop_px}, it must be a multiple of {self.network.multiple_px}"
             )
         if not self.learning_rate > 0:
             raise ValueError(f"learning_rate is {self.learning_rate}, it must be positive")
+
+
+def load_training_config(name: str, **changes: Any) -> TrainConfig:
+    """Load a configuration by name, or from a TOML file.
+
+    Args:
+        name: One of :data:`CONFIGS`, or the path of a TOML file.
+        changes: Fields to change; a value of None changes nothing.
+
+    Raises:
+        ConfigError: It does not exist, or it has an unknown key or an invalid value.
+    """
+    path = Path(name)
+    if name in CONFIGS:
+        path = Path(str(resources.files("spikingtac_paper") / "configs" / f"{name}.toml"))
+    elif path.suffix != ".toml":
+        raise ConfigError(
+            f"unknown training configuration {name!r}{nearest(name, CONFIGS)} "
+            f"(valid: {', '.join(CONFIGS)}, or the path of a .toml file)"
+        )
+    config = build(TrainConfig, read_toml(path), path.name)
+    try:
+        return replace(
+            config, **{key: value for key, value in changes.items() if value is not None}
+        )
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+
+
+def from_scenes(
+    config: TrainConfig, record: Callable[[str, int], Path], advance: Advance
+) -> TrainingSet:
+    """Read the recordings of a configuration's scenes.
+
+    Args:
+        config: Names and seeds of the scenes, of the held-out one and of the slides.
+        record: Returns the recording of a scene and a seed; it renders the scene first if needed.
+        advance: Is called with the fraction that is done, 0 to 1.
+
+    Raises:
+        ConfigError: A scene does not exist.
+    """
+    first_seed, clips, start = config.seeds[0], [], None
+    jobs = [(config.bootstrap, first_seed)] * bool(config.bootstrap)
+    jobs += [(name, seed) for name in config.scenes for seed in config.seeds]
+    jobs += [(config.held_out, first_seed)] * bool(config.held_out)
+    for number, job in enumerate(jobs, 1):
+        clip = load_clip(record(*job), start)
+        if number == 1 and config.bootstrap:
+            start = map_after(clip)
+        else:
+            clips.append(clip)
+        advance(number / len(jobs))
+    return (clips[:-1], clips[-1:]) if config.held_out else (clips, [])
+
+
+def from_recordings(
+    recordings: Sequence[str | Path], bootstrap: str | Path | None = None
+) -> TrainingSet:
+    """Read recordings of a sensor.
+
+    Args:
+        recordings: Recording folders or event files.
+        bootstrap: Recording of slides whose last map is the first map of the others.
+    """
+    start = map_after(load_clip(bootstrap)) if bootstrap else None
+    return [load_clip(path, start) for path in recordings], []
+
+
+def train_and_export(
+    config: TrainConfig, recordings: TrainingSet, folder: Path, advance: Advance
+) -> dict[str, Any]:
+    """Train, or continue a training; write the networks, and return a summary.
+
+    Args:
+        config: The training configuration.
+        recordings: What to train on.
+        folder: Folder of the run.
+        advance: Is called with the fraction that is done, 0 to 1.
+    """
+    network = train(*recordings, config, folder, advance)
+    random = np.random.default_rng([config.seed, CALIBRATION_SEED])
+    pairs = _whole_blocks(make_pairs(recordings[0], config.moments, random), config)
+    count = len(pairs.inputs)
+    chosen = random.choice(count, min(CALIBRATION_MAPS, count), replace=False)
+    plain, int8 = export_network(network, config.network, folder, _levels(pairs.inputs[chosen]))
+    lines = (folder / LOG_FILE).read_text(encoding="utf-8").splitlines()
+    return {
+        "rounds": config.rounds,
+        **{key: value for key, value in json.loads(lines[-1]).items() if key != "round"},
+        "weights": str(folder / WEIGHTS_FILE),
+        "onnx": str(plain),
+        "int8": str(int8 or plain),
+    }
 
 
 def prediction_error(logits: Tensor, target: Tensor) -> Tensor:
@@ -100,10 +213,10 @@ def train(
     clips: Sequence[Clip],
     held_out: Sequence[Clip],
     config: TrainConfig,
-    folder: str | Path,
-    advance: Callable[[float], None] = lambda fraction: None,
-) -> Path:
-    """Train a network, or resume the run in the folder.
+    folder: Path,
+    advance: Advance = lambda fraction: None,
+) -> nn.Module:
+    """Train a network, or resume the run in the folder; write its weights, and return it.
 
     Args:
         clips: Training recordings of one sensor size.
@@ -112,25 +225,25 @@ def train(
         folder: Folder of the run.
         advance: Receives the completed fraction, 0 to 1.
 
-    Returns:
-        Path of ``weights.safetensors``.
-
     Raises:
         ConfigError: There is no recording, the sizes differ or are smaller than a crop, the folder
             holds another run, or the device does not exist.
     """
     _check(clips, config)
-    run = _Run(config, Path(folder))
-    check_pairs = _held_out_pairs(held_out, config)
-    for number in range(run.state.round, config.rounds):
+    run = _Run(config, folder)
+    check_pairs = None
+    if held_out:
+        random = np.random.default_rng([config.seed, HELD_OUT_SEED])
+        check_pairs = _whole_blocks(make_pairs(held_out, config.moments, random), config)
+    for number in range(run.rounds, config.rounds):
         line = run.round(clips, number)
         if check_pairs is not None and (number + 1) % HELD_OUT_EVERY == 0:
             line["held_out"] = run.loss_on(check_pairs)
         run.finish(number + 1, line)
         advance((number + 1) / config.rounds)
-    weights = run.folder / WEIGHTS_FILE
-    save_weights(weights, run.network, config.network)
-    return weights
+    about = {"network": json.dumps(to_mapping(config.network))}
+    _save(folder / WEIGHTS_FILE, run.network.state_dict(), about)
+    return run.network
 
 
 def forget_run(folder: Path) -> None:
@@ -146,16 +259,16 @@ class _Run:
         self.config, self.folder = config, folder
         self.network = make_network(config.network).to(config.device)
         self.optimiser = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate)
-        self.state = TrainingState(self.network, self.optimiser)
+        self.rounds = 0
         folder.mkdir(parents=True, exist_ok=True)
         _claim(folder / CONFIG_FILE, config)
         if (folder / STATE_FILE).is_file():
-            load_state(folder / STATE_FILE, self.state)
+            self._resume(folder / STATE_FILE)
 
     def round(self, clips: Sequence[Clip], number: int) -> dict[str, float]:
         config = self.config
         random = np.random.default_rng([config.seed, number])
-        pairs = make_pairs(clips, config.pairs, random)
+        pairs = make_pairs(clips, config.moments, random)
         loss = 0.0
         for step in range(config.steps):
             done = (number + step / config.steps) / config.rounds
@@ -178,19 +291,46 @@ class _Run:
     def loss_on(self, pairs: Pairs) -> float:
         config = self.config
         total = 0.0
-        for first in range(0, len(pairs), config.batch):
+        for first in range(0, len(pairs.inputs), config.batch):
             chosen = slice(first, first + config.batch)
             inputs = _levels(pairs.inputs[chosen]).to(config.device)
             logits = apply_network(self.network, inputs, config.network.fold)
             target = _levels(pairs.targets[chosen]).to(config.device)
             total += float(prediction_error(logits, target)) * len(inputs)
-        return total / len(pairs)
+        return total / len(pairs.inputs)
 
     def finish(self, rounds: int, line: dict[str, float]) -> None:
-        self.state.round = rounds
-        save_state(self.folder / STATE_FILE, self.state)
+        tensors = {f"network.{name}": one for name, one in self.network.state_dict().items()}
+        for index, moments in self.optimiser.state_dict()["state"].items():
+            tensors |= {f"optimiser.{index}.{name}": one for name, one in moments.items()}
+        _save(self.folder / STATE_FILE, tensors, {"round": str(rounds)})
         with (self.folder / LOG_FILE).open("a", encoding="utf-8") as log:
             log.write(json.dumps({"round": rounds, **line}) + "\n")
+
+    def _resume(self, path: Path) -> None:
+        weights: dict[str, Tensor] = {}
+        moments: dict[int, dict[str, Tensor]] = {}
+        try:
+            with safe_open(path, framework="pt") as file:
+                self.rounds = int(file.metadata()["round"])
+                for key in file.keys():  # noqa: SIM118
+                    kind, name = key.split(".", 1)
+                    if kind == "network":
+                        weights[name] = file.get_tensor(key)
+                    else:
+                        index, moment = name.split(".")
+                        moments.setdefault(int(index), {})[moment] = file.get_tensor(key)
+            self.network.load_state_dict(weights)
+        except Exception as error:  # the library raises its own class, OSError or ValueError
+            raise ConfigError(f"{str(path)!r} holds no state of this run: {error}") from error
+        self.optimiser.load_state_dict({**self.optimiser.state_dict(), "state": moments})
+
+
+def _save(path: Path, tensors: dict[str, Tensor], about: dict[str, str]) -> None:
+    """Write tensors and metadata as safetensors; an interrupted write leaves the old file."""
+    plain = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
+    with replacing(path) as partial:
+        save_file(plain, partial, {"format": FORMAT, **about})
 
 
 def _levels(maps: np.ndarray) -> Tensor:
@@ -204,7 +344,7 @@ def _crops(pairs: Pairs, config: TrainConfig, random: Generator) -> tuple[Tensor
     inputs = np.empty((config.batch, side, side), np.uint8)
     targets = np.empty_like(inputs)
     for index in range(config.batch):
-        item = random.integers(len(pairs))
+        item = random.integers(len(pairs.inputs))
         top, left = random.integers(height - side + 1), random.integers(width - side + 1)
         turns, flipped = int(random.integers(4)), int(random.integers(2))
         for source, out in ((pairs.inputs, inputs), (pairs.targets, targets)):
@@ -213,14 +353,11 @@ def _crops(pairs: Pairs, config: TrainConfig, random: Generator) -> tuple[Tensor
     return _levels(inputs), _levels(targets)
 
 
-def _held_out_pairs(clips: Sequence[Clip], config: TrainConfig) -> Pairs | None:
-    if not clips:
-        return None
-    random = np.random.default_rng([config.seed, HELD_OUT_SEED])
-    pairs = make_pairs(clips, config.pairs, random)
+def _whole_blocks(pairs: Pairs, config: TrainConfig) -> Pairs:
+    """Return the pairs without what is left of their sides beyond whole blocks of the network."""
     multiple = config.network.multiple_px
     rows, columns = (side // multiple * multiple for side in pairs.inputs.shape[1:])
-    return Pairs(pairs.inputs[:, :rows, :columns], pairs.targets[:, :rows, :columns])
+    return Pairs(*(maps[:, :rows, :columns] for maps in pairs))
 
 
 def _check(clips: Sequence[Clip], config: TrainConfig) -> None:

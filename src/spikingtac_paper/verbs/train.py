@@ -49,9 +49,7 @@ def run(args: Args) -> int:
         args.config, seed=args.seed, rounds=args.rounds, device=args.device
     )
     if args.overwrite:
-        from spikingtac_paper.training.train import forget_run
-
-        forget_run(args.output)
+        session.forget_run(args.output)
     with progress("preparing recordings") as advance:
         if args.recordings:
             recordings = session.from_recordings(args.recordings, args.bootstrap)
@@ -82,9 +80,9 @@ def _recorder(folder: Path) -> Any:
 
 def _torch_session() -> Any:
     try:
-        from spikingtac_paper.training import session
+        from spikingtac_paper.training import train as session
     except ImportError as error:
-        if error.name not in ("torch", "safetensors"):
+        if error.name not in ("torch", "safetensors", "onnx"):
             raise
         raise MissingExtraError(
             f"training needs {error.name}; install it with: pip install 'spikingtac[train]'"

@@ -1,38 +1,32 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from spikingtac.denoise import infer
 from spikingtac.denoise.infer import MANIFEST, NetworkDenoiser, shipped_denoiser
 from spikingtac.denoise.registry import make_denoiser
 from spikingtac.errors import ConfigError
 from spikingtac.state_map.binary import paint_binary_discs
-from spikingtac_paper.training.export import export_network, read_weights
-from stand_ins.denoiser_training import lean_tensors, noisy_maps, write_weights
 
 # How far the int8 network's logistic function may be off (denoise/network/blocks.py).
 LOGISTIC_ERROR = 0.022
 
 
 @pytest.fixture(scope="module")
-def exported(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("export")
-    weights = write_weights(folder / "weights.safetensors", lean_tensors())
-    return export_network(weights, folder, noisy_maps())
+def shipped(tmp_path_factory) -> tuple[Path, Path]:
+    """Copies of the networks of the package and of their digests."""
+    folder = tmp_path_factory.mktemp("networks")
+    for file in (Path(infer.__file__).parent / "weights").iterdir():
+        (folder / file.name).write_bytes(file.read_bytes())
+    return folder / "lean.onnx", folder / "lean-int8.onnx"
 
 
-def test_int8_is_close_to_float(exported):
-    plain, int8 = (NetworkDenoiser(path) for path in exported)
-    for state_map in noisy_maps(8):
-        one, other = plain.clean(state_map).copy(), int8.clean(state_map)
-        assert one.std() > 0.01
-        assert np.abs(one - other).mean() < 0.01
-
-
-def test_buffers_are_reused_and_follow_the_size(exported):
-    denoiser = NetworkDenoiser(exported[0])
+def test_buffers_are_reused_and_follow_the_size(shipped):
+    denoiser = NetworkDenoiser(shipped[0])
     small, large = np.zeros((20, 30), np.float32), np.ones((65, 33), np.float32)
     first = denoiser.clean(small)
     assert first.shape == (20, 30)
@@ -42,9 +36,9 @@ def test_buffers_are_reused_and_follow_the_size(exported):
     assert np.array_equal(denoiser.clean(small), kept)
 
 
-def test_a_map_of_no_two_sides_is_refused(exported):
+def test_a_map_of_no_two_sides_is_refused(shipped):
     with pytest.raises(ConfigError, match=r"\(height, width\).*\(3, 4, 5\)"):
-        NetworkDenoiser(exported[0]).clean(np.zeros((3, 4, 5), np.float32))
+        NetworkDenoiser(shipped[0]).clean(np.zeros((3, 4, 5), np.float32))
 
 
 @pytest.mark.parametrize("content", [b"", b"not a network", b"\x08\x09" * 500])
@@ -60,8 +54,8 @@ def test_a_missing_file_is_named(tmp_path):
         NetworkDenoiser(tmp_path / "none.onnx")
 
 
-def test_one_flipped_bit_is_found(exported, tmp_path):
-    source = exported[1]
+def test_one_flipped_bit_is_found(shipped, tmp_path):
+    source = shipped[1]
     content = bytearray(source.read_bytes())
     content[len(content) // 2] ^= 1
     (tmp_path / source.name).write_bytes(content)
@@ -70,8 +64,8 @@ def test_one_flipped_bit_is_found(exported, tmp_path):
         NetworkDenoiser(tmp_path / source.name)
 
 
-def test_a_damaged_list_of_digests_is_refused(exported, tmp_path):
-    source = exported[1]
+def test_a_damaged_list_of_digests_is_refused(shipped, tmp_path):
+    source = shipped[1]
     (tmp_path / source.name).write_bytes(source.read_bytes())
     (tmp_path / MANIFEST).write_text(json.dumps(["no", "digests"]))
     with pytest.raises(ConfigError, match="no list of weights"):
@@ -90,30 +84,6 @@ def test_a_foreign_network_is_refused(tmp_path):
     path.write_bytes(model.SerializeToString())
     with pytest.raises(ConfigError, match=r"another origin.*\['x', 'y'\]"):
         NetworkDenoiser(path)
-
-
-def test_weights_that_lack_a_tensor_are_refused(tmp_path):
-    tensors = lean_tensors()
-    del tensors["middle.0.0.bias"]
-    weights = write_weights(tmp_path / "weights.safetensors", tensors)
-    with pytest.raises(ConfigError, match=r"lack the tensor 'middle.0.0.bias'"):
-        export_network(weights, tmp_path, noisy_maps())
-
-
-@pytest.mark.parametrize("content", [b"", b"x" * 100])
-def test_damaged_weights_are_refused(tmp_path, content):
-    path = tmp_path / "weights.safetensors"
-    path.write_bytes(content)
-    with pytest.raises(ConfigError, match="no readable safetensors file"):
-        read_weights(path)
-
-
-def test_foreign_weights_are_refused(tmp_path):
-    from safetensors.numpy import save_file
-
-    save_file({"a": np.zeros(3, np.float32)}, tmp_path / "weights.safetensors")
-    with pytest.raises(ConfigError, match="no weights of this package's denoiser"):
-        read_weights(tmp_path / "weights.safetensors")
 
 
 def noisy_markers() -> tuple[np.ndarray, np.ndarray]:
