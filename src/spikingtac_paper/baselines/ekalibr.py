@@ -272,7 +272,8 @@ def find_arcs(
     moving = active & flow.any(axis=0)
     grown = ndimage.maximum_filter(moving, 2 * (config.dilate_px // 2) + 1, mode="constant")
     label = np.zeros(grown.shape, np.int32)
-    count = int(ndimage.label(grown, np.ones((3, 3)), output=label))
+    ndimage.label(grown, np.ones((3, 3)), output=label)
+    count = int(label.max())
     label[~active] = 0
     row, column = np.nonzero(moving)
     number = label[row, column]

@@ -12,6 +12,7 @@ The ranges of the int8 network are measured on state maps of recordings
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import itertools
 import json
@@ -148,10 +149,12 @@ def _ranges(
 ) -> dict[str, tuple[float, float]]:
     """Return the smallest and the largest output of some layers on state maps, but for outliers."""
     seen: dict[str, list[NDArray[np.float32]]] = {name: [] for name in layers}
+
+    def keep(name: str, _module: nn.Module, _given: Any, told: Any) -> None:
+        seen[name].append(told.numpy().ravel())
+
     hooks = [
-        network.get_submodule(name).register_forward_hook(
-            lambda _module, _given, told, name=name: seen[name].append(told.numpy().ravel())
-        )
+        network.get_submodule(name).register_forward_hook(functools.partial(keep, name))
         for name in layers
     ]
     for state_map in maps:
