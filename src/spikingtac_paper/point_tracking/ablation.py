@@ -37,7 +37,13 @@ SHIFT_PX = 1.0  # Error of the wrong calibration, px.
 
 def ablation_methods() -> dict[str, Method]:
     """Return the default tracker, its variants, and those of the published pipeline."""
-    return {method.name: method for method in (*_variants(), *_references(), *compared_laws())}
+    others = {method.name: method for method in (*_references(), *compared_laws())}
+    return default_variants() | others
+
+
+def default_variants() -> dict[str, Method]:
+    """Return the default tracker, and the same with one part changed or left out."""
+    return {method.name: method for method in _variants()}
 
 
 def methods_on(trial: Trial) -> tuple[str, ...]:
@@ -96,6 +102,9 @@ def _variants() -> Iterator[Method]:
     )
     yield _changed_disc("default-no-backlash", "no backlash correction", base, backlash=0.0)
     yield _changed_disc("default-no-shrinkage", "no shrinkage to neighbours", base, shrink=0.0)
+    levels = base.with_tracking(rare_off_method="")
+    yield of_config("default-levels", "levels also where OFF events are rare", levels)
+    yield _changed("default-no-recovery", "pixels that recover are not known", base, _lasting)
     bands = base.with_tracking(method="bands")
     yield of_config("default-bands", "band fit in place of the disc fit", bands)
     yield _changed("default-calibration-1px-off", "references 1 px off", base, _shifted)
@@ -155,6 +164,10 @@ def _binary(calibration: Calibration) -> Calibration:
 
 def _uniform(calibration: Calibration) -> Calibration:
     return replace(calibration, step_on_map=None, step_off_map=None)
+
+
+def _lasting(calibration: Calibration) -> Calibration:
+    return replace(calibration, recovery_s=None)
 
 
 def _contrast(contrast: float) -> Callable[[Calibration], Calibration]:

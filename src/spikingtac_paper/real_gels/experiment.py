@@ -1,4 +1,7 @@
-"""Every preset and baseline on recordings of real gels, and of sensors like the real one."""
+"""Every preset and baseline on recordings of real gels, of sensors like the real one, and of v2e.
+
+Ablations run the variants of the default tracker on the same recordings.
+"""
 
 from __future__ import annotations
 
@@ -22,16 +25,17 @@ from spikingtac_paper.harness.run import (
     provenance,
     select_methods,
 )
+from spikingtac_paper.point_tracking.ablation import default_variants
 from spikingtac_paper.real_gels.scoring import METRICS, Plateaus, plateau_scores, truth_scores
 from spikingtac_paper.trials.ground_truth import GroundTruth
-from spikingtac_paper.trials.methods import main_methods
+from spikingtac_paper.trials.methods import Method, main_methods
 from spikingtac_paper.trials.prediction import Prediction
 from spikingtac_paper.trials.trial import calibration_digest, kept_calibration
 
 NAME = "real"
 OWN = ("default", "fast", "paper")  # Methods whose results stand on the first page.
 QUICK_CASES = ("real-presses", "sim-presses/itself")  # Cases of a quick run.
-FOLDER = "gel"  # Folder of these recordings below that of the foreign recordings.
+FOLDER = "gel"  # Folder of the gels' recordings below that of the foreign recordings.
 
 # Where the events come from: a transparent model, the simulator v2e, or a real sensor.
 SIMULATED, V2E, RECORDED = "simulated", "v2e", "recorded"
@@ -77,15 +81,17 @@ class GelCase:
 
 # All cases, the real recording first.
 CASES = (
-    GelCase(name="real-presses", events="real_presses.aedat4", source=RECORDED,
-            reference="real_presses.reference.npz"),
-    GelCase(name="sim-presses/slides", events="sim_presses.raw", source=SIMULATED,
-            slides="sim_presses_bootstrap.raw", truth="sim_presses.truth.npz"),
-    GelCase(name="sim-presses/itself", events="sim_presses.raw", source=SIMULATED,
-            truth="sim_presses.truth.npz"),
-    GelCase(name="gel/slides", events="gel.raw", source=V2E,
-            slides="gel_bootstrap.raw", truth="gel.truth.npz"),
-    GelCase(name="gel/itself", events="gel.raw", source=V2E, truth="gel.truth.npz"),
+    GelCase(name="real-presses", events="gel/real_presses.aedat4", source=RECORDED,
+            reference="gel/real_presses.reference.npz"),
+    GelCase(name="sim-presses/slides", events="gel/sim_presses.raw", source=SIMULATED,
+            slides="gel/sim_presses_bootstrap.raw", truth="gel/sim_presses.truth.npz"),
+    GelCase(name="sim-presses/itself", events="gel/sim_presses.raw", source=SIMULATED,
+            truth="gel/sim_presses.truth.npz"),
+    GelCase(name="gel/slides", events="gel/gel.raw", source=V2E,
+            slides="gel/gel_bootstrap.raw", truth="gel/gel.truth.npz"),
+    GelCase(name="mix/slides", events="v2e/mix.raw", source=V2E,
+            slides="v2e/bootstrap.raw", truth="v2e/mix.truth.npz"),
+    GelCase(name="gel/itself", events="gel/gel.raw", source=V2E, truth="gel/gel.truth.npz"),
 )  # fmt: skip
 
 
@@ -113,9 +119,10 @@ def run(options: RunOptions) -> dict[str, Any]:
         ConfigError: There is no folder with the recordings, or a method is unknown.
     """
     data = _recordings(options.data)
-    known = main_methods()
+    known = _methods(options.ablations)
     names = select_methods(known, options.methods)
-    settings = {"experiment": NAME, "quick": options.quick, "methods": names}
+    settings = {"experiment": NAME, "ablations": options.ablations, "methods": names}
+    settings |= {"quick": options.quick}
     begin_run(options.output, settings, options.resume, options.overwrite)
     cases = [case for case in CASES if case.is_there(data)]
     cases = [case for case in cases if not options.quick or case.name in QUICK_CASES]
@@ -131,11 +138,16 @@ def run(options: RunOptions) -> dict[str, Any]:
         findings=[
             *lines_of(rows, [case.name for case in cases], OWN),
             *(f"{case}: {why}" for case, why in refused.items()),
-            *(f"{name} was not run: its files are not in {FOLDER}/" for name in absent),
+            *(f"{name} was not run: its files are not there" for name in absent),
         ],
         methods={name: known[name].about for name in names},
     )
     return write_report(report, options.output, trials=len(records))
+
+
+def _methods(ablations: bool) -> dict[str, Method]:
+    """Return the methods of the main table, or the variants of the default tracker."""
+    return default_variants() if ablations else main_methods()
 
 
 def _recordings(data: Path | None) -> Path:
@@ -144,7 +156,7 @@ def _recordings(data: Path | None) -> Path:
             f"this experiment reads recordings from the folder {FOLDER}/ below SPIKINGTAC_DATA, "
             "which is not there; set the variable to the folder of your recordings"
         )
-    return data / FOLDER
+    return data
 
 
 def _scored(
@@ -191,7 +203,7 @@ def make_calibration(job: GelJob) -> str:
 
 def run_method(job: GelJob) -> Record:
     """Track a recording with one method and score it, or read the results from disk."""
-    case, method = job.case, main_methods()[job.method]
+    case, method = job.case, (main_methods() | default_variants())[job.method]
     calibration = Calibration.load(calibration_path(job))
     about = {
         "calibration": calibration_digest(calibration, method.reads),

@@ -25,7 +25,7 @@ class Args:
     quick: bool = False
     """Run fewer seeds and shorter sequences: minutes instead of hours."""
     ablations: bool = False
-    """Run variants of the default tracker instead of the main tables (point-tracking only)."""
+    """Run variants of the default tracker instead of the main tables (point-tracking, real)."""
     seed: int = 0
     """First seed."""
     seeds: int | None = None
