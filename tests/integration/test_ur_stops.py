@@ -63,7 +63,7 @@ def arm(controller: URController) -> Iterator[RemoteArm]:
 @pytest.fixture
 def patient_arm(controller: URController) -> Iterator[RemoteArm]:
     """Return a moving arm whose driver gives a busy machine time for each means."""
-    with moving(controller, react_s=[1.0, 1.0, 1.0], watchdog_hz=None) as driver:
+    with moving(controller, react_s=[1.0, 1.0, 1.0], watchdog_hz=0.2) as driver:
         yield driver
 
 

@@ -133,9 +133,9 @@ BEGUN_MM_S = 10.0  # Speed above which the arm has begun to move, mm/s.
 
 def moving_ur(host: str, speed_mm_s: float) -> Arm:
     """Return the real driver, whose arm has begun to move once the stream begins."""
-    from spikingtac.robot.ur import URArm, URConfig
+    from spikingtac.robot.ur import URArm
 
-    return MovingArm(URArm(host, URConfig()), speed_mm_s)
+    return MovingArm(URArm(host), speed_mm_s)
 
 
 class MovingArm:

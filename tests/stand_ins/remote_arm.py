@@ -102,18 +102,16 @@ class RemoteArm:
 
 def main() -> None:
     """Drive one arm as told on the standard input."""
-    from spikingtac.robot.ur import URArm, URConfig
-    from spikingtac.robot.ur_stop import StopConfig
+    from spikingtac.robot import ur
 
     arm = None
 
     def serve(name: str, *arguments: Any) -> Any:
         nonlocal arm
         if arm is None:
-            given = json.loads(sys.argv[2])
-            if "react_s" in given:
-                given["stop"] = StopConfig(react_s=tuple(given.pop("react_s")))
-            arm = URArm(sys.argv[1], URConfig(**given))
+            for constant, value in json.loads(sys.argv[2]).items():
+                setattr(ur, constant.upper(), value)
+            arm = ur.URArm(sys.argv[1])
             time.sleep(0.05)
             return None
         value = getattr(arm, name)(*arguments)

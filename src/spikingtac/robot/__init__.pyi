@@ -5,8 +5,6 @@ from .arm import Arm as Arm
 from .arm import ArmState as ArmState
 from .ur import open_arm as open_arm
 from .ur import URArm as URArm
-from .ur import URConfig as URConfig
-from .ur_stop import StopConfig as StopConfig
 from .robotiq import Grip as Grip
 from .robotiq import RobotiqGripper as RobotiqGripper
 
@@ -17,6 +15,7 @@ from .watchdog import WatchdogConfig as WatchdogConfig
 from .watchdog import WatchdogThread as WatchdogThread
 
 # Closed loops: move until contact, search a hole
+from .approacher import CRUISE_TOLERANCE as CRUISE_TOLERANCE
 from .approacher import Approach as Approach
 from .approacher import ApproachConfig as ApproachConfig
 from .approacher import Approacher as Approacher

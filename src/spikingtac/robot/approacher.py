@@ -19,6 +19,10 @@ from spikingtac.types import Contact, FloatArray
 
 W = TypeVar("W")
 
+# Largest share by which the reported speed differs from the commanded one at constant speed: while
+# the arm accelerates, the probe's own inertia moves the markers.
+CRUISE_TOLERANCE = 0.02
+
 
 class Detector(Protocol):
     """Decides on contact; every detector of :mod:`spikingtac.contact` is one."""
@@ -34,15 +38,12 @@ class ApproachConfig:
 
     Attributes:
         speed_mm_s: Speed of the tool, mm/s.
-        cruise_tolerance: The detector is used once the reported speed deviates from the commanded
-            one by at most this fraction: while the arm accelerates, the probe's own inertia moves
-            the markers.
-        settle_windows: Windows to wait after that, until the probe's vibration has decayed.
+        settle_windows: Windows to wait at constant speed before the detector is used, until the
+            probe's vibration has decayed.
         patience_windows: Number of windows within which the arm must have come to rest.
     """
 
     speed_mm_s: float = 80.0
-    cruise_tolerance: float = 0.02
     settle_windows: int = 150
     patience_windows: int = 60_000
 
@@ -125,7 +126,7 @@ class Approacher(Generic[W]):
                     self._arm.stop()
                     return contact
             speed = float(self._arm.speed_mm_s() @ direction)
-            steady = abs(speed / self._config.speed_mm_s - 1.0) <= self._config.cruise_tolerance
+            steady = abs(speed / self._config.speed_mm_s - 1.0) <= CRUISE_TOLERANCE
             cruising = cruising + 1 if steady else 0
             if self._require_health() is not ArmState.MOVING:
                 return None

@@ -15,7 +15,6 @@ import importlib
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,14 @@ from scipy.spatial.transform import Rotation
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.robot.arm import Arm, ArmState, checked_target
 from spikingtac.robot.ur_client import DISCONNECT_S, BoundedCalls, connect, disconnect
-from spikingtac.robot.ur_stop import Means, Report, StopConfig, VerifiedStop, dashboard, send_script
+from spikingtac.robot.ur_stop import (
+    DECELERATION_M_S2,
+    Means,
+    Report,
+    VerifiedStop,
+    dashboard,
+    send_script,
+)
 from spikingtac.types import Pose
 
 Vector = NDArray[np.float64]
@@ -48,20 +54,15 @@ TWIN_ARM = "spikingtac.sim.rig.ur3"
 PATIENCE_S = 0.1  # Age of the last report at which the stream counts as lost, s (12 cycles of CB3).
 
 
-@dataclass(frozen=True, kw_only=True)
-class URConfig:
-    """How to talk to the arm, and how it moves.
+# Least rate at which the controller must hear from this computer, Hz; else it makes a protective
+# stop (URScript's watchdog).
+WATCHDOG_HZ = 10.0
+CONNECT_LIMIT_S = 2.0  # Longest wait for each port's first answer, s.
 
-    Attributes:
-        stop: When a stop counts as obeyed, and how long each means to stop has.
-        watchdog_hz: Least rate at which the controller must hear from this computer, Hz; it makes
-            a protective stop otherwise. None leaves the controller without one.
-        connect_limit_s: Longest wait for each port's first answer, s.
-    """
-
-    stop: StopConfig = field(default_factory=StopConfig)
-    watchdog_hz: float | None = 10.0
-    connect_limit_s: float = 2.0
+# Time that each means has until the speed must fall, s. The first one passes through the control
+# script, 8 ms; then a cycle of 8 ms, a servo lag of up to 12 ms, the jerk limit's 16 ms and the
+# report's 8 ms. Together they leave 0.06 s of the 0.2 s within which a failure is to be reported.
+REACT_S = (0.055, 0.045, 0.035)
 
 
 class URArm:
@@ -69,7 +70,6 @@ class URArm:
 
     Args:
         host: Its address; ports 29999, 30002 to 30004 are used.
-        config: How to talk to it.
         clock_s: A monotonic clock, s.
 
     Raises:
@@ -77,13 +77,8 @@ class URArm:
         DeviceError: The controller does not answer, or refuses.
     """
 
-    def __init__(
-        self,
-        host: str,
-        config: URConfig | None = None,
-        clock_s: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._host, self._config, self._clock_s = host, config or URConfig(), clock_s
+    def __init__(self, host: str, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._host, self._clock_s = host, clock_s
         self._open()
 
     def pose(self) -> Pose:
@@ -180,24 +175,22 @@ class URArm:
             self.close()
 
     def _open(self) -> None:
-        config = self._config
-        self._receive, self._control = connect(self._host, config.connect_limit_s)
+        self._receive, self._control = connect(self._host, CONNECT_LIMIT_S)
         self._calls = BoundedCalls(f"the controller at {self._host}", self._clock_s)
         self._lost, self._closed, self._began = False, False, True
         self._stamp, self._stamp_seen_s = -1.0, self._clock_s()
         self._commanded_s = -np.inf
         means = (
-            Means("a stop", self._stop_gently),
-            Means("a stop script", self._stop_by_own_script),
-            Means("a protective stop", self._stop_protectively),
+            Means("a stop", self._stop_gently, REACT_S[0]),
+            Means("a stop script", self._stop_by_own_script, REACT_S[1]),
+            Means("a protective stop", self._stop_protectively, REACT_S[2]),
         )
         power_off = Means("power off", lambda: dashboard(self._host, "power off", CALL_LIMIT_S))
-        self._stopping = VerifiedStop(means, self._report, config.stop, power_off, self._clock_s)
+        self._stopping = VerifiedStop(means, self._report, power_off, self._clock_s)
         self._end_heartbeat = threading.Event()
         self._heartbeat = threading.Thread(target=self._beat, name="ur-heartbeat", daemon=True)
-        if config.watchdog_hz is not None:
-            self._call(lambda: self._control.setWatchdog(config.watchdog_hz))
-            self._heartbeat.start()
+        self._call(lambda: self._control.setWatchdog(WATCHDOG_HZ))
+        self._heartbeat.start()
         atexit.register(self._close_at_exit)  # ur_rtde's threads crash an interpreter that ends
 
     def _let_go(self) -> None:
@@ -213,7 +206,7 @@ class URArm:
 
     def _beat(self) -> None:
         """Keep the controller's watchdog quiet, at three times the rate that it asks for."""
-        period_s = 1.0 / (3.0 * (self._config.watchdog_hz or 1.0))
+        period_s = 1.0 / (3.0 * WATCHDOG_HZ)
         while not self._end_heartbeat.wait(period_s):
             if self._is_fresh() and self._scripted() and not self._is_lost():
                 with contextlib.suppress(DeviceError):
@@ -224,7 +217,7 @@ class URArm:
         if self._is_lost() or not (self._is_fresh() and self._scripted()):
             self._send_stop()
         else:
-            self._call(lambda: self._control.stopL(self._config.stop.deceleration_m_s2, True))
+            self._call(lambda: self._control.stopL(DECELERATION_M_S2, True))
 
     def _stop_by_own_script(self) -> None:
         """Send a program, which ends the one that runs; the controller's watchdog stops, too."""
@@ -237,7 +230,7 @@ class URArm:
         dashboard(self._host, "stop", CALL_LIMIT_S)
 
     def _send_stop(self) -> None:
-        program = f"def spikingtac_stop():\n  stopl({self._config.stop.deceleration_m_s2})\nend\n"
+        program = f"def spikingtac_stop():\n  stopl({DECELERATION_M_S2})\nend\n"
         send_script(self._host, program, CALL_LIMIT_S)
 
     def _report(self) -> Report:

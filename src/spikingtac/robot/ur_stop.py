@@ -17,10 +17,9 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
-from spikingtac.errors import ConfigError, DeviceError
+from spikingtac.errors import DeviceError
 
 POLL_S = 0.002  # Time between two looks at the reported speed, s: a quarter of a cycle of CB3.
 
@@ -39,30 +38,11 @@ RTDE_PORT = 30004
 # RTDE package: length, type, version of the protocol that is asked for.
 ASK_PROTOCOL_2 = struct.pack(">HBH", 5, ord("V"), 2)
 LONGEST_LINE = 4096  # Bytes of the longest line that is taken for an answer.
+DECELERATION_M_S2 = 8.0  # Deceleration that is asked for, m/s2 (contract.md).
 
-
-@dataclass(frozen=True, kw_only=True)
-class StopConfig:
-    """When an arm counts as stopped, and when as not obeying.
-
-    Attributes:
-        deceleration_m_s2: Deceleration that is asked for, m/s2 (contract.md: 8).
-        confirm_s: Rest counts once it is reported so long after the stop, s (two cycles of
-            CB3, within which a motion that was commanded just before would begin).
-        react_s: Time that each means has until the speed must fall, s (the first one passes
-            through the control script, 8 ms; then a cycle of 8 ms, a servo lag of up to 12 ms, the
-            jerk limit's 16 ms and the report's 8 ms. All together leave 0.06 s of the 0.2 s within
-            which a failure is to be reported).
-    """
-
-    deceleration_m_s2: float = 8.0
-    confirm_s: float = 0.02
-    react_s: tuple[float, ...] = (0.055, 0.045, 0.035)
-
-    def __post_init__(self) -> None:
-        values = (self.deceleration_m_s2, self.confirm_s, *self.react_s)
-        if not self.react_s or not all(0.0 < value < float("inf") for value in values):
-            raise ConfigError("all values of a StopConfig must be positive, react_s not empty")
+# Rest counts once it is reported so long after the stop, s (two cycles of CB3, within which a
+# motion that was commanded just before would begin).
+CONFIRM_S = 0.02
 
 
 class Means(NamedTuple):
@@ -71,10 +51,12 @@ class Means(NamedTuple):
     Attributes:
         name: For the report.
         use: Uses it; may raise and may take its time, since nobody waits for it.
+        react_s: Time that it has until the speed must fall, s; 0 where nobody watches it.
     """
 
     name: str
     use: Callable[[], object]
+    react_s: float = 0.0
 
 
 class Report(NamedTuple):
@@ -93,9 +75,8 @@ class VerifiedStop:
     """Stops one arm, by one means after the other until it rests.
 
     Args:
-        means: The gentlest first; as many as ``config.react_s`` has values.
+        means: The gentlest first.
         report: Returns the arm's last report.
-        config: When it counts as stopped.
         last_resort: Used where an arm is seen to move after all means; not waited for.
         clock_s: A monotonic clock, s; that of the reports.
     """
@@ -104,14 +85,11 @@ class VerifiedStop:
         self,
         means: Sequence[Means],
         report: Callable[[], Report],
-        config: StopConfig,
         last_resort: Means | None = None,
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        if len(means) != len(config.react_s):
-            raise ConfigError(f"{len(means)} means to stop need as many react_s: {config.react_s}")
         self._means, self._last_resort = tuple(means), last_resort
-        self._report, self._config, self._clock_s = report, config, clock_s
+        self._report, self._clock_s = report, clock_s
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._failure: str | None = None
@@ -156,10 +134,10 @@ class VerifiedStop:
         """Use one means after the other; return what failed, or None."""
         self._refusals = []
         last: Report | None = None
-        for means, react_s in zip(self._means, self._config.react_s, strict=True):
+        for means in self._means:
             begun_s = self._clock_s()
             self._use(means)
-            rests, last = self._watch(begun_s, react_s)
+            rests, last = self._watch(begun_s, means.react_s)
             if rests:
                 return None
         told = "nothing is heard of the arm, so that nobody knows whether it rests"
@@ -173,7 +151,7 @@ class VerifiedStop:
 
     def _watch(self, begun_s: float, react_s: float) -> tuple[bool, Report | None]:
         """Watch one means; return whether the arm rests, and its last report since."""
-        config, top_mm_s = self._config, 0.0
+        top_mm_s = 0.0
         latest: Report | None = None
         while True:
             now_s = self._clock_s()  # before the report: whoever is held up in between knows more
@@ -181,12 +159,12 @@ class VerifiedStop:
             if report.seen_s > begun_s:
                 latest = report
                 top_mm_s = max(top_mm_s, report.speed_mm_s)
-                confirmed = report.seen_s - begun_s >= config.confirm_s
+                confirmed = report.seen_s - begun_s >= CONFIRM_S
                 if confirmed and report.speed_mm_s <= REST_MM_S:
                     return True, latest
             if now_s - begun_s > react_s:
                 # The largest speed with which an arm still counts as braking.
-                braking_mm_s2 = BRAKING_SHARE * config.deceleration_m_s2 * 1e3
+                braking_mm_s2 = BRAKING_SHARE * DECELERATION_M_S2 * 1e3
                 braked_mm_s = braking_mm_s2 * (now_s - begun_s - react_s)
                 allowed_mm_s = max(top_mm_s + SPEED_NOISE_MM_S - braked_mm_s, REST_MM_S)
                 if latest is None or latest.speed_mm_s > allowed_mm_s:

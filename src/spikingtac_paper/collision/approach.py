@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.contact import ContactDetector
-from spikingtac.robot import ApproachConfig, ArmState
+from spikingtac.robot import CRUISE_TOLERANCE, ApproachConfig, ArmState
 from spikingtac.sim import WAIT_S, FirstContact, PriorContact, Rig, RigConfig, UR3Twin
 from spikingtac_paper.collision.frames import FrameSampler
 from spikingtac_paper.collision.scene import (
@@ -146,7 +146,7 @@ def _cruise(rig: Rig, config: ApproachConfig) -> list[Vector]:
     while cruising < config.settle_windows:
         next(rig.windows(WINDOW_US))
         speed = float(rig.arm.speed_mm_s() @ DIRECTION)
-        steady = abs(speed / config.speed_mm_s - 1.0) <= config.cruise_tolerance
+        steady = abs(speed / config.speed_mm_s - 1.0) <= CRUISE_TOLERANCE
         cruising = cruising + 1 if steady else 0
         seen.append(rig.markers_px[0])
     return seen[-config.settle_windows :]

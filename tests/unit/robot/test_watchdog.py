@@ -11,7 +11,7 @@ import pytest
 
 from spikingtac.errors import DeviceError
 from spikingtac.robot.ur_client import BoundedCalls
-from spikingtac.robot.ur_stop import Means, Report, StopConfig, VerifiedStop
+from spikingtac.robot.ur_stop import Means, Report, VerifiedStop
 from spikingtac.robot.watchdog import (
     Health,
     Watchdog,
@@ -158,7 +158,7 @@ def test_a_stop_that_failed_at_a_contact_is_told_and_tried_again(bench: Bench) -
     assert watchdog.stop_failure is None
 
 
-CONFIG = StopConfig(react_s=(0.05, 0.05), confirm_s=0.01)
+REACT_S = 0.05
 
 
 class Arm:
@@ -174,7 +174,7 @@ class Arm:
             if name == self.obeys:
                 self.speed_mm_s = 0.0
 
-        return Means(name, use)
+        return Means(name, use, REACT_S)
 
     def report(self) -> Report:
         return Report(time.monotonic(), self.speed_mm_s)
@@ -189,11 +189,11 @@ def test_a_thread_that_is_held_up_while_it_asks_does_not_take_a_resting_arm_for_
     def report() -> Report:
         nonlocal clock_s
         at_s = clock_s
-        clock_s += 1.2 * CONFIG.react_s[0]  # by another thread, once it has its answer
+        clock_s += 1.2 * REACT_S  # by another thread, once it has its answer
         return Report(at_s, arm.speed_mm_s)
 
     means = arm.means("gentle"), arm.means("firm")
-    stop = VerifiedStop(means, report, CONFIG, arm.means("last"), lambda: clock_s)
+    stop = VerifiedStop(means, report, arm.means("last"), lambda: clock_s)
     stop.begin()
     stop.confirm()
     assert arm.used == ["gentle"]
@@ -241,8 +241,8 @@ def test_a_client_that_waits_without_letting_go_of_the_core_holds_up_nothing(pri
 
 def test_a_means_that_hangs_or_fails_keeps_nothing_up() -> None:
     arm, end = Arm("firm"), threading.Event()
-    hangs = Means("hangs", lambda: end.wait(10.0))
-    stop = VerifiedStop((hangs, arm.means("firm")), arm.report, CONFIG)
+    hangs = Means("hangs", lambda: end.wait(10.0), REACT_S)
+    stop = VerifiedStop((hangs, arm.means("firm")), arm.report)
     stop.begin()
     stop.confirm()
     end.set()
@@ -250,7 +250,7 @@ def test_a_means_that_hangs_or_fails_keeps_nothing_up() -> None:
     def fails() -> None:
         raise DeviceError("the port is closed")
 
-    broken = VerifiedStop((Means("a", fails), Means("b", fails)), Arm().report, CONFIG)
+    broken = VerifiedStop([Means(name, fails, REACT_S) for name in "ab"], Arm().report)
     broken.begin()
     with pytest.raises(DeviceError, match="a: the port is closed; b: the port is closed"):
         broken.confirm()
