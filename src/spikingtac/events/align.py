@@ -45,8 +45,7 @@ LEAST_VOTES = 2  # Like intervals at one place from which on it is more than a c
 # More than this share of one camera's edges, where both lines overlap, the other one has seen.
 LEAST_SHARED = 0.5
 
-# Pairs of like intervals that are looked at; a regular line has their number squared.
-MOST_FITS = 1_000_000
+MOST_FITS = 4_000_000  # Pairs of intervals that are compared; of longer lines, some intervals.
 
 # A line began while a camera recorded where its first edge comes after so many times its longest
 # interval.
@@ -211,22 +210,19 @@ def _edges(own: Triggers, base: Triggers, channel: int | None) -> list[NDArray[n
 def _alike(own: NDArray[np.int64], base: NDArray[np.int64]) -> _Pairs | None:
     """Return pairs of edges where intervals of like length lie at one place; None if nowhere."""
     gaps, others = np.diff(own), np.diff(base)
-    order = np.argsort(others, kind="stable")
-    low, high = (np.searchsorted(others[order], gaps + s * _reach_us(gaps)) for s in (-1, 1))
-    some = np.arange(0, len(gaps), int((high - low).sum()) // MOST_FITS + 1)
-    counts = (high - low)[some]
-    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    first, second = np.repeat(some, counts), order[np.repeat(low[some], counts) + within]
+    some = np.arange(0, len(gaps), len(gaps) * len(others) // MOST_FITS + 1)
+    alike = np.abs(np.subtract.outer(gaps[some], others)) <= _reach_us(gaps[some])[:, None]
+    first, second = np.nonzero(alike)
+    first = some[first]
     shifts = base[second] - own[first]
     ascending = np.sort(shifts)
     width = 2.0 * _reach_us(np.ptp(own))
     votes = np.searchsorted(ascending, ascending + width, side="right") - np.arange(len(shifts))
-    best = int(votes.argmax()) if len(votes) else 0
-    if not len(votes) or votes[best] < LEAST_VOTES:
+    if votes.max(initial=0) < LEAST_VOTES:
         return None
-    start = ascending[best]
+    start = ascending[votes.argmax()]
     rivals = votes[(ascending < start - width) | (ascending > start + 2.0 * width)]
-    if rivals.max(initial=0) >= CLEARLY * votes[best]:
+    if rivals.max(initial=0) >= CLEARLY * votes.max():
         return None
     near = (shifts >= start) & (shifts <= start + width)
     first, second = first[near], second[near]

@@ -3,36 +3,35 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from spikingtac.errors import CameraLostError, DeviceError, RecordingError
 from spikingtac.events.address import Address
 from spikingtac.events.camera import Camera, import_place, open_camera
-from spikingtac.events.delivery import CameraHealth, ClockFit, DeliveryMeter
+from spikingtac.events.clock import US_PER_S, ClockFit
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.formats.packing import ColumnCheck
 
 # What to do when a camera is gone: end the stream and count it, raise, or wait until it is back.
-#
 # A robot's guard must never reconnect: the watchdog has to trip.
 WhenLost = Literal["end", "raise", "reconnect"]
 
 # What shows the events of a camera to others; imported only where an address has ``share=NAME``.
 SHARED_WRITER = "spikingtac.stream.packets:shared_writer"
 
-# Longest wait for a camera before the source looks whether it shall stop, s (nobody notices
-# it, and it costs nothing).
-POLL_S = 0.02
+POLL_S = 0.02  # Longest wait for a camera before the source looks whether it shall stop, s.
 
-# Time between two attempts to open a camera that is gone, s (USB enumerates in about 0.5 s,
-# and an attempt costs a few ms).
+# Time between two attempts to open a camera that is gone, s (USB enumerates in about 0.5 s).
 RETRY_S = 0.25
-LONGEST_S = 1e7
-US_PER_S = 1e6
+LONGEST_S = 1e7  # Largest value of the option ``seconds``.
+RECENT_S = 2.0  # Time over which the rate is averaged, s.
+LATEST = 1 << 15  # Deliveries whose intervals are reported: the latest 30 s at 1 kHz.
 
 
 class Gap(NamedTuple):
@@ -40,6 +39,96 @@ class Gap(NamedTuple):
 
     t_from_us: int
     t_to_us: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraHealth:
+    """State of a camera; everything is counted since it was opened unless it says recent.
+
+    Attributes:
+        connected: False while it is gone.
+        events: Events delivered.
+        deliveries: Times that events came.
+        rate_ev_s: Recent events per second.
+        interval_p50_ms: Median time between the latest deliveries, ms; None before the second one.
+        interval_p99_ms: 99th percentile of the same, ms.
+        reconnects: How often it came back.
+        away_s: Time for which it was gone, s.
+        losses: What was lost or mended, by kind.
+    """
+
+    connected: bool
+    events: int
+    deliveries: int
+    rate_ev_s: float
+    interval_p50_ms: float | None
+    interval_p99_ms: float | None
+    reconnects: int
+    away_s: float
+    losses: dict[str, int]
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures, rounded for a report."""
+        return {
+            name: round(value, 3) if isinstance(value, float) else value
+            for name, value in asdict(self).items()
+        }
+
+    @property
+    def sentence(self) -> str:
+        """What the interval means for latency, in plain words."""
+        if self.interval_p50_ms is None:
+            return "one delivery so far" if self.deliveries else "nothing was delivered yet"
+        text = f"packets every {self.interval_p50_ms:.1f} ms (99 %: {self.interval_p99_ms:.1f} ms)"
+        if self.interval_p50_ms > 1.0:
+            text += ": a 1 ms window is not a 1 ms latency"
+        return text
+
+
+class DeliveryMeter:
+    """Counts deliveries as they come.
+
+    Args:
+        clock_s: A monotonic clock, s.
+    """
+
+    def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self.connected, self.away_s = True, 0.0
+        self.events = self.deliveries = self.reconnects = 0
+        self._clock_s, self._opened_s = clock_s, clock_s()
+        self._recent: deque[tuple[float, int]] = deque(maxlen=LATEST)
+
+    def delivered(self, events: int, now_s: float) -> None:
+        """Count one delivery."""
+        self.events += events
+        self.deliveries += 1
+        self._recent.append((now_s, events))
+
+    def came_back(self, away_s: float) -> None:
+        """Count a camera that was gone for so long, s; its deliveries begin anew."""
+        self.connected = True
+        self.reconnects += 1
+        self.away_s += away_s
+        self._recent.clear()
+
+    def health(self, losses: dict[str, int]) -> CameraHealth:
+        """Return the state now."""
+        now_s = self._clock_s()
+        latest = tuple(self._recent)
+        recent = [count for at_s, count in latest if at_s > now_s - RECENT_S]
+        intervals = np.diff([at_s for at_s, _ in latest]) * 1e3
+        p50_p99 = np.percentile(intervals, (50, 99)).tolist() if len(intervals) else (None, None)
+        return CameraHealth(
+            connected=self.connected,
+            events=self.events,
+            deliveries=self.deliveries,
+            rate_ev_s=sum(recent) / min(RECENT_S, max(now_s - self._opened_s, 1e-9)),
+            interval_p50_ms=p50_p99[0],
+            interval_p99_ms=p50_p99[1],
+            reconnects=self.reconnects,
+            away_s=self.away_s,
+            losses=dict(losses),
+        )
 
 
 class CameraSource(FileSource):
@@ -58,7 +147,6 @@ class CameraSource(FileSource):
         camera: The open camera.
         ended: Why the iteration ended: ``closed``, ``seconds``, ``ended`` (by itself) or ``lost``;
             empty before.
-        on_poll: Called before each wait for the camera, also while nothing comes; must be quick.
         clock: Learns how the sensor's clock maps to the host's.
         gaps: Stretches for which the camera was gone.
         received_s: When the latest packets' events were at hand, on the monotonic clock, s.
@@ -76,20 +164,19 @@ class CameraSource(FileSource):
         self._seconds = address.number("seconds", LONGEST_S, 1e-3, LONGEST_S)
         self.camera: Camera = open_camera(address)
         self.format = self.camera.format or f"{address.kind} camera"
+        self._named_size = self.camera.size
         super().__init__(Path(str(address)), options)
         share = address.text("share")
         # Others attach to this ring as ring:NAME, whichever verb reads the camera.
         self._shared = import_place(SHARED_WRITER)(self, share) if share else None
         self.ended = ""
-        self.on_poll: Callable[[], object] = lambda: None
         self.received_s = time.monotonic()
         self.clock = ClockFit()
         self.gaps: list[Gap] = []
         self._meter = DeliveryMeter()
-        self._closing = False
+        self._closing = self._resumed = False
         self._offset_us = 0
         self._last_us, self._last_s = 0, self.received_s
-        self._resumed = False
 
     def health(self) -> CameraHealth:
         """Return how the camera delivers."""
@@ -109,47 +196,40 @@ class CameraSource(FileSource):
         self.camera.close()
         self._take_counts()
 
-    def _show(self, rows: Rows) -> Rows:
-        if self._shared is not None:
-            self._shared.write_rows(rows)
-        return rows
-
     def _end_sharing(self) -> None:
         shared, self._shared = self._shared, None
         if shared is not None:
             shared.close()
 
-    def _size(self) -> tuple[int, int]:
-        return self.camera.size
-
     def _columns(self) -> Iterator[Rows]:
         check = None if self.camera.checked else ColumnCheck(self.size, self.losses)
         try:
             for rows in self._placed_rows():
-                yield self._show(rows if check is None else check(*rows))
+                yield self._shown(rows if check is None else check(*rows))
             if check is not None:
-                yield self._show(check.finish())
+                yield self._shown(check.finish())
         finally:
             if self._closing or self.ended:
                 self._end_sharing()
+
+    def _shown(self, rows: Rows) -> Rows:
+        if self._shared is not None:
+            self._shared.write_rows(rows)
+        return rows
 
     def _placed_rows(self) -> Iterator[Rows]:
         begun_s = time.monotonic()
         self.ended = ""
         try:
-            while not self._closing:
+            while not (self.ended or self._closing):
                 self.progress = min((time.monotonic() - begun_s) / self._seconds, 1.0)
-                if self.progress >= 1.0:
-                    self.ended = "seconds"
-                    return
-                self.on_poll()
-                rows = self._read()
+                rows = self._read() if self.progress < 1.0 else None
                 if rows is None:
-                    self.ended = self.ended or ("closed" if self._closing else "ended")
-                    return
-                if len(rows[3]):
+                    ended = "closed" if self._closing else "ended"
+                    self.ended = self.ended or ("seconds" if self.progress >= 1.0 else ended)
+                elif len(rows[3]):
                     yield self._placed(rows)
-            self.ended = "closed"
+            self.ended = self.ended or "closed"
         finally:
             if self._closing or self.ended:
                 self._close()
@@ -162,10 +242,10 @@ class CameraSource(FileSource):
             if self.when_lost == "raise":
                 raise
             self.losses.add("disconnected")
-            if self.when_lost == "end":
-                self.ended = "lost"
-                return None
-            return self._reconnect()
+            if self.when_lost == "reconnect":
+                return self._reconnect()
+            self.ended = "lost"
+            return None
         self._take_counts()
         if rows is not None and len(rows[3]):
             self.received_s = time.monotonic()
@@ -181,7 +261,6 @@ class CameraSource(FileSource):
             try:
                 camera = open_camera(self.address)
             except (DeviceError, RecordingError, OSError):
-                self.on_poll()
                 time.sleep(RETRY_S)
                 continue
             if camera.size != self.size:
@@ -190,17 +269,11 @@ class CameraSource(FileSource):
                     f"{self.address}: a camera of {camera.size[0]}x{camera.size[1]} px came back, "
                     f"it was {self.size[0]}x{self.size[1]}; plug in the same one"
                 )
-            self._adopt(camera, gone_s)
+            self.camera, self._resumed = camera, self._last_us > 0
+            self._meter.came_back(time.monotonic() - gone_s)
+            self.losses.add("reconnected")
             return Camera.nothing()
         return None
-
-    def _adopt(self, camera: Camera, gone_s: float) -> None:
-        self.camera, self._resumed = camera, self._last_us > 0
-        self._meter.connected = True
-        self._meter.reconnects += 1
-        self._meter.away_s += time.monotonic() - gone_s
-        self._meter.forget()
-        self.losses.add("reconnected")
 
     def _take_counts(self) -> None:
         """Move what the camera has counted to the source, which outlives it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from importlib import import_module
 from typing import Any, Self
 
@@ -12,23 +12,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.schema import build
 
 PPM = 1e-6
 US_PER_S = 1e6
 
-# Shared moments further from the line than this are taken for mistakes (with a hundred of
-# them a good one is that far off by chance once in 160 times).
-REJECTED_SIGMA = 4.0
-
-# Standard deviation over median absolute deviation of a normal distribution.
-SIGMA_PER_MAD = 1.4826
+# Shared moments further from the line than this are taken for mistakes (a good one of a hundred is
+# that far off once in 160 times); standard deviation over median absolute deviation.
+REJECTED_SIGMA, SIGMA_PER_MAD = 4.0, 1.4826
 MOST_FOR_PAIRS = 600  # Moments whose pairs are looked at: there are half of its square.
 LEAST_FOR_DRIFT = 3  # Moments from which on a drift has an error that can be told.
-
-# Moments from which on some are left out: of fewer, which one is mistaken cannot be told.
-LEAST_TO_REJECT = 8
-MOST_ROUNDS = 50  # Rounds of leaving moments out: those at the very limit may come and go for ever.
+LEAST_TO_REJECT = 8  # Moments from which on some are left out: of fewer, which cannot be told.
+ROUNDS_OF_MOMENTS = 4  # Rounds of leaving moments out; the second one changes little.
 ONE_SIGMA = 0.8413  # Share of a normal distribution below one standard deviation.
+
+BIN_S = 0.1  # Stretch of deliveries of which the fastest counts, s (one in a hundred is, at 1 kHz).
+MOST_BINS = 4096  # Stretches that are kept: then neighbours are joined, so memory stays bounded.
+
+# Span from which on a drift is fitted, s; below, jitter of 0.1 ms would pass for 50 ppm.
+LEAST_SPAN_S = 2.0
+
+ROUNDS, LEAST_FASTEST = 4, 8  # Times that late arrivals are left out, and how many stay at least.
+
+# Number of a stretch -> sensor time of its fastest arrival, and how late that was, s.
+_Bins = dict[int, tuple[float, float]]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -78,19 +85,17 @@ class TimeMap:
     def then(self, other: TimeMap) -> TimeMap:
         """Return the map to the base of another map, whose own clock is this one's base.
 
-        Of two clocks that one host has watched, the error is that of the two lines. What it cannot
-        hold is by how much the fastest transports of the two cameras differ: only something that
-        both see can tell (:func:`through_moments`).
+        By how much the fastest transports of two cameras differ, the error cannot hold: only
+        something that both see can tell (:func:`through_moments`).
         """
         drift = (1.0 + self.drift_ppm * PPM) * (1.0 + other.drift_ppm * PPM) - 1.0
-        errors_ppm = [self.drift_error_ppm, other.drift_error_ppm]
-        known = [error for error in errors_ppm if error is not None]
+        errors_ppm = self.drift_error_ppm, other.drift_error_ppm
         return TimeMap(
             own_us=self.own_us,
             base_us=other.at(self.base_us),
             drift_ppm=drift / PPM,
             error_us=math.hypot(self.error_us, other.error_us),
-            drift_error_ppm=math.hypot(*known) if len(known) == len(errors_ppm) else None,
+            drift_error_ppm=None if None in errors_ppm else math.hypot(*filter(None, errors_ppm)),
         )
 
     def error_at_us(self, t_us: float) -> float:
@@ -134,18 +139,12 @@ class TimeMap:
         Raises:
             RecordingError: It describes none.
         """
+        names = {field.name for field in fields(cls)} & document.keys()
         try:
-            values = {name: document[name] for name in ("own_us", "base_us", "drift_ppm")}
-            if not all(math.isfinite(value) for value in values.values()):
-                raise ValueError("not finite")
-            drift_error_ppm = document.get("drift_error_ppm")
-            return cls(
-                **{name: float(value) for name, value in values.items()},
-                error_us=float(document.get("error_us", 0.0)),
-                drift_error_ppm=None if drift_error_ppm is None else float(drift_error_ppm),
-                learned_from=str(document.get("learned_from", "host")),
-            )
-        except (KeyError, TypeError, ValueError) as error:
+            if not {"own_us", "base_us", "drift_ppm"} <= names:
+                raise ConfigError(f"it names {', '.join(names) or 'nothing'}")
+            return build(cls, {name: document[name] for name in names}, "time_base")
+        except ConfigError as error:
             raise RecordingError(f"the manifest's time_base cannot be read: {error}") from error
 
 
@@ -170,49 +169,133 @@ def through_moments(
             "give at least one, in pairs"
         )
     shift = base - own
-    slope, keep = _line(own, shift)
-    middle = float(own[keep].mean())
-    rest = shift[keep] - slope * (own[keep] - middle)
-    count = int(np.count_nonzero(keep))
-    spread = float(((own[keep] - middle) ** 2).sum())
-    with_drift = count >= LEAST_FOR_DRIFT and spread > 0.0
-    scatter_us = float(rest.std(ddof=2)) if with_drift else float(np.ptp(rest)) / 2.0
-    if with_drift:  # few moments tell their own scatter badly
+    keep = _agreeing(own, shift)
+    own, shift = own[keep], shift[keep]
+    middle, count = float(own.mean()), len(own)
+    spread = float(((own - middle) ** 2).sum())
+    slope, scatter_us, drift_error_ppm = 0.0, float(np.ptp(shift)) / 2.0, None
+    if count >= LEAST_FOR_DRIFT and spread > 0.0:
         from scipy.special import stdtrit  # not loaded by those who read one clock
 
-        scatter_us *= float(stdtrit(count - 2, ONE_SIGMA))
-    scatter_us = max(scatter_us, floor_us)
+        slope = float(np.polyfit(own - middle, shift - shift[0], 1)[0])
+        rest = shift - slope * (own - middle)
+        # Few moments tell their own scatter badly: the quantile of Student's t widens it.
+        scatter_us = float(rest.std(ddof=2)) * float(stdtrit(count - 2, ONE_SIGMA))
+        drift_error_ppm = max(scatter_us, floor_us) / math.sqrt(spread) / PPM
     return TimeMap(
         own_us=middle,
-        base_us=middle + float(rest.mean()),
+        base_us=middle + float(shift.mean()),
         drift_ppm=slope / PPM,
-        error_us=scatter_us / math.sqrt(count),
-        drift_error_ppm=scatter_us / math.sqrt(spread) / PPM if with_drift else None,
+        error_us=max(scatter_us, floor_us) / math.sqrt(count),
+        drift_error_ppm=drift_error_ppm,
         learned_from=learned_from,
     )
 
 
-def _line(own: NDArray[np.float64], shift: NDArray[np.float64]) -> tuple[float, NDArray[np.bool_]]:
-    """Return the slope of the shifts over time, and which moments agree with it."""
-    stats: Any = import_module("scipy.stats")  # not loaded by those who read one clock
-
+def _agreeing(own: NDArray[np.float64], shift: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which moments lie near the line through most of them."""
     keep = np.ones(len(own), bool)
-    if len(own) < LEAST_FOR_DRIFT or not np.ptp(own):
-        return 0.0, keep
-    if len(own) < LEAST_TO_REJECT:
-        return stats.linregress(own, shift).slope, keep
+    if len(own) < LEAST_TO_REJECT or not np.ptp(own):
+        return keep
     # The median of the slopes of all pairs, which a quarter of mistakes cannot move.
     some = np.linspace(0, len(own) - 1, min(len(own), MOST_FOR_PAIRS)).astype(np.intp)
+    stats: Any = import_module("scipy.stats")  # not loaded by those who read one clock
     slope = stats.theilslopes(shift[some], own[some]).slope
-    for _ in range(MOST_ROUNDS):
+    for _ in range(ROUNDS_OF_MOMENTS):
         rest = shift - slope * own
         rest -= np.median(rest[keep])
         sigma = SIGMA_PER_MAD * float(np.median(np.abs(rest[keep])))
         fewer = np.abs(rest) <= max(REJECTED_SIGMA * sigma, 1.0)
         if np.count_nonzero(fewer) < LEAST_FOR_DRIFT or not np.ptp(own[fewer]):
-            return slope, keep
-        refined = stats.linregress(own[fewer], shift[fewer]).slope
-        if (fewer == keep).all():
-            return refined, keep
-        keep, slope = fewer, refined
-    return slope, keep
+            break
+        keep = fewer
+        slope = np.polyfit(own[keep] - own[keep][0], shift[keep] - shift[keep][0], 1)[0]
+    return keep
+
+
+class ClockFit:
+    """Learns a sensor's clock on its host's while deliveries come, at constant memory.
+
+    No delivery is faster than the fastest transport. So the least differences between arrival and
+    sensor time follow a line: its slope is the drift, its height the offset plus that transport,
+    which no one-way stream can tell apart. The error states how well the line is known.
+    """
+
+    def __init__(self) -> None:
+        self._bin_s = BIN_S
+        self._zero_s: float | None = None
+        self._bins: _Bins = {}  # another thread may copy it meanwhile
+
+    def arrived(self, t_us: int, host_s: float) -> None:
+        """Learn from a delivery.
+
+        Args:
+            t_us: Time of its last event, us.
+            host_s: When it was here, on the monotonic clock, s.
+        """
+        sensor_s = t_us / US_PER_S
+        if self._zero_s is None:
+            self._zero_s = sensor_s
+        number = int((sensor_s - self._zero_s) / self._bin_s)
+        _keep_fastest(self._bins, number, (sensor_s, host_s - sensor_s))
+        if len(self._bins) >= MOST_BINS:
+            self._bin_s *= 2.0
+            joined: _Bins = {}
+            for number, arrival in self._bins.items():
+                _keep_fastest(joined, number // 2, arrival)
+            self._bins = joined
+
+    def forget(self) -> None:
+        """Begin anew: the sensor's clock was set."""
+        self.__init__()
+
+    def mapping(self) -> TimeMap | None:
+        """Return what is known; None before the first delivery."""
+        bins = self._bins.copy()
+        if not bins:
+            return None
+        sensor_s, delay_s = np.array([*bins.values()]).T
+        middle_s, span_s = float(sensor_s.mean()), float(sensor_s[-1] - sensor_s[0])
+        if span_s >= LEAST_SPAN_S:
+            return _fastest_line(sensor_s - middle_s, delay_s, middle_s, span_s)
+        spread_us = float(delay_s.std()) * US_PER_S
+        return TimeMap(
+            own_us=middle_s * US_PER_S,
+            base_us=(middle_s + float(delay_s.min())) * US_PER_S,
+            error_us=spread_us,
+            jitter_us=spread_us,
+            span_s=span_s,
+        )
+
+
+def _keep_fastest(bins: _Bins, number: int, arrival: tuple[float, float]) -> None:
+    if number not in bins or arrival[1] < bins[number][1]:
+        bins[number] = arrival
+
+
+def _fastest_line(
+    x: NDArray[np.float64], delay_s: NDArray[np.float64], middle_s: float, span_s: float
+) -> TimeMap:
+    """Fit a line to the fastest arrivals: the late half of those above it is left out each time."""
+    base_s = float(delay_s[0])
+    y, keep = delay_s - base_s, np.ones(len(x), bool)
+    slope, height = np.polyfit(x, y, 1)
+    for _ in range(ROUNDS):
+        above = y - (slope * x + height)
+        fewer = keep & (above <= np.median(above[keep]))
+        if np.count_nonzero(fewer) < LEAST_FASTEST:
+            break
+        keep = fewer
+        slope, height = np.polyfit(x[keep], y[keep], 1)
+    rest, count = y[keep] - (slope * x[keep] + height), int(np.count_nonzero(keep))
+    jitter_s = float(np.sqrt((rest**2).sum() / max(count - 2, 1)))
+    spread = float(((x[keep] - x[keep].mean()) ** 2).sum())
+    return TimeMap(
+        own_us=middle_s * US_PER_S,
+        base_us=(middle_s + base_s + float(height)) * US_PER_S,
+        drift_ppm=float(slope) / PPM,
+        error_us=jitter_s / np.sqrt(count) * US_PER_S,
+        drift_error_ppm=jitter_s / np.sqrt(spread) / PPM if spread else None,
+        jitter_us=jitter_s * US_PER_S,
+        span_s=span_s,
+    )

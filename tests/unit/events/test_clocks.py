@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.clock import TimeMap, through_moments
-from spikingtac.events.delivery import ClockFit, DeliveryMeter
+from spikingtac.events.camera_source import DeliveryMeter
+from spikingtac.events.clock import ClockFit, TimeMap, through_moments
 from spikingtac.stream.pair import LiveMap
 
 
