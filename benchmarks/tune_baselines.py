@@ -30,7 +30,7 @@ from spikingtac_paper.baselines.evetac import EvetacConfig, EvetacTracker
 from spikingtac_paper.baselines.neutac import NeutacConfig, neutac_tracker
 from spikingtac_paper.trials.methods import Method, main_methods
 from spikingtac_paper.trials.metrics import point_scores
-from spikingtac_paper.trials.runner import predict
+from spikingtac_paper.trials.runner import KEPT_HZ
 from spikingtac_paper.trials.trial import Trial, calibration_of
 
 RECORD = Path(__file__).with_name("records") / "tune_baselines.json"
@@ -128,7 +128,7 @@ def tuned(name: str, folder: Path, tell: Callable[[str], None]) -> list[dict[str
             settings=values,
         )
         scores = [
-            point_scores(predict(method, events, calibration, truth), truth)
+            point_scores(method.track(events, calibration, KEPT_HZ), truth)
             for calibration, events, truth in loaded
         ]
         mean = {

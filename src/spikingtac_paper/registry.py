@@ -36,7 +36,7 @@ EXPERIMENTS: dict[str, Study] = {
     "collision": Study("spikingtac_paper.collision.experiment", "section V-B"),
     "holes": Study("spikingtac_paper.holes.experiment", "section V-C"),
     "touch": Study("spikingtac_paper.touch.experiment", "touches, slip and forces"),
-    "real": Study("spikingtac_paper.real_gels.experiment", "recorded gels"),
+    "real": Study("spikingtac_paper.real_gels", "recorded gels"),
 }
 
 # Name -> bench, for ``spikingtac bench``.

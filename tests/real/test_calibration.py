@@ -15,9 +15,8 @@ from spikingtac.markers.calibration.calibrate import calibrate
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.types import EventPacket
-from spikingtac_paper.real_gels.scoring import truth_scores
-from spikingtac_paper.trials.ground_truth import GroundTruth
-from spikingtac_paper.trials.prediction import Prediction
+from spikingtac_paper.real_gels import truth_scores
+from spikingtac_paper.trials.trajectories import GroundTruth, Prediction
 from stand_ins.calibrated import calibrated, corner
 
 DEFAULT = load_config("default").tracking

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from spikingtac.batch import begin_run
 from spikingtac.contact import DETECTORS
 from spikingtac_paper.collision.jobs import METHODS, QUIET_STEPS, CollisionJob, run_job
 from spikingtac_paper.collision.scene import CollisionScene
@@ -19,7 +18,6 @@ from spikingtac_paper.harness.run import (
     Progress,
     Record,
     RunOptions,
-    provenance,
     select_methods,
 )
 
@@ -81,16 +79,15 @@ def run(options: RunOptions) -> dict[str, Any]:
     names = select_methods(METHODS, options.methods)
     size = RunSize.of(options)
     settings = {"experiment": NAME, "quick": options.quick, "methods": names, **asdict(size)}
-    begin_run(options.output, settings, options.resume, options.overwrite)
+    options.begin(settings)
     approaches, stretches = run_all(options, size, tuple(names))
     rows = collision_rows(approaches, stretches)
     scenes = {preset: CollisionScene(preset=preset) for preset in PRESETS}
     speeds = {f"{PRESETS[0]}/{speed}": speed for speed in SPEEDS}
     report = Report(
-        experiment=NAME,
         title="Collision",
-        provenance=provenance(options.command("experiment", NAME), settings)
-        | {
+        settings=settings,
+        about={
             "scenes": {preset: scene.resolved() for preset, scene in scenes.items()},
             "scene_digests": {preset: scene.digest() for preset, scene in scenes.items()},
             "quiet_s": QUIET_STEPS * 1e-3,
@@ -109,7 +106,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         ],
         methods={name: METHODS[name] for name in names},
     )
-    return write_report(report, options.output, approaches=len(approaches))
+    return write_report(report, options, approaches=len(approaches))
 
 
 def run_all(

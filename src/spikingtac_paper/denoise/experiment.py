@@ -17,7 +17,6 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.batch import begin_run
 from spikingtac.denoise import Denoiser, NetworkDenoiser, make_denoiser
 from spikingtac.schema import to_mapping
 from spikingtac.sim import TRAJECTORIES
@@ -42,7 +41,7 @@ from spikingtac_paper.harness.report import (
     lines_of,
     write_report,
 )
-from spikingtac_paper.harness.run import Progress, RunOptions, provenance
+from spikingtac_paper.harness.run import Progress, RunOptions
 from spikingtac_paper.training.dataset import US_PER_S
 from spikingtac_paper.trials.trial import V2E
 
@@ -164,7 +163,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     seeds = tuple(FIRST_SEED + options.seed + number for number in range(count))
     config = replace(DenoiseConfig(seeds=seeds), **(QUICK if options.quick else {}))
     settings = {"experiment": NAME, "quick": options.quick, **to_mapping(config)}
-    begin_run(options.output, settings, options.resume, options.overwrite)
+    options.begin(settings)
     jobs = [RecordingJob(config, scene, seed) for scene in config.scenes for seed in config.seeds]
     if options.data is not None and (options.data / V2E / "mix.raw").is_file():
         jobs.insert(0, RecordingJob(config, "mix", config.seeds[0], options.data))
@@ -174,9 +173,8 @@ def run(options: RunOptions) -> dict[str, Any]:
     cases = {row.case: row.case for row in rows if "/" not in row.case}
     drawn = [ACTIVITY + name for name in METHODS]
     report = Report(
-        experiment=NAME,
         title="Denoising",
-        provenance=provenance(options.command("experiment", NAME), settings),
+        settings=settings,
         rows=rows,
         first=FIRST,
         findings=lines_of(rows, FIRST, drawn),
@@ -189,7 +187,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         ],
         methods=ABOUT,
     )
-    return write_report(report, options.output)
+    return write_report(report, options)
 
 
 def score_job(job: RecordingJob) -> Samples:

@@ -9,12 +9,12 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from html import escape
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from spikingtac.atomic_files import write_json, write_text
+from spikingtac_paper.harness.run import RunOptions, provenance
 
 CONFIDENCE = 0.95  # Confidence level of the intervals.
 REPORT = "report.json"
@@ -92,20 +92,20 @@ class Report:
     """The whole report of a run.
 
     Attributes:
-        experiment: Name of the experiment.
         title: Heading of the page.
-        provenance: How it was made, from :func:`~spikingtac_paper.harness.run.provenance`.
+        settings: The settings of the run, with its name under ``experiment`` or ``bench``.
         rows: All results.
+        about: What else belongs to the provenance.
         first: Cases whose tables the page shows; it folds the others.
         findings: Lines for the first page and the terminal.
         figures: (caption, SVG text) in order.
         methods: Name -> one line about it.
     """
 
-    experiment: str
     title: str
-    provenance: dict[str, Any]
+    settings: Mapping[str, Any]
     rows: Sequence[Row]
+    about: Mapping[str, Any] = field(default_factory=dict)
     first: Sequence[str] = ()
     findings: Sequence[str] = ()
     figures: Sequence[tuple[str, str]] = ()
@@ -195,22 +195,25 @@ def lines_of(rows: Sequence[Row], cases: Iterable[str], methods: Sequence[str]) 
     return lines
 
 
-def write_report(report: Report, folder: Path, **counts: int) -> dict[str, Any]:
-    """Write all files of a report into a folder; return the summary of the run.
+def write_report(report: Report, options: RunOptions, **counts: int) -> dict[str, Any]:
+    """Write all files of a report into the folder of the run; return the summary of the run.
 
     Args:
         report: What was found.
-        folder: Where to write.
+        options: The options of the run.
         **counts: What else was counted, as ``trials``.
     """
-    findings, rows = list(report.findings), [asdict(row) for row in report.rows]
-    document = {"experiment": report.experiment, "provenance": report.provenance}
-    write_json(folder / REPORT, document | {"findings": findings, "rows": rows})
+    folder, findings = options.output, list(report.findings)
+    rows, about = [asdict(row) for row in report.rows], provenance(options, report.settings)
+    about |= report.about
+    name = report.settings.get("experiment") or report.settings["bench"]
+    document = {"experiment": name, "provenance": about, "findings": findings}
+    write_json(folder / REPORT, document | {"rows": rows})
     write_text(folder / "tables" / "rows.csv", _csv(rows))
     for number, (_, svg) in enumerate(report.figures, 1):
         write_text(folder / "figures" / f"figure{number}.svg", svg)
-    write_text(folder / "report.html", html_page(report))
-    summary = {"experiment": report.experiment, "output": str(folder), **counts}
+    write_text(folder / "report.html", html_page(report, about))
+    summary = {"experiment": name, "output": str(folder), **counts}
     return summary | {"rows": len(rows), "findings": findings}
 
 
@@ -226,9 +229,9 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     return out.getvalue()
 
 
-def html_page(report: Report) -> str:
+def html_page(report: Report, about: Mapping[str, Any]) -> str:
     """Return the report as one self-contained page: no script, no link to anywhere."""
-    about, cases = report.provenance, list(dict.fromkeys(row.case for row in report.rows))
+    cases = list(dict.fromkeys(row.case for row in report.rows))
     tables = {
         case: _table(case, [row for row in report.rows if row.case == case]) for case in cases
     }

@@ -8,7 +8,7 @@ import json
 import os
 import platform
 import subprocess
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor, as_completed
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from spikingtac.atomic_files import replacing, write_json
-from spikingtac.batch import worker_pool
+from spikingtac.batch import begin_run, worker_pool
 from spikingtac.errors import named
 from spikingtac.types import EventPacket
 
@@ -68,15 +68,20 @@ class RunOptions:
     data: Path | None = None
     advance: Advance | None = None
 
-    def command(self, verb: str, name: str) -> str:
+    def command(self, settings: Mapping[str, Any]) -> str:
         """Return the command line that repeats a run, as ``experiment holes -o out``."""
-        words = ["spikingtac", verb, name, f"-o {self.output.name}"]
+        verb = "bench" if "bench" in settings else "experiment"
+        words = ["spikingtac", verb, settings[verb], f"-o {self.output.name}"]
         words += ["--quick"] if self.quick else []
         words += ["--ablations"] if self.ablations else []
         words += [f"--seed {self.seed}"] if self.seed else []
         words += [f"--seeds {self.seeds}"] if self.seeds else []
         words += [f"--methods {' '.join(self.methods)}"] if self.methods else []
         return " ".join(words)
+
+    def begin(self, settings: dict[str, Any]) -> None:
+        """Claim the folder for a run with these settings; ConfigError where it holds another."""
+        begin_run(self.output, settings, self.resume, self.overwrite)
 
     def pool(self, tasks: int) -> AbstractContextManager[Executor]:
         """Return the worker pool of a run, to be entered.
@@ -155,17 +160,12 @@ def code_digest() -> str:
     return total.hexdigest()[:16]
 
 
-def provenance(command: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """Return how a report was made: command, settings, code, versions, machine.
-
-    Args:
-        command: The command line that repeats the run.
-        settings: The settings of the run.
-    """
+def provenance(options: RunOptions, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return how a report was made: command, settings, code, versions, machine."""
     from spikingtac._version import package_version
 
     return {
-        "command": command,
+        "command": options.command(settings),
         "settings": settings,
         "package_version": package_version(),
         "code_sha256": code_digest(),

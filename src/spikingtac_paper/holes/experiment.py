@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from spikingtac.batch import begin_run
 from spikingtac.sim import SIGMAS_MM
 from spikingtac_paper.harness.report import Report, dot_figure, lines_of, write_report
 from spikingtac_paper.harness.run import (
     Progress,
     Record,
     RunOptions,
-    provenance,
     select_methods,
 )
 from spikingtac_paper.holes.jobs import (
@@ -43,18 +41,16 @@ def run(options: RunOptions) -> dict[str, Any]:
         "methods": names,
         "detector": DETECTOR,
     }
-    begin_run(options.output, settings, options.resume, options.overwrite)
+    options.begin(settings)
     calibrations, records = touch_all(options, range(options.seed, options.seed + count))
     rows = hole_rows(records, calibrations, names)
     holes = {
         f"rep028/hole-{number}": f"R {radius:g} mm" for number, radius in enumerate(RADII_MM, 1)
     }
-    about = provenance(options.command("experiment", NAME), settings)
     report = Report(
-        experiment=NAME,
         title="Holes by touch",
-        provenance=about
-        | {
+        settings=settings,
+        about={
             "radii_mm": list(RADII_MM),
             "repeatability_mm": SIGMAS_MM,
             "calibration_touches_per_direction": QUICK_CYCLES if options.quick else CYCLES,
@@ -71,7 +67,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         ],
         methods={name: METHODS[name].about for name in names},
     )
-    return write_report(report, options.output, trials=len(records))
+    return write_report(report, options, trials=len(records))
 
 
 def touch_all(options: RunOptions, seeds: range) -> tuple[dict[int, Record], list[Record]]:

@@ -10,10 +10,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from spikingtac.batch import begin_run
 from spikingtac.config import digest
 from spikingtac_paper.harness.report import Report, Row, write_report
-from spikingtac_paper.harness.run import RunOptions, code_digest, kept, provenance
+from spikingtac_paper.harness.run import RunOptions, code_digest, kept
 from spikingtac_paper.live.faults import FAULTS
 from spikingtac_paper.live.loads import LOADS, run_load
 
@@ -40,7 +39,7 @@ UNITS = {"peak_mb": "MB", "loop_late_p50_ms": "ms", "loop_late_p99_ms": "ms", "r
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the bench, write its report, and return a summary."""
     settings = {"bench": NAME, "quick": options.quick, "seed": options.seed}
-    begin_run(options.output, settings, options.resume, options.overwrite)
+    options.begin(settings)
     rows: list[Row] = []
     findings: list[str] = []
     names = [*FAULTS, *LOADS]
@@ -57,14 +56,13 @@ def run(options: RunOptions) -> dict[str, Any]:
         ]  # fmt: skip
         options.report_progress(done, len(names))
     report = Report(
-        experiment=NAME,
         title="The live runtime under faults and loads",
-        provenance=provenance(options.command("bench", NAME), settings),
+        settings=settings,
         rows=rows,
         first=names,
         findings=findings,
     )
-    return write_report(report, options.output)
+    return write_report(report, options)
 
 
 def _part(name: str, quick: bool) -> dict[str, Any]:

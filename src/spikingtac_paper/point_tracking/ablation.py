@@ -37,13 +37,52 @@ SHIFT_PX = 1.0  # Error of the wrong calibration, px.
 
 def ablation_methods() -> dict[str, Method]:
     """Return the default tracker, its variants, and those of the published pipeline."""
-    others = {method.name: method for method in (*_references(), *compared_laws())}
-    return default_variants() | others
+    paper = load_config("paper")
+    kept_map = paper.with_tracking(blobs=replace(paper.tracking.blobs, refresh_us=0))
+    methods = [
+        of_config("fast", "the same tracker at 10 kHz"),
+        of_config("paper", "the published pipeline with a filter and a refreshed map"),
+        of_config("paper-kept-map", "the map is never refreshed", kept_map),
+        as_published("paper-printed", "without filter and refreshed map, as printed"),
+        _without_hold("paper-no-hold", "no hold: a marker without a blob is at rest", paper),
+    ]
+    for name in ("none", "median3", "box7"):
+        filtered = paper.with_tracking(denoiser=name)
+        methods.append(of_config(f"paper-{name}", f"denoiser {name} for the network", filtered))
+    methods += compared_laws()
+    return default_variants() | {method.name: method for method in methods}
 
 
 def default_variants() -> dict[str, Method]:
     """Return the default tracker, and the same with one part changed or left out."""
-    return {method.name: method for method in _variants()}
+    base = load_config("default")
+
+    def disc(**changes: float | bool) -> Config:
+        return base.with_tracking(disc=replace(base.tracking.disc, **changes))  # type: ignore[arg-type]
+
+    levels = base.with_tracking(rare_off_method="")
+    configs = {
+        "default": ("unchanged", base),
+        "default-no-lag": ("no lag correction", disc(lag_us=0.0)),
+        "default-no-leak": ("the map never leaks", disc(leak_per_s=0.0)),
+        "default-no-adaptation": ("steps fixed under event loss", disc(adapt_to_loss=False)),
+        "default-no-backlash": ("no backlash correction", disc(backlash=0.0)),
+        "default-no-shrinkage": ("no shrinkage to neighbours", disc(shrink=0.0)),
+        "default-levels": ("levels also where OFF events are rare", levels),
+        "default-bands": ("band fit in place of the disc fit", base.with_tracking(method="bands")),
+    }
+    for rate in RATES_HZ:
+        faster = base.with_tracking(rate_hz=float(rate))
+        configs[f"default-{rate}-hz"] = f"{rate} estimates per second", faster
+    methods = [of_config(name, about, config) for name, (about, config) in configs.items()]
+    methods += [_wrongly_calibrated(name, base) for name in WRONG_CALIBRATIONS]
+    about = "filter of isolated events before the map"
+    isolated = of_config("default-activity-filter", about, base)
+    methods += [
+        replace(isolated, before=_without_isolated_events),
+        _without_hold("default-no-hold", "an unobserved marker is output at rest", base),
+    ]
+    return {method.name: method for method in methods}
 
 
 def methods_on(trial: Trial) -> tuple[str, ...]:
@@ -84,60 +123,33 @@ def _set(base: Trial, prefix: str, settings: dict[str, dict[str, float]]) -> Tri
     return replace(base, settings=settings, case=case, groups=groups)
 
 
-def _variants() -> Iterator[Method]:
-    base = load_config("default")
-    yield of_config("default", "unchanged", base)
-    yield _changed(
-        "default-binary-map", "every event sets its pixel, as in the paper", base, _binary
-    )
-    filtered = of_config(
-        "default-activity-filter", "filter of isolated events before the map", base
-    )
-    yield replace(filtered, before=_without_isolated_events)
-    yield _without_hold("default-no-hold", "an unobserved marker is output at rest", base)
-    yield _changed_disc("default-no-lag", "no lag correction", base, lag_us=0.0)
-    yield _changed_disc("default-no-leak", "the map never leaks", base, leak_per_s=0.0)
-    yield _changed_disc(
-        "default-no-adaptation", "steps fixed under event loss", base, adapt_to_loss=False
-    )
-    yield _changed_disc("default-no-backlash", "no backlash correction", base, backlash=0.0)
-    yield _changed_disc("default-no-shrinkage", "no shrinkage to neighbours", base, shrink=0.0)
-    levels = base.with_tracking(rare_off_method="")
-    yield of_config("default-levels", "levels also where OFF events are rare", levels)
-    yield _changed("default-no-recovery", "pixels that recover are not known", base, _lasting)
-    bands = base.with_tracking(method="bands")
-    yield of_config("default-bands", "band fit in place of the disc fit", bands)
-    yield _changed("default-calibration-1px-off", "references 1 px off", base, _shifted)
-    yield _changed("default-contrast-3", "contrast assumed to be 3", base, _contrast(3.0))
-    yield _changed("default-contrast-12", "contrast assumed to be 12", base, _contrast(12.0))
-    yield _changed("default-uniform-steps", "one step for all pixels", base, _uniform)
-    for rate in RATES_HZ:
-        faster = base.with_tracking(rate_hz=float(rate))
-        yield of_config(f"default-{rate}-hz", f"{rate} estimates per second", faster)
+def _shifted(calibration: Calibration) -> Calibration:
+    sign = np.where(np.arange(len(calibration.reference_px)) % 2, 1.0, -1.0)[:, None]
+    shift = sign * np.array([SHIFT_PX, -SHIFT_PX]) / np.sqrt(2.0)
+    return replace(calibration, reference_px=calibration.reference_px + shift)
 
 
-def _references() -> Iterator[Method]:
-    """Yield the other presets, and the published pipeline with one part changed."""
-    paper = load_config("paper")
-    yield of_config("fast", "the same tracker at 10 kHz", load_config("fast"))
-    yield of_config("paper", "the published pipeline with a filter and a refreshed map", paper)
-    kept = paper.with_tracking(blobs=replace(paper.tracking.blobs, refresh_us=0))
-    yield of_config("paper-kept-map", "the map is never refreshed", kept)
-    yield as_published("paper-printed", "without filter and refreshed map, as printed")
-    yield _without_hold("paper-no-hold", "no hold: a marker without a blob is at rest", paper)
-    for denoiser in ("none", "median3", "box7"):
-        config = paper.with_tracking(denoiser=denoiser)
-        yield of_config(f"paper-{denoiser}", f"denoiser {denoiser} for the network", config)
+# Methods that take the calibration for another: name -> what differs, and how.
+WRONG_CALIBRATIONS: dict[str, tuple[str, Callable[[Calibration], Calibration]]] = {
+    "default-binary-map": (
+        "every event sets its pixel, as in the paper",
+        lambda one: replace(one, step_on=1.0, step_off=1.0, step_on_map=None, step_off_map=None),
+    ),
+    "default-no-recovery": (
+        "pixels that recover are not known", lambda one: replace(one, recovery_s=None)
+    ),
+    "default-calibration-1px-off": ("references 1 px off", _shifted),
+    "default-contrast-3": ("contrast assumed to be 3", lambda one: replace(one, contrast=3.0)),
+    "default-contrast-12": ("contrast assumed to be 12", lambda one: replace(one, contrast=12.0)),
+    "default-uniform-steps": (
+        "one step for all pixels", lambda one: replace(one, step_on_map=None, step_off_map=None)
+    ),
+}  # fmt: skip
 
 
-def _changed_disc(name: str, about: str, base: Config, **changes: float | bool) -> Method:
-    disc = replace(base.tracking.disc, **changes)  # type: ignore[arg-type]
-    return of_config(name, about, base.with_tracking(disc=disc))
+def _wrongly_calibrated(name: str, base: Config) -> Method:
+    about, change = WRONG_CALIBRATIONS[name]
 
-
-def _changed(
-    name: str, about: str, base: Config, change: Callable[[Calibration], Calibration]
-) -> Method:
     def build(calibration: Calibration) -> MarkerTracker:
         return make_tracker(base.tracking, change(calibration))
 
@@ -156,28 +168,6 @@ def _without_isolated_events(
 ) -> Iterator[EventPacket]:
     keep = BackgroundActivityFilter(calibration.size)
     return (keep(packet) for packet in packets)
-
-
-def _binary(calibration: Calibration) -> Calibration:
-    return replace(calibration, step_on=1.0, step_off=1.0, step_on_map=None, step_off_map=None)
-
-
-def _uniform(calibration: Calibration) -> Calibration:
-    return replace(calibration, step_on_map=None, step_off_map=None)
-
-
-def _lasting(calibration: Calibration) -> Calibration:
-    return replace(calibration, recovery_s=None)
-
-
-def _contrast(contrast: float) -> Callable[[Calibration], Calibration]:
-    return lambda calibration: replace(calibration, contrast=contrast)
-
-
-def _shifted(calibration: Calibration) -> Calibration:
-    sign = np.where(np.arange(len(calibration.reference_px)) % 2, 1.0, -1.0)[:, None]
-    shift = sign * np.array([SHIFT_PX, -SHIFT_PX]) / np.sqrt(2.0)
-    return replace(calibration, reference_px=calibration.reference_px + shift)
 
 
 class NoHold:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
-from spikingtac.batch import begin_run
 from spikingtac.sim import TRAJECTORIES
-from spikingtac_paper.harness.report import Report, Row, dot_figure, lines_of, rows_of, write_report
-from spikingtac_paper.harness.run import RunOptions, provenance, select_methods
+from spikingtac_paper.harness.report import Report, dot_figure, lines_of, rows_of, write_report
+from spikingtac_paper.harness.run import RunOptions, select_methods
 from spikingtac_paper.point_tracking.ablation import (
     ABLATION_SCENES,
     ablation_methods,
@@ -21,14 +20,14 @@ from spikingtac_paper.point_tracking.cases import (
     DAMAGES,
     FIFTY,
     LOOPS,
+    V2E_TRIAL,
     VARIANTS,
     main_trials,
-    v2e_trials,
 )
 from spikingtac_paper.trials.methods import TRUTH, all_methods
 from spikingtac_paper.trials.metrics import POINT_METRICS
 from spikingtac_paper.trials.runner import TrialJob, run_all
-from spikingtac_paper.trials.trial import V2E, Trial
+from spikingtac_paper.trials.trial import V2E, RecordedTrial, Trial
 
 NAME = "point-tracking"
 FULL_SEEDS = 5  # Seeds of a full run.
@@ -68,7 +67,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         "first_seed": options.seed,
         "seeds": count,
     }
-    begin_run(options.output, settings, options.resume, options.overwrite)
+    options.begin(settings)
     jobs = [
         TrialJob(
             trial=trial,
@@ -81,43 +80,43 @@ def run(options: RunOptions) -> dict[str, Any]:
     ]
     records = run_all(jobs, options)
     rows = rows_of(records, POINT_METRICS, PUBLISHED, paper_case=ALL)
-    scenes = {record["trial"]["case"]: record["key"] for record in records}
-    about = provenance(options.command("experiment", NAME), settings | {"methods": names})
+    labels = {scene: f"{number}\n{scene}" for number, scene in enumerate(TRAJECTORIES, 1)}
+    drawn = () if options.ablations else ("return_mean_px", "error_mean_px")
     report = Report(
-        experiment=NAME,
         title="Point tracking" + (": ablations" if options.ablations else ""),
-        provenance=about | {"scenes": scenes, "foreign_recordings": bool(v2e_trials(options.data))},
+        settings=settings | {"methods": names},
+        about={
+            "scenes": {record["trial"]["case"]: record["key"] for record in records},
+            "foreign_recordings": V2E_TRIAL.is_there(options.data),
+        },
         rows=rows,
         first=FIRST,
         findings=lines_of(rows, FIRST, ("default",)),
-        figures=[] if options.ablations else _figures(rows, names),
+        figures=[
+            (
+                f"{metric} of each of the ten sequences (simulated)",
+                dot_figure(rows, labels, [one for one in DRAWN if one in names], metric),
+            )
+            for metric in drawn
+        ],
         methods={name: known[name].about for name in names if name in known}
         | {TRUTH: "the true positions: their return distance is the residual of the gel"},
     )
-    return write_report(report, options.output, trials=len(jobs))
+    return write_report(report, options, trials=len(jobs))
 
 
-def _figures(rows: Sequence[Row], names: Sequence[str]) -> list[tuple[str, Any]]:
-    """Return the figures of the ten sequences, each with its caption."""
-    labels = {scene: f"{number}\n{scene}" for number, scene in enumerate(TRAJECTORIES, 1)}
-    drawn = [one for one in DRAWN if one in names]
-    return [
-        (
-            f"{metric} of each of the ten sequences (simulated)",
-            dot_figure(rows, labels, drawn, metric),
-        )
-        for metric in ("return_mean_px", "error_mean_px")
-    ]
-
-
-def _trials(options: RunOptions, seeds: range) -> Iterator[tuple[Trial, tuple[str, ...]]]:
+def _trials(
+    options: RunOptions, seeds: range
+) -> Iterator[tuple[Trial | RecordedTrial, tuple[str, ...]]]:
     """Yield the trials, each with the names of its methods."""
     if options.ablations:
         scenes = ABLATION_SCENES[:1] if options.quick else ABLATION_SCENES
         for trial in ablation_trials(seeds, scenes):
             yield trial, (*methods_on(trial), TRUTH)
         return
-    for trial in (*v2e_trials(options.data), *main_trials(seeds, options.quick)):
-        with_variants = trial.camera in ("typical", V2E) and not options.quick
-        left_out = () if with_variants else VARIANTS
-        yield trial, tuple(name for name in (*all_methods(), TRUTH) if name not in left_out)
+    every = (*all_methods(), TRUTH)
+    plain = tuple(name for name in every if name not in VARIANTS)
+    if V2E_TRIAL.is_there(options.data):
+        yield V2E_TRIAL, plain if options.quick else every
+    for trial in main_trials(seeds, options.quick):
+        yield trial, every if trial.camera == "typical" and not options.quick else plain

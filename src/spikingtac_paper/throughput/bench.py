@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from spikingtac import Calibration
-from spikingtac.batch import begin_run
 from spikingtac.config import digest
 from spikingtac_paper.harness.report import Metric, Report, Row, by_name, lines_of, write_report
-from spikingtac_paper.harness.run import Record, RunOptions, code_digest, kept, provenance
+from spikingtac_paper.harness.run import Record, RunOptions, code_digest, kept
 from spikingtac_paper.throughput.decoding import decoder_rows
 from spikingtac_paper.throughput.peers import PEERS
 from spikingtac_paper.throughput.stopwatch import (
@@ -57,7 +56,7 @@ METRICS = by_name(
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the bench, write its report, and return a summary."""
     settings = {"bench": NAME, "quick": options.quick, "seed": options.seed}
-    begin_run(options.output, settings, options.resume, options.overwrite)
+    options.begin(settings)
     parts: list[Record] = []
     for camera in CAMERAS:
         key = digest({"camera": camera, "settings": settings, "code": code_digest()})
@@ -67,14 +66,13 @@ def run(options: RunOptions) -> dict[str, Any]:
     rows = [Row(**row) for part in parts for row in part["rows"]]
     rates = {camera: part["rate_hz"] for camera, part in zip(CAMERAS, parts, strict=True)}
     report = Report(
-        experiment=NAME,
         title="Throughput",
-        provenance=provenance(options.command("bench", NAME), settings)
-        | {"stream_events_per_s": rates},
+        settings=settings,
+        about={"stream_events_per_s": rates},
         rows=rows,
         findings=lines_of(rows, CAMERAS, OWN),
     )
-    return write_report(report, options.output)
+    return write_report(report, options)
 
 
 def _part(camera: str, options: RunOptions) -> Record:

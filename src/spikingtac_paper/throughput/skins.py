@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from spikingtac import Calibration
-from spikingtac.batch import begin_run
 from spikingtac.sim import Scene, load_scene
 from spikingtac_paper.harness.report import (
     Metric,
@@ -21,7 +20,7 @@ from spikingtac_paper.harness.report import (
     lines_of,
     write_report,
 )
-from spikingtac_paper.harness.run import RunOptions, provenance
+from spikingtac_paper.harness.run import RunOptions
 from spikingtac_paper.throughput.stopwatch import PACE_US, US_PER_S, free_run, windows_of
 from spikingtac_paper.throughput.stream import BenchStream, circling, turns_for
 from spikingtac_paper.trials.methods import main_methods
@@ -106,7 +105,7 @@ def skin_stream(skin: Skin, rate_mev_s: float, seed: int, duration_us: int) -> B
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the bench, write its report, and return a summary."""
     settings = {"bench": NAME, "quick": options.quick, "seed": options.seed}
-    begin_run(options.output, settings, options.resume, options.overwrite)
+    options.begin(settings)
     duration_us = QUICK_DURATION_US if options.quick else DURATION_US
     rows: list[Row] = []
     cases = list(product(SKINS, RATES_MEV_S))
@@ -119,13 +118,12 @@ def run(options: RunOptions) -> dict[str, Any]:
             ]
         options.report_progress(number, len(cases))
     report = Report(
-        experiment=NAME,
         title="Big skins",
-        provenance=provenance(options.command("bench", NAME), settings),
+        settings=settings,
         rows=rows,
         findings=lines_of(rows, dict.fromkeys(row.case for row in rows), METHODS),
     )
-    return write_report(report, options.output)
+    return write_report(report, options)
 
 
 def _measured(method: str, skin: Skin, stream: BenchStream) -> dict[str, float]:

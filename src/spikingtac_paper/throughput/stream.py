@@ -8,7 +8,7 @@ import numpy as np
 
 from spikingtac.sim import EventCamera, Optics, Scene, image_radius_px, load_scene
 from spikingtac.types import EventPacket
-from spikingtac_paper.trials.ground_truth import GroundTruth
+from spikingtac_paper.trials.trajectories import GroundTruth
 
 TARGET_HZ = 2.0e6  # Events per second of the throughput bench: a busy tactile recording.
 CIRCLE_MM = 0.33  # Radius of the circle, mm: about 5 px.

@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from spikingtac.batch import begin_run
 from spikingtac_paper.harness.report import Metric, Report, lines_of, rows_of, write_report
-from spikingtac_paper.harness.run import Record, RunOptions, provenance, select_methods
+from spikingtac_paper.harness.run import Record, RunOptions, select_methods
 from spikingtac_paper.touch import forces, patches, slip, touches
 
 NAME = "touch"
@@ -74,19 +73,18 @@ def run(options: RunOptions) -> dict[str, Any]:
         "touch_seeds": len(PARTS["touches"].seeds(options)),
         "methods": names,
     }
-    begin_run(options.output, settings, options.resume, options.overwrite)
+    options.begin(settings)
     records = _records(options, names)
     rows = rows_of(records, METRICS)
     report = Report(
-        experiment=NAME,
         title="What is felt",
-        provenance=provenance(options.command("experiment", NAME), settings),
+        settings=settings,
         rows=rows,
         first=FIRST,
         findings=lines_of(rows, FIRST, names),
         methods={name: METHODS[name] for name in names},
     )
-    return write_report(report, options.output, trials=len(records))
+    return write_report(report, options, trials=len(records))
 
 
 def _records(options: RunOptions, names: list[str]) -> list[Record]:

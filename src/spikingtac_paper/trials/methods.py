@@ -27,7 +27,7 @@ from spikingtac_paper.baselines.evetac import EvetacConfig, EvetacTracker
 from spikingtac_paper.baselines.neutac import RATE_HZ as NEUTAC_HZ
 from spikingtac_paper.baselines.neutac import NeutacConfig, neutac_tracker
 from spikingtac_paper.harness.run import code_digest
-from spikingtac_paper.trials.prediction import Prediction
+from spikingtac_paper.trials.trajectories import Prediction
 
 # Calibration fields of trackers that use neither steps nor contrast nor lag.
 READ_BY_BASELINES = ("reference_px", "radius_px", "polarity", "size")
@@ -101,9 +101,20 @@ def of_config(name: str, about: str, config: Config | None = None) -> Method:
     )
 
 
-def _baseline(
-    name: str, about: str, config: Any, tracker: Callable[..., MarkerTracker], rate_hz: float
-) -> Method:
+# Trackers of other groups: name -> what it is, its configuration, its class, its rate, Hz.
+BASELINES: dict[str, tuple[str, Any, Callable[..., MarkerTracker], float]] = {
+    "evetac": ("attraction law, weak regulariser", EvetacConfig(), EvetacTracker, EVETAC_HZ),
+    "evetac-strong": ("attraction law, strong regulariser", EvetacConfig.strong(), EvetacTracker,
+                      EVETAC_HZ),
+    "neutac": ("time surface, denoiser of paper, detection, no law", NeutacConfig(),
+               neutac_tracker, NEUTAC_HZ),
+    "ekalibr": ("arcs paired, circle that moves in time", EkalibrConfig(), EkalibrTracker,
+                EKALIBR_HZ),
+}  # fmt: skip
+
+
+def _baseline(name: str) -> Method:
+    about, config, tracker, rate_hz = BASELINES[name]
     return Method(
         name=name,
         about=about,
@@ -117,38 +128,20 @@ def _baseline(
 
 def main_methods() -> dict[str, Method]:
     """Return the methods of the main table in its order; the runner adds ``truth``."""
-    evetac, strong, neutac, ekalibr = (
-        EvetacConfig(), EvetacConfig.strong(), NeutacConfig(), EkalibrConfig()
-    )  # fmt: skip
+    default = load_config("default")
+    # Trackers that other packages register run with their default options.
+    others = [name for name in trackers() if name not in TRACKERS]
     methods = (
         of_config("default", "graded map, disc fit, no law"),
         of_config("fast", "the same tracker at 10 kHz"),
         of_config("paper", "filter of isolated events and refreshed map, binary map, "
                            "network, blobs, k-d tree, hold, published law, 350 Hz"),
         as_published("paper-printed", "the same without filter and refresh, as printed"),
-        _baseline("evetac", "attraction law, weak regulariser", evetac, EvetacTracker, EVETAC_HZ),
-        _baseline("evetac-strong", "attraction law, strong regulariser", strong, EvetacTracker,
-                  EVETAC_HZ),
-        _baseline("neutac", "time surface, denoiser of paper, detection, no law", neutac,
-                  neutac_tracker, NEUTAC_HZ),
-        _baseline("ekalibr", "arcs paired, circle that moves in time", ekalibr, EkalibrTracker,
-                  EKALIBR_HZ),
-        *plugin_methods(),
+        *map(_baseline, BASELINES),
+        *(of_config(name, f"of {plugins.origin(plugins.TRACKERS, name)}",
+                    default.with_tracking(method=name)) for name in others),
     )  # fmt: skip
     return {method.name: method for method in methods}
-
-
-def plugin_methods() -> list[Method]:
-    """Return the trackers that other packages register, each with its default options."""
-    return [
-        of_config(
-            name,
-            f"of {plugins.origin(plugins.TRACKERS, name)}",
-            load_config("default").with_tracking(method=name),
-        )
-        for name in trackers()
-        if name not in TRACKERS
-    ]
 
 
 def as_published(name: str, about: str) -> Method:

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import RecordingError
 from spikingtac.markers import AnchoredLaw
 from spikingtac_paper.harness.report import Metric
-from spikingtac_paper.trials.ground_truth import GroundTruth
-from spikingtac_paper.trials.prediction import Prediction
+from spikingtac_paper.trials.trajectories import GroundTruth, Prediction
 
 # Largest return distance of a success and smallest error of a lost marker, px (section V-A).
 SUCCESS_PX = 5.0

@@ -7,24 +7,38 @@ computed again, and outdated ones are never used. One method on one trial is one
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from spikingtac import Calibration
 from spikingtac.config import digest
-from spikingtac.types import EventPacket
+from spikingtac.errors import SpikingTacError
 from spikingtac_paper.harness.run import Progress, Record, RunOptions, code_digest, kept
-from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.methods import TRUTH, Method, apply_law
 from spikingtac_paper.trials.metrics import point_scores
-from spikingtac_paper.trials.prediction import Prediction
-from spikingtac_paper.trials.trial import V2E, Trial, calibration_digest, calibration_of
+from spikingtac_paper.trials.trajectories import GroundTruth, Prediction
+from spikingtac_paper.trials.trial import (
+    RecordedTrial,
+    Trial,
+    calibration_digest,
+    calibration_of,
+)
 
 # Rate at which predictions are stored and scored, Hz. Faster trackers still run at their rate.
 KEPT_HZ = 500.0
+
+
+def scores_against_truth(
+    prediction: Prediction, truth: GroundTruth | Path, calibration: Calibration, trial: Any
+) -> dict[str, float]:
+    """Return the metrics of point tracking; damaged markers are not scored."""
+    del calibration
+    known = GroundTruth.load(truth) if isinstance(truth, Path) else truth
+    return point_scores(prediction, known, getattr(trial, "damaged_markers", ()))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -37,18 +51,24 @@ class TrialJob:
         table: Importable function that returns the methods by name.
         folder: Folder of the run.
         data: Folder of recordings from elsewhere, or None.
+        score: Importable function from prediction, truth, calibration and trial to the scores.
+        kept_hz: Rate at which predictions are stored and scored, Hz.
         calibrate: Whether the input to make is the calibration, or the recording.
     """
 
-    trial: Trial
+    trial: Trial | RecordedTrial
     methods: tuple[str, ...]
     table: Callable[[], Mapping[str, Method]]
     folder: Path
     data: Path | None = None
+    score: Callable[..., dict[str, float]] = scores_against_truth
+    kept_hz: float = KEPT_HZ
     calibrate: bool = True
 
 
-def run_all(jobs: Sequence[TrialJob], options: RunOptions) -> list[Record]:
+def run_all(
+    jobs: Sequence[TrialJob], options: RunOptions, refused: dict[str, str] | None = None
+) -> list[Record]:
     """Score every method on every trial.
 
     The calibrations and the recordings are made first, each of them once. Then each method runs on
@@ -57,20 +77,33 @@ def run_all(jobs: Sequence[TrialJob], options: RunOptions) -> list[Record]:
     Args:
         jobs: The jobs, the longest first.
         options: The options of the run.
+        refused: Takes (case, reason) of each calibration that fails, whose trials are then left
+            out. Such an error is raised unless given.
 
     Returns:
         One record for each trial and method: trial, method, scores.
     """
-    sensors = {job.trial.bootstrap().key(): job for job in jobs}
-    recordings = {job.trial.recording_key(): job for job in jobs if job.trial.camera != V2E}
-    parts = [part for job in jobs for part in _split(job)]
-    progress = Progress(options, len(sensors) + len(recordings) + len(parts))
-    with options.pool(len(parts)) as pool:
-        progress.run(
-            pool,
-            make_input,
-            [*sensors.values(), *(replace(job, calibrate=False) for job in recordings.values())],
-        )
+    sensors = {job.trial.calibration_path(job.folder): job for job in jobs}
+    recordings = {
+        job.trial.recording_key(): replace(job, calibrate=False)
+        for job in jobs
+        if isinstance(job.trial, Trial)
+    }
+    count = len(sensors) + len(recordings) + sum(len(job.methods) for job in jobs)
+    progress = Progress(options, count)
+    with options.pool(count) as pool:
+        inputs = [*sensors.values(), *recordings.values()]
+        errors = progress.run(pool, make_input, inputs)
+        failed = dict(zip(sensors, errors, strict=False))
+        parts = []
+        for job in jobs:
+            error = failed[job.trial.calibration_path(job.folder)]
+            if error is None:
+                parts += _split(job)
+            elif refused is None:
+                raise error
+            else:
+                refused[job.trial.case] = f"not calibrated, {error}"
         return [record for some in progress.run(pool, run_job, parts) for record in some]
 
 
@@ -84,12 +117,16 @@ def _split(job: TrialJob) -> Iterator[TrialJob]:
         yield replace(job, methods=tuple(names))
 
 
-def make_input(job: TrialJob) -> None:
-    """Make the calibration or the recording that a job needs."""
-    if job.calibrate:
-        calibration_of(job.trial, job.folder, job.data)
-    else:
-        job.trial.record(job.folder)
+def make_input(job: TrialJob) -> SpikingTacError | None:
+    """Make the calibration or the recording that a job needs; return why that failed."""
+    try:
+        if job.calibrate:
+            calibration_of(job.trial, job.folder, job.data)
+        elif isinstance(job.trial, Trial):
+            job.trial.record(job.folder)
+    except SpikingTacError as error:
+        return error
+    return None
 
 
 def run_job(job: TrialJob) -> list[Record]:
@@ -108,32 +145,28 @@ def _score_method(
         "trial": trial.key(),
         "calibration": calibration_digest(calibration, method.reads) if method else "",
         "method": method.key() if method else TRUTH,
-        "kept_hz": KEPT_HZ,
+        "kept_hz": job.kept_hz,
     }
-    key = digest(about)
-    stem = f"{trial.case.replace('/', '_')}-{trial.scene}-{trial.serial}-{trial.seed}"
+    key, stem = digest(about), f"{trial.case.replace('/', '_')}-{trial.seed}"
+    if isinstance(trial, Trial):
+        stem += f"-{trial.scene}-{trial.serial}"
     file = job.folder / "predictions" / (method.tracker if method else TRUTH) / f"{stem}.npz"
 
+    def predicted() -> Prediction:
+        if method is not None:
+            return method.track(trial.open(job.folder, job.data)[0], calibration, job.kept_hz)
+        truth = trial.open(job.folder, job.data)[1]
+        truth = GroundTruth.load(truth) if isinstance(truth, Path) else truth
+        position_px = truth.marker_px.astype(np.float32)
+        return Prediction(truth.t_us, position_px, position_px, truth.reference_px)
+
     def scored() -> Record:
-        events, truth = trial.open(job.folder, job.data)
-        prediction = Prediction.kept(file, key, lambda: predict(method, events, calibration, truth))
+        prediction = Prediction.kept(file, key, predicted)
         if method is not None and method.law is not None:
             prediction = apply_law(prediction, method.law())
-        scores = point_scores(prediction, truth, trial.damaged_markers)
+        truth = trial.open(job.folder, job.data)[1]
+        scores = job.score(prediction, truth, calibration, trial)
         return {"method": name, "trial": asdict(trial), "scores": scores}
 
     scoring = {"prediction": key, "law": method and method.law_settings, "scoring": code_digest()}
     return kept(job.folder / "scores" / name / f"{stem}.json", digest(scoring), scored)
-
-
-def predict(
-    method: Method | None,
-    events: Iterable[EventPacket],
-    calibration: Calibration,
-    truth: GroundTruth,
-) -> Prediction:
-    """Return the estimates of a method on a recording; None gives the truth itself."""
-    if method is not None:
-        return method.track(events, calibration, KEPT_HZ)
-    position_px = truth.marker_px.astype(np.float32)
-    return Prediction(truth.t_us, position_px, position_px, truth.reference_px)

@@ -1,10 +1,10 @@
-"""Trials: scene, sensor, camera and seed, and the recording and the calibration of each."""
+"""Trials: scenes of the twin and files from elsewhere, and the calibration of each sensor."""
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,11 @@ from spikingtac.events import MANIFEST, TRUTH, open_events
 from spikingtac.sim import ContactConfig, IndenterMotion, Scene, load_scene
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.run import code_digest
-from spikingtac_paper.trials.ground_truth import GroundTruth
+from spikingtac_paper.trials.trajectories import GroundTruth
 
 BOOTSTRAP_SEED = 1_000_000  # Seed of all slides: no sequence of an experiment has it.
 
-# Camera name of the recordings that were made with v2e; they are no part of the package.
+# Folder of the recordings that were made with v2e; they are no part of the package.
 V2E = "v2e"
 
 
@@ -32,10 +32,10 @@ class Trial:
 
     Attributes:
         case: Case of the report, with the camera as a prefix, as in ``noisy/loops``.
-        scene: Scene of the catalogue; for :data:`V2E` the name of the recording.
+        scene: Scene of the catalogue.
         seed: Seed of the scene's variation and of the camera's noise.
         serial: Serial number of the sensor specimen.
-        camera: Preset of the camera, or :data:`V2E`.
+        camera: Preset of the camera.
         settings: Camera settings that replace those of the preset.
         loss: Fraction of the events that is dropped at random, besides the camera's own losses.
         damaged: Number of markers that are damaged after the calibration: alternately missing and
@@ -43,7 +43,7 @@ class Trial:
         groups: Other cases to which the trial contributes.
         duration_s: Length, s; None is the scene's own.
         motion_s: Motions that begin later are left out, s; None keeps all.
-        source: ``twin``, ``v2e`` or ``recorded``.
+        source: ``twin``.
     """
 
     case: str
@@ -96,9 +96,17 @@ class Trial:
 
     def key(self) -> str:
         """Return the digest of everything on which the events of the trial depend."""
-        if self.camera == V2E:
-            return digest({"recording": f"{V2E}/{self.scene}"})
         return digest({"recording": self.recording_key(), "loss": self.loss, "seed": self.seed})
+
+    def calibration_path(self, folder: Path) -> Path:
+        """Return the file of the sensor's calibration in the folder of a run."""
+        key = digest({"slides": self.bootstrap().key(), "code": code_digest()})
+        return folder / "calibrations" / f"{self.camera}-{self.serial}-{key}.json"
+
+    def slides(self, folder: Path, data: Path | None) -> Path:
+        """Return the recording that the sensor is calibrated from."""
+        del data
+        return self.bootstrap().record(folder)
 
     def record(self, folder: Path) -> Path:
         """Return the folder of the recording; simulate it first if it does not exist."""
@@ -113,17 +121,11 @@ class Trial:
                 partial.rename(target)
         return target
 
-    def open(self, folder: Path, data: Path | None) -> tuple[Iterable[EventPacket], GroundTruth]:
-        """Return the events and the truth.
-
-        Args:
-            folder: Folder of the run, which holds the recordings.
-            data: Folder of recordings from elsewhere, for :data:`V2E`.
-        """
-        if self.camera == V2E:
-            assert data is not None
-            raw = data / V2E / f"{self.scene}.raw"
-            return open_events(raw), GroundTruth.load(raw.with_suffix(".truth.npz"))
+    def open(
+        self, folder: Path, data: Path | None = None
+    ) -> tuple[Iterable[EventPacket], GroundTruth]:
+        """Return the events and the truth, from the folder of a run."""
+        del data
         target = self.record(folder)
         events: Iterable[EventPacket] = open_events(target)
         if self.loss:
@@ -143,6 +145,57 @@ class Trial:
             discs = replace(scene.optics.discs, missing=markers[::2], broken=markers[1::2])
             scene = replace(scene, optics=replace(scene.optics, discs=discs))
         return scene
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordedTrial:
+    """A recording from elsewhere, and one way to calibrate its sensor.
+
+    Files are named from the folder of recordings on.
+
+    Attributes:
+        case: Case of the report.
+        events: File to track.
+        slides_from: File to calibrate from; None calibrates from :attr:`events` itself.
+        reference: File with the true course of the markers, or with their standing places.
+        source: ``simulated`` (a transparent model), ``v2e`` or ``recorded``.
+        groups: Other cases to which the trial contributes.
+        seed: There is one recording only.
+    """
+
+    case: str
+    events: str
+    slides_from: str | None = None
+    reference: str
+    source: str
+    groups: tuple[str, ...] = ()
+    seed: int = 0
+
+    def is_there(self, data: Path | None) -> bool:
+        """Return whether all files are in the folder of recordings."""
+        named = (self.events, self.slides_from or self.events, self.reference)
+        return data is not None and all((data / name).is_file() for name in named)
+
+    def key(self) -> str:
+        """Return the digest of everything on which the events of the trial depend."""
+        return digest({"recording": self.events})
+
+    def calibration_path(self, folder: Path) -> Path:
+        """Return the file of the sensor's calibration in the folder of a run."""
+        name = (self.slides_from or self.events).replace("/", "-")
+        return folder / "calibrations" / f"{name}-{code_digest()}.json"
+
+    def slides(self, folder: Path, data: Path | None) -> Path:
+        """Return the recording that the sensor is calibrated from."""
+        del folder
+        assert data is not None
+        return data / (self.slides_from or self.events)
+
+    def open(self, folder: Path, data: Path | None = None) -> tuple[Iterable[EventPacket], Path]:
+        """Return the events, and the file with the truth or the standing places."""
+        del folder
+        assert data is not None
+        return open_events(data / self.events), data / self.reference
 
 
 def shortened(scene: Scene, motion_s: float) -> Scene:
@@ -192,8 +245,10 @@ def _plain(value: object) -> str:
     return repr(value)
 
 
-def calibration_of(trial: Trial, folder: Path, data: Path | None = None) -> Calibration:
-    """Return the calibration of a trial's sensor, as a user would have made it.
+def calibration_of(
+    trial: Trial | RecordedTrial, folder: Path, data: Path | None = None
+) -> Calibration:
+    """Return the calibration of a trial's sensor, made as a user would if there is none yet.
 
     The slides are recorded with the same camera preset and the same sensor, but without damaged
     markers and extra loss. All methods use the same calibration.
@@ -203,28 +258,10 @@ def calibration_of(trial: Trial, folder: Path, data: Path | None = None) -> Cali
         folder: Folder of the run, which holds the calibrations.
         data: Folder of recordings from elsewhere.
     """
-    slides = trial.bootstrap()
-    key = digest({"slides": slides.key(), "code": code_digest()})
-
-    def recorded() -> Path:
-        if trial.camera != V2E:
-            return slides.record(folder)
-        assert data is not None
-        return data / V2E / "bootstrap.raw"
-
-    path = folder / "calibrations" / f"{trial.camera}-{trial.serial}-{key}.json"
-    return kept_calibration(path, recorded)
-
-
-def kept_calibration(path: Path, recorded: Callable[[], Path]) -> Calibration:
-    """Return the calibration of a file; if there is none, make it as a user would, and write it.
-
-    Args:
-        path: File of the calibration.
-        recorded: Returns the recording that it is made from.
-    """
+    path = trial.calibration_path(folder)
     if not path.is_file():
-        calibration = calibrate(open_events(recorded()), load_config("default").calibration)
+        slides = open_events(trial.slides(folder, data))
+        calibration = calibrate(slides, load_config("default").calibration)
         with replacing(path) as temporary:
             calibration.save(temporary)
     # Read it back: a run that continues sees the same rounded numbers as one that began.

@@ -48,15 +48,14 @@ def test_rows_join_trials_and_name_the_papers_number_in_its_case_only() -> None:
 def test_report_files(tmp_path: Path) -> None:
     rows = rows_of(RECORDS, METRICS, PUBLISHED, "all")
     report = Report(
-        experiment="point-tracking",
         title="Point <tracking>",
-        provenance={"command": "spikingtac experiment point-tracking"},
+        settings={"experiment": "point-tracking"},
         rows=rows,
         first=["all"],
         findings=["one & two"],
         figures=[("a figure", "<?xml version='1.0'?><svg></svg>")],
     )
-    assert write_report(report, tmp_path, trials=4)["trials"] == 4
+    assert write_report(report, RunOptions(output=tmp_path), trials=4)["trials"] == 4
     document = json.loads((tmp_path / "report.json").read_text())
     keys = {"method", "case", "metric", "value", "unit", "n", "source", "paper", "definition"}
     assert all(keys <= set(row) for row in document["rows"])

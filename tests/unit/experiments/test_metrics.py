@@ -3,14 +3,13 @@ import pytest
 
 from spikingtac.errors import RecordingError
 from spikingtac.markers.laws import anchored_px
-from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.metrics import (
     POINT_METRICS,
     longest_duration_us,
     nearest_another,
     point_scores,
 )
-from spikingtac_paper.trials.prediction import Prediction
+from spikingtac_paper.trials.trajectories import GroundTruth, Prediction
 
 REST = np.array([[50.0, 50.0], [90.0, 50.0], [50.0, 90.0], [90.0, 90.0]])
 TIMES_US = np.arange(0, 1_000_000, 2_000)

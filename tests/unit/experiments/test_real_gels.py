@@ -9,14 +9,13 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import RecordingError
-from spikingtac_paper.real_gels.scoring import (
+from spikingtac_paper.real_gels import (
     Plateaus,
     matched,
     plateau_scores,
     truth_scores,
 )
-from spikingtac_paper.trials.ground_truth import GroundTruth
-from spikingtac_paper.trials.prediction import Prediction
+from spikingtac_paper.trials.trajectories import GroundTruth, Prediction
 
 REST_PX = np.array([[30.0, 30.0], [60.0, 30.0], [30.0, 60.0]])
 BURST_US = np.arange(1, 7)[:, None] * 1_000_000 + np.array([0, 200_000])

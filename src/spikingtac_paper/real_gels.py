@@ -1,22 +1,61 @@
-"""Errors of a tracker on a recording of a gel: against truth, or against its standing places."""
+"""Every preset and baseline on recordings of real gels, of sensors like the real one, and of v2e.
+
+Ablations run the variants of the default tracker on the same recordings. Errors are those against
+the truth, or against the places where a gel's markers stand.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from spikingtac import Calibration
-from spikingtac.errors import RecordingError
+from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.markers import smallest_spacing_px
-from spikingtac_paper.harness.report import Metric
-from spikingtac_paper.trials.ground_truth import GroundTruth
+from spikingtac_paper.harness.report import Metric, Report, lines_of, rows_of, write_report
+from spikingtac_paper.harness.run import RunOptions, select_methods
+from spikingtac_paper.point_tracking.ablation import default_variants
+from spikingtac_paper.trials.methods import main_methods
 from spikingtac_paper.trials.metrics import LOST_US, SUCCESS_PX, longest_duration_us
-from spikingtac_paper.trials.prediction import Prediction
+from spikingtac_paper.trials.runner import TrialJob, run_all
+from spikingtac_paper.trials.trajectories import GroundTruth, Prediction
+from spikingtac_paper.trials.trial import RecordedTrial
+
+NAME = "real"
+OWN = ("default", "fast", "paper")  # Methods whose results stand on the first page.
+QUICK_CASES = ("real-presses", "sim-presses/itself")  # Cases of a quick run.
+FOLDER = "gel"  # Folder of the gels' recordings below that of the foreign recordings.
+TRUTH_ENDING = ".truth.npz"  # Of a file with the course of the markers, not their standing places.
+
+# Rate at which estimates are stored and scored, Hz; a real recording lasts for minutes.
+KEPT_HZ = 250.0
+
+
+def _trial(
+    case: str, events: str, source: str, slides_from: str | None, reference: str
+) -> RecordedTrial:
+    return RecordedTrial(
+        case=case, events=events, slides_from=slides_from, reference=reference, source=source
+    )
+
+
+# All cases, the real recording first: case, file, source, slides, truth or standing places.
+TRIALS = (
+    _trial("real-presses", "gel/real_presses.aedat4", "recorded", None,
+           "gel/real_presses.reference.npz"),
+    _trial("sim-presses/slides", "gel/sim_presses.raw", "simulated",
+           "gel/sim_presses_bootstrap.raw", "gel/sim_presses.truth.npz"),
+    _trial("sim-presses/itself", "gel/sim_presses.raw", "simulated", None,
+           "gel/sim_presses.truth.npz"),
+    _trial("gel/slides", "gel/gel.raw", "v2e", "gel/gel_bootstrap.raw", "gel/gel.truth.npz"),
+    _trial("mix/slides", "v2e/mix.raw", "v2e", "v2e/bootstrap.raw", "v2e/mix.truth.npz"),
+    _trial("gel/itself", "gel/gel.raw", "v2e", None, "gel/gel.truth.npz"),
+)  # fmt: skip
 
 # Index of the first standing place that is scored: before it the reference is not good enough (it
 # closes to 0.2 to 0.5 px from the third contact on).
@@ -41,10 +80,64 @@ METRICS: tuple[Metric, ...] = (
     Metric("lost_markers", "markers", "markers more than 5 px off for more than 50 ms", "sum"),
 )  # fmt: skip
 
-TRUTH_METRICS = ("error_mean_px", "error_p95_px", "error_max_px", "lost_markers",
-                 "rest_mean_px", "rest_max_px", "missing_markers")  # fmt: skip
-PLATEAU_METRICS = ("pressed_mean_px", "released_mean_px", "plateau_max_px", "return_median_px",
-                   "lost_markers", "missing_markers")  # fmt: skip
+
+def run(options: RunOptions) -> dict[str, Any]:
+    """Run the experiment, write its report, and return a summary.
+
+    Raises:
+        ConfigError: There is no folder with the recordings, or a method is unknown.
+    """
+    if options.data is None or not (options.data / FOLDER).is_dir():
+        raise ConfigError(
+            f"this experiment reads recordings from the folder {FOLDER}/ below SPIKINGTAC_DATA, "
+            "which is not there; set the variable to the folder of your recordings"
+        )
+    table = default_variants if options.ablations else main_methods
+    known = table()
+    names = select_methods(known, options.methods)
+    settings = {"experiment": NAME, "ablations": options.ablations, "methods": names}
+    settings |= {"quick": options.quick}
+    options.begin(settings)
+    there = [trial for trial in TRIALS if trial.is_there(options.data)]
+    chosen = [trial for trial in there if not options.quick or trial.case in QUICK_CASES]
+    jobs = [
+        TrialJob(
+            trial=trial,
+            methods=tuple(names),
+            table=table,
+            folder=options.output,
+            data=options.data,
+            score=gel_scores,
+            kept_hz=KEPT_HZ,
+        )
+        for trial in chosen
+    ]
+    refused: dict[str, str] = {}
+    records = run_all(jobs, options, refused)
+    rows = rows_of(records, METRICS)
+    absent = [trial.case for trial in TRIALS if trial not in there]
+    report = Report(
+        title="Recordings of real gels",
+        settings=settings,
+        rows=rows,
+        findings=[
+            *lines_of(rows, [trial.case for trial in chosen], OWN),
+            *(f"{case}: {why}" for case, why in refused.items()),
+            *(f"{name} was not run: its files are not there" for name in absent),
+        ],
+        methods={name: known[name].about for name in names},
+    )
+    return write_report(report, options, trials=len(records))
+
+
+def gel_scores(
+    prediction: Prediction, reference: Path, calibration: Calibration, trial: RecordedTrial
+) -> dict[str, float]:
+    """Return the errors against a file with the truth or with the standing places."""
+    del trial
+    if reference.name.endswith(TRUTH_ENDING):
+        return truth_scores(prediction, GroundTruth.load(reference), calibration)
+    return plateau_scores(prediction, Plateaus.load(reference), calibration)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,8 @@
-"""The true marker positions of a recording, at any time."""
+"""Trajectories of the markers of one recording: the true ones, and a method's estimates."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -9,8 +10,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import replacing
 from spikingtac.errors import RecordingError
 from spikingtac.events import load_arrays
+from spikingtac.types import MarkerFrame
 
 # Where the truth names no contacts, the last second counts as after the release, us.
 REST_US = 1_000_000
@@ -80,3 +83,71 @@ def _released_us(columns: dict[str, NDArray[Any]], last_us: int) -> int:
         return last_us - REST_US
     times_us = columns["contact_t_us"]
     return int(times_us[min(int(np.flatnonzero(touched)[-1]) + 1, len(times_us) - 1)])
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """Estimates of one method on one recording.
+
+    Attributes:
+        t_us: ``(n,)`` int64 times, us.
+        detected_px: ``(n, m, 2)`` float32, the truthful estimate, px.
+        position_px: ``(n, m, 2)`` float32, after the method's own law, px.
+        reference_px: ``(m, 2)`` the rest positions of the calibration, px.
+    """
+
+    t_us: NDArray[np.int64]
+    detected_px: NDArray[np.float32]
+    position_px: NDArray[np.float32]
+    reference_px: NDArray[np.float64]
+
+    @classmethod
+    def collect(
+        cls, frames: Iterable[MarkerFrame], reference_px: NDArray[np.float64], every: int
+    ) -> Self:
+        """Keep every ``every``-th frame of a tracked stream, and the last one.
+
+        Args:
+            frames: The estimates in order of time.
+            reference_px: ``(m, 2)`` rest positions, px.
+            every: Distance of the frames that are kept; 1 keeps all.
+        """
+        kept: list[MarkerFrame] = []
+        for number, frame in enumerate(frames):
+            # The last frame takes the place of one that would not be kept.
+            kept[number // every + (number % every > 0) :] = [frame]
+        t_us = np.array([frame.t_us for frame in kept], np.int64)
+        detected, position = (
+            np.array([getattr(frame, name) for frame in kept], np.float32)
+            for name in ("detected_px", "position_px")
+        )
+        shape = (-1, len(reference_px), 2)
+        return cls(t_us, detected.reshape(shape), position.reshape(shape), reference_px)
+
+    def _save(self, path: Path, key: str) -> None:
+        same = np.array_equal(self.detected_px, self.position_px)
+        with replacing(path) as temporary:
+            np.savez(
+                temporary,
+                key=np.array(key),
+                t_us=self.t_us,
+                detected_px=self.detected_px,
+                position_px=np.empty(0, np.float32) if same else self.position_px,
+                reference_px=self.reference_px,
+            )
+
+    @classmethod
+    def kept(cls, path: Path, key: str, make: Callable[[], Self]) -> Self:
+        """Return the prediction of a file if it has this key; else make it, and write it."""
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                values = {name: archive[name] for name in archive.files}
+        except (OSError, ValueError, EOFError, KeyError):
+            values = {}
+        if str(values.get("key")) != key:
+            made = make()
+            made._save(path, key)
+            return made
+        detected_px, position_px = values["detected_px"], values["position_px"]
+        given_px = position_px if position_px.size else detected_px
+        return cls(values["t_us"], detected_px, given_px, values["reference_px"])
