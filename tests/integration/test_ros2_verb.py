@@ -156,7 +156,6 @@ def test_events_are_tracked_and_published(
         (["--prefix", "tactile"], "no name of a topic"),
         (["--prefix", "/a b"], "no name of a topic"),
         (["--force", "no.json"], "no.json"),
-        (["--distance-mm", "20"], "size of the image is unknown"),
     ],
 )
 def test_mistakes_are_told(

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError, MissingExtraError
+from spikingtac.errors import MissingExtraError
 from spikingtac.events.evt.encode import Evt3Encoder
 from spikingtac.types import EventPacket, MarkerFrame
 
@@ -188,42 +188,8 @@ def arrows_message(frame: MarkerFrame, layout: Layout, t_ns: int) -> dict[str, A
 
 def wrench_message(values: NDArray[np.floating]) -> dict[str, Any]:
     """Return forces (N) and moments (Nm) as a WrenchStamped, without header."""
-    parts = {"force": values[:3], "torque": values[3:6]}
-    return {
-        "wrench": {
-            name: dict(zip("xyz", part.tolist(), strict=False)) for name, part in parts.items()
-        }
-    }
-
-
-def camera_info_message(layout: Layout, distance_mm: float | None = None) -> dict[str, Any]:
-    """Return what is known of the camera as a CameraInfo, without header.
-
-    The lens was never calibrated: its distortion has neither model nor coefficients. A scale at the
-    skin and the distance of the skin give the focal length (that of a pinhole, px); without them
-    the matrices are zero, which is what the message asks for where a camera is not calibrated.
-
-    Args:
-        layout: The markers, with the size of the image.
-        distance_mm: From the lens (its entrance pupil) to the skin, mm.
-
-    Raises:
-        ConfigError: The size is unknown, or the distance is given where the scale is unknown.
-    """
-    if layout.size_px is None:
-        raise ConfigError("the size of the image is unknown: give the sensor's calibration")
-    width, height = map(int, layout.size_px)
-    info: dict[str, Any] = {"height": height, "width": width}
-    if distance_mm is None:
-        return info
-    if layout.px_per_mm is None:
-        raise ConfigError(
-            "a distance gives the focal length where the scale is known; calibrate with --pitch-mm"
-        )
-    k = np.diag([layout.px_per_mm * distance_mm] * 2 + [1.0])
-    k[:2, 2] = layout.centre_px
-    p = np.column_stack((k, np.zeros(3)))
-    return info | {"k": k.ravel(), "r": np.eye(3).ravel(), "p": p.ravel()}
+    force, torque = (dict(zip("xyz", values[at : at + 3].tolist(), strict=False)) for at in (0, 3))
+    return {"wrench": {"force": force, "torque": torque}}
 
 
 def events_message(packet: EventPacket, encoder: Evt3Encoder, origin_us: int) -> dict[str, Any]:

@@ -77,7 +77,6 @@ class StreamConfig:
         hardware: Name of the sensor in /diagnostics.
         events: Publish the events, too.
         wrench: Publish forces and moments, too.
-        distance_mm: From the lens to the skin, mm, where it is known: see the camera info.
         field_hz: Fields and wrenches per second, at most as many as there are frames.
     """
 
@@ -85,7 +84,6 @@ class StreamConfig:
     hardware: str = ""
     events: bool = True
     wrench: bool = False
-    distance_mm: float | None = None
     field_hz: float = MOST_HZ
 
     def __post_init__(self) -> None:
@@ -132,7 +130,7 @@ class SensorStream:
             "contact": self._touches is None,
             "wrench": not config.wrench,
             "events": not config.events,
-            "camera_info": layout.size_px is None and config.distance_mm is None,
+            "camera_info": layout.size_px is None,
         }
         self._topics = {
             name: "/diagnostics" if name == "diagnostics" else f"{config.prefix}/{name}"
@@ -185,9 +183,10 @@ class SensorStream:
         self._send("events", message, self._stamp_ns(int(packet.t[0])))
 
     def _tell_camera(self, stamp_ns: int) -> None:
-        if "camera_info" in self._topics:
-            info = messages.camera_info_message(self._layout, self._config.distance_mm)
-            self._send("camera_info", info, stamp_ns)
+        if self._layout.size_px is not None:
+            # The lens was never calibrated: matrices and distortion are zero then, as ROS asks for.
+            width, height = map(int, self._layout.size_px)
+            self._send("camera_info", {"width": width, "height": height}, stamp_ns)
 
     def _diagnose(self, frame: MarkerFrame, stamp_ns: int, figures: Mapping[str, float]) -> None:
         readers = 0 if self._publisher is None else self._publisher.readers(self._topics["field"])

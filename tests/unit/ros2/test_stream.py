@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError
 from spikingtac.events import open_events
 from spikingtac.ros2.feed import Pace
 from spikingtac.ros2.messages import (
     FIELD,
     Layout,
     arrows_message,
-    camera_info_message,
     field_message,
 )
 from spikingtac.ros2.stream import SensorStream, StreamConfig, rehearse
@@ -179,18 +176,6 @@ def test_camera_info_is_sent_each_second_and_says_what_is_known(kept: Kept) -> N
     assert len(told) == 4  # before the first frame, too
     assert (told[0]["width"], told[0]["height"]) == (320, 320)
     assert set(told[0]) == {"header", "width", "height"}  # the rest is zero: not calibrated
-    known = camera_info_message(LAYOUT, 25.0)
-    row = [0.0, 200.0, 159.5]  # 8 px/mm, 25 mm
-    assert known["k"].tolist() == [200.0, 0.0, 159.5, *row, 0.0, 0.0, 1.0]
-    assert known["p"].tolist() == [200.0, 0.0, 159.5, 0.0, *row, 0.0, 0.0, 0.0, 1.0, 0.0]
-    assert "distortion_model" not in known
-
-
-def test_a_focal_length_needs_scale_and_size() -> None:
-    with pytest.raises(ConfigError, match="--pitch-mm"):
-        camera_info_message(replace(LAYOUT, px_per_mm=None), 25.0)
-    with pytest.raises(ConfigError, match="calibration"):
-        camera_info_message(replace(LAYOUT, size_px=None))
 
 
 def test_fields_are_thinned_to_the_rate_that_is_asked_for(kept: Kept) -> None:

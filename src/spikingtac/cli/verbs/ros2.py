@@ -58,9 +58,6 @@ class Args(PublishArgs):
     """Network interface to publish on; lo is this machine alone."""
     reliable: bool = False
     """Resend what readers missed, instead of the best effort that is usual for sensors."""
-    distance_mm: float | None = None
-    """Distance from the lens to the skin, mm: gives the camera info a focal length, with the scale
-    of the calibration."""
 
 
 def run(args: Args) -> int:
@@ -74,7 +71,7 @@ def run(args: Args) -> int:
         remark(
             f"publishing {args.prefix}/field and more on {where}, domain {args.domain}; Ctrl-C ends"
         )
-        return publish(args, feed, publisher, prefix=args.prefix, distance_mm=args.distance_mm)
+        return publish(args, feed, publisher, prefix=args.prefix)
 
 
 def feed_of(args: PublishArgs) -> Feed:
