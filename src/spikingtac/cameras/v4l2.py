@@ -31,10 +31,6 @@ TOOL = "v4l2-ctl"
 # Most that is read before the mark is looked for: 16 ms of EVT2 words at 1 Mev/s.
 READ_BYTES = 1 << 16
 
-# First stretch in which the mark is looked for: 0.5 ms of EVT2 words at 1 Mev/s; each further one
-# is as long as all before.
-LOOK_BYTES = 1 << 11
-
 # Room that is asked for in the tool's pipe, what Linux grants to anybody: two reads a frame.
 PIPE_BYTES = 1 << 20
 
@@ -66,8 +62,6 @@ class V4l2Camera(Camera):
         self._bits, self._mark_value = np.array(_MARKS[self._words.encoding], self._kind)
         self._file: int | None = file
         self._tool = tool
-        moves = tool is not None and hasattr(os, "splice")  # from pipes, on Linux
-        self._nowhere = os.open(os.devnull, os.O_WRONLY) if moves else None
         self._ended = False
 
     @classmethod
@@ -92,15 +86,14 @@ class V4l2Camera(Camera):
         if self._file is None or self._ended:
             return None
         while select.select([self._file], [], [], timeout_s)[0]:
-            if self._behind:
-                gone = self._skip(self._file)
-                if not gone:
-                    return self._end()
-                self._behind -= gone
-                continue
-            got = os.readv(self._file, [self._frame[self._filled :][:READ_BYTES]])
+            # What stands behind a frame's mark is read into the frame's place, and left out.
+            room = self._frame[: self._behind] or self._frame[self._filled :][:READ_BYTES]
+            got = os.readv(self._file, [room])
             if not got:
                 return self._end()
+            if self._behind:
+                self._behind -= got
+                continue
             self._filled += got
             payload = self._payload()
             if payload is not None:
@@ -111,9 +104,6 @@ class V4l2Camera(Camera):
     def close(self) -> None:
         """Stop the device, or close the file."""
         file, self._file = self._file, None
-        nowhere, self._nowhere = self._nowhere, None
-        if nowhere is not None:
-            os.close(nowhere)
         if self._tool is not None:
             self._tool.terminate()
             self._tool.communicate()
@@ -124,12 +114,6 @@ class V4l2Camera(Camera):
     def describe(self) -> dict[str, Any]:
         """Return the encoding, and the frame's bytes."""
         return {"frame_bytes": self._frame_bytes, **self._words.describe()}
-
-    def _skip(self, file: int) -> int:
-        """Leave out what stands behind a frame's mark, without a copy where the system can."""
-        if self._nowhere is None:
-            return os.readv(file, [self._frame[: self._behind]])
-        return os.splice(file, self._nowhere, self._behind)
 
     def _end(self) -> Rows | None:
         self._ended = True
@@ -151,16 +135,11 @@ class V4l2Camera(Camera):
 
     def _mark(self) -> int | None:
         """Return the offset of the mark, bytes; None where it is not among the words so far."""
-        kind, size = self._kind, self._words.word_bytes
-        whole = self._filled // size * size
-        while self._looked < whole:
-            start, self._looked = self._looked, min(max(2 * self._looked, LOOK_BYTES), whole)
-            words = np.frombuffer(self._frame, kind, (self._looked - start) // kind.itemsize, start)
-            found = (words[self._heads] & self._bits) == self._mark_value
-            place = int(found.argmax())
-            if found[place]:
-                return start + place * size
-        return None
+        kind, size, start = self._kind, self._words.word_bytes, self._looked
+        self._looked = self._filled // size * size
+        words = np.frombuffer(self._frame, kind, (self._looked - start) // kind.itemsize, start)
+        found = np.flatnonzero((words[self._heads] & self._bits) == self._mark_value)
+        return start + int(found[0]) * size if len(found) else None
 
 
 def _streaming(path: Path) -> subprocess.Popen[bytes]:

@@ -28,7 +28,6 @@ class Camera(ABC):
 
     Attributes:
         OPTIONS: Names of the options that its address may carry.
-        EXTRA: Extra of this package that brings its library; empty where none is needed.
         size: ``(width, height)`` of the sensor, px.
         format: Name of the format of its bytes, where they are a file's; empty of a camera.
         checked: Whether the columns come checked (in order, on the sensor, of the package's types).
@@ -38,7 +37,6 @@ class Camera(ABC):
     """
 
     OPTIONS: ClassVar[tuple[str, ...]] = ()
-    EXTRA: ClassVar[str] = ""
     size: tuple[int, int]
     format: str = ""
     checked: bool = False
@@ -132,7 +130,7 @@ KINDS = {
         "GenX320 on an OpenMV board (firmware 5.0 or later)", "openmv", "openmv",
     ),
     "prophesee": CameraKind(
-        "spikingtac.cameras.prophesee:PropheseeCamera", "prophesee:",
+        "spikingtac.cameras.makers:PropheseeCamera", "prophesee:",
         "EVK kits and GenX320 through OpenEB", "metavision_hal",
     ),
     "v4l2": CameraKind(
@@ -148,11 +146,11 @@ KINDS = {
         "serial:/dev/ttyACM0?encoding=evt2&size=320x320", "EVT words over a serial port",
     ),
     "dv": CameraKind(
-        "spikingtac.cameras.dv:DvCamera", "dv://127.0.0.1:7777",
+        "spikingtac.cameras.makers:DvCamera", "dv://127.0.0.1:7777",
         "DVXplorer and DAVIS (dv:), or a network stream of dv-processing", "dv_processing", "dv",
     ),
     "nd": CameraKind(
-        "spikingtac.cameras.neuromorphic:NeuromorphicCamera", "nd:",
+        "spikingtac.cameras.makers:NeuromorphicCamera", "nd:",
         "EVK3 HD, EVK4, DVXplorer and DAVIS346 through neuromorphic-drivers",
         "neuromorphic_drivers", "neuromorphic",
     ),
