@@ -10,7 +10,7 @@ import pytest
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.robot.ur import open_arm
-from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
+from spikingtac.sim.rig.ur3 import UR3Twin
 from stand_ins.remote_arm import RemoteArm
 from stand_ins.ur_controller import URController
 
@@ -40,7 +40,7 @@ class Workplace:
 
 
 def twin() -> Iterator[Workplace]:
-    arm = UR3Twin(UR3Config(), np.array([100.0, 200.0, 300.0]), np.random.default_rng(1))
+    arm = UR3Twin(np.array([100.0, 200.0, 300.0]), np.random.default_rng(1))
     clock = {"us": 0}
 
     def wait_s(duration_s: float) -> None:

@@ -4,80 +4,89 @@ Simulated, preset ``typical`` without noise and leak (they are no signal), at 10
 without mass, so that only the touch moves the markers.
 """
 
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from spikingtac.robot.arm import ArmState
-from spikingtac.sim.rig.probe import ProbeConfig
-from spikingtac.sim.rig.rig import (
-    EDGE_SETTINGS,
-    STEP_SETTINGS,
-    WAIT_S,
-    FingerConfig,
-    PriorContact,
-    Rig,
-    RigConfig,
-    SensingFinger,
-)
+from spikingtac.sim.camera.config import BackgroundConfig, CameraConfig
+from spikingtac.sim.rig import probe
+from spikingtac.sim.rig.rig import FingerConfig, Rig, RigConfig, SensingFinger
 from spikingtac.sim.rig.walls import PlaneWall
 
 FREE_MM = 0.2
 SPEED_MM_S = 10.0
-SILENT = {"background": {"rate_hz": 0.0, "hot_fraction": 0.0}, **EDGE_SETTINGS, **STEP_SETTINGS}
+WAIT_S = 0.001
 LATERAL, AXIAL = (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)
 
 
-def press_and_release(rig: Rig, reach_mm: np.ndarray, config: PriorContact) -> None:
+@pytest.fixture(autouse=True, scope="module")
+def rod_without_mass() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        probe.step_matrices.cache_clear()
+        patch.setattr(probe, "GRAMS_PER_MM", 0.0)
+        yield
+    probe.step_matrices.cache_clear()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SilentFinger(FingerConfig):
+    """A finger without background, and without leak unless told."""
+
+    leak: bool
+
+    @property
+    def camera_config(self) -> CameraConfig:
+        whole = super().camera_config
+        pixel = whole.pixel if self.leak else replace(whole.pixel, leak_hz=0.0)
+        return replace(whole, background=BackgroundConfig(), pixel=pixel)
+
+
+def press_and_release(rig: Rig, reach_mm: np.ndarray) -> None:
     """Touch the wall at ``reach_mm`` ``(3,)`` from here, return, wait, and drop the events."""
     home_mm = rig.arm.true_position_mm()
-    way_mm = reach_mm * (1.0 + config.press_mm / float(np.linalg.norm(reach_mm)))
-    rig.arm.move_linear(home_mm + way_mm, config.speed_mm_s)
+    way_mm = reach_mm * (1.0 + 1.0 / float(np.linalg.norm(reach_mm)))
+    rig.arm.move_linear(home_mm + way_mm, 20.0)
     while rig.arm.state() is ArmState.MOVING:
         rig.wait(WAIT_S)
-    rig.wait(config.hold_s)
-    rig.arm.move_linear(home_mm, config.speed_mm_s)
+    rig.wait(0.2)
+    rig.arm.move_linear(home_mm, 20.0)
     while rig.state.in_contact:
         rig.wait(WAIT_S)
     released_us = rig.t_us
     while rig.arm.state() is ArmState.MOVING:
         rig.wait(WAIT_S)
-    rig.wait(max(config.wait_s - (rig.t_us - released_us) * 1e-6, 0.0))
+    rig.wait(max(1.0 - (rig.t_us - released_us) * 1e-6, 0.0))
     rig.reset_first_contact()
 
 
-def make_rig(
-    direction: tuple[float, ...], stickout_mm: float, leak: bool, history: Any, seed: int
-) -> Rig:
+def make_rig(direction: tuple[float, ...], leak: bool, history: Any, seed: int) -> Rig:
     way = np.array(direction)
     wall = PlaneWall(point_mm=tuple(way * (0.375 + FREE_MM)), normal=tuple(-way))
-    settings = SILENT if leak else {**SILENT, "pixel": {"leak_hz": 0.0}}
-    finger = SensingFinger(FingerConfig(settings=settings, history=history, serial=seed), seed)
-    config = RigConfig(
-        probe=ProbeConfig(stickout_mm=stickout_mm, grams_per_mm=0.0),
-        vibration_mm=0.0,
-    )
-    return Rig(config, wall, [finger], np.zeros(3), np.random.default_rng(seed))
+    finger = SensingFinger(SilentFinger(leak=leak, history=history, serial=seed), seed)
+    rng = np.random.default_rng(seed)
+    return Rig(RigConfig(vibration_mm=0.0), wall, finger, np.zeros(3), rng)
 
 
 def travel_mm(
     direction: tuple[float, ...] = LATERAL,
-    stickout_mm: float = 40.0,
     history: str = "fresh",
     seed: int = 1,
 ) -> tuple[float, float]:
     """Return the arm's travel from the touch to the 20th and the 100th event, mm."""
     way = np.array(direction)
-    rig = make_rig(direction, stickout_mm, history == "rested", "fresh", seed)
+    rig = make_rig(direction, history == "rested", "fresh", seed)
     if history == "rested":
-        rig = make_rig(direction, stickout_mm, True, "rested", seed)
+        rig = make_rig(direction, True, "rested", seed)
     if history == "released":
-        press_and_release(rig, FREE_MM * way, PriorContact())
+        press_and_release(rig, FREE_MM * way)
     rig.arm.move_linear(2.0 * way, SPEED_MM_S)
     times: list[int] = []
     while len(times) < 100:
-        (packet,), _ = rig.advance(1000)
+        packet = rig.advance(1000)
         if rig.first_contact is not None:
             times += packet.t[packet.t >= rig.first_contact.t_us].tolist()
     assert rig.first_contact is not None

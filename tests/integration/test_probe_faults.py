@@ -51,7 +51,7 @@ class Watched:
         self._set_wall(wall, place_mm)
 
     def windows(self) -> Iterator[Window]:
-        for window in self.site.rig.paired_windows():
+        for window in self.site.rig.windows():
             self.pulled += 1
             self._since_placed += 1
             if self._since_placed > PLACING_WINDOWS:

@@ -9,16 +9,15 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from spikingtac.sim.camera_config import BackgroundConfig, CameraConfig, LightConfig, PixelConfig
-from spikingtac.sim.coverage import (
+from spikingtac.sim.camera.config import BackgroundConfig, CameraConfig, LightConfig, PixelConfig
+from spikingtac.sim.camera.coverage import (
     SWEEP_PLAN_DTYPE,
     coverage_image_kernel,
     disc_coverage_kernel,
     discs_of,
     plan_sweep_kernel,
 )
-from spikingtac.sim.optics import MarkerImage
-from spikingtac.sim.pixels import (
+from spikingtac.sim.camera.pixels import (
     KEY_SHIFT,
     advance_constant_light_kernel,
     advance_light_ramp_kernel,
@@ -27,8 +26,9 @@ from spikingtac.sim.pixels import (
     emit_crossings_kernel,
     predict_leak_event_kernel,
 )
-from spikingtac.sim.readout import background_events_kernel, make_noise, start_noise
-from spikingtac.sim.sensor import Sensor, make_sensor, settle_sensor
+from spikingtac.sim.camera.readout import background_events_kernel, make_noise, start_noise
+from spikingtac.sim.camera.sensor import Sensor, make_sensor, settle_sensor
+from spikingtac.sim.optics import MarkerImage
 
 NO_PATTERN = np.zeros((1, 1), np.float32)
 TICK_US = 0.5

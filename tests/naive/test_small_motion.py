@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from spikingtac.sim.camera_config import CameraConfig, LightConfig, PixelConfig
-from spikingtac.sim.pixels import KEY_SHIFT
-from spikingtac.sim.sensor import make_sensor, settle_sensor
+from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig
+from spikingtac.sim.camera.pixels import KEY_SHIFT
+from spikingtac.sim.camera.sensor import make_sensor, settle_sensor
 from spikingtac_paper.free_motion.small_motion import (
     EDGE_DTYPE,
     EdgePixels,

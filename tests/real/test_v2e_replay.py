@@ -11,8 +11,8 @@ from scipy.stats import wasserstein_distance
 
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import cut
-from spikingtac.sim.camera_config import load_camera
-from spikingtac.sim.event_camera import EventCamera
+from spikingtac.sim.camera.config import load_camera
+from spikingtac.sim.camera.event_camera import EventCamera
 from spikingtac.sim.optics import MarkerImage
 from spikingtac.types import EventPacket
 

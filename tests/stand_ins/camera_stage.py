@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from spikingtac.sim.camera_config import BackgroundConfig, load_camera
-from spikingtac.sim.event_camera import EventCamera
+from spikingtac.sim.camera.config import BackgroundConfig, load_camera
+from spikingtac.sim.camera.event_camera import EventCamera
 from spikingtac.sim.optics import MarkerImage
 from spikingtac.types import EventPacket
 

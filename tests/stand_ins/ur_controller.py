@@ -19,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 
 from spikingtac.robot.arm import ArmState
-from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
+from spikingtac.sim.rig.ur3 import UR3Twin
 from stand_ins.rtde_wire import HEADER, Recipe, frame, recipe_of
 
 RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORTS = 30004, 29999, (30001, 30002, 30003)
@@ -60,9 +60,10 @@ class URController:
         self.dashboard_commands: list[str] = []
         self.powered = True
         self.asked_rates_hz: list[float] = []
-        cycle_s = 1.0 / self.frequency_hz
-        config = UR3Config(network_s=0.0, repeatability_mm=0.0, cycle_s=cycle_s)
-        self.twin = UR3Twin(config, np.array(start_mm), np.random.default_rng(1))
+        prompt = type(
+            "PromptTwin", (UR3Twin,), {"NETWORK_S": 0.0, "CYCLE_S": 1.0 / self.frequency_hz}
+        )
+        self.twin = prompt(np.array(start_mm), np.random.default_rng(1), repeatability_mm=0.0)
         self.stop_times_s: list[float] = []
         self._origin_s = time.monotonic() - 1.0
         self._lock = threading.RLock()

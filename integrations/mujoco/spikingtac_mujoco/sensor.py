@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import spikingtac as st
-from spikingtac.sim import FrictionConfig, Gel, GelConfig, GridConfig, Optics, SkinState
+from spikingtac.sim import Gel, GelConfig, GridConfig, Optics, SkinState
 from spikingtac_mujoco.observers import EventObserver, MarkerObserver
 from spikingtac_mujoco.pad import AXES, FRICTION, Mount
 from spikingtac_mujoco.shapes import MM_PER_M, BodyIndenter
@@ -141,7 +141,7 @@ class Sensor:
         """Take a gel with this friction, at rest."""
         if getattr(self, "_friction", None) != friction:
             grid = GridConfig(cells=CELLS[self._fidelity])
-            config = GelConfig(friction=FrictionConfig(static=friction), grid=grid)
+            config = GelConfig(friction=friction, grid=grid)
             self._gel, self._axis_mm = Gel(config, self.mount.rest_mm), grid.axis_mm
         self._friction = friction
         self._gel.reset()

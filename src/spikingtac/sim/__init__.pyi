@@ -24,8 +24,6 @@ from .rig.ur3 import RealTimeArm as RealTimeArm
 from .twin_camera import TwinCamera as TwinCamera
 
 # Gel: contact, friction, elastic layer and creep
-from .gel_contact import FrictionConfig as FrictionConfig
-from .gel import SpectrumConfig as SpectrumConfig
 from .gel import Gel as Gel
 from .gel import GelConfig as GelConfig
 from .indenters import Indenter as Indenter
@@ -42,20 +40,17 @@ from .optics import MarkerImage as MarkerImage
 from .optics import SkinState as SkinState
 
 # Event camera: pixels, light, noise and readout
-from .event_camera import EventCamera as EventCamera
-from .event_camera import ReferenceHistory as ReferenceHistory
-from .camera_config import CAMERA_NAMES as CAMERA_NAMES
-from .camera_config import BackgroundConfig as BackgroundConfig
-from .camera_config import CameraConfig as CameraConfig
-from .camera_config import LightConfig as LightConfig
-from .camera_config import PixelConfig as PixelConfig
-from .camera_config import ReadoutConfig as ReadoutConfig
-from .camera_config import StepConfig as StepConfig
-from .camera_config import load_camera as load_camera
+from .camera.event_camera import EventCamera as EventCamera
+from .camera.event_camera import ReferenceHistory as ReferenceHistory
+from .camera.config import CAMERA_NAMES as CAMERA_NAMES
+from .camera.config import BackgroundConfig as BackgroundConfig
+from .camera.config import CameraConfig as CameraConfig
+from .camera.config import LightConfig as LightConfig
+from .camera.config import PixelConfig as PixelConfig
+from .camera.config import ReadoutConfig as ReadoutConfig
+from .camera.config import load_camera as load_camera
 
 # Robot rig: arm, grasped probe, gel pads and walls
-from .rig.rig import EDGE_SETTINGS as EDGE_SETTINGS
-from .rig.rig import STEP_SETTINGS as STEP_SETTINGS
 from .rig.rig import VIBRATION_MM as VIBRATION_MM
 from .rig.rig import FingerConfig as FingerConfig
 from .rig.rig import SensingFinger as SensingFinger
@@ -68,14 +63,11 @@ from .rig.pad import Pad as Pad
 from .rig.probe import Probe as Probe
 from .rig.probe import ProbeConfig as ProbeConfig
 from .rig.probe import ProbeState as ProbeState
-from .rig.rig import WAIT_S as WAIT_S
 from .rig.rig import FirstContact as FirstContact
-from .rig.rig import PriorContact as PriorContact
 from .rig.rig import Rig as Rig
 from .rig.rig import RigConfig as RigConfig
 from .rig.ur3 import ACCELERATION_MM_S2 as ACCELERATION_MM_S2
 from .rig.ur3 import SERVO_LAG_S as SERVO_LAG_S
-from .rig.ur3 import UR3Config as UR3Config
 from .rig.ur3 import UR3Twin as UR3Twin
 from .rig.probe import Vibration as Vibration
 from .rig.walls import Bit as Bit
@@ -103,11 +95,11 @@ from .rig.hole_site import touch_flat_walls as touch_flat_walls
 from .rig.hole_site import travel_of as travel_of
 
 # What the experiments use besides
-from .coverage import discs_of as discs_of
-from .coverage import edge_coverage_kernel as edge_coverage_kernel
-from .pixels import intensity_kernel as intensity_kernel
-from .pixels import log_intensity_kernel as log_intensity_kernel
-from .pixels import change_below_threshold_kernel as change_below_threshold_kernel
-from .pixels import emit_crossings_kernel as emit_crossings_kernel
-from .readout import background_events_kernel as background_events_kernel
+from .camera.coverage import discs_of as discs_of
+from .camera.coverage import edge_coverage_kernel as edge_coverage_kernel
+from .camera.pixels import intensity_kernel as intensity_kernel
+from .camera.pixels import log_intensity_kernel as log_intensity_kernel
+from .camera.pixels import change_below_threshold_kernel as change_below_threshold_kernel
+from .camera.pixels import emit_crossings_kernel as emit_crossings_kernel
+from .camera.readout import background_events_kernel as background_events_kernel
 from .rig.probe import transition as transition

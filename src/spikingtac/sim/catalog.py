@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.schema import from_toml, read_toml
-from spikingtac.sim.camera_config import CONFIGS
+from spikingtac.sim.camera.config import CONFIGS
 
 if TYPE_CHECKING:
     from spikingtac.sim.scene import Scene

@@ -16,32 +16,15 @@ import numpy as np
 
 from spikingtac.arrays import FloatArray
 from spikingtac.schema import require_within
-from spikingtac.sim.gel_contact import KPA_PER_MPA, FrictionConfig, GelContact
+from spikingtac.sim.gel_contact import KPA_PER_MPA, GelContact
 from spikingtac.sim.indenters import Indenter
 from spikingtac.sim.layer import GridConfig, LayerOperator, MarkerInterpolation
 from spikingtac.sim.optics import ContactPatch, SkinState
 from spikingtac.types import Pose
 
-
-@dataclass(frozen=True, kw_only=True)
-class SpectrumConfig:
-    """Retarded compliances of the gel (a Kelvin chain).
-
-    Attributes:
-        fractions: J_i / J0, the retarded compliances divided by the instantaneous one. The default
-            values are a declared fit: no spectrum of the paper's gel is published.
-        times_s: Retardation times tau_i, s.
-    """
-
-    fractions: tuple[float, ...] = (0.05, 0.05, 0.12)
-    times_s: tuple[float, ...] = (0.02, 0.3, 8.0)
-
-    def __post_init__(self) -> None:
-        if len(self.fractions) != len(self.times_s):
-            raise ValueError("fractions and times_s must have equal length")
-        sound = all(0 <= fraction <= 10 for fraction in self.fractions)
-        if not sound or any(not 1e-6 <= time <= 1e6 for time in self.times_s):
-            raise ValueError("valid are fractions from 0 to 10 and times_s from 1e-6 to 1e6")
+# Retarded compliances J_i / J0 of the gel (a Kelvin chain) and their retardation times tau_i, s
+# (contract.md). They are a declared fit: no spectrum of the paper's gel is published.
+CREEP_FRACTIONS, CREEP_TIMES_S = np.array([0.05, 0.05, 0.12]), np.array([0.02, 0.3, 8.0])
 
 
 class CreepChain:
@@ -50,26 +33,23 @@ class CreepChain:
     All displacements are given per instantaneous compliance: ``elastic`` is J0 G q.
 
     Args:
-        config: Spectrum of the gel.
         shape: Shape of a displacement field.
 
     Attributes:
         retarded: ``(k, *shape)`` displacements stored by each element, mm.
     """
 
-    def __init__(self, config: SpectrumConfig, shape: tuple[int, ...]) -> None:
-        self._fractions = np.array(config.fractions)
-        self._times_s = np.array(config.times_s)
-        self.retarded = np.zeros((len(self._times_s), *shape))
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.retarded = np.zeros((len(CREEP_TIMES_S), *shape))
 
     def compliance(self, dt_s: float) -> float:
         """Return the compliance over the coming step, divided by J0."""
-        return 1.0 + float(self._fractions @ -np.expm1(-dt_s / self._times_s))
+        return 1.0 + float(CREEP_FRACTIONS @ -np.expm1(-dt_s / CREEP_TIMES_S))
 
     def history(self, dt_s: float) -> FloatArray:
         """Return the displacement that former tractions leave at the end of the coming step, mm."""
         out = np.zeros(self.retarded.shape[1:])
-        for decay, retarded in zip(np.exp(-dt_s / self._times_s), self.retarded, strict=True):
+        for decay, retarded in zip(np.exp(-dt_s / CREEP_TIMES_S), self.retarded, strict=True):
             out += decay * retarded
         return out
 
@@ -81,10 +61,10 @@ class CreepChain:
             elastic: Instantaneous displacement under that traction, mm; None if the traction is
                 zero.
         """
-        for i, decay in enumerate(np.exp(-dt_s / self._times_s)):
+        for i, decay in enumerate(np.exp(-dt_s / CREEP_TIMES_S)):
             self.retarded[i] *= decay
             if elastic is not None:
-                self.retarded[i] += (1.0 - decay) * self._fractions[i] * elastic
+                self.retarded[i] += (1.0 - decay) * CREEP_FRACTIONS[i] * elastic
 
 
 # Stored creep below this is set to zero (1.6e-4 px, a thousandth of any tracker's error).
@@ -99,19 +79,18 @@ class GelConfig:
     Attributes:
         shear_modulus_kpa: Instantaneous shear modulus mu, kPa (tactile gels: 20 to 60).
         thickness_mm: Thickness h of gel and skin together, mm.
-        spectrum: Retarded compliances.
-        friction: Friction between skin and indenter.
+        friction: Coefficient of friction between skin and indenter while a cell sticks.
         grid: Cells of the mechanics.
     """
 
     shear_modulus_kpa: float = 30.0
     thickness_mm: float = 3.0
-    spectrum: SpectrumConfig = field(default_factory=SpectrumConfig)
-    friction: FrictionConfig = field(default_factory=FrictionConfig)
+    friction: float = 0.8
     grid: GridConfig = field(default_factory=GridConfig)
 
     def __post_init__(self) -> None:
         require_within(self, shear_modulus_kpa=(0.1, 1e5), thickness_mm=(0.1, 50.0))
+        require_within(self, friction=(0.0, 100.0))
 
 
 class Gel:
@@ -135,7 +114,7 @@ class Gel:
         self._compliance = KPA_PER_MPA / config.shear_modulus_kpa
         self._layer = LayerOperator(grid, config.thickness_mm)
         self._contact = GelContact(grid, self._layer, config.friction)
-        self._creep = CreepChain(config.spectrum, (3, grid.cells, grid.cells))
+        self._creep = CreepChain((3, grid.cells, grid.cells))
         self._markers = MarkerInterpolation(grid, marker_rest_mm)
         self._rest = np.column_stack((marker_rest_mm, np.zeros(len(marker_rest_mm))))
         self._displacement = np.zeros((3, grid.cells, grid.cells))

@@ -6,14 +6,11 @@ displaced place. A body that drags or turns a sticking patch therefore stays on 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.arrays import FloatArray
 from spikingtac.errors import SpikingTacError
-from spikingtac.schema import require_within
 from spikingtac.sim.gel_solvers import (
     Influence,
     lateral_displacement_kernel,
@@ -27,6 +24,9 @@ from spikingtac.sim.optics import ContactPatch
 from spikingtac.types import Pose
 
 KPA_PER_MPA = 1e3  # Moduli are configured in kPa; tractions are in N/mm², which is MPa.
+
+KINETIC_RATIO = 0.8  # Friction of a slipping cell over that of a sticking one (dry silicone).
+TOLERANCE_MM = 1e-4  # Error of the displacement at which the iterations end, mm (0.002 px).
 
 # Distance from the body, in sides of a cell, below which a cell is solved for.
 NEAR_FRACTION = 0.05
@@ -45,40 +45,19 @@ MAX_EXTENSIONS = 4
 SLIP_FRACTION = 1.0 - 1e-6
 
 
-@dataclass(frozen=True, kw_only=True)
-class FrictionConfig:
-    """Dry friction between skin and body.
-
-    Attributes:
-        static: Coefficient of friction while a cell sticks (contract: 0.8).
-        kinetic_ratio: Coefficient of a slipping cell divided by the static one (0.8 for dry
-            silicone).
-        tolerance_mm: Error of the displacement at which the iterations end (1e-4 mm, 0.002
-            px).
-    """
-
-    static: float = 0.8
-    kinetic_ratio: float = 0.8
-    tolerance_mm: float = 1e-4
-
-    def __post_init__(self) -> None:
-        require_within(self, static=(0.0, 100.0), kinetic_ratio=(0.01, 1.0))
-        require_within(self, tolerance_mm=(1e-9, 0.1))
-
-
 class GelContact:
     """State of the contact between the gel and one body.
 
     Args:
         grid: Cells of the skin.
         layer: Elastic response of the gel.
-        friction: Friction between skin and body.
+        friction: Coefficient of friction while a cell sticks.
 
     Attributes:
         traction: ``(3, n, n)`` shear along x and y, and pressure, N/mm².
     """
 
-    def __init__(self, grid: GridConfig, layer: LayerOperator, friction: FrictionConfig) -> None:
+    def __init__(self, grid: GridConfig, layer: LayerOperator, friction: float) -> None:
         self._grid, self._layer, self._friction = grid, layer, friction
         self._near_mm = NEAR_FRACTION * grid.pitch_mm
         self._rest = np.stack(np.meshgrid(grid.axis_mm, grid.axis_mm)).reshape(2, -1)
@@ -203,7 +182,7 @@ class GelContact:
 
     def _solve(self, prescribed: FloatArray, history: FloatArray) -> FloatArray:
         """Solve pressure, then friction; return the displacement at unit compliance."""
-        cells, friction = self.cells, self._friction
+        cells = self.cells
         xx, xy, yy, zz, xz, yz = self._influence.matrices
         flat = self.traction.reshape(3, -1)
         former = flat.take(cells, axis=1)
@@ -213,12 +192,12 @@ class GelContact:
         target = (prescribed.take(cells, axis=1) - history.take(cells, axis=1)).astype(np.float32)
         shear, pressure = guess[:2], guess[2]
         target[2] += product_kernel(xz, shear[0]) + product_kernel(yz, shear[1])
-        pressure_kernel(zz, target[2], pressure, friction.tolerance_mm, MAX_ITERATIONS)
+        pressure_kernel(zz, target[2], pressure, TOLERANCE_MM, MAX_ITERATIONS)
         pressure_shift = np.stack((product_kernel(xz, pressure), product_kernel(yz, pressure)))
         target[:2] -= pressure_shift
-        coefficient = np.where(self._slipping[cells], friction.kinetic_ratio, 1.0)
-        bound = (friction.static * coefficient * pressure).astype(np.float32)
-        shear_kernel(xx, xy, yy, target[:2], bound, shear, friction.tolerance_mm, MAX_SWEEPS)
+        coefficient = np.where(self._slipping[cells], KINETIC_RATIO, 1.0)
+        bound = (self._friction * coefficient * pressure).astype(np.float32)
+        shear_kernel(xx, xy, yy, target[:2], bound, shear, TOLERANCE_MM, MAX_SWEEPS)
         self._bound, self._pressure_shift = bound, pressure_shift
         self._traction_change[:] = 0.0
         self._traction_change[:, cells] = guess - former

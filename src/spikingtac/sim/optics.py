@@ -89,6 +89,10 @@ def image_radius_px(image: MarkerImage) -> FloatArray:
     return image.radius_px / np.sqrt(np.abs(np.linalg.det(image.shape)))
 
 
+# Standard deviation of each coordinate of a disc about the grid, mm (assumed: 0.8 px).
+POSITION_SIGMA_MM = 0.05
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DiscConfig:
     """Size and tolerances of the markers, and which are damaged.
@@ -96,23 +100,17 @@ class DiscConfig:
     Attributes:
         radius_mm: Mean radius, mm (the paper gives none; 0.8 to 1.0 mm across is usual).
         radius_sigma_mm: Standard deviation of the radius from disc to disc, mm (assumed: 0.25 px).
-        position_sigma_mm: Standard deviation of each coordinate about the grid, mm (assumed: 0.8
-            px).
-        broken: Indices of markers of which only ``broken_share`` of the width remains.
-        broken_share: Fraction of the diameter that a broken marker keeps, 0 to 1.
+        broken: Indices of markers of which only half of the width remains.
         missing: Indices of missing markers.
     """
 
     radius_mm: float = 0.45
     radius_sigma_mm: float = 0.016
-    position_sigma_mm: float = 0.05
     broken: tuple[int, ...] = ()
-    broken_share: float = 0.5
     missing: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         require_within(self, radius_mm=(1e-3, 50.0), radius_sigma_mm=(0.0, 50.0))
-        require_within(self, position_sigma_mm=(0.0, 50.0), broken_share=(0.01, 1.0))
 
 
 def draw_discs(
@@ -140,11 +138,11 @@ def draw_discs(
     rng = np.random.default_rng([seed, markers])
     spread = rng.standard_normal(markers).clip(-3, 3)
     radius_mm = np.maximum(config.radius_mm + config.radius_sigma_mm * spread, 0.0)
-    offset_mm = config.position_sigma_mm * rng.standard_normal((markers, 2)).clip(-3, 3)
+    offset_mm = POSITION_SIGMA_MM * rng.standard_normal((markers, 2)).clip(-3, 3)
     angle = rng.uniform(0, 2 * np.pi, markers)
     chord = np.stack([np.cos(angle), np.sin(angle), np.full(markers, np.inf)], axis=1)
     broken = list(config.broken)
-    chord[broken, 2] = (2 * config.broken_share - 1) * radius_mm[broken]
+    chord[broken, 2] = 0.0
     radius_mm[list(config.missing)] = 0.0
     return radius_mm, offset_mm, chord
 

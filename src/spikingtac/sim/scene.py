@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.schema import build, merged, require_within, to_mapping
-from spikingtac.sim.camera_config import CameraConfig, load_camera
+from spikingtac.sim.camera.config import CameraConfig, load_camera
 from spikingtac.sim.gel import GelConfig
 from spikingtac.sim.indenters import IndenterConfig, make_indenter
 from spikingtac.sim.motions import IndenterMotion, MotionConfig
@@ -65,12 +65,6 @@ MOST_MARKERS, MOST_CONTACTS = 10_000, 10_000
 LENGTH_S = (1e-3, 1e5)  # Valid lengths of a scene, s: up to a day.
 LOADED = "load_scene('demo')"  # How a scene is made, for errors.
 
-# Slow markers need no finer steps than those of the gel.
-#
-# The number of events changes by less than 1e-5 in `finger-presses` and `comb-slides`, and the
-# computing time halves.
-_STEP_SETTINGS = {"steps": {"max_us": 4000.0}}
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraChoice:
@@ -90,8 +84,8 @@ class CameraChoice:
         Raises:
             ConfigError: The preset or a setting is unknown or out of range.
         """
-        preset = merged(to_mapping(load_camera(self.preset)), _STEP_SETTINGS)
-        return build(CameraConfig, merged(preset, self.settings) | {"size": size}, "camera")
+        preset = merged(to_mapping(load_camera(self.preset)), self.settings)
+        return build(CameraConfig, preset | {"size": size}, "camera")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

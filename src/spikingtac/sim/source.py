@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from spikingtac.arrays import FloatArray
 from spikingtac.errors import require_type
-from spikingtac.sim.event_camera import EventCamera
+from spikingtac.sim.camera.event_camera import EventCamera
 from spikingtac.sim.gel import Gel
 from spikingtac.sim.optics import MarkerImage, Optics, SkinState, image_radius_px
 from spikingtac.sim.scene import LOADED, Scene

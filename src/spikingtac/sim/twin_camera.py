@@ -14,7 +14,7 @@ from spikingtac.events.address import Address, is_address
 from spikingtac.events.camera import Camera
 from spikingtac.events.formats.file_source import Rows
 from spikingtac.sim import catalog
-from spikingtac.sim.camera_config import CAMERA_NAMES
+from spikingtac.sim.camera.config import CAMERA_NAMES
 from spikingtac.stream.host import Factory
 from spikingtac.stream.sources import RemoteSource
 from spikingtac.types import EventPacket

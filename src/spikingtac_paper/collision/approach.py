@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from spikingtac.contact import ContactDetector
 from spikingtac.robot import CRUISE_TOLERANCE, ApproachConfig, ArmState
-from spikingtac.sim import WAIT_S, FirstContact, PriorContact, Rig, RigConfig, UR3Twin
+from spikingtac.sim import FirstContact, Rig, UR3Twin
 from spikingtac_paper.collision.frames import FrameSampler
 from spikingtac_paper.collision.scene import (
     DIRECTION,
     NEAR_MM,
+    PRIOR_TOUCH,
     RELEASED_S,
     SETTLE_WINDOWS,
     run_up_mm,
@@ -32,6 +33,7 @@ Vector = NDArray[np.float64]
 
 # Speed of the motion back to the start, mm/s: it ends within the second after a release.
 RETREAT_MM_S = 180.0
+WAIT_S = 0.001  # Period at which a waiting loop checks its condition, s.
 BEYOND_MM = 60.0  # Distance of the commanded target behind the wall, mm: no method stops that late.
 FRAMES = "frames"  # Name of the frame sampler's decision in :attr:`ApproachRun.decided_us`.
 WINDOW_US = 1000  # Length of a window of the detectors, us (Section V-B).
@@ -83,16 +85,15 @@ def prepare(rig: Rig, speed_mm_s: float, rng: np.random.Generator) -> None:
         speed_mm_s: Speed of the approach, mm/s.
         rng: Draws the starting place.
     """
-    prior = PriorContact()
-    rig.arm.move_linear(prior.press_mm * DIRECTION, prior.speed_mm_s)
+    rig.arm.move_linear(PRIOR_TOUCH["press_mm"] * DIRECTION, PRIOR_TOUCH["speed_mm_s"])
     _until_at_rest(rig)
-    rig.wait(prior.hold_s)
-    rig.arm.move_linear(-NEAR_MM * DIRECTION, prior.speed_mm_s)
+    rig.wait(PRIOR_TOUCH["hold_s"])
+    rig.arm.move_linear(-NEAR_MM * DIRECTION, PRIOR_TOUCH["speed_mm_s"])
     while rig.state.in_contact:
         rig.wait(WAIT_S)
     released_us = float(rig.t_us)
     _until_at_rest(rig)
-    way_mm = run_up_mm(speed_mm_s) + rng.uniform() * speed_mm_s * RigConfig().arm.cycle_s
+    way_mm = run_up_mm(speed_mm_s) + rng.uniform() * speed_mm_s * UR3Twin.CYCLE_S
     rig.arm.move_linear(-way_mm * DIRECTION, RETREAT_MM_S)
     _until_at_rest(rig)
     due_us = released_us + 1e6 * (RELEASED_S - travel_time_s(speed_mm_s, way_mm))
@@ -116,7 +117,7 @@ def approach(rig: Rig, speed_mm_s: float, observers: Observers) -> ApproachRun:
     run.costs_us = {name: Counter() for name in observers.detectors}
     if observers.frames is not None:
         observers.frames.start(np.mean(before, axis=0))
-    known = float(rig.t_us), rig.markers_px[0]
+    known = float(rig.t_us), rig.image.center_px
     while not _has_ended(rig, observers, run):
         window = next(rig.windows())
         for name, detector in observers.detectors.items():
@@ -126,7 +127,7 @@ def approach(rig: Rig, speed_mm_s: float, observers: Observers) -> ApproachRun:
                 run.costs_us[name][round((time.perf_counter() - begun) * 1e6)] += 1
                 if contact is not None:
                     run.decided_us[name] = float(rig.t_us)
-        before, known = known, (float(rig.t_us), rig.markers_px[0])
+        before, known = known, (float(rig.t_us), rig.image.center_px)
         if observers.frames is not None and FRAMES not in run.decided_us:
             times_us, centers = (np.array(column) for column in zip(before, known, strict=True))
             found = observers.frames.look((times_us, centers))
@@ -144,11 +145,11 @@ def _cruise(rig: Rig, config: ApproachConfig) -> list[Vector]:
     """
     cruising, seen = 0, []
     while cruising < config.settle_windows:
-        next(rig.windows(WINDOW_US))
+        next(rig.windows())
         speed = float(rig.arm.speed_mm_s() @ DIRECTION)
         steady = abs(speed / config.speed_mm_s - 1.0) <= CRUISE_TOLERANCE
         cruising = cruising + 1 if steady else 0
-        seen.append(rig.markers_px[0])
+        seen.append(rig.image.center_px)
     return seen[-config.settle_windows :]
 
 

@@ -16,16 +16,15 @@ from spikingtac.sim import (
     ACCELERATION_MM_S2,
     SERVO_LAG_S,
     VIBRATION_MM,
-    CameraChoice,
     FingerConfig,
     PlaneWall,
-    PriorContact,
     ProbeConfig,
     Rig,
     RigConfig,
     RoundBit,
     SensingFinger,
     SkinConfig,
+    UR3Twin,
 )
 from spikingtac_paper.free_motion.free_rig import FreeRig
 
@@ -40,6 +39,10 @@ NEAR_MM = 0.5  # Distance from the wall at which the arm stands before its first
 SETTLE_WINDOWS = 100
 MARGIN_S = 0.04  # Largest delay of the constant speed by report, cycle, network and servo, s.
 STICKOUT_MM = 40.0  # Length of the probe beyond the fingers, mm (contract.md).
+
+# The touch before an approach: travel of the arm beyond the first touch, mm (a typical overshoot),
+# speed of approach and return, mm/s, and time for which the probe presses, s.
+PRIOR_TOUCH = {"press_mm": 1.0, "speed_mm_s": 20.0, "hold_s": 0.2}
 RELEASED_S = 1.0  # Time from the release of one touch to the next touch, s (contract.md).
 
 
@@ -70,7 +73,7 @@ class CollisionScene:
         wall = PlaneWall(point_mm=_three(way * RoundBit().radius_mm), normal=_three(-way))
         finger = SensingFinger(self.finger(), seed)
         rng = np.random.default_rng(seed)
-        return Rig(self.rig_config(), wall, [finger], -NEAR_MM * way, rng)
+        return Rig(self.rig_config(), wall, finger, -NEAR_MM * way, rng)
 
     def make_free_rig(self, seed: int, history: Literal["rested", "random"]) -> FreeRig:
         """Return the fast path of the same sensor and probe, without a wall."""
@@ -93,13 +96,12 @@ class CollisionScene:
     def resolved(self) -> dict[str, Any]:
         """Return every value of the scene, with those of the camera's preset."""
         finger = self.finger()
-        choice = CameraChoice(preset=finger.camera, settings=finger.settings)
         return {
             "scene": to_mapping(self),
             "rig": to_mapping(self.rig_config()),
-            "camera": to_mapping(choice.resolve(finger.optics.size)),
+            "camera": to_mapping(finger.camera_config),
             "optics": to_mapping(finger.optics),
-            "past": {"touch": to_mapping(PriorContact()), "released_s": RELEASED_S},
+            "past": {"touch": PRIOR_TOUCH, "released_s": RELEASED_S},
         }
 
     def digest(self) -> str:
@@ -109,18 +111,17 @@ class CollisionScene:
 
 def run_up_mm(speed_mm_s: float) -> float:
     """Return the distance from start to wall in which the probe's oscillation decays, mm."""
-    arm = RigConfig().arm
     braking = speed_mm_s**2 / (2.0 * ACCELERATION_MM_S2)
-    ramp = speed_mm_s * math.sqrt(speed_mm_s / arm.jerk_mm_s3)
+    ramp = speed_mm_s * math.sqrt(speed_mm_s / UR3Twin.JERK_MM_S3)
     listening = speed_mm_s * (SETTLE_WINDOWS * 1e-3 + MARGIN_S)
     return NEAR_MM + braking + ramp + listening
 
 
 def travel_time_s(speed_mm_s: float, way_mm: float) -> float:
     """Return the time from a command until the arm has travelled a distance, s."""
-    arm = RigConfig().arm
-    late_s = arm.network_s + 0.5 * arm.cycle_s + float(np.mean(SERVO_LAG_S))
-    ramp_s = min(ACCELERATION_MM_S2 / arm.jerk_mm_s3, math.sqrt(speed_mm_s / arm.jerk_mm_s3))
+    jerk = UR3Twin.JERK_MM_S3
+    late_s = UR3Twin.NETWORK_S + 0.5 * UR3Twin.CYCLE_S + float(np.mean(SERVO_LAG_S))
+    ramp_s = min(ACCELERATION_MM_S2 / jerk, math.sqrt(speed_mm_s / jerk))
     return late_s + way_mm / speed_mm_s + 0.5 * (speed_mm_s / ACCELERATION_MM_S2 + ramp_s)
 
 

@@ -19,7 +19,6 @@ from scipy.signal import lfilter, oaconvolve
 
 from spikingtac.arrays import FloatArray
 from spikingtac.sim import (
-    CameraChoice,
     FingerConfig,
     MarkerImage,
     NoWall,
@@ -138,10 +137,7 @@ class SmallMotionFinger(SensingFinger):
 
     def __init__(self, config: FingerConfig, seed: int, pad: Pad, rig: RigConfig) -> None:
         super().__init__(config, seed)
-        choice = CameraChoice(preset=config.camera, settings=config.settings)
-        self.sparse_camera = SmallMotionCamera(
-            choice.resolve(config.optics.size), seed, config.serial
-        )
+        self.sparse_camera = SmallMotionCamera(config.camera_config, seed, config.serial)
         self.camera = self.sparse_camera
         self._pad, self._probe = pad, rig.probe
         self.image = self._at(np.zeros(DEGREES_OF_FREEDOM))

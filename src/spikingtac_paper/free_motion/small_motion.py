@@ -2,7 +2,7 @@
 
 A marker that moves by a tenth of a pixel changes the light of the pixels around its edge by a
 fraction of a threshold. The distance of each pixel to the edge is linear in the motion of the rod,
-its light is looked up, and the change detector is that of :mod:`spikingtac.sim.pixels`. A
+its light is looked up, and the change detector is that of :mod:`spikingtac.sim.camera.pixels`. A
 pixel that cannot reach a threshold for some time waits in a timing wheel for that time, which makes
 this fast. The wheel is that of Varghese & Lauck, SOSP 1987, doi:10.1145/41457.37504: a linked list
 of pixels for each coming step.
@@ -135,8 +135,8 @@ def level_crossing_distance_kernel(
     """Return the distance inside the edge, up to which a level is not yet reached, px.
 
     Args:
-        px: Record of :data:`~spikingtac.sim.pixels.PIXEL_DTYPE`.
-        chip: Record of :data:`~spikingtac.sim.pixels.CHIP_DTYPE`.
+        px: Record of :data:`~spikingtac.sim.camera.pixels.PIXEL_DTYPE`.
+        chip: Record of :data:`~spikingtac.sim.camera.pixels.CHIP_DTYPE`.
         here_px: Present distance of the pixel inside the edge, px.
         level: Log intensity that must not be reached.
         towards: 1 to search further inside, -1 to search outwards.
@@ -231,9 +231,9 @@ def update_edge_pixel_kernel(
     """Update a pixel near an edge; return how long it cannot fire, us, or 0 if a band was stored.
 
     Args:
-        px: Record of :data:`~spikingtac.sim.pixels.PIXEL_DTYPE`.
+        px: Record of :data:`~spikingtac.sim.camera.pixels.PIXEL_DTYPE`.
         edge: Record of :data:`EDGE_DTYPE`.
-        chip: Record of :data:`~spikingtac.sim.pixels.CHIP_DTYPE`.
+        chip: Record of :data:`~spikingtac.sim.camera.pixels.CHIP_DTYPE`.
         before_px: Distance inside the edge at the start of the step, px.
         inside_px: Distance inside the edge at the end of the step, px.
         times: Start and end of the step, us.
@@ -288,9 +288,9 @@ def small_motion_kernel(
     """Render a stretch of small motion.
 
     Args:
-        pixels: ``(n,)`` of :data:`~spikingtac.sim.pixels.PIXEL_DTYPE`, row-major.
+        pixels: ``(n,)`` of :data:`~spikingtac.sim.camera.pixels.PIXEL_DTYPE`, row-major.
         edge_pixels: Those of them that are near an edge.
-        chip: Record of :data:`~spikingtac.sim.pixels.CHIP_DTYPE`.
+        chip: Record of :data:`~spikingtac.sim.camera.pixels.CHIP_DTYPE`.
         wheel: Timing wheel of the pending updates.
         motion: ``(filters, 6, 1 + steps)`` low-passed bushing at the start and after each step.
         start_us: Start of the first step, us.

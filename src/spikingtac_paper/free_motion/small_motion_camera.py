@@ -1,8 +1,7 @@
 """The event camera for small motions: a pixel is updated only when an event may be near.
 
-Mismatch, leak, hot pixels, background, dead times, latencies and readout are those of
-:class:`~spikingtac.sim.event_camera.EventCamera`. Only the light around the edges is computed in
-another way.
+Mismatch, leak, hot pixels, background, dead times, latencies and readout are those of the
+:class:`~spikingtac.sim.EventCamera`. Only the light around the edges is computed in another way.
 """
 
 from __future__ import annotations

@@ -15,7 +15,6 @@ from spikingtac import Calibration, follow, make_tracker
 from spikingtac.config import load_config
 from spikingtac.sim import (
     ContactConfig,
-    FrictionConfig,
     GelConfig,
     IndenterConfig,
     MotionConfig,
@@ -180,7 +179,7 @@ def draw_contact(
         lead_in_s=0.15,
         lead_out_s=0.1,
         mechanics_hz=500.0 if motion.speed > FAST_MM_S or kind.endswith("twist") else 250.0,
-        gel=replace(gel, friction=FrictionConfig(static=friction)),
+        gel=replace(gel, friction=friction),
         contacts=(ContactConfig(indenter=indenter, motion=course),),
     )
     return DrawnContact(kind, body.name, friction, motion.speed, scene)

@@ -11,7 +11,7 @@ from spikingtac.calibration.lens import SkinScale, fit_lens, marker_pitch_px
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.markers.calibration.calibrate import with_lens
-from spikingtac.sim.optics import DiscConfig, Optics, OpticsConfig
+from spikingtac.sim.optics import Optics, OpticsConfig
 from spikingtac.sim.scene import SkinConfig
 from spikingtac.tracks.comparison import compare_with_truth
 from spikingtac.tracks.tracks import Tracks
@@ -25,16 +25,20 @@ def skin_mm(grid: tuple[int, int] = GRID) -> np.ndarray:
     return np.stack([x.ravel() - x.mean(), y.ravel() - y.mean()], axis=1)
 
 
+@pytest.fixture(autouse=True)
+def discs_in_their_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("spikingtac.sim.optics.POSITION_SIGMA_MM", 0.0)
+
+
 def imaged_px(place_mm: np.ndarray, tilt: float = 0.0) -> np.ndarray:
     """Places on the skin as a camera shows them whose lens distorts by Brown's law, k1 = -0.05."""
-    exact = DiscConfig(radius_sigma_mm=0.0, position_sigma_mm=0.0)
     count = len(place_mm)
     skin = replace(
         SkinConfig().at_rest(),
         marker_mm=np.column_stack([place_mm, tilt * place_mm[:, 0]]),
         gradient=np.tile(np.eye(2), (count, 1, 1)),
     )
-    return Optics(OpticsConfig(discs=exact)).project(skin).center_px
+    return Optics(OpticsConfig()).project(skin).center_px
 
 
 def rests_px(seed: int, tilt: float = 0.0) -> np.ndarray:

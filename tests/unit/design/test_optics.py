@@ -62,11 +62,15 @@ def test_the_field_is_where_the_sensor_ends() -> None:
     assert min(seen.field_mm) >= 20.6
 
 
+@pytest.fixture(autouse=True)
+def discs_in_their_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("spikingtac.sim.optics.POSITION_SIGMA_MM", 0.0)
+
+
 def projected_px(scene: Scene, indentation_mm: float) -> np.ndarray:
-    exact = replace(scene.optics.discs, radius_sigma_mm=0.0, position_sigma_mm=0.0)
     state = scene.skin.at_rest()
     pressed = state.marker_mm + np.array([0.0, 0.0, indentation_mm])
-    image = Optics(replace(scene.optics, discs=exact)).project(replace(state, marker_mm=pressed))
+    image = Optics(scene.optics).project(replace(state, marker_mm=pressed))
     return image.center_px - (np.array(scene.size) - 1) / 2
 
 

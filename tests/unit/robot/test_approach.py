@@ -9,7 +9,7 @@ from spikingtac.errors import DeviceError
 from spikingtac.robot.approacher import Approach, ApproachConfig, approach
 from spikingtac.robot.arm import ArmState
 from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
-from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
+from spikingtac.sim.rig.ur3 import UR3Twin
 from spikingtac.types import Contact
 
 WALL_MM = 60.0
@@ -21,7 +21,7 @@ class Bench:
     """An arm and windows (their end times, us) whose pull lets 1 ms pass."""
 
     def __init__(self, seed: int = 0, last_us: int = 10_000_000) -> None:
-        self.arm = UR3Twin(UR3Config(), np.zeros(3), np.random.default_rng(seed))
+        self.arm = UR3Twin(np.zeros(3), np.random.default_rng(seed))
         self.last_us = last_us
         self.heard: list[int] = []
         self.beating = True

@@ -10,23 +10,23 @@ import numpy as np
 import pytest
 from numba import njit
 
-from spikingtac.sim.camera_config import (
+from spikingtac.sim.camera import event_camera
+from spikingtac.sim.camera.config import (
     CAMERA_NAMES,
     CameraConfig,
     LightConfig,
     PixelConfig,
     ReadoutConfig,
-    StepConfig,
     load_camera,
 )
-from spikingtac.sim.event_camera import EventCamera
-from spikingtac.sim.optics import MarkerImage
-from spikingtac.sim.pixels import (
+from spikingtac.sim.camera.event_camera import EventCamera
+from spikingtac.sim.camera.pixels import (
     KEY_SHIFT,
     uniform_kernel,
 )
-from spikingtac.sim.readout import BACKLOG_US, Arbiter, Readout, arbitrate_kernel
-from spikingtac.sim.sweep import sample_pattern_kernel
+from spikingtac.sim.camera.readout import BACKLOG_US, Arbiter, Readout, arbitrate_kernel
+from spikingtac.sim.camera.sweep import sample_pattern_kernel
+from spikingtac.sim.optics import MarkerImage
 from spikingtac.types import EventPacket, LossCounters
 from stand_ins.camera_stage import (
     CENTERS,
@@ -128,10 +128,10 @@ def filmed(config: CameraConfig, shots: list[MarkerImage], history="random"):
 
 
 @pytest.mark.parametrize("speed_px_s", [20.0, 300.0])
-def test_every_pixel_at_every_step_gives_what_the_edges_alone_give(speed_px_s):
+def test_every_pixel_at_every_step_gives_what_the_edges_alone_give(speed_px_s, monkeypatch):
     """The dense renderer is the sweep's plain twin: it neither skips nor carries forward."""
-    steps = StepConfig(max_us=200.0)
-    quick = CameraConfig(size=SMALL, pixel=TYPICAL, steps=steps)
+    monkeypatch.setattr(event_camera, "MAX_STEP_US", 200.0)
+    quick = CameraConfig(size=SMALL, pixel=TYPICAL)
     thorough = replace(quick, light=LightConfig(texture=1e-9, texture_follow=1.0))
     shots = moved_images(speed_px_s, 60_000)
     one, two = filmed(quick, shots), filmed(thorough, shots)

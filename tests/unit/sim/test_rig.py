@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import pytest
 
 from spikingtac.errors import MissingExtraError
 from spikingtac.sim.optics import MarkerImage, SkinState
+from spikingtac.sim.rig import probe as rod
 from spikingtac.sim.rig.pad import pad_response, rigid_modes
 from spikingtac.sim.rig.probe import Probe, ProbeConfig, ProbeState, bushing_stiffness, rod_inertia
 from spikingtac.sim.rig.rig import Rig, RigConfig, Vibration
-from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
-from spikingtac.sim.rig.walls import NoWall, PlaneWall, Wall
+from spikingtac.sim.rig.ur3 import UR3Twin
+from spikingtac.sim.rig.walls import NoWall, PlaneWall
 from spikingtac.types import EventPacket
 
 
@@ -40,7 +41,6 @@ def test_the_patch_moves_rigidly_and_the_rim_follows_less() -> None:
 
 
 NEAR_WALL = PlaneWall(point_mm=(0.375, 0.0, 0.0), normal=(-1.0, 0.0, 0.0))
-STILL = ProbeConfig(grams_per_mm=0.0, creep=())
 DT_S = 1e-3
 
 
@@ -52,12 +52,26 @@ def line(start: tuple[float, ...], end: tuple[float, ...], steps: int = 200) -> 
     return np.linspace(start, end, steps)
 
 
-def pressed(config: ProbeConfig, wall: Wall = NEAR_WALL, to: tuple[float, ...] = (1.0, 0.0, 0.0)):
-    return drive(Probe(config, wall, np.zeros(3)), line((0.0, 0.0, 0.0), to))[-1]
+@pytest.fixture
+def rod_of(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
+    """Change constants of the rod for one test."""
+
+    def change(**constants: object) -> None:
+        rod.step_matrices.cache_clear()
+        for name, value in constants.items():
+            monkeypatch.setattr(rod, name, value)
+
+    yield change
+    rod.step_matrices.cache_clear()
 
 
-def test_tip_stiffness_is_that_of_translation_and_rotation_in_series() -> None:
-    state = pressed(STILL)
+NO_CREEP = {"CREEP_FRACTIONS": np.empty(0), "CREEP_TIMES_S": np.empty(0)}
+
+
+def test_tip_stiffness_is_that_of_translation_and_rotation_in_series(rod_of) -> None:
+    rod_of(GRAMS_PER_MM=0.0, **NO_CREEP)
+    probe = Probe(ProbeConfig(), NEAR_WALL, np.zeros(3))
+    state = drive(probe, line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))[-1]
     compliance = 1.0 / 2.5 + 40.0**2 / 68.0
     assert -state.force_n[0] == pytest.approx(1.0 / compliance, rel=1e-6)
     assert -state.bushing[0] == pytest.approx(0.017, abs=5e-4)
@@ -65,20 +79,22 @@ def test_tip_stiffness_is_that_of_translation_and_rotation_in_series() -> None:
     np.testing.assert_allclose(state.tip_mm, 0.0, atol=1e-9)
 
 
-def test_creep_relaxes_the_force_as_the_kelvin_chain_says() -> None:
-    chain = ((0.2, 0.05),)
-    probe = Probe(ProbeConfig(grams_per_mm=0.0, creep=chain), NEAR_WALL, np.zeros(3))
+def test_creep_relaxes_the_force_as_the_kelvin_chain_says(rod_of) -> None:
+    share, tau_s = 0.2, 0.05
+    chain = {"CREEP_FRACTIONS": np.array([share]), "CREEP_TIMES_S": np.array([tau_s])}
+    rod_of(GRAMS_PER_MM=0.0, **chain)
+    probe = Probe(ProbeConfig(), NEAR_WALL, np.zeros(3))
     hold = np.tile([1.0, 0.0, 0.0], (400, 1))
     force = np.array([-state.force_n[0] for state in drive(probe, hold)])
     time_s = DT_S * np.arange(1, 401)
-    share, tau_s = chain[0]
     rate = (1.0 + share) / tau_s
     exact = (1.0 + share * np.exp(-rate * time_s)) / (1.0 + share) / (0.4 + 1600.0 / 68.0)
     np.testing.assert_allclose(force, exact, rtol=0.01)
 
 
-def test_the_free_rod_rocks_at_the_frequency_of_its_inertia() -> None:
-    config = ProbeConfig(creep=(), damping_ratio=0.0)
+def test_the_free_rod_rocks_at_the_frequency_of_its_inertia(rod_of) -> None:
+    rod_of(DAMPING_RATIO=0.0, **NO_CREEP)
+    config = ProbeConfig()
     mass, stiffness = rod_inertia(config), np.diag(bushing_stiffness(config))
     modes = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real) / (2 * np.pi)
     probe = Probe(config, NoWall(), np.zeros(3))
@@ -117,14 +133,13 @@ class PlainFinger:
         return EventPacket(zero, zero, zero > 0, t, start_us, images[-1].t_us, (320, 320))
 
 
-def make_rig(rms_mm: float = 0.0, fingers: int = 2) -> tuple[Rig, list[PlainFinger]]:
-    config = RigConfig(vibration_mm=rms_mm)
-    plain = [PlainFinger() for _ in range(fingers)]
-    return Rig(config, WALL, plain, np.zeros(3), np.random.default_rng(1)), plain
+def make_rig(rms_mm: float = 0.0) -> Rig:
+    config, rng = RigConfig(vibration_mm=rms_mm), np.random.default_rng(1)
+    return Rig(config, WALL, PlainFinger(), np.zeros(3), rng)  # type: ignore[arg-type]
 
 
 def test_the_first_touch_is_where_the_tip_meets_the_wall() -> None:
-    rig, _ = make_rig()
+    rig = make_rig()
     rig.arm.move_linear(np.array([3.0, 0.0, 0.0]), 5.0)
     while rig.first_contact is None:
         rig.advance(1000)
@@ -137,11 +152,11 @@ def test_the_first_touch_is_where_the_tip_meets_the_wall() -> None:
 def test_equal_seeds_and_any_pull_of_whole_steps_give_equal_states() -> None:
     ends = []
     for pulls in ([1000] * 60, [3000] * 20):
-        rig, _ = make_rig(rms_mm=0.03)
+        rig = make_rig(rms_mm=0.03)
         rig.arm.move_linear(np.array([3.0, 0.0, 0.0]), 50.0)
         for dt_us in pulls:
             rig.advance(dt_us)
-        ends.append((rig.state.tip_mm, rig.state.bushing, rig.markers_px[1]))
+        ends.append((rig.state.tip_mm, rig.state.bushing, rig.image.center_px))
     for first, second in zip(*ends, strict=True):
         np.testing.assert_allclose(first, second, atol=1e-12)
 
@@ -149,19 +164,19 @@ def test_equal_seeds_and_any_pull_of_whole_steps_give_equal_states() -> None:
 FAST_MM_S = 180.0
 
 
-def approaching(rng: np.random.Generator, config: UR3Config | None = None) -> UR3Twin:
+def approaching(rng: np.random.Generator, kind: type[UR3Twin] = UR3Twin) -> UR3Twin:
     """Return an arm that cruises at 0.18 m/s along x, at a random phase of its cycle."""
-    arm = UR3Twin(config or UR3Config(), np.zeros(3), rng)
+    arm = kind(np.zeros(3), rng, repeatability_mm=0.0)
     arm.move_linear(np.array([300.0, 0.0, 0.0]), FAST_MM_S)
     arm.advance_to(int(rng.integers(600_000, 700_000)))
     return arm
 
 
-def overshoots_mm(config: UR3Config, trials: int = 800) -> np.ndarray:
+def overshoots_mm(kind: type[UR3Twin], trials: int = 800) -> np.ndarray:
     rng = np.random.default_rng(1)
     found = np.empty(trials)
     for k in range(trials):
-        arm = approaching(rng, config)
+        arm = approaching(rng, kind)
         touched_mm = arm.true_position_mm()[0]
         arm.stop()
         arm.advance_to(1_500_000)
@@ -173,14 +188,14 @@ def overshoots_mm(config: UR3Config, trials: int = 800) -> np.ndarray:
     ("changes", "mean_mm", "worst_mm"),
     [
         ({}, 6.2, 7.6),
-        ({"jerk_mm_s3": np.inf}, 4.7, 6.2),
-        ({"cycle_s": 0.002, "jerk_mm_s3": np.inf}, 4.2, 5.1),
+        ({"JERK_MM_S3": np.inf}, 4.7, 6.2),
+        ({"CYCLE_S": 0.002, "JERK_MM_S3": np.inf}, 4.2, 5.1),
     ],
 )
 def test_overshoot_of_a_perfect_sensor(
     changes: dict[str, float], mean_mm: float, worst_mm: float
 ) -> None:
-    found = overshoots_mm(UR3Config(**changes))
+    found = overshoots_mm(type("Changed", (UR3Twin,), changes))
     assert found.mean() == pytest.approx(mean_mm, abs=0.1)
     assert found.max() == pytest.approx(worst_mm, abs=0.15)
     assert found.max() <= worst_mm + 0.05
@@ -188,11 +203,10 @@ def test_overshoot_of_a_perfect_sensor(
 
 def test_the_reported_pose_is_up_to_one_cycle_old() -> None:
     rng = np.random.default_rng(2)
-    config = UR3Config(repeatability_mm=0.0)
     lag = np.array(
         [
             arm.pose().position_mm[0] - arm.true_position_mm()[0]
-            for arm in (approaching(rng, config) for _ in range(400))
+            for arm in (approaching(rng) for _ in range(400))
         ]
     )
     assert lag.mean() == pytest.approx(-0.72, abs=0.05)
@@ -203,4 +217,4 @@ def test_the_reported_pose_is_up_to_one_cycle_old() -> None:
 def test_a_machine_without_ruckig_is_told_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ruckig", None)
     with pytest.raises(MissingExtraError, match=r"spikingtac\[arm\]"):
-        UR3Twin(UR3Config(), np.zeros(3), np.random.default_rng(0)).move_linear(np.ones(3), 50.0)
+        UR3Twin(np.zeros(3), np.random.default_rng(0)).move_linear(np.ones(3), 50.0)

@@ -15,7 +15,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.manifest import MANIFEST
 from spikingtac.plugins import SCENE_DESIGNS, with_plugins
 from spikingtac.sim import catalog
-from spikingtac.sim.camera_config import CAMERA_NAMES
+from spikingtac.sim.camera.config import CAMERA_NAMES
 from spikingtac.sim.render import simulate
 
 

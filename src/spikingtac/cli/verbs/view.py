@@ -14,7 +14,7 @@ from spikingtac.cli.options import WriteArgs, require_seconds
 from spikingtac.cli.sources import ask_for_real_time, require_live
 from spikingtac.errors import ConfigError
 from spikingtac.plots.figure import PICTURE_ENDINGS
-from spikingtac.sim.camera_config import CAMERA_NAMES
+from spikingtac.sim.camera.config import CAMERA_NAMES
 from spikingtac.stream.host import Factory
 from spikingtac.viewer.calibrating import SaveTarget
 from spikingtac.viewer.export import check_target, export, summarize

@@ -24,8 +24,7 @@ from spikingtac.geometry.travel import TravelModel, fit_travel
 from spikingtac.robot.arm import ArmState
 from spikingtac.robot.prober import ArmProber, Prober, ProbingConfig, Touched
 from spikingtac.sim.rig.probe import ProbeConfig
-from spikingtac.sim.rig.rig import VIBRATION_MM, FingerConfig, Rig, RigConfig, SensingFinger
-from spikingtac.sim.rig.ur3 import UR3Config
+from spikingtac.sim.rig.rig import FingerConfig, Rig, RigConfig, SensingFinger
 from spikingtac.sim.rig.walls import HexBit, HoleWall, NoWall, PlaneWall, Wall
 from spikingtac.sim.scene import SkinConfig
 from spikingtac.types import EventPacket
@@ -125,26 +124,23 @@ class HoleSite:
     Args:
         grasp: Properties of the grasp.
         seed: Seed of noise, vibration and the phase of the arm's controller.
-        preset: Preset of camera and vibration.
 
     Attributes:
         rig: Arm, probe, pad and camera.
         calibration: Calibration of the finger with the bit in the grip.
     """
 
-    def __init__(self, grasp: Grasp, seed: int, preset: str = "typical") -> None:
+    def __init__(self, grasp: Grasp, seed: int) -> None:
         probe = ProbeConfig(
             normal_ratio=grasp.normal_ratio,
             tilt_ratio=grasp.tilt_ratio,
             tip_friction=grasp.friction,
             bit=HexBit(heading_rad=grasp.heading_rad),
         )
-        arm = UR3Config(repeatability_mm=0.0)
-        config = RigConfig(probe=probe, arm=arm, vibration_mm=VIBRATION_MM[preset])
-        finger = SensingFinger(FingerConfig(camera=preset, serial=grasp.serial), seed)
-        rng = np.random.default_rng(seed)
-        self.rig = Rig(config, NoWall(), [finger], np.zeros(3), rng)
-        image = finger.project(self.rig.skin())
+        config = RigConfig(probe=probe, repeatability_mm=0.0)
+        finger = SensingFinger(FingerConfig(serial=grasp.serial), seed)
+        self.rig = Rig(config, NoWall(), finger, np.zeros(3), np.random.default_rng(seed))
+        image = self.rig.image
         self.calibration = Calibration(  # the true one, which a user has to learn
             reference_px=np.asarray(image.center_px, np.float64),
             radius_px=np.asarray(image.radius_px, np.float64),
@@ -155,7 +151,7 @@ class HoleSite:
 
     def windows(self) -> Iterator[tuple[EventPacket, ...]]:
         """Yield the windows of the finger without end."""
-        return self.rig.paired_windows()
+        return self.rig.windows()
 
     def set_wall(self, wall: Wall, place_mm: FloatArray) -> None:
         """Place the probe in front of another wall; a bit that touches is released and swings."""

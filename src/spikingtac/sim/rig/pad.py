@@ -25,7 +25,6 @@ from spikingtac.sim.rig.probe import GRIPPER_IN_BASE, ProbeState
 from spikingtac.sim.scene import SkinConfig
 
 MODES = 6
-NORMAL_MODE = 2  # Index of the translation along the pad's z.
 
 # Cells of 0.4 mm (twin.md, section 2), with the periodic images 8 layer depths away.
 GRID = GridConfig(cells=128, span_mm=51.2)
@@ -36,8 +35,23 @@ MOST_ITERATIONS = 500  # Limit of the conjugate gradients.
 PATCH_MM = (7.0, 18.0)
 THICKNESS_MM = 3.0  # Depth of the gel layer, mm (contract.md).
 GRIP_MM = 0.3  # Depth by which the grip presses the rod into the pad, mm (10 % of the layer).
-HALF_THICKNESS_MM = 2.0  # Distance from the rod's axis to the skin, mm (a 4 mm rod).
+GRIP = np.array([0.0, 0.0, GRIP_MM, 0.0, 0.0, 0.0])  # Amplitudes of the modes under the grip.
 PADS = 2  # Number of pads that share the load of the rod, with or without a camera.
+
+# Amplitudes of the pad's modes per bushing motion (gripper frame). The pad sees the gripper's x and
+# y as its own and z reversed. A rotation of the rod also moves its surface, which lies 2 mm from
+# its axis (a 4 mm rod).
+FROM_BUSHING = np.array(
+    [
+        [1.0, 0.0, 0.0, 0.0, -2.0, 0.0],
+        [0.0, 1.0, 0.0, 2.0, 0.0, 0.0],
+        [0.0, 0.0, -1.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
+        [0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 0.0, -1.0, 0.0, 0.0],
+    ]
+)
+FROM_BASE = FROM_BUSHING[:3, :3] @ GRIPPER_IN_BASE.T  # The pad's axes as rows, base frame.
 
 
 def rigid_modes(points_mm: FloatArray) -> FloatArray:
@@ -116,27 +130,22 @@ def _skin_fields() -> FloatArray:
 
 
 class Pad:
-    """One pad. The patch that sticks to the rod lies in the middle of its markers.
+    """One pad. The patch that sticks to the rod lies in the middle of its markers."""
 
-    Args:
-        faces_back: False for pad A; True for pad B, whose camera looks in the opposite direction.
-    """
-
-    def __init__(self, faces_back: bool = False) -> None:
-        self._from_bushing = mode_amplitudes(faces_back)
-        self._grip = np.zeros(MODES)
-        self._grip[NORMAL_MODE] = GRIP_MM
+    def __init__(self) -> None:
         rest = SkinConfig().at_rest()
         self._rest = np.concatenate([rest.marker_mm.ravel(), rest.gradient.ravel()])
         self._coordinates = rest.marker_mm.size
 
     def skin(self, state: ProbeState) -> SkinState:
         """Return the skin under the rod, for a state of the probe."""
-        amplitude = self._grip + self._from_bushing @ state.bushing
+        amplitude = GRIP + FROM_BUSHING @ state.bushing
         fields = self._rest + amplitude @ _skin_fields()
         places, gradient = fields[: self._coordinates], fields[self._coordinates :]
-        axes = self._from_bushing[:3, :3] @ GRIPPER_IN_BASE.T
-        force, lever = axes @ state.force_n / PADS, axes @ (state.tip_mm - state.center_mm)
+        force, lever = (
+            FROM_BASE @ state.force_n / PADS,
+            FROM_BASE @ (state.tip_mm - state.center_mm),
+        )
         (x, y, z), (fx, fy, fz) = lever.tolist(), force.tolist()
         return SkinState(
             t_us=state.t_us,
@@ -144,20 +153,6 @@ class Pad:
             gradient=gradient.reshape(-1, 2, 2),
             force_n=force,
             torque_n_mm=np.array([y * fz - z * fy, z * fx - x * fz, x * fy - y * fx]),
-            pose_mm=axes @ state.tip_mm,
+            pose_mm=FROM_BASE @ state.tip_mm,
             in_contact=True,
         )
-
-
-def mode_amplitudes(faces_back: bool) -> FloatArray:
-    """Return ``(6, 6)``: amplitudes of the pad's modes per bushing motion (gripper frame).
-
-    Pad A sees the gripper's x and y as its own and z reversed; pad B sees x reversed. A rotation of
-    the rod also moves its surface, which lies half a thickness away from its axis.
-    """
-    side = 1.0 if faces_back else -1.0
-    out = np.zeros((MODES, MODES))
-    out[0, 0], out[1, 1], out[2, 2] = -side, 1.0, side
-    out[3, 5], out[4, 4], out[5, 3] = -side, 1.0, side
-    out[0, 4], out[1, 3] = -HALF_THICKNESS_MM, -side * HALF_THICKNESS_MM
-    return out

@@ -12,11 +12,13 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 
 from spikingtac.arrays import FloatArray
+from spikingtac.sim.gel import CREEP_FRACTIONS, CREEP_TIMES_S
 from spikingtac.sim.rig.walls import Bit, RoundBit, TipContact, Wall
 
 # Stiffness of translation, N/mm, and of rotation across the rod, N mm/rad (contract.md).
@@ -29,6 +31,10 @@ GRIP_MM = 9.0  # Length of the rod behind the patch's centre, mm.
 # The gripper's axes as columns: x = base x, y (to the tip) = down, z = base y.
 GRIPPER_IN_BASE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 TONNE_PER_GRAM = 1e-6  # Mass unit of the N, mm, s system is the tonne.
+GRAMS_PER_MM = 0.099  # Line density of the rod, g/mm (steel, 4 mm thick).
+
+# Damping ratio of the rod's rocking mode, in addition to creep (a range of 0.05 to 0.2).
+DAMPING_RATIO = 0.1
 
 # Resonance of the arm, Hz, and its Q (contract.md, "Pinned physics").
 RESONANCE_HZ, QUALITY = 15.0, 5.0
@@ -46,10 +52,6 @@ class ProbeConfig:
         normal_ratio: Stiffness across the pads' planes divided by that along them; 1 as pinned,
             about 7 for the patch of the layer model.
         tilt_ratio: The same for rotation out of the pads' plane; about 4 for the layer model.
-        creep: Pairs (J_i / J_0, tau_i in s) of the creep chain.
-        grams_per_mm: Line density of the rod, g/mm (steel, 4 mm thick).
-        damping_ratio: Damping ratio of the rod's rocking mode, in addition to creep (a range
-            of 0.05 to 0.2).
         tip_friction: Coefficient of friction between tip and wall (steel on plastic).
         bit: Shape of the tip.
     """
@@ -57,9 +59,6 @@ class ProbeConfig:
     stickout_mm: float = 40.0
     normal_ratio: float = 1.0
     tilt_ratio: float = 1.0
-    creep: tuple[tuple[float, float], ...] = ((0.05, 0.02), (0.05, 0.3), (0.12, 8.0))
-    grams_per_mm: float = 0.099
-    damping_ratio: float = 0.1
     tip_friction: float = 0.3
     bit: Bit = field(default_factory=RoundBit)
 
@@ -112,13 +111,13 @@ class Probe:
         self._tip_jacobian = _tip_jacobian(config)
         self._bushing = np.zeros(6)
         self._rate = np.zeros(6)
-        self._creep = np.zeros((len(config.creep), 6))
+        self._creep = np.zeros((len(CREEP_FRACTIONS), 6))
         self._arm = [np.array(arm_mm, np.float64)] * 2
         self._arm_dt_s = np.inf
 
     def step(self, t_us: int, dt_s: float, arm_mm: FloatArray) -> ProbeState:
         """Advance by ``dt_s`` to ``t_us``, at which the arm is at ``arm_mm`` ``(3,)``."""
-        step = _step_matrices(self._config, round(dt_s * 1e9))
+        step = step_matrices(self._config, round(dt_s * 1e9))
         creep = step.decay @ self._creep
         momentum = self._bushing / dt_s**2 + self._rate / dt_s
         load = step.stiffness * creep + step.damping * self._bushing / dt_s + step.mass @ momentum
@@ -164,8 +163,7 @@ class Probe:
         return GRIPPER_IN_BASE.T @ rate / dt_s
 
 
-@dataclass(frozen=True)
-class _StepMatrices:
+class StepMatrices(NamedTuple):
     """Matrices of a step of one length; ``(6,)`` are diagonals over the degrees of freedom.
 
     ``gain`` ``(c, 6)`` is the contribution of the elastic force to each element of the creep chain.
@@ -184,21 +182,21 @@ class _StepMatrices:
 
 
 @functools.lru_cache(maxsize=64)
-def _step_matrices(config: ProbeConfig, dt_ns: int) -> _StepMatrices:
+def step_matrices(config: ProbeConfig, dt_ns: int) -> StepMatrices:
+    """Return the matrices of a step of a length in nanoseconds."""
     dt_s = dt_ns * 1e-9
-    fraction, tau_s = np.array(config.creep, np.float64).reshape(-1, 2).T
-    decay = np.exp(-dt_s / tau_s)
+    decay = np.exp(-dt_s / CREEP_TIMES_S)
     stiffness0 = bushing_stiffness(config)
-    stiffness = stiffness0 / (1.0 + fraction @ (1.0 - decay))
+    stiffness = stiffness0 / (1.0 + CREEP_FRACTIONS @ (1.0 - decay))
     mass = rod_inertia(config)
     omega = np.sqrt(K_THETA_N_MM_RAD / mass[3, 3]) if mass[3, 3] > 0.0 else np.inf
-    damping = stiffness0 * 2.0 * config.damping_ratio / omega
+    damping = stiffness0 * 2.0 * DAMPING_RATIO / omega
     whole = np.diag(stiffness + damping / dt_s) + mass / dt_s**2
     compliance = np.linalg.inv(whole).astype(np.float64)
-    gain = ((1.0 - decay) * fraction)[:, None] / stiffness0
+    gain = ((1.0 - decay) * CREEP_FRACTIONS)[:, None] / stiffness0
     mobility = _tip_jacobian(config) @ compliance
     tip_compliance = mobility @ _tip_jacobian(config).T
-    return _StepMatrices(
+    return StepMatrices(
         stiffness, damping, mass, compliance, decay, gain, mobility.T.copy(), tip_compliance
     )
 
@@ -212,7 +210,7 @@ def bushing_stiffness(config: ProbeConfig) -> FloatArray:
 def rod_inertia(config: ProbeConfig) -> FloatArray:
     """Return the mass matrix ``(6, 6)`` of the rod about the patch's centre (tonne, mm)."""
     front, back = config.stickout_mm, GRIP_MM
-    mass = config.grams_per_mm * (front + back) * TONNE_PER_GRAM
+    mass = GRAMS_PER_MM * (front + back) * TONNE_PER_GRAM
     center = (front - back) / 2.0
     moment = mass * (front**2 - front * back + back**2) / 3.0
     out = np.diag([mass, mass, mass, moment, moment * 1e-3, moment])

@@ -11,8 +11,7 @@ from __future__ import annotations
 import copy
 import math
 import time
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,9 +20,16 @@ from spikingtac.errors import DeviceError, MissingExtraError
 from spikingtac.robot.arm import ArmState, checked_target
 from spikingtac.types import Pose
 
+DECELERATION_MM_S2 = 8000.0  # Deceleration of a stop, mm/s² (contract.md).
+ACCELERATION_MM_S2 = 1200.0  # Acceleration of ``movel``, mm/s² (URScript's default, 1.2 m/s²).
+STOP_S, POLL_S = 0.2, 0.002  # Longest wait for the end of a stop, and time between two looks, s.
+SERVO_LAG_S = (0.004, 0.012)  # Range of the axes' lag behind their set points, s (contract.md).
 
-@dataclass(frozen=True)
-class Segment:
+# Standard deviation of one reading per axis, mm ("+-0.1 mm", 3.6 sigma).
+REPEATABILITY_MM = 0.028
+
+
+class Segment(NamedTuple):
     """One planned motion along a line. Before its start and after its end the arm stands still.
 
     Attributes:
@@ -35,7 +41,7 @@ class Segment:
 
     start_s: float
     origin_mm: FloatArray
-    direction: FloatArray
+    direction: FloatArray = np.zeros(3)
     plan: Any = None
 
     @property
@@ -86,45 +92,36 @@ def plan(start_s: float, origin_mm: FloatArray, direction: FloatArray, **asked: 
     return Segment(start_s, origin_mm, direction, found)
 
 
-DECELERATION_MM_S2 = 8000.0  # Deceleration of a stop, mm/s² (contract.md).
-DECELERATIONS_MM_S2 = (-DECELERATION_MM_S2, DECELERATION_MM_S2)
-ACCELERATION_MM_S2 = 1200.0  # Acceleration of ``movel``, mm/s² (URScript's default, 1.2 m/s²).
+class UR3Twin:
+    """The simulated arm (twin.md, section 4). Its time advances only through :meth:`advance_to`.
 
-STOP_S, POLL_S = 0.2, 0.002  # Longest wait for the end of a stop, and time between two looks, s.
-
-SERVO_LAG_S = (0.004, 0.012)  # Range of the axes' lag behind their set points, s (contract.md).
-
-
-@dataclass(frozen=True, kw_only=True)
-class UR3Config:
-    """Dynamics of the simulated UR3 (twin.md, section 4).
-
-    Attributes:
-        cycle_s: Period of the controller, s (125 Hz for CB3, 0.002 for e-Series).
-        network_s: Delay from the computer to the controller, s.
-        jerk_mm_s3: Jerk limit of every motion, mm/s³.
-        repeatability_mm: Standard deviation of one reading per axis, mm ("+-0.1 mm", 3.6 sigma).
+    Args:
+        start_mm: ``(3,)`` position at the start, mm.
+        rng: Source of phase, lag and repeatability.
+        repeatability_mm: Standard deviation of one reading per axis, mm.
     """
 
-    cycle_s: float = 0.008
-    network_s: float = 0.003
-    jerk_mm_s3: float = 500_000.0
-    repeatability_mm: float = 0.028
+    CYCLE_S = 0.008  # Period of the controller, s (125 Hz for CB3).
+    NETWORK_S = 0.003  # Delay from the computer to the controller, s.
+    JERK_MM_S3 = 500_000.0  # Jerk limit of every motion, mm/s³.
 
-
-class UR3Twin:
-    """The simulated arm. Its time advances only through :meth:`advance_to`."""
-
-    def __init__(self, config: UR3Config, start_mm: FloatArray, rng: np.random.Generator) -> None:
-        """Place the arm at ``start_mm`` ``(3,)``; ``rng`` draws phase, lag and repeatability."""
-        self._config = config
-        self._rng = rng
+    def __init__(
+        self,
+        start_mm: FloatArray,
+        rng: np.random.Generator,
+        repeatability_mm: float = REPEATABILITY_MM,
+    ) -> None:
+        self._rng, self._repeatability_mm = rng, repeatability_mm
         self._now_us = 0
-        self._phase_s = rng.uniform(0.0, config.cycle_s)
-        self._lag_s = rng.uniform(*SERVO_LAG_S)
-        self._pose_error_mm = self._rng.normal(0.0, self._config.repeatability_mm, 3)
-        self._segments = [Segment(-1.0, np.array(start_mm, np.float64), np.zeros(3))]
+        self._phase_s = rng.uniform(0.0, self.CYCLE_S)
+        self._draw_motion()
+        self._segments = [Segment(-1.0, np.array(start_mm, np.float64))]
         self._fault: ArmState | None = None
+
+    def _draw_motion(self) -> None:
+        """Draw the lag and the error of the readings of one motion."""
+        self._lag_s = self._rng.uniform(*SERVO_LAG_S)
+        self._pose_error_mm = self._rng.normal(0.0, self._repeatability_mm, 3)
 
     def copy(self) -> UR3Twin:
         """Return an independent copy that continues from the present state."""
@@ -174,22 +171,15 @@ class UR3Twin:
                 f"the arm cannot start a motion: it is in state {state.value!r}; "
                 "stop it, or clear its fault, and wait until it is idle"
             )
-        self._lag_s = self._rng.uniform(*SERVO_LAG_S)
-        self._pose_error_mm = self._rng.normal(0.0, self._config.repeatability_mm, 3)
+        self._draw_motion()
         start_s = self._command_time_s()
         here = self._segments[-1].position_mm(start_s)
         length = float(np.linalg.norm(target - here))
-        begun = Segment(start_s, here, np.zeros(3))
+        begun = Segment(start_s, here)
         if length > 0.0:
-            begun = plan(
-                start_s,
-                here,
-                (target - here) / length,
-                target_position=length,
-                max_velocity=speed_mm_s,
-                max_acceleration=ACCELERATION_MM_S2,
-                max_jerk=self._config.jerk_mm_s3,
-            )
+            limits = {"max_acceleration": ACCELERATION_MM_S2, "max_jerk": self.JERK_MM_S3}
+            asked = {"target_position": length, "max_velocity": speed_mm_s, **limits}
+            begun = plan(start_s, here, (target - here) / length, **asked)
         self._segments = [self._segments[-1], begun]
 
     def stop(self) -> None:
@@ -221,11 +211,11 @@ class UR3Twin:
         """
         if self.state() is not ArmState.IDLE:
             raise DeviceError(f"only an arm at rest can be placed, it is {self.state().value!r}")
-        self._segments = [Segment(-1.0, np.array(position_mm, np.float64), np.zeros(3))]
+        self._segments = [Segment(-1.0, np.array(position_mm, np.float64))]
 
     def protective_stop(self) -> None:
         """Stop as the controller does at a force limit. :meth:`recover` clears the state."""
-        self._brake(self._command_time_s() - self._config.network_s)
+        self._brake(self._command_time_s() - self.NETWORK_S)
         self._fault = ArmState.PROTECTIVE_STOP
 
     def recover(self) -> None:
@@ -236,41 +226,32 @@ class UR3Twin:
     def _brake(self, start_s: float) -> None:
         last = self._segments[-1]
         if start_s < last.start_s:
-            self._segments[-1] = Segment(start_s, last.origin_mm, np.zeros(3))
+            self._segments[-1] = Segment(start_s, last.origin_mm)
         elif start_s < last.end_s:
             distance, speed, acceleration = last.along(start_s)
             stop = Segment(start_s, last.position_mm(start_s), last.direction)
             if speed != 0.0 or acceleration != 0.0:
-                stop = plan(
-                    start_s,
-                    last.origin_mm,
-                    last.direction,
-                    current_position=distance,
-                    current_velocity=speed,
-                    current_acceleration=float(np.clip(acceleration, *DECELERATIONS_MM_S2)),
-                    target_velocity=0.0,
-                    max_acceleration=DECELERATION_MM_S2,
-                    max_jerk=self._config.jerk_mm_s3,
-                )
+                braking = float(np.clip(acceleration, -DECELERATION_MM_S2, DECELERATION_MM_S2))
+                now = {"current_position": distance, "current_velocity": speed}
+                limits = {"max_acceleration": DECELERATION_MM_S2, "max_jerk": self.JERK_MM_S3}
+                asked = {**now, "current_acceleration": braking, "target_velocity": 0.0, **limits}
+                stop = plan(start_s, last.origin_mm, last.direction, **asked)
             if stop.end_s < last.end_s:
                 self._segments.append(stop)
 
     def _segment(self, setpoint_s: float) -> Segment:
-        for segment in reversed(self._segments):
-            if setpoint_s >= segment.start_s:
-                return segment
-        return self._segments[0]
+        begun = (one for one in reversed(self._segments) if setpoint_s >= one.start_s)
+        return next(begun, self._segments[0])
 
     def _command_time_s(self) -> float:
         """Return the time of the first controller cycle that can execute a command sent now, s."""
-        arrival_s = self._time_us() * 1e-6 + self._config.network_s
-        cycles = math.ceil((arrival_s - self._phase_s) / self._config.cycle_s)
-        return self._phase_s + cycles * self._config.cycle_s
+        arrival_s = self._time_us() * 1e-6 + self.NETWORK_S
+        cycles = math.ceil((arrival_s - self._phase_s) / self.CYCLE_S)
+        return self._phase_s + cycles * self.CYCLE_S
 
     def _last_cycle_us(self) -> float:
-        cycle_s = self._config.cycle_s
-        cycles = math.floor((self._time_us() * 1e-6 - self._phase_s) / cycle_s)
-        return (self._phase_s + cycles * cycle_s) * 1e6
+        cycles = math.floor((self._time_us() * 1e-6 - self._phase_s) / self.CYCLE_S)
+        return (self._phase_s + cycles * self.CYCLE_S) * 1e6
 
     def _require_connection(self) -> None:
         if self._fault is ArmState.DISCONNECTED:
@@ -285,7 +266,7 @@ class RealTimeArm(UR3Twin):
     """
 
     def __init__(self, seed: int = 0) -> None:
-        super().__init__(UR3Config(), np.zeros(3), np.random.default_rng(seed))
+        super().__init__(np.zeros(3), np.random.default_rng(seed))
         self._zero_s = time.monotonic()
 
     def confirm_stop(self) -> None:

@@ -23,8 +23,8 @@ from spikingtac.markers.lag.crossings import (
 from spikingtac.markers.lag.estimate import LagConfig, estimate_lag
 from spikingtac.markers.lag.photoreceptor import EdgeProfile, overshoot_px
 from spikingtac.markers.lag.recording_lag import recording_lag
-from spikingtac.sim.camera_config import load_camera
-from spikingtac.sim.event_camera import EventCamera
+from spikingtac.sim.camera.config import load_camera
+from spikingtac.sim.camera.event_camera import EventCamera
 from spikingtac.sim.optics import MarkerImage
 from spikingtac.types import EventPacket, MarkerFrame
 

@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.sim.camera.pixels import EDGE_ENTRIES
 from spikingtac.sim.optics import MarkerImage
-from spikingtac.sim.pixels import EDGE_ENTRIES
 
 STEP_PX = 0.1  # Longest travel of a marker's edge in one step, px (reference twin.md).
 SHORTEST_STEP_US = 20.0  # Shortest step, us. Faster motions travel further in one step.

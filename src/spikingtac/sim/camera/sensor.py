@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from spikingtac.arrays import FloatArray
-from spikingtac.sim.camera_config import CameraConfig, LightConfig
-from spikingtac.sim.pixels import (
+from spikingtac.sim.camera.config import CameraConfig, LightConfig
+from spikingtac.sim.camera.pixels import (
     CHIP_DTYPE,
     DECAY_ENTRIES,
     EDGE_ENTRIES,
@@ -39,8 +39,8 @@ class Sensor(NamedTuple):
     over them.
 
     Attributes:
-        pixels: ``(height, width)`` of :data:`~spikingtac.sim.pixels.PIXEL_DTYPE`.
-        chip: ``(1,)`` of :data:`~spikingtac.sim.pixels.CHIP_DTYPE`.
+        pixels: ``(height, width)`` of :data:`~spikingtac.sim.camera.pixels.PIXEL_DTYPE`.
+        chip: ``(1,)`` of :data:`~spikingtac.sim.camera.pixels.CHIP_DTYPE`.
         unsettled: ``(n,)`` indices of the unsettled pixels. The first ``unsettled_count[0]`` are
             valid.
         unsettled_count: ``(1,)`` number of unsettled pixels.
@@ -172,7 +172,7 @@ def settle_sensor(
         coverage: ``(height, width)`` fractions that the markers cover.
         now_us: Present time, us.
         history: ``rested``, ``random`` or ``fresh``; see
-            :meth:`~spikingtac.sim.event_camera.EventCamera.settle`.
+            :meth:`~spikingtac.sim.camera.event_camera.EventCamera.settle`.
         rng: Source of the initial references.
     """
     pixels, chip = sensor.pixels, sensor.chip[0]

@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.sim.camera_config import BackgroundConfig, ReadoutConfig
-from spikingtac.sim.pixels import KEY_SHIFT, uniform_kernel
+from spikingtac.sim.camera.config import BackgroundConfig, ReadoutConfig
+from spikingtac.sim.camera.pixels import KEY_SHIFT, uniform_kernel
 from spikingtac.types import EventPacket, LossCounters
 
 # Lowest and highest rate of a hot pixel, Hz; log-uniform in between (contract.md).

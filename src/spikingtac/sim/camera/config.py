@@ -129,25 +129,8 @@ class ReadoutConfig:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class StepConfig:
-    """Time steps in which the motion between two images is rendered.
-
-    Attributes:
-        max_us: Longest step of a moving marker, us. The light moves evenly within a step; at 155
-            px/s, steps of 1 and 2 ms differ by less than 0.001 px.
-        still_px: A marker is not rendered again until it has moved by more than this, px.
-    """
-
-    max_us: float = 2000.0
-    still_px: float = 0.001
-
-    def __post_init__(self) -> None:
-        require_within(self, max_us=(20.0, 1e5), still_px=(0.0, 1.0))
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
 class CameraConfig:
-    """The event camera: light, pixel, background, readout and the steps of rendering.
+    """The event camera: light, pixel, background and readout.
 
     Attributes:
         size: ``(width, height)`` of the sensor, px.
@@ -155,7 +138,6 @@ class CameraConfig:
         pixel: Response of a pixel.
         background: Events that no motion causes.
         readout: Rate limit and losses of the readout.
-        steps: Time steps of rendering.
     """
 
     size: tuple[int, int] = (320, 320)
@@ -163,7 +145,6 @@ class CameraConfig:
     pixel: PixelConfig = field(default_factory=PixelConfig)
     background: BackgroundConfig = field(default_factory=BackgroundConfig)
     readout: ReadoutConfig = field(default_factory=ReadoutConfig)
-    steps: StepConfig = field(default_factory=StepConfig)
 
     def __post_init__(self) -> None:
         if min(self.size) < 1 or self.size[0] * self.size[1] > MOST_PIXELS:

@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.sim.coverage import disc_coverage_kernel, edge_coverage_kernel
-from spikingtac.sim.pixels import (
+from spikingtac.sim.camera.coverage import disc_coverage_kernel, edge_coverage_kernel
+from spikingtac.sim.camera.pixels import (
     advance_constant_light_kernel,
     advance_light_ramp_kernel,
     advance_settled_kernel,
@@ -24,7 +24,7 @@ from spikingtac.sim.pixels import (
     predict_leak_event_kernel,
     same_light_kernel,
 )
-from spikingtac.sim.sensor import DARKEST, Sensor
+from spikingtac.sim.camera.sensor import DARKEST, Sensor
 
 
 class MarkerSweep(NamedTuple):
@@ -34,7 +34,7 @@ class MarkerSweep(NamedTuple):
         before: ``(m,)`` discs as last rendered; overwritten by the discs at the end.
         after: ``(m,)`` discs at the end.
         now: ``(m,)`` work space for the discs at the present step.
-        plan: ``(m,)`` result of :func:`~spikingtac.sim.coverage.plan_sweep_kernel`.
+        plan: ``(m,)`` result of :func:`~spikingtac.sim.camera.coverage.plan_sweep_kernel`.
         start_us: Time of the first image, us.
         end_us: Time of the second image, us.
     """

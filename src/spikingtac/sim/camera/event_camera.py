@@ -10,30 +10,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.arrays import FloatArray
-from spikingtac.sim.camera_config import CameraConfig
-from spikingtac.sim.coverage import (
+from spikingtac.sim.camera.config import CameraConfig
+from spikingtac.sim.camera.coverage import (
     DISC_DTYPE,
     SWEEP_PLAN_DTYPE,
     coverage_image_kernel,
     discs_of,
     plan_sweep_kernel,
 )
-from spikingtac.sim.optics import MarkerImage
-from spikingtac.sim.readout import Readout, background_events_kernel, make_noise, start_noise
-from spikingtac.sim.sensor import intensities, make_sensor, settle_sensor, texture_field, vignette
-from spikingtac.sim.sweep import (
+from spikingtac.sim.camera.readout import Readout, background_events_kernel, make_noise, start_noise
+from spikingtac.sim.camera.sensor import (
+    intensities,
+    make_sensor,
+    settle_sensor,
+    texture_field,
+    vignette,
+)
+from spikingtac.sim.camera.sweep import (
     Ground,
     MarkerSweep,
     full_frame_kernel,
     interpolate_disc_kernel,
     sweep_kernel,
 )
+from spikingtac.sim.optics import MarkerImage
 from spikingtac.types import EventPacket, LossCounters
 
 # State of the pixels' reference levels at the start; see :meth:`EventCamera.settle`.
 ReferenceHistory = Literal["rested", "random", "fresh"]
 
 _INITIAL_OUTBOX = 1 << 16  # Initial capacity of the event buffer, events.
+
+# Longest step of a moving marker, us, in which the light moves evenly. Against 2 ms the number of
+# events changes by less than 1e-5 in `finger-presses` and `comb-slides`.
+MAX_STEP_US = 4000.0
+STILL_PX = 0.001  # Motion of a marker up to which it is not rendered again, px.
 
 # Upper bound of how often the light of a pixel crosses its whole range between two images.
 _MAX_LIGHT_SWINGS = 4
@@ -51,18 +62,25 @@ class EventCamera:
         seed: Seed of the noise, and of the individual sensor if ``serial`` is None.
         serial: Number of the individual sensor. It fixes threshold mismatch, hot pixels and ground
             pattern for every seed.
+        still_px: Motion of a marker up to which it is not rendered again, px.
 
     Attributes:
         size: ``(width, height)``, px.
         losses: Number of events that the readout dropped, by kind.
     """
 
-    def __init__(self, config: CameraConfig, seed: int = 0, serial: int | None = None) -> None:
+    def __init__(
+        self,
+        config: CameraConfig,
+        seed: int = 0,
+        serial: int | None = None,
+        still_px: float = STILL_PX,
+    ) -> None:
         noise_streams = np.random.default_rng(seed).spawn(5)
         sensor_streams = noise_streams if serial is None else np.random.default_rng(serial).spawn(5)
         self.size = config.size
         self.losses = LossCounters()
-        self._config = config
+        self._still_px, self._follow = still_px, config.light.texture_follow
         self._rng = noise_streams[3]
         light = config.light
         pattern = texture_field(light, sensor_streams[4])
@@ -145,9 +163,9 @@ class EventCamera:
         if image.t_us <= start_us:
             raise ValueError(f"the image's time {image.t_us} us is not after {start_us} us")
         after, end_us, plan = discs_of(image), int(image.t_us), self._plan
-        span_us, steps = float(end_us - start_us), self._config.steps
+        span_us = float(end_us - start_us)
         reach_px = float(self._sensor.chip["edge_half_width_px"][0])
-        limits = steps.max_us, steps.still_px
+        limits = MAX_STEP_US, self._still_px
         plan_sweep_kernel(self._discs, after, reach_px, span_us, limits, plan)
         sweep = MarkerSweep(
             self._discs, after, np.empty_like(after), plan, float(start_us), float(end_us)
@@ -164,7 +182,7 @@ class EventCamera:
 
     def _render_frames(self, sweep: MarkerSweep, ground: Ground) -> None:
         """Render every pixel at every step of the motion between two images."""
-        fewest = math.ceil((sweep.end_us - sweep.start_us) / self._config.steps.max_us)
+        fewest = math.ceil((sweep.end_us - sweep.start_us) / MAX_STEP_US)
         steps = max(1, fewest, int(sweep.plan["steps"].max(initial=1)))
         span_us = (sweep.end_us - sweep.start_us) / steps
         for number in range(1, steps + 1):
@@ -172,7 +190,7 @@ class EventCamera:
                 interpolate_disc_kernel(before, after, number / steps, now)
             coverage_image_kernel(sweep.now, self._sensor.chip[0], self._coverage)
             end_us = sweep.end_us if number == steps else sweep.start_us + number * span_us
-            moved = self._config.light.texture_follow * (_mean_place(sweep.now) - self._origin)
+            moved = self._follow * (_mean_place(sweep.now) - self._origin)
             shift_px, times = (float(moved[0]), float(moved[1])), (end_us, span_us)
             full_frame_kernel(self._sensor, self._coverage, ground, shift_px, times, self._out)
             self._drain()

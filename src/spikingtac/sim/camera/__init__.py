@@ -1,0 +1,1 @@
+"""The simulated event camera: settings, light on its pixels, pixels, readout."""
