@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import cached_property
-from importlib import metadata
-from typing import TypeVar
+from importlib import import_module, metadata
+from typing import Any, TypeVar
 
 from spikingtac.errors import ConfigError
 
@@ -65,6 +65,12 @@ class _WithPlugins(Mapping[str, T]):
 
     def __len__(self) -> int:
         return len({*self._own, *self._plugins})
+
+
+def import_place(place: str) -> Any:
+    """Return what stands at ``module:name``."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
 
 
 def with_plugins(own: Mapping[str, T], group: str) -> Mapping[str, T]:

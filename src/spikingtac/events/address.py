@@ -90,10 +90,7 @@ class Address:
         """
         value, choices = self.options.get(name, default), list(valid)
         if choices and value not in choices:
-            raise ConfigError(
-                f"{str(self)!r}: {name} is {value!r}{nearest(value, choices)} "
-                f"(valid: {', '.join(choices)})"
-            )
+            raise self._misfit(name, f"one of {', '.join(choices)}{nearest(value, choices)}")
         return value
 
     def number(self, name: str, default: float, low: float, high: float) -> float:
@@ -102,15 +99,12 @@ class Address:
         Raises:
             ConfigError: It is no number, or outside.
         """
-        text = self.options.get(name)
         try:
-            value = default if text is None else float(text)
+            value = float(self.options.get(name, default))
         except ValueError:
             value = float("nan")
         if not low <= value <= high:
-            raise ConfigError(
-                f"{str(self)!r}: {name} is {text!r}, it must be a number from {low:g} to {high:g}"
-            )
+            raise self._misfit(name, f"a number from {low:g} to {high:g}")
         return value
 
     def size(self, name: str) -> tuple[int, int] | None:
@@ -124,10 +118,12 @@ class Address:
             return None
         found = _SIZE.fullmatch(text)
         if found is None:
-            raise ConfigError(
-                f"{str(self)!r}: {name} is {text!r}, it must be WIDTHxHEIGHT in px, as 320x320"
-            )
+            raise self._misfit(name, "WIDTHxHEIGHT in px, as 320x320")
         return int(found[1]), int(found[2])
+
+    def _misfit(self, name: str, valid: str) -> ConfigError:
+        given = self.options.get(name)
+        return ConfigError(f"{str(self)!r}: {name} is {given!r}, it must be {valid}")
 
     def host_port(self, host: str, low: int = 1) -> tuple[str, int]:
         """Return the target ``PORT`` or ``HOST:PORT`` (slashes before it are passed over).

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from importlib import import_module
 from typing import Any, ClassVar, NamedTuple, Self
 
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from spikingtac.errors import named
 from spikingtac.events.address import Address
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.packing import NO_ROWS, Rows
-from spikingtac.plugins import with_plugins
+from spikingtac.plugins import import_place, with_plugins
 from spikingtac.types import LossCounters
 
 
@@ -187,9 +186,3 @@ def open_camera(address: Address) -> Camera:
     chosen: type[Camera] = import_place(camera) if isinstance(camera, str) else camera
     address.require_options((*chosen.OPTIONS, *SOURCE_OPTIONS))
     return chosen.open(address)
-
-
-def import_place(place: str) -> Any:
-    """Return what stands at ``module:name``."""
-    module, _, name = place.partition(":")
-    return getattr(import_module(module), name)

@@ -13,10 +13,11 @@ import numpy as np
 
 from spikingtac.errors import CameraLostError, DeviceError, RecordingError
 from spikingtac.events.address import Address
-from spikingtac.events.camera import Camera, import_place, open_camera
+from spikingtac.events.camera import Camera, open_camera
 from spikingtac.events.clock import US_PER_S, ClockFit
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.formats.packing import ColumnCheck
+from spikingtac.plugins import import_place
 
 # What to do when a camera is gone: end the stream and count it, raise, or wait until it is back.
 # A robot's guard must never reconnect: the watchdog has to trip.

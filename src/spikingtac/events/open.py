@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import re
 import zipfile
-from importlib import import_module
 from pathlib import Path
 
 from spikingtac import plugins
@@ -16,7 +15,7 @@ from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
 from spikingtac.events.manifest import name_of
 from spikingtac.file_kinds import told_kind
-from spikingtac.plugins import with_plugins
+from spikingtac.plugins import import_place, with_plugins
 
 # Endings of what is no slip of the pen.
 FOREIGN = (".pdf", ".png", ".jpg", ".gif", ".svg", ".mp4", ".avi", ".json", ".toml", ".html", ".md")
@@ -151,10 +150,8 @@ def _bags(folder: Path) -> list[Path]:
         files = [*folder.glob("*.db3"), *folder.glob("*.mcap")]
     else:
         files = list(folder.glob("*.bag"))
-    # Numbers in a name are sorted by their value.
-    return sorted(
-        files, key=lambda path: ([int(n) for n in re.findall(r"\d+", path.name)], path.name)
-    )
+    numbers = {file: [int(number) for number in re.findall(r"\d+", file.name)] for file in files}
+    return sorted(files, key=lambda file: (numbers[file], file.name))  # 9 comes before 10
 
 
 def _open_file(path: Path, options: ReadOptions) -> FileSource:
@@ -168,17 +165,16 @@ def _open_file(path: Path, options: ReadOptions) -> FileSource:
         foreign = with_plugins({}, plugins.READERS)
         if ending.removeprefix(".") in foreign:
             return foreign[ending.removeprefix(".")](path, options)
-        kind = _KINDS.get(ending) or _kind_by_values(path, start)
-    module, name = _READERS[kind]
-    reader = getattr(import_module(f"spikingtac.events.{module}"), name)
+        kind = _BY_ENDING.get(ending) or _kind_by_values(path, start)
+    reader = import_place(f"spikingtac.events.{_KINDS[kind][0]}")
     if kind == "packed":
         return reader(path, lambda inner: _open_file(inner, options))
     return reader(path, options)
 
 
 def _kind_by_signature(path: Path, start: bytes) -> str | None:
-    for signature, kind in _SIGNATURES:
-        if start.startswith(signature):
+    for kind, (_, _, signatures) in _KINDS.items():
+        if start.startswith(signatures):
             return kind
     if start.startswith(b"PK\x03\x04"):
         try:
@@ -219,43 +215,30 @@ def _kind_by_values(path: Path, start: bytes) -> str:
     )
 
 
-# Kind -> module, and the class or function in it that opens it.
-_READERS = {
-    "raw": ("evt.raw", "RawSource"),
-    "npz": ("formats.arrays", "ArraySource"),
-    "text": ("formats.text", "TextSource"),
-    "es": ("records", "EsSource"),
-    "dat": ("records", "DatSource"),
-    "aedat": ("records", "open_aedat"),
-    "packed": ("formats.array_file", "open_packed"),
-    "aedat4": ("formats.aedat4", "Aedat4Source"),
-    "hdf5": ("formats.hdf5", "Hdf5Source"),
-    "ros": ("ros", "RosSource"),
-}
-_SIGNATURES = (
-    (b"\x93NUMPY", "npz"),
-    (b"\x1f\x8b", "packed"),
-    (b"Event Stream", "es"),
-    (b"#!AER-DAT4.0", "aedat4"),
-    (b"#!AER-DAT", "aedat"),
-    (b"\x89HDF\r\n\x1a\n", "hdf5"),
-    (b"SQLite format 3\x00", "ros"),
-    (b"\x89MCAP", "ros"),
-    (b"#ROSBAG", "ros"),
-)
+# Kind -> what opens its files, their endings, and how they may begin.
+_KINDS: dict[str, tuple[str, tuple[str, ...], tuple[bytes, ...]]] = {
+    "raw": ("evt.raw:RawSource", (".raw",), ()),
+    "npz": ("formats.arrays:ArraySource", (".npz", ".npy"), (b"\x93NUMPY",)),
+    "text": ("formats.text:TextSource", (".csv", ".txt", ".tsv"), ()),
+    "es": ("records:EsSource", (".es",), (b"Event Stream",)),
+    "dat": ("records:DatSource", (".dat",), ()),
+    "aedat4": ("formats.aedat4:Aedat4Source", (".aedat4",), (b"#!AER-DAT4.0",)),
+    "aedat": ("records:open_aedat", (".aedat",), (b"#!AER-DAT",)),
+    "hdf5": ("formats.hdf5:Hdf5Source", (".h5", ".hdf5"), (b"\x89HDF\r\n\x1a\n",)),
+    "ros": (
+        "ros:RosSource", (".db3", ".mcap", ".bag"),
+        (b"SQLite format 3\x00", b"\x89MCAP", b"#ROSBAG"),
+    ),
+    "packed": ("formats.array_file:open_packed", (".gz", ".zip"), (b"\x1f\x8b",)),
+}  # fmt: skip
+_BY_ENDING = {ending: kind for kind, (_, endings, _) in _KINDS.items() for ending in endings}
+READABLE = tuple(_BY_ENDING)  # Endings of what can be read; the content decides first.
 
 # Fields of a header that only RAW files of cameras have.
 _RAW_FIELDS = {
     "evt", "format", "integrator_name", "camera_integrator_name", "plugin_name", "system_ID",
     "serial_number", "firmware_version", "sensor_generation",
 }  # fmt: skip
-_KINDS = {
-    ".raw": "raw", ".npz": "npz", ".npy": "npz", ".csv": "text", ".txt": "text", ".tsv": "text",
-    ".es": "es", ".dat": "dat", ".aedat4": "aedat4", ".aedat": "aedat", ".h5": "hdf5",
-    ".hdf5": "hdf5", ".db3": "ros", ".mcap": "ros", ".bag": "ros", ".gz": "packed",
-    ".zip": "packed",
-}  # fmt: skip
-READABLE = tuple(_KINDS)  # Endings of what can be read; the content decides first.
 
 
 def _named_inside(folder: Path) -> str:

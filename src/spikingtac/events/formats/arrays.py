@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -17,6 +17,7 @@ from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, open_member, re
 from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.events.formats.columns import (
     CHUNK_ROWS,
+    ROLES,
     TABLE_WIDTHS,
     Order,
     TableSource,
@@ -47,34 +48,123 @@ class ArraySource(TableSource):
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self.format = "NPY" if _starts_npy(path) else "NPZ"
+        with path.open("rb") as file:
+            self._single = file.read(6) == b"\x93NUMPY"
+        self.path, self.format = path, "NPY" if self._single else "NPZ"
         self._order: Order | None = None
-        with _Arrays(path) as arrays:
-            self._members = _event_members(arrays, path)
-            first = arrays.open(self._members[0])
+        with ExitStack() as files:
+            arrays = self._opened(files)
+            self._members = self._event_members(arrays)
+            first = arrays(self._members[0])
             self._openmv = first.width == OPENMV_COLUMNS and first.type.kind == "u"
             if self._openmv:
                 self.format, self._named_size = "OpenMV NPZ", GENX320_SIZE
+            elif len(self._members) > 1:
+                self._unit = self._unit_of_columns(arrays)
             else:
-                self._order = _order_of(arrays, self._members, path)
+                self._order = self._order_of(first)
                 self._unit = self._order.unit
-            self._named_size = _size_in(arrays, path) or self._named_size
+            self._named_size = self._size_in(arrays) or self._named_size
         super().__init__(path, options)
 
+    def _opened(self, files: ExitStack) -> Callable[[str], ArrayReader]:
+        """Return what gives an array's reader at its beginning; its files are closed at the end."""
+        archive: zipfile.ZipFile | None = None
+        self._names = [""]
+        if not self._single:
+            try:
+                archive = files.enter_context(zipfile.ZipFile(self.path))
+            except ARCHIVE_DAMAGE as error:
+                raise FormatError(
+                    f"{str(self.path)!r} is no readable .npz ({error}); write it again, or open "
+                    "the recording that it was made from"
+                ) from error
+            members = archive.namelist()
+            self._names = [name.removesuffix(".npy") for name in members if name.endswith(".npy")]
+
+        def opened(name: str) -> ArrayReader:
+            try:
+                file = open_member(archive, f"{name}.npy") if archive else self.path.open("rb")
+                return ArrayReader(files.enter_context(file))
+            except ARCHIVE_DAMAGE as error:
+                where = f"{str(self.path)!r}" + (f": column {name!r}" if name else "")
+                raise FormatError(f"{where} is damaged: {error}") from error
+
+        return opened
+
+    def _event_members(self, arrays: Callable[[str], ArrayReader]) -> list[str]:
+        """Return the arrays that hold the events: four columns, or one array of rows."""
+        order = order_named(self._names)
+        if order is not None:
+            return [self._names[order.place[role]] for role in ROLES]
+        told, rows = told_kind(self.path), []
+        for name in self._names if told is None else ():
+            with suppress(FormatError):
+                if name not in (*TRIGGERS, *_SIZES) and arrays(name).holds_rows(name):
+                    rows.append(name)
+        if len(rows) == 1:
+            return rows
+        told = told or (
+            f"it holds {', '.join(self._names) or 'no array'}; an event .npz holds t, x, y, p and "
+            "size, or one array of events"
+        )
+        raise FormatError(f"{str(self.path)!r} has no columns of time, x, y and polarity; {told}")
+
+    def _unit_of_columns(self, arrays: Callable[[str], ArrayReader]) -> str | None:
+        for name in self._members:
+            array = arrays(name)
+            if array.width or array.type.names or not array.plain:
+                raise FormatError(
+                    f"{str(self.path)!r}: column {name!r} is {array.type}; one row of numbers is "
+                    "needed"
+                )
+        named = order_named(self._members)
+        return named and named.unit
+
+    def _order_of(self, array: ArrayReader) -> Order:
+        """Return the order of the columns of an array of structures or rows."""
+        names = array.type.names
+        if names:
+            order = order_named(names)
+            if order is None:
+                raise FormatError(
+                    f"{str(self.path)!r} holds structures of {', '.join(names)}; fields of "
+                    "time, x, y and polarity are needed"
+                )
+            return order
+        try:
+            sample = array.read(min(array.length, CHUNK_ROWS))
+        except ARCHIVE_DAMAGE as error:
+            raise FormatError(f"{str(self.path)!r} is damaged: {error}") from error
+        if not len(sample):
+            raise FormatError(f"{str(self.path)!r} holds no events: nothing was recorded into it")
+        return order_of_values([sample], repr(str(self.path)))
+
+    def _size_in(self, arrays: Callable[[str], ArrayReader]) -> tuple[int, int] | None:
+        for name in [name for name in _SIZES if name in self._names]:
+            array = arrays(name)
+            try:
+                if array.length != 2 or array.width or array.type.kind not in "uif":
+                    raise ValueError(f"{array.length} numbers instead of two")
+                width, height = (int(value) for value in array.read(2))
+                return width, height
+            except ARCHIVE_DAMAGE as error:
+                raise FormatError(f"{str(self.path)!r}: unfit size: {error}") from error
+        return None
+
     def _rows(self) -> Iterator[Rows]:
-        with _Arrays(self.path) as arrays:
+        with ExitStack() as files:
+            arrays = self._opened(files)
             self._take_triggers(arrays)
-            pieces = self._pieces([arrays.open(name) for name in self._members])
+            pieces = self._pieces([arrays(name) for name in self._members])
             if self._openmv:
                 yield from _openmv_rows((read[0] for read in pieces), self.losses)
+                return
             for read in pieces:
-                if len(read) == 1 and self._order is not None:
-                    yield rows_of(read[0], self._order.place)
-                else:
-                    x, y, p, t = read
-                    yield x, y, p, t
+                x, y, p, t = rows_of(read[0], self._order.place) if self._order else read
+                yield x, y, p, t
 
-    def _pieces(self, members: list[_Array]) -> Iterator[list[NDArray[Any]]]:
+    def _pieces(self, members: list[ArrayReader]) -> Iterator[list[NDArray[Any]]]:
         """Yield some rows of each array, as far as all of them reach."""
         lengths = [member.length for member in members]
         self.losses.add("truncated", int(min(lengths) < max(lengths)))
@@ -88,46 +178,17 @@ class ArraySource(TableSource):
             self.progress = min(first + CHUNK_ROWS, total) / total
             yield read
 
-    def _take_triggers(self, arrays: _Arrays) -> None:
-        if not set(TRIGGERS) <= set(arrays.names):
+    def _take_triggers(self, arrays: Callable[[str], ArrayReader]) -> None:
+        if not set(TRIGGERS) <= set(self._names):
             return
         try:
-            columns = [arrays.open(name) for name in TRIGGERS]
+            columns = [arrays(name) for name in TRIGGERS]
             self.triggers.append(*(column.read(column.length) for column in columns))
         except (*ARCHIVE_DAMAGE, FormatError):
             self.losses.add("truncated")
 
 
-class _Arrays(ExitStack):
-    """The arrays of an ``.npz`` or ``.npy``, each read in order; a context that closes them."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self._path, self._archive, self.names = path, None, [""]
-        if _starts_npy(path):
-            return
-        try:
-            self._archive = self.enter_context(zipfile.ZipFile(path))
-        except ARCHIVE_DAMAGE as error:
-            raise FormatError(
-                f"{str(path)!r} is no readable .npz ({error}); write it again, or open the "
-                "recording that it was made from"
-            ) from error
-        names = self._archive.namelist()
-        self.names = [name.removesuffix(".npy") for name in names if name.endswith(".npy")]
-
-    def open(self, name: str) -> _Array:
-        """Return an array's reader at its beginning."""
-        try:
-            if self._archive is None:
-                return _Array(self.enter_context(self._path.open("rb")))
-            return _Array(self.enter_context(open_member(self._archive, f"{name}.npy")))
-        except ARCHIVE_DAMAGE as error:
-            where = f"{str(self._path)!r}" + (f": column {name!r}" if name else "")
-            raise FormatError(f"{where} is damaged: {error}") from error
-
-
-class _Array:
+class ArrayReader:
     """Reads the rows of one array in order.
 
     Attributes:
@@ -162,6 +223,11 @@ class _Array:
             return np.nan_to_num(values.astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0)
         return values
 
+    def holds_rows(self, name: str) -> bool:
+        """Return whether an array of this name is a table of events, or of structures."""
+        wide = self.width in TABLE_WIDTHS or (name == "events" and self.width == OPENMV_COLUMNS)
+        return self.plain and (wide or bool(self.type.names))
+
     def _exactly(self, size: int) -> bytes:
         data = self._file.read(size)
         if len(data) < size:
@@ -177,76 +243,3 @@ def _openmv_rows(tables: Iterable[NDArray[Any]], losses: LossCounters) -> Iterat
         losses.add("vendor_word", len(table) - len(events))
         t = seconds.unwrapped(events[:, 1]) * 1_000_000 + events[:, 2] * 1_000 + events[:, 3]
         yield events[:, 4], events[:, 5], events[:, 0] == 1, t
-
-
-def _starts_npy(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(6) == b"\x93NUMPY"
-
-
-def _event_members(arrays: _Arrays, path: Path) -> list[str]:
-    """Return the arrays that hold the events: four columns, or one array of rows."""
-    order = order_named(arrays.names)
-    if order is not None:
-        return [arrays.names[order.place[role]] for role in "xypt"]
-    told = told_kind(path)
-    others = [name for name in arrays.names if name not in (*TRIGGERS, *_SIZES)]
-    rows = [name for name in others if told is None and _holds_rows(arrays, name)]
-    if len(rows) == 1:
-        return rows
-    told = told or (
-        f"it holds {', '.join(arrays.names) or 'no array'}; an event .npz holds t, x, y, p and "
-        "size, or one array of events"
-    )
-    raise FormatError(f"{str(path)!r} has no columns of time, x, y and polarity; {told}")
-
-
-def _holds_rows(arrays: _Arrays, name: str) -> bool:
-    try:
-        array = arrays.open(name)
-    except FormatError:
-        return False
-    wide = array.width in TABLE_WIDTHS or (name == "events" and array.width == OPENMV_COLUMNS)
-    return array.plain and (wide or bool(array.type.names))
-
-
-def _order_of(arrays: _Arrays, members: list[str], path: Path) -> Order:
-    if len(members) > 1:
-        for name in members:
-            array = arrays.open(name)
-            if array.width or array.type.names or not array.plain:
-                raise FormatError(
-                    f"{str(path)!r}: column {name!r} is {array.type}; one row of numbers is needed"
-                )
-        unit = order_named(members)
-        return Order(place={role: k for k, role in enumerate("xypt")}, unit=unit and unit.unit)
-    array = arrays.open(members[0])
-    if array.type.names:
-        order = order_named(array.type.names)
-        if order is None:
-            raise FormatError(
-                f"{str(path)!r} holds structures of {', '.join(array.type.names)}; fields of "
-                "time, x, y and polarity are needed"
-            )
-        return order
-    try:
-        sample = array.read(min(array.length, CHUNK_ROWS))
-    except ARCHIVE_DAMAGE as error:
-        raise FormatError(f"{str(path)!r} is damaged: {error}") from error
-    if not len(sample):
-        raise FormatError(f"{str(path)!r} holds no events: nothing was recorded into it")
-    return order_of_values([sample], repr(str(path)))
-
-
-def _size_in(arrays: _Arrays, path: Path) -> tuple[int, int] | None:
-    for name in _SIZES:
-        if name in arrays.names:
-            array = arrays.open(name)
-            try:
-                if array.length != 2 or array.width or array.type.kind not in "uif":
-                    raise ValueError(f"{array.length} numbers instead of two")
-                width, height = (int(value) for value in array.read(2))
-            except ARCHIVE_DAMAGE as error:
-                raise FormatError(f"{str(path)!r}: unfit size: {error}") from error
-            return width, height
-    return None

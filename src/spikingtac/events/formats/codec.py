@@ -61,57 +61,61 @@ JUMP_US = 1_000_000
 RESET_US = 100_000
 
 
+EDGE = np.dtype([("t_us", np.int64), ("channel", np.uint8), ("edge", np.bool_)])
+
+
 class Triggers:
     """Edges on a camera's external trigger inputs, as columns that grow in order of time."""
 
-    _TYPES = (np.int64, np.uint8, np.bool_)
-
     def __init__(self) -> None:
-        self._parts: list[tuple[NDArray[Any], ...]] = []
-        self._count = 0
+        self._parts: list[NDArray[Any]] = []
+
+    @property
+    def rows(self) -> NDArray[Any]:
+        """All edges, as structures of time, channel and edge."""
+        if len(self._parts) != 1:
+            self._parts[:] = [np.concatenate([np.empty(0, EDGE), *self._parts])]
+        return self._parts[0]
 
     @property
     def t_us(self) -> NDArray[np.int64]:
         """Times of the edges, us."""
-        return self._column(0)
+        return self.rows["t_us"]
 
     @property
     def channel(self) -> NDArray[np.uint8]:
         """Input that each edge was seen on."""
-        return self._column(1)
+        return self.rows["channel"]
 
     @property
     def edge(self) -> NDArray[np.bool_]:
         """True where the signal rose, False where it fell."""
-        return self._column(2)
+        return self.rows["edge"]
 
     def __len__(self) -> int:
-        return self._count
+        return sum(map(len, self._parts))
 
     def __iter__(self) -> Iterator[tuple[int, int, bool]]:
-        return zip(self.t_us.tolist(), self.channel.tolist(), self.edge.tolist(), strict=True)
+        return iter(self.rows.tolist())
 
     def append(self, t_us: ArrayLike, channel: ArrayLike, edge: ArrayLike) -> None:
         """Append edges that follow the ones before in time; single values count for all."""
-        arrays = np.broadcast_arrays(np.atleast_1d(t_us), channel, edge)
-        columns = zip(arrays, self._TYPES, strict=True)
-        self._parts.append(tuple(column.astype(kind) for column, kind in columns))
-        self._count += len(arrays[0])
+        rows = np.empty(np.atleast_1d(t_us).shape, EDGE)
+        rows["t_us"], rows["channel"], rows["edge"] = t_us, channel, edge
+        self._parts.append(rows)
 
     def extend(self, others: Triggers) -> None:
         """Append the edges of another collection."""
         self._parts.extend(others._parts)
-        self._count += len(others)
 
     def clear(self) -> None:
         """Forget all edges."""
         self._parts.clear()
-        self._count = 0
 
     def select(self, keep: NDArray[Any] | slice) -> Triggers:
         """Return the edges that a mask, an index array or a slice keeps."""
         chosen = Triggers()
-        chosen.append(self.t_us[keep], self.channel[keep], self.edge[keep])
+        chosen._parts.append(self.rows[keep])
         return chosen
 
     def columns(self) -> dict[str, NDArray[Any]]:
@@ -123,16 +127,11 @@ class Triggers:
         """Return count, first and last time of each channel, us, by the channel's number."""
         found = {}
         for channel in np.unique(self.channel).tolist():
-            t_us = self.t_us[self.channel == channel]
-            times = {"t_first_us": int(t_us[0]), "t_last_us": int(t_us[-1])}
-            found[str(channel)] = {"count": len(t_us), **times}
+            t_us = self.t_us[self.channel == channel].tolist()
+            found[str(channel)] = {
+                "count": len(t_us), "t_first_us": t_us[0], "t_last_us": t_us[-1],
+            }  # fmt: skip
         return found
-
-    def _column(self, place: int) -> NDArray[Any]:
-        if len(self._parts) > 1:
-            joined = tuple(np.concatenate(column) for column in zip(*self._parts, strict=True))
-            self._parts[:] = [joined]
-        return self._parts[0][place] if self._parts else np.empty(0, self._TYPES[place])
 
 
 class Blocks:
