@@ -7,6 +7,7 @@ import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from glob import escape
 from pathlib import Path
 from typing import IO, Any
 
@@ -170,21 +171,15 @@ def _sync(path: Path) -> None:
 
 
 def _remove_orphans(path: Path) -> None:
-    for file in path.parent.glob(f".{_literal(path.stem)}{PARTIAL}*{_literal(path.suffix)}"):
+    for file in path.parent.glob(f".{escape(path.stem)}{PARTIAL}*{escape(path.suffix)}"):
         number = file.name.rpartition(PARTIAL)[2].removesuffix(path.suffix)
         if number.isdecimal() and not _runs(int(number)):
             file.unlink(missing_ok=True)
 
 
-def _literal(text: str) -> str:
-    return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in text)
-
-
 def _runs(process: int) -> bool:
     try:
         os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
+    except OSError as error:
+        return not isinstance(error, ProcessLookupError)
     return True

@@ -77,8 +77,7 @@ def build(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
 
     Args:
         cls: A dataclass; fields may be numbers, strings, booleans, tuples, optional values,
-            other dataclasses, or tuples of dataclasses (TOML arrays of tables). A field whose
-            metadata holds ``former_names`` also accepts these keys.
+            other dataclasses, or tuples of dataclasses (TOML arrays of tables).
         mapping: Parsed TOML or JSON.
         where: Name of the document or table, for errors.
 
@@ -88,8 +87,6 @@ def build(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
     """
     hints = typing.get_type_hints(cls)
     fields = {field.name: field for field in dataclasses.fields(cls) if field.init}  # type: ignore[arg-type]
-    former = {old: name for name, f in fields.items() for old in f.metadata.get("former_names", ())}
-    mapping = {former.get(key, key): value for key, value in mapping.items()}
     for key in mapping:
         if key not in fields:
             raise ConfigError(

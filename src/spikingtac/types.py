@@ -8,7 +8,7 @@ right); geometry in mm; time in integer microseconds (``_us``).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -62,30 +62,14 @@ class EventPacket:
     @classmethod
     def empty(cls, t_start_us: int, t_end_us: int, size: tuple[int, int]) -> EventPacket:
         """Return a packet that covers a stretch of silence."""
-        return cls(
-            x=np.empty(0, np.uint16),
-            y=np.empty(0, np.uint16),
-            p=np.empty(0, np.bool_),
-            t=np.empty(0, np.int64),
-            t_start_us=t_start_us,
-            t_end_us=t_end_us,
-            size=size,
-            checked=True,
-        )
+        x, y, p, t = (np.empty(0, kind) for kind in (np.uint16, np.uint16, np.bool_, np.int64))
+        return cls(x, y, p, t, t_start_us, t_end_us, size, checked=True)
 
     def part(self, first: int, last: int, t_start_us: int, t_end_us: int) -> EventPacket:
         """Return events ``first`` to ``last`` (exclusive) as a packet of the given span (views)."""
-        chosen = slice(first, last)
-        return EventPacket(
-            self.x[chosen],
-            self.y[chosen],
-            self.p[chosen],
-            self.t[chosen],
-            t_start_us,
-            t_end_us,
-            self.size,
-            self.checked,
-        )
+        part = slice(first, last)
+        columns = self.x[part], self.y[part], self.p[part], self.t[part]
+        return EventPacket(*columns, t_start_us, t_end_us, self.size, self.checked)
 
     def split(self, t_us: int) -> tuple[EventPacket, EventPacket]:
         """Return what comes before a time within the span, us, and the rest (views)."""
@@ -95,16 +79,8 @@ class EventPacket:
 
     def select(self, keep: NDArray[Any]) -> EventPacket:
         """Return the events that a mask or an index array keeps, over the same span."""
-        return EventPacket(
-            self.x[keep],
-            self.y[keep],
-            self.p[keep],
-            self.t[keep],
-            self.t_start_us,
-            self.t_end_us,
-            self.size,
-            self.checked,
-        )
+        columns = self.x[keep], self.y[keep], self.p[keep], self.t[keep]
+        return EventPacket(*columns, self.t_start_us, self.t_end_us, self.size, self.checked)
 
     def sound(self) -> EventPacket:
         """Check the columns once and return the packet, marked as checked.
@@ -148,16 +124,11 @@ class EventPacket:
     @classmethod
     def concatenate(cls, packets: list[EventPacket]) -> EventPacket:
         """Join packets that follow each other in time; at least one is needed."""
-        return cls(
-            x=np.concatenate([packet.x for packet in packets]),
-            y=np.concatenate([packet.y for packet in packets]),
-            p=np.concatenate([packet.p for packet in packets]),
-            t=np.concatenate([packet.t for packet in packets]),
-            t_start_us=packets[0].t_start_us,
-            t_end_us=packets[-1].t_end_us,
-            size=packets[0].size,
-            checked=all(packet.checked for packet in packets),
+        x, y, p, t = (
+            np.concatenate([getattr(packet, name) for packet in packets]) for name in "xypt"
         )
+        span_us = packets[0].t_start_us, packets[-1].t_end_us
+        return cls(x, y, p, t, *span_us, packets[0].size, all(one.checked for one in packets))
 
 
 def _lies_within(column: NDArray[Any], limit: int) -> bool:
@@ -191,13 +162,7 @@ class SourceHealth:
 
     def summary(self) -> dict[str, float]:
         """Return the counters for a report."""
-        return {
-            "gaps": self.gaps,
-            "overflows": self.overflows,
-            "damaged": self.damaged,
-            "reconnects": self.reconnects,
-            "rate_ev_s": round(self.rate_ev_s, 1),
-        }
+        return {**asdict(self), "rate_ev_s": round(self.rate_ev_s, 1)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,15 +192,7 @@ class MarkerFrame:
 
     def with_health(self, health: SourceHealth) -> MarkerFrame:
         """Return the same estimate with the health of the events that it rests on."""
-        return MarkerFrame(
-            self.t_us,
-            self.detected_px,
-            self.position_px,
-            self.displacement_px,
-            self.coasted,
-            self.confidence,
-            health,
-        )
+        return replace(self, health=health)
 
     @property
     def held(self) -> NDArray[np.bool_]:

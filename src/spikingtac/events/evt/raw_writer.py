@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import deque
 from pathlib import Path
 from typing import IO, Any
 
@@ -61,7 +60,7 @@ class RawWriter(EventWriter):
         self._file: IO[bytes] | None = self._target.open()
         self._base_us: int | None = None
         self._last_us = self.written_bytes = 0
-        self._waiting: deque[tuple[int, int, bool]] = deque()
+        self._waiting: list[tuple[int, int, bool]] = []
         self._digest = digest
 
     def write(self, packet: EventPacket) -> None:
@@ -72,18 +71,22 @@ class RawWriter(EventWriter):
         """
         if not len(packet):
             return
-        if self._base_us is None:
-            first_us = int(packet.t[0])
-            self._begin(min(first_us, self._waiting[0][0]) if self._waiting else first_us)
+        base_us = self._base_us
+        if base_us is None:
+            base_us = self._begin(int(min([packet.t[0], *(edge[0] for edge in self._waiting[:1])])))
         self._check(packet)
+        edges = [edge for edge in self._waiting if edge[0] <= packet.t[-1]]
+        del self._waiting[: len(edges)]
+        places = packet.t.searchsorted([edge[0] for edge in edges], side="right").tolist()
         first = 0
-        while self._waiting and self._waiting[0][0] <= packet.t[-1]:
-            last = int(packet.t.searchsorted(self._waiting[0][0], side="right"))
-            self._append_events(packet, first, last)
-            self._append_trigger(*self._waiting.popleft())
-            first = last
-        self._append_events(packet, first, len(packet))
-        self._last_us = int(packet.t[-1])
+        for edge, last in [*zip(edges, places, strict=True), (None, len(packet))]:
+            if last > first:
+                t, part = packet.t[first:last] - base_us, slice(first, last)
+                columns = packet.x[part], packet.y[part], packet.p[part]
+                self._append(self._encoder.encode(t, *columns).tobytes())
+                self._last_us, first = int(packet.t[last - 1]), last
+            if edge is not None:
+                self._append_trigger(*edge)
 
     def add_triggers(self, triggers: Triggers) -> None:
         """Take trigger edges, to be written among the events that come after this call.
@@ -92,22 +95,13 @@ class RawWriter(EventWriter):
         """
         self._waiting.extend(triggers)
 
-    def _append_events(self, packet: EventPacket, first: int, last: int) -> None:
-        if last > first:
-            t, chosen = packet.t[first:last] - (self._base_us or 0), slice(first, last)
-            words = self._encoder.encode(t, packet.x[chosen], packet.y[chosen], packet.p[chosen])
-            self._append(words.tobytes())
-            self._last_us = int(packet.t[last - 1])
-
     def _append_trigger(self, t_us: int, channel: int, rising: bool) -> None:
-        if self._base_us is None:
-            self._begin(t_us)
-        if t_us < max(self._last_us, self._base_us or 0):
+        base_us = self._begin(t_us) if self._base_us is None else self._base_us
+        if t_us < max(self._last_us, base_us):
             self.triggers_left_out += 1
             return
         self._last_us = t_us
-        words = self._encoder.trigger(t_us - (self._base_us or 0), channel, rising)
-        self._append(words.tobytes())
+        self._append(self._encoder.trigger(t_us - base_us, channel, rising).tobytes())
 
     def flush(self, durable: bool = False) -> None:
         """Hand what was written to the operating system: it survives the death of this process.
@@ -137,11 +131,13 @@ class RawWriter(EventWriter):
             self._target.abandon(self._file)
             self._file = None
 
-    def _begin(self, first_us: int) -> None:
+    def _begin(self, first_us: int) -> int:
+        """Write the header, and return the base of all times, us."""
         period_bits = self._encoder.form.low_bits + self._encoder.form.high_bits
-        self._base_us = (max(first_us, 0) >> period_bits) << period_bits
+        self._base_us = base_us = (max(first_us, 0) >> period_bits) << period_bits
         self._last_us = first_us
-        self._append(format_header(self._encoder.name, self.size, self._base_us))
+        self._append(format_header(self._encoder.name, self.size, base_us))
+        return base_us
 
     def _append(self, data: bytes) -> None:
         if self._file is None:

@@ -26,12 +26,13 @@ ROLES: tuple[str, ...] = ("x", "y", "p", "t")
 COORDINATE_LIMIT_PX = 1 << 13
 
 US_PER_UNIT = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
-_UNITS = {
-    "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "ms": "ms", "msec": "ms",
-    "millisecond": "ms", "milliseconds": "ms", "millis": "ms", "us": "us", "usec": "us",
-    "µs": "us", "μs": "us", "microsecond": "us", "microseconds": "us", "micros": "us", "ns": "ns",
-    "nsec": "ns", "nanosecond": "ns", "nanoseconds": "ns", "nanos": "ns",
-}  # fmt: skip
+_UNIT_NAMES = {
+    "s": ("s", "sec", "secs", "second", "seconds"),
+    "ms": ("ms", "msec", "millisecond", "milliseconds", "millis"),
+    "us": ("us", "usec", "µs", "μs", "microsecond", "microseconds", "micros"),
+    "ns": ("ns", "nsec", "nanosecond", "nanoseconds", "nanos"),
+}
+_UNITS = {name: unit for unit, names in _UNIT_NAMES.items() for name in names}
 _NAMES = {
     "t": ("t", "ts", "time", "times", "timestamp", "timestamps", "stamp"),
     "x": ("x", "xs", "col", "column", "columns", "u"),
@@ -63,8 +64,9 @@ SORTED_ROWS_LIMIT = 1 << 25  # Most rows that are sorted, in memory: 33 million 
 CHUNK_ROWS = 1 << 17
 TABLE_WIDTHS = (4, 5)  # Columns of a table of numbers that may be events.
 
-# What -1 becomes in unsigned numbers.
-_WRAPPED = frozenset({(1 << bits) - 1 for bits in (8, 16, 32, 64)})
+# What -1 becomes in unsigned numbers; of 8 and 16 bits, it may also stand for true.
+_WRAPPED = frozenset({float((1 << bits) - 1) for bits in (8, 16, 32, 64)})
+_ONLY_WRAPPED = frozenset({float((1 << bits) - 1) for bits in (32, 64)})
 
 
 class Order(NamedTuple):
@@ -176,13 +178,12 @@ def _holds_wrapped(p: NDArray[Any], where: str) -> bool:
     """
     values, counts = np.unique(p, return_counts=True)
     usual = {float(v) for v in values[counts >= RARE_SHARE * max(len(p), 1)]}
-    if usual - {-1.0, 0.0, 1.0, *map(float, _WRAPPED)}:
+    if usual - {-1.0, 0.0, 1.0} - _WRAPPED:
         told = ", ".join(f"{value:g}" for value in sorted(usual)[:6])
         raise FormatError(
             f"{where}: the polarity holds {told}; valid: 0 and 1, -1 and 1, or true and false"
         )
-    wrapped = bool(usual & {float(w) for w in _WRAPPED}) and 1.0 in usual
-    return wrapped or bool(usual & {float((1 << 32) - 1), float((1 << 64) - 1)})
+    return bool(usual & _WRAPPED) and (1.0 in usual or bool(usual & _ONLY_WRAPPED))
 
 
 def _guessed_unit(t: NDArray[Any]) -> tuple[str, str]:
@@ -238,10 +239,32 @@ class TableSource(FileSource):
             return
         pieces = itertools.chain((first,), pieces)
         falls = np.count_nonzero(first[3][1:] < first[3][:-1])
-        if falls > FEW_FALLS + UNSORTED_SHARE * len(first[3]):
-            pieces = self._all_sorted(pieces)
+        shuffled = falls > FEW_FALLS + UNSORTED_SHARE * len(first[3])
+        for rows in [self._joined(pieces)] if shuffled else pieces:
+            t = rows[3]
+            fallen = t[1:] < t[:-1]
+            # A fall of 0.1 s or more in an ordered table is a restart.
+            if fallen.any() and (shuffled or np.diff(t.astype(np.float64)).min() > -RESET_US):
+                self.losses.add("unsorted", int(np.count_nonzero(fallen)))
+                order = np.argsort(t, kind="stable")
+                rows = _chosen(rows, order)
+            for begin in range(0, len(t), CHUNK_ROWS):
+                yield _chosen(rows, slice(begin, begin + CHUNK_ROWS))
+
+    def _joined(self, pieces: Iterator[Rows]) -> Rows:
+        """Return all rows at once, as many as can be sorted in memory."""
+        kept: list[Rows] = []
+        total = 0
         for rows in pieces:
-            yield self._mildly_sorted(rows)
+            total += len(rows[3])
+            if total > SORTED_ROWS_LIMIT:
+                raise FormatError(
+                    f"{str(self.path)!r}: its rows are out of order in time, and more than "
+                    f"{SORTED_ROWS_LIMIT} cannot be sorted here; sort the file by time first"
+                )
+            kept.append(rows)
+        x, y, p, t = (np.concatenate(column) for column in zip(*kept, strict=True))
+        return x, y, p, t
 
     def _understood(self) -> Iterator[Rows]:
         """Yield the rows with times in microseconds and polarities as booleans."""
@@ -260,33 +283,10 @@ class TableSource(FileSource):
                 t_us = (t_us.astype(np.int64) if whole else t_us) + self._offset_us
             yield x, y, p if p.dtype == np.bool_ else p == 1 if wrapped else p > 0, t_us
 
-    def _all_sorted(self, pieces: Iterator[Rows]) -> Iterator[Rows]:
-        kept: list[Rows] = []
-        total = 0
-        for rows in pieces:
-            total += len(rows[3])
-            if total > SORTED_ROWS_LIMIT:
-                raise FormatError(
-                    f"{str(self.path)!r}: its rows are out of order in time, and more than "
-                    f"{SORTED_ROWS_LIMIT} cannot be sorted here; sort the file by time first"
-                )
-            kept.append(tuple(column.copy() for column in rows))  # type: ignore[arg-type]
-        x, y, p, t = (np.concatenate(column) for column in zip(*kept, strict=True))
-        kept.clear()
-        self.losses.add("unsorted", int(np.count_nonzero(t[1:] < t[:-1])))
-        order = np.argsort(t, kind="stable")
-        for first in range(0, total, CHUNK_ROWS):
-            part = order[first : first + CHUNK_ROWS]
-            yield x[part], y[part], p[part], t[part]
 
-    def _mildly_sorted(self, rows: Rows) -> Rows:
-        x, y, p, t = rows
-        falls = t[1:] < t[:-1]
-        if not falls.any() or np.diff(t.astype(np.float64)).min() <= -RESET_US:
-            return rows
-        self.losses.add("unsorted", int(np.count_nonzero(falls)))
-        order = np.argsort(t, kind="stable")
-        return x[order], y[order], p[order], t[order]
+def _chosen(rows: Rows, keep: Any) -> Rows:
+    x, y, p, t = (column[keep] for column in rows)
+    return x, y, p, t
 
 
 def rows_of(table: NDArray[Any], place: dict[str, int]) -> Rows:

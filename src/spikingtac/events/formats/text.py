@@ -5,9 +5,8 @@ from __future__ import annotations
 import io
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,10 +91,9 @@ class TextSource(TableSource):
         """Learn the form of the rows and the order of their columns."""
         samples = [sample for sample in _samples(path, start) if sample.strip()]
         lines = samples[0].splitlines()
-        self._delimiter = _most_common(
-            _delimiter(line.decode("utf-8", "replace")) for line in lines
-        )
-        self._width = _most_common(len(self._blank(line).split()) for line in lines)
+        marks = Counter(_delimiter(line.decode("utf-8", "replace")) for line in lines)
+        self._delimiter = marks.most_common(1)[0][0]
+        self._width = Counter(len(self._blank(line).split()) for line in lines).most_common(1)[0][0]
         for comment in comments if self._order is None else ():
             self._order = _named_in_comment(comment, self._width) or self._order
         if self._order is None:
@@ -168,10 +166,6 @@ def _samples(path: Path, start: int) -> list[bytes]:
             whole = lines[int(place > start) : len(lines) - int(file.tell() < end)]
             samples.append(b"\n".join(whole or lines))
     return samples
-
-
-def _most_common(values: Iterable[Any]) -> Any:
-    return Counter(values).most_common(1)[0][0]
 
 
 def _delimiter(text: str) -> str:
