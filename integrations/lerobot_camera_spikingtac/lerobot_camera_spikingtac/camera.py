@@ -13,12 +13,9 @@ from numpy.typing import NDArray
 import spikingtac as st
 from lerobot_camera_spikingtac.config_camera import SpikingTacCameraConfig
 from lerobot_camera_spikingtac.field_image import field_image
-from spikingtac.stream.sensor import LiveFrame
 
-NAME = "sensor"
 START_S = 30.0  # Longest wait for the first frame, s: kernels may have to be compiled.
-LOOK_S = 0.001
-NS_PER_MS = 1_000_000
+LOOK_S = 0.001  # Time between two looks for a new frame, s.
 
 
 class SpikingTacCamera(Camera):
@@ -32,25 +29,22 @@ class SpikingTacCamera(Camera):
         super().__init__(config)
         self.config = config
         self._calibration = st.Calibration.load(config.calibration)
-        self._hand: st.Hand | None = None
+        self._live: st.Live | None = None
         self._taken = 0
         self._force: Any = None
 
     @property
     def is_connected(self) -> bool:
         """Whether the sensor is followed."""
-        return self._hand is not None
+        return self._live is not None
 
     @staticmethod
     def find_cameras() -> list[dict[str, Any]]:
         """Return the event cameras that are plugged in."""
         from spikingtac.cameras.libraries import plugged_in
 
-        return [
-            {"type": "spikingtac", "name": camera.model, "id": camera.address}
-            for camera in plugged_in()
-            if camera.address
-        ]
+        found = [camera for camera in plugged_in() if camera.address]
+        return [{"type": "spikingtac", "name": one.model, "id": one.address} for one in found]
 
     def connect(self, warmup: bool = True) -> None:
         """Start to follow the sensor, and wait for its first frame where ``warmup`` says so.
@@ -59,25 +53,26 @@ class SpikingTacCamera(Camera):
             DeviceAlreadyConnectedError: It is followed already.
             ConnectionError: It fails; says why.
         """
-        if self._hand is not None:
-            raise DeviceAlreadyConnectedError(f"{self.config.source} is connected")
-        config = st.load_config(self.config.preset).with_tracking(rate_hz=self.config.rate_hz)
-        finger = st.Finger(
-            source=self.config.source,
-            calibration=self.config.calibration,
-            tracking=config.tracking,
+        config = self.config
+        if self.is_connected:
+            raise DeviceAlreadyConnectedError(f"{config.source} is connected")
+        if config.force is not None:
+            self._force = st.load_force(config.force).estimator()
+        self._live, self._taken = (
+            st.live(
+                config.source,
+                calibration=self._calibration,
+                preset=config.preset,
+                rate_hz=config.rate_hz,
+            ),
+            0,
         )
-        self._hand, self._taken = st.Hand({NAME: finger}), 0
-        if self.config.force is not None:
-            from spikingtac.touch.force.model import load_force
-
-            self._force = load_force(self.config.force).estimator()
-        if warmup:
-            try:
+        try:
+            if warmup:
                 self._next(START_S)
-            except BaseException:
-                self.disconnect()
-                raise
+        except BaseException:
+            self.disconnect()
+            raise
 
     def read(self, color_mode: Any = None) -> NDArray[Any]:
         """Return the image of the next frame."""
@@ -113,8 +108,8 @@ class SpikingTacCamera(Camera):
         """
         if self._force is None:
             raise RuntimeError("no force model; give force=force.onnx in the camera's settings")
-        reading = self._latest(max_age_ms)
-        return self._force.update(reading.t_us, reading.displacement_px.astype(np.float64)).values
+        frame = self._latest(max_age_ms)
+        return self._force.update(frame.t_us, frame.displacement_px.astype(np.float64)).values
 
     def disconnect(self) -> None:
         """Stop to follow the sensor.
@@ -123,41 +118,41 @@ class SpikingTacCamera(Camera):
             DeviceNotConnectedError: It is not followed.
         """
         self._followed().close()
-        self._hand = None
+        self._live = None
 
-    def _followed(self) -> st.Hand:
-        if self._hand is None:
+    def _followed(self) -> st.Live:
+        if self._live is None:
             raise DeviceNotConnectedError(f"{self.config.source} is not connected")
-        return self._hand
+        return self._live
 
-    def _next(self, timeout_s: float) -> LiveFrame:
-        hand, deadline_s = self._followed(), time.monotonic() + timeout_s
+    def _next(self, timeout_s: float) -> Any:
+        live, deadline_s, source = (
+            self._followed(),
+            time.monotonic() + timeout_s,
+            self.config.source,
+        )
         while True:
-            reading = hand.latest()[NAME]
-            if reading is not None and reading.number > self._taken:
-                self._taken = reading.number
-                return reading
-            health = hand.health()[NAME]
+            frame = live.latest()
+            if frame is not None and frame.number > self._taken:
+                self._taken = frame.number
+                return frame
+            health = live.health
             if health.state not in ("starting", "running"):
-                raise ConnectionError(f"{self.config.source}: {health.state} {health.why}".strip())
+                raise ConnectionError(f"{source}: {health.state} {health.why}".strip())
             if time.monotonic() > deadline_s:
-                raise TimeoutError(f"{self.config.source} gave no new frame in {timeout_s:g} s")
+                raise TimeoutError(f"{source} gave no new frame in {timeout_s:g} s")
             time.sleep(LOOK_S)
 
-    def _latest(self, max_age_ms: int) -> LiveFrame:
-        reading = self._followed().latest()[NAME]
-        if reading is None:
+    def _latest(self, max_age_ms: int) -> Any:
+        frame = self._followed().latest()
+        if frame is None:
             raise RuntimeError(f"{self.config.source} has given no frame yet")
-        age_ms = (time.monotonic_ns() - reading.told_ns) / NS_PER_MS
+        age_ms = (time.monotonic_ns() - frame.told_ns) * 1e-6
         if age_ms > max_age_ms:
             raise TimeoutError(f"the latest frame of {self.config.source} is {age_ms:.0f} ms old")
-        return reading
+        return frame
 
-    def _image(self, reading: LiveFrame) -> NDArray[np.uint8]:
-        return field_image(
-            reading.displacement_px,
-            reading.coasted,
-            self._calibration.grid,
-            self.config.range_px,
-            self.config.cell_px,
-        )
+    def _image(self, frame: Any) -> NDArray[np.uint8]:
+        config, grid = self.config, self._calibration.grid
+        moved_px, coasted = frame.displacement_px, frame.coasted
+        return field_image(moved_px, coasted, grid, config.range_px, config.cell_px)

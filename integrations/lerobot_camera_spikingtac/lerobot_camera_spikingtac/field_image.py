@@ -1,4 +1,4 @@
-"""The displacement field as an image, and back."""
+"""The displacement field as an image."""
 
 from __future__ import annotations
 
@@ -30,15 +30,3 @@ def field_image(
     cells[..., :2] = np.rint(NONE_LEVEL + LEVELS * share).reshape(*grid, 2)
     cells[..., 2] = 255 * coasted.reshape(grid)
     return cells.repeat(cell_px, axis=0).repeat(cell_px, axis=1)
-
-
-def field_of(
-    image: NDArray[np.uint8], range_px: float, cell_px: int
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return displacements ``(m, 2)``, px, and coasted ``(m,)`` of an image of :func:`field_image`.
-
-    A displacement is right to half a level: ``range_px / 254``.
-    """
-    cells = image[cell_px // 2 :: cell_px, cell_px // 2 :: cell_px].astype(np.float32)
-    moved = (cells[..., :2] - NONE_LEVEL) / LEVELS * range_px
-    return moved.reshape(-1, 2), (cells[..., 2] > NONE_LEVEL).ravel()

@@ -2,12 +2,10 @@
 
 The gel asks for the height of a body along its normal at every cell. Each primitive is a closed
 form (the last intersection of a line along the normal), a mesh is a buffer of depth over its
-triangles; both are one loop over the cells in compiled code.
+triangles.
 """
 
 from __future__ import annotations
-
-import math
 
 import mujoco
 import numpy as np
@@ -36,99 +34,72 @@ BOX, MESH = int(GEOM.mjGEOM_BOX), int(GEOM.mjGEOM_MESH)
 SHAPES = (PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH)
 
 
-@njit(cache=True)
-def quadric_top(a: float, b: float, c: float) -> float:
+def quadric_top(a: float, b: Floats, c: Floats) -> Floats:
     """Return the larger root of ``a z² + 2 b z + c``, or "not a number"."""
-    root = b * b - a * c
-    if root < 0.0 or a < TINY:
-        return np.nan
-    return (math.sqrt(root) - b) / a
+    return (np.sqrt(b * b - a * c) - b) / a if a >= TINY else np.full(b.shape, np.nan)
 
 
-@njit(cache=True)
-def round_top(kind: int, size: Floats, axis: Floats, x: float, y: float) -> float:
-    """Return the height of a capsule or a cylinder over a point, mm."""
+def round_top(kind: int, size: Floats, axis: Floats, x: Floats, y: Floats) -> Floats:
+    """Return the height of a capsule or a cylinder over points, mm."""
     radius, half = size[0], size[1]
-    best = NO_SURFACE_MM
     across = x * axis[0] + y * axis[1]
     top = quadric_top(
         1.0 - axis[2] ** 2, -across * axis[2], x * x + y * y - across**2 - radius * radius
     )
-    if abs(across + top * axis[2]) <= half:  # False for "not a number"
-        best = top
+    best = np.where(np.abs(across + top * axis[2]) <= half, top, NO_SURFACE_MM)
     for end in (-half, half):
         if kind == CAPSULE:
             rest = radius * radius - (x - end * axis[0]) ** 2 - (y - end * axis[1]) ** 2
-            if rest >= 0.0:
-                best = max(best, end * axis[2] + math.sqrt(rest))
+            best = np.fmax(best, end * axis[2] + np.sqrt(rest))
         elif abs(axis[2]) > TINY:
             top = (end - across) / axis[2]
-            if x * x + y * y + top * top - end * end <= radius * radius:
-                best = max(best, top)
+            inside = x * x + y * y + top * top - end * end <= radius * radius
+            best = np.where(inside, np.maximum(best, top), best)
     return best
 
 
-@njit(cache=True)
-def box_top(size: Floats, rotation: Floats, x: float, y: float) -> float:
-    """Return the height of a box over a point, mm."""
-    low, high = -np.inf, np.inf
-    for i in range(3):
-        start, slope = rotation[0, i] * x + rotation[1, i] * y, rotation[2, i]
+def box_top(size: Floats, rotation: Floats, x: Floats, y: Floats) -> Floats:
+    """Return the height of a box over points, mm."""
+    low, high = np.full(x.shape, -np.inf), np.full(x.shape, np.inf)
+    for half, (right, up, slope) in zip(size, rotation.T, strict=True):
+        start = right * x + up * y
         if abs(slope) < TINY:
-            if abs(start) > size[i]:
-                return NO_SURFACE_MM
+            high[np.abs(start) > half] = -np.inf
             continue
-        one, other = (-size[i] - start) / slope, (size[i] - start) / slope
-        low, high = max(low, min(one, other)), min(high, max(one, other))
-    return high if low <= high else NO_SURFACE_MM
+        one, other = (-half - start) / slope, (half - start) / slope
+        low = np.maximum(low, np.minimum(one, other))
+        high = np.minimum(high, np.maximum(one, other))
+    return np.where(low <= high, high, NO_SURFACE_MM)
 
 
-@njit(cache=True)
-def ellipsoid_top(size: Floats, rotation: Floats, x: float, y: float) -> float:
-    """Return the height of an ellipsoid over a point, mm."""
-    a = b = 0.0
-    c = -1.0
-    for i in range(3):
-        start, slope = (rotation[0, i] * x + rotation[1, i] * y) / size[i], rotation[2, i] / size[i]
-        a, b, c = a + slope * slope, b + slope * start, c + start * start
-    top = quadric_top(a, b, c)
-    return NO_SURFACE_MM if math.isnan(top) else top
+def ellipsoid_top(size: Floats, rotation: Floats, x: Floats, y: Floats) -> Floats:
+    """Return the height of an ellipsoid over points, mm."""
+    slope = (rotation[2] / size)[:, np.newaxis]
+    start = (np.multiply.outer(rotation[0], x) + np.multiply.outer(rotation[1], y)) / size[:, None]
+    c = (start * start).sum(axis=0, initial=-1.0)
+    return quadric_top(float((slope * slope).sum()), (slope * start).sum(axis=0), c)
 
 
-@njit(cache=True)
-def top_kernel(
-    kind: int,
-    size: Floats,
-    rotation: Floats,
-    center: Floats,
-    x_mm: Floats,
-    y_mm: Floats,
-    out: Floats,
-) -> None:
-    """Raise ``out (n,)`` to the height of one primitive over the points, mm.
+def primitive_top(kind: int, size: Floats, rotation: Floats, x: Floats, y: Floats) -> Floats:
+    """Return the height ``(n,)`` of one primitive over points, mm; NaN where there is none.
 
     Args:
         kind: MuJoCo's type of the geom.
         size: ``(3,)`` its size, mm.
         rotation: ``(3, 3)`` its orientation.
-        center: ``(3,)`` its centre, mm.
-        x_mm: ``(n,)`` points.
-        y_mm: ``(n,)`` points.
-        out: Heights so far.
+        x: ``(n,)`` points from its centre, mm.
+        y: ``(n,)`` points.
     """
-    axis = rotation[:, 2].copy()
-    for i in range(len(x_mm)):
-        x, y = x_mm[i] - center[0], y_mm[i] - center[1]
-        top = NO_SURFACE_MM
+    axis = rotation[:, 2]
+    with np.errstate(invalid="ignore"):
         if kind == BOX:
-            top = box_top(size, rotation, x, y)
-        elif kind in (CAPSULE, CYLINDER):
-            top = round_top(kind, size, axis, x, y)
-        elif kind == PLANE:
-            top = -(axis[0] * x + axis[1] * y) / axis[2] if axis[2] > TINY else NO_SURFACE_MM
-        else:
-            top = ellipsoid_top(size, rotation, x, y)
-        out[i] = max(out[i], center[2] + top)
+            return box_top(size, rotation, x, y)
+        if kind in (CAPSULE, CYLINDER):
+            return round_top(kind, size, axis, x, y)
+        if kind == PLANE:
+            height = -(axis[0] * x + axis[1] * y) / axis[2] if axis[2] > TINY else NO_SURFACE_MM
+            return np.broadcast_to(height, x.shape)
+        return ellipsoid_top(size, rotation, x, y)
 
 
 @njit(cache=True)
@@ -198,7 +169,8 @@ class BodyIndenter:
                 floor_mm = -self.place_mm[2] - BULGE_MM
                 mesh_kernel(mesh @ turn.T + center, floor_mm, x_mm, y_mm, out)
             else:
-                top_kernel(kind, size, turn, center, x_mm, y_mm, out)
+                top = primitive_top(kind, size, turn, x_mm - center[0], y_mm - center[1])
+                out = np.fmax(out, center[2] + top)
         beside = np.abs(x_mm + self.place_mm[0]) > self._pad_mm[0]
         beside |= np.abs(y_mm + self.place_mm[1]) > self._pad_mm[1]
         return np.where(beside, NO_SURFACE_MM, out - REACH_MM)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import re
 from pathlib import Path
 from typing import Any
 
-from evaluation import evaluate, speed, validate, vector_speed
+from evaluation import evaluate, speed, validate
 from learn import train
 from spikingtac_mujoco import TASKS
 
@@ -20,8 +19,7 @@ ABOUT = {
     "(`spikingtac.fit_force`), fitted on other episodes of `markers` only. `events` solves the gel "
     "on 64 x 64 cells, `markers` on 32 x 32.",
     "speed": "## Speed\n\nSteps in a second of one core (CPU time), the scripted policy, "
-    "no pictures. The last row is by the clock, on a machine of {cores} cores that others used "
-    "as well.",
+    "no pictures.",
     "policies": "## What touch is worth\n\nMeans over the seeds from 0 on, with 95 % intervals "
     "(Wilson for shares, bootstrap for means). Excess is the grip force at the end over the least "
     "that holds; aside is the distance between the axes of peg and bore.",
@@ -47,8 +45,7 @@ def make(part: str, folder: Path, seeds: int, workers: int) -> dict[str, Any]:
         return validate()
     if part == "speed":
         rows = [speed(task, "markers") for task in TASKS]
-        rows += [speed("GripWithoutSlip", "events"), vector_speed("GripWithoutSlip", 2)]
-        return {"cores": os.cpu_count(), "rows": rows}
+        return {"rows": [*rows, speed("GripWithoutSlip", "events")]}
     learned = folder / LEARNED if (folder / LEARNED).is_file() else None
     return {task: evaluate(task, seeds, learned, workers) for task in TASKS}
 
