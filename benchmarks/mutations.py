@@ -134,7 +134,7 @@ MUTATIONS = (
         name="lag-misfit-scale",
         old="scale = max(1.0, float(misfit.min()) / freedom)",
         new="scale = 1.0",
-        tests=("tests/unit/markers/lag/test_estimate.py",),
+        tests=("tests/unit/markers/test_lag.py",),
     ),
     Mutation(
         name="coasting-speed",

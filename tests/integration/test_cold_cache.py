@@ -16,8 +16,8 @@ import hashlib
 import numpy as np
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.disc_locator import DiscLocator
-from spikingtac.markers.graded.locator import AT_ONCE
-from spikingtac.markers.neighbours import Neighbourhood
+from spikingtac.markers.graded.motion import AT_ONCE
+from spikingtac.markers.neighbours import Neighbourhood, settle_kernel
 
 rng = np.random.default_rng(3)
 across, down = np.meshgrid(np.linspace(30.0, 290.0, 8), np.linspace(30.0, 290.0, 8))
@@ -26,7 +26,7 @@ calibration = Calibration(
     reference_px=places, radius_px=np.full(64, 9.0), grid=(8, 8), size=(320, 320), contrast=6.0,
     edge_px=1.2,
 )
-locator = DiscLocator(calibration, np.full(64, 200.0), 3)
+locator = DiscLocator(calibration)
 neighbours = Neighbourhood(places)
 digest = hashlib.sha256()
 for shift in range(12):
@@ -38,8 +38,10 @@ for shift in range(12):
     locator.map.values[:] = level
     locator.pending[:] = AT_ONCE
     locator.locate(1_000 * shift, np.zeros(64, np.bool_))
-    settled = neighbours.settled_px(locator.motion[:, :2], np.full(64, 0.2), neighbours.bound_px)
-    for found in (locator.motion, locator.agreement, locator.outline_px, *settled):
+    settled = np.empty((64, 2)), np.empty(64, np.bool_)
+    limits = np.full(64, 0.2), neighbours.own_share, neighbours.bound_px
+    settle_kernel(locator.motion[:, :2], neighbours.skin, limits, *settled)
+    for found in (locator.motion, locator.fits, locator.outline_px, *settled):
         digest.update(found.tobytes())
 print(digest.hexdigest())
 """

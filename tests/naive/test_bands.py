@@ -9,9 +9,14 @@ import pytest
 
 from spikingtac.config import load_config
 from spikingtac.events.windows import windows
-from spikingtac.markers.graded import band_fit
 from spikingtac.markers.graded.appearance import profile_tables
-from spikingtac.markers.graded.band_fit import MODEL_VARIANCE, SOFT_RESIDUAL
+from spikingtac.markers.graded.bands import (
+    MODEL_VARIANCE,
+    SOFT_RESIDUAL,
+    correct_levels_kernel,
+    normal_equations_kernel,
+    solve_kernel,
+)
 from spikingtac.markers.registry import TrackingConfig, make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.state_map.bands import END_SHARE, THRESHOLD_MISMATCH, BandStateMap
@@ -93,7 +98,7 @@ def test_the_normal_equations_equal_their_twin() -> None:
     maps, sums = random_maps(3), np.zeros(5)
     tables = profile_tables([PROFILE])
     disc = (23.3, 20.6, RADIUS_PX, float(tables[1][0]))
-    band_fit._normal_equations_kernel(maps, disc, tables[0][0], sums)
+    normal_equations_kernel(maps, disc, tables[0][0], sums)
     e, slope, ux, uy, near = residuals(maps, 23.3, 20.6)
     weight = 1.0 / (maps[1] + MODEL_VARIANCE) * np.where(maps[2] == TURN, 1.0, 0.4)
     weight = np.where(near & (e != 0.0), weight / (1.0 + (e / SOFT_RESIDUAL) ** 2), 0.0)
@@ -110,7 +115,7 @@ def test_the_step_solves_for_the_place() -> None:
     sums = np.array([xx, xy, yy, *(jacobian.T @ e)])
     away, prior = np.array([0.3, -0.2]), 0.04
     system = jacobian.T @ jacobian + np.eye(2) / prior
-    *step, variance = band_fit._solve_kernel(sums, tuple(away), prior)
+    *step, variance = solve_kernel(sums, tuple(away), prior)
     np.testing.assert_allclose(step, np.linalg.solve(system, jacobian.T @ e + away / prior))
     assert variance == pytest.approx(np.diag(np.linalg.inv(system)).mean())
 
@@ -120,7 +125,7 @@ def test_levels_are_corrected_by_their_gain_and_never_beyond_their_band() -> Non
     before, known = maps[0].copy(), maps[1].copy()
     tables = profile_tables([PROFILE])
     disc = (24.0, 20.0, RADIUS_PX, float(tables[1][0]))
-    agreement = band_fit._correct_levels_kernel(maps, disc, tables[0][0], 0.01)
+    agreement = correct_levels_kernel(maps, disc, tables[0][0], 0.01)
     maps_before = (before, known, *maps[2:])
     e, slope, _, _, near = residuals(maps_before, 24.0, 20.0)
     gain = np.minimum(known / (known + MODEL_VARIANCE + slope**2 * 0.01), 0.3)

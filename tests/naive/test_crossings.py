@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from spikingtac.markers.lag.crossings import (
+from spikingtac.markers.crossings import (
     JITTER_PX,
     LOOK_BACK_US,
     LOOK_STEP_US,
@@ -15,10 +15,9 @@ from spikingtac.markers.lag.crossings import (
     PLACE_BINS,
     REACH_PX,
     SPEED_EDGES_PX_S,
-    CrossingObserver,
     MarkerTrack,
+    marker_track,
     observe_crossings,
-    velocities,
 )
 from spikingtac.types import EventPacket
 
@@ -54,12 +53,12 @@ def naive(packet: EventPacket, track: MarkerTrack) -> tuple[np.ndarray, np.ndarr
 def crossing(
     track: MarkerTrack, pixel: tuple[int, int], p: bool, t: int
 ) -> tuple[float, float, int] | None:
-    at, sign = track.t_us, -1.0 if track.dark else 1.0
+    at, sign = track.t_us, track.facing
     if not at[0] <= t < at[-1]:
         return None
     row = int(np.searchsorted(at, t, "right")) - 1
     share = (t - at[row]) / (at[row + 1] - at[row])
-    velocity = velocities(at, track.center_px)
+    velocity = track.velocity_px_s
 
     def mix(columns: np.ndarray, m: int) -> np.ndarray:
         return (1 - share) * columns[row, m] + share * columns[row + 1, m]
@@ -109,14 +108,14 @@ def example(seed: int, dark: bool, events: int = 6_000) -> tuple[EventPacket, Ma
     at = at + rim * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     x, y = np.clip(np.round(at), 0, np.array(SIZE) - 1).astype(np.uint16).T
     p = rng.random(events) < 0.5
-    return EventPacket(x, y, p, t, 0, 1_000_000, SIZE), MarkerTrack(t_us, center, radius, dark)
+    return EventPacket(x, y, p, t, 0, 1_000_000, SIZE), marker_track(t_us, center, radius, dark)
 
 
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_kernel_and_plain_python_agree(seed: int, dark: bool) -> None:
     packet, track = example(seed, dark)
-    found = observe_crossings(packet, track)
+    found = observe_crossings([packet], track, SIZE)
     count, total = naive(packet, track)
     assert count.sum() > 300, "the example tells nothing"
     assert (found.count == count).all()
@@ -125,23 +124,21 @@ def test_kernel_and_plain_python_agree(seed: int, dark: bool) -> None:
 
 def test_any_cut_into_packets_gives_the_same() -> None:
     packet, track = example(2, False)
-    whole = observe_crossings(packet, track)
-    observer = CrossingObserver(track, SIZE)
-    cuts = [0, 1, 1, 700, 701, 4_000, len(packet)]
-    for first, last in pairwise(cuts):
-        observer.absorb(packet.part(first, last, 0, 1_000_000))
-    assert (observer.crossings.count == whole.count).all()
-    assert (observer.crossings.speed_sum_px_s == whole.speed_sum_px_s).all()
+    whole = observe_crossings([packet], track, SIZE)
+    cuts = pairwise([0, 1, 1, 700, 701, 4_000, len(packet)])
+    parts = [packet.part(first, last, 0, 1_000_000) for first, last in cuts]
+    found = observe_crossings(parts, track, SIZE)
+    assert (found.count == whole.count).all()
+    assert (found.speed_sum_px_s == whole.speed_sum_px_s).all()
 
 
 def test_dark_markers_mirror_white_ones() -> None:
     """Swapping light and dark swaps polarities and sides of the edge, and nothing else."""
     packet, track = example(3, False)
     mirrored = EventPacket(packet.x, packet.y, ~packet.p, packet.t, 0, 1_000_000, SIZE)
-    white = observe_crossings(packet, track)
-    dark = observe_crossings(
-        mirrored, MarkerTrack(track.t_us, track.center_px, track.radius_px, True)
-    )
+    white = observe_crossings([packet], track, SIZE)
+    other = marker_track(track.t_us, track.center_px, track.radius_px, True)
+    dark = observe_crossings([mirrored], other, SIZE)
     assert (white.count.sum(axis=3) == dark.count[::-1].sum(axis=3)).all()
     assert white.count.sum() > 300
 
@@ -149,6 +146,6 @@ def test_dark_markers_mirror_white_ones() -> None:
 @pytest.mark.parametrize("samples", [0, 1, 2, 5])
 def test_short_tracks_and_silence_give_nothing(samples: int) -> None:
     packet, track = example(4, False, events=200)
-    short = MarkerTrack(track.t_us[:samples], track.center_px[:samples], track.radius_px)
-    assert observe_crossings(packet, short).count.sum() == 0
-    assert observe_crossings(EventPacket.empty(0, 9, SIZE), track).count.sum() == 0
+    short = marker_track(track.t_us[:samples], track.center_px[:samples], track.radius_px)
+    assert observe_crossings([packet], short, SIZE).count.sum() == 0
+    assert observe_crossings([EventPacket.empty(0, 9, SIZE)], track, SIZE).count.sum() == 0

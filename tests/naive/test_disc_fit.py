@@ -8,14 +8,19 @@ from scipy.optimize import least_squares
 
 from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.markers.graded import disc_fit
-from spikingtac.markers.graded.appearance import profile_tables
+from spikingtac.markers.graded.appearance import (
+    FLAT_SHARE,
+    LARGEST_SUM,
+    REACH_PX,
+    fit_window,
+    profile_tables,
+)
 from spikingtac.markers.graded.disc_fit import (
     MOST_GROWTH,
     ROUNDING_PX,
     SOFT_LEVEL,
     fit_disc_kernel,
 )
-from spikingtac.markers.graded.fit_window import FLAT_SHARE, LARGEST_SUM, REACH_PX, fit_window
 from spikingtac.markers.graded.map_leak import (
     OUTER_PX,
     leak_to_discs_kernel,

@@ -17,7 +17,13 @@ from spikingtac.markers.graded.motion import (
     resting_motion,
 )
 from spikingtac.markers.laws import OutputLaw
-from spikingtac.markers.smoothing import LOST_PX, Smoother, place_sigma_px, smoothed
+from spikingtac.markers.smoothing import (
+    LOST_PX,
+    place_sigma_px,
+    smooth_places,
+    smoothed,
+    state_of,
+)
 from spikingtac.types import MarkerFrame
 
 DT_S = 1e-3
@@ -44,13 +50,11 @@ def frame(k: int, place_px: np.ndarray, held: bool = False) -> MarkerFrame:
 
 def run(states: list[np.ndarray], held: int = -1) -> tuple[np.ndarray, np.ndarray]:
     """Smooth estimates that are half a px ahead of the filter and its delay."""
-    tracker = SimpleNamespace(motion=np.empty((1, 8)), lag_s=LAG_S)
-    smoother = Smoother(tracker)
+    kept = []
     for k, state in enumerate(states):
-        tracker.motion[0] = state
         given_px = state[np.newaxis, :2] + LAG_S * state[np.newaxis, 2:4] + 0.5
-        smoother.add(frame(k, given_px, k == held))
-    return smoother.smoothed()
+        kept.append(state_of(frame(k, given_px, k == held), state[np.newaxis], LAG_S))
+    return smooth_places(np.arange(len(states)) * 1e-3, np.array(kept, float), REST_PX, LAG_S)
 
 
 def textbook(states: list[np.ndarray], axis: int) -> np.ndarray:

@@ -7,18 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.open import open_events
-from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
-from spikingtac.markers.lag.crossings import CrossingObserver, MarkerTrack
-from spikingtac.markers.lag.estimate import estimate_lag
-from spikingtac.markers.lag.photoreceptor import EdgeProfile
-from spikingtac.markers.lag.recording_lag import recording_lag
+from spikingtac.markers.crossings import marker_track, observe_crossings
+from spikingtac.markers.lag import estimate_lag, slide_lag_us
 
 LAG_US = 2_600.0
 
 # As the recording was made; a calibration finds them.
-EDGE = EdgeProfile(contrast=170 / 28, edge_px=0.55)
+EDGE = DiscProfile(170 / 28, 0.55)
 
 
 def test_the_bootstraps_lag_is_found(data_dir: Path) -> None:
@@ -28,14 +26,11 @@ def test_the_bootstraps_lag_is_found(data_dir: Path) -> None:
     t_us = np.arange(true_us[0] + 10_000, true_us[-1], 1_000)
     flat = path.reshape(len(path), -1)
     late = [np.interp(t_us - LAG_US, true_us, column) for column in flat.T]
-    track = MarkerTrack(
-        t_us, np.stack(late, axis=1).reshape(-1, *path.shape[1:]), truth["radius_px"]
-    )
+    places = np.stack(late, axis=1).reshape(-1, *path.shape[1:])
+    track = marker_track(t_us, places, truth["radius_px"])
     source = open_events(data_dir / "v2e" / "bootstrap.raw")
-    observer = CrossingObserver(track, source.size)
-    for packet in source:
-        observer.absorb(packet)
-    estimate = estimate_lag(observer.crossings, EDGE)
+    estimate = estimate_lag(observe_crossings(source, track, source.size), EDGE)
+    assert estimate is not None
     print(
         f"bootstrap.raw: lag {estimate.lag_us:.0f} +- {estimate.uncertainty_us:.0f} us "
         f"(track late by {LAG_US:.0f} us) from {estimate.samples} events"
@@ -58,8 +53,6 @@ def test_the_disc_fits_lag_is_found(data_dir: Path) -> None:
         contrast=EDGE.contrast,
         edge_px=EDGE.edge_px,
     )
-    tracker = GradedTracker(GradedTrackerConfig(lag_us=0.0, backlash=0.0), calibration)
-    source = open_events(data_dir / "v2e" / "bootstrap.raw")
-    estimate = recording_lag(source, tracker, calibration)
-    print(f"bootstrap.raw, disc fit: {estimate.lag_us:.0f} +- {estimate.uncertainty_us:.0f} us")
-    assert estimate.lag_us == pytest.approx(LAG_US, rel=0.25)
+    lag_us = slide_lag_us(open_events(data_dir / "v2e" / "bootstrap.raw"), calibration)
+    print(f"bootstrap.raw, disc fit: {lag_us} us")
+    assert lag_us == pytest.approx(LAG_US, rel=0.25)

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.denoise.classical import Box7, Median3
-from spikingtac.denoise.denoiser import Denoiser
+from spikingtac.denoise.classical import Box7, Denoiser, Median3
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import cut, windows
 from spikingtac.markers.blobs import find_blobs

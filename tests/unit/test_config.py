@@ -28,15 +28,15 @@ def test_presets_name_their_methods_and_rates() -> None:
 
 def test_a_file_overrides_and_unknown_keys_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text("[tracking]\nrate_hz = 500\n[tracking.disc]\niterations = 5\n")
+    path.write_text("[tracking]\nrate_hz = 500\n[tracking.disc]\nshrink = 0.5\n")
     config = load_config(path)
     assert config.tracking.rate_hz == 500.0
-    assert config.tracking.disc.iterations == 5
+    assert config.tracking.disc.shrink == 0.5
     path.write_text("[tracking]\nrate_hx = 500\n")
     with pytest.raises(ConfigError, match="did you mean 'rate_hz'"):
         load_config(path)
-    path.write_text("[tracking.disc]\niterations = 0\n")
-    with pytest.raises(ConfigError, match="iterations is 0"):
+    path.write_text("[tracking.disc]\nshrink = -1.0\n")
+    with pytest.raises(ConfigError, match="shrink is -1"):
         load_config(path)
 
 

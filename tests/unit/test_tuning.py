@@ -3,7 +3,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from spikingtac.config import PRESETS, load_config
-from spikingtac.denoise.registry import DENOISERS
+from spikingtac.denoise.classical import DENOISERS
 from spikingtac.errors import ConfigError
 from spikingtac.tuning import controls, in_use, with_value
 

@@ -1,12 +1,9 @@
 """Public names of the room ``denoise``."""
 
 from .blocks import LEVELS as LEVELS
-from .blocks import SMOOTH_REACH as SMOOTH_REACH
+from .blocks import fold_blocks as fold_blocks
 from .classical import Median3 as Median3
-from .denoiser import Denoiser as Denoiser
-from .fold import evidence_kernel as evidence_kernel
-from .fold import fold_kernel as fold_kernel
-from .fold import folded_shape as folded_shape
+from .classical import Denoiser as Denoiser
 from .infer import ANSWER as ANSWER
 from .infer import BLOCKS as BLOCKS
 from .infer import EVIDENCE as EVIDENCE
@@ -15,6 +12,7 @@ from .infer import INPUT as INPUT
 from .infer import LOGIT_STEP as LOGIT_STEP
 from .infer import LOGIT_ZERO as LOGIT_ZERO
 from .infer import MANIFEST as MANIFEST
+from .infer import evidence as evidence
 from .infer import NetworkDenoiser as NetworkDenoiser
 from .infer import OUTPUT as OUTPUT
-from .registry import make_denoiser as make_denoiser
+from .classical import make_denoiser as make_denoiser

@@ -1,11 +1,14 @@
-"""Conversion between a state map and the int8 network: bytes and blocks of bytes.
+"""Conversion of a map to blocks and back: the pixel-unshuffle outside of the network's graph.
 
-The int8 network reads and writes blocks as rows of channels, ``(rows, columns, channels)``, so that
-one row of a block is one machine word. Maps are padded with the pixels of their border.
+Channel ``fold * row + column`` of a block holds that pixel of it, in the order of
+``torch.nn.PixelUnshuffle``. Sides that are not a multiple of the block are padded with the last
+pixels of the map. The int8 network reads and writes bytes, in blocks as rows of channels,
+``(rows, columns, channels)``, so that one row of a block is one machine word.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -19,6 +22,39 @@ LOGIT_LIMIT = 4.0  # Logit beyond which the level is 0 or 1.
 
 # Side of a block, px -> type of the machine word that holds one of its rows.
 WORDS: dict[int, Any] = {1: np.uint8, 2: np.uint16, 4: np.uint32, 8: np.uint64}
+
+
+def folded_shape(shape: tuple[int, int], fold: int, multiple_px: int) -> tuple[int, int, int]:
+    """Return ``(fold^2, rows, columns)`` of a map of ``(height, width)``.
+
+    Args:
+        shape: ``(height, width)``, px.
+        fold: Side of a block, px.
+        multiple_px: Multiple to which both sides are padded, px; itself a multiple of ``fold``.
+
+    Example:
+        >>> folded_shape((320, 320), 8, 16)
+        (64, 40, 40)
+    """
+    height, width = (-(-side // multiple_px) * multiple_px for side in shape)
+    return fold**2, height // fold, width // fold
+
+
+def fold_blocks(state_map: NDArray[Any], fold: int, multiple_px: int) -> NDArray[Any]:
+    """Return the blocks ``(fold^2, rows, columns)`` of a map ``(height, width)``, padded."""
+    pixels, rows, columns = folded_shape(state_map.shape, fold, multiple_px)
+    height, width = state_map.shape
+    more = (0, rows * fold - height), (0, columns * fold - width)
+    padded = np.pad(state_map, more, mode="edge").reshape(rows, fold, columns, fold)
+    return padded.transpose(1, 3, 0, 2).reshape(pixels, rows, columns)
+
+
+def unfold_blocks(folded: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
+    """Return the map of a size ``(height, width)`` of its blocks; cut the padding."""
+    pixels, rows, columns = folded.shape
+    fold = math.isqrt(pixels)
+    whole = folded.reshape(fold, fold, rows, columns).transpose(2, 0, 3, 1)
+    return whole.reshape(rows * fold, columns * fold)[: size[0], : size[1]]
 
 
 @njit(cache=True)
@@ -38,15 +74,15 @@ def quantise_kernel(state_map: NDArray[np.float32], levels: NDArray[np.uint8]) -
 
 
 @njit(cache=True)
-def smooth_kernel(
-    levels: NDArray[np.uint8], smooth: NDArray[np.uint16], sums: NDArray[np.uint16]
-) -> None:
-    """Sum 5x5 bytes with the binomial weights 1 4 6 4 1, which add up to 256: at most 65,280.
+def smooth_kernel(levels: NDArray[Any], smooth: NDArray[Any], sums: NDArray[Any]) -> None:
+    """Sum 5x5 pixels with the binomial weights 1 4 6 4 1, which add up to SMOOTH_SUM.
+
+    The pixels of the border are repeated beyond it.
 
     Args:
-        levels: ``(height, width)`` bytes.
-        smooth: ``(height, width)`` sums, overwritten.
-        sums: ``(width + 4,)`` work space for the sums along a column.
+        levels: ``(height, width)`` bytes or float32.
+        smooth: ``(height, width)`` sums, overwritten: uint16 (of bytes at most 65,280) or float32.
+        sums: ``(width + 4,)`` work space of the same type for the sums along a column.
     """
     height, width = levels.shape
     last = height - 1
@@ -54,38 +90,12 @@ def smooth_kernel(
         up2, up1, here = levels[max(y - 2, 0)], levels[max(y - 1, 0)], levels[y]
         down1, down2 = levels[min(y + 1, last)], levels[min(y + 2, last)]
         for x in range(width):
-            outer = np.uint16(up2[x]) + np.uint16(down2[x])
-            inner = np.uint16(up1[x]) + np.uint16(down1[x])
-            sums[x + 2] = np.uint16(outer + 4 * inner + 6 * np.uint16(here[x]))
+            sums[x + 2] = (up2[x] + down2[x]) + 4 * (up1[x] + down1[x]) + 6 * here[x]
         sums[0] = sums[1] = sums[2]
         sums[width + 2] = sums[width + 3] = sums[width + 1]
         row = smooth[y]
         for x in range(width):
-            outer, inner = sums[x] + sums[x + 4], sums[x + 1] + sums[x + 3]
-            row[x] = np.uint16(outer + 4 * inner + 6 * sums[x + 2])
-
-
-@njit(cache=True)
-def to_blocks_kernel(words: NDArray[Any], blocks: NDArray[Any]) -> None:
-    """Move the words of a map ``(fold * rows, columns)`` into blocks ``(rows, columns, fold)``."""
-    rows, columns, fold = blocks.shape
-    for row in range(rows):
-        for inside in range(fold):
-            source = words[row * fold + inside]
-            for column in range(columns):
-                blocks[row, column, inside] = source[column]
-
-
-@njit(cache=True)
-def from_blocks_kernel(blocks: NDArray[Any], words: NDArray[Any]) -> None:
-    """Reverse :func:`to_blocks_kernel`; further words of a block are ignored."""
-    rows, columns, _ = blocks.shape
-    fold = len(words) // rows
-    for row in range(rows):
-        for inside in range(fold):
-            target = words[row * fold + inside]
-            for column in range(columns):
-                target[column] = blocks[row, column, inside]
+            row[x] = (sums[x] + sums[x + 4]) + 4 * (sums[x + 1] + sums[x + 3]) + 6 * sums[x + 2]
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-"""Denoisers without a network: none, a 3x3 median and a 7x7 box.
+"""The denoisers by name; those without a network: none, a 3x3 median and a 7x7 box.
 
 The paper compares its network with nothing. These filters are the reference that a network has to
 improve on. On a binary map the median is the majority of nine pixels. Beyond the border both
@@ -8,14 +8,32 @@ at the border keeps its level.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Protocol
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.denoise.denoiser import Denoiser
+from spikingtac.errors import named
 
 # Pixels on each side of the centre of the 7x7 box: about half a marker's radius on 320x320.
 BOX_REACH = 3
+
+
+class Denoiser(Protocol):
+    """Turns a noisy state map into a denoised one of the same shape."""
+
+    def clean(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the denoised map.
+
+        Args:
+            state_map: ``(height, width)`` float32 from 0 (ground) to 1 (marker).
+
+        Returns:
+            ``(height, width)`` float32 from 0 to 1. The next call may overwrite it.
+        """
+        ...
 
 
 class NoDenoiser:
@@ -86,6 +104,27 @@ CLASSICAL_DENOISERS: dict[str, type[Denoiser]] = {
     "median3": Median3,
     "box7": Box7,
 }
+
+
+def _network(name: str) -> Callable[[], Denoiser]:
+    def build() -> Denoiser:
+        from spikingtac.denoise.infer import shipped_denoiser  # with ONNX Runtime behind it
+
+        return shipped_denoiser(name)
+
+    return build
+
+
+# ``tracking.denoiser`` -> builder.
+DENOISERS: dict[str, Callable[[], Denoiser]] = {
+    **CLASSICAL_DENOISERS,
+    **{name: _network(name) for name in ("network", "network-int8")},
+}
+
+
+def make_denoiser(name: str) -> Denoiser:
+    """Build the denoiser of a name."""
+    return named(DENOISERS, name, "denoiser")()
 
 
 # The comparisons are spelled out because Numba's min and max honour NaN, which keeps LLVM from

@@ -17,18 +17,14 @@ from numpy.typing import NDArray
 
 from spikingtac.denoise.blocks import (
     SMOOTH_REACH,
+    SMOOTH_SUM,
     WORDS,
     combine_logits_kernel,
-    from_blocks_kernel,
+    fold_blocks,
+    folded_shape,
     quantise_kernel,
     smooth_kernel,
-    to_blocks_kernel,
-)
-from spikingtac.denoise.fold import (
-    evidence_kernel,
-    fold_kernel,
-    folded_shape,
-    unfold_kernel,
+    unfold_blocks,
 )
 from spikingtac.errors import ConfigError
 
@@ -45,17 +41,14 @@ LOGIT_STEP, LOGIT_ZERO = "logit_step", "logit_zero"
 MANIFEST = "weights.json"  # File beside network files with their SHA-256, which reveals damage.
 
 # Name of a denoiser -> file among the weights of the package.
-SHIPPED = {
-    "network": "lean.onnx",
-    "network-int8": "lean-int8.onnx",
-}
+SHIPPED = {"network": "lean.onnx", "network-int8": "lean-int8.onnx"}
 
 # ONNX Runtime's log level for fatal errors. Other failures are raised as exceptions.
 _LOG_FATAL_ONLY = 4
 
 
 class NetworkDenoiser:
-    """A trained network as a :class:`~spikingtac.denoise.denoiser.Denoiser`.
+    """A trained network as a :class:`~spikingtac.denoise.classical.Denoiser`.
 
     Maps may have any size. The buffers are allocated for the first map, and again when the size
     changes.
@@ -110,32 +103,26 @@ class _NetworkInfo:
 
 
 class _FloatBuffers:
-    """Buffers of a float graph: map and smoothed map as channels first in, levels out."""
+    """A float graph: map and smoothed map as channels first in, levels out."""
 
     def __init__(self, session: Any, about: _NetworkInfo, size: tuple[int, int]) -> None:
         self._session, self._info = session, about
-        height, width = size
-        shape = (1, *folded_shape(size, about.fold, about.multiple_px))
-        self._folded, self._evidence, self._answer = (np.zeros(shape, np.float32) for _ in range(3))
         self._takes_evidence = len(session.get_inputs()) == 2
-        self._binding = session.io_binding()
-        inputs = [(INPUT, self._folded), (EVIDENCE, self._evidence)][: 1 + self._takes_evidence]
-        for name, buffer in inputs:
-            self._binding.bind_input(name, "cpu", 0, np.float32, shape, buffer.ctypes.data)
-        self._binding.bind_output(OUTPUT, "cpu", 0, np.float32, shape, self._answer.ctypes.data)
-        self._smooth = np.empty((height, width), np.float32)
-        self._sums = np.empty(width + 2 * SMOOTH_REACH, np.float32)
-        self._out = np.empty((height, width), np.float32)
 
     def run(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
-        fold = self._info.fold
-        fold_kernel(state_map, self._folded[0], fold)
+        about = self._info.fold, self._info.multiple_px
+        given = {INPUT: fold_blocks(state_map, *about)[np.newaxis]}
         if self._takes_evidence:
-            evidence_kernel(state_map, self._smooth, self._sums)
-            fold_kernel(self._smooth, self._evidence[0], fold)
-        self._session.run_with_iobinding(self._binding)
-        unfold_kernel(self._answer[0], self._out, fold)
-        return self._out
+            given[EVIDENCE] = fold_blocks(evidence(state_map), *about)[np.newaxis]
+        (answer,) = self._session.run([OUTPUT], given)
+        return np.ascontiguousarray(unfold_blocks(answer[0], state_map.shape))
+
+
+def evidence(state_map: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the smoothed map less one half, which the lean network reads beside the map."""
+    smooth, sums = np.empty_like(state_map), np.empty(state_map.shape[1] + 2 * SMOOTH_REACH, "f4")
+    smooth_kernel(np.ascontiguousarray(state_map), smooth, sums)
+    return smooth / np.float32(SMOOTH_SUM) - np.float32(0.5)
 
 
 class _BlockBuffers:
@@ -167,11 +154,12 @@ class _BlockBuffers:
 
     def run(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
         levels, blocks, answer, change = self._word_views
+        rows, columns, fold = blocks.shape
         quantise_kernel(state_map, self._levels)
-        to_blocks_kernel(levels, blocks)
+        blocks[:] = levels.reshape(rows, fold, columns).transpose(0, 2, 1)
         self._session.run_with_iobinding(self._binding)
         smooth_kernel(self._levels, self._smooth, self._sums)
-        from_blocks_kernel(answer, change)
+        change.reshape(rows, fold, columns)[:] = answer[:, :, :fold].transpose(0, 2, 1)
         combine_logits_kernel(
             self._change, self._trust, self._smooth, self._quantum, self._weight, self._out
         )

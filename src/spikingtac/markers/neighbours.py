@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.state_map.graded import Array
+
 NEIGHBOURS = 8  # Markers that vote on one: the ring around it in a square grid.
 
 # Decimals of a weight: linear algebra differs between processors in the fifteenth or so, and what
@@ -36,6 +38,7 @@ class Neighbourhood:
         reference_px: ``(m, 2)`` rest positions, px.
         index: ``(m, k)`` int64 neighbours of each marker.
         weight: ``(m, k)`` their weights, which sum to 1 per marker.
+        skin: These three together, as kernels take them.
         own_share: ``(m,)`` a marker's own part of the variance of its difference from the others.
         bound_px: ``(m,)`` farthest from the range of the neighbours' displacements, px.
     """
@@ -55,85 +58,76 @@ class Neighbourhood:
             order = np.argsort(np.hypot(offset[:, 0], offset[:, 1]), kind="stable")
             self.index[i] = order[order != i][: self.index.shape[1]]
             self.weight[i] = _affine_weights_at_origin(offset[self.index[i]])
+        self.skin = self.reference_px, self.index, self.weight
         self.bound_px = FARTHEST_PITCHES * nearest_px(self.reference_px)
         self.own_share = 1.0 / (1.0 + (self.weight**2).sum(axis=1))
 
     def expected_px(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return ``(m, 2)`` where the neighbours of each marker expect it, px."""
         out = np.empty_like(self.reference_px)
-        _expect_kernel(position_px, self.reference_px, self.index, self.weight, out)
+        expect_kernel(position_px, self.skin, out)
         return out
-
-    def settled_px(
-        self,
-        position_px: NDArray[np.float64],
-        noise_px: NDArray[np.float64],
-        bound_px: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return ``(m, 2)`` places that the neighbours allow, px, and which markers were outside.
-
-        A difference r from the neighbours' prediction shrinks by its share
-        noise^2 / (r^2 + noise^2), of which the marker takes the part that its own error has in it:
-        0.9 amid eight neighbours, 0.6 in a corner. One far above the noise stays, and none changes
-        by more than half of the noise. A displacement that leaves the range of the neighbours' by
-        more than the bound is moved back to the bound.
-
-        Args:
-            position_px: ``(m, 2)`` where the markers were found, px.
-            noise_px: ``(m,)`` differences that are as likely an error as deformation, px.
-            bound_px: ``(m,)`` farthest from the range of the neighbours' displacements, px.
-        """
-        out, outside = np.empty_like(position_px), np.empty(len(position_px), np.bool_)
-        skin = self.reference_px, self.index, self.weight
-        settle_kernel(position_px, skin, (noise_px, self.own_share, bound_px), out, outside)
-        return out, outside
-
-    def outside(self, position_px: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return ``(m,)`` which markers at ``(m, 2)`` places, px, left their neighbours' range."""
-        return self.settled_px(position_px, np.zeros(len(position_px)), self.bound_px)[1]
 
 
 @njit(cache=True, nogil=True)
-def _expect_kernel(
-    position_px: NDArray[np.float64],
-    reference_px: NDArray[np.float64],
-    index: NDArray[np.int64],
-    weight: NDArray[np.float64],
-    out: NDArray[np.float64],
+def around_kernel(
+    position_px: Array, skin: tuple[Array, Array, Array], m: int, axis: int
+) -> tuple[float, float, float]:  # pragma: no cover - compiled
+    """Return the displacement of one marker that its neighbours predict, and their range, px.
+
+    ``skin`` is rest positions, neighbours and their weights.
+    """
+    reference_px, index, weight = skin
+    expected, low, high = 0.0, np.inf, -np.inf
+    for k in range(index.shape[1]):
+        n = index[m, k]
+        other = position_px[n, axis] - reference_px[n, axis]
+        expected += weight[m, k] * other
+        low, high = min(low, other), max(high, other)
+    return expected, low, high
+
+
+@njit(cache=True, nogil=True)
+def expect_kernel(
+    position_px: Array, skin: tuple[Array, Array, Array], out: Array
 ) -> None:  # pragma: no cover - compiled
     """Write where the neighbours expect each marker, within the range of their displacements."""
-    for m in range(index.shape[0]):
+    for m in range(len(out)):
         for axis in range(2):
-            moved, low, high = 0.0, np.inf, -np.inf
-            for k in range(index.shape[1]):
-                n = index[m, k]
-                other = position_px[n, axis] - reference_px[n, axis]
-                moved += weight[m, k] * other
-                low, high = min(low, other), max(high, other)
-            out[m, axis] = reference_px[m, axis] + min(max(moved, low), high)
+            moved, low, high = around_kernel(position_px, skin, m, axis)
+            out[m, axis] = skin[0][m, axis] + min(max(moved, low), high)
 
 
 @njit(cache=True, nogil=True)
 def settle_kernel(
-    position_px: NDArray[np.float64],
-    skin: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]],
-    limits: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    out: NDArray[np.float64],
-    outside: NDArray[np.bool_],
+    position_px: Array,
+    skin: tuple[Array, Array, Array],
+    limits: tuple[Array, Array, Array],
+    out: Array,
+    outside: Array,
 ) -> None:  # pragma: no cover - compiled
-    """Do what :meth:`Neighbourhood.settled_px` says; ``limits`` are noise, own share and bound."""
-    reference_px, index, weight = skin
+    """Write ``(m, 2)`` places that the neighbours allow, px, and which markers were outside.
+
+    A difference r from the neighbours' prediction shrinks by its share
+    noise^2 / (r^2 + noise^2), of which the marker takes the part that its own error has in it:
+    0.9 amid eight neighbours, 0.6 in a corner. One far above the noise stays, and none changes
+    by more than half of the noise. A displacement that leaves the range of the neighbours' by
+    more than the bound is moved back to the bound.
+
+    Args:
+        position_px: ``(m, 2)`` where the markers were found, px.
+        skin: Rest positions, neighbours and their weights.
+        limits: ``(m,)`` differences that are as likely an error as deformation, px; own shares;
+            farthest from the range of the neighbours' displacements, px.
+        out: Places, px.
+        outside: Which markers left their neighbours' range.
+    """
     noise_px, own_share, bound_px = limits
     apart, beyond = np.empty(2), np.empty(2)
-    for m in range(index.shape[0]):
+    for m in range(len(out)):
         for axis in range(2):
-            moved = position_px[m, axis] - reference_px[m, axis]
-            expected, low, high = 0.0, np.inf, -np.inf
-            for k in range(index.shape[1]):
-                n = index[m, k]
-                other = position_px[n, axis] - reference_px[n, axis]
-                expected += weight[m, k] * other
-                low, high = min(low, other), max(high, other)
+            moved = position_px[m, axis] - skin[0][m, axis]
+            expected, low, high = around_kernel(position_px, skin, m, axis)
             apart[axis], beyond[axis] = moved - expected, moved - min(max(moved, low), high)
         noise2 = noise_px[m] * noise_px[m] + TINY_PX2
         taken = own_share[m] * noise2 / (apart[0] * apart[0] + apart[1] * apart[1] + noise2)

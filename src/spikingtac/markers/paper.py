@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.denoise.denoiser import Denoiser
+from spikingtac.denoise.classical import Denoiser
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.filters import BackgroundActivityFilter
 from spikingtac.events.hot_pixels import HotPixelWatch

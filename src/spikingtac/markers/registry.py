@@ -8,7 +8,7 @@ from typing import Any, Protocol, get_args
 
 from spikingtac import plugins
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.denoise.registry import DENOISERS, make_denoiser
+from spikingtac.denoise.classical import DENOISERS, make_denoiser
 from spikingtac.errors import named, require_type
 from spikingtac.markers.graded.appearance import has_rare_off
 from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
@@ -52,7 +52,7 @@ class TrackingConfig:
         rate_hz: Estimates per second of data time.
         hysteresis: Law of the output position: ``none``, ``paper`` or ``anchored``.
         smooth: Whether tracks of files are smoothed backward, for ``disc`` and ``bands``.
-        denoiser: For ``blobs``: a name in :data:`spikingtac.denoise.registry.DENOISERS`.
+        denoiser: For ``blobs``: a name in :data:`spikingtac.denoise.classical.DENOISERS`.
         disc: For ``disc`` and ``bands``.
         blobs: For ``blobs``.
         paper_law: For the law ``paper``.

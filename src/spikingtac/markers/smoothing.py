@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numba import njit
@@ -45,19 +44,6 @@ LOST_PX = 10.0
 AHEAD_X, AHEAD_Y, HELD = 8, 9, 10
 
 
-@runtime_checkable
-class Smoothable(Protocol):
-    """A tracker whose states a smoother may keep.
-
-    Attributes:
-        motion: ``(m, 8)`` states of the filters (:mod:`spikingtac.markers.graded.motion`).
-        lag_s: Delay of the events, s.
-    """
-
-    motion: NDArray[np.float64]
-    lag_s: float
-
-
 def smoothed(
     frames: Iterable[MarkerFrame], tracker: MarkerTracker, law: OutputLaw
 ) -> Iterator[tuple[MarkerFrame, NDArray[np.float32]]]:
@@ -71,61 +57,64 @@ def smoothed(
     Raises:
         ConfigError: The tracker's states cannot be smoothed.
     """
-    if not isinstance(tracker, Smoothable):
+    if not (hasattr(tracker, "motion") and hasattr(tracker, "lag_s")):
         raise ConfigError(
             f"{type(tracker).__name__} cannot be smoothed: it has no filter with a covariance; "
             "smooth with the preset default or fast"
         )
-    smoother, kept = Smoother(tracker), []
+    kept, states, lag_s = [], [], float(tracker.lag_s)
     for frame in frames:
-        smoother.add(frame)
         kept.append(frame)
-    for frame, place_px, sigma_px in zip(kept, *smoother.smoothed(), strict=True):
-        reference_px = frame.position_px - frame.displacement_px
+        states.append(state_of(frame, tracker.motion, lag_s))
+    if not kept:
+        return
+    t_s = np.array([frame.t_us for frame in kept]) * 1e-6
+    reference_px = kept[0].position_px - kept[0].displacement_px
+    places = smooth_places(t_s, np.array(states, np.float64), reference_px, lag_s)
+    for frame, place_px, sigma_px in zip(kept, *places, strict=True):
         position_px = law.update(place_px, reference_px)
         moved_px = position_px - reference_px
-        places = {"detected_px": place_px, "position_px": position_px, "displacement_px": moved_px}
-        yield replace(frame, **places), sigma_px
+        given = {"detected_px": place_px, "position_px": position_px, "displacement_px": moved_px}
+        yield replace(frame, **given), sigma_px
 
 
-class Smoother:
-    """Keeps a tracker's states, one for each estimate, and runs back over them at the end.
+def state_of(frame: MarkerFrame, motion: NDArray[np.float64], lag_s: float) -> NDArray[np.float32]:
+    """Return ``(m, 11)`` the state behind an estimate that a tracker just made.
 
     Args:
-        tracker: What makes the estimates.
+        frame: The estimate.
+        motion: ``(m, 8)`` states of the filters (:mod:`spikingtac.markers.graded.motion`).
+        lag_s: Delay of the events, s.
     """
+    state = np.zeros((len(motion), 11))
+    state[:, :AT_US] = motion[:, :AT_US]
+    state[:, AT_US] = since_s = (frame.t_us - motion[:, AT_US]) * 1e-6
+    late_s = lag_s + since_s[:, np.newaxis]
+    given_px = motion[:, X : Y + 1] + late_s * motion[:, VX : VY + 1]
+    state[:, AHEAD_X:HELD], state[:, HELD] = frame.detected_px - given_px, frame.coasted
+    return state.astype(np.float32)  # a long recording is held in memory
 
-    def __init__(self, tracker: Smoothable) -> None:
-        self._tracker = tracker
-        self._reference_px = np.empty((0, 2))
-        self._t_us: list[int] = []
-        self._states: list[NDArray[np.float32]] = []
 
-    def add(self, frame: MarkerFrame) -> None:
-        """Keep the state behind an estimate that the tracker just made."""
-        motion = self._tracker.motion
-        state = np.zeros((len(motion), 11))
-        state[:, :AT_US] = motion[:, :AT_US]
-        state[:, AT_US] = since_s = (frame.t_us - motion[:, AT_US]) * 1e-6
-        late_s = self._tracker.lag_s + since_s[:, np.newaxis]
-        given_px = motion[:, X : Y + 1] + late_s * motion[:, VX : VY + 1]
-        state[:, AHEAD_X:HELD], state[:, HELD] = frame.detected_px - given_px, frame.coasted
-        self._reference_px = frame.position_px - frame.displacement_px
-        self._t_us.append(frame.t_us)
-        self._states.append(state.astype(np.float32))
+def smooth_places(
+    t_s: NDArray[np.float64],
+    states: NDArray[np.float64],
+    reference_px: NDArray[np.float64],
+    lag_s: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """Return ``(n, m, 2)`` places, px, and their standard deviations.
 
-    def smoothed(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Return ``(n, m, 2)`` places, px, and their standard deviations."""
-        count = len(self._tracker.motion)
-        states = np.array(self._states, np.float64).reshape(-1, count, 11)
-        t_s = np.array(self._t_us) * 1e-6
-        smooth_kernel(t_s, states)
-        place_px, speed_px_s = states[..., X : Y + 1], states[..., VX : VY + 1]
-        lag_px = self._tracker.lag_s * speed_px_s
-        place_px = place_px + lag_px + states[..., AHEAD_X:HELD]
-        sigma_px = place_sigma_px(place_px - self._reference_px, lag_px)
-        sigma_px[states[..., HELD] > 0.0] = LOST_PX
-        return place_px, sigma_px.astype(np.float32)
+    Args:
+        t_s: ``(n,)`` times of the estimates, s.
+        states: ``(n, m, 11)`` from :func:`state_of`; changed.
+        reference_px: ``(m, 2)`` rests, px.
+        lag_s: Delay of the events, s.
+    """
+    smooth_kernel(t_s, states)
+    lag_px = lag_s * states[..., VX : VY + 1]
+    place_px = states[..., X : Y + 1] + lag_px + states[..., AHEAD_X:HELD]
+    sigma_px = place_sigma_px(place_px - reference_px, lag_px)
+    sigma_px[states[..., HELD] > 0.0] = LOST_PX
+    return place_px, sigma_px.astype(np.float32)
 
 
 def place_sigma_px(

@@ -6,7 +6,7 @@ There are two kinds. ``lean`` works on the map in blocks of 8x8 pixels, each blo
 encoders of 64 to 512 channels, two residual blocks, four decoders with skip connections (A. Zhu et
 al., "EV-FlowNet", RSS 2018, doi:10.15607/RSS.2018.XIV.062). It needs 20 GMAC for a map of 320x320.
 
-The conversion to blocks is outside of the network (:mod:`spikingtac.denoise.fold`).
+The conversion to blocks is outside of the network (:mod:`spikingtac.denoise.blocks`).
 """
 
 from __future__ import annotations

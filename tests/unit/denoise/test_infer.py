@@ -8,7 +8,7 @@ import pytest
 
 from spikingtac.denoise import infer
 from spikingtac.denoise.infer import MANIFEST, NetworkDenoiser, shipped_denoiser
-from spikingtac.denoise.registry import make_denoiser
+from spikingtac.denoise.classical import make_denoiser
 from spikingtac.errors import ConfigError
 from spikingtac.state_map.binary import paint_binary_discs
 
@@ -119,7 +119,7 @@ def test_shipped_int8_agrees_with_float():
 
 def test_onnxruntime_is_loaded_only_for_a_network():
     code = (
-        "import spikingtac.denoise.registry, spikingtac.denoise.infer, sys;"
+        "import spikingtac.denoise.classical, spikingtac.denoise.infer, sys;"
         "print('onnxruntime' in sys.modules, 'torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -40,7 +40,7 @@ from spikingtac.markers.calibration.reference import (
 )
 from spikingtac.markers.calibration.refine import Refined, choose_states, refine
 from spikingtac.markers.calibration.swings import LearnedSteps
-from spikingtac.markers.lag.recording_lag import slide_lag_us
+from spikingtac.markers.lag import slide_lag_us
 
 # Learns ``lag_us`` from the recording and the calibration so far; None where it cannot.
 LagEstimator = Callable[[EventSource, Calibration], float | None]

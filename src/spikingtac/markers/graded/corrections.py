@@ -32,7 +32,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.appearance import appearance_of
+from spikingtac.markers.graded.appearance import crossing_px
 from spikingtac.markers.graded.motion import AT_US, VX, VY, X, Y
 from spikingtac.markers.neighbours import Neighbourhood, settle_kernel
 from spikingtac.state_map.graded import Array
@@ -44,8 +44,6 @@ SHORT_PLAY = 0.2
 # Half of the way in which a fit catches up after a turn, in crossings (3 to 6 are alike on
 # the training scenes).
 LONG_PLAY = 4.0
-
-MOST_CROSSING_PX = 1.25  # Longest crossing: that of a pale marker (contrast 1.9).
 
 # Background at which half of what pixels remember of a turn is gone: a pixel that noise lets fire
 # begins anew (nothing is left to make good on training scenes at 1.2 Hz, everything at
@@ -70,26 +68,24 @@ TURN_SHARE = 0.3
 # 0.1 and 0.15 px are alike; errors shrink by 8 and 15 %).
 SHRINK_PX, SHRINK_CROSSINGS = 0.1, 0.3
 
-SLOPE_POINTS = 401  # Points at which the slope of an edge is asked for its steepest.
+LOADED_PX = 1.5  # Mean displacement from which there is a contact.
+
+# Mean and largest displacement up to which the skin may have been released, each marker averaged
+# with its neighbours: what pixels forget differs from marker to marker, a press does not. (The
+# recorded sensor leaves up to 0.54 and 1.47 px behind, calibrated from half of its contacts; its
+# presses are 2.4 px and more.)
+NEAR_PX, NEAR_MOST_PX = 0.65, 1.6
+
+FARTHEST_PX = 3.5  # The same for a marker by itself (the recorded sensor up to 3.0 px).
+
+STILL_PX_S = 3.0  # Mean speed below which the skin stands still: the jitter of a filtered velocity.
+
+# How long the skin stands still before the zero follows what is left; how long it follows; and
+# the time constant of that.
+WAIT_S, LEARN_S, SETTLE_S = 0.1, 2.0, 0.1
 
 
-def crossing_px(calibration: Calibration) -> NDArray[np.float64]:
-    """Return the way in which the steepest part of each marker's edge crosses one step.
-
-    Args:
-        calibration: Steps and edges of the markers.
-
-    Returns:
-        ``(m,)`` px, at most :data:`MOST_CROSSING_PX`.
-    """
-    appearance = appearance_of(calibration)
-    steepest = np.array(
-        [
-            np.abs(p.slope(np.linspace(-p.reach_px, p.reach_px, SLOPE_POINTS))).max()
-            for p in appearance.profiles
-        ]
-    )
-    return np.minimum(appearance.mean_step / steepest, MOST_CROSSING_PX)
+FADE_PX = 2.0  # Displacement of a marker at which a third of it is still taken off.
 
 
 class OutputCorrections:
@@ -108,11 +104,8 @@ class OutputCorrections:
         """
         crossings, near = crossing_px(calibration), neighbours
         noise_px = shrink * (SHRINK_PX + SHRINK_CROSSINGS * crossings)
-        skin = near.reference_px, near.index, near.weight
-        self._sensor = crossings, *skin, noise_px, near.own_share, near.bound_px
-        last_px = near.reference_px.copy()
-        nothing = np.zeros_like(last_px)
-        self._states = last_px, nothing, nothing.copy(), nothing.copy(), nothing.copy()
+        self._sensor = crossings, *near.skin, noise_px, near.own_share, near.bound_px
+        self._states = near.reference_px.copy(), *np.zeros((4, len(crossings), 2))
         self._backlash = backlash
 
     def update(
@@ -212,3 +205,63 @@ def lead_kernel(
         for axis in range(2):
             ahead = crossings[m] * ((steady + turning) * told[axis] - turning * way[m, axis])
             given_px[m, axis] = fitted_px[m, axis] + lag_s * velocity_px_s[m, axis] + ahead
+
+
+class ReleasedZero:
+    """Learns what is left after each contact, and takes it off: for pixels that recover.
+
+    Such pixels do not remember where their disc rested: each contact leaves fits beside their
+    rests, half a pixel on the recorded sensor, at random from marker to marker. The gel does
+    remember: after a release it stands still within 0.1 s. What is left then, near the rest, is
+    taken off until the next contact has ended.
+
+    It is learned only within a short time after a contact, and only if the markers, averaged with
+    their neighbours, are near their rests: a static press is not taken for a rest, however long it
+    lasts, nor is one that begins softly.
+    """
+
+    def __init__(self, neighbours: Neighbourhood) -> None:
+        """Begin at rest, with nothing to take off."""
+        self._reference_px = neighbours.reference_px
+        own = np.arange(len(self._reference_px))[:, np.newaxis]
+        self._around = np.hstack([own, neighbours.index])
+        self._zero_px = np.zeros_like(self._reference_px)
+        self._loaded, self._still_s = False, 0.0
+
+    def update(
+        self,
+        detected_px: NDArray[np.float64],
+        velocity_px_s: NDArray[np.float64],
+        held: NDArray[np.bool_],
+        dt_s: float,
+    ) -> NDArray[np.float64]:
+        """Return ``(m, 2)`` places less what the last contact left behind, px.
+
+        Args:
+            detected_px: ``(m, 2)`` places as they were fitted, px.
+            velocity_px_s: ``(m, 2)`` velocities, px/s.
+            held: ``(m,)`` markers that are not seen; they tell nothing.
+            dt_s: Time since the last call, s.
+        """
+        left_px = detected_px - self._reference_px
+        seen = ~held
+        count = np.count_nonzero(seen)
+        if not count:
+            return detected_px.copy()
+        # Sums over a count: the method mean takes three times as long for so few numbers.
+        away_px = np.hypot(left_px[:, 0], left_px[:, 1])[seen]
+        mean_away_px = float(away_px.sum()) / count
+        speed_px_s = float(np.hypot(velocity_px_s[:, 0], velocity_px_s[:, 1])[seen].sum()) / count
+        self._still_s = self._still_s + dt_s if speed_px_s < STILL_PX_S else 0.0
+        if mean_away_px > LOADED_PX:
+            self._loaded = True
+        elif self._loaded and self._still_s > WAIT_S:
+            smooth_px = np.linalg.norm(left_px[self._around].mean(axis=1), axis=1)
+            near = smooth_px.mean() < NEAR_PX and smooth_px.max() < NEAR_MOST_PX
+            if near and away_px.max() < FARTHEST_PX:
+                share = -np.expm1(-dt_s / SETTLE_S)
+                self._zero_px[seen] += share * (left_px - self._zero_px)[seen]
+            self._loaded = self._still_s < LEARN_S
+        left_px -= self._zero_px
+        away2 = (left_px**2).sum(axis=1, keepdims=True)
+        return detected_px - self._zero_px * np.exp(-away2 / FADE_PX**2)

@@ -5,10 +5,8 @@ Residual e = Y(x) - S(|x - c| - R(phi)) over the pixels around the edge, weight
 slowly: an indentation magnifies it, strain makes it an ellipse. Both are even in phi and leave the
 centre alone, but a map that is held to the wrong outline would not.
 
-The pixels and S come from :mod:`spikingtac.markers.graded.fit_window`.
-Sums are those of whole numbers. A sum of floating-point numbers depends on its order, and a
-compiler that may choose the order takes one that suits the width of the processor's registers;
-whole numbers give the same tracks on every machine.
+Sums are those of whole numbers. A sum of floating-point numbers depends on its order, which a
+compiler suits to the processor's registers; whole numbers give the same tracks on every machine.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.graded.fit_window import RING_PX, FitWindow
+from spikingtac.markers.graded.appearance import RING_PX, FitWindow
 from spikingtac.state_map.graded import PAD_PX
 
 # Freedom of the compiler that leaves results alone: no two operations become one, none is
@@ -204,7 +202,7 @@ def fit_disc_kernel(
     Args:
         levels: The map with its margin of PAD_PX; ``(5, n)`` scratch for level, direction (x, y),
             residual and slope of every pixel.
-        window: From :func:`fit_window`.
+        window: From :func:`~spikingtac.markers.graded.appearance.fit_window`.
         m: Which marker.
         center_px: Where the fit begins, px.
         outline_px: ``(3,)`` r, b and c of the disc, px; changed.

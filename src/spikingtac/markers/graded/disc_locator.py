@@ -13,12 +13,17 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelWatch, watch_kernel
-from spikingtac.markers.graded.appearance import appearance_of, painted_map
+from spikingtac.markers.graded.appearance import (
+    FitWindow,
+    appearance_of,
+    events_per_px,
+    fit_window,
+    painted_map,
+)
 from spikingtac.markers.graded.disc_fit import SMALL_STEP_PX, fit_disc_kernel
-from spikingtac.markers.graded.fit_window import FitWindow, fit_window
-from spikingtac.markers.graded.locator import AT_ONCE, Locator
 from spikingtac.markers.graded.motion import (
     AGREEMENT,
+    AT_ONCE,
     AT_US,
     FIT_US,
     FIT_X,
@@ -29,6 +34,7 @@ from spikingtac.markers.graded.motion import (
     SILENT_US,
     VX,
     VY,
+    Locator,
     X,
     Y,
     correct_kernel,
@@ -36,6 +42,9 @@ from spikingtac.markers.graded.motion import (
 )
 from spikingtac.state_map.graded import PAD_PX, Array, GradedStateMap, integrate_event_kernel
 from spikingtac.types import EventPacket
+
+# Gauss-Newton steps of a disc fit at most: two suffice on average, a sudden release takes more.
+ITERATIONS = 3
 
 STILL_PX_S = 0.2  # Filtered speed below which a marker without new events is not moved on.
 
@@ -61,20 +70,11 @@ NOBODY = np.iinfo(np.uint16).max  # Mark of a pixel that belongs to no marker.
 class DiscLocator(Locator):
     """Robust Gauss-Newton fits and a Kalman filter for each marker."""
 
-    def __init__(
-        self, calibration: Calibration, events_per_px: NDArray[np.float64], iterations: int
-    ) -> None:
-        """Choose the pixels and the profiles for a sensor's markers.
-
-        Args:
-            calibration: Where they rest and how they look.
-            events_per_px: ``(m,)`` events that a px of motion causes.
-            iterations: Gauss-Newton steps of a fit at most.
-        """
+    def __init__(self, calibration: Calibration) -> None:
+        """Choose the pixels and the profiles for a sensor's markers."""
         self._window = fit_window(appearance_of(calibration).profiles, calibration.size[0])
         self._edge = np.empty((5, self._window.offset.size), np.float32)
-        self._due = np.maximum(np.ceil(DUE_PX * events_per_px), 1.0)
-        self._iterations = iterations
+        self._due = np.maximum(np.ceil(DUE_PX * events_per_px(calibration)), 1.0)
         self._marked = np.empty((calibration.size[1], calibration.size[0]), np.uint16)
         super().__init__(calibration, painted_map(calibration, GradedStateMap))
 
@@ -86,7 +86,11 @@ class DiscLocator(Locator):
             mark_kernel(self._marked, m, self.motion, self.fits, self.outline_px, self._window.edge)
 
     def absorb(self, packet: EventPacket, watch: HotPixelWatch) -> None:
-        """Do what the base says by one compiled call."""
+        """Bring the map up to date, and count the events by marker, but for those of hot pixels.
+
+        Raises:
+            ConfigError: The packet comes from a sensor of another size.
+        """
         levels = self.map
         packet.require_map(levels.memory.shape)
         if not len(packet):
@@ -101,13 +105,15 @@ class DiscLocator(Locator):
         watch.found += found
 
     def locate(self, t_us: int, coasted: NDArray[np.bool_]) -> None:
-        """Do what the base says by disc fits."""
+        """Bring the motion of every marker that asks for it up to ``t_us``.
+
+        Args:
+            t_us: The time, us.
+            coasted: ``(m,)`` markers that are held: their motion stays.
+        """
         states = self.motion, self.fits, self.outline_px, self.pending, coasted
         markers = self._radius_px, self._due, self._marked
-        settings = t_us, self._iterations
-        locate_discs_kernel(
-            self.map.padded, self._edge, *self._window, *states, *markers, *settings
-        )
+        locate_discs_kernel(self.map.padded, self._edge, *self._window, *states, *markers, t_us)
 
 
 @njit(cache=True, nogil=True)
@@ -163,14 +169,13 @@ def locate_discs_kernel(
     padded: Array, scratch: Array, offset: Array, place_px: Array, within: Array,
     coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,
     pending: Array, coasted: Array, radius_px: Array, due: Array, marked: Array, t_us: int,
-    iterations: int,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that enough events ask for, and bring the filters up to the present.
 
     Arguments are plain, since a tuple costs a microsecond: the map with its margin, and scratch
     (:func:`fit_disc_kernel`); the fields of a :class:`FitWindow`; motions, fits, outlines, pending
     events, and which markers are held; ``(m,)`` radii at rest, px, and events that ask for a fit;
-    who marked each pixel; the time, us; Gauss-Newton steps at most.
+    who marked each pixel; the time, us.
     """
     window, levels = FitWindow(offset, place_px, within, coefficients, edge), (padded, scratch)
     for m in range(radius_px.size):
@@ -189,7 +194,7 @@ def locate_discs_kernel(
         predict_kernel(motion, dt_s)
         if asked:
             gain = 1.0 - np.exp((fit[FIT_US] - t_us) * 1e-6 * OUTLINE_PER_S)
-            start, settings = (motion[X], motion[Y]), (iterations, gain, radius_px[m])
+            start, settings = (motion[X], motion[Y]), (ITERATIONS, gain, radius_px[m])
             x, y, fit[AGREEMENT], step_px = fit_disc_kernel(
                 levels, window, m, start, outline_px[m], settings
             )

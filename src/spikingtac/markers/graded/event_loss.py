@@ -13,15 +13,17 @@ moves few markers, whose events would drown in the background of all the others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.appearance import appearance_of, nearest_marker, roam_px
-from spikingtac.markers.graded.corrections import crossing_px
+from spikingtac.markers.graded.appearance import (
+    crossing_px,
+    events_per_px,
+    nearest_marker,
+    roam_px,
+)
 from spikingtac.markers.graded.motion import VX, VY, X, Y
 from spikingtac.state_map.graded import Array
 
@@ -75,34 +77,14 @@ SILENT_CROSSINGS = 2.4
 
 LEAST_SILENT_PX = 0.1  # The same way at least, px: far below the shortest stroke that is asked.
 
-# Events in steady motion over those of full swings: noise near a threshold adds some (1.04 to
-# 1.09 on training scenes, 1.05 on v2e's sensors, simulated).
-EXTRA_EVENTS = 1.05
-
 SHARE_CHANGE = 0.03  # Changes of the share smaller than this leave the steps alone.
-
-
-@dataclass(frozen=True, slots=True)
-class CellCounts:
-    """What arrived around each marker in a stretch of time.
-
-    Attributes:
-        events: ``(m,)`` events in the marker's cell.
-        noise_per_s: ``(m,)`` background events that the cell brings, 1/s.
-        events_per_px: ``(m,)`` events of a whole stream per px of the marker's motion.
-        dt_s: Length of the stretch, s.
-    """
-
-    events: NDArray[np.int64]
-    noise_per_s: NDArray[np.float64]
-    events_per_px: NDArray[np.float64]
-    dt_s: float
 
 
 class EventLoss:
     """Watches the stream for loss.
 
     Attributes:
+        events_per_px: ``(m,)`` events of a whole stream per px of the marker's motion.
         share: Events that arrive over those that a whole stream would bring; 1 without loss.
     """
 
@@ -121,36 +103,39 @@ class EventLoss:
         self._expected = self._arrived = 0.0
         self.share = FIRST_SHARE
 
-    def cells(self, counts: NDArray[np.int64], dt_s: float) -> CellCounts:
-        """Return what arrived around each marker.
-
-        Args:
-            counts: ``(m,)`` events in each marker's cell.
-            dt_s: Time in which they came, s.
-        """
+    @property
+    def noise_per_s(self) -> NDArray[np.float64]:
+        """``(m,)`` background events that each marker's cell brings, 1/s."""
         background = self._background_hz_px
         hz_px = LEAST_BACKGROUND_HZ_PX if background is None else background
-        return CellCounts(counts, hz_px * self._area_px, self.events_per_px, dt_s)
+        return hz_px * self._area_px
 
-    def update(self, motion: NDArray[np.float64], cells: CellCounts) -> float | None:
+    def update(
+        self, motion: NDArray[np.float64], counts: NDArray[np.int64], dt_s: float
+    ) -> float | None:
         """Judge what was counted.
 
         Args:
             motion: ``(m, 8)`` states of the markers (:mod:`spikingtac.markers.graded.motion`).
-            cells: What arrived around each of them.
+            counts: ``(m,)`` events in each marker's cell.
+            dt_s: Time in which they came, s.
 
         Returns:
             The new share of events that arrive, when it changed; None otherwise.
         """
-        if cells.dt_s <= 0.0:
+        if dt_s <= 0.0:
             return None
         mean_px_s, expected, arrived = motion_kernel(
-            motion, self._reference_px, self._turn_px, cells.events, cells.noise_per_s,
-            cells.events_per_px, self._silent_px, self._roam_px, LEAST_STROKE_PX,
-            self._expected / MEMORY_EVENTS, cells.dt_s,
+            motion, self._reference_px, self._turn_px, counts, self.noise_per_s,
+            self.events_per_px, self._silent_px, self._roam_px, LEAST_STROKE_PX,
+            self._expected / MEMORY_EVENTS, dt_s,
         )  # fmt: skip
         if mean_px_s < STILL_PX_S:
-            self._learn_background(float(cells.events.sum()) / cells.dt_s, cells.dt_s)
+            rate_hz_px = float(counts.sum()) / dt_s / float(self._area_px.sum())
+            if self._background_hz_px is None:
+                self._background_hz_px = rate_hz_px
+            gain = 1.0 - np.exp(-dt_s / BACKGROUND_MEMORY_S)
+            self._background_hz_px += gain * (rate_hz_px - self._background_hz_px)
         return self._judge(expected, arrived) if expected > 0.0 else None
 
     @property
@@ -180,24 +165,6 @@ class EventLoss:
             return None
         self.share = share
         return share
-
-    def _learn_background(self, rate_per_s: float, dt_s: float) -> None:
-        rate_hz_px = rate_per_s / float(self._area_px.sum())
-        if self._background_hz_px is None:
-            self._background_hz_px = rate_hz_px
-        gain = 1.0 - np.exp(-dt_s / BACKGROUND_MEMORY_S)
-        self._background_hz_px += gain * (rate_hz_px - self._background_hz_px)
-
-
-def events_per_px(calibration: Calibration) -> NDArray[np.float64]:
-    """Return ``(m,)`` events of a whole stream per px of each marker's motion.
-
-    A swept pixel swings up and down once: 1 / step - 1 events of each, and one event at least, also
-    where each sets its pixel (steps of 1, a binary map).
-    """
-    appearance = appearance_of(calibration)
-    swing_events = np.maximum(1.0 / appearance.step_on + 1.0 / appearance.step_off - 2.0, 1.0)
-    return 2.0 * calibration.radius_px * EXTRA_EVENTS * swing_events
 
 
 @njit(cache=True, nogil=True)

@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import appearance_of, profile_tables
 from spikingtac.markers.graded.disc_fit import SAME_BITS
-from spikingtac.markers.graded.locator import Locator
-from spikingtac.markers.graded.motion import AGREEMENT, VX, VY, X, Y
+from spikingtac.markers.graded.motion import AGREEMENT, VX, VY, Locator, X, Y
 from spikingtac.state_map.graded import PAD_PX, Array
 
 # Time in which a marker's agreement becomes usual, s (a fit that may still follow its
@@ -101,7 +100,7 @@ class MapLeak:
         """
         self._turn += 1
         if self._usual is None:
-            self._usual = locator.agreement.copy()
+            self._usual = locator.fits[:, AGREEMENT].copy()
         tolerance = TOLERANCE + doubt * (LOSSY_TOLERANCE - TOLERANCE)
         own_s = dt_s * GROUPS
         leaking = tolerance, _share(self._leak_per_s * own_s), _share(DRAWN_PER_S * own_s)

@@ -1,4 +1,4 @@
-"""The motion of one marker: a constant-velocity Kalman filter.
+"""The motion of markers: constant-velocity Kalman filters, and the flat states that they fill.
 
 White acceleration noise of density q (px^2/s^3) drives both axes; a fit measures the position with
 standard deviation sigma once per ms. Faster estimates read nearly the same map, so that their
@@ -10,6 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.graded.appearance import nearest_marker
+from spikingtac.state_map.graded import GradedStateMap
 
 # Finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none.
 ACCELERATION_NOISE_PX2_S3 = 5.0e5
@@ -28,6 +32,8 @@ STOP_S = 3.0e-3  # Time in which the speed of a marker fades near which no pixel
 # most: a motion that begins within one estimate.
 MOST_VARIANCES = (0.05, 1.0e4)
 
+AT_ONCE = 1 << 30  # Events that are due for any marker.
+
 # Columns of a motion: place, px; velocity, px/s; the covariance of both axes; its time, us.
 X, Y, VX, VY, PP, PV, VV, AT_US = range(8)
 
@@ -43,13 +49,6 @@ def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
     motion[:, PP], motion[:, VV] = MEASUREMENT_SIGMA_PX**2, START_VELOCITY_PX_S**2
     motion[:, AT_US] = -1.0
     return motion
-
-
-def resting_fits(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``(m, 7)`` fits of markers that rest somewhere, px, their pixels not yet marked."""
-    fits = np.zeros((len(position_px), 7))
-    fits[:, :FIT_US], fits[:, AGREEMENT], fits[:, MARKED_X] = position_px, 1.0, np.inf
-    return fits
 
 
 @njit(cache=True, nogil=True)
@@ -89,3 +88,41 @@ def rest_kernel(motion: NDArray[np.float64], dt_s: float) -> None:  # pragma: no
     motion[VY] *= kept
     motion[PP], motion[VV] = min(motion[PP], MOST_VARIANCES[0]), min(motion[VV], MOST_VARIANCES[1])
     motion[PV] = 0.0
+
+
+class Locator:
+    """What the locators of discs and bands share: the states of one sensor's markers.
+
+    Attributes:
+        map: The map that it reads.
+        motion: ``(m, 8)`` states of the markers by the columns above.
+        fits: ``(m, 7)`` what was fitted last, by the columns above.
+        outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.
+        pending: ``(m,)`` events at each marker's edge since its last fit.
+        counts: ``(m,)`` events in each marker's cell, nearest to its rest, since they were taken.
+    """
+
+    def __init__(self, calibration: Calibration, state_map: GradedStateMap) -> None:
+        """Begin at rest."""
+        self._start_px = calibration.reference_px.astype(np.float64)
+        self._radius_px = calibration.radius_px.astype(np.float64)
+        self._owner = nearest_marker(calibration.reference_px, calibration.size)
+        self.map = state_map
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything but the calibration: the markers rest, the map is as painted."""
+        count = len(self._start_px)
+        self.map.reset()
+        self.motion = resting_motion(self._start_px)
+        self.fits = np.zeros((count, 7))
+        self.fits[:, :FIT_US] = self._start_px
+        self.fits[:, AGREEMENT], self.fits[:, MARKED_X] = 1.0, np.inf  # pixels not yet marked
+        self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
+        self.pending, self.counts = np.zeros((2, count), np.int64)
+
+    def place(self, marker: NDArray[np.bool_], position_px: NDArray[np.float64]) -> None:
+        """Put markers somewhere at rest, after they were found again or predicted."""
+        self.motion[marker, X:VX] = position_px[marker]
+        self.motion[marker, VX : VX + 2] = 0.0
+        self.pending[marker] = AT_ONCE

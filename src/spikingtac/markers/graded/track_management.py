@@ -27,9 +27,14 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.blobs import UNMATCHED, associate, find_blobs
-from spikingtac.markers.graded.event_loss import BACKGROUND_SHARE, FAST_PX_S, SLOW_PX_S, CellCounts
+from spikingtac.markers.graded.event_loss import (
+    BACKGROUND_SHARE,
+    FAST_PX_S,
+    SLOW_PX_S,
+    EventLoss,
+)
 from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, VX, VY
-from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
+from spikingtac.markers.neighbours import Neighbourhood, around_kernel, smallest_spacing_px
 from spikingtac.state_map.graded import Array
 
 LEAST_AGREEMENT = 0.35  # Share of the edge that must agree with the fitted disc.
@@ -89,7 +94,11 @@ class TrackManager:
         """Begin with every marker observed at its reference."""
         count = len(calibration.reference_px)
         self.neighbours = Neighbourhood(calibration.reference_px)
-        self._surrounded = _surrounded(calibration.reference_px, self.neighbours.index)
+        around_px = calibration.reference_px[self.neighbours.index]
+        around_px = around_px - calibration.reference_px[:, np.newaxis]
+        away_px = np.linalg.norm(around_px.mean(axis=1), axis=1)
+        spread_px = np.linalg.norm(around_px, axis=2).mean(axis=1)
+        self._surrounded = away_px < SURROUNDED * spread_px
         disc_px = np.pi * calibration.radius_px**2
         smallest, largest = float(disc_px.min()), float(disc_px.max())
         self._areas_px = SMALLEST_BLOB_SHARE * smallest, LARGEST_BLOB_SHARE * largest
@@ -103,18 +112,25 @@ class TrackManager:
         self.placed = False
         self.position_px = calibration.reference_px.copy()
 
-    def listen(self, motion: NDArray[np.float64], cells: CellCounts, share: float) -> None:
+    def listen(
+        self,
+        motion: NDArray[np.float64],
+        counts: NDArray[np.int64],
+        dt_s: float,
+        kept: EventLoss,
+    ) -> None:
         """Compare the events of each marker with those that its neighbours' motion asks for.
 
         Args:
             motion: ``(m, 8)`` states of the markers (:mod:`spikingtac.markers.graded.motion`).
-            cells: What arrived around each of them.
-            share: Events that arrive over those that a whole stream would bring.
+            counts: ``(m,)`` events in each marker's cell.
+            dt_s: Time in which they came, s.
+            kept: How many events of a whole stream arrive, and how many are background.
         """
         near = self.neighbours
         listen_kernel(
-            motion, near.index, near.weight, self._surrounded, cells.events, cells.noise_per_s,
-            cells.events_per_px, share, cells.dt_s, self._unheard_px, self._heard_px, self.silent,
+            motion, near.index, near.weight, self._surrounded, counts, kept.noise_per_s,
+            kept.events_per_px, kept.share, dt_s, self._unheard_px, self._heard_px, self.silent,
         )  # fmt: skip
 
     def judge(self, t_us: int, fits: NDArray[np.float64], levels: NDArray[np.float32]) -> None:
@@ -127,7 +143,7 @@ class TrackManager:
             levels: ``(height, width)`` the map.
         """
         self.placed, near, doubted = False, self.neighbours, self._doubted
-        any_doubt = doubt_kernel(fits, near.reference_px, near.index, near.bound_px, doubted)
+        any_doubt = doubt_kernel(fits, near.skin, near.bound_px, doubted)
         if not (any_doubt or self.silent.any() or self.coasted.any()):
             self._doubted_since_us[:] = -1
             return
@@ -140,7 +156,9 @@ class TrackManager:
         self._held_since_us[fresh], self._heard_px[fresh] = t_us, 0.0
         self.moved[:] = self.coasted
         if self.coasted.any():
-            self._place_held(fitted_px)
+            blended_px = np.where(self.coasted[:, np.newaxis], self.position_px, fitted_px)
+            self.position_px[self.coasted] = near.expected_px(blended_px)[self.coasted]
+            self.placed = True
             if t_us >= self._search_at_us:
                 self._search_at_us = t_us + SEARCH_US
                 self._search(t_us, fitted_px, levels)
@@ -162,12 +180,6 @@ class TrackManager:
         )
         return confidence
 
-    def _place_held(self, fitted_px: NDArray[np.float64]) -> None:
-        held = self.coasted
-        blended = np.where(held[:, np.newaxis], self.position_px, fitted_px)
-        self.position_px[held] = self.neighbours.expected_px(blended)[held]
-        self.placed = True
-
     def _search(
         self, t_us: int, fitted_px: NDArray[np.float64], levels: NDArray[np.float32]
     ) -> None:
@@ -179,14 +191,6 @@ class TrackManager:
         self.position_px[found] = blobs.center_px[match[found]]
         self.coasted &= ~found
         self._doubted_since_us[found] = -1
-
-
-def _surrounded(
-    reference_px: NDArray[np.float64], neighbours: NDArray[np.int64]
-) -> NDArray[np.bool_]:
-    offset = reference_px[neighbours] - reference_px[:, np.newaxis]
-    away_px = np.linalg.norm(offset.mean(axis=1), axis=1)
-    return away_px < SURROUNDED * np.linalg.norm(offset, axis=2).mean(axis=1)
 
 
 @njit(cache=True, nogil=True)
@@ -221,18 +225,15 @@ def _asked_speed_kernel(
 
 @njit(cache=True, nogil=True)
 def doubt_kernel(
-    fits: Array, reference_px: Array, index: Array, bound_px: Array, doubted: Array,
-) -> bool:  # pragma: no cover - compiled # fmt: skip
+    fits: Array, skin: tuple[Array, Array, Array], bound_px: Array, doubted: Array
+) -> bool:  # pragma: no cover - compiled
     """Write which fits cannot be their markers; return whether any cannot."""
     found = False
     for m in range(bound_px.size):
         beyond2 = 0.0
         for axis in range(2):
-            low, high = np.inf, -np.inf
-            for n in index[m]:
-                other = fits[n, axis] - reference_px[n, axis]
-                low, high = min(low, other), max(high, other)
-            moved = fits[m, axis] - reference_px[m, axis]
+            _, low, high = around_kernel(fits, skin, m, axis)
+            moved = fits[m, axis] - skin[0][m, axis]
             beyond2 += (moved - min(max(moved, low), high)) ** 2
         doubted[m] = fits[m, AGREEMENT] < LEAST_AGREEMENT or beyond2 > bound_px[m] * bound_px[m]
         found = found or doubted[m]

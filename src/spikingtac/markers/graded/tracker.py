@@ -18,15 +18,14 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.hot_pixels import HotPixelWatch
-from spikingtac.markers.graded.band_locator import BandLocator
-from spikingtac.markers.graded.corrections import OutputCorrections
+from spikingtac.markers.graded.bands import BandLocator
+from spikingtac.markers.graded.corrections import OutputCorrections, ReleasedZero
 from spikingtac.markers.graded.disc_locator import DiscLocator
-from spikingtac.markers.graded.event_loss import EventLoss, events_per_px
+from spikingtac.markers.graded.event_loss import EventLoss
 from spikingtac.markers.graded.map_leak import MapLeak
-from spikingtac.markers.graded.motion import VX, VY
+from spikingtac.markers.graded.motion import AGREEMENT, VX, VY
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.markers.laws import OutputLaw
-from spikingtac.markers.released_zero import ReleasedZero
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket, MarkerFrame
 
@@ -56,8 +55,6 @@ class GradedTrackerConfig:
     """How the tracker follows discs; shares of 0 switch a correction off.
 
     Attributes:
-        iterations: Gauss-Newton steps of a disc fit at most (two suffice on average, a sudden
-            release takes more).
         lag_us: Delay of the events behind the motion, us; None takes the calibration's.
         leak_per_s: Rate at which map pixels give up their disagreement with the disc, 1/s. It cures
             what noise and lost events leave in the map.
@@ -66,7 +63,6 @@ class GradedTrackerConfig:
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
     """
 
-    iterations: int = field(default=3, metadata={"range": (1, 8)})
     lag_us: float | None = None
     leak_per_s: float = field(default=30.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
     backlash: float = field(default=1.0, metadata={"range": (0.0, 1.0)})
@@ -74,8 +70,6 @@ class GradedTrackerConfig:
     adapt_to_loss: bool = field(default=True, metadata={"range": (0, 1)})
 
     def __post_init__(self) -> None:
-        if self.iterations < 1:
-            raise ConfigError(f"iterations is {self.iterations}, it must be at least 1")
         for name in ("leak_per_s", "backlash", "shrink"):
             if not getattr(self, name) >= 0.0:
                 raise ConfigError(f"{name} is {getattr(self, name)}, it must not be negative")
@@ -110,7 +104,7 @@ class GradedTracker:
         self._adapts = config.adapt_to_loss and fit == "disc"
         self._locator: DiscLocator | BandLocator
         if fit == "disc":
-            self._locator = DiscLocator(calibration, events_per_px(calibration), config.iterations)
+            self._locator = DiscLocator(calibration)
             self._leak_per_s, self._backlash = config.leak_per_s, config.backlash
         else:
             self._locator = BandLocator(calibration)
@@ -184,7 +178,7 @@ class GradedTracker:
         if self._zero is not None:
             velocity_px_s = locator.motion[:, VX : VY + 1]
             given_px = self._zero.update(given_px, velocity_px_s, manager.coasted, dt_s)
-        confidence = manager.confidence(locator.agreement, outside, dt_s)
+        confidence = manager.confidence(locator.fits[:, AGREEMENT], outside, dt_s)
         return given_px, manager.coasted | outside, confidence
 
     def reset(self) -> None:
@@ -206,7 +200,7 @@ class GradedTracker:
             self._calibration, neighbours, self._backlash, self._shrink
         )
         recovers = self._calibration.recovery_s is not None
-        self._zero = ReleasedZero(neighbours.reference_px, neighbours) if recovers else None
+        self._zero = ReleasedZero(neighbours) if recovers else None
         self._kept = EventLoss(self._calibration)
         self._leak = MapLeak(self._calibration, self._leak_per_s) if self._leak_per_s else None
         if self._adapts:
@@ -221,7 +215,7 @@ class GradedTracker:
         if task == 0:
             self._count(t_us)
         elif task == 1:
-            manager.listen(locator.motion, self._cells, kept.share)
+            manager.listen(locator.motion, *self._counted, kept)
         elif task == 2:
             manager.judge(t_us, locator.fits, locator.map.values)
             if manager.placed:
@@ -235,9 +229,9 @@ class GradedTracker:
         """Judge how many of the events arrive, by those since the last count."""
         since_s = 0.0 if self._counted_us is None else (t_us - self._counted_us) * 1e-6
         self._counted_us, locator = t_us, self._locator
-        self._cells = self._kept.cells(locator.counts.copy(), since_s)
+        self._counted = locator.counts.copy(), since_s
         locator.counts[:] = 0
         if self._adapts:
-            share = self._kept.update(locator.motion, self._cells)
+            share = self._kept.update(locator.motion, *self._counted)
             if share is not None:
                 locator.map.set_events_kept(share)

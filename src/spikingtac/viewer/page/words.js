@@ -2,7 +2,6 @@
 export const WORDS = {
   "hysteresis": ["output", "What is done to the position before it is given out. none: nothing. paper, anchored: small displacements are drawn towards the rest, against the skin's creep."],
   "denoiser": ["noise filter", "Cleans the map of brightness before markers are looked for."],
-  "disc.iterations": ["steps of the disc fit", "More steps follow sudden motion better, and cost time."],
   "disc.leak_per_s": ["forgetting of errors", "How fast the map gives up what noise and lost events left in it."],
   "disc.backlash": ["play", "A found disc stays behind its marker, most after it turned round. Here is how much of that is made good."],
   "disc.shrink": ["smoothing", "A marker that differs a little from what its neighbours expect is drawn towards it: so small a difference is more likely an error than deformation."],

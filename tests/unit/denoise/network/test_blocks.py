@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from spikingtac.denoise.blocks import (
-    WORDS,
     combine_logits_kernel,
-    from_blocks_kernel,
+    fold_blocks,
+    folded_shape,
     quantise_kernel,
     smooth_kernel,
-    to_blocks_kernel,
+    unfold_blocks,
 )
 
 LOGISTIC_ERROR = 0.022
@@ -26,34 +26,18 @@ def test_bytes_equal_their_plain_twin(shape, padded):
 
 
 @pytest.mark.parametrize("shape", [(16, 16), (17, 33), (1, 1), (2, 3)])
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
 @pytest.mark.parametrize("full", [False, True])
-def test_smoothing_equals_its_plain_twin(shape, full):
+def test_smoothing_equals_its_plain_twin(shape, full, kind):
     random = np.random.default_rng(0)
     levels = np.full(shape, 255, np.uint8) if full else random.integers(0, 256, shape, np.uint8)
-    smooth = np.empty(shape, np.uint16)
-    smooth_kernel(levels, smooth, np.empty(shape[1] + 4, np.uint16))
+    levels = levels if kind == np.uint16 else levels.astype(kind)
+    smooth = np.empty(shape, kind)
+    smooth_kernel(levels, smooth, np.empty(shape[1] + 4, kind))
     weights = np.array([1, 4, 6, 4, 1])
     padded = np.pad(levels, 2, mode="edge").astype(np.int64)
     for y, x in np.ndindex(shape):
         assert smooth[y, x] == weights @ padded[y : y + 5, x : x + 5] @ weights
-
-
-@pytest.mark.parametrize("fold", [1, 2, 4, 8])
-def test_blocks_equal_their_plain_twin_and_come_back(fold):
-    rows, columns = 3, 5
-    random = np.random.default_rng(0)
-    levels = random.integers(0, 256, (rows * fold, columns * fold), np.uint8)
-    blocks = np.zeros((rows, columns, fold**2 + fold), np.uint8)
-    word = WORDS[fold]
-    tight = np.zeros((rows, columns, fold**2), np.uint8)
-    to_blocks_kernel(levels.view(word), tight.view(word))
-    for row, column, channel in np.ndindex(tight.shape):
-        y, x = row * fold + channel // fold, column * fold + channel % fold
-        assert tight[row, column, channel] == levels[y, x]
-    blocks[:, :, : fold**2] = tight
-    back = np.zeros_like(levels)
-    from_blocks_kernel(blocks.view(word), back.view(word))
-    assert np.array_equal(back, levels)
 
 
 def test_the_answer_is_the_logistic_function_of_change_and_evidence():
@@ -73,3 +57,23 @@ def test_the_answer_is_the_logistic_function_of_change_and_evidence():
             decided += 1
             assert (out[y, x] >= 0.5) == (logit >= 0.0)
     assert decided > 130
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (32, 48), (17, 33), (1, 1), (70, 10)])
+@pytest.mark.parametrize("fold", [1, 2, 8])
+def test_folding_equals_its_plain_twin_and_comes_back(shape, fold):
+    state_map = np.random.default_rng(0).random(shape, np.float32)
+    folded = fold_blocks(state_map, fold, 2 * fold)
+    assert folded.shape == folded_shape(shape, fold, 2 * fold)
+    for channel, row, column in np.ndindex(folded.shape):
+        y = min(row * fold + channel // fold, shape[0] - 1)
+        x = min(column * fold + channel % fold, shape[1] - 1)
+        assert folded[channel, row, column] == state_map[y, x]
+    assert np.array_equal(unfold_blocks(folded, shape), state_map)
+
+
+def test_folding_is_torchs_pixel_unshuffle():
+    torch = pytest.importorskip("torch")
+    state_map = np.random.default_rng(0).random((32, 48), np.float32)
+    theirs = torch.nn.functional.pixel_unshuffle(torch.from_numpy(state_map)[None, None], 8)
+    assert np.array_equal(fold_blocks(state_map, 8, 8), theirs[0].numpy())

@@ -12,9 +12,9 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.graded.appearance import painted_levels
 from spikingtac.markers.graded.disc_locator import FARTHER_PX, LATE_US, NOBODY, DiscLocator
-from spikingtac.markers.graded.locator import AT_ONCE
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
+    AT_ONCE,
     MEASUREMENT_SIGMA_PX,
     START_VELOCITY_PX_S,
     VX,
@@ -29,12 +29,11 @@ REST_PX = np.array([[30.0, 30.0], [70.0, 30.0]])
 CALIBRATION = Calibration(
     reference_px=REST_PX, radius_px=np.full(2, 7.0), grid=(1, 2), size=(100, 60)
 )
-EVENTS_PER_PX = np.full(2, 200.0)  # A fit is due after four events.
 
 
 def moved_by(shift_px: float) -> DiscLocator:
     """Return a locator whose map shows the discs elsewhere; it has made its first estimate."""
-    locator = DiscLocator(CALIBRATION, EVENTS_PER_PX, 3)
+    locator = DiscLocator(CALIBRATION)
     elsewhere = replace(CALIBRATION, reference_px=REST_PX + np.array([shift_px, 0.0]))
     locator.map.values[:] = painted_levels(elsewhere)
     locator.locate(0, np.zeros(2, np.bool_))
@@ -76,13 +75,13 @@ def test_a_fit_waits_for_its_events_or_for_some_ms() -> None:
     locator, nobody = moved_by(0.5), np.zeros(2, np.bool_)
     locator.pending[:] = 4, 3
     locator.locate(500, nobody)
-    assert locator.fitted_px[0, 0] == pytest.approx(30.5, abs=0.05)
-    assert locator.fitted_px[1, 0] == 70.0, "three events are not enough"
+    assert locator.fits[0, 0] == pytest.approx(30.5, abs=0.05)
+    assert locator.fits[1, 0] == 70.0, "three events are not enough"
     locator.locate(LATE_US - 500, nobody)
-    assert locator.fitted_px[1, 0] == 70.0
+    assert locator.fits[1, 0] == 70.0
     assert locator.pending.tolist() == [0, 3]
     locator.locate(LATE_US, nobody)
-    assert locator.fitted_px[1, 0] == pytest.approx(70.5, abs=0.05)
+    assert locator.fits[1, 0] == pytest.approx(70.5, abs=0.05)
 
 
 def test_without_events_nothing_is_fitted_and_a_speed_fades() -> None:
@@ -90,7 +89,7 @@ def test_without_events_nothing_is_fitted_and_a_speed_fades() -> None:
     locator.motion[:, VX] = 50.0
     for t_us in range(1_000, 40_000, 1_000):
         locator.locate(t_us, nobody)
-    np.testing.assert_array_equal(locator.fitted_px, REST_PX)
+    np.testing.assert_array_equal(locator.fits[:, :2], REST_PX)
     np.testing.assert_allclose(locator.motion[:, :2], REST_PX, atol=0.01)
     assert np.abs(locator.motion[:, VX]).max() < 1.0
 
@@ -127,13 +126,13 @@ def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
 
 
 def test_a_fit_that_has_not_converged_goes_on_at_once() -> None:
-    locator = DiscLocator(CALIBRATION, EVENTS_PER_PX, 1)
+    locator = DiscLocator(CALIBRATION)
     locator.map.values[:] = moved_by(5.0).map.values
     for t_us in range(0, 9_000, 1_000):
         if t_us == 0:
             locator.pending[:] = AT_ONCE
         locator.locate(t_us, np.zeros(2, np.bool_))
-    np.testing.assert_allclose(locator.fitted_px, REST_PX + np.array([5.0, 0.0]), atol=0.1)
+    np.testing.assert_allclose(locator.fits[:, :2], REST_PX + np.array([5.0, 0.0]), atol=0.1)
 
 
 def test_a_held_marker_stays_where_it_is_put_and_loses_its_speed() -> None:

@@ -5,6 +5,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded import event_loss as events_kept
+from spikingtac.markers.graded.appearance import EXTRA_EVENTS
 from spikingtac.markers.graded.event_loss import FIRST_SHARE, EventLoss
 
 STEP = 1.0 / 7.0  # Six events of a full swing, and one step of dead band: 1 / (6 + 1).
@@ -18,7 +19,7 @@ CALIBRATION = Calibration(
     step_on=STEP,
     step_off=STEP,
 )
-EVENTS_PER_PX = 4 * 7.0 * 6.0 * events_kept.EXTRA_EVENTS
+EVENTS_PER_PX = 4 * 7.0 * 6.0 * EXTRA_EVENTS
 BACKGROUND_PER_MS = 20
 SPEED_PX_S = 200.0
 STROKE_PX = 8.0  # To and fro about the rest.
@@ -38,13 +39,13 @@ def watched(kept: float, moving: int = 10, seconds: float = 3.0) -> EventLoss:
     velocity[:moving, 0] = SPEED_PX_S
     for _ in range(500):
         background = rng.poisson(BACKGROUND_PER_MS * kept / 10, 10)
-        assert watch.update(motion(REFERENCE_PX), watch.cells(background, 1e-3)) is None
+        assert watch.update(motion(REFERENCE_PX), background, 1e-3) is None
     signal = EVENTS_PER_PX * SPEED_PX_S * 1e-3 * kept * (np.arange(10) < moving)
     for _ in range(int(seconds * 1e3)):
         counts = rng.poisson(BACKGROUND_PER_MS * kept / 10 + signal)
         position += 1e-3 * velocity
         velocity[np.abs(position[:, 0] - REFERENCE_PX[:, 0]) > STROKE_PX / 2.0] *= -1.0
-        told = watch.update(motion(position, velocity), watch.cells(counts, 1e-3))
+        told = watch.update(motion(position, velocity), counts, 1e-3)
         assert told is None or told == watch.share
     assert watch.judged
     return watch
@@ -76,8 +77,8 @@ def test_texture_that_adds_events_is_not_loss() -> None:
 def test_silence_and_standing_still_say_nothing() -> None:
     watch = EventLoss(CALIBRATION)
     for _ in range(5_000):
-        assert watch.update(motion(REFERENCE_PX), watch.cells(NONE, 1e-3)) is None
-    assert watch.update(motion(REFERENCE_PX, 300.0), watch.cells(NONE, 0.0)) is None
+        assert watch.update(motion(REFERENCE_PX), NONE, 1e-3) is None
+    assert watch.update(motion(REFERENCE_PX, 300.0), NONE, 0.0) is None
     assert watch.share == FIRST_SHARE
 
 
@@ -87,7 +88,7 @@ def test_snaps_creep_and_far_markers_are_not_asked() -> None:
         velocity = np.tile([velocity_px_s, 0.0], (10, 1))
         for _ in range(1_000):
             position_px = REFERENCE_PX + np.array([0.0, away_px])
-            assert watch.update(motion(position_px, velocity), watch.cells(NONE, 1e-3)) is None
+            assert watch.update(motion(position_px, velocity), NONE, 1e-3) is None
 
 
 def test_a_turn_says_nothing_until_the_marker_is_under_way() -> None:
@@ -97,7 +98,7 @@ def test_a_turn_says_nothing_until_the_marker_is_under_way() -> None:
         if step % 4 == 0:
             velocity *= -1.0
         position += 1e-3 * velocity
-        assert watch.update(motion(position, velocity), watch.cells(NONE, 1e-3)) is None
+        assert watch.update(motion(position, velocity), NONE, 1e-3) is None
 
 
 def test_the_kernel_does_what_its_plain_twin_does() -> None:

@@ -11,6 +11,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.map_leak import LARGEST_FALL, MapLeak
+from spikingtac.markers.graded.motion import AGREEMENT
 from spikingtac.markers.registry import make_tracker
 from spikingtac.types import EventPacket
 from stand_ins.camera_stage import CENTERS, RADIUS_PX, SIZE
@@ -28,13 +29,13 @@ BESIDE = BESIDE_PX[:, 1], BESIDE_PX[:, 0]
 
 def leaked(duration_us: int, agreement_of_one: float, doubt: float = 0.0) -> np.ndarray:
     """Return what is left of a level of 0.9 beside each disc; one agrees less from then on."""
-    locator = DiscLocator(CALIBRATION, np.full(4, 170.0), 3)
+    locator = DiscLocator(CALIBRATION)
     leak = MapLeak(CALIBRATION, 30.0)
     for _ in range(50):
         leak.update(locator, 1e-3, doubt, 0.0, 0.0)
     locator.map.memory[BESIDE] += 0.9
     locator.map.values[BESIDE] += 0.9
-    locator.agreement[1] = agreement_of_one
+    locator.fits[1, AGREEMENT] = agreement_of_one
     for _ in range(duration_us // 1_000):
         leak.update(locator, 1e-3, doubt, 0.0, 0.0)
     return locator.map.memory[BESIDE]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded import track_management
-from spikingtac.markers.graded.event_loss import CellCounts
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.state_map.binary import paint_discs
 
@@ -53,8 +54,11 @@ def motion(velocity_px_s: np.ndarray) -> np.ndarray:
     return np.column_stack([np.zeros((COUNT, 2)), velocity_px_s])
 
 
-def cells(events: np.ndarray) -> CellCounts:
-    return CellCounts(events, NOISE_PER_S, EVENTS_PER_PX, DT_S)
+def listen(
+    manager: TrackManager, velocity_px_s: np.ndarray, events: np.ndarray, share: float = 1.0
+) -> None:
+    kept = SimpleNamespace(share=share, noise_per_s=NOISE_PER_S, events_per_px=EVENTS_PER_PX)
+    manager.listen(motion(velocity_px_s), events, DT_S, kept)  # type: ignore[arg-type]
 
 
 def moving(speed_px_s: float) -> np.ndarray:
@@ -70,7 +74,7 @@ def heard(
     seen_px_s = np.where((sent > 0)[:, None], velocity_px_s, 0.0)  # a fit of nothing rests
     for _ in range(steps):
         events = rng.poisson((sent * share * EVENTS_PER_PX * speed + NOISE_PER_S) * DT_S)
-        manager.listen(motion(seen_px_s), cells(events), share)
+        listen(manager, seen_px_s, events, share)
     return manager
 
 
@@ -119,7 +123,7 @@ def test_a_marker_held_for_long_comes_back_with_events_only() -> None:
         manager.judge(t_us, fits(REST_PX, AGREED), levels(REST_PX))
         assert manager.coasted[CENTRE], "nothing tells that it is more than paint"
     events[CENTRE] = 400
-    manager.listen(motion(np.zeros((COUNT, 2))), cells(events), 1.0)
+    listen(manager, np.zeros((COUNT, 2)), events)
     manager.judge(9 * LATER_US, fits(REST_PX, AGREED), levels(REST_PX))
     assert not manager.coasted.any()
 
@@ -210,7 +214,7 @@ def test_a_marker_that_sends_again_is_heard() -> None:
         events = (EVENTS_PER_PX * 60.0 * DT_S).astype(np.int64)
         events[CENTRE] *= sends
         for _ in range(150):
-            manager.listen(motion(velocity), cells(events), 1.0)
+            listen(manager, velocity, events)
         assert manager.silent[CENTRE] == expected
 
 
@@ -221,7 +225,7 @@ def test_held_neighbours_do_not_keep_each_other_silent() -> None:
     manager.silent[gone], manager._unheard_px[gone] = True, 4.0
     velocity[gone] = 0.0
     for _ in range(150):
-        manager.listen(motion(velocity), cells((EVENTS_PER_PX * 60.0 * DT_S).astype(np.int64)), 1.0)
+        listen(manager, velocity, (EVENTS_PER_PX * 60.0 * DT_S).astype(np.int64))
     assert not manager.silent.any()
 
 

@@ -8,27 +8,27 @@ from functools import cache
 import numpy as np
 import pytest
 
+from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError
 from spikingtac.events.source import PacketSource
-from spikingtac.markers.lag.crossings import (
+from spikingtac.markers import lag
+from spikingtac.markers.crossings import (
     ORDERS,
     PLACE_BINS,
     REACH_PX,
     SPEED_EDGES_PX_S,
     Crossings,
     MarkerTrack,
+    marker_track,
     observe_crossings,
 )
-from spikingtac.markers.lag.estimate import LagConfig, estimate_lag
-from spikingtac.markers.lag.photoreceptor import EdgeProfile, overshoot_px
-from spikingtac.markers.lag.recording_lag import recording_lag
+from spikingtac.markers.lag import estimate_lag, overshoot_px, place_px, slide_lag_us, slowness
 from spikingtac.sim.camera.config import load_camera
 from spikingtac.sim.camera.event_camera import EventCamera
 from spikingtac.sim.optics import MarkerImage
 from spikingtac.types import EventPacket, MarkerFrame
 
-EDGE = EdgeProfile(contrast=6.0, edge_px=0.5)
+EDGE = DiscProfile(6.0, 0.5)
 LEVELS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 
 
@@ -37,13 +37,13 @@ LEVELS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 def test_slow_edges_are_late_by_each_levels_own_time(brightening: bool, dark: float) -> None:
     kappa = np.array([1e-4, 1e-3])
     late = overshoot_px(EDGE, brightening, LEVELS, kappa, dark)
-    expected = kappa[:, None] * EDGE.slowness(LEVELS, dark)
+    expected = kappa[:, None] * slowness(EDGE, LEVELS, dark)
     assert late == pytest.approx(expected, rel=0.03, abs=2e-5)
 
 
 def test_fast_edges_are_late_by_the_step_response() -> None:
     """After a step the light is even: white's time constant upwards, the ground's downwards."""
-    sharp, kappa = EdgeProfile(contrast=6.0, edge_px=0.002), np.array([0.3])
+    sharp, kappa = DiscProfile(6.0, 0.002), np.array([0.3])
     up = overshoot_px(sharp, True, LEVELS, kappa, 0.0)[0]
     down = overshoot_px(sharp, False, LEVELS, kappa, 0.0)[0]
     assert up == pytest.approx(-0.3 * np.log(1 - LEVELS), abs=0.03)
@@ -59,12 +59,12 @@ def test_low_pass_and_plain_euler_agree(brightening: bool) -> None:
     while len(crossed) < len(asked):
         level = float(EDGE.level(np.array([side * q]))[0])
         seen = level if seen is None else seen
-        tau = kappa * float(EDGE.slowness(np.array([level]), dark)[0])
+        tau = kappa * float(slowness(EDGE, np.array([level]), dark)[0])
         seen += (level - seen) * step / tau
         q += step
         wanted = asked[len(crossed)]
         if (seen >= wanted) if brightening else (seen <= wanted):
-            crossed.append(q - side * float(EDGE.place_px(np.array([wanted]))[0]))
+            crossed.append(q - side * float(place_px(EDGE, np.array([wanted]))[0]))
     late = overshoot_px(EDGE, brightening, asked, np.array([kappa]), dark)[0]
     assert late == pytest.approx(crossed, abs=0.004)
 
@@ -79,7 +79,7 @@ def modelled(lag_s: float, white_s: float, dark: float, skew_s: float = 0.0) -> 
         late += (-lag_s + (2 * side - 1) * skew_s) * speeds[:, None]
         for order, level in enumerate(LEVELS if side == 0 else LEVELS[::-1]):
             column = order if side == 0 else len(LEVELS) - 1 - order
-            q = EDGE.place_px(np.array([level])) + (2 * side - 1) * late[:, column]
+            q = place_px(EDGE, np.array([level])) + (2 * side - 1) * late[:, column]
             for bin_, middle in enumerate(q):
                 drawn = middle + rng.normal(0.0, 0.2, 4_000)
                 places = ((drawn + REACH_PX) / (2 * REACH_PX) * PLACE_BINS).astype(int)
@@ -92,7 +92,8 @@ def modelled(lag_s: float, white_s: float, dark: float, skew_s: float = 0.0) -> 
 def test_its_own_model_is_solved(white_us: float, skew_us: float) -> None:
     lag_us = 2.2 * white_us
     crossings = modelled(lag_us * 1e-6, white_us * 1e-6, 0.06, skew_us * 1e-6)
-    estimate = estimate_lag(crossings, EDGE, LagConfig(dark=(0.06,), floor_us=0.0))
+    estimate = estimate_lag(crossings, EDGE, (0.06,))
+    assert estimate is not None
     # The table's interpolation and the bins' middles leave 1 %.
     assert estimate.lag_us == pytest.approx(lag_us, abs=3 * estimate.uncertainty_us + 0.01 * lag_us)
     assert estimate.white_us == pytest.approx(white_us, rel=0.15)
@@ -102,8 +103,10 @@ def test_its_own_model_is_solved(white_us: float, skew_us: float) -> None:
 
 def test_an_unknown_dark_current_widens_the_uncertainty() -> None:
     crossings = modelled(2e-3, 8e-4, 0.06)
-    known = estimate_lag(crossings, EDGE, LagConfig(dark=(0.06,)))
+    known = estimate_lag(crossings, EDGE, (0.06,))
     unknown = estimate_lag(crossings, EDGE)
+    assert known is not None
+    assert unknown is not None
     assert unknown.uncertainty_us > known.uncertainty_us
     assert unknown.lag_us == pytest.approx(2_000.0, rel=0.15)
 
@@ -118,13 +121,14 @@ def roughened(crossings: Crossings, spread_px: float, seed: int) -> Crossings:
 
 
 def test_places_that_do_not_fit_the_model_widen_the_uncertainty() -> None:
-    lag_us, config = 2_000.0, LagConfig(dark=(0.06,), floor_us=0.0)
+    lag_us = 2_000.0
     smooth = modelled(lag_us * 1e-6, 8e-4, 0.06)
-    stated_us = estimate_lag(smooth, EDGE, config).uncertainty_us
+    stated = estimate_lag(smooth, EDGE, (0.06,))
+    assert stated is not None
     for seed in range(5):
-        rough = estimate_lag(roughened(smooth, 0.1, seed), EDGE, config)
-        assert rough.samples > 0
-        assert rough.uncertainty_us > 3.0 * stated_us
+        rough = estimate_lag(roughened(smooth, 0.1, seed), EDGE, (0.06,))
+        assert rough is not None
+        assert rough.uncertainty_us > 1.5 * stated.uncertainty_us
         assert abs(rough.lag_us - lag_us) < 3.0 * rough.uncertainty_us
 
 
@@ -159,9 +163,8 @@ def delayed(path: np.ndarray, lag_us: float) -> MarkerTrack:
     t_us = np.arange(len(path)) * 1_000
     flat = path.reshape(len(path), -1)
     late = [np.interp(t_us - lag_us, t_us, column) for column in flat.T]
-    return MarkerTrack(
-        t_us, np.stack(late, axis=1).reshape(path.shape), np.full(path.shape[1], 7.0)
-    )
+    places = np.stack(late, axis=1).reshape(path.shape)
+    return marker_track(t_us, places, np.full(path.shape[1], 7.0))
 
 
 @pytest.mark.parametrize(
@@ -173,8 +176,11 @@ def test_the_twins_lag_is_found(preset: str, bandwidth_hz: float) -> None:
     white_us = 1e6 / (2 * np.pi * bandwidth_hz) + 150.0
     middle_us = white_us * 6.0**0.5
     # The camera's edge: sqrt(0.5^2 + 1/12) px Gaussian, as the nearest logistic.
-    edge = EdgeProfile(contrast=6.0, edge_px=0.577 / 1.702)
-    estimate = estimate_lag(observe_crossings(packet, delayed(path, middle_us)), edge)
+    edge = DiscProfile(6.0, 0.577 / 1.702)
+    estimate = estimate_lag(
+        observe_crossings([packet], delayed(path, middle_us), packet.size), edge
+    )
+    assert estimate is not None
     print(
         f"simulated, {preset} {bandwidth_hz:.0f} Hz: lag {estimate.lag_us:.0f} "
         f"+- {estimate.uncertainty_us:.0f} us, true {middle_us:.0f} us"
@@ -183,25 +189,17 @@ def test_the_twins_lag_is_found(preset: str, bandwidth_hz: float) -> None:
     assert abs(estimate.lag_us - middle_us) < 2.0 * estimate.uncertainty_us
 
 
-def test_nothing_seen_gives_the_stated_default() -> None:
-    config = LagConfig(default_us=700.0, default_uncertainty_us=400.0)
-    quiet = observe_crossings(
-        EventPacket.empty(0, 1_000_000, (112, 112)), delayed(np.zeros((900, 1, 2)), 0.0)
-    )
-    unseen = estimate_lag(quiet, EDGE, config)
-    assert (unseen.lag_us, unseen.uncertainty_us, unseen.samples) == (700.0, 400.0, 0)
-    assert np.isnan(unseen.white_us)
-
-
-def test_a_measurement_worse_than_the_default_is_not_used() -> None:
+def test_what_tells_too_little_gives_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    size = 112, 112
+    silence = [EventPacket.empty(0, 1_000_000, size)]
+    quiet = observe_crossings(silence, delayed(np.zeros((900, 1, 2)), 0.0), size)
+    assert estimate_lag(quiet, EDGE) is None
     crossings = modelled(2e-3, 8e-4, 0.06)
-    assert estimate_lag(crossings, EDGE, LagConfig(default_uncertainty_us=50.0)).samples == 0
-
-
-def test_one_polarity_alone_tells_nothing() -> None:
-    crossings = modelled(2e-3, 8e-4, 0.06)
+    monkeypatch.setattr(lag, "LARGEST_ERROR_US", 50.0)
+    assert estimate_lag(crossings, EDGE) is None, "a measurement that is worse than a guess"
+    monkeypatch.undo()
     crossings.count[1] = 0
-    assert estimate_lag(crossings, EDGE).samples == 0
+    assert estimate_lag(crossings, EDGE) is None, "one polarity alone"
 
 
 class Late:
@@ -222,34 +220,21 @@ class Late:
         return MarkerFrame(t_us, at, at, at, held, np.ones(len(at)))
 
 
-def test_a_recording_is_tracked_and_its_lag_found() -> None:
-    packet, path, radius = filmed("typical", 500.0)
-    lag_us = 1_147.0
-    calibration = Calibration(reference_px=path[0], radius_px=radius, grid=(4, 4), size=packet.size)
-    source, late = PacketSource([packet], packet.size), Late(path, lag_us)
-    with pytest.raises(ConfigError, match="contrast"):
-        recording_lag(source, late, calibration)
-    known = replace(calibration, contrast=6.0, edge_px=0.577 / 1.702)
-    estimate = recording_lag(source, late, known)
-    assert estimate.lag_us == pytest.approx(lag_us, rel=0.2)
-    assert estimate.samples > 0
-
-
-def test_a_part_of_the_markers_tells_the_lag_of_a_large_skin(
+def test_a_recording_is_tracked_and_its_lag_found_by_all_markers_or_a_part_of_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     packet, path, radius = filmed("typical", 500.0)
-    known = Calibration(
-        reference_px=path[0],
-        radius_px=radius,
-        grid=(4, 4),
-        size=packet.size,
-        contrast=6.0,
-        edge_px=0.577 / 1.702,
-    )
-    source = PacketSource([packet], packet.size)
-    every = recording_lag(source, Late(path, 1_147.0), known)
-    monkeypatch.setattr("spikingtac.markers.lag.recording_lag.MOST_MARKERS", 8)
-    some = recording_lag(source, Late(path, 1_147.0), known)
-    assert some.lag_us == pytest.approx(every.lag_us, rel=0.2)
-    assert 0.2 * every.samples < some.samples < 0.7 * every.samples
+    plain = Calibration(reference_px=path[0], radius_px=radius, grid=(4, 4), size=packet.size)
+    known = replace(plain, contrast=6.0, edge_px=0.577 / 1.702)
+    source, lag_us = PacketSource([packet], packet.size), 1_147.0
+    assert slide_lag_us(source, plain) is None, "the edge is not known"
+    samples = []
+    for most in (128, 8):
+        monkeypatch.setattr(lag, "MOST_MARKERS", most)
+        track = lag.tracked(source, Late(path, lag_us), known)  # type: ignore[arg-type]
+        crossings = observe_crossings(source, track, packet.size)
+        estimate = estimate_lag(crossings, DiscProfile(6.0, 0.577 / 1.702))
+        assert estimate is not None
+        assert estimate.lag_us == pytest.approx(lag_us, rel=0.2)
+        samples.append(estimate.samples)
+    assert 0.2 * samples[0] < samples[1] < 0.7 * samples[0]

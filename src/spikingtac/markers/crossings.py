@@ -1,0 +1,300 @@
+"""Where a marker's tracked edge stands when the pixels that it passes fire.
+
+The raw material of :mod:`spikingtac.markers.lag`. A pixel passed by an edge fires a
+series of events, one for each step of its log intensity. Of every passage that began with the edge
+well on the other side and went on in one direction, the place q of the tracked edge (distance of
+the pixel from the disc's rim, negative inside) is collected for each event, apart for the two
+polarities, for the event's number in the series and for the edge's speed over the pixel. A rung is
+one polarity and one number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spikingtac.state_map.graded import Array
+from spikingtac.types import EventPacket
+
+ORDERS = 12  # Events of one passage that are told apart: at contrast 12 a step of 0.21 makes 12.
+
+# Half-width of the zone around an edge (five logistic scales of a 0.55 px edge).
+REACH_PX = 3.0
+PLACE_BINS = 120  # Bins of q over the zone: 0.05 px each, a tenth of an edge's width.
+
+# Bins of the edge's speed: below 5 px/s noise moves the edge, above 200 passages are cut short.
+SPEED_EDGES_PX_S = np.array([5, 8, 12, 18, 25, 35, 50, 70, 100, 140, 200], np.float64)
+
+# Half of the time over which a velocity is taken: 0.5 px at 100 px/s against jitter of 0.03 px.
+SPEED_SPAN_US = 5_000
+
+# Longest passage: 1.5 zones at 30 px/s; a slower edge is not followed to the other side.
+LOOK_BACK_US = 300_000
+LOOK_STEP_US = 2_000  # Spacing at which a passage is followed back.
+
+# Apparent backward motion that does not end a passage: the jitter of tracked positions.
+JITTER_PX = 0.02
+_MEMORY = 16  # Events of a running series that a pixel remembers.
+# Events that a mean place needs, and bins of speed that a resting place needs.
+LEAST_COUNT, FEWEST_SPEEDS = 60, 3
+
+# Places further from a bin's median are noise events: three times the spread of an edge's own, px.
+TRIM_PX = 1.0
+
+# Uncertainty of a mean place by what the model leaves out (curved edges, mismatch between
+# pixels), px (from noise-free recordings).
+FLOOR_PX = 0.004
+
+
+class MarkerTrack(NamedTuple):
+    """Tracked markers over time; :func:`marker_track` makes it.
+
+    Attributes:
+        t_us: ``(n,)`` evenly spaced times, us (about 1 ms apart).
+        center_px: ``(n, m, 2)`` detected centres, px; NaN where a marker is lost.
+        velocity_px_s: ``(n, m, 2)`` central differences over 2 SPEED_SPAN_US; 0 at both ends.
+        radius_px: ``(m,)`` disc radii, px.
+        facing: 1 for white markers on dark ground, -1 for dark ones.
+    """
+
+    t_us: NDArray[np.int64]
+    center_px: NDArray[np.float64]
+    velocity_px_s: NDArray[np.float64]
+    radius_px: NDArray[np.float64]
+    facing: float
+
+
+class Crossings(NamedTuple):
+    """Collected places of the tracked edge, as counts.
+
+    Polarity 0 is an edge that brings light (ON), 1 one that takes it away. ``q`` is positive on the
+    dark side of the edge, for dark markers too.
+
+    Attributes:
+        count: ``(2, ORDERS, speeds, PLACE_BINS)`` events by polarity, number in the series, speed
+            bin and bin of q from -REACH_PX to REACH_PX.
+        speed_sum_px_s: ``(2, ORDERS, speeds)`` sum of the edge's speeds, px/s.
+    """
+
+    count: NDArray[np.int64]
+    speed_sum_px_s: NDArray[np.float64]
+
+
+def marker_track(
+    t_us: NDArray[np.int64],
+    center_px: NDArray[np.float64],
+    radius_px: NDArray[np.float64],
+    dark: bool = False,
+) -> MarkerTrack:
+    """Return a track with its velocities; the arguments are its attributes."""
+    velocity = np.zeros(center_px.shape)
+    spacing_us = float(np.median(np.diff(t_us))) if len(t_us) > 1 else SPEED_SPAN_US
+    half = max(1, round(SPEED_SPAN_US / max(1.0, spacing_us)))
+    if len(t_us) > 2 * half:
+        span_s = (t_us[2 * half :] - t_us[: -2 * half]) * 1e-6
+        moved_px = center_px[2 * half :] - center_px[: -2 * half]
+        velocity[half:-half] = moved_px / span_s[:, np.newaxis, np.newaxis]
+    center_px = np.ascontiguousarray(center_px, np.float64)
+    facing = -1.0 if dark else 1.0
+    return MarkerTrack(t_us, center_px, velocity, radius_px.astype(np.float64), facing)
+
+
+def observe_crossings(
+    packets: Iterable[EventPacket], track: MarkerTrack, size: tuple[int, int]
+) -> Crossings:
+    """Return the crossings in a recording; how it is cut into packets does not matter.
+
+    Args:
+        packets: Events in order of time.
+        track: Positions over the whole time of interest.
+        size: ``(width, height)`` of the sensor, px.
+
+    Raises:
+        ConfigError: A packet comes from a sensor of another size, or leaves it.
+    """
+    runs = np.zeros((size[1], size[0]), np.int64)
+    recent_us = np.zeros((*runs.shape, _MEMORY), np.int64)
+    shape = 2, ORDERS, len(SPEED_EDGES_PX_S) - 1
+    found = Crossings(np.zeros((*shape, PLACE_BINS), np.int64), np.zeros(shape))
+    for packet in packets if len(track.t_us) > 1 else ():
+        packet.require_map(runs.shape)
+        rows = np.searchsorted(track.t_us, packet.t, side="right") - 1
+        columns = packet.x, packet.y, packet.p, packet.t, rows
+        observe_kernel(*columns, track, recent_us, runs, *found)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class CrossingStatistics:
+    """Mean places, one entry for each rung and bin of speed; n entries, r rungs.
+
+    Attributes:
+        rung: ``(n,)`` index of the entry's rung.
+        facing: ``(r,)`` by rung: 1 where the edge takes light away, -1 where it brings light.
+        speed_px_s: ``(n,)`` mean speed of the edge over the pixel.
+        along_px: ``(n,)`` mean place of the edge beyond the pixel, along the motion, px.
+        error_px: ``(n,)`` its uncertainty, px.
+        count: ``(n,)`` events.
+    """
+
+    rung: NDArray[np.int64]
+    facing: NDArray[np.float64]
+    speed_px_s: NDArray[np.float64]
+    along_px: NDArray[np.float64]
+    error_px: NDArray[np.float64]
+    count: NDArray[np.int64]
+
+    def resting_px(self) -> NDArray[np.float64]:
+        """Return ``(r,)`` places q at vanishing speed by straight lines; NaN where unknown."""
+        places = np.full(len(self.facing), np.nan)
+        for rung in range(len(places)):
+            of = self.rung == rung
+            if np.count_nonzero(of) >= FEWEST_SPEEDS:
+                weight = 1.0 / self.error_px[of]
+                line = np.polyfit(self.speed_px_s[of], self.along_px[of], 1, w=weight)
+                places[rung] = self.facing[rung] * line[1]
+        return places
+
+    def select(self, rungs: NDArray[np.bool_]) -> CrossingStatistics:
+        """Return the chosen rungs, numbered anew."""
+        keep = rungs[self.rung]
+        return CrossingStatistics(
+            (np.cumsum(rungs) - 1)[self.rung[keep]],
+            self.facing[rungs],
+            self.speed_px_s[keep],
+            self.along_px[keep],
+            self.error_px[keep],
+            self.count[keep],
+        )
+
+
+def crossing_statistics(crossings: Crossings) -> CrossingStatistics:
+    """Return the means of all bins with enough events."""
+    number = crossings.count.sum(axis=3)
+    side, order, speeds = np.nonzero(number >= LEAST_COUNT)
+    counts = crossings.count[side, order, speeds].astype(np.float64)
+    mean_px, error_px = trimmed_means(counts)
+    rungs, rung = np.unique(side * number.shape[1] + order, return_inverse=True)
+    facing = np.where(rungs < number.shape[1], -1.0, 1.0)
+    return CrossingStatistics(
+        rung,
+        facing,
+        crossings.speed_sum_px_s[side, order, speeds] / number[side, order, speeds],
+        facing[rung] * mean_px,
+        np.hypot(error_px, FLOOR_PX),
+        number[side, order, speeds],
+    )
+
+
+def trimmed_means(
+    counts: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return ``(n,)`` means within TRIM_PX of the median, and their errors, px.
+
+    ``counts`` is ``(n, PLACE_BINS)`` events by place; no row is empty.
+    """
+    width_px = 2.0 * REACH_PX / PLACE_BINS
+    place_px = -REACH_PX + (np.arange(PLACE_BINS) + 0.5) * width_px
+    half = 0.5 * counts.sum(axis=1, keepdims=True)
+    median_px = place_px[np.argmax(np.cumsum(counts, axis=1) >= half, axis=1)]
+    near = counts * (np.abs(place_px - median_px[:, None]) < TRIM_PX)
+    total = near.sum(axis=1)
+    mean_px = near @ place_px / total
+    variance_px2 = (near * (place_px - mean_px[:, None]) ** 2).sum(axis=1) / total
+    return mean_px, np.sqrt(variance_px2 / total)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def edge_kernel(
+    track: MarkerTrack, row: int, share: float, x: float, y: float
+) -> tuple[int, float, float]:
+    """Return (marker, q px, dq/dt px/s) of the edge whose zone holds a pixel; marker -1 if none.
+
+    ``row`` is the sample before, ``share`` that of the way from it to the next one.
+    """
+    rest = 1.0 - share
+    before, after = track.center_px[row], track.center_px[row + 1]
+    for m in range(before.shape[0]):
+        outer = track.radius_px[m] + REACH_PX
+        dx = x - (rest * before[m, 0] + share * after[m, 0])
+        if not abs(dx) <= outer:
+            continue
+        dy = y - (rest * before[m, 1] + share * after[m, 1])
+        rho = np.sqrt(dx * dx + dy * dy)
+        q = (rho - track.radius_px[m]) * track.facing
+        if abs(q) <= REACH_PX and rho > 1.0:
+            v = track.velocity_px_s
+            vx = rest * v[row, m, 0] + share * v[row + 1, m, 0]
+            vy = rest * v[row, m, 1] + share * v[row + 1, m, 1]
+            return m, q, -(vx * dx + vy * dy) / rho * track.facing
+    return -1, 0.0, 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def entry_kernel(
+    track: MarkerTrack, row: int, marker: int, x: float, y: float, from_side: float
+) -> int:
+    """Return the sample at which an edge was still a zone away, or -1 for no clean passage.
+
+    ``row`` is the sample before the event, ``from_side`` 1 if the pixel was on the dark side.
+    """
+    spacing_us = track.t_us[1] - track.t_us[0]
+    stride = max(1, LOOK_STEP_US // max(1, spacing_us))
+    last = -REACH_PX
+    while row >= 0:
+        dx, dy = x - track.center_px[row, marker, 0], y - track.center_px[row, marker, 1]
+        q = (np.sqrt(dx * dx + dy * dy) - track.radius_px[marker]) * track.facing * from_side
+        if q > REACH_PX:
+            return row
+        if not q >= last - JITTER_PX:
+            return -1
+        last = q
+        row -= stride
+    return -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def observe_kernel(
+    x: Array, y: Array, p: Array, t: Array, rows: Array, track: MarkerTrack, recent_us: Array,
+    runs: Array, count: Array, speed_sum: Array,
+) -> None:  # fmt: skip
+    """Count events into ``count`` and ``speed_sum``; see :class:`Crossings`.
+
+    ``rows`` are the samples of the track before the events, -1 for none. ``recent_us`` is
+    ``(height, width, _MEMORY)`` times of each pixel's running series, and ``runs`` tells how many
+    events of one polarity came in a row, signed.
+    """
+    t_us, edges = track.t_us, SPEED_EDGES_PX_S
+    for i in range(len(t)):
+        on = 1.0 if p[i] else -1.0
+        run = runs[y[i], x[i]]
+        run = abs(run) if run * on > 0 else 0
+        recent_us[y[i], x[i], run % _MEMORY] = t[i]
+        runs[y[i], x[i]] = (run + 1) * on
+        row = rows[i]
+        if row < 0 or row + 1 >= len(t_us):
+            continue
+        share = (t[i] - t_us[row]) / (t_us[row + 1] - t_us[row])
+        marker, q, rate = edge_kernel(track, row, share, float(x[i]), float(y[i]))
+        # Only an edge that brings what the event reports: light moves out of q > 0 to q < 0.
+        speed = -rate * on
+        if marker < 0 or not (edges[0] <= speed < edges[-1]):
+            continue
+        entry = entry_kernel(track, row, marker, float(x[i]), float(y[i]), on)
+        if entry < 0 or t_us[row] - t_us[entry] > LOOK_BACK_US:
+            continue
+        order = -1
+        for n in range(min(run + 1, _MEMORY)):
+            order += recent_us[y[i], x[i], n] >= t_us[entry]
+        if order < ORDERS:
+            side, speeds = 0 if p[i] else 1, 0
+            while edges[speeds + 1] <= speed:
+                speeds += 1
+            place = min(int((q + REACH_PX) / (2.0 * REACH_PX) * PLACE_BINS), PLACE_BINS - 1)
+            count[side, order, speeds, place] += 1
+            speed_sum[side, order, speeds] += speed

@@ -1,1 +1,0 @@
-"""How far the events are behind the motion."""
