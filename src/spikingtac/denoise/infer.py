@@ -137,7 +137,7 @@ class _BlockBuffers:
         self._blocks = np.zeros((rows, columns, pixels), np.uint8)
         self._answer = np.zeros((rows, columns, pixels + fold), np.uint8)
         # The same memory by the word.
-        self._word_views = tuple(
+        self._word_views: tuple[NDArray[Any], ...] = tuple(
             buffer.view(word) for buffer in (self._levels, self._blocks, self._answer, self._change)
         )
         self._trust = self._answer[:, :, pixels]

@@ -37,8 +37,7 @@ SPEED_SPAN_US = 5_000
 LOOK_BACK_US = 300_000
 LOOK_STEP_US = 2_000  # Spacing at which a passage is followed back.
 
-# Apparent backward motion that does not end a passage: the jitter of tracked positions.
-JITTER_PX = 0.02
+JITTER_PX = 0.02  # Backward motion that does not end a passage: jitter of tracked positions.
 _MEMORY = 16  # Events of a running series that a pixel remembers.
 # Events that a mean place needs, and bins of speed that a resting place needs.
 LEAST_COUNT, FEWEST_SPEEDS = 60, 3
@@ -69,7 +68,8 @@ class MarkerTrack(NamedTuple):
     facing: float
 
 
-class Crossings(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Crossings:
     """Collected places of the tracked edge, as counts.
 
     Polarity 0 is an edge that brings light (ON), 1 one that takes it away. ``q`` is positive on the
@@ -125,7 +125,7 @@ def observe_crossings(
         packet.require_map(runs.shape)
         rows = np.searchsorted(track.t_us, packet.t, side="right") - 1
         columns = packet.x, packet.y, packet.p, packet.t, rows
-        observe_kernel(*columns, track, recent_us, runs, *found)
+        observe_kernel(*columns, track, recent_us, runs, found.count, found.speed_sum_px_s)
     return found
 
 
@@ -261,7 +261,7 @@ def entry_kernel(
 @njit(cache=True, nogil=True, error_model="numpy")
 def observe_kernel(
     x: Array, y: Array, p: Array, t: Array, rows: Array, track: MarkerTrack, recent_us: Array,
-    runs: Array, count: Array, speed_sum: Array,
+    runs: NDArray[np.int64], count: Array, speed_sum: Array,
 ) -> None:  # fmt: skip
     """Count events into ``count`` and ``speed_sum``; see :class:`Crossings`.
 

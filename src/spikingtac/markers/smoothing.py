@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.corrections import LEAP_PX
 from spikingtac.markers.graded.motion import AT_US, PP, PV, VV, VX, VY, X, Y, predict_kernel
+from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac.markers.laws import OutputLaw
 from spikingtac.markers.registry import MarkerTracker
 from spikingtac.state_map.graded import Array
@@ -57,12 +58,12 @@ def smoothed(
     Raises:
         ConfigError: The tracker's states cannot be smoothed.
     """
-    if not (hasattr(tracker, "motion") and hasattr(tracker, "lag_s")):
+    if not isinstance(tracker, GradedTracker):
         raise ConfigError(
             f"{type(tracker).__name__} cannot be smoothed: it has no filter with a covariance; "
             "smooth with the preset default or fast"
         )
-    kept, states, lag_s = [], [], float(tracker.lag_s)
+    kept, states, lag_s = [], [], tracker.lag_s
     for frame in frames:
         kept.append(frame)
         states.append(state_of(frame, tracker.motion, lag_s))

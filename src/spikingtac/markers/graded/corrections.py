@@ -104,8 +104,10 @@ class OutputCorrections:
         """
         crossings, near = crossing_px(calibration), neighbours
         noise_px = shrink * (SHRINK_PX + SHRINK_CROSSINGS * crossings)
-        self._sensor = crossings, *near.skin, noise_px, near.own_share, near.bound_px
-        self._states = near.reference_px.copy(), *np.zeros((4, len(crossings), 2))
+        limits = noise_px, near.own_share, near.bound_px
+        self._sensor = crossings, *near.skin, *limits
+        direction, way, now_px, ahead_px = np.zeros((4, len(crossings), 2))
+        self._states = near.reference_px.copy(), direction, way, now_px, ahead_px
         self._backlash = backlash
 
     def update(
