@@ -1,7 +1,6 @@
 """Public names of the room ``denoise``."""
 
 from .blocks import LEVELS as LEVELS
-from .blocks import fold_blocks as fold_blocks
 from .classical import Median3 as Median3
 from .classical import Denoiser as Denoiser
 from .infer import ANSWER as ANSWER
@@ -12,7 +11,6 @@ from .infer import INPUT as INPUT
 from .infer import LOGIT_STEP as LOGIT_STEP
 from .infer import LOGIT_ZERO as LOGIT_ZERO
 from .infer import MANIFEST as MANIFEST
-from .infer import evidence as evidence
 from .infer import NetworkDenoiser as NetworkDenoiser
 from .infer import OUTPUT as OUTPUT
 from .classical import make_denoiser as make_denoiser

@@ -113,12 +113,12 @@ class _FloatBuffers:
         about = self._info.fold, self._info.multiple_px
         given = {INPUT: fold_blocks(state_map, *about)[np.newaxis]}
         if self._takes_evidence:
-            given[EVIDENCE] = fold_blocks(evidence(state_map), *about)[np.newaxis]
+            given[EVIDENCE] = fold_blocks(_evidence(state_map), *about)[np.newaxis]
         (answer,) = self._session.run([OUTPUT], given)
         return np.ascontiguousarray(unfold_blocks(answer[0], state_map.shape))
 
 
-def evidence(state_map: NDArray[np.float32]) -> NDArray[np.float32]:
+def _evidence(state_map: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the smoothed map less one half, which the lean network reads beside the map."""
     smooth, sums = np.empty_like(state_map), np.empty(state_map.shape[1] + 2 * SMOOTH_REACH, "f4")
     smooth_kernel(np.ascontiguousarray(state_map), smooth, sums)

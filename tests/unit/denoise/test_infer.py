@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from spikingtac.denoise import infer
-from spikingtac.denoise.infer import MANIFEST, NetworkDenoiser, shipped_denoiser
 from spikingtac.denoise.classical import make_denoiser
+from spikingtac.denoise.infer import MANIFEST, NetworkDenoiser, shipped_denoiser
 from spikingtac.errors import ConfigError
 from spikingtac.state_map.binary import paint_binary_discs
 
@@ -26,7 +26,7 @@ def shipped(tmp_path_factory) -> tuple[Path, Path]:
 
 
 def test_buffers_are_reused_and_follow_the_size(shipped):
-    denoiser = NetworkDenoiser(shipped[0])
+    denoiser = NetworkDenoiser(shipped[1])
     small, large = np.zeros((20, 30), np.float32), np.ones((65, 33), np.float32)
     first = denoiser.clean(small)
     assert first.shape == (20, 30)
