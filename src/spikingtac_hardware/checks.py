@@ -11,8 +11,7 @@ import numpy as np
 from spikingtac.errors import ConfigError
 from spikingtac_hardware.design import Design
 from spikingtac_hardware.layout import BAFFLE_WALL_MM, FIT_GAP_MM, POST_MM, Layout
-from spikingtac_hardware.light import light_figures
-from spikingtac_hardware.optics import Imaging
+from spikingtac_hardware.optics import Imaging, light_figures
 
 LEDGE_BEARING_MM = 1.0  # Least width on which the window rests, mm: a bead of glue.
 
@@ -162,8 +161,7 @@ def _housing(layout: Layout) -> Iterator[Check]:
     yield "window.clearance", "the window's gap to the shell is", gap, SHEET_GAP_MM
     yield "window.ledge", "the window rests on a ledge of", housing.ledge_mm, LEDGE_BEARING_MM
     free = layout.disc_mm + design.skin.cover_mm - layout.shell_top_mm
-    text = f"a rim of {housing.rim_mm:g} mm over the window lets the skin stand out by"
-    yield "skin.free", text, free, RIM_BELOW_SKIN_MM
+    yield "skin.free", "over the rim of the window the skin stands out by", free, RIM_BELOW_SKIN_MM
     above = layout.ledge_bottom_mm - layout.slope_mm - layout.plate_top_mm
     pillar = layout.pillar_top_mm - layout.plate_top_mm
     yield "shell.height", "between plate and ledge the shell's pillars have", above, pillar
@@ -185,7 +183,7 @@ def _boards(layout: Layout) -> Iterator[Check]:
     if layout.outer.kind == "round":
         around = layout.outer.half_mm[0] - math.hypot(width / 2, depth / 2 - board.chamfer_mm)
     thinnest = design.printing.least_wall_mm
-    text = f"a camera board of {width:g} x {depth:g} mm leaves the base a wall of"
+    text = "beside the camera board the base has a wall of"
     yield "board.wall", text, around - FIT_GAP_MM, thinnest
     cable_mm = design.housing.cable_mm[1]
     yield "board.cable", "the slot for the cable has below the board", board.below_mm, cable_mm
@@ -206,12 +204,10 @@ def _leds(layout: Layout) -> Iterator[Check]:
     places, halves = (np.array(part) for part in zip(*layout.led_boxes_mm(), strict=True))
     halves /= 2
     inside = light.place_mm - light.led_mm[1] / 2 - layout.led_opening_half_mm
-    text = "between the opening of their board and the LEDs there are"
-    yield "leds.inside", text, inside, MARGIN_MM
+    yield "leds.inside", "between the opening of their board and the LEDs are", inside, MARGIN_MM
     far = np.abs(places) + halves
     room = board.half_mm[0] - np.hypot(*far.T) if board.kind == "round" else board.half_mm - far
-    text = "between the LEDs and the edge of their board there are"
-    yield "leds.outside", text, room.min(), MARGIN_MM
+    yield "leds.outside", "between the LEDs and the edge of their board are", room.min(), MARGIN_MM
     bosses = np.abs(np.array(layout.screw_places_mm)[:, None] - places) - halves
     gap = np.hypot(*np.maximum(bosses, 0.0).T).min() - layout.boss_radius_mm - MARGIN_MM
     yield "leds.screws", "between an LED's window and a screw's boss the plate keeps", gap, 0.0
@@ -227,16 +223,14 @@ def _screws(layout: Layout) -> Iterator[Check]:
     screws = layout.design.fasteners
     length, hole = screws.length_mm, screws.insert_hole_depth_mm
     hidden = screws.counterbore_mm - screws.head_mm[1]
-    text = f"a counterbore of {screws.counterbore_mm:g} mm hides the head by"
-    yield "screw.head", text, hidden, 0.0
+    yield "screw.head", "the counterbore hides the head by", hidden, 0.0
     nearest = min(screws.lengths_mm, key=lambda listed: abs(listed - length))
-    text = f"a screw of {length:g} mm is away from the listed {nearest:g} mm by"
+    text = f"the screw differs from the listed {nearest:g} mm by"
     yield "screw.length", text, abs(nearest - length), 0.0
     beyond = length - layout.plate_top_mm + screws.counterbore_mm
     inside, wanted = min(beyond, screws.insert_length_mm), ENGAGED_DIAMETERS * screws.thread_mm
     yield "screw.engagement", f"a screw of {length:g} mm engages its insert by", inside, wanted
-    text = f"a screw of {length:g} mm leaves to the bottom of its hole"
-    yield "screw.tip", text, hole - beyond, TIP_ROOM_MM
+    yield "screw.tip", "the screw leaves to the bottom of its hole", hole - beyond, TIP_ROOM_MM
     deeper = hole - screws.insert_length_mm
     yield "insert.hole", "the hole for an insert is deeper than the insert by", deeper, TIP_ROOM_MM
 
@@ -245,19 +239,16 @@ def _image(layout: Layout, imaging: Imaging) -> Iterator[Check]:
     design, skin, lens = layout.design, layout.design.skin, layout.design.lens
     scale = imaging.px_per_mm
     for axis, seen, wanted in zip("xy", imaging.field_mm, skin.size_mm, strict=True):
-        text = f"at {scale:.2f} px/mm the sensor sees of the skin along {axis}"
-        yield f"field.{axis}", text, seen, wanted
+        yield f"field.{axis}", f"the sensor sees of the skin along {axis}", seen, wanted
     angle = imaging.corner_angle_deg
-    text = "the farthest ray leaves the lens's axis by"
-    yield "lens.angle", text, angle, lens.half_angle_deg, "degrees"
+    yield "lens.angle", "the farthest ray leaves the axis by", angle, lens.half_angle_deg, "degrees"
     across = math.hypot(*design.sensor_mm)
-    text = f"for a sensor of {across:.2f} mm across corners the image circle is"
+    text = "across the sensor's corners the image circle is"
     yield "lens.circle", text, lens.image_circle_mm, across
     press = skin.deepest_press_mm
-    text = f"a press of {press:g} mm makes a blur disc of"
-    yield "lens.blur", text, imaging.blur_px(press), BLUR_PX, "px"
+    yield "lens.blur", "the deepest press blurs a point to", imaging.blur_px(press), BLUR_PX, "px"
     diameter = skin.disc_diameter_mm
-    text = f"a disc of {diameter:g} mm has on the sensor a radius of"
+    text = "on the sensor a disc has a radius of"
     yield "disc.radius", text, diameter / 2 * scale, DISC_RADIUS_PX, "px"
     radii = 2 * skin.pitch_mm / diameter
     yield "disc.pitch", "the pitch in radii of a disc is", radii, PITCH_RADII, ""
@@ -265,13 +256,11 @@ def _image(layout: Layout, imaging: Imaging) -> Iterator[Check]:
     distance_mm = np.maximum(np.hypot(*places.T), 1e-9)
     image_px = np.abs(places) * (imaging.image_px(distance_mm) / distance_mm)[:, None]
     margin_px = (np.array(design.sensor.pixels) / 2 - image_px).min() - diameter / 2 * scale
-    text = "the outer discs stay inside the sensor's edge by"
-    yield "disc.margin", text, margin_px, MOTION_PX, "px"
+    yield "disc.margin", "the outer discs keep from the sensor's edge", margin_px, MOTION_PX, "px"
     inside = layout.window.half_mm[0] - layout.disc_reach_mm
     if layout.window.kind != "round":
         inside = (layout.window.half_mm - np.abs(places)).min() - diameter / 2
-    text = "the outer discs stay inside the skin's edge by"
-    yield "disc.inside", text, inside, RAY_MARGIN_MM
+    yield "disc.inside", "the outer discs keep from the skin's edge", inside, RAY_MARGIN_MM
 
 
 def _rays(layout: Layout, imaging: Imaging) -> Iterator[Check]:
@@ -280,29 +269,24 @@ def _rays(layout: Layout, imaging: Imaging) -> Iterator[Check]:
     aperture_mm = layout.design.lens.focal_mm / layout.design.lens.f_number / 2
     for axis, tangent, opening in zip("xy", edges, layout.opening.half_mm, strict=True):
         at_ledge = tangent * (layout.window_bottom_mm - layout.pupil_mm) + aperture_mm
-        text = f"rays to the skin's edge along {axis} pass the ledge at a distance of"
+        text = f"rays to the edge along {axis} pass the ledge at"
         yield f"rays.ledge.{axis}", text, opening - at_ledge, RAY_MARGIN_MM
     rise = max(layout.baffle_top_mm - layout.pupil_mm, 0.0)
     room = layout.baffle_radius_mm - corner * rise - aperture_mm
-    text = "rays to the skin's corner pass the rim about the lens at"
-    yield "rays.baffle", text, room, RAY_MARGIN_MM
+    yield "rays.baffle", "rays to the corner pass the lens's rim at", room, RAY_MARGIN_MM
     place = math.hypot(*layout.screw_places_mm[-1]) - layout.pillar_radius_mm
     at_pillar = corner * max(layout.pillar_top_mm - layout.pupil_mm, 0.0) + aperture_mm
-    text = "rays to the skin's corner pass the pillars at"
-    yield "rays.pillars", text, place - at_pillar, RAY_MARGIN_MM
+    yield "rays.pillars", "rays to the corner pass the pillars at", place - at_pillar, RAY_MARGIN_MM
 
 
 def _light(layout: Layout, imaging: Imaging) -> Iterator[Check]:
     light, figures = layout.design.light, light_figures(layout, imaging)
     yield "leds.current", "each LED carries", light.current_ma, light.rated_ma, "mA"
     left = light.supply_v - light.forward_v
-    text = f"a supply of {light.supply_v:g} V leaves the driver"
-    yield "leds.supply", text, left, DRIVER_V, "V"
-    text = "in the middle of the skin there are"
-    yield "light.skin", text, figures["centre_lux"], SKIN_LUX, "lx"
-    text = "the darkest disc has of the brightest one's light"
-    yield "light.uniformity", text, figures["uniformity"], UNIFORMITY, ""
-    text = "the rim about the lens stands over the line from an LED to the lens by"
+    yield "leds.supply", "the supply leaves the driver", left, DRIVER_V, "V"
+    yield "light.skin", "the middle of the skin gets", figures["centre_lux"], SKIN_LUX, "lx"
+    yield "light.uniformity", "darkest over brightest disc:", figures["uniformity"], UNIFORMITY, ""
+    text = "the lens's rim stands over the light of the LEDs by"
     yield "light.baffle", text, _shadow_mm(layout), 0.0
     text = f"{figures['power_mw']:.0f} mW warm the sensor by"
     yield "heat", text, figures["warming_k"], WARMING_K, "K"

@@ -43,7 +43,6 @@ class Design:
     """
 
     def __init__(self, values: Mapping[str, Any]) -> None:
-        """Hold the values."""
         self.values = dict(values)
 
     def __getattr__(self, name: str) -> Any:
@@ -88,11 +87,8 @@ class Design:
 
 def names() -> tuple[str, ...]:
     """Return the names of the designs of the package, the default one first."""
-    return tuple(
-        sorted(
-            (path.stem for path in DESIGNS.glob("*.toml")), key=lambda name: (name != DEFAULT, name)
-        )
-    )
+    stored = sorted(path.stem for path in DESIGNS.glob("*.toml"))
+    return (DEFAULT, *(name for name in stored if name != DEFAULT))
 
 
 def descriptions() -> dict[str, str]:
@@ -141,8 +137,8 @@ def _checked(values: dict[str, Any], where: str) -> Design:
     """Return the design of some values, compared with those of the default one."""
     _compare(read_toml(DESIGNS / f"{DEFAULT}.toml"), values, where)
     housing, skin, leds = values["housing"], values["skin"], values["light"]["leds"]
-    outlines = housing["outline"], skin["outline"]
-    if outlines[0] != outlines[1]:
+    if housing["outline"] != skin["outline"]:
+        outlines = housing["outline"], skin["outline"]
         raise ConfigError(f"{where}: housing and skin are {outlines}; give both the same outline")
     for table in (housing, skin):
         if table["outline"] == "round" and table["size_mm"][0] != table["size_mm"][1]:

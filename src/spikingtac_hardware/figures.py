@@ -6,15 +6,13 @@ import csv
 import io
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from spikingtac_hardware.design import DESIGNS, Design
 from spikingtac_hardware.layout import Layout
-from spikingtac_hardware.light import light_figures
-from spikingtac_hardware.optics import Imaging
+from spikingtac_hardware.optics import Imaging, light_figures
 
 MM3_PER_CM3 = 1000.0
 
@@ -64,7 +62,7 @@ def figures_of(design: Design) -> dict[str, Any]:
         "distortion_at_outer_disc": float(distortion),
         "blur_at_deepest_press_px": imaging.blur_px(skin.deepest_press_mm),
         "sharp_to_indentation_mm": float(max(sharp)),
-        "twin_lens": asdict(imaging.twin_lens()),
+        "twin_lens": imaging.twin_lens(),
         **light_figures(layout, imaging),
     }
 

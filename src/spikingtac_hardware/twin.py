@@ -9,8 +9,7 @@ from spikingtac.sim import OpticsConfig, Scene
 from spikingtac_hardware.checks import require_sound
 from spikingtac_hardware.design import Design, load_design
 from spikingtac_hardware.layout import Layout
-from spikingtac_hardware.light import light_figures
-from spikingtac_hardware.optics import Imaging
+from spikingtac_hardware.optics import Imaging, light_figures
 
 
 def scene_on_design(scene: Scene, name: str) -> Scene:
@@ -50,25 +49,15 @@ def scene_with_design(scene: Scene, design: Design) -> Scene:
     contrast = skin.contrast if skin.paint == "white" else 1 / skin.contrast
     light = {"contrast": contrast, "vignetting": light_figures(layout, imaging)["vignetting"]}
     settings = merged(scene.camera.settings, {"light": light})
+    lens = imaging.twin_lens()
+    del lens["residual_px"]
+    discs = replace(scene.optics.discs, radius_mm=skin.disc_diameter_mm / 2)
+    if scene.skin.grid != skin.grid:
+        discs = replace(discs, broken=(), missing=())
     return replace(
         scene,
         skin=replace(scene.skin, grid=skin.grid, pitch_mm=skin.pitch_mm),
         gel=replace(scene.gel, thickness_mm=skin.gel_mm + skin.cover_mm),
-        optics=_optics(scene, design, imaging),
+        optics=OpticsConfig(size=design.sensor.pixels, discs=discs, **lens),
         camera=replace(scene.camera, settings=settings),
-    )
-
-
-def _optics(scene: Scene, design: Design, imaging: Imaging) -> OpticsConfig:
-    lens = imaging.twin_lens()
-    discs = replace(scene.optics.discs, radius_mm=design.skin.disc_diameter_mm / 2)
-    if scene.skin.grid != design.skin.grid:
-        discs = replace(discs, broken=(), missing=())
-    return OpticsConfig(
-        size=design.sensor.pixels,
-        px_per_mm=lens.px_per_mm,
-        distance_mm=lens.distance_mm,
-        k1=lens.k1,
-        k2=lens.k2,
-        discs=discs,
     )

@@ -22,20 +22,25 @@ from spikingtac.types import Pose
 SegmentKind = Literal["hold", "press", "lift", "release", "slide", "rub", "twist", "circle", "roll"]
 Profile = Literal["minimum_jerk", "trapezoid"]
 
-# Kind -> fields that it needs, and fields that it may have.
+# Kind -> fields that it needs, and fields that it may have besides its duration and profile.
 _FIELDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "hold": ((), ()),
-    "press": (("depth_mm",), ()),
-    "lift": ((), ("height_mm",)),
-    "release": ((), ("height_mm",)),
-    "slide": ((), ("dx_mm", "dy_mm", "depth_mm")),
-    "rub": (("repeats",), ("dx_mm", "dy_mm")),
-    "twist": (("angle_deg",), ("depth_mm",)),
-    "circle": (("radius_mm", "turns"), ("heading_deg",)),
-    "roll": (("radius_mm",), ("dx_mm", "dy_mm")),
+    "press": (("depth_mm",), ("speed_mm_s",)),
+    "lift": ((), ("height_mm", "speed_mm_s")),
+    "release": ((), ("height_mm", "speed_mm_s")),
+    "slide": ((), ("dx_mm", "dy_mm", "depth_mm", "speed_mm_s")),
+    "rub": (("repeats",), ("dx_mm", "dy_mm", "speed_mm_s")),
+    "twist": (("angle_deg",), ("depth_mm", "speed_deg_s")),
+    "circle": (("radius_mm", "turns"), ("heading_deg", "speed_mm_s")),
+    "roll": (("radius_mm",), ("dx_mm", "dy_mm", "speed_mm_s")),
 }
-_WAY_MM = (-1e3, 1e3)  # Valid lengths along a path, mm.
-_ALWAYS = ("kind", "duration_s", "speed_mm_s", "speed_deg_s", "profile")
+_TIMING = ("duration_s", "speed_mm_s", "speed_deg_s")
+_LIMITS = {
+    **{"duration_s": (1e-6, 1e5), "speed_mm_s": (1e-3, 1e5), "speed_deg_s": (1e-3, 1e6)},
+    **{"radius_mm": (1e-3, 1e3), "repeats": (1, 10_000), "turns": (-1e4, 1e4)},
+    **dict.fromkeys(("dx_mm", "dy_mm", "depth_mm", "height_mm"), (-1e3, 1e3)),
+    **dict.fromkeys(("angle_deg", "heading_deg"), (-1e5, 1e5)),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,27 +83,16 @@ class SegmentConfig:
     def __post_init__(self) -> None:
         given = {field.name for field in fields(self) if getattr(self, field.name) is not None}
         needed, allowed = _FIELDS[self.kind]
-        valid = (*needed, *allowed)
-        for name in sorted(given):
-            if name not in valid and name not in _ALWAYS:
-                raise ValueError(f"{name} has no meaning for {self.kind!r} (valid: {valid})")
+        for name in sorted(given - {"kind", "duration_s", "profile", *needed, *allowed}):
+            valid = (*needed, *allowed)
+            raise ValueError(f"{name} has no meaning for {self.kind!r} (valid: {valid})")
         for name in needed:
             if name not in given:
                 raise ValueError(f"{self.kind!r} needs {name}")
-        _check_timing(self, given)
-
-
-def _check_timing(segment: SegmentConfig, given: set[str]) -> None:
-    timing = sorted(given & {"duration_s", "speed_mm_s", "speed_deg_s"})
-    if len(timing) > 1 or (not timing and segment.kind != "release"):
-        raise ValueError(f"{segment.kind!r} needs one of duration_s and a speed, got {timing}")
-    unfit = "speed_mm_s" if segment.kind in ("hold", "twist") else "speed_deg_s"
-    if unfit in given and not (unfit == "speed_deg_s" and segment.kind == "twist"):
-        raise ValueError(f"{unfit} has no meaning for {segment.kind!r}")
-    require_within(segment, duration_s=(1e-6, 1e5), speed_mm_s=(1e-3, 1e5), speed_deg_s=(1e-3, 1e6))
-    require_within(segment, radius_mm=(1e-3, 1e3), repeats=(1, 10_000), turns=(-1e4, 1e4))
-    require_within(segment, **dict.fromkeys(("dx_mm", "dy_mm", "depth_mm", "height_mm"), _WAY_MM))
-    require_within(segment, angle_deg=(-1e5, 1e5), heading_deg=(-1e5, 1e5))
+        timing = sorted(given & {*_TIMING})
+        if len(timing) > 1 or (not timing and self.kind != "release"):
+            raise ValueError(f"{self.kind!r} needs one of duration_s and a speed, got {timing}")
+        require_within(self, **_LIMITS)
 
 
 FRAME = "skin"  # Name of the frame of indenter poses.
@@ -137,6 +131,10 @@ class IndenterMotion:
     Args:
         config: Start and segments.
 
+    Attributes:
+        starts_s: Start of every segment, then the end of the last, s.
+        duration_s: Time from the first segment's start to the last one's end, s.
+
     Example:
         >>> press = SegmentConfig(kind="press", depth_mm=0.8, duration_s=0.5)
         >>> motion = IndenterMotion(MotionConfig(height_mm=0.2, segments=(press,)))
@@ -145,35 +143,25 @@ class IndenterMotion:
     """
 
     def __init__(self, config: MotionConfig) -> None:
-        self._starts_s = [0.0]
+        self.starts_s = [0.0]
         position = np.array([config.x_mm, config.y_mm, -config.height_mm])
         pose = Pose(position, rotation_about(NORMAL, math.radians(config.yaw_deg)), FRAME)
         self._segments: list[tuple[SegmentConfig, Pose, float]] = []
         for segment in config.segments:
-            duration = segment_duration_s(segment, pose)
+            duration = _duration_s(segment, pose)
             self._segments.append((segment, pose, duration))
-            self._starts_s.append(self._starts_s[-1] + duration)
-            pose = segment_pose(segment, pose, 1.0)
-        self._end = pose
-
-    @property
-    def duration_s(self) -> float:
-        """Time from the first segment's start to the last one's end, s."""
-        return self._starts_s[-1]
-
-    @property
-    def segment_starts_s(self) -> tuple[float, ...]:
-        """Start of every segment, then the end of the last, s."""
-        return tuple(self._starts_s)
+            self.starts_s.append(self.starts_s[-1] + duration)
+            pose = _pose(segment, pose, 1.0)
+        self.duration_s, self._end = self.starts_s[-1], pose
 
     def pose(self, t_s: float) -> Pose:
         """Return the pose at ``t_s`` (s). It is constant before the start and after the end."""
-        index = bisect.bisect_right(self._starts_s, t_s) - 1
+        index = max(bisect.bisect_right(self.starts_s, t_s) - 1, 0)
         if index >= len(self._segments):
             return self._end
-        segment, start, duration = self._segments[max(index, 0)]
-        elapsed = max(t_s - self._starts_s[max(index, 0)], 0.0)
-        return segment_pose(segment, start, elapsed / duration if duration > 0 else 1.0)
+        segment, start, duration = self._segments[index]
+        elapsed = max(t_s - self.starts_s[index], 0.0)
+        return _pose(segment, start, elapsed / duration if duration > 0 else 1.0)
 
 
 def minimum_jerk(fraction: float) -> float:
@@ -192,40 +180,11 @@ def trapezoid(fraction: float) -> float:
     return covered if fraction <= 0.5 else 1.0 - covered
 
 
+# Profile -> its law, and its peak speed over its mean: 30/16 at mid-stroke for minimum jerk.
 _PROFILES: dict[str, tuple[Callable[[float], float], float]] = {
-    "minimum_jerk": (minimum_jerk, 1.875),  # its peak speed over its mean: 30/16 at mid-stroke
+    "minimum_jerk": (minimum_jerk, 1.875),
     "trapezoid": (trapezoid, 1.0 / (1.0 - RAMP_FRACTION)),
 }
-
-
-def segment_duration_s(segment: SegmentConfig, start: Pose) -> float:
-    """Return the duration of a segment, given or computed from its peak speed, s."""
-    if segment.duration_s is not None:
-        return segment.duration_s
-    peak_over_mean = _PROFILES[segment.profile][1]
-    if segment.speed_deg_s is not None:
-        return abs(segment.angle_deg or 0.0) * peak_over_mean / segment.speed_deg_s
-    if segment.speed_mm_s is None:
-        return RELEASE_S
-    strokes = 2 * (segment.repeats or 1) if segment.kind == "rub" else 1
-    path_mm = strokes * float(np.linalg.norm(_offset_mm(segment, start, 1.0)))
-    if segment.kind == "circle":
-        path_mm = 2.0 * math.pi * (segment.radius_mm or 0.0) * abs(segment.turns or 0.0)
-    return path_mm * peak_over_mean / segment.speed_mm_s
-
-
-def segment_pose(segment: SegmentConfig, start: Pose, fraction: float) -> Pose:
-    """Return the pose at a fraction of a segment's time.
-
-    Args:
-        segment: The segment.
-        start: Pose at its start.
-        fraction: Fraction of its duration that has passed, 0 to 1.
-    """
-    covered = _covered(segment, min(max(fraction, 0.0), 1.0))
-    position = start.position_mm + _offset_mm(segment, start, covered)
-    turn = _turn(segment, covered)
-    return Pose(position, start.rotation if turn is None else turn @ start.rotation, FRAME)
 
 
 def rotation_about(axis: NDArray[np.float64], angle_rad: float) -> NDArray[np.float64]:
@@ -235,11 +194,34 @@ def rotation_about(axis: NDArray[np.float64], angle_rad: float) -> NDArray[np.fl
     return np.eye(3) + math.sin(angle_rad) * cross + (1.0 - math.cos(angle_rad)) * cross @ cross
 
 
+def _duration_s(segment: SegmentConfig, start: Pose) -> float:
+    """Return the duration of a segment, given or computed from its peak speed, s."""
+    if segment.duration_s is not None:
+        return segment.duration_s
+    peak_over_mean = _PROFILES[segment.profile][1]
+    if segment.speed_deg_s is not None:
+        return abs(segment.angle_deg or 0.0) * peak_over_mean / segment.speed_deg_s
+    if segment.speed_mm_s is None:
+        return RELEASE_S
+    path_mm = 2 * (segment.repeats or 0.5) * float(np.linalg.norm(_offset_mm(segment, start, 1.0)))
+    if segment.kind == "circle":
+        path_mm = 2.0 * math.pi * (segment.radius_mm or 0.0) * abs(segment.turns or 0.0)
+    return path_mm * peak_over_mean / segment.speed_mm_s
+
+
+def _pose(segment: SegmentConfig, start: Pose, fraction: float) -> Pose:
+    """Return the pose at a fraction, 0 to 1, of a segment's time."""
+    covered = _covered(segment, min(max(fraction, 0.0), 1.0))
+    position = start.position_mm + _offset_mm(segment, start, covered)
+    turn = _turn(segment, covered)
+    return Pose(position, start.rotation if turn is None else turn @ start.rotation, FRAME)
+
+
 def _covered(segment: SegmentConfig, fraction: float) -> float:
     profile = _PROFILES[segment.profile][0]
-    if segment.kind != "rub":
+    if segment.repeats is None:
         return profile(fraction)
-    strokes = 2 * (segment.repeats or 1)
+    strokes = 2 * segment.repeats
     stroke = min(int(fraction * strokes), strokes - 1)
     along = profile(fraction * strokes - stroke)
     return along if stroke % 2 == 0 else 1.0 - along
@@ -261,12 +243,11 @@ def _offset_mm(segment: SegmentConfig, start: Pose, covered: float) -> NDArray[n
 
 
 def _turn(segment: SegmentConfig, covered: float) -> NDArray[np.float64] | None:
-    if segment.kind == "twist":
-        return rotation_about(NORMAL, math.radians(segment.angle_deg or 0.0) * covered)
-    dx, dy = segment.dx_mm or 0.0, segment.dy_mm or 0.0
-    distance = math.hypot(dx, dy)
+    if segment.angle_deg is not None:
+        return rotation_about(NORMAL, math.radians(segment.angle_deg) * covered)
+    distance = math.hypot(segment.dx_mm or 0.0, segment.dy_mm or 0.0)
     if segment.kind != "roll" or distance == 0.0:
         return None
     # The body's centre lies at z < 0: this turn moves its contact point backwards.
-    axis = np.array([dy, -dx, 0.0]) / distance
+    axis = np.array([segment.dy_mm or 0.0, -(segment.dx_mm or 0.0), 0.0]) / distance
     return rotation_about(axis, distance * covered / (segment.radius_mm or 1.0))

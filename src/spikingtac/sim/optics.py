@@ -113,9 +113,7 @@ class DiscConfig:
         require_within(self, radius_mm=(1e-3, 50.0), radius_sigma_mm=(0.0, 50.0))
 
 
-def draw_discs(
-    config: DiscConfig, markers: int, seed: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def draw_discs(config: DiscConfig, markers: int, seed: int) -> tuple[FloatArray, ...]:
     """Draw the discs of a skin with ``markers`` markers.
 
     The tolerances of a marker do not depend on which other markers are broken or missing.
@@ -128,21 +126,14 @@ def draw_discs(
     Returns:
         ``(m,)`` radii, mm, 0 where a marker is missing; ``(m, 2)`` offsets from the nominal places,
         mm; ``(m, 3)`` unit normal and distance (mm) of the line beyond which the paint is missing.
-
-    Raises:
-        ValueError: A broken or missing index is not a marker.
     """
-    for index in (*config.broken, *config.missing):
-        if not 0 <= index < markers:
-            raise ValueError(f"marker {index} does not exist, valid are 0 to {markers - 1}")
     rng = np.random.default_rng([seed, markers])
     spread = rng.standard_normal(markers).clip(-3, 3)
     radius_mm = np.maximum(config.radius_mm + config.radius_sigma_mm * spread, 0.0)
     offset_mm = POSITION_SIGMA_MM * rng.standard_normal((markers, 2)).clip(-3, 3)
     angle = rng.uniform(0, 2 * np.pi, markers)
     chord = np.stack([np.cos(angle), np.sin(angle), np.full(markers, np.inf)], axis=1)
-    broken = list(config.broken)
-    chord[broken, 2] = 0.0
+    chord[list(config.broken), 2] = 0.0
     radius_mm[list(config.missing)] = 0.0
     return radius_mm, offset_mm, chord
 
@@ -172,8 +163,6 @@ class OpticsConfig:
     discs: DiscConfig = field(default_factory=DiscConfig)
 
     def __post_init__(self) -> None:
-        if min(self.size) < 1:
-            raise ValueError(f"size is {self.size}, both numbers must be positive")
         require_within(self, px_per_mm=(0.1, 1e4), distance_mm=(0.5, 1e3))
         corner = np.hypot(*self.size) / 2 / (self.px_per_mm * self.distance_mm)
         tangent_sq = np.linspace(0.0, corner, 100) ** 2

@@ -8,7 +8,7 @@ import math
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
@@ -127,8 +127,7 @@ class TruthChunk(NamedTuple):
         )
 
 
-@dataclass(frozen=True, slots=True)
-class SceneStep:
+class SceneStep(NamedTuple):
     """One step of a scene.
 
     Attributes:
@@ -177,11 +176,10 @@ class SceneSource:
         self.size = scene.size
         self._timeline = Timeline(scene, seed, duration_s)
         self._period_us = round(1e6 / scene.mechanics_hz)
-        duration_s = self._timeline.duration_s
-        endless = math.isinf(duration_s)
-        steps = None if endless else math.ceil(round(duration_s * 1e6) / self._period_us)
-        self._count = steps
-        self.t_end_us = None if self._count is None else self._count * self._period_us
+        end_s = self._timeline.duration_s
+        self.t_end_us: int | None = None
+        if not math.isinf(end_s):
+            self.t_end_us = math.ceil(round(end_s * 1e6) / self._period_us) * self._period_us
         self._gel = Gel(scene.gel, scene.skin.rest_mm())
         self._optics = Optics(scene.optics, seed=scene.skin.serial)
         camera = scene.camera.resolve(scene.size)
@@ -191,12 +189,8 @@ class SceneSource:
         self.cell_axis_mm: FloatArray = scene.gel.grid.axis_mm
         self.reference_px: FloatArray = rest.center_px
         self.radius_px: FloatArray = image_radius_px(rest)
+        self.losses: LossCounters = self._camera.losses
         self._steps = self._run()
-
-    @property
-    def losses(self) -> LossCounters:
-        """Number of events that the readout has lost so far, by kind."""
-        return self._camera.losses
 
     def __iter__(self) -> Iterator[EventPacket]:
         for step in self._steps:
@@ -236,17 +230,17 @@ class SceneSource:
         """Yield skin and image at each step of the gel, from time zero, without the camera."""
         state = replace(self.scene.skin.at_rest(), patch=self._gel.patch)
         yield state, self._optics.project(state)
-        for number in itertools.count():
-            if number == self._count:
+        for start_us in itertools.count(0, self._period_us):
+            if start_us == self.t_end_us:
                 return
-            start_us = number * self._period_us
             # Several steps in a period where the body moves fast.
             end_us = start_us + self._period_us
             moved_mm = self._timeline.moved_mm(start_us * 1e-6, end_us * 1e-6)
             steps = min(math.ceil(moved_mm / STEP_MM), STEPS_PER_PERIOD) or 1
-            ends_us = [start_us + self._period_us * (k + 1) // steps for k in range(steps)]
-            for t_us in ends_us:
+            before_us = start_us
+            for number in range(1, steps + 1):
+                t_us = start_us + self._period_us * number // steps
                 body = self._timeline.at(t_us * 1e-6) or (None, None)
-                state = self._gel.step((t_us - start_us) * 1e-6, *body)
-                start_us = t_us
+                state = self._gel.step((t_us - before_us) * 1e-6, *body)
+                before_us = t_us
                 yield state, self._optics.project(state)

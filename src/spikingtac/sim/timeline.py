@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,35 +38,28 @@ def vary(
         **{"depth_mm": depth, "dx_mm": extent, "dy_mm": extent, "angle_deg": extent},
         **{"duration_s": 1.0 / speed, "speed_mm_s": speed, "speed_deg_s": speed},
     }
-    segments = (_turned(_scaled(segment, factors), heading_deg) for segment in motion.segments)
     return replace(
         motion,
         x_mm=motion.x_mm + float(variation.place_mm * draw[0]),
         y_mm=motion.y_mm + float(variation.place_mm * draw[1]),
         yaw_deg=motion.yaw_deg + float(variation.yaw_deg * draw[3]),
-        segments=tuple(segments),
+        segments=tuple(_varied(segment, factors, heading_deg) for segment in motion.segments),
     )
 
 
-def _scaled(segment: SegmentConfig, factors: dict[str, float]) -> SegmentConfig:
+def _varied(segment: SegmentConfig, factors: dict[str, float], heading_deg: float) -> SegmentConfig:
+    """Return a segment whose lengths and times are scaled, and whose way is turned."""
     if segment.kind == "circle":  # a roll's radius is its body's, not its path's
         factors = factors | {"radius_mm": factors["dx_mm"]}
     values = {name: getattr(segment, name) for name in factors}
-    scaled = {name: value * factors[name] for name, value in values.items() if value is not None}
-    return replace(segment, **scaled)
-
-
-def _turned(segment: SegmentConfig, heading_deg: float) -> SegmentConfig:
-    if heading_deg == 0.0:
-        return segment
-    if segment.kind == "circle":
-        turned = ((segment.heading_deg or 0.0) + heading_deg) % FULL_TURN_DEG
-        return replace(segment, heading_deg=turned)
-    if segment.dx_mm is None and segment.dy_mm is None:
-        return segment
-    dx, dy = segment.dx_mm or 0.0, segment.dy_mm or 0.0
-    cosine, sine = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
-    return replace(segment, dx_mm=cosine * dx - sine * dy, dy_mm=sine * dx + cosine * dy)
+    changed = {name: value * factors[name] for name, value in values.items() if value is not None}
+    if heading_deg != 0.0 and segment.kind == "circle":
+        changed["heading_deg"] = ((segment.heading_deg or 0.0) + heading_deg) % FULL_TURN_DEG
+    elif heading_deg != 0.0 and ("dx_mm" in changed or "dy_mm" in changed):
+        dx, dy = changed.get("dx_mm", 0.0), changed.get("dy_mm", 0.0)
+        cosine, sine = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
+        changed |= {"dx_mm": cosine * dx - sine * dy, "dy_mm": sine * dx + cosine * dy}
+    return replace(segment, **changed)
 
 
 _MOTION_STREAM, _HISTORY_STREAM = 1, 2  # Numbers of independent random streams of one seed.
@@ -74,8 +68,7 @@ _MOTION_STREAM, _HISTORY_STREAM = 1, 2  # Numbers of independent random streams 
 DRAG_S = 0.3  # Duration of the drag before a recording and its release, s.
 
 
-@dataclass(frozen=True, slots=True)
-class TimedContact:
+class TimedContact(NamedTuple):
     """One contact with its variations, and its time in the scene.
 
     Attributes:
@@ -107,24 +100,20 @@ class Timeline:
     def __init__(self, scene: Scene, seed: int, duration_s: float | None = None) -> None:
         self._rng = np.random.default_rng([seed, _MOTION_STREAM])
         self._sequence = list(_contacts(scene, scene.lead_in_s, self._rng))
-        own = scene.duration_s
-        if self._sequence:
-            own = self._sequence[-1].end_s + scene.lead_out_s
-        self.duration_s = own if duration_s is None else duration_s
+        ends_s = [contact.end_s + scene.lead_out_s for contact in self._sequence]
+        self.duration_s = [scene.duration_s, *ends_s][-1] if duration_s is None else duration_s
         self._contacts = itertools.chain(self._sequence, self._repeats(scene))
         self._current = next(self._contacts, None)
 
     def at(self, t_s: float) -> tuple[Indenter, Pose] | None:
         """Return the body and its pose at ``t_s`` (s), or None if there is none."""
-        contact = self._contact_at(t_s)
-        if contact is None:
+        if (contact := self._contact_at(t_s)) is None:
             return None
         return contact.indenter, contact.motion.pose(t_s - contact.start_s)
 
     def moved_mm(self, start_s: float, end_s: float) -> float:
         """Return how far the body at ``start_s`` moves until ``end_s``, mm."""
-        contact = self._contact_at(start_s)
-        if contact is None:
+        if (contact := self._contact_at(start_s)) is None:
             return 0.0
         start, end = (contact.motion.pose(t_s - contact.start_s) for t_s in (start_s, end_s))
         return float(np.linalg.norm(end.position_mm - start.position_mm))

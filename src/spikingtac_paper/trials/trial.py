@@ -218,7 +218,7 @@ def _first(contacts: tuple[ContactConfig, ...], motion_s: float) -> Iterator[Con
             return
         motion = IndenterMotion(contact.motion)
         *before, release = contact.motion.segments
-        starts_s = motion.segment_starts_s[: len(before)]
+        starts_s = motion.starts_s[: len(before)]
         kept = [one for one, at in zip(before, starts_s, strict=True) if begun_s + at < motion_s]
         once_s = motion.duration_s + contact.pause_s
         repeats = min(contact.repeats, max(1, int((motion_s - begun_s) / once_s)))

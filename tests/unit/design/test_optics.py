@@ -17,8 +17,7 @@ from spikingtac.sim.optics import Optics
 from spikingtac.sim.scene import Scene
 from spikingtac_hardware.design import Design, load_design, names
 from spikingtac_hardware.layout import Layout
-from spikingtac_hardware.light import illuminance_lux
-from spikingtac_hardware.optics import Imaging
+from spikingtac_hardware.optics import Imaging, illuminance_lux
 from spikingtac_hardware.twin import scene_with_design
 
 RADII_MM = np.array([1.0, 4.0, 8.4, 12.0])
@@ -38,8 +37,8 @@ def test_without_plates_and_distortion_it_is_a_pinhole() -> None:
     pinhole = imaging(without_plates())
     assert pinhole.image_px(RADII_MM) == pytest.approx(pinhole.px_per_mm * RADII_MM, rel=1e-12)
     lens = pinhole.twin_lens()
-    assert lens.distance_mm == pytest.approx(pinhole.reduced_mm, rel=1e-9)
-    assert (lens.k1, lens.k2) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert lens["distance_mm"] == pytest.approx(pinhole.reduced_mm, rel=1e-9)
+    assert (lens["k1"], lens["k2"]) == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
 @pytest.mark.parametrize("degrees", [5.0, 30.0, 57.0])

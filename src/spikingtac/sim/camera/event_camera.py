@@ -10,29 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.arrays import FloatArray
+from spikingtac.sim.camera import coverage, readout, sensor, sweep
 from spikingtac.sim.camera.config import CameraConfig
-from spikingtac.sim.camera.coverage import (
-    DISC_DTYPE,
-    SWEEP_PLAN_DTYPE,
-    coverage_image_kernel,
-    discs_of,
-    plan_sweep_kernel,
-)
-from spikingtac.sim.camera.readout import Readout, background_events_kernel, make_noise, start_noise
-from spikingtac.sim.camera.sensor import (
-    intensities,
-    make_sensor,
-    settle_sensor,
-    texture_field,
-    vignette,
-)
-from spikingtac.sim.camera.sweep import (
-    Ground,
-    MarkerSweep,
-    full_frame_kernel,
-    interpolate_disc_kernel,
-    sweep_kernel,
-)
 from spikingtac.sim.optics import MarkerImage
 from spikingtac.types import EventPacket, LossCounters
 
@@ -78,28 +57,25 @@ class EventCamera:
     ) -> None:
         noise_streams = np.random.default_rng(seed).spawn(5)
         sensor_streams = noise_streams if serial is None else np.random.default_rng(serial).spawn(5)
-        self.size = config.size
+        self.size, light = config.size, config.light
         self.losses = LossCounters()
-        self._still_px, self._follow = still_px, config.light.texture_follow
+        self._still_px, self._follow = still_px, light.texture_follow
         self._rng = noise_streams[3]
-        light = config.light
-        pattern = texture_field(light, sensor_streams[4])
-        self._sensor = make_sensor(config, pattern, sensor_streams[0])
-        self._ground: Ground | None = None  # of a pattern that moves
+        pattern = sensor.texture_field(light, sensor_streams[4])
+        self._sensor = sensor.make_sensor(config, pattern, sensor_streams[0])
+        self._ground: sweep.Ground | None = None  # of a pattern that moves
         if light.texture > 0 and light.texture_follow != 0:
-            gain = vignette(light, config.size).astype(np.float32)
-            self._ground = Ground(gain, pattern, *intensities(light), light.stray)
-        self._noise = make_noise(
-            config.background, config.size[0] * config.size[1], sensor_streams[1]
-        )
+            gain = sensor.vignette(light, config.size).astype(np.float32)
+            self._ground = sweep.Ground(gain, pattern, *sensor.intensities(light), light.stray)
+        pixels = self._sensor.pixels
+        self._noise = readout.make_noise(config.background, pixels.size, sensor_streams[1])
         if serial is not None:  # the same pixels, but not the same noise in every recording
             self._sensor.chip["key"] = noise_streams[0].integers(0, 1 << 63)
             self._noise = self._noise._replace(key=np.uint64(noise_streams[1].integers(0, 1 << 63)))
-        self._readout = Readout(config.readout, config.size, noise_streams[2], self.losses)
+        self._readout = readout.Readout(config.readout, config.size, noise_streams[2], self.losses)
         self._out = np.zeros(_INITIAL_OUTBOX, np.int64)
-        self._discs = np.empty(0, DISC_DTYPE)
+        self._discs = np.empty(0, coverage.DISC_DTYPE)
         self._t_us: int | None = None
-        pixels = self._sensor.pixels
         lowest = float(min(pixels["threshold_on"].min(), pixels["threshold_off"].min()))
         log = self._sensor.chip["log_intensity"]
         self._max_crossings = 1 + int(float(log.max() - log.min()) / lowest)
@@ -120,14 +96,14 @@ class EventCamera:
                 motions have left each reference anywhere between its thresholds. ``fresh``: each
                 reference equals the present level, which no real sensor shows.
         """
-        self._discs = discs_of(image)
-        self._plan = np.zeros(len(self._discs), SWEEP_PLAN_DTYPE)
+        self._discs = coverage.discs_of(image)
+        self._plan = np.zeros(len(self._discs), coverage.SWEEP_PLAN_DTYPE)
         self._coverage = np.empty(self.size[::-1], np.float32)
-        coverage_image_kernel(self._discs, self._sensor.chip[0], self._coverage)
-        settle_sensor(self._sensor, self._coverage, float(image.t_us), history, self._rng)
+        coverage.coverage_image_kernel(self._discs, self._sensor.chip[0], self._coverage)
+        sensor.settle_sensor(self._sensor, self._coverage, float(image.t_us), history, self._rng)
         self._origin = _mean_place(self._discs)
         self._readout.reset(int(image.t_us))
-        start_noise(self._noise, float(image.t_us))
+        readout.start_noise(self._noise, float(image.t_us))
         self._t_us = int(image.t_us)
 
     def advance(self, images: Sequence[MarkerImage]) -> EventPacket:
@@ -162,39 +138,39 @@ class EventCamera:
             )
         if image.t_us <= start_us:
             raise ValueError(f"the image's time {image.t_us} us is not after {start_us} us")
-        after, end_us, plan = discs_of(image), int(image.t_us), self._plan
+        after, end_us, plan = coverage.discs_of(image), int(image.t_us), self._plan
         span_us = float(end_us - start_us)
         reach_px = float(self._sensor.chip["edge_half_width_px"][0])
         limits = MAX_STEP_US, self._still_px
-        plan_sweep_kernel(self._discs, after, reach_px, span_us, limits, plan)
-        sweep = MarkerSweep(
-            self._discs, after, np.empty_like(after), plan, float(start_us), float(end_us)
-        )
+        coverage.plan_sweep_kernel(self._discs, after, reach_px, span_us, limits, plan)
+        work = np.empty_like(after)
+        moved = sweep.MarkerSweep(self._discs, after, work, plan, float(start_us), float(end_us))
         self._reserve_outbox(span_us)
         if self._ground is None:
-            sweep_kernel(self._sensor, sweep, self._out)
+            sweep.sweep_kernel(self._sensor, moved, self._out)
         else:
-            self._render_frames(sweep, self._ground)
-        while not background_events_kernel(self._noise, sweep.end_us, self._out):
+            self._render_frames(moved, self._ground)
+        while not readout.background_events_kernel(self._noise, moved.end_us, self._out):
             self._drain()
         self._drain()
         return self._readout.release(end_us)
 
-    def _render_frames(self, sweep: MarkerSweep, ground: Ground) -> None:
+    def _render_frames(self, whole: sweep.MarkerSweep, ground: sweep.Ground) -> None:
         """Render every pixel at every step of the motion between two images."""
-        fewest = math.ceil((sweep.end_us - sweep.start_us) / MAX_STEP_US)
-        steps = max(1, fewest, int(sweep.plan["steps"].max(initial=1)))
-        span_us = (sweep.end_us - sweep.start_us) / steps
+        duration_us, times = whole.end_us - whole.start_us, whole.plan["steps"]
+        steps = int(times.max(initial=max(1, math.ceil(duration_us / MAX_STEP_US))))
+        span_us = duration_us / steps
         for number in range(1, steps + 1):
-            for before, after, now in zip(sweep.before, sweep.after, sweep.now, strict=True):
-                interpolate_disc_kernel(before, after, number / steps, now)
-            coverage_image_kernel(sweep.now, self._sensor.chip[0], self._coverage)
-            end_us = sweep.end_us if number == steps else sweep.start_us + number * span_us
-            moved = self._follow * (_mean_place(sweep.now) - self._origin)
-            shift_px, times = (float(moved[0]), float(moved[1])), (end_us, span_us)
-            full_frame_kernel(self._sensor, self._coverage, ground, shift_px, times, self._out)
+            for before, after, now in zip(whole.before, whole.after, whole.now, strict=True):
+                sweep.interpolate_disc_kernel(before, after, number / steps, now)
+            coverage.coverage_image_kernel(whole.now, self._sensor.chip[0], self._coverage)
+            end_us = whole.end_us if number == steps else whole.start_us + number * span_us
+            x, y = (self._follow * (_mean_place(whole.now) - self._origin)).tolist()
+            sweep.full_frame_kernel(
+                self._sensor, self._coverage, ground, (x, y), (end_us, span_us), self._out
+            )
             self._drain()
-        sweep.before[:] = sweep.after
+        whole.before[:] = whole.after
 
     def _reserve_outbox(self, span_us: float) -> None:
         """Enlarge the outbox to the most events that all pixels can emit in the next interval.
