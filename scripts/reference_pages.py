@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import ast
 import dataclasses
-import importlib
 import inspect
 import re
 import sys
@@ -22,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import spikingtac
-from spikingtac.cli.main import module_of, verbs
+from spikingtac.cli.main import function_of, verbs
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "reference"
 CLI_HEAD = """\
@@ -64,7 +63,7 @@ def cli_page() -> str:
         "\n".join(sorted(shared)) + "\n",
     ]
     for verb, rows in tables.items():
-        arguments = importlib.import_module(module_of(verb)).Args
+        arguments = function_of(verb)[1]
         parts.append(f"## {verb}\n\n{textwrap.dedent(inspect.getdoc(arguments) or '').strip()}\n")
         own = [row for row in rows if row not in shared]
         if own:
@@ -76,7 +75,7 @@ def cli_page() -> str:
 
 def _table(verb: str) -> list[str]:
     """Return an item for each argument, the positional ones (in capitals) first."""
-    arguments = importlib.import_module(module_of(verb)).Args
+    arguments = function_of(verb)[1]
     rows = (_row(arguments, field) for field in dataclasses.fields(arguments))
     return sorted(rows, key=lambda row: row.startswith("- `-"))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import shlex
 from collections.abc import Iterator
@@ -10,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from spikingtac.cli.main import module_of, verbs
+from spikingtac.cli.main import function_of, verbs
 
 PROJECT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -60,4 +59,4 @@ def test_the_commands_exist_with_their_options() -> None:
             continue
         assert first in verbs(), command
         if rest:  # a bare verb is a mention, no command
-            assert _parsed(importlib.import_module(module_of(first)).Args, first, rest) is not None
+            assert _parsed(function_of(first)[1], first, rest) is not None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import importlib
 import json
 import os
 import subprocess
@@ -16,7 +15,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli import main as frame
-from spikingtac.cli.main import main, module_of, verbs
+from spikingtac.cli.main import function_of, main, verbs
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
 from stand_ins.tracks import circling_tracks
 from stand_ins.viewer import record_circling
@@ -116,7 +115,7 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(
     for nothing in ("{None", "(default: None)", "(default: False)", "(default: )"):
         assert nothing not in text.replace("│ │ ", "")
     assert "usage: spikingtac" in text
-    names = {field.name for field in fields(importlib.import_module(module_of(verb)).Args)}
+    names = {field.name for field in fields(function_of(verb)[1])}
     assert "overwrite" in names or not names & WRITTEN
 
 

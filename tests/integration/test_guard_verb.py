@@ -97,12 +97,12 @@ def test_files_that_cannot_be_learned_from_are_refused_before_the_arm_is_connect
     os.mkfifo(pipe)
     words = ["guard", "--arm", "192.0.2.1", "--events", str(pipe), "--calibration", str(finger)]
     assert main([*words, "--quiet", str(quiet)]) == 1
-    assert "cannot read the calibration" in capsys.readouterr().err
-    calibration().save(finger)
-    assert main([*words, "--quiet", str(quiet)]) == 1
     assert "there is no file" in capsys.readouterr().err
     with create_events(quiet, (SIZE[0] + 10, SIZE[1])) as writer:
         writer.write(EventPacket.empty(0, 1_000, (SIZE[0] + 10, SIZE[1])))
+    assert main([*words, "--quiet", str(quiet)]) == 1
+    assert "cannot read the calibration" in capsys.readouterr().err
+    calibration().save(finger)
     assert main([*words, "--quiet", str(quiet)]) == 1
     assert "the calibration is for" in capsys.readouterr().err
 

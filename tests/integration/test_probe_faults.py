@@ -11,7 +11,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.cli.verbs import probe_arm
+from spikingtac.cli.verbs import probe_sites as sites
 from spikingtac.cli.verbs.probe import Args
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
@@ -136,11 +136,11 @@ def test_a_fault_of_an_arm(
         watched.site.set_wall(HoleWall(radius_mm=0.7), np.zeros(2))
         return watched.site.rig.arm
 
-    monkeypatch.setattr(probe_arm, "QUIET_WINDOWS", QUIET)
-    monkeypatch.setattr(probe_arm, "listen", lambda args, own, watchdog: (listen(args, own), None))
-    monkeypatch.setattr(probe_arm, "connect", connect)
+    monkeypatch.setattr(sites, "QUIET_WINDOWS", QUIET)
+    monkeypatch.setattr(sites, "listen", lambda args, own, watchdog: (listen(args, own), None))
+    monkeypatch.setattr(sites, "connect", connect)
     if fault is whole:
-        monkeypatch.setattr("spikingtac.cli.verbs.probe_arm.make_detector", deaf)
+        monkeypatch.setattr("spikingtac.cli.verbs.probe_sites.make_detector", deaf)
     finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
     given = ["--arm", "192.0.2.1", *finger, "--rehearsal", "--detector", "event_count"]
     found = failed(given, capsys, tmp_path)

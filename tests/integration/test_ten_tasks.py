@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import shlex
 import shutil
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.main import _parsed, main, module_of
+from spikingtac.cli.main import _parsed, function_of, main
 from spikingtac.sim.catalog import load_scene
 from spikingtac.sim.render import simulate
 from stand_ins.pasted import SHOWN
@@ -81,7 +80,7 @@ def test_a_task_is_done_by_its_commands(
             exec(f"import spikingtac as st\nfound = {command}\nassert len(found)", {})
             continue
         _, verb, *rest = shlex.split(command)
-        assert _parsed(importlib.import_module(module_of(verb)).Args, verb, rest) is not None
+        assert _parsed(function_of(verb)[1], verb, rest) is not None
         given = "openmv:" in command or "--force" in rest  # a camera, a model of forces
         if verb in ELSEWHERE or given or command in shown:
             continue

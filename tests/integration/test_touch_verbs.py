@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import spikingtac as st
+from spikingtac import touch
 from spikingtac.cli.main import main
-from spikingtac.cli.verbs import force
 
 X, Y = np.meshgrid(np.arange(6.0), np.arange(5.0))
 REFERENCE = np.column_stack([X.ravel(), Y.ravel(), 0 * X.ravel()]) * 1.5
@@ -114,8 +114,8 @@ def test_forces_are_added_to_tracks(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_a_skin_of_known_stiffness_needs_no_labels(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    few = partial(force.synthetic_series, frames=40)
-    monkeypatch.setattr(force, "synthetic_series", few)
+    few = partial(touch.synthetic_series, frames=40)
+    monkeypatch.setattr(touch, "synthetic_series", few)
     places = 37.0 * REFERENCE[:, :2] / 1.5 + 40.0
     document = {
         "schema": 1,

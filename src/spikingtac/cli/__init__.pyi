@@ -1,6 +1,6 @@
 """Public names of the room ``cli``."""
 
-from .many import check_workers as check_workers
+from .recordings import check_workers as check_workers
 from .messages import emit_json as emit_json
 from .messages import emit_table as emit_table
 from .messages import progress as progress

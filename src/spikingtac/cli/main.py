@@ -19,16 +19,16 @@ import shutil
 import sys
 import textwrap
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import metadata, util
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from spikingtac.errors import ConfigError, SpikingTacError, nearest
 
 GROUP = "spikingtac.verbs"  # Entry point group of the verbs that other packages add.
 
-# Verb -> one line of help; the module of that name has ``Args`` and ``run(args)``.
+# Verb -> one line of help. The module of that name has ``run(args)``, unless another one holds it.
 VERBS: dict[str, str] = {
     "demo": "watch a simulated finger press, twist and slide, tracked live; no hardware needed",
     "info": "print the content of an event file: format, size, counts, rates, damage",
@@ -51,6 +51,16 @@ VERBS: dict[str, str] = {
     "compare": "compare two tracks, or tracks with a truth: errors over time and by marker",
     "cameras": "list the cameras that are plugged in, and the ways to reach one",
     "doctor": "check this machine: extras, kernel cache, CPU governor; measure a camera",
+}
+
+# Verb -> module that holds it beside another one, as a function of the verb's name.
+BESIDE = {
+    "demo": "view",
+    "export": "convert",
+    "align": "record",
+    "foxglove": "ros2",
+    "compare": "plot",
+    "doctor": "cameras",
 }
 
 OVERVIEW = """\
@@ -137,7 +147,16 @@ def verbs() -> dict[str, str]:
 
 def module_of(verb: str) -> str:
     """Return the full name of the module of a verb."""
-    return f"spikingtac.cli.verbs.{verb}" if verb in VERBS else added_verbs()[verb]
+    if verb in VERBS:
+        return f"spikingtac.cli.verbs.{BESIDE.get(verb, verb)}"
+    return added_verbs()[verb]
+
+
+def function_of(verb: str) -> tuple[Callable[[Any], int], type]:
+    """Return a verb's function, and the dataclass of its arguments."""
+    module = importlib.import_module(module_of(verb))
+    run = getattr(module, verb if verb in BESIDE else "run")
+    return run, get_type_hints(run)["args"]
 
 
 def _overview() -> str:
@@ -177,8 +196,8 @@ def _dispatch(arguments: list[str]) -> int:
         raise ConfigError(
             f"unknown verb {verb!r}{nearest(verb, every)} (valid: {', '.join(every)})"
         )
-    module = importlib.import_module(module_of(verb))
-    return module.run(_parsed(module.Args, verb, rest))
+    run, options = function_of(verb)
+    return run(_parsed(options, verb, rest))
 
 
 def _parsed(arguments: type, verb: str, rest: list[str]) -> Any:

@@ -60,7 +60,7 @@ class Work(NamedTuple):
     """
 
     verb: str
-    one: Callable[[Any, Path | Any, Path | None, Advance], dict[str, Any]]
+    one: Callable[[Any, Any, Any, Advance], dict[str, Any]]
     row: Callable[[dict[str, Any]], Mapping[str, Any]]
     shown: Callable[[dict[str, Any], str, dict[str, Any]], Iterable[Table | str]]
     ending: str
@@ -143,7 +143,7 @@ def run_many(work: Work, args: Any, given: Sequence[Path]) -> int:
     fixed = _absolute(args)
     batch = Batch(
         name=work.verb,
-        work=partial(_row, work, fixed),
+        work=partial(_row, work.one, work.row, fixed),
         recordings=find_recordings(given, work.members, folder),
         folder=folder,
         ending=work.ending,
@@ -163,9 +163,11 @@ def run_many(work: Work, args: Any, given: Sequence[Path]) -> int:
     return _told(rows, kept, folder, args.json)
 
 
-def _row(work: Work, args: Any, recording: Path, output: Path) -> Mapping[str, Any]:
+def _row(
+    one: Callable[..., Any], row: Callable[..., Any], args: Any, recording: Path, output: Path
+) -> Mapping[str, Any]:
     """Work on one of many recordings, in a worker."""
-    return work.row(work.one(args, recording, output, no_progress))
+    return row(one(args, recording, output, no_progress))
 
 
 def _told(rows: Sequence[Mapping[str, Any]], kept: int, folder: Path, as_json: bool) -> int:

@@ -7,18 +7,19 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import tyro
-
+import spikingtac as st
 from spikingtac.cli.messages import remark, warn
-from spikingtac.cli.options import JsonArgs
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address, is_address, is_stream
-from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.manifest import name_of
+
+if TYPE_CHECKING:
+    from spikingtac.events.formats.file_source import FileSource
+    from spikingtac.events.source import EventSource
+    from spikingtac.pipeline.checked_source import CheckedSource
 
 EXIT_TERMINATED = 143  # 128 + SIGTERM, what a shell reports of a program that was terminated.
 Result = TypeVar("Result")
@@ -91,6 +92,26 @@ def ask_for_real_time() -> None:
     remark(meet_deadlines())
 
 
+def fitting(path: Path, source: EventSource) -> st.Calibration:
+    """Return the calibration of a source's sensor.
+
+    Raises:
+        CalibrationError: It cannot be read, or is of a sensor of another size.
+    """
+    from spikingtac.pipeline.track import require_same_size
+
+    calibration = st.Calibration.load(path)
+    require_same_size(source.size, calibration.size)
+    return calibration
+
+
+def checked(source: EventSource, calibration: st.Calibration, strict: bool) -> CheckedSource:
+    """Return a source that warns once, or raises, where its events contradict the calibration."""
+    from spikingtac.pipeline.checked_source import CheckedSource, refuse
+
+    return CheckedSource(source, calibration, refuse if strict else warn)
+
+
 def camera_address(source: Path) -> str:
     """Return the address that a source means; a pipe is one, too.
 
@@ -115,34 +136,6 @@ def camera_address(source: Path) -> str:
 def second_name(path: Path) -> Path:
     """Return where the second sensor's output goes: ``tracks.npz`` becomes ``tracks_1.npz``."""
     return path.with_name(name_of(path.name, 1))
-
-
-@dataclass(frozen=True, kw_only=True)
-class SecondArgs(JsonArgs):
-    """Options of verbs that take two fingers."""
-
-    second: Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")] = None
-    """The other finger: its recording or camera, put on the first one's clock."""
-    second_calibration: Path | None = None
-    """calibration.json of the other finger."""
-
-    def calibrations(self, first: Path | None, many: bool) -> list[Path]:
-        """Return the calibrations of two fingers.
-
-        Args:
-            first: Of the first one, or None where it was not given.
-            many: Whether the command line means many recordings.
-
-        Raises:
-            ConfigError: One is missing, or there are many recordings.
-        """
-        if many:
-            raise ConfigError("--second is the other finger of one recording; give a single one")
-        if first is None or self.second_calibration is None:
-            raise ConfigError(
-                "two fingers need a calibration each: --calibration and --second-calibration"
-            )
-        return [first, self.second_calibration]
 
 
 def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSource]:

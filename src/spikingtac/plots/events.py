@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
     from spikingtac.types import EventPacket
 
-EventKind = Literal["overview", "moment", "rate", "surface", "hot"]
 
 # Time over which events are counted, us: a slow motion still fills it, a tap is not blurred.
 RATE_US = 10_000

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 ThemeName = Literal["light", "dark"]
 WidthName = Literal["single", "double"]
+EventKind = Literal["overview", "moment", "rate", "surface", "hot"]
 
 # Widths of one and of two columns of an IEEE paper, inches (IEEE author centre).
 WIDTHS_IN = {"single": 3.5, "double": 7.16}

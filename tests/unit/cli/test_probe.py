@@ -9,7 +9,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.cli.verbs import probe, probe_arm
+from spikingtac.cli.verbs import probe_sites as sites
 from spikingtac.cli.verbs.probe import Args, run
 from spikingtac.errors import ConfigError
 from spikingtac.robot.robotiq import RobotiqGripper
@@ -45,10 +45,10 @@ def arm_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
         reference_px=np.array([[16.0, 12.0]]), radius_px=np.array([4.0]), grid=(1, 1), size=SIZE
     )
     calibration.save(tmp_path / "finger.json")
-    monkeypatch.setattr(probe_arm, "connect", lambda args: StillArm())
-    monkeypatch.setattr(probe_arm, "listen", lambda args, own, watchdog: (lively(args, own), None))
+    monkeypatch.setattr(sites, "connect", lambda args: StillArm())
+    monkeypatch.setattr(sites, "listen", lambda args, own, watchdog: (lively(args, own), None))
     prober = IdealProber(2.0, center_mm=(0.3, -0.2))
-    monkeypatch.setattr(probe_arm, "ArmProber", lambda *parts: prober)
+    monkeypatch.setattr(sites, "ArmProber", lambda *parts: prober)
     finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
     return ["probe", "--arm", HOST, *finger, "--rehearsal", "--detector", "event_count"]
 
@@ -65,7 +65,7 @@ def test_an_arm_moves_by_a_recording_only_in_a_rehearsal(
     (tmp_path / "finger.raw").write_bytes(b"")
     monkeypatch.chdir(tmp_path)
     assert main(arm_arguments) == 0
-    monkeypatch.setattr(probe_arm, "connect", moves)
+    monkeypatch.setattr(sites, "connect", moves)
     arm_arguments.remove("--rehearsal")
     assert main(arm_arguments) == 2
     assert "feels nothing" in capsys.readouterr().err
@@ -89,7 +89,7 @@ def test_what_no_search_can_do_is_refused_at_once(
     def moves(args: Args) -> None:
         raise AssertionError("something moved")
 
-    monkeypatch.setattr(probe, "on_twin", moves)
+    monkeypatch.setattr(sites, "on_twin", moves)
     with pytest.raises(ConfigError, match=message):
         run(Args(**given))  # type: ignore[arg-type]
 
@@ -126,8 +126,8 @@ def gripper(monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeGripper]:
         def connect(args: Args) -> RobotiqGripper:
             return RobotiqGripper("127.0.0.1", fake.port)
 
-        monkeypatch.setattr(probe_arm, "connect_gripper", connect)
-        monkeypatch.setattr(probe_arm, "GRIP_SETTLE_S", 0.0)
+        monkeypatch.setattr(sites, "connect_gripper", connect)
+        monkeypatch.setattr(sites, "GRIP_SETTLE_S", 0.0)
         yield fake
 
 
@@ -158,6 +158,6 @@ def test_a_gripper_that_holds_nothing_ends_the_verb_before_the_arm_moves(
         raise AssertionError("the arm was asked")
 
     gripper.object_at = None
-    monkeypatch.setattr(probe_arm, "connect", connected)
+    monkeypatch.setattr(sites, "connect", connected)
     assert main([*arm_arguments, "--gripper"]) == 3
     assert "holds nothing" in capsys.readouterr().err

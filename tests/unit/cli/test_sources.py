@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from spikingtac.cli.main import main
-from spikingtac.cli.sources import EXIT_TERMINATED, SecondArgs, ended_by_sigterm, for_each
+from spikingtac.cli.sources import EXIT_TERMINATED, ended_by_sigterm, for_each
 from spikingtac.errors import ConfigError
 from spikingtac.events.camera import KINDS
 from stand_ins.camera_counterparts import with_module
@@ -120,10 +120,12 @@ def test_where_one_camera_fails_the_other_one_is_closed(failing: int) -> None:
     assert cameras[1 - failing].closed
 
 
-def test_each_finger_needs_its_calibration() -> None:
-    one, two = Path("one.json"), Path("two.json")
-    assert SecondArgs(second_calibration=two).calibrations(one, many=False) == [one, two]
-    with pytest.raises(ConfigError, match="each"):
-        SecondArgs().calibrations(one, many=False)
-    with pytest.raises(ConfigError, match="single one"):
-        SecondArgs(second_calibration=two).calibrations(one, many=True)
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [(["a.raw"], "a calibration each"), (["a.raw", "b.raw"], "give a single one")],
+)
+def test_each_finger_needs_its_calibration(
+    words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["track", *words, "--calibration", "one.json", "--second", "c.raw"]) == 2
+    assert told in capsys.readouterr().err

@@ -25,7 +25,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from spikingtac.cli.main import main
-from spikingtac.cli.verbs import foxglove
+from spikingtac.cli.verbs import ros2
 from spikingtac.ros2 import messages
 from spikingtac.ros2.foxglove import BACKLOG_BYTES, FoxglovePublisher
 from spikingtac.ros2.messages import FIELD, Layout
@@ -39,7 +39,7 @@ FRAMES, PATIENCE_S = 100, 60.0
 
 @pytest.fixture
 def publisher() -> Iterator[FoxglovePublisher]:
-    refusal = partial(foxglove._refusal, Gate().refusal, foxglove.FOXGLOVE_ORIGINS)
+    refusal = partial(ros2._refusal, Gate().refusal, ros2.FOXGLOVE_ORIGINS)
     with closing(FoxglovePublisher("127.0.0.1", 0, refusal)) as served:
         yield served
 

@@ -5,30 +5,25 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+import spikingtac as st
 from spikingtac.atomic_files import write_json
-from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.many import ManyArgs, means_many, run_many
-from spikingtac.cli.messages import Table, figures, progress, remark, tell
-from spikingtac.cli.sources import ending_on_interrupt
+from spikingtac.cli.messages import Advance, Table, figures, no_progress, progress, remark, tell
+from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many
+from spikingtac.cli.sources import ending_on_interrupt, fitting
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import is_stream
-from spikingtac.events.open import open_events
-from spikingtac.events.source import EventSource
 from spikingtac.file_kinds import kind_of
-from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
-from spikingtac.markers.calibration.guide import CalibrationGuide
 from spikingtac.markers.calibration.lattice import LayoutKind
-from spikingtac.markers.calibration.quality import marker_name
 from spikingtac.markers.calibration.reference import Method
-from spikingtac.markers.calibration_check import CalibrationCheck
-from spikingtac.pipeline.track import require_same_size
 from spikingtac.types import EventPacket, Polarity
+
+if TYPE_CHECKING:
+    from spikingtac.markers.calibration.guide import CalibrationGuide
 
 EXIT_FOREIGN = 1  # The input is at fault: it does not fit the calibration.
 TELL_US = 2_000_000  # Sensor time between two reports of what a calibration lacks, us.
@@ -94,21 +89,22 @@ def run(args: Args) -> int:
             "calibrate learns from one recording; to check many against a calibration: "
             "spikingtac calibrate --check calibration.json DAY -o DAY_checked"
         )
-
     recording = args.recordings[0]
     args.claim(args.output, args.plot)
     if kind_of(recording) == "calibration":
         return _set_scale(args, recording)
     same = ("pitch_mm", "lens", "polarity", "layout", "method", "allow_missing")
     given = {name: getattr(args, name) for name in same}
-    config = CalibrationConfig(grid=_grid_shape(args.grid), **given)
-    source = open_events(recording, strict=args.strict, sensor=args.sensor)
-    seen: EventSource = source
+    config = st.CalibrationConfig(grid=_grid_shape(args.grid), **given)
+    source = st.open_events(recording, strict=args.strict, sensor=args.sensor)
+    seen: st.EventSource = source
     if args.until_ready or is_stream(recording):
+        from spikingtac.markers.calibration.guide import CalibrationGuide
+
         guide = CalibrationGuide(source.size, config)
-        seen = GuidedSource(source, guide, until_ready=args.until_ready)
+        seen = GuidedSource(source, guide, args.until_ready)
     with ending_on_interrupt(source), progress(f"calibrating from {recording.name}"):
-        calibration = calibrate(seen, config)
+        calibration = st.calibrate(seen, config)
     calibration.provenance["recording"] = recording.name
     calibration.save(args.output)
     if args.plot is not None:
@@ -130,7 +126,7 @@ def _set_scale(args: Args, path: Path) -> int:
         )
     if not args.pitch_mm > 0.0:
         raise ConfigError(f"--pitch-mm is {args.pitch_mm:g}, it must be above 0")
-    calibration = Calibration.load(path).with_pitch(args.pitch_mm)
+    calibration = st.Calibration.load(path).with_pitch(args.pitch_mm)
     calibration.save(args.output)
     document = {"output": str(args.output), "px_per_mm": calibration.px_per_mm}
     return tell(args.json, document, f"written: {args.output}, {calibration.px_per_mm:.3f} px/mm")
@@ -145,9 +141,7 @@ class GuidedSource:
         until_ready: End once a calibration has all that it needs.
     """
 
-    def __init__(
-        self, source: EventSource, guide: CalibrationGuide, *, until_ready: bool = False
-    ) -> None:
+    def __init__(self, source: st.EventSource, guide: CalibrationGuide, until_ready: bool) -> None:
         self.size, self.losses = source.size, source.losses
         self._source, self._guide, self._until_ready = source, guide, until_ready
 
@@ -162,9 +156,7 @@ class GuidedSource:
                 told_us = packet.t_end_us
                 remark(self._guide.view().progress_line())
             if self._until_ready and self._guide.complete:
-                close = getattr(self._source, "close", None)
-                if close is not None:
-                    close()
+                getattr(self._source, "close", bool)()  # a recording has none
                 break
         remark(self._guide.view().progress_line())
 
@@ -179,7 +171,7 @@ def _grid_shape(text: str | None) -> tuple[int, int] | None:
     return int(found[1]), int(found[2])
 
 
-def summary(calibration: Calibration) -> dict[str, Any]:
+def summary(calibration: st.Calibration) -> dict[str, Any]:
     """Return the figures of a calibration for people and programs."""
     notes = calibration.provenance
     return {
@@ -200,7 +192,7 @@ def summary(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def _table(calibration: Calibration, found: dict[str, Any], args: Args) -> Table:
+def _table(calibration: st.Calibration, found: dict[str, Any], args: Args) -> Table:
     same = ("edge_px", "contrast", "step_on", "step_off", "unloaded_rests", "lag_us", "px_per_mm")
     radii = calibration.radius_px
     measured = f"{found['measured']} of {found['markers']} markers measured"
@@ -228,7 +220,8 @@ def _shape(grid: tuple[int, int] | list[int] | None) -> str:
     return "none" if grid is None else "x".join(map(str, grid))
 
 
-def _notes(calibration: Calibration, found: dict[str, Any]) -> list[str]:
+def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
+    from spikingtac.markers.calibration.quality import marker_name
 
     notes = []
     if found["no_lens"]:
@@ -252,43 +245,53 @@ def _notes(calibration: Calibration, found: dict[str, Any]) -> list[str]:
     return notes
 
 
-def _check(args: Args, calibration: Path) -> int:
+def _check(args: Args, known: Path) -> int:
     """Check one recording, or many into a folder; 1 where one does not fit."""
     if means_many(args, args.recordings):
-        check = partial(Calibration.load, calibration)
-        return run_many("calibrate --check", args, check_one, ".json", check)
+        return run_many(CHECK, args, args.recordings)
     recording = args.recordings[0]
     with progress(f"checking {recording.name}"):
-        found = _checked(args, recording)
+        found = check_one(args, recording, None, no_progress)
     fit = f"{found['contradiction']:.1%} of the pixels contradict, at most {found['limit']:.0%}"
-    tell(args.json, found, found["words"] or f"{recording.name} fits {calibration.name}: {fit}")
+    tell(args.json, found, found["words"] or f"{recording.name} fits {known.name}: {fit}")
     return 0 if found["fits"] else EXIT_FOREIGN
 
 
-def check_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
-    """Check one of many recordings, write what was found, and return its row of the table."""
-    found = _checked(args, recording)
-    write_json(output, found)
-    told = {"contradiction": found["contradiction"], "limit": found["limit"]}
-    return {"fits": int(found["fits"]), **told}
-
-
-def _checked(args: Args, recording: Path) -> dict[str, Any]:
+def check_one(args: Args, recording: Path, output: Path | None, advance: Advance) -> dict[str, Any]:
+    """Check a recording, and write what was found."""
+    from spikingtac.markers.calibration_check import CalibrationCheck
 
     assert args.check is not None
-    calibration = Calibration.load(args.check)
-    source = open_events(recording, strict=args.strict, sensor=args.sensor)
-    require_same_size(source.size, calibration.size)
-    check = CalibrationCheck(calibration)
+    source = st.open_events(recording, strict=args.strict, sensor=args.sensor)
+    check = CalibrationCheck(fitting(args.check, source))
     for packet in source:
         check.absorb(packet)
         if check.ended:
             break
     check.finish()
-    return {
+    found = {
         "recording": recording.name,
         "fits": not check.foreign,
         "contradiction": float(check.contradiction),
         "limit": float(check.limit),
         "words": check.words() if check.foreign else "",
     }
+    if output is not None:
+        write_json(output, found)
+    return found
+
+
+def check_row(found: dict[str, Any]) -> dict[str, Any]:
+    """Return the row of one of many recordings."""
+    told = {"contradiction": found["contradiction"], "limit": found["limit"]}
+    return {"fits": int(found["fits"]), **told}
+
+
+CHECK = Work(
+    "calibrate --check",
+    check_one,
+    check_row,
+    lambda *_: (),
+    ".json",
+    lambda args: st.Calibration.load(args.check),
+)

@@ -1,13 +1,44 @@
-"""``spikingtac cameras``: what is plugged in, and how each kind of camera is addressed."""
+"""``spikingtac cameras`` and ``doctor``: what this machine has, lacks, and how to mend it."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+import os
+import platform
+import re
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import tyro
 
 from spikingtac.cameras.libraries import is_installed, plugged_in, remedy
 from spikingtac.cli.messages import Table, tell
-from spikingtac.cli.options import JsonArgs
+from spikingtac.cli.options import JsonArgs, require_seconds
+from spikingtac.cli.sources import ending_on_interrupt
+from spikingtac.events.address import Address
 from spikingtac.events.camera import KINDS
+
+EXIT_MACHINE = 3
+
+# Buffer that a camera's datagrams ask for (``cameras/udp.py``): 0.7 s at 3 Mev/s.
+SOCKET_BUFFER_BYTES = 8 << 20
+
+# Interval of deliveries from which on a window of 1 ms is no latency of 1 ms.
+LATENCY_LIMIT_MS = 1.0
+SLOW_DELIVERY = (
+    "ask the maker's driver for smaller transfers (openmv: words=1024; OpenEB's kernel driver: "
+    "mipi_frame_period)"
+)
+NOTHING_CAME = "see that the camera is on, its address is right, and something moves before it"
+CACHE_REMEDY = (
+    "it cannot be written: set NUMBA_CACHE_DIR to a folder of yours, or every start may compile "
+    "again"
+)
+
+# A line of a package's requirements: the library, and the extra that brings it.
+REQUIREMENT = re.compile(r"([\w.-]+)[^;]*(?:;(?:.*\bextra == ['\"](\w+)['\"])?.*)?")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +78,121 @@ def run(args: Args) -> int:
         for name, one in kinds.items()
     ]
     columns = ("address, as", "what it reads", "missing")
-    return tell(
-        args.json, document, *shown, Table("ways to reach a camera", columns, ways, words=3)
-    )
+    shown.append(Table("ways to reach a camera", columns, ways, words=3))
+    return tell(args.json, document, *shown)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoctorArgs(JsonArgs):
+    """Check this machine: Python, libraries, extras, kernel cache, CPU governor, socket buffer.
+
+    With the address of a camera, also measure how it delivers.
+    """
+
+    source: Annotated[tyro.conf.Positional[str | None], tyro.conf.arg(metavar="[SOURCE]")] = None
+    """Address of a camera to listen to, as openmv:/dev/ttyACM0."""
+    seconds: float = 3.0
+    """How long to listen to it, s."""
+
+
+class Finding(NamedTuple):
+    """What a check found.
+
+    Attributes:
+        name: What was looked at.
+        status: ``ok``, ``note`` (works, could be better) or ``fail`` (something will not work).
+        found: What is there.
+        remedy: What to do about it, empty where nothing is to be done.
+    """
+
+    name: str
+    status: str
+    found: str
+    remedy: str = ""
+
+
+def doctor(args: DoctorArgs) -> int:
+    """Print the findings; exit 3 where something will not work."""
+    require_seconds(args.seconds)
+    findings = [*_libraries(), *_settings()]
+    if args.source is not None:
+        findings += _delivery(args.source, args.seconds)
+    healthy = all(finding.status != "fail" for finding in findings)
+    document = {"healthy": healthy, "checks": [finding._asdict() for finding in findings]}
+    columns = ("check", "status", "found", "what to do")
+    tell(args.json, document, Table("This machine", columns, findings, words=len(columns)))
+    return 0 if healthy else EXIT_MACHINE
+
+
+def _libraries() -> Iterator[Finding]:
+    """Yield the state of Python, and of the libraries of the package and of each extra."""
+    version, cores = platform.python_version(), os.cpu_count() or 1
+    yield Finding("python", "ok", f"{version} on {platform.system()}, {cores} cores")
+    absent: dict[str, list[str]] = {}
+    for line in metadata.requires("spikingtac") or ():
+        library, extra = REQUIREMENT.fullmatch(line).groups("")  # type: ignore[union-attr]
+        if extra or ";" not in line:  # what only some machines need may be absent here
+            missing = absent.setdefault(extra, [])
+            try:
+                metadata.version(library)
+            except metadata.PackageNotFoundError:
+                missing.append(library)
+    for extra in sorted(absent.keys() - {"dev"}):
+        found = f"without {', '.join(absent[extra])}" if absent[extra] else "installed"
+        todo = f"pip install 'spikingtac[{extra}]' if you need it"
+        name, bad = (f"extra [{extra}]", "note") if extra else ("libraries", "fail")
+        todo = todo if extra else "pip install --force-reinstall spikingtac"
+        yield _judged(name, not absent[extra], found, todo, bad)
+
+
+def _settings() -> Iterator[Finding]:
+    """Yield what of the system's settings matters to live work."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    folder = Path(chosen) if chosen else Path(__file__).resolve().parents[2]
+    # Numba makes the folder itself; what counts is whether its nearest ancestor may be written.
+    standing = next(path for path in (folder, *folder.parents) if path.exists())
+    yield _judged("kernel cache", os.access(standing, os.W_OK), f"{folder}", CACHE_REMEDY)
+    cpus = Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
+    governors = {_text(path) for path in cpus} or {"not adjustable here"}
+    todo = "live at 1 kHz: sudo cpupower frequency-set -g performance"
+    good = governors <= {"performance", "not adjustable here"}
+    yield _judged("cpu governor", good, ", ".join(sorted(governors)), todo)
+    limit = _text(Path("/proc/sys/net/core/rmem_max"))
+    if limit.isdecimal():
+        todo = f"for udp: cameras: sudo sysctl -w net.core.rmem_max={SOCKET_BUFFER_BYTES}"
+        enough = int(limit) >= SOCKET_BUFFER_BYTES
+        yield _judged("socket buffer", enough, f"at most {int(limit) >> 10} KiB", todo)
+
+
+def _delivery(address: str, seconds: float) -> Iterator[Finding]:
+    """Open a camera, and yield how it delivers.
+
+    Raises:
+        SpikingTacError: The camera cannot be opened.
+    """
+    from spikingtac.events import CameraSource, ReadOptions
+
+    given = Address.parse(address)
+    timed = replace(given, options={**given.options, "seconds": f"{seconds:g}"})
+    source = CameraSource(timed, ReadOptions())
+    with ending_on_interrupt(source):
+        for _ in source.columns():
+            pass
+    source.release()
+    health = source.health()
+    fast = health.interval_p50_ms is not None and health.interval_p50_ms <= LATENCY_LIMIT_MS
+    found = f"{health.sentence}; {health.events / seconds / 1e6:.3f} Mev/s over {seconds:g} s"
+    yield _judged("delivery", fast, found, SLOW_DELIVERY if health.events else NOTHING_CAME)
+    for kind, count in health.losses.items():
+        yield Finding("delivery", "note", f"{kind}: {count}")
+
+
+def _judged(name: str, good: bool, found: str, remedy: str, bad: str = "note") -> Finding:
+    return Finding(name, "ok", found) if good else Finding(name, bad, found, remedy)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""

@@ -7,27 +7,30 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.messages import Table, counted, progress, remark, tell, warn
+import spikingtac as st
+from spikingtac.cli.messages import Table, counted, progress, remark, tell
 from spikingtac.cli.options import JsonArgs
-from spikingtac.cli.sources import ask_for_real_time, ending_on_interrupt, open_two, require_live
-from spikingtac.config import load_config
-from spikingtac.contact import recording
-from spikingtac.contact.detector import ContactDetector, DetectorSummary
-from spikingtac.contact.recording import leading_quiet, paired_windows
-from spikingtac.contact.registry import DetectionConfig, make_detector
+from spikingtac.cli.sources import (
+    ask_for_real_time,
+    checked,
+    ending_on_interrupt,
+    fitting,
+    open_two,
+    require_live,
+)
+from spikingtac.contact.detector import DetectorSummary
+from spikingtac.contact.recording import find_contacts, leading_quiet, paired_windows
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import is_stream
-from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.manifest import name_of
-from spikingtac.events.open import first_event_us, open_events
-from spikingtac.events.source import EventSource
-from spikingtac.pipeline.checked_source import CheckedSource, refuse
-from spikingtac.pipeline.track import require_same_size
+from spikingtac.events.open import first_event_us
+
+if TYPE_CHECKING:
+    from spikingtac.events.formats.file_source import FileSource
 
 CALIBRATION = "calibration.json"
 FALLBACK = (
@@ -80,14 +83,13 @@ def run(args: Args) -> int:
     name = config.detector or ("default" if calibrations else "event_count")
     detector, first = _learn(args, replace(config, detector=name), sources, calibrations)
     learned = detector.summary()
-    told = refuse if args.strict else warn
     pairs = zip(sources, calibrations, strict=False)
-    checked: Sequence[Any] = [CheckedSource(source, own, told) for source, own in pairs] or sources
+    seen: Sequence[Any] = [checked(*pair, args.strict) for pair in pairs] or sources
     if args.realtime:
         ask_for_real_time()
-    found = _found(sources, checked, detector, is_stream(args.recording), first)
+    found = _found(sources, seen, detector, is_stream(args.recording), first)
     anomalies = sum((Counter(dict(one.losses.kinds())) for one in sources), Counter[str]())
-    misfits = filter(None, (getattr(one, "misfit", None) for one in checked))
+    misfits = filter(None, (getattr(one, "misfit", None) for one in seen))
     document = {
         "contacts": found,
         "detector": name,
@@ -106,7 +108,7 @@ def run(args: Args) -> int:
     return tell(False, document, *notes, *counted(anomalies), learned.rule, table)
 
 
-def _config(args: Args) -> DetectionConfig:
+def _config(args: Args) -> st.DetectionConfig:
     """Return the preset's settings with what the command line changes; refuse a mere stream."""
     if args.realtime:
         require_live([args.recording])
@@ -117,13 +119,13 @@ def _config(args: Args) -> DetectionConfig:
         )
     given = {"false_alarms_per_hour": args.budget, "detector": args.detector}
     chosen = {name: one for name, one in given.items() if one is not None}
-    return replace(load_config(args.preset).contact, **chosen)
+    return replace(st.load_config(args.preset).contact, **chosen)
 
 
 def _found(
     sources: Sequence[FileSource],
-    checked: Sequence[EventSource],
-    detector: ContactDetector,
+    seen: Sequence[st.EventSource],
+    detector: st.ContactDetector,
     live: bool,
     first: int,
 ) -> list[dict[str, Any]]:
@@ -131,10 +133,10 @@ def _found(
     from spikingtac.stream import live_windows
 
     found = []
-    windows = live_windows(checked) if live and len(sources) > 1 else None
+    windows = live_windows(seen) if live and len(sources) > 1 else None
     bar = progress(f"finding contacts in {sources[0].path.name}")
     with ending_on_interrupt(*sources), bar as advance:
-        for one in recording.find_contacts(checked, detector, windows, first):
+        for one in find_contacts(seen, detector, windows, first):
             contact = {name: getattr(one.contact, name) for name in ("t_us", "count", "threshold")}
             details = one.details.as_mapping() if one.details else {}
             found.append(contact | {"end_us": one.end_us, **details})
@@ -146,10 +148,10 @@ def _found(
 
 def _learn(
     args: Args,
-    config: DetectionConfig,
+    config: st.DetectionConfig,
     sources: Sequence[FileSource],
-    calibrations: Sequence[Calibration],
-) -> tuple[ContactDetector, int]:
+    calibrations: Sequence[st.Calibration],
+) -> tuple[st.ContactDetector, int]:
     """Build the detector from the quiet windows; return also the first window that counts."""
     given = sources if args.quiet is None else _sources(args.quiet, args.strict)[: len(sources)]
     if len(given) < len(sources):
@@ -162,7 +164,7 @@ def _learn(
             )
     begin, end = leading_quiet(sources) if args.quiet is None else (0, None)
     quiet = islice(paired_windows(given), begin, end)
-    return make_detector(config.detector or "default", config, calibrations, quiet), begin
+    return st.make_detector(config.detector or "default", config, calibrations, quiet), begin
 
 
 def _quiet(args: Args, learned: DetectorSummary) -> dict[str, Any]:
@@ -180,10 +182,10 @@ def _sources(path: Path, strict: bool, second: Path | None = None) -> list[FileS
     if second is not None:
         return open_two(path, second, strict=strict)
     sensors = 2 if (path / name_of("events.raw", 1)).is_file() else 1
-    return [open_events(path, strict=strict, sensor=sensor) for sensor in range(sensors)]
+    return [st.open_events(path, strict=strict, sensor=sensor) for sensor in range(sensors)]
 
 
-def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[Calibration]:
+def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[st.Calibration]:
     """Return the calibrations that are given, or else lie beside each recording."""
     if args.detector == "event_count":
         return []
@@ -198,10 +200,7 @@ def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[Calibration
     paths = args.calibration or [path for path in beside[: len(sources)] if path.is_file()]
     if len(paths) != len(sources):
         return []
-    calibrations = [Calibration.load(path) for path in paths]
-    for calibration, source in zip(calibrations, sources, strict=True):
-        require_same_size(source.size, calibration.size)
-    return calibrations
+    return [fitting(path, source) for path, source in zip(paths, sources, strict=True)]
 
 
 def _table(document: dict[str, Any], recording: Path) -> Table:

@@ -1,28 +1,30 @@
-"""``spikingtac convert``: write event files in another format, or a part of them."""
+"""``spikingtac convert`` and ``export``: recordings in other formats, tracks as data sets."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+import spikingtac as st
 from spikingtac import plugins
-from spikingtac.cli.many import ManyArgs, means_many, run_many
-from spikingtac.cli.messages import Advance, counted, no_progress, progress, tell
-from spikingtac.cli.options import Output
+from spikingtac.cli.messages import Advance, Table, counted, figures, progress, tell
+from spikingtac.cli.options import Output, WriteArgs
+from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many, run_one
 from spikingtac.cli.sources import ending_on_interrupt
+from spikingtac.datasets.export import ExportConfig
+from spikingtac.datasets.export import export as export_tracks
 from spikingtac.errors import ConfigError, RecordingError, nearest
 from spikingtac.events.address import is_stream
-from spikingtac.events.create import WRITABLE, create_events
-from spikingtac.events.filters import Transform
-from spikingtac.events.formats.codec import EventWriter
-from spikingtac.events.formats.file_source import FileSource
-from spikingtac.events.hot_pixels import HotPixelFilter, hot_pixels_of
-from spikingtac.events.open import open_events
-from spikingtac.types import EventPacket
+
+if TYPE_CHECKING:
+    from spikingtac.events.filters import Transform
+    from spikingtac.events.formats.codec import EventWriter
+    from spikingtac.events.formats.file_source import FileSource
+    from spikingtac.events.hot_pixels import HotPixelFilter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,42 +72,37 @@ def run(args: Args) -> int:
         raise ConfigError(f"--from-us {args.from_us} must be before --to-us {args.to_us}")
     if args.output is not None or args.to is not None:
         means_many(args, args.files)  # refuses options that do not go together
-        if args.to is None:
-            raise ConfigError("of many files, convert needs the format to write: --to npz")
-        return run_many("convert", args, convert_one, _ending(args.to, args.encoding))
+        return run_many(WORK._replace(ending=_ending(args.to, args.encoding)), args, args.files)
     if len(args.files) != 2 or means_many(args, args.files[:1]):
         raise ConfigError(
             "convert takes a file to read and a file to write; of many files, it takes "
             "all of them and the folder and format to write: -o FOLDER --to npz"
         )
-    source, target = args.files
+    target = args.files[1]
     if args.encoding is not None and target.suffix.lower() != ".raw":
         raise ConfigError(
             f"--encoding {args.encoding} is for .raw files, not for {target.name!r}; leave it out"
         )
-    _refuse_same_file(source, target)
-    args.claim(target)
-    with progress(f"writing {target.name}") as advance:
-        found, notes = _convert(args, source, target, advance)
-    notes += counted(found["anomalies"], "input")
-    if found["hot_pixels_dropped"]:
-        notes.append(f"note: events of {found['hot_pixels_dropped']} hot pixels left out")
-    return tell(args.json, found, *notes, f"written: {target}, {found['events']} events")
+    return run_one(WORK, args, args.files[0], target)
 
 
-def _convert(
-    args: Args, path: Path, target: Path, advance: Advance = no_progress
-) -> tuple[dict[str, Any], list[str]]:
-    """Convert a recording; return the figures, and notes for a reader."""
+def convert_one(args: Args, path: Path, target: Path, advance: Advance) -> dict[str, Any]:
+    """Convert a recording, and return the figures."""
+    from spikingtac.events.filters import Transform
+    from spikingtac.events.hot_pixels import HotPixelFilter, hot_pixels_of
+
+    inner = path / "events.raw" if path.is_dir() else path
+    if target.exists() and inner.exists() and target.samefile(inner):
+        raise ConfigError(f"{str(target)!r} is the input itself; give another name")
     same = ("from_us", "to_us", "shift_us", "flip_polarity", "flip")
     given = {name: getattr(args, name) for name in same}
     change = Transform(**given, crop_px=args.crop, rotate_deg=args.rotate or 0)
-    source = open_events(path, strict=args.strict, sensor=args.sensor, size=args.size)
+    source = st.open_events(path, strict=args.strict, sensor=args.sensor, size=args.size)
     if args.hot_pixels == "drop" and is_stream(source.path):
         raise ConfigError("--hot-pixels drop reads a recording twice; record the camera first")
     hot_px = hot_pixels_of(source) if args.hot_pixels == "drop" else None
     size, written, edges = change.size(source.size), 0, 0
-    writing = create_events(target, size, encoding=args.encoding)
+    writing = st.create_events(target, size, encoding=args.encoding)
     with ending_on_interrupt(source), writing as writer:
         for packet in _changed(source, change, HotPixelFilter(hot_px, source.size)):
             edges = _pass_triggers(source, writer, change, edges)
@@ -113,10 +110,12 @@ def _convert(
             written += len(packet)
             advance(source.progress)
         _pass_triggers(source, writer, change, edges)
-    notes = [f"note: {note}" for note in source.notes]
+    notes = list(source.notes)
     if left_out := writer.triggers_left_out:
-        notes.append(f"note: {target.suffix} holds no triggers: {left_out} left out")
-    document = {
+        notes.append(f"{target.suffix} holds no triggers: {left_out} left out")
+    if hot_px is not None and len(hot_px):
+        notes.append(f"events of {len(hot_px)} hot pixels left out")
+    return {
         "input": str(path),
         "output": str(target),
         "format": source.format,
@@ -126,8 +125,8 @@ def _convert(
         "hot_pixels_dropped": 0 if hot_px is None else len(hot_px),
         "anomalies": dict(source.losses.kinds()),
         "health": source.counters().summary(),
+        "notes": notes,
     }
-    return document, notes
 
 
 def _pass_triggers(source: FileSource, writer: EventWriter, change: Transform, passed: int) -> int:
@@ -137,7 +136,9 @@ def _pass_triggers(source: FileSource, writer: EventWriter, change: Transform, p
     return len(source.triggers)
 
 
-def _changed(source: FileSource, change: Transform, hot: HotPixelFilter) -> Iterator[EventPacket]:
+def _changed(
+    source: FileSource, change: Transform, hot: HotPixelFilter
+) -> Iterator[st.EventPacket]:
     """Yield the packets to write.
 
     Raises:
@@ -163,8 +164,12 @@ def _changed(source: FileSource, change: Transform, hot: HotPixelFilter) -> Iter
         )
 
 
-def _ending(name: str, encoding: str | None) -> str:
+def _ending(name: str | None, encoding: str | None) -> str:
     """Return the ending of a format, before any file is written in it."""
+    from spikingtac.events.create import WRITABLE
+
+    if name is None:
+        raise ConfigError("of many files, convert needs the format to write: --to npz")
     ending = "." + name.lower().removeprefix(".")
     valid = [*WRITABLE, *(f".{foreign}" for foreign in plugins.with_plugins({}, plugins.WRITERS))]
     if ending not in valid:
@@ -177,16 +182,48 @@ def _ending(name: str, encoding: str | None) -> str:
     return ending
 
 
-def convert_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
-    """Convert one of many recordings and return its row of the table."""
-    _refuse_same_file(recording, output)
-    found, _ = _convert(args, recording, output)
-    width, height = found["size"]
-    told = {"format": found["format"], "width": width, "height": height, "events": found["events"]}
-    return told | {"anomalies": sum(found["anomalies"].values())}
+def convert_row(found: dict[str, Any]) -> dict[str, Any]:
+    """Return the row of one of many recordings."""
+    told = {"format": found["format"], "width": found["size"][0], "height": found["size"][1]}
+    return told | {"events": found["events"], "anomalies": sum(found["anomalies"].values())}
 
 
-def _refuse_same_file(source: Path, target: Path) -> None:
-    inner = source / "events.raw" if source.is_dir() else source
-    if target.exists() and inner.exists() and target.samefile(inner):
-        raise ConfigError(f"{str(target)!r} is the input itself; give another name")
+def convert_shown(found: dict[str, Any], name: str, first: dict[str, Any]) -> list[Table | str]:
+    """Return what a reader sees."""
+    notes = [f"note: {note}" for note in found["notes"]]
+    return [*notes, *counted(found["anomalies"], "input"), f"{found['events']} events"]
+
+
+WORK = Work("convert", convert_one, convert_row, convert_shown, ".npz")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportArgs(WriteArgs):
+    """Write tracks as a data set: LeRobot (v3.0), or Zarr.
+
+    A LeRobot data set has one episode for each recording, with the last values before each frame,
+    of the tracks and of a robot's log. A Zarr store has the arrays of tracks.npz at full rate.
+    """
+
+    sources: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="TRACKS...")]
+    """tracks.npz, several, folders of them, or patterns such as 'day/*.npz'."""
+    to: Literal["lerobot", "zarr"]
+    """Form of the data set."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder to write."""
+    fps: int = 30
+    """LeRobot: frames per second."""
+    task: str = "touch"
+    """LeRobot: what is done in the recordings, in words."""
+    log: tuple[Path, ...] = ()
+    """LeRobot: a robot's log for each recording: .npz with t_us on the clock of the tracks, and
+    state (n, k), action (n, k) or both."""
+
+
+def export(args: ExportArgs) -> int:
+    """Export, and say what was written."""
+    given = {name: getattr(args, name) for name in ("sources", "output", "fps", "task")}
+    config = ExportConfig(**given, form=args.to, logs=args.log)
+    with progress(f"exporting to {args.to}") as advance:
+        found = export_tracks(config, args.overwrite, advance)
+    return tell(args.json, found, figures(f"{args.to} data set", found))

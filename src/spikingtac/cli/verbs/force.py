@@ -9,17 +9,14 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
+import spikingtac as st
+from spikingtac import touch
 from spikingtac.atomic_files import replacing
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.messages import Table, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.errors import ConfigError
-from spikingtac.touch.elastic import SkinConfig
-from spikingtac.touch.force.fit import about, fit_force, score_force
-from spikingtac.touch.force.model import SIGMAS_90, load_force
-from spikingtac.touch.force.retarget import retarget
-from spikingtac.touch.force.series import WrenchSeries, labelled, load_series
-from spikingtac.touch.synthetic_contacts import synthetic_series
+from spikingtac.touch.force.model import SIGMAS_90
+from spikingtac.touch.force.series import labelled, load_series
 
 MODEL = Path("force.onnx")
 ONE_SERIES = "note: one series; R2 is between its parts, a second series would be a harder test"
@@ -85,8 +82,7 @@ def run(args: Args) -> int:
     return {"fit": _fit, "check": _check, "apply": _apply}[args.action](args)
 
 
-def _series(args: Args) -> list[WrenchSeries]:
-
+def _series(args: Args) -> list[st.WrenchSeries]:
     series = [load_series(path) for path in args.files]
     if not args.wrench:
         return series
@@ -94,14 +90,16 @@ def _series(args: Args) -> list[WrenchSeries]:
 
 
 def _fit(args: Args) -> int:
+    from spikingtac.touch.force.fit import about
+    from spikingtac.touch.force.retarget import retarget
 
     output = MODEL if args.output is None else args.output
     args.claim(output)
     if args.base is not None:
-        model = retarget(load_force(args.base), _series(args))
+        model = retarget(st.load_force(args.base), _series(args))
     else:
         with progress("learning forces") as advance:
-            model = fit_force([*_series(args), *_drawn(args)], advance)
+            model = st.fit_force([*_series(args), *_drawn(args)], advance)
     model.save(output)
     told = about(model)
     table = Table(
@@ -117,34 +115,32 @@ def _fit(args: Args) -> int:
     return tell(args.json, document, table, *notes, f"written: {output}")
 
 
-def _drawn(args: Args) -> list[WrenchSeries]:
+def _drawn(args: Args) -> list[st.WrenchSeries]:
     """Return contacts on a skin of known stiffness; none where it is not known."""
     if args.shear_modulus_kpa is None:
         return []
-
     if args.calibration is None:
         raise ConfigError("--shear-modulus-kpa needs --calibration: where the skin's markers rest")
-    calibration = Calibration.load(args.calibration)
+    calibration = st.Calibration.load(args.calibration)
     if calibration.px_per_mm is None:
         raise ConfigError(
             f"{str(args.calibration)!r} knows no scale; make one with: "
             "spikingtac calibrate RECORDING -o calibration.json --pitch-mm 2.4"
         )
-    skin = SkinConfig(
+    skin = touch.SkinConfig(
         shear_modulus_kpa=args.shear_modulus_kpa,
         thickness_mm=args.thickness_mm,
         camera_distance_mm=args.camera_distance_mm,
     )
-    return synthetic_series(skin, calibration.reference_px, calibration.px_per_mm)
+    return touch.synthetic_series(skin, calibration.reference_px, calibration.px_per_mm)
 
 
 def _check(args: Args) -> int:
-
-    model = load_force(args.force)
+    model = st.load_force(args.force)
     rows: list[dict[str, Any]] = [
         {**score._asdict(), "file": series.name}
         for series in _series(args)
-        for score in score_force(model, series)
+        for score in touch.score_force(model, series)
     ]
     forms = ("{file}", "{component}", "{r2:.3f}", "{mae:.4f} {unit}", "{coverage90:.1%}")
     shown = [[form.format_map(row) for form in forms] for row in rows]
@@ -154,11 +150,10 @@ def _check(args: Args) -> int:
 
 
 def _apply(args: Args) -> int:
-
     if len(args.files) != 1 or args.output is None:
         raise ConfigError("apply takes one file of tracks, --force F and -o OUT")
     args.claim(args.output)
-    values, half_widths = load_force(args.force).estimate(load_series(args.files[0]))
+    values, half_widths = st.load_force(args.force).estimate(load_series(args.files[0]))
     columns = {"force_n": values[:, :3], "force_sigma_n": half_widths[:, :3] / SIGMAS_90}
     if values.shape[1] > 3:
         columns["torque_nm"] = values[:, 3:]

@@ -11,27 +11,13 @@ from typing import Annotated, Any
 
 import tyro
 
-from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.messages import remark, tell, warn
+import spikingtac as st
+from spikingtac import contact, stream
+from spikingtac.cli.messages import remark, tell
 from spikingtac.cli.options import JsonArgs
-from spikingtac.cli.sources import ended_by_sigterm
-from spikingtac.config import load_config
-from spikingtac.contact.detector import ContactDetector
-from spikingtac.contact.recording import paired_windows
-from spikingtac.contact.registry import DetectionConfig, detectors, make_detector
+from spikingtac.cli.sources import checked, ended_by_sigterm, fitting
 from spikingtac.errors import ConfigError, DeviceError, named
 from spikingtac.events.address import is_stream
-from spikingtac.events.open import open_events
-from spikingtac.markers.registry import make_tracker
-from spikingtac.pipeline.checked_source import CheckedSource
-from spikingtac.pipeline.force_limit import ForceLimit
-from spikingtac.pipeline.track import require_same_size
-from spikingtac.robot.arm import Arm
-from spikingtac.robot.ur import open_arm
-from spikingtac.stream.guard import ContactProcess
-from spikingtac.stream.guard_loop import stream_arrivals
-from spikingtac.stream.host import Factory
-from spikingtac.touch.force.model import load_force
 
 POLL_S = 0.02  # Time between two looks at the state of the guarding process, s.
 
@@ -69,7 +55,7 @@ class Args(JsonArgs):
     """calibration.json of that finger."""
     quiet: Path
     """Recording of the moving arm without contact, from which the detector learns."""
-    detector: Annotated[str, tyro.conf.arg(metavar="|".join(detectors()))] = "default"
+    detector: Annotated[str, tyro.conf.arg(metavar="default|event_count")] = "default"
     """Contact detector: default (signed, sequential) or event_count (as published)."""
     budget: float = 1.0
     """Accepted number of false contacts per hour of free motion."""
@@ -88,7 +74,7 @@ def run(args: Args) -> int:
             nothing was connected.
         DeviceError: The stream or the arm failed; the arm was commanded to stop.
     """
-    named(detectors(), args.detector, "contact detector")
+    named(contact.detectors(), args.detector, "contact detector")
     if not args.budget > 0.0:
         raise ConfigError(f"--budget is {args.budget:g}, it must be positive (false contacts/h)")
     if (args.force is None) != (args.limit_n is None):
@@ -120,27 +106,25 @@ def failure_text(status: dict[str, Any]) -> str:
     return f"the guard stopped the arm without a contact: {status['reason']}"
 
 
-def start(args: Args) -> ContactProcess:
+def start(args: Args) -> stream.ContactProcess:
     """Start the process that watches the stream and stops the arm.
 
     Files that the process could not learn from are refused before an arm is connected.
     """
-    calibration = Calibration.load(args.calibration)
-    require_same_size(open_events(args.quiet).size, calibration.size)
+    fitting(args.calibration, st.open_events(args.quiet))
     learning: dict[str, Any] = {"calibration": str(args.calibration), "quiet": str(args.quiet)}
     if args.force is None:
         learning |= {"name": args.detector, "budget": args.budget}
     else:
         learning |= {"force": str(args.force), "limit_n": args.limit_n}
-    arm: Factory[Arm] = Factory(function=open_arm, arguments={"address": args.arm})
-    return ContactProcess(
-        Factory(function=stream_arrivals, arguments={"path": str(args.events)}),
-        Factory(function=force_limit if args.force else learnt_detector, arguments=learning),
-        arm,
+    return stream.ContactProcess(
+        stream.Factory(function=stream.stream_arrivals, arguments={"path": str(args.events)}),
+        stream.Factory(function=force_limit if args.force else learnt_detector, arguments=learning),
+        stream.Factory(function=st.open_arm, arguments={"address": args.arm}),
     )
 
 
-def learnt_detector(name: str, calibration: str, quiet: str, budget: float) -> ContactDetector:
+def learnt_detector(name: str, calibration: str, quiet: str, budget: float) -> st.ContactDetector:
     """Build a detector from a quiet recording; the guarding process calls this.
 
     Args:
@@ -149,14 +133,14 @@ def learnt_detector(name: str, calibration: str, quiet: str, budget: float) -> C
         quiet: Path of the quiet recording.
         budget: Accepted number of false contacts per hour.
     """
-    config = DetectionConfig(false_alarms_per_hour=budget)
-    own = Calibration.load(calibration)
+    config, source = st.DetectionConfig(false_alarms_per_hour=budget), st.open_events(quiet)
+    own = st.Calibration.load(calibration)
     # The recording tells whose calibration it is; the stream is not asked while it guards an arm.
-    checked = CheckedSource(open_events(quiet), own, warn)
-    return make_detector(name, config, [own], paired_windows([checked]))
+    seen = checked(source, own, strict=False)
+    return st.make_detector(name, config, [own], contact.paired_windows([seen]))
 
 
-def force_limit(calibration: str, quiet: str, force: str, limit_n: float) -> ContactDetector:
+def force_limit(calibration: str, quiet: str, force: str, limit_n: float) -> st.ContactDetector:
     """Build a limit of force; the guarding process calls this.
 
     Args:
@@ -165,17 +149,19 @@ def force_limit(calibration: str, quiet: str, force: str, limit_n: float) -> Con
         force: Path of the force model.
         limit_n: Force at which the arm stops, N.
     """
-    own, model = Calibration.load(calibration), load_force(force)
+    from spikingtac.pipeline.force_limit import ForceLimit
+
+    own, model = st.Calibration.load(calibration), st.load_force(force)
     model.require(own.reference_px, "px", "the calibration")
-    tracker = make_tracker(load_config("fast").tracking, own)
+    tracker = st.make_tracker(st.load_config("fast").tracking, own)
     limit = ForceLimit(tracker, model.estimator(), limit_n)
-    for window in islice(paired_windows([open_events(quiet)]), WARM_UP_WINDOWS):
+    for window in islice(contact.paired_windows([st.open_events(quiet)]), WARM_UP_WINDOWS):
         limit.update(window)
     limit.reset()
     return limit
 
 
-def _wait(process: ContactProcess) -> dict[str, Any]:
+def _wait(process: stream.ContactProcess) -> dict[str, Any]:
     """Return the last state of the guarding process, after a contact or a fault.
 
     Raises:

@@ -5,24 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
 
-from spikingtac.calibration.sensor_calibration import Calibration
+import spikingtac as st
 from spikingtac.cli.messages import Table, figures, progress, remark, tell
 from spikingtac.cli.options import ReadArgs
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.events.formats.codec import KINDS
-from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.manifest import MANIFEST, read_manifest
-from spikingtac.events.open import RECORDING_NAME, open_events
+from spikingtac.events.open import RECORDING_NAME
 from spikingtac.file_kinds import TOLD, document_of, kind_of
-from spikingtac.tracks import Tracks
 from spikingtac.tracks.columns import longest
+
+if TYPE_CHECKING:
+    from spikingtac.events.formats.file_source import FileSource
 
 PEAK_WINDOW_US = 1_000  # Window of the peak rate, us: that of contact detection.
 US_PER_S = 1_000_000
@@ -46,7 +47,9 @@ def run(args: Args) -> int:
         told = {"format": kind, **_FIGURES[kind](args.file)}
         document = {**told, "about": TOLD[kind]}
         return tell(args.json, document, figures(str(args.file), told), TOLD[kind])
-    source = open_events(args.file, strict=args.strict, sensor=args.sensor, encoding=args.encoding)
+    source = st.open_events(
+        args.file, strict=args.strict, sensor=args.sensor, encoding=args.encoding
+    )
     found = _summary(source)
     return tell(args.json, found, *(f"note: {note}" for note in source.notes), *_shown(args, found))
 
@@ -69,8 +72,7 @@ def _shown(args: Args, found: dict[str, Any]) -> list[Table | str]:
 
 
 def _of_tracks(path: Path) -> dict[str, Any]:
-
-    return Tracks.load(path).summary()
+    return st.Tracks.load(path).summary()
 
 
 def _of_arrays(path: Path) -> dict[str, Any]:
@@ -112,8 +114,7 @@ def _of_manifest(path: Path) -> dict[str, Any]:
 
 
 def _of_calibration(path: Path) -> dict[str, Any]:
-
-    calibration = Calibration.load(path)
+    calibration = st.Calibration.load(path)
     measured = calibration.marker_measured
     return {
         "size": list(calibration.size),

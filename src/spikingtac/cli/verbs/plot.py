@@ -1,4 +1,4 @@
-"""``spikingtac plot``: a figure of tracks, or of the events of a recording."""
+"""``spikingtac plot`` and ``compare``: figures of tracks, of events, of errors."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from typing import Annotated, Any, get_args
 
 import tyro
 
-from spikingtac.cli.messages import tell
+import spikingtac as st
+from spikingtac.batch.run import write_rows
+from spikingtac.cli.messages import figures, tell
 from spikingtac.cli.options import Output, WriteArgs
-from spikingtac.errors import ConfigError
-from spikingtac.events.open import open_events
-from spikingtac.file_kinds import kind_of
-from spikingtac.plots.events import EventKind
-from spikingtac.plots.figure import ThemeName, WidthName
-from spikingtac.plots.tracks import Kind
-from spikingtac.tracks import Tracks
+from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.events.formats.array_file import load_arrays
+from spikingtac.file_kinds import TOLD, kind_of
+from spikingtac.plots.figure import US_PER_S, EventKind, ThemeName, WidthName, save_figure
+from spikingtac.plots.tracks import Kind, plot_comparison
+from spikingtac.tracks.comparison import Comparison
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,14 +62,6 @@ def run(args: Args) -> int:
     if kind not in valid:
         what = "tracks" if tracked else "a recording"
         raise ConfigError(f"--kind {kind} is not for {what} (valid: {', '.join(valid)})")
-    _check(args, output, kind, tracked)
-    args.claim(output)
-    told = _of_tracks(args, output, kind) if tracked else _of_events(args, output, kind)
-    document = {"output": str(output), "kind": kind, **told}
-    return tell(args.json, document, f"written: {output}")
-
-
-def _check(args: Args, output: Path, kind: str, tracked: bool) -> None:
     animated = output.suffix == ".gif"
     if not animated and (args.from_s is not None or args.to_s is not None or args.slow != 1.0):
         raise ConfigError("--from-s, --to-s and --slow are for animations: -o field.gif")
@@ -76,28 +69,25 @@ def _check(args: Args, output: Path, kind: str, tracked: bool) -> None:
         raise ConfigError("a .gif shows tracks; spikingtac view RECORDING --export shows events")
     if animated and (args.at_s is not None or kind not in ("course", "field")):
         raise ConfigError("a .gif shows the field over a stretch: leave out --at-s and --kind")
+    args.claim(output)
+    told = _of_tracks(args, output, kind) if tracked else _of_events(args, output, kind)
+    document = {"output": str(output), "kind": kind, **told}
+    return tell(args.json, document, f"written: {output}")
 
 
 def _of_events(args: Args, output: Path, kind: str) -> dict[str, Any]:
     from spikingtac.plots.events import event_figures, plot_events
-    from spikingtac.plots.figure import save_figure
 
-    figures = event_figures(open_events(args.source), args.at_s)
-    save_figure(plot_events(figures, kind, theme=args.theme, width=args.width), output)
-    return {
-        "pictures": 1,
-        "at_us": figures.at_us,
-        "events": int(figures.counts.sum()),
-        "hot_px": figures.hot_px.tolist(),
-    }
+    found = event_figures(st.open_events(args.source), args.at_s)
+    save_figure(plot_events(found, kind, theme=args.theme, width=args.width), output)
+    count, hot_px = int(found.counts.sum()), found.hot_px.tolist()
+    return {"pictures": 1, "at_us": found.at_us, "events": count, "hot_px": hot_px}
 
 
 def _of_tracks(args: Args, output: Path, kind: str) -> dict[str, Any]:
     from spikingtac.plots.animation import save_animation
-    from spikingtac.plots.figure import US_PER_S, save_figure
-    from spikingtac.plots.tracks import plot_tracks
 
-    tracks = Tracks.load(args.source)
+    tracks = st.Tracks.load(args.source)
     style: dict[str, Any] = {"theme": args.theme, "width": args.width}
     if output.suffix == ".gif":
         stretch_s = args.from_s, args.to_s
@@ -106,5 +96,60 @@ def _of_tracks(args: Args, output: Path, kind: str) -> dict[str, Any]:
     at_us = None
     if args.at_s is not None and len(tracks.t_us):
         at_us = int(tracks.t_us[0]) + round(args.at_s * US_PER_S)
-    save_figure(plot_tracks(tracks, kind, at_us=at_us, **style), output)
+    save_figure(st.plot_tracks(tracks, kind, at_us=at_us, **style), output)
     return {"pictures": 1, **tracks.summary()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareArgs(WriteArgs):
+    """Compare two tracks of a recording, or tracks with the truth of a simulated one."""
+
+    one: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRACKS")]
+    """tracks.npz; the distances are computed at its times."""
+    other: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OTHER")]
+    """Other tracks.npz, a truth.npz, or a recording folder that holds one."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o", "--plot"], metavar="FIGURE")] = None
+    """Figure to write (.png, .svg, .pdf): the distance over time and by marker."""
+    table: Path | None = None
+    """CSV file to write: the distance of each marker."""
+    theme: ThemeName = "light"
+    """Colours of the figure: light for paper, dark for screens."""
+    width: WidthName = "single"
+    """Width of the figure: one column of a paper, or two."""
+
+
+def compare(args: CompareArgs) -> int:
+    """Compare, print the figures, and write what was asked for."""
+    args.claim(args.output, args.table)
+    found = compared(args.one, args.other)
+    summary, rows = found.summary(), found.by_marker()
+    if args.output is not None:
+        save_figure(plot_comparison(found, theme=args.theme, width=args.width), args.output)
+    if args.table is not None:
+        texts = [{name: f"{value:.6g}" for name, value in row.items()} for row in rows]
+        write_rows(args.table, list(rows[0]), texts)
+    written = [f"written: {path}" for path in (args.output, args.table) if path is not None]
+    table = figures(f"{args.one} against {args.other}", summary)
+    return tell(args.json, {**summary, "by_marker": rows}, table, *written)
+
+
+def compared(one: Path, other: Path) -> Comparison:
+    """Compare the tracks in a file with tracks or a truth.
+
+    Raises:
+        RecordingError: A file cannot be read, or holds neither.
+        ConfigError: The two are of other sensors or other times.
+    """
+    path = other / "truth.npz" if other.is_dir() else other
+    kind = kind_of(path)
+    events = kind_of(one) in ("recording", "truth") or (one.is_file() and one.suffix != ".npz")
+    if kind == "tracks" and events:
+        raise ConfigError(f"the tracks come first: spikingtac compare {other} {one}")
+    tracks = st.Tracks.load(one)
+    if kind not in ("tracks", "truth") and path.exists():
+        told = f": {TOLD[kind]}" if kind else " (marker_t_us and marker_px)"
+        raise RecordingError(f"{str(path)!r} holds neither tracks nor a truth{told}")
+    if kind == "tracks":
+        return st.compare_tracks(tracks, st.Tracks.load(path))
+    truth = load_arrays(path, "ground truth")
+    return st.compare_with_truth(tracks, truth["marker_t_us"], truth["marker_px"])

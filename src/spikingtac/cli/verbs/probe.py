@@ -2,48 +2,182 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+import tyro
 
-from spikingtac.cli.messages import Table, progress, remark, tell
-from spikingtac.cli.probe_search import ASSUMPTIONS, Args, ProbedHole, search
-from spikingtac.errors import ConfigError
+import spikingtac as st
+from spikingtac.atomic_files import write_json
+from spikingtac.cli.messages import Table, tell
+from spikingtac.cli.options import WriteArgs
+from spikingtac.errors import ConfigError, named
+from spikingtac.events.address import is_stream
 from spikingtac.plots.figure import PICTURE_ENDINGS
-from spikingtac.robot.prober import ArmProber
+from spikingtac.schema import to_mapping
+from spikingtac.types import FloatArray
 
-# Fraction of the computing time on the twin that the calibration takes, measured.
-CALIBRATED_FRACTION = 0.6
-CALIBRATION_STREAM, SEARCH_STREAM = 4, 5  # Numbers of the random streams of the readings.
-ASSUMPTIONS_ON_TWIN = (
-    *ASSUMPTIONS,
-    "gel, optics, camera, arm, bit and hole are simulated",
-    "delta_crit and the bit's heading come from touches of a flat wall at a known place",
-    "the arm's repeatability, 0.028 mm per axis and reading, was added to every reading",
-)
+if TYPE_CHECKING:
+    from spikingtac.plots.circles import HolePicture
+
+# Arguments that must be above 0.
+POSITIVE = ("travel_mm", "travel_sigma_mm", "travel_limit_mm", "force_limit_n")
+LEAST_RADIUS_MM = 0.5  # Radius of the narrowest hole of the twin, mm: the bit reaches 0.433 mm.
+DIGITS = 5  # Decimals of lengths in hole.json, mm: a hundredth of a micrometre.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args(WriteArgs):
+    """Find centre and radius of one hole by touch; on the twin unless an arm is given.
+
+    The probe must stand in the hole. This is not a safety function: it does not replace the robot's
+    protective stop.
+    """
+
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FOLDER|FILE")] = None
+    """Folder for hole.json and hole.png; or a .json, .png, .svg or .pdf file, the other one is
+    written beside it. Nothing is written unless given."""
+    arm: str | None = None
+    """Address of a UR arm in remote control; the twin is used unless given."""
+    events: Path | None = None
+    """With --arm: the finger's camera, a named pipe; a recording only with --rehearsal."""
+    rehearsal: bool = False
+    """With --arm: allow --events to be a recording. The arm then moves by what was felt earlier,
+    and feels nothing: no contact stops it."""
+    calibration: Path | None = None
+    """With --arm: calibration.json of that finger."""
+    gripper: bool = False
+    """With --arm: close the Robotiq gripper of the arm's controller on the probe before the search,
+    and report the grip."""
+    release: bool = False
+    """With --gripper: open the gripper after the search."""
+    travel_mm: float = 0.12
+    """With --arm: delta_crit, the tip's travel from touch to decision, mm, from a known wall."""
+    travel_sigma_mm: float = 0.03
+    """With --arm: standard deviation of this travel from touch to touch, mm."""
+    radius_mm: float = 2.0
+    """On the twin: true radius of the hole, mm."""
+    seed: int = 0
+    """On the twin: seed of everything random."""
+    search: Literal["default", "cross4"] = "default"
+    """default (adaptive) or cross4 (the paper's four contacts)."""
+    contacts: int = 12
+    """Largest number of contacts of the adaptive search."""
+    center_sigma_mm: float = 0.0
+    """The adaptive search ends when the standard deviation of the centre is below this along each
+    axis, mm."""
+    travel_limit_mm: float = 11.0
+    """Largest travel of one approach, mm; a hole must be smaller."""
+    force_limit_n: float = 0.5
+    """Largest force of the tip, N, even if no wall is detected; it limits the travel."""
+    detector: Annotated[str, tyro.conf.arg(metavar="default|event_count")] = "default"
+    """Contact detector: default (signed, sequential) or event_count (as published)."""
+
+    def probing(self) -> st.ProbingConfig:
+        """Return how the search touches."""
+        config = st.ProbingConfig
+        style = config() if self.search == "cross4" else config.conditioned()
+        limits = {"travel_limit_mm": self.travel_limit_mm, "force_limit_n": self.force_limit_n}
+        return replace(style, **limits)
+
+    def searching(self) -> Any:
+        """Return the settings of the adaptive search."""
+        from spikingtac.robot import AdaptiveSearchConfig
+
+        return AdaptiveSearchConfig(contacts=self.contacts, center_sigma_mm=self.center_sigma_mm)
+
+
+class ProbedHole(NamedTuple):
+    """The estimate of a hole, with the search that led to it.
+
+    Attributes:
+        found: The estimate and its contacts.
+        travel: The travel by which the readings were corrected.
+        assumed: The assumptions, in sentences.
+        given: What the search depended on beside its settings.
+        true_center_mm: ``(2,)`` the hole's centre, where it is known, mm.
+        grip: How the gripper holds the probe; None without a gripper.
+    """
+
+    found: st.FoundHole
+    travel: st.TravelModel
+    assumed: tuple[str, ...]
+    given: dict[str, Any]
+    true_center_mm: FloatArray | None = None
+    grip: dict[str, Any] | None = None
 
 
 def run(args: Args) -> int:
     """Probe a hole, write the result, and print it."""
-    args.check()
-    paths = _output_paths(args)
-    if args.arm is not None:
-        from spikingtac.cli.verbs.probe_arm import on_arm
+    from spikingtac.cli.verbs import probe_sites as sites
+    from spikingtac.plots.circles import HolePicture, save_hole_plot
 
-        found = on_arm(args)
-    else:
-        found = on_twin(args)
-    summary: dict[str, Any] = found.summary() | (found.write(*paths) if paths else {})
+    check(args)
+    paths = _output_paths(args)
+    hole = sites.on_twin(args) if args.arm is None else sites.on_arm(args)
+    circle, touches = hole.found.circle, hole.found.touches
+    picture = HolePicture(
+        circle=circle,
+        reading_mm=np.array([touch.reading_mm for touch in touches]),
+        true_center_mm=hole.true_center_mm,
+        true_radius_mm=None if hole.true_center_mm is None else args.radius_mm,
+    )
+    summary, place = _summary(args, hole, picture), "simulated" if args.arm is None else "real arm"
+    if paths:
+        (x, y), sigma, radius = circle.center_mm, circle.sigma_mm, circle.radius_mm
+        title = (
+            f"hole by touch ({f'arm at {args.arm}' if args.arm else place}): {args.search}, "
+            f"{len(touches)} contacts\n"
+            f"centre ({x:.3f} ± {sigma[0]:.3f}, {y:.3f} ± {sigma[1]:.3f}) mm, "
+            f"radius {radius:.3f} ± {sigma[2]:.3f} mm (one sigma)"
+        )
+        write_json(paths[0], _document(args, hole, picture))
+        save_hole_plot(paths[1], title, picture)
+        summary |= {"output": str(paths[0]), "picture": str(paths[1])}
     rows = [
         (name, summary[name], summary[f"{name}_sigma"], summary.get(f"{name}_error", "-"))
         for name in ("x_mm", "y_mm", "radius_mm")
     ]
     columns = ("", "estimate", "standard deviation", "error (simulated)")
-    place = "simulated" if summary["simulated"] else "real arm"
-    table = Table(f"hole from {summary['contacts']} contacts ({place})", columns, rows)
-    written = [f"written: {paths[0]}, {paths[1]}"] if paths else []
-    return tell(args.json, summary, table, *written)
+    table = Table(f"hole from {len(touches)} contacts ({place})", columns, rows)
+    return tell(args.json, summary, table, *([f"written: {paths[0]}, {paths[1]}"] if paths else []))
+
+
+def check(args: Args) -> None:
+    """Refuse invalid arguments before anything moves or is computed.
+
+    Raises:
+        ConfigError: Names the flag, what was given and what is valid.
+    """
+    from spikingtac.contact import detectors
+
+    named(detectors(), args.detector, "contact detector")
+    for name in POSITIVE:
+        value = getattr(args, name)
+        if not (value > 0.0 and math.isfinite(value)):
+            raise ConfigError(f"--{name.replace('_', '-')} is {value:g}; it must be above 0")
+    if not (args.radius_mm >= LEAST_RADIUS_MM and math.isfinite(args.radius_mm)):
+        raise ConfigError(
+            f"--radius-mm is {args.radius_mm:g}; the bit reaches 0.433 mm and needs some room: "
+            f"at least {LEAST_RADIUS_MM} mm"
+        )
+    for flag, needed in (("rehearsal", "arm"), ("gripper", "arm"), ("release", "gripper")):
+        if getattr(args, flag) and not getattr(args, needed):
+            raise ConfigError(f"--{flag} is used with --{needed}; give that, too")
+    if args.arm is not None and (args.events is None or args.calibration is None):
+        raise ConfigError(
+            "--arm needs --events and --calibration: those of the finger that holds the probe"
+        )
+    if args.arm and args.events and not (args.rehearsal or is_stream(args.events)):
+        raise ConfigError(
+            f"--events is {str(args.events)!r}, which is no camera's named pipe: an arm that "
+            "moves by a recording feels nothing. Give the pipe, or --rehearsal if nothing can "
+            "be touched"
+        )
+    args.searching()
 
 
 def _output_paths(args: Args) -> tuple[Path, Path] | None:
@@ -67,49 +201,59 @@ def _output_paths(args: Args) -> tuple[Path, Path] | None:
             f"--output is {str(output)!r}; give a folder, or a file that ends in .json, "
             f"{', '.join(PICTURE_ENDINGS)}"
         )
-    try:
-        paths[0].parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(
-            f"cannot write into {str(paths[0].parent)!r}: {error.strerror}; give another folder"
-        ) from error
+    paths[0].parent.mkdir(parents=True, exist_ok=True)
     args.claim(*paths)
     return paths
 
 
-def on_twin(args: Args) -> ProbedHole:
-    """Calibrate on a flat wall of the twin, then search one hole.
+def _summary(args: Args, hole: ProbedHole, picture: HolePicture) -> dict[str, Any]:
+    """Return what is printed: each coordinate with its sigma and its error."""
+    circle = hole.found.circle
+    values = {"": [*circle.center_mm, circle.radius_mm], "_sigma": list(circle.sigma_mm)}
+    if picture.error_mm is not None:
+        values["_error"] = list(picture.error_mm)
+    told: dict[str, Any] = {"contacts": len(hole.found.touches)}
+    for number, name in enumerate(("x_mm", "y_mm", "radius_mm")):
+        told |= {f"{name}{kind}": round(float(of[number]), 4) for kind, of in values.items()}
+    told |= {} if hole.grip is None else {"grip": hole.grip}
+    return told | {"source": "robot" if args.arm else "twin", "simulated": args.arm is None}
 
-    Raises:
-        SearchError: There is no wall, no room, or no circle; the arm is at rest.
-    """
-    from spikingtac.sim.rig import hole_site as twin
 
-    site = twin.HoleSite(twin.Grasp.of(args.seed), args.seed)
-    trial = twin.hole_trial(args.radius_mm, np.zeros(2), twin.CORNER_MM, args.seed)
-    style, cycles = (twin.DEFAULT, 3) if args.search == "default" else (twin.CROSS, 4)
-    remark("calibrating on a flat wall, then probing the hole; this takes about half a minute")
-    with progress("calibrate on a flat wall, then probe") as advance:
-        detector = twin.detector_for(site, args.detector, twin.quiet_windows(site))
-        plain = twin.prober_for(site, detector, style)
-        on_walls = twin.RecordingProber(plain, [args.seed, CALIBRATION_STREAM])
-        twin.touch_flat_walls(site, on_walls, style, cycles)
-        travel = twin.travel_of(on_walls.stored, twin.PLANNING_MM)
-        advance(CALIBRATED_FRACTION)
-        remark("calibrated; probing the hole")
-        site.set_wall(trial.wall, trial.start_mm)
-        prober = ArmProber(
-            site.rig.arm, site.windows(), detector, args.probing, free_travel=site.free_travel
-        )
-        in_hole = twin.RecordingProber(prober, [args.seed, SEARCH_STREAM])
-        circle, touches = search(args, in_hole, travel, trial.start_mm)
-    start_mm = tuple(trial.start_mm.tolist())
-    return ProbedHole(
-        args=args,
-        circle=circle,
-        touches=touches,
-        travel=travel,
-        assumed=ASSUMPTIONS_ON_TWIN,
-        given={"seed": args.seed, "radius_mm": args.radius_mm, "start_mm": start_mm},
-        true_center_mm=trial.center_mm,
-    )
+def _document(args: Args, hole: ProbedHole, picture: HolePicture) -> dict[str, Any]:
+    """Return the document that is written."""
+    circle, travel, truth = hole.found.circle, hole.travel, None
+    config = {"probing": args.probing(), "detector": args.detector, **hole.given}
+    config |= {"search": args.searching()} if args.search == "default" else {}
+    contacts = [
+        {name: _rounded(getattr(touch, name)) for name in ("start_mm", "direction", "reading_mm")}
+        | {"residual_mm": _rounded(residual)}
+        for touch, residual in zip(hole.found.touches, circle.residual_mm, strict=True)
+    ]
+    if picture.error_mm is not None:
+        truth = {"center_mm": _rounded(hole.true_center_mm), "radius_mm": args.radius_mm}
+        truth["error_mm"] = _rounded(picture.error_mm)
+    return {
+        "package_version": st.__version__,
+        "simulated": args.arm is None,
+        "arm": args.arm,
+        "grip": hole.grip,
+        "method": {"search": args.search, "detector": args.detector},
+        "center_mm": _rounded(circle.center_mm),
+        "radius_mm": _rounded(circle.radius_mm),
+        "sigma_mm": _rounded(circle.sigma_mm),
+        "covariance_mm2": circle.covariance_mm2.tolist(),
+        "contacts": contacts,
+        "travel": {
+            "harmonics_mm": _rounded(travel.harmonics_mm),
+            "sigma_mm": _rounded(travel.sigma_mm),
+            "across_flats_mm": travel.across_flats_mm,
+            "heading_rad": travel.heading_rad,
+        },
+        "truth": truth,
+        "config": to_mapping(config),
+        "assumed": list(hole.assumed),
+    }
+
+
+def _rounded(values: Any) -> Any:
+    return np.round(values, DIGITS).tolist()

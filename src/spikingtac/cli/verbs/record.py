@@ -1,4 +1,4 @@
-"""``spikingtac record``: a camera to disk, without losing an event in silence."""
+"""``spikingtac record`` and ``align``: cameras to disk, two fingers and poses on one clock."""
 
 from __future__ import annotations
 
@@ -8,18 +8,21 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.messages import Table, remark, tell
-from spikingtac.cli.options import WriteArgs, require_seconds
+import spikingtac as st
+from spikingtac.cli.messages import Table, progress, remark, tell
+from spikingtac.cli.options import Output, WriteArgs, require_seconds
 from spikingtac.cli.sources import camera_address, ending_on_interrupt
+from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address
-from spikingtac.events.camera_source import CameraSource
-from spikingtac.events.formats.file_source import ReadOptions
-from spikingtac.stream.record import RecordOptions, Session, locked_folder, prepare_folder, record
-from spikingtac.stream.recorder import Split
+from spikingtac.events.align import By, SecondFinger, map_between, write_pair
+from spikingtac.events.manifest import PoseClock, load_poses, map_of_poses, name_of
+
+if TYPE_CHECKING:
+    from spikingtac.stream.record import Session
 
 EXIT_MACHINE = 3
 MEV = 1e6
@@ -60,6 +63,10 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Record, and print what was recorded; exit 3 where the disk refused to write."""
+    from spikingtac.events import CameraSource, ReadOptions
+    from spikingtac.stream.record import RecordOptions, locked_folder, prepare_folder, record
+    from spikingtac.stream.recorder import Split
+
     require_seconds(args.seconds)
     options = RecordOptions(split=Split.parse(args.split), seconds=args.seconds or math.inf)
     given = [args.source] if args.second is None else [args.source, args.second]
@@ -147,3 +154,98 @@ def _table(title: str, summary: dict[str, Any]) -> Table:
         rows["real time"] = f"{late}, at worst by {pace['latest_ms']:.0f} ms (simulated)"
     rows |= {kind: str(count) for kind, count in summary["losses"].items()}
     return Table(title, ("", ""), rows.items(), words=2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlignArgs(WriteArgs):
+    """Put two fingers, and a robot's poses, on one clock; say how well it is known.
+
+    Two recordings go into a folder that every verb reads as two sensors: events.raw, events_1.raw,
+    poses.npz. Without a second recording, the poses alone are written: -o poses.npz.
+    """
+
+    first: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FIRST")]
+    """Recording whose clock is the time base; a folder of two sensors holds the second one, too."""
+    second: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="SECOND")] = None
+    """Recording of the other finger."""
+    output: Output = None
+    """Folder to write, or poses.npz; nothing is written unless given."""
+    by: By = "auto"
+    """What aligns the two clocks: host (one host recorded both), or triggers (both cameras timed
+    the edges of one line). Auto takes the host where it is known, otherwise the triggers."""
+    trigger_channel: int | None = None
+    """Trigger input of that line, where both recordings hold several; it means --by triggers."""
+    poses: Path | None = None
+    """CSV of a robot's poses: a header with t_us, t_ms, t_s or timestamp; columns of numbers."""
+    poses_clock: PoseClock = "auto"
+    """Clock of their times: unix (time of day), monotonic (of the host), or sensor. Auto tells the
+    first two by their size."""
+
+
+def align(args: AlignArgs) -> int:
+    """Find the maps, write the aligned files, and report the errors."""
+    from spikingtac.stream.record import recorded
+
+    second, output = args.second, args.output
+    if second is None and (args.first / name_of("events.raw", 1)).is_file():
+        second = args.first
+    if second is None and args.poses is None:
+        raise ConfigError("there is nothing to align: name a second recording, or --poses")
+    if output is not None and second is not None:
+        recorded(output, args.overwrite)
+        output /= "poses.npz"
+    elif output is not None and output.suffix != ".npz":
+        raise ConfigError(f"poses alone are written as .npz, not as {output.name!r}")
+    else:
+        args.claim(output)
+    document: dict[str, Any] = {"output": None if args.output is None else str(args.output)}
+    placed = None
+    with progress("comparing clocks"):
+        if args.poses is not None:
+            poses = load_poses(args.poses)
+            time_map, clock = map_of_poses(poses, args.first, args.poses_clock)
+            placed = poses.on(time_map)
+            ends_us = [time_map.error_at_us(float(poses.t_us[end])) for end in (0, -1)]
+            told = {"rows": len(placed.t_us), "clock": clock, **time_map.summary()}
+            document["poses"] = told | {"error_at_end_us": max(ends_us)}
+        if second is not None:
+            document |= _two(args, second)
+    if placed is not None and output is not None:
+        placed.save(output)
+    return tell(args.json, document, *_aligned(document))
+
+
+def _two(args: AlignArgs, second: Path) -> dict[str, Any]:
+    from spikingtac.stream.record import prepare_folder
+
+    other = SecondFinger(args.first, second)
+    by = args.by if args.trigger_channel is None else "triggers"
+    time_map, host_later_us = map_between(args.first, other, by, args.trigger_channel)
+    told: dict[str, Any] = {"time_base": time_map.summary(), "host_later_us": host_later_us}
+    if args.output is None:
+        return told
+    if args.output.exists() and any(
+        path.exists() and args.output.samefile(path) for path in (args.first, second)
+    ):
+        raise ConfigError("-o names a recording that is read; choose another folder")
+    prepare_folder(args.output, args.overwrite)
+    first, inputs = st.open_events(args.first), [args.first.name, second.name]
+    written = write_pair(args.output, first, other.source, time_map, {"inputs": inputs})
+    return told | {"events": written}
+
+
+def _aligned(document: dict[str, Any]) -> list[Table]:
+    rows = []
+    for name, key in (("second sensor", "time_base"), ("poses", "poses")):
+        if (found := document.get(key)) is not None:
+            drift = f"{found['drift_ppm']:.2f}"
+            if found["drift_error_ppm"] is not None:
+                drift += f" +- {found['drift_error_ppm']:.2f}"
+            shift_ms = f"{(found['base_us'] - found['own_us']) / 1e3:.3f}"
+            rows.append((name, found["learned_from"], shift_ms, f"{found['error_us']:.0f}", drift))
+    columns = ("clock of the", "found by", "ms to add", "error us", "drift ppm")
+    tables = [Table("on the first sensor's clock", columns, rows, words=2)]
+    if (later_us := document.get("host_later_us")) is not None:
+        title = "the host puts the second sensor later, by"
+        tables.append(Table(title, ("us",), [(f"{later_us:.0f}",)], 0))
+    return tables

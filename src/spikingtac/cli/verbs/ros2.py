@@ -1,24 +1,22 @@
-"""``spikingtac ros2``: publish a sensor to ROS 2, live; ROS need not be installed."""
+"""``spikingtac ros2`` and ``foxglove``: publish a sensor, live; ROS need not be installed."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.calibration.sensor_calibration import Calibration
+import spikingtac as st
 from spikingtac.cli.messages import remark, tell, warn
 from spikingtac.cli.options import TrackerArgs, require_seconds
 from spikingtac.cli.sources import ending_on_interrupt
-from spikingtac.config import load_config
 from spikingtac.file_kinds import kind_of
-from spikingtac.pipeline.checked_source import refuse
-from spikingtac.touch.force.model import load_force
-from spikingtac.tracks import Tracks
 
 if TYPE_CHECKING:
     from spikingtac.ros2.feed import Feed
@@ -26,6 +24,9 @@ if TYPE_CHECKING:
 
 LOOK_S = 0.01  # Time between two looks for a reader, s.
 ENDING_S = 0.1  # Time for the last messages to leave before the topics end, s.
+
+# Origins of the Foxglove app in a browser.
+FOXGLOVE_ORIGINS = ("https://app.foxglove.dev", "https://studio.foxglove.dev")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,20 +75,65 @@ def run(args: Args) -> int:
         return publish(args, feed, publisher, prefix=args.prefix)
 
 
+@dataclass(frozen=True, kw_only=True)
+class FoxgloveArgs(PublishArgs):
+    """Serve displacement field, arrows, wrench, contact, events, diagnostics to Foxglove.
+
+    Cameras are shown as they send, recordings and tracks at the speed of their recording. The
+    server listens on this machine alone unless --host says otherwise.
+    """
+
+    field_hz: float = 100.0
+    """Fields and wrenches that are shown per second, at most every frame."""
+    host: str = "127.0.0.1"
+    """Address to serve on. Beyond this machine a random token is needed, which is printed."""
+    port: int = 8766
+    """Port, or 0 for any free one."""
+    allow_origin: tuple[str, ...] = FOXGLOVE_ORIGINS
+    """Web pages that may connect, by their Origin; those of the Foxglove app unless given."""
+
+
+def foxglove(args: FoxgloveArgs) -> int:
+    """Serve until the source ends, or until Ctrl-C."""
+    from spikingtac.ros2.foxglove import FoxglovePublisher
+    from spikingtac.viewer.access import Gate
+
+    feed = feed_of(args)
+    gate = Gate.for_host(args.host)
+    refusal = partial(_refusal, gate.refusal, args.allow_origin)
+    with closing(FoxglovePublisher(args.host, args.port, refusal)) as publisher:
+        token = f"/?token={gate.token}" if gate.token else ""
+        address = f"ws://{args.host}:{publisher.port}{token}"
+        remark(f"open {address} in Foxglove (Open connection); Ctrl-C ends")
+        return publish(args, feed, publisher, field_hz=args.field_hz)
+
+
+def _refusal(
+    refusal: Callable[[Mapping[str, str], str | None], str],
+    allowed: tuple[str, ...],
+    headers: Mapping[str, str],
+    token: str | None,
+) -> str:
+    """Return why a connection is refused; the allowed pages pass as if they were our own."""
+    known = headers.get("origin") in allowed
+    return refusal({k: v for k, v in headers.items() if not (known and k == "origin")}, token)
+
+
 def feed_of(args: PublishArgs) -> Feed:
     """Return the frames that are published; nothing is left to compile at the first one."""
+    from spikingtac.pipeline.checked_source import refuse
     from spikingtac.ros2.feed import feed_of_events, feed_of_tracks
     from spikingtac.ros2.stream import rehearse
     from spikingtac.stream.sources import open_live
 
     require_seconds(args.seconds)
-    calibration = None if args.calibration is None else Calibration.load(args.calibration)
-    force = None if args.force is None else load_force(args.force)
+    calibration = None if args.calibration is None else st.Calibration.load(args.calibration)
+    force = None if args.force is None else st.load_force(args.force)
     if kind_of(args.source) == "tracks":
-        feed = feed_of_tracks(Tracks.load(args.source), calibration, force)
+        feed = feed_of_tracks(st.Tracks.load(args.source), calibration, force)
     else:
-        calibration = calibration or Calibration.load(args.needed_calibration())
-        tracking = load_config(args.preset).with_tracking(rate_hz=args.rate_hz).tracking
+        calibration = calibration or st.Calibration.load(args.needed_calibration())
+        tracking = st.load_config(args.preset).with_tracking(rate_hz=args.rate_hz).tracking
         events = open_live(args.source, strict=args.strict, sensor=args.sensor)
         told = refuse if args.strict else warn
         feed = feed_of_events(events, calibration, tracking, force, told)

@@ -9,14 +9,13 @@ from typing import Annotated
 
 import tyro
 
+from spikingtac import sim
 from spikingtac.cli.messages import progress, tell
 from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.events.manifest import MANIFEST
 from spikingtac.plugins import SCENE_DESIGNS, with_plugins
-from spikingtac.sim import catalog
 from spikingtac.sim.camera.config import CAMERA_NAMES
-from spikingtac.sim.render import simulate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +47,7 @@ class Args(WriteArgs):
 def run(args: Args) -> int:
     """Write the recording, or list the scenes."""
     if args.list:
-        scenes = catalog.scene_descriptions()
+        scenes = sim.scene_descriptions()
         if args.json:
             return tell(True, {"scenes": scenes})
         sys.stdout.writelines(f"{name}  {about}\n" for name, about in scenes.items())
@@ -56,7 +55,7 @@ def run(args: Args) -> int:
     if not args.scene or args.output is None:
         raise ConfigError(
             "give a scene and a folder: spikingtac simulate SCENE -o FOLDER "
-            f"(scenes: {', '.join(catalog.scene_names())}, or a TOML file)"
+            f"(scenes: {', '.join(sim.scene_names())}, or a TOML file)"
         )
 
     if (args.output / MANIFEST).is_file() and not args.overwrite:
@@ -64,13 +63,13 @@ def run(args: Args) -> int:
             f"the folder {str(args.output)!r} holds a recording already; "
             "choose another one, or give --overwrite to replace it"
         )
-    scene = catalog.load_scene(args.scene).with_camera(args.camera).with_serial(args.serial)
+    scene = sim.load_scene(args.scene).with_camera(args.camera).with_serial(args.serial)
     if args.design is not None:
         # The package that registers the designs puts the scene on one of them.
         scene = with_plugins({}, SCENE_DESIGNS)["design"](scene, args.design)
     with progress(f"simulating {args.scene}") as advance:
         given = {"seed": args.seed, "duration_s": args.duration_s, "overwrite": args.overwrite}
-        summary = simulate(scene, args.output, advance=advance, **given)
+        summary = sim.simulate(scene, args.output, advance=advance, **given)
     seconds, events, markers = (summary[name] for name in ("duration_s", "events", "markers"))
     written = f"written: {args.output}, {seconds:.3f} s, {events:,} events, {markers} markers"
     return tell(args.json, {"scene": args.scene, **summary}, written)

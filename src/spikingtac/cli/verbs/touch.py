@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
 
+import spikingtac as st
 from spikingtac.batch.inputs import SERIES_MEMBERS
 from spikingtac.calibration.lens import SkinScale
-from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.many import ManyArgs, means_many, run_many
-from spikingtac.cli.messages import Advance, Table, counted, no_progress, progress, tell, warn
+from spikingtac.cli.messages import Advance, Table, counted
 from spikingtac.cli.options import Output, TrackerArgs
-from spikingtac.cli.sources import SecondArgs, ending_on_interrupt, for_each, open_two, second_name
+from spikingtac.cli.recordings import ManyArgs, SecondArgs, Work, run_each
+from spikingtac.cli.sources import checked, ending_on_interrupt, fitting
 from spikingtac.cli.verbs.touch_rows import (
     touch_row,
     touch_table,
@@ -25,20 +24,14 @@ from spikingtac.cli.verbs.touch_rows import (
     vibration_table,
     write_touches,
 )
-from spikingtac.config import load_config
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.formats.file_source import FileSource
-from spikingtac.events.open import open_events
-from spikingtac.markers.registry import make_tracker
-from spikingtac.pipeline.checked_source import CheckedSource, refuse
-from spikingtac.pipeline.follow import follow
-from spikingtac.pipeline.track import require_same_size
 from spikingtac.touch.force.series import is_series, load_series
-from spikingtac.touch.slip.held import HeldTouchDetector
 from spikingtac.touch.touch import TouchConfig
 from spikingtac.touch.vibration import VibrationMonitor
-from spikingtac.tracks import Tracks
 from spikingtac.types import MarkerFrame
+
+if TYPE_CHECKING:
+    from spikingtac.events.formats.file_source import FileSource
 
 VIBRATION_WINDOW_S = 1.0  # Length of a spectrum of vibration, s: bins of 1 Hz.
 PROGRESS_EVERY = 256  # Frames between two reports of progress.
@@ -80,56 +73,32 @@ class _Watched:
 
 def run(args: Args) -> int:
     """Follow the markers, find the touches, and list them."""
-    many = means_many(args, args.sources)
-    if args.second is not None:
-        return _run_two(args, args.second, many)
-    if many:
-        return _run_many(args)
-    source = args.sources[0]
-    args.claim(args.output)
-    with progress(f"watching {source.name}") as advance:
-        found = _listed(args, _watch(args, source, advance))
-    shown = _shown(found, source.name, found["t_first_us"])
-    if args.output is not None:
-        write_touches(args.output, found["touches"])
-        shown.append(f"written: {args.output}")
-    return tell(args.json, found, *shown)
+    return run_each(WORK, args, args.sources, args.output)
 
 
-def _run_two(args: Args, second: Path, many: bool) -> int:
-    """List the touches of two fingers on the first one's clock."""
-    calibrations = args.calibrations(args.calibration, many)
-    paths = [] if args.output is None else [args.output, second_name(args.output)]
-    args.claim(*paths)
-
-    def work(number: int, source: FileSource) -> dict[str, Any]:
-        return _listed(args, _tracked(args, source, calibrations[number]))
-
-    first = args.sources[0]
-    sources = open_two(first, second, strict=args.strict)
-    with ending_on_interrupt(*sources):
-        one, other = for_each(work, sources)
-    for path, found in zip(paths, (one, other), strict=False):
-        write_touches(path, found["touches"])
-    since_us = one["t_first_us"]
-    shown = _shown(one, first.name, since_us) + _shown(other, second.name, since_us)
-    written = [f"written: {path}" for path in paths]
-    return tell(args.json, one | {"second": other}, *shown, *written)
+def touch_one(
+    args: Args, source: Path | FileSource, output: Path | None, advance: Advance
+) -> dict[str, Any]:
+    """List the touches of a recording, of tracks, or of arrays; return them as rows."""
+    if isinstance(source, Path) and is_series(source):
+        found = _listed(args, _of_series(args, source))
+    else:
+        found = _listed(args, _tracked(args, source, advance))
+    if output is not None:
+        write_touches(output, found["touches"])
+    return found
 
 
-def _run_many(args: Args) -> int:
-
+def check_many(args: Args) -> None:
+    """Refuse what is wrong for all of many recordings."""
     if args.vibration:
         raise ConfigError("--vibration works on one recording at a time; name one")
-    check = partial(load_config, args.preset)
-    return run_many("touch", args, touch_one, ".csv", check, members=SERIES_MEMBERS)
+    st.load_config(args.preset)
 
 
-def touch_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
-    """List the touches of one of many recordings and return its row of the table."""
-    found = _listed(args, _watch(args, recording))
+def touch_summary(found: dict[str, Any]) -> dict[str, Any]:
+    """Return the row of one of many recordings."""
     rows = found["touches"]
-    write_touches(output, rows)
     return {
         "touches": len(rows),
         "touching_s": sum(row["duration_us"] or 0 for row in rows) / 1e6,
@@ -139,19 +108,25 @@ def touch_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
     }
 
 
-def _shown(found: dict[str, Any], name: str, since_us: int | None) -> list[Table | str]:
-    """Return what was found for a reader, with times from ``since_us`` on."""
+def touch_shown(found: dict[str, Any], name: str, first: dict[str, Any]) -> list[Table | str]:
+    """Return what a reader sees, with times from the first finger's first event on."""
+    since_us = first["t_first_us"] or 0
     shown: list[Table | str] = [*counted(found["anomalies"])]
     if not found["touches"]:
         shown.append(f"note: no touch was found in {name}")
-    shown.append(touch_table(name, found["touches"], since_us or 0))
+    shown.append(touch_table(name, found["touches"], since_us))
     if found["vibration"] is not None:
-        shown.append(vibration_table(name, found["vibration"], since_us or 0))
+        shown.append(vibration_table(name, found["vibration"], since_us))
     return shown
+
+
+WORK = Work("touch", touch_one, touch_summary, touch_shown, ".csv", check_many, SERIES_MEMBERS)
 
 
 def _listed(args: Args, watched: _Watched) -> dict[str, Any]:
     """Return the touches as rows, with what was wrong with the events."""
+    from spikingtac.touch import HeldTouchDetector
+
     config = TouchConfig.for_unit(watched.reference, watched.unit)
     detector = HeldTouchDetector(watched.reference, config)
     monitor = VibrationMonitor(watched.rate_hz, VIBRATION_WINDOW_S) if args.vibration else None
@@ -180,28 +155,20 @@ def _listed(args: Args, watched: _Watched) -> dict[str, Any]:
     }
 
 
-def _watch(args: Args, path: Path, advance: Advance = no_progress) -> _Watched:
-    """Return the frames of a recording, of tracks, or of arrays."""
-    if is_series(path):
-        return _of_series(args, path)
-    calibration = args.needed_calibration()
-    source = open_events(path, strict=args.strict, sensor=args.sensor)
-    return _tracked(args, source, calibration, advance)
-
-
-def _tracked(
-    args: Args, source: FileSource, calibration_path: Path, advance: Advance = no_progress
-) -> _Watched:
+def _tracked(args: Args, recording: Path | FileSource, advance: Advance) -> _Watched:
     """Return the frames that a tracker makes of events."""
-    calibration = Calibration.load(calibration_path)
-    config = load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
-    require_same_size(source.size, calibration.size)
-    tracker, rate_hz = make_tracker(config.tracking, calibration), config.tracking.rate_hz
-    checked = CheckedSource(source, calibration, refuse if args.strict else warn)
+    path, source = args.needed_calibration(), recording
+    if isinstance(source, Path):
+        source = st.open_events(source, strict=args.strict, sensor=args.sensor)
+    calibration = fitting(path, source)
+    config = st.load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
+    rate_hz = config.tracking.rate_hz
+    tracker = st.make_tracker(config.tracking, calibration)
+    seen = checked(source, calibration, args.strict)
 
     def frames() -> Iterator[MarkerFrame]:
         with ending_on_interrupt(source):
-            for index, frame in enumerate(follow(checked, tracker, rate_hz, checked.losses)):
+            for index, frame in enumerate(st.follow(seen, tracker, rate_hz, seen.losses)):
                 if index % PROGRESS_EVERY == 0:
                     advance(source.progress)
                 yield frame
@@ -231,8 +198,8 @@ def _of_series(args: Args, path: Path) -> _Watched:
 def _scale_in_image(args: Args, tracks: Path) -> SkinScale | None:
     """Return the scale of a calibration, or else the one that tracks keep; None without either."""
     if args.calibration is not None:
-        return Calibration.load(args.calibration).skin_scale
+        return st.Calibration.load(args.calibration).skin_scale
     try:
-        return Tracks.load(tracks).skin_scale
+        return st.Tracks.load(tracks).skin_scale
     except RecordingError:  # arrays alone, of another program
         return None

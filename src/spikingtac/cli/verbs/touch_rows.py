@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from spikingtac.batch.run import write_rows
 from spikingtac.calibration.lens import SkinScale
 from spikingtac.cli.messages import Table
 from spikingtac.touch.field import Estimate
-from spikingtac.touch.slip.held import HeldTouch
 from spikingtac.touch.vibration import Spectrum
+
+if TYPE_CHECKING:
+    from spikingtac.touch.slip.held import HeldTouch
 
 UM_PER_MM = 1e3
 IN_THE_IMAGE = SkinScale(1.0)  # Lengths stay what they are.

@@ -3,35 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.many import ManyArgs, means_many, run_many
-from spikingtac.cli.messages import Advance, Table, counted, no_progress, progress, tell
+import spikingtac as st
+from spikingtac.cli.messages import Advance, Table, counted
 from spikingtac.cli.options import Output
-from spikingtac.cli.sources import (
-    SecondArgs,
-    ask_for_real_time,
-    ending_on_interrupt,
-    for_each,
-    open_two,
-    require_live,
-    second_name,
-)
-from spikingtac.config import load_config
+from spikingtac.cli.recordings import ManyArgs, SecondArgs, Work, run_each
+from spikingtac.cli.sources import ask_for_real_time, checked, ending_on_interrupt, require_live
 from spikingtac.events.address import is_stream
-from spikingtac.events.formats.file_source import FileSource
-from spikingtac.events.open import open_events
-from spikingtac.markers.calibration.calibrate import completed
-from spikingtac.markers.registry import TrackingConfig
-from spikingtac.pipeline.checked_source import CheckedSource, refuse
-from spikingtac.pipeline.track import track_to_file
-from spikingtac.touch.force.model import load_force
 from spikingtac.types import LawName, Polarity
+
+if TYPE_CHECKING:
+    from spikingtac.events.formats.file_source import FileSource
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,109 +54,76 @@ class Args(ManyArgs, SecondArgs):
     """For a camera: lock memory, stop garbage collection, and where the system permits it run
     before other work, on one core."""
 
+    def settings(self) -> tuple[st.Config, st.Calibration]:
+        """Return how markers are followed, and the sensor's calibration, as the options say."""
+        calibration = st.Calibration.load(self.calibration)
+        config = st.load_config(self.preset).with_tracking(
+            rate_hz=self.rate_hz,
+            hysteresis=self.hysteresis or calibration.hysteresis,
+            smooth=self.smooth or None,
+        )
+        return config, calibration.with_polarity(self.polarity)
+
 
 def run(args: Args) -> int:
     """Track, write, and say what came out."""
-    many = means_many(args, args.recordings)
     if args.realtime:
         require_live([*args.recordings, *([args.second] if args.second else ())])
-    output = args.output or Path("tracks.npz")
-    if args.second is not None:
-        return _run_two(args, args.second, output, many)
-    if many:
-        check = partial(_configured, args, args.calibration)
-        return run_many("track", args, track_one, ".npz", check)
-    recording = args.recordings[0]
-    args.claim(output)
-    with progress(f"tracking {recording.name}") as advance:
-        summary = _track(args, recording, output, advance)
-    return tell(args.json, summary, *_shown(summary, recording))
+    return run_each(WORK, args, args.recordings, args.output or Path("tracks.npz"))
 
 
-def _run_two(args: Args, second: Path, output: Path, many: bool) -> int:
-    """Track two fingers on the first one's clock."""
-    calibrations = args.calibrations(args.calibration, many)
-    first, outputs = args.recordings[0], [output, second_name(output)]
-    args.claim(*outputs)
-
-    def work(number: int, source: FileSource) -> dict[str, Any]:
-        return _track_source(args, source, calibrations[number], outputs[number])
-
-    sources = open_two(first, second, strict=args.strict)
-    with ending_on_interrupt(*sources):
-        one, other = for_each(work, sources)
-    return tell(args.json, one | {"second": other}, *_shown(one, first), *_shown(other, second))
-
-
-def _track(
-    args: Args, recording: Path, output: Path, advance: Advance = no_progress
+def track_one(
+    args: Args, recording: Path | FileSource, output: Path, advance: Advance
 ) -> dict[str, Any]:
+    """Track a recording into a file, and return the summary."""
+    from spikingtac.markers.calibration.calibrate import completed
+    from spikingtac.pipeline.track import track_to_file
 
-    source = open_events(recording, strict=args.strict, sensor=args.sensor)
-    return _track_source(args, source, args.calibration, output, advance)
-
-
-def _track_source(
-    args: Args,
-    source: FileSource | CheckedSource,
-    calibration_path: Path,
-    output: Path,
-    advance: Advance = no_progress,
-) -> dict[str, Any]:
-
-    tracking, calibration = _configured(args, calibration_path)
-    force = None if args.force is None else load_force(args.force)
-    if tracking.method != "blobs" and not is_stream(source.path):
+    source: Any = recording
+    if isinstance(recording, Path):
+        source = st.open_events(recording, strict=args.strict, sensor=args.sensor)
+    config, calibration = args.settings()
+    force = None if args.force is None else st.load_force(args.force)
+    if config.tracking.method != "blobs" and not is_stream(source.path):
         calibration = completed(source, calibration)
     if args.strict:
-        source = CheckedSource(source, calibration, refuse)
+        source = checked(source, calibration, strict=True)
     with ending_on_interrupt(source):
         if args.realtime:
             ask_for_real_time()
-        return track_to_file(source, output, tracking, calibration, advance, force)
+        return track_to_file(source, output, config.tracking, calibration, advance, force)
 
 
-def _configured(args: Args, calibration_path: Path) -> tuple[TrackingConfig, Calibration]:
-    """Return how markers are followed, and the sensor's calibration, as the options say."""
-    calibration = Calibration.load(calibration_path)
-    config = load_config(args.preset).with_tracking(
-        rate_hz=args.rate_hz,
-        hysteresis=args.hysteresis or calibration.hysteresis,
-        smooth=args.smooth or None,
-    )
-    return config.tracking, calibration.with_polarity(args.polarity)
-
-
-def track_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
-    """Track one of many recordings and return its row of the table."""
-    summary = _track(args, recording, output)
+def track_row(found: dict[str, Any]) -> dict[str, Any]:
+    """Return the row of one of many recordings."""
     same = ("markers", "estimates", "held_share", "displacement_max_px")
-    return {name: summary[name] for name in same} | {
-        "duration_s": summary["estimates"] / summary["rate_hz"],
-        "never_observed": len(summary["never_observed"]),
-        "anomalies": sum(summary["anomalies"].values()),
-        "calibration_misfit": int(summary["calibration_misfit"] is not None),
+    return {name: found[name] for name in same} | {
+        "duration_s": found["estimates"] / found["rate_hz"],
+        "never_observed": len(found["never_observed"]),
+        "anomalies": sum(found["anomalies"].values()),
+        "calibration_misfit": int(found["calibration_misfit"] is not None),
     }
 
 
-def _shown(summary: dict[str, Any], recording: Path) -> list[Table | str]:
+def track_shown(found: dict[str, Any], name: str, first: dict[str, Any]) -> list[Table | str]:
+    """Return what a reader sees."""
     cells = {
-        "markers": summary["markers"],
-        "estimates": summary["estimates"],
-        "rate Hz": f"{summary['rate_hz']:g}",
-        "held": f"{summary['held_share']:.2%}",
-        "largest displacement px": f"{summary['displacement_max_px']:.2f}",
+        "markers": found["markers"],
+        "estimates": found["estimates"],
+        "rate Hz": f"{found['rate_hz']:g}",
+        "held": f"{found['held_share']:.2%}",
+        "largest displacement px": f"{found['displacement_max_px']:.2f}",
     }
-    if summary.get("force_max_n") is not None:
-        cells["largest force N"] = f"{summary['force_max_n']:.3f}"
-    misfit = summary["calibration_misfit"]
+    if found.get("force_max_n") is not None:
+        cells["largest force N"] = f"{found['force_max_n']:.3f}"
+    told = "note: marker {} was never observed; its positions are predictions"
+    misfit = found["calibration_misfit"]
     return [
-        *counted(summary["anomalies"]),
-        *(
-            f"note: marker {marker} was never observed; its positions are predictions"
-            for marker in summary["never_observed"]
-        ),
+        *counted(found["anomalies"]),
+        *(told.format(marker) for marker in found["never_observed"]),
         *([f"warning: {misfit}"] if misfit else []),
-        Table(f"tracks of {recording.name}", tuple(cells), [tuple(cells.values())], words=0),
-        f"written: {summary['output']}",
+        Table(f"tracks of {name}", tuple(cells), [tuple(cells.values())], words=0),
     ]
+
+
+WORK = Work("track", track_one, track_row, track_shown, ".npz", check=Args.settings)

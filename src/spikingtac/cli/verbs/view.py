@@ -1,11 +1,11 @@
-"""``spikingtac view``: view a recording or a scene in the browser."""
+"""``spikingtac view`` and ``demo``: a recording or a scene in the browser."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -16,12 +16,11 @@ from spikingtac.errors import ConfigError
 from spikingtac.plots.figure import PICTURE_ENDINGS
 from spikingtac.sim.camera.config import CAMERA_NAMES
 from spikingtac.stream.host import Factory
-from spikingtac.viewer.calibrating import SaveTarget
-from spikingtac.viewer.export import check_target, export, summarize
-from spikingtac.viewer.opening import open_second_view, open_view_or_events, open_view_source
-from spikingtac.viewer.show import PageOptions, show
-from spikingtac.viewer.source import ViewSource
 
+if TYPE_CHECKING:
+    from spikingtac.viewer.source import ViewSource
+
+SCENE = "demo"  # Scene of the demo.
 HEADLESS_S = 10.0  # Duration of a live source with --headless where --seconds is not given, s.
 
 
@@ -84,21 +83,24 @@ class Args(PageArgs):
 
 def run(args: Args) -> int:
     """Serve the page, and print the summary at its end."""
+    from spikingtac.viewer.calibrating import SaveTarget
+    from spikingtac.viewer.opening import open_view_or_events
+
     require_seconds(args.seconds)
     _check_together(args)
     same = ("source", "preset", "rate_hz", "seed", "camera")
-    arguments: dict[str, Any] = {name: getattr(args, name) for name in same}
-    arguments |= {"calibration": _text(args.calibration), "force": _text(args.force)}
+    given: dict[str, Any] = {name: getattr(args, name) for name in same}
+    given |= {"calibration": _text(args.calibration), "force": _text(args.force)}
     target = args.export or args.picture
     if args.second is not None:
-        summary = _both_shown(arguments, args, args.second)
+        summary = _both_shown(given, args, args.second)
     elif target is not None and (args.export or target.suffix not in PICTURE_ENDINGS):
-        summary = _exported(arguments, args, target)
+        summary = _exported(given, args, target)
     else:
-        arguments["look"] = args.calibrate
-        arguments["save"] = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
-        summary = show_source(arguments, args)
-    return report(args.source, summary, as_json=args.json)
+        save = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
+        given |= {"look": args.calibrate, "save": save}
+        summary = _shown([Factory(function=open_view_or_events, arguments=given)], args)
+    return _report(args.source, summary, args.json)
 
 
 def _check_together(args: Args) -> None:
@@ -123,77 +125,96 @@ def _text(path: Path | None) -> str | None:
     return None if path is None else str(path)
 
 
-def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str, Any]:
+def _both_shown(given: dict[str, Any], args: Args, second: str) -> dict[str, Any]:
     """Show two sources side by side, each in a session of its own."""
-    recorded = Path(args.source).exists() and Path(second).exists()
-    other = {**arguments, "source": second, "calibration": _text(args.second_calibration)}
-    views = [Factory(function=open_view_source, arguments=each) for each in (arguments, other)]
-    if recorded:
-        beside = {**other, "beside": args.source}
-        views[1] = Factory(function=open_second_view, arguments=beside)
-        if args.headless:
-            first, other_summary = (_headless(view(), args) for view in views)
-            return {**first, "second": other_summary}
-    return _served(views, args)
+    from spikingtac.viewer.opening import open_second_view, open_view_source
+
+    other = {**given, "source": second, "calibration": _text(args.second_calibration)}
+    first = Factory(function=open_view_source, arguments=given)
+    if not (Path(args.source).exists() and Path(second).exists()):
+        return _served([first, Factory(function=open_view_source, arguments=other)], args)
+    beside = Factory(function=open_second_view, arguments={**other, "beside": args.source})
+    return _shown([first, beside], args)
 
 
-def _exported(arguments: dict[str, Any], args: Args, target: Path) -> dict[str, Any]:
+def _exported(given: dict[str, Any], args: Args, target: Path) -> dict[str, Any]:
+    from spikingtac.viewer.export import check_target, export
+    from spikingtac.viewer.opening import open_view_or_events, open_view_source
+
     if args.force is not None:
         raise ConfigError("an export shows no forces; leave out --force")
     check_target(target, args.overwrite)
     # Events alone make a picture; what else is exported holds markers.
     opener = open_view_or_events if target.suffix in PICTURE_ENDINGS else open_view_source
     with progress(f"exporting to {target.name}"):
-        view = opener(**arguments)
+        view = opener(**given)
         written = export(view, target, seconds=args.seconds)
     return {"export": str(target), "written": written, "calibration": view.calibrated_by or None}
 
 
-def show_source(
-    arguments: dict[str, Any], args: PageArgs, *, repeat: bool = False
+def _shown(
+    views: Sequence[Factory[ViewSource]], args: PageArgs, repeat: bool = False
 ) -> dict[str, Any]:
-    """Serve a source under the options that ``view`` and ``demo`` share; return the summary.
+    """Serve views; with --headless track a recording to its end, what is live for some time."""
+    from spikingtac.viewer.export import check_target, summarize
 
-    Args:
-        arguments: How it is opened.
-        args: The verb's options.
-        repeat: Begin again at the end.
-    """
-    require_seconds(args.seconds)
     if args.picture is not None:
         check_target(args.picture, args.overwrite, PICTURE_ENDINGS)
-    if args.headless:
-        return _headless(open_view_or_events(**arguments), args)
-    return _served([Factory(function=open_view_or_events, arguments=arguments)], args, repeat)
-
-
-def _headless(view: ViewSource, args: PageArgs) -> dict[str, Any]:
-    """Track without a page: a recording to its end, what is live for some time."""
+    if not args.headless:
+        return _served(views, args, repeat)
     if getattr(args, "realtime", False):  # the demo has no deadlines
         ask_for_real_time()
-    seconds = args.seconds if view.ends else args.seconds or HEADLESS_S
-    with progress(f"tracking {view.label}"):
-        summary = summarize(view, seconds=seconds, picture=args.picture)
-    return summary if args.picture is None else {**summary, "picture": str(args.picture)}
+    found: list[dict[str, Any]] = []
+    for opener in views:
+        view = opener()
+        seconds = args.seconds if view.ends else args.seconds or HEADLESS_S
+        with progress(f"tracking {view.label}"):
+            found.append(summarize(view, seconds=seconds, picture=args.picture))
+    if args.picture is not None:
+        found[0]["picture"] = str(args.picture)
+    return found[0] | ({"second": found[1]} if len(found) > 1 else {})
 
 
 def _served(
     views: Sequence[Factory[ViewSource]], args: PageArgs, repeat: bool = False
 ) -> dict[str, Any]:
     """Serve the page; two cameras side by side have one also without a browser."""
+    from spikingtac.viewer.show import PageOptions, show
+
     options = PageOptions(
         host=args.host,
         port=args.port,
         browser=not (args.no_browser or args.headless),
         seconds=args.seconds or (HEADLESS_S if args.headless else None),
         picture=args.picture,
-        realtime=getattr(args, "realtime", False),  # the demo has no deadlines
+        realtime=getattr(args, "realtime", False),
         repeat=repeat,
     )
     return show(views, options, remark)
 
 
-def report(source: str, summary: dict[str, Any], *, as_json: bool) -> int:
-    """Print the summary, as a table or as JSON."""
+def _report(source: str, summary: dict[str, Any], as_json: bool) -> int:
     shown = summary | {"calibration": summary.get("calibration") or "none"}
     return tell(as_json, {"source": source, **summary}, figures(f"summary of {source}", shown))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoArgs(PageArgs):
+    """A finger presses, twists and slides on the simulated skin; watch it in the browser.
+
+    Gel, optics and event camera are simulated as you watch; the tracker sees only the events.
+    """
+
+    seed: int = 1
+    """Seed of place, depth and speed of the finger."""
+
+
+def demo(args: DemoArgs) -> int:
+    """Simulate, track and serve, and print the summary at the end."""
+    from spikingtac.viewer.opening import open_view_or_events
+
+    require_seconds(args.seconds)
+    remark("simulating a finger on the skin; the first start compiles its kernels")
+    given = {"source": SCENE, "preset": args.preset, "seed": args.seed}
+    opener = Factory(function=open_view_or_events, arguments=given)
+    return _report(SCENE, _shown([opener], args, repeat=True), args.json)

@@ -1,31 +1,41 @@
-"""``spikingtac probe`` with a UR arm, and on request its Robotiq gripper."""
+"""Where ``spikingtac probe`` searches: on the twin, or with a UR arm and its Robotiq gripper."""
 
 from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import islice
 from typing import Any
 
-from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.probe_search import ASSUMPTIONS, Args, ProbedHole, search
+import numpy as np
+
+import spikingtac as st
+from spikingtac import sim as twin
+from spikingtac.cli.messages import progress, remark
 from spikingtac.cli.sources import ended_by_sigterm
-from spikingtac.contact.detector import Window, count_of
-from spikingtac.contact.registry import DetectionConfig, make_detector
+from spikingtac.cli.verbs.probe import Args, ProbedHole
+from spikingtac.contact import Window, count_of, make_detector
 from spikingtac.errors import DeviceError
 from spikingtac.events.address import is_stream
-from spikingtac.events.open import open_events
-from spikingtac.events.windows import windows
-from spikingtac.geometry.hole import Circle
 from spikingtac.geometry.travel import Compensation, TravelModel
 from spikingtac.pipeline.track import require_same_size
-from spikingtac.robot.arm import Arm
-from spikingtac.robot.prober import ArmProber, Touched
-from spikingtac.robot.robotiq import FULL_SCALE, Grip, RobotiqGripper
-from spikingtac.robot.watchdog import Watchdog, WatchdogConfig, WatchdogThread
+from spikingtac.robot import (
+    Arm,
+    ArmProber,
+    Grip,
+    RobotiqGripper,
+    URArm,
+    Watchdog,
+    WatchdogConfig,
+    WatchdogThread,
+    calibrated_circle,
+    cross_search,
+)
+from spikingtac.robot.robotiq import FULL_SCALE
 from spikingtac.stream.real_time import exempt_from_collection
 from spikingtac.stream.windows import WatchedWindows
+from spikingtac.types import FloatArray
 
 QUIET_WINDOWS = 4000  # Windows of the arm at rest from which the detector learns, 1 ms each.
 
@@ -36,12 +46,74 @@ LIVE = WatchdogConfig(stale_s=0.1, backlog_s=0.25)
 # Wait after the gripper has closed, s: the gel has crept most of its way by then.
 GRIP_SETTLE_S = 1.0
 OPEN = 0  # Position of the open gripper.
+# Fraction of the computing time on the twin that the calibration takes, measured.
+CALIBRATED_FRACTION = 0.6
+CALIBRATION_STREAM, SEARCH_STREAM = 4, 5  # Numbers of the random streams of the readings.
+
+# Assumptions of every search, and of one on the twin.
+ASSUMPTIONS = (
+    "the hole is round, and deep enough that only its side is met",
+    "the bit is a hexagon of 0.75 mm across flats",
+)
+ASSUMPTIONS_ON_TWIN = (
+    *ASSUMPTIONS,
+    "gel, optics, camera, arm, bit and hole are simulated",
+    "delta_crit and the bit's heading come from touches of a flat wall at a known place",
+    "the arm's repeatability, 0.028 mm per axis and reading, was added to every reading",
+)
 ASSUMPTIONS_ON_ARM = (
     *ASSUMPTIONS,
     "delta_crit is the given one in every direction, its spread holds the arm's repeatability",
     "the bit's heading is unknown; its mean reach, 0.41 mm, was taken",
     "nothing touched during the first 4 s of the stream, from which the detector learnt",
 )
+
+
+def search(args: Args, prober: Any, travel: st.TravelModel, start_mm: FloatArray) -> st.FoundHole:
+    """Search a hole, and return the estimate with its contacts.
+
+    Args:
+        args: The arguments of the verb.
+        prober: Makes the touches.
+        travel: Calibrated travel.
+        start_mm: ``(2,)`` start inside the hole, mm.
+
+    Raises:
+        SearchError: There is no wall, no room, or no circle; the arm is at rest.
+    """
+    if args.search == "default":
+        return st.probe_hole(prober, travel, start_mm, args.searching())
+    touches = cross_search(prober, start_mm, travel)
+    return st.FoundHole(calibrated_circle(touches, travel), tuple(touches))
+
+
+def on_twin(args: Args) -> ProbedHole:
+    """Calibrate on a flat wall of the twin, then search one hole.
+
+    Raises:
+        SearchError: There is no wall, no room, or no circle; the arm is at rest.
+    """
+    site = twin.HoleSite(twin.Grasp.of(args.seed), args.seed)
+    trial = twin.hole_trial(args.radius_mm, np.zeros(2), twin.CORNER_MM, args.seed)
+    style, cycles = (twin.DEFAULT, 3) if args.search == "default" else (twin.CROSS, 4)
+    remark("calibrating on a flat wall, then probing the hole; this takes about half a minute")
+    with progress("calibrate on a flat wall, then probe") as advance:
+        detector = twin.detector_for(site, args.detector, twin.quiet_windows(site))
+        plain = twin.prober_for(site, detector, style)
+        on_walls = twin.RecordingProber(plain, [args.seed, CALIBRATION_STREAM])
+        twin.touch_flat_walls(site, on_walls, style, cycles)
+        travel = twin.travel_of(on_walls.stored, twin.PLANNING_MM)
+        advance(CALIBRATED_FRACTION)
+        remark("calibrated; probing the hole")
+        site.set_wall(trial.wall, trial.start_mm)
+        prober = ArmProber(
+            site.rig.arm, site.windows(), detector, args.probing(), free_travel=site.free_travel
+        )
+        in_hole = twin.RecordingProber(prober, [args.seed, SEARCH_STREAM])
+        found = search(args, in_hole, travel, trial.start_mm)
+    start_mm = tuple(trial.start_mm.tolist())
+    given = {"seed": args.seed, "radius_mm": args.radius_mm, "start_mm": start_mm}
+    return ProbedHole(found, travel, ASSUMPTIONS_ON_TWIN, given, trial.center_mm)
 
 
 def on_arm(args: Args) -> ProbedHole:
@@ -52,30 +124,23 @@ def on_arm(args: Args) -> ProbedHole:
         DeviceError: Arm, gripper or sensor failed; the arm was commanded to stop.
     """
     assert args.calibration is not None
-    calibration = Calibration.load(args.calibration)
+    calibration = st.Calibration.load(args.calibration)  # refused before anything moves
     known = Compensation(travel_mm=args.travel_mm, travel_sigma_mm=args.travel_sigma_mm)
     travel, grip = TravelModel.of(known), None
     with ended_by_sigterm(), contextlib.ExitStack() as stack:
         gripper = stack.enter_context(connect_gripper(args)) if args.gripper else None
         if gripper is not None:
             grip = close_on_probe(gripper)
-        circle, touches = _search_hole(args, calibration, travel, stack)
+        found = _search_hole(args, calibration, travel, stack)
         if gripper is not None and args.release:
             gripper.move(OPEN)
-    return ProbedHole(
-        args=args,
-        circle=circle,
-        touches=touches,
-        travel=travel,
-        assumed=ASSUMPTIONS_ON_ARM,
-        given={"events": str(args.events), "calibration": str(args.calibration)},
-        grip=grip,
-    )
+    given = {"events": str(args.events), "calibration": str(args.calibration)}
+    return ProbedHole(found, travel, ASSUMPTIONS_ON_ARM, given, grip=grip)
 
 
 def _search_hole(
-    args: Args, calibration: Calibration, travel: TravelModel, stack: contextlib.ExitStack
-) -> tuple[Circle, Sequence[Touched]]:
+    args: Args, calibration: st.Calibration, travel: TravelModel, stack: contextlib.ExitStack
+) -> st.FoundHole:
     """Learn from the quiet stream, connect the arm, and search under the watchdog."""
     arms: list[Arm] = []
 
@@ -97,7 +162,7 @@ def _search_hole(
             f"the sensor gave no event in its first {len(quiet)} windows of 1 ms: it is dead, "
             "covered or masked, or the stream is empty; check the camera, nothing was moved"
         )
-    detector = make_detector(args.detector, DetectionConfig(), [calibration], quiet)
+    detector = make_detector(args.detector, st.DetectionConfig(), [calibration], quiet)
     if live is not None:
         exempt_from_collection()
     arm = connect(args)
@@ -108,7 +173,7 @@ def _search_hole(
         live.skip()
         watchdog.arm()
         stack.enter_context(WatchdogThread(watchdog))
-    prober = ArmProber(arm, stream, detector, args.probing, watchdog)
+    prober = ArmProber(arm, stream, detector, args.probing(), watchdog)
     return search(args, prober, travel, prober.place_mm())
 
 
@@ -137,20 +202,13 @@ def close_on_probe(gripper: RobotiqGripper) -> dict[str, Any]:
 
 
 def connect(args: Args) -> Arm:
-    """Return the arm, at rest.
-
-    Raises:
-        DeviceError: It does not answer.
-        MissingExtraError: The extra ``[robot]`` is not installed.
-    """
-    from spikingtac.robot.ur import URArm
-
+    """Return the arm, at rest; DeviceError where it does not answer."""
     assert args.arm is not None
     return URArm(args.arm)
 
 
 def listen(
-    args: Args, calibration: Calibration, watchdog: Watchdog
+    args: Args, calibration: st.Calibration, watchdog: Watchdog
 ) -> tuple[Iterator[Window], WatchedWindows | None]:
     """Return the windows of the finger, 1 ms each, and of a camera what reads it in a thread.
 
@@ -158,9 +216,9 @@ def listen(
         CalibrationError: The calibration belongs to a sensor of another size.
     """
     assert args.events is not None
-    source = open_events(args.events)
+    source = st.open_events(args.events)
     require_same_size(source.size, calibration.size)
     if is_stream(args.events):
         watched = WatchedWindows(source, watchdog)
         return iter(watched), watched
-    return ((window,) for window in windows(source, period_us=1000)), None
+    return ((window,) for window in st.windows(source, period_us=1000)), None
