@@ -59,10 +59,10 @@ def test_tracks_keep_their_scale(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert main(["touch", str(tmp_path / "tracks.npz"), "--json"]) == 0
     touches = json.loads(capsys.readouterr().out)["touches"]
     assert touches
-    for touch in touches:
-        np.testing.assert_allclose(touch["place_mm"], np.array(touch["place_px"]) / 24, atol=1e-4)
-        assert touch["area_mm2"] == pytest.approx(touch["area_px2"] / 24**2, abs=1e-3)
-        field = touch["field"]
+    for one in touches:
+        np.testing.assert_allclose(one["place_mm"], np.array(one["place_px"]) / 24, atol=1e-4)
+        assert one["area_mm2"] == pytest.approx(one["area_px2"] / 24**2, abs=1e-3)
+        field = one["field"]
         assert field["mean_shear_x_mm"] == pytest.approx(field["mean_shear_x_px"] / 24, abs=1e-5)
         peak = (places - rest)[np.searchsorted(t_us, touch["peak_us"])]
         assert field["mean_shear_x_px"] == pytest.approx(peak[:, 0].mean(), abs=0.05)
