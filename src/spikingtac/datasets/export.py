@@ -15,7 +15,7 @@ from spikingtac.batch.inputs import find_recordings, outputs_of
 from spikingtac.datasets.lerobot import INFO, write_lerobot
 from spikingtac.errors import ConfigError, MissingExtraError
 from spikingtac.tracks import FRAMES_PER_CHUNK, Tracks
-from spikingtac.tracks.columns import FORCES, PER_MARKER
+from spikingtac.tracks.files import FORCES, PER_MARKER
 
 Form = Literal["lerobot", "zarr"]
 

@@ -27,7 +27,7 @@ from spikingtac.pipeline.follow import follow
 from spikingtac.schema import to_mapping
 from spikingtac.touch.force.model import ForceEstimator, ForceModel, Wrench
 from spikingtac.tracks import Tracks, TracksWriter, create_tracks
-from spikingtac.tracks.columns import SIGMA
+from spikingtac.tracks.files import SIGMA
 from spikingtac.types import EventPacket, MarkerFrame
 
 PROGRESS_EVERY = 64  # Estimates between two reports of progress.

@@ -1,11 +1,13 @@
-"""Write tracks: ``tracks.npz``, and its twins in long form, CSV and Parquet."""
+"""Tracks on disk: the columns of ``tracks.npz``, and those in long form of CSV and Parquet.
+
+Archives hold one row for each time, tables one for each time and marker.
+"""
 
 from __future__ import annotations
 
 import csv
 import json
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -15,26 +17,138 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import WholeFile, write_text
 from spikingtac.errors import ConfigError, MissingExtraError
 from spikingtac.events.formats.array_file import ColumnFile
-from spikingtac.tracks.columns import Columns, long_columns, stacked, trigger_column
+from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.types import MarkerFrame
 
-# Key of a Parquet file's metadata that holds what CSV has beside it, as JSON.
-PARQUET_META = "spikingtac"
+Columns = Mapping[str, NDArray[Any]]  # Key of a file -> values.
+
+VECTORS = ("detected_px", "position_px", "displacement_px")  # Those that have an x and a y.
+PER_MARKER = (*VECTORS, "held", "confidence")
+HEALTH = ("gaps", "overflows", "damaged", "reconnects", "rate_ev_s")  # Older files lack them.
+FORCES = ("force_n", "force_sigma_n", "torque_nm")  # Where a model estimated them.
+
+SIGMA = "sigma_px"  # Key of the places' standard deviation: where tracks were smoothed.
+
+# Key of a file -> type of its numbers, and shape: n times, m markers, k trigger edges.
+SPECS: dict[str, tuple[type[np.generic], str]] = {
+    "t_us": (np.int64, "n"),
+    "reference_px": (np.float32, "m2"),
+    **dict.fromkeys(VECTORS, (np.float32, "nm2")),
+    "held": (np.bool_, "nm"),
+    "confidence": (np.float32, "nm"),
+    **dict.fromkeys(HEALTH[:4], (np.int32, "n")),
+    "rate_ev_s": (np.float32, "n"),
+    **dict.fromkeys(FORCES, (np.float32, "n3")),
+    SIGMA: (np.float32, "nm2"),
+    **dict(zip(TRIGGERS, ((np.int64, "k"), (np.uint8, "k"), (np.bool_, "k")), strict=True)),
+}
+
+PARQUET_META = "spikingtac"  # Key of a Parquet file's metadata: as JSON what CSV has beside it.
 FRAMES_PER_CHUNK = 1_024  # Frames that are kept in memory before they are written.
+ATTRIBUTES = {"held": "coasted"}  # Key of a file -> the attribute that holds it, where they differ.
 
 
-class TracksWriter(ABC):
+def require_shapes(values: Columns) -> None:
+    """Refuse arrays that do not belong together.
+
+    Raises:
+        ValueError: A shape or a type does not fit.
+        KeyError: An array is missing.
+    """
+    edges = values.get(TRIGGERS[0], ())
+    sizes = {"n": len(values["t_us"]), "m": len(values["reference_px"]), "k": len(edges)}
+    for name, (dtype, letters) in SPECS.items():
+        if name not in values and name not in ("t_us", "reference_px", *PER_MARKER):
+            continue
+        array = values[name]
+        shape = tuple(sizes[one] if one in sizes else int(one) for one in letters)
+        if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
+            raise ValueError(
+                f"{name} is {array.dtype} of shape {array.shape}, it must be "
+                f"{np.dtype(dtype)} of shape {shape}"
+            )
+
+
+def stacked(frames: Sequence[MarkerFrame], markers: int) -> dict[str, NDArray[Any]]:
+    """Return the values of frames by their keys in a file: ``t_us (n,)``, then ``(n, m, ...)``.
+
+    Args:
+        frames: Any number, also none.
+        markers: How many markers each has.
+    """
+    sizes, columns = {"n": len(frames), "m": markers, "2": 2}, {}
+    for name in ("t_us", *PER_MARKER, *HEALTH):
+        dtype, letters = SPECS[name]
+        attribute = ATTRIBUTES.get(name, name)
+        rows = [getattr(one.health if name in HEALTH else one, attribute) for one in frames]
+        columns[name] = np.array(rows, dtype).reshape([sizes[one] for one in letters])
+    return columns
+
+
+def long_columns(columns: Columns) -> dict[str, NDArray[Any]]:
+    """Return columns in long form, one row for each time and marker, by name.
+
+    Args:
+        columns: ``t_us``, ``held``, ``confidence`` and any vectors ``(n, m, 2)`` by their keys in a
+            file: ``displacement_px`` becomes ``displacement_x_px`` and ``displacement_y_px``.
+            Forces ``(n, 3)`` are repeated for every marker.
+    """
+    estimates, markers = columns["held"].shape
+    rows: dict[str, NDArray[Any]] = {
+        "t_us": np.repeat(columns["t_us"], markers),
+        "marker": np.tile(np.arange(markers), estimates),
+    }
+    for name, vector in columns.items():
+        if vector.ndim == 3:
+            rows |= _by_axis(name, vector.reshape(estimates * markers, 2))
+    rows |= {name: columns[name].ravel() for name in ("held", "confidence")}
+    for name in FORCES:
+        if name in columns:
+            rows |= _by_axis(name, np.repeat(columns[name], markers, axis=0))
+    if "trigger" in columns:
+        rows["trigger"] = np.repeat(columns["trigger"], markers)
+    return rows
+
+
+def _by_axis(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return the columns of ``(n, 2 or 3)`` values, with the axis before the unit."""
+    quantity, _, unit = name.rpartition("_")
+    return {f"{quantity}_{axis}_{unit}": of for axis, of in zip("xyz", values.T, strict=False)}
+
+
+def trigger_column(
+    t_us: NDArray[np.int64], triggers: Columns, since_us: int | None = None
+) -> dict[str, NDArray[Any]]:
+    """Return the column ``trigger``: the channel of the last edge since the estimate before.
+
+    Args:
+        t_us: ``(n,)`` times of the estimates, us.
+        triggers: Edges by their keys in a file, in order of time; none give no column.
+        since_us: Time of the estimate before the first one; None where there is none.
+    """
+    edges_us, channel, _ = (triggers.get(name, np.zeros(0)) for name in TRIGGERS)
+    if not len(edges_us):
+        return {}
+    before = 0 if since_us is None else np.searchsorted(edges_us, since_us, side="right")
+    passed = np.searchsorted(edges_us, t_us, side="right")
+    none = np.diff(passed, prepend=before) == 0
+    return {"trigger": np.ma.MaskedArray(channel.astype(np.int16)[passed - 1], mask=none)}
+
+
+class TracksWriter:
     """Takes frames one by one, and writes them at constant memory.
 
     Args:
+        file: Takes the columns.
         markers: How many markers each frame has.
+
+    Attributes:
+        marks_rows: Whether trigger edges mark the rows, and must be told before them.
     """
 
-    marks_rows = True
-    """Whether trigger edges mark the rows, and must be told before them."""
-
-    def __init__(self, markers: int) -> None:
-        self._markers = markers
+    def __init__(self, file: _Archive | _CsvTable | _ParquetTable, markers: int) -> None:
+        self._file, self._markers = file, markers
+        self.marks_rows = not isinstance(file, _Archive)
         self._frames: list[tuple[MarkerFrame, Columns]] = []
         self._triggers: Columns = {}
         self._last_us: int | None = None
@@ -51,87 +165,63 @@ class TracksWriter(ABC):
 
     def close(self, meta: Mapping[str, Any]) -> None:
         """Complete the file with what is known at the end; only then it appears."""
-        self._flush()
-        self._complete(meta)
-
-    @abstractmethod
-    def abandon(self) -> None:
-        """Give up: leave what was there before."""
-
-    @abstractmethod
-    def _append(self, columns: dict[str, NDArray[Any]]) -> None:
-        """Write the columns of some frames."""
-
-    @abstractmethod
-    def _complete(self, meta: Mapping[str, Any]) -> None:
-        """Write the meta data, and put the file in its place."""
-
-    def _flush(self) -> None:
-        if not self._frames:
-            return
-        frames, measured = zip(*self._frames, strict=True)
-        self._frames = []
-        columns = stacked(frames, self._markers)
-        for name in measured[0]:
-            columns[name] = np.stack([row[name] for row in measured]).astype(np.float32)
-        if self.marks_rows:
-            columns |= trigger_column(columns["t_us"], self._triggers, self._last_us)
-        self._append(columns)
-        self._last_us = frames[-1].t_us
-
-
-class NpzTracksWriter(TracksWriter):
-    """Writes ``tracks.npz``; equal frames give equal bytes."""
-
-    marks_rows = False
-
-    def __init__(self, path: Path, reference_px: NDArray[np.float64]) -> None:
-        super().__init__(len(reference_px))
-        self._file = ColumnFile(path)
-        self._file.set("reference_px", reference_px.astype(np.float32))
-        self._append(stacked([], self._markers))  # an archive without estimates has them, too
+        if self._frames or self._last_us is None:  # also where no frame came
+            self._flush()
+        self._file.close(meta, self._triggers)
 
     def abandon(self) -> None:
         """Give up: leave what was there before."""
         self._file.abandon()
 
-    def _append(self, columns: dict[str, NDArray[Any]]) -> None:
+    def _flush(self) -> None:
+        frames, self._frames = self._frames, []
+        columns = stacked([frame for frame, _ in frames], self._markers)
+        for name in frames[0][1] if frames else ():
+            columns[name] = np.stack([row[name] for _, row in frames]).astype(np.float32)
+        if self.marks_rows and frames:
+            columns |= trigger_column(columns["t_us"], self._triggers, self._last_us)
         self._file.append(columns)
+        self._last_us = frames[-1][0].t_us if frames else None
 
-    def _complete(self, meta: Mapping[str, Any]) -> None:
-        for name, values in self._triggers.items():
+
+class _Archive:
+    """``tracks.npz``; equal frames give equal bytes."""
+
+    def __init__(self, path: Path, reference_px: NDArray[np.float64]) -> None:
+        self._file = ColumnFile(path)
+        self._file.set("reference_px", reference_px.astype(np.float32))
+        self.append, self.abandon = self._file.append, self._file.abandon
+
+    def close(self, meta: Mapping[str, Any], triggers: Columns) -> None:
+        for name, values in triggers.items():
             self._file.set(name, values)
         self._file.set("meta", np.array(json.dumps(meta, sort_keys=True)))
         self._file.close()
 
 
-class CsvTracksWriter(TracksWriter):
-    """Writes one line per time and marker, and the meta data beside it, into ``NAME.csv.json``."""
+class _CsvTable:
+    """One line per time and marker, and the meta data beside it, in ``NAME.csv.json``."""
 
-    def __init__(self, path: Path, markers: int) -> None:
-        super().__init__(markers)
+    def __init__(self, path: Path) -> None:
         self._target = WholeFile(path)
         self._file: IO[str] = self._target.open("w", encoding="utf-8", newline="")
         self._rows = csv.writer(self._file, lineterminator="\n")
         self._begun = False
 
-    def _append(self, columns: dict[str, NDArray[Any]]) -> None:
+    def append(self, columns: Columns) -> None:
         rows = long_columns(columns)
         if not self._begun:
             self._rows.writerow(rows)
             self._begun = True
         self._rows.writerows(zip(*(_texts(*item) for item in rows.items()), strict=True))
 
-    def _complete(self, meta: Mapping[str, Any]) -> None:
-        if not self._begun:  # no frame came
-            self._append(stacked([], self._markers))
+    def close(self, meta: Mapping[str, Any], triggers: Columns) -> None:
         path = self._target.path
         text = json.dumps(meta, indent=1, sort_keys=True) + "\n"
         write_text(path.with_name(path.name + ".json"), text)
         self._target.commit(self._file)
 
     def abandon(self) -> None:
-        """Give up: leave what was there before."""
         self._target.abandon(self._file)
 
 
@@ -144,15 +234,10 @@ def _texts(name: str, values: NDArray[Any]) -> list[Any]:
     return [form.format(value) for value in values.tolist()]
 
 
-class ParquetTracksWriter(TracksWriter):
-    """Writes the columns of the CSV file, with their types: for pandas, Polars, R and DuckDB.
+class _ParquetTable:
+    """The columns of the CSV file, with their types: for pandas, Polars, R and DuckDB."""
 
-    Raises:
-        MissingExtraError: pyarrow is not installed.
-    """
-
-    def __init__(self, path: Path, markers: int) -> None:
-        super().__init__(markers)
+    def __init__(self, path: Path) -> None:
         try:
             import pyarrow
             import pyarrow.parquet
@@ -163,7 +248,7 @@ class ParquetTracksWriter(TracksWriter):
         self._arrow, self._target = pyarrow, WholeFile(path)
         self._file: Any = None
 
-    def _append(self, columns: dict[str, NDArray[Any]]) -> None:
+    def append(self, columns: Columns) -> None:
         rows = long_columns(columns)
         rows["marker"] = rows["marker"].astype(np.int16)
         table = self._arrow.table(rows)
@@ -178,35 +263,38 @@ class ParquetTracksWriter(TracksWriter):
             )
         self._file.write_table(table)
 
-    def _complete(self, meta: Mapping[str, Any]) -> None:
-        if self._file is None:  # no frame came
-            self._append(stacked([], self._markers))
-        assert self._file is not None  # _append() opened it
+    def close(self, meta: Mapping[str, Any], triggers: Columns) -> None:
         self._file.add_key_value_metadata({PARQUET_META: json.dumps(meta, sort_keys=True)})
         self._file.close()
         self._target.commit()
 
     def abandon(self) -> None:
-        """Give up: leave what was there before."""
         if self._file is not None:
             self._file.close()
         self._target.abandon()
 
 
-def create_tracks(path: str | Path, reference_px: NDArray[np.float64]) -> TracksWriter:
-    """Return a writer by the file's ending: ``.npz``, or ``.csv`` and ``.parquet`` in long form.
+def create_tracks(
+    path: str | Path, reference_px: NDArray[np.float64], form: str = ""
+) -> TracksWriter:
+    """Return a writer of ``.npz``, or of ``.csv`` or ``.parquet`` in long form.
+
+    Args:
+        path: File to write.
+        reference_px: ``(m, 2)`` markers at rest, px.
+        form: One of these endings; that of the path unless given.
 
     Raises:
         ConfigError: The ending is none of these, or the folder does not exist.
         MissingExtraError: ``.parquet`` needs the extra ``[parquet]``.
     """
-    target = Path(path)
+    target, form = Path(path), form or Path(path).suffix
     if not target.parent.is_dir():
         raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
-    if target.suffix == ".npz":
-        return NpzTracksWriter(target, reference_px)
-    if target.suffix == ".csv":
-        return CsvTracksWriter(target, len(reference_px))
-    if target.suffix == ".parquet":
-        return ParquetTracksWriter(target, len(reference_px))
-    raise ConfigError(f"tracks are written as .npz, .csv or .parquet, not as {target.name!r}")
+    if form not in (".npz", ".csv", ".parquet"):
+        raise ConfigError(f"tracks are written as .npz, .csv or .parquet, not as {target.name!r}")
+    if form == ".npz":
+        file = _Archive(target, reference_px)
+    else:
+        file = (_CsvTable if form == ".csv" else _ParquetTable)(target)
+    return TracksWriter(file, len(reference_px))

@@ -12,21 +12,20 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-import spikingtac.tracks.files as files
 from spikingtac.calibration.lens import SkinScale
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.file_kinds import kind_of, told_kind
-from spikingtac.tracks.columns import (
+from spikingtac.tracks.files import (
     ATTRIBUTES,
     FORCES,
     HEALTH,
     SIGMA,
     VECTORS,
+    create_tracks,
     long_columns,
-    longest,
     require_shapes,
     stacked,
     trigger_column,
@@ -38,6 +37,12 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 US_PER_S = 1_000_000
+
+
+def longest(vectors: NDArray[np.floating]) -> float:
+    """Return the length of the longest vector."""
+    return float(np.linalg.norm(vectors, axis=-1).max(initial=0.0))
+
 
 # Module that draws tracks, found by its name: plots stand on tracks, and tracks on no plots.
 DRAWING = "spikingtac.plots.tracks"
@@ -97,11 +102,6 @@ class Tracks:
             f"{found['displacement_max_px']:.2f} px, {found['held_share']:.1%} coasted>"
         )
 
-    @property
-    def held(self) -> NDArray[np.bool_]:
-        """The former name of :attr:`coasted`, and its key in files."""
-        return self.coasted
-
     @classmethod
     def of(cls, frames: Iterable[MarkerFrame], calibration: Calibration) -> Self:
         """Gather frames, as :func:`spikingtac.follow` yields them.
@@ -142,9 +142,10 @@ class Tracks:
 
     def save(self, path: str | Path) -> None:
         """Write the tracks; see :func:`spikingtac.tracks.files.create_tracks`."""
-        self._write(files.create_tracks(path, self.reference_px.astype(np.float64)))
+        self._write(path)
 
-    def _write(self, writer: files.TracksWriter) -> None:
+    def _write(self, path: str | Path, form: str = "") -> None:
+        writer = create_tracks(path, self.reference_px.astype(np.float64), form)
         felt = self._known((SIGMA, *FORCES))
         writer.mark(self._known(TRIGGERS))
         try:
@@ -258,11 +259,11 @@ class Tracks:
 
     def to_parquet(self, path: str | Path) -> None:
         """Write the tracks as Parquet in long form, whatever the ending; see :meth:`save`."""
-        self._write(files.ParquetTracksWriter(Path(path), len(self.reference_px)))
+        self._write(path, ".parquet")
 
     def to_csv(self, path: str | Path) -> None:
         """Write the tracks as CSV in long form, whatever the ending; see :meth:`save`."""
-        self._write(files.CsvTracksWriter(Path(path), len(self.reference_px)))
+        self._write(path, ".csv")
 
     def plot(
         self,

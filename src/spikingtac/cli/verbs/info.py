@@ -20,7 +20,7 @@ from spikingtac.events.formats.codec import KINDS
 from spikingtac.events.manifest import MANIFEST, read_manifest
 from spikingtac.events.open import RECORDING_NAME
 from spikingtac.file_kinds import TOLD, document_of, kind_of
-from spikingtac.tracks.columns import longest
+from spikingtac.tracks.tracks import longest
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
