@@ -26,6 +26,8 @@ RATE_US = 10_000
 # Time constant of the surface, us: exp(-age / constant), as in Lagorce et al., "HOTS" (2017).
 SURFACE_US = 50_000
 
+FAINT = 0.01  # Share of the surface below which a pixel is not drawn: it fired 0.23 s ago.
+
 # Height over width of figures that are no picture of the sensor.
 HEIGHTS: dict[str, float] = {"rate": 0.62, "overview": 1.0}
 
@@ -147,30 +149,38 @@ def _draw_moment(axes: Axes, figures: EventFigures, theme: Theme) -> None:
     colors = LinearSegmentedColormap.from_list(
         "polarity", (theme.second, theme.ground, theme.strong)
     )
-    bound = max(int(np.abs(figures.moment).max()), 1)
+    size = np.abs(figures.moment)
+    bound = float(np.median(size[size > 0])) if size.any() else 1.0  # busy pixels hide no others
     axes.imshow(figures.moment, cmap=colors, vmin=-bound, vmax=bound)
     at_s = (figures.at_us - figures.first_us) / US_PER_S
-    axes.set(title=f"ON (blue), OFF (orange), {RATE_US // 1000} ms from {at_s:.3f} s")
+    axes.set(title=f"ON (blue), OFF (orange)\n{RATE_US // 1000} ms from {at_s:.3f} s")
     axes.set(xlabel="x (px)", ylabel="y (px)")
 
 
 def _draw_rate(axes: Axes, figures: EventFigures, theme: Theme) -> None:
     t_s = np.arange(len(figures.rate_kev_s)) * RATE_US / US_PER_S
     axes.plot(t_s, figures.rate_kev_s, color=theme.strong, linewidth=0.7)
-    axes.set(title="event rate", xlabel="time (s)", ylabel="thousand events / s", ylim=(0, None))
+    axes.set(
+        title="event rate\nline: the moment",
+        xlabel="time (s)",
+        ylabel="thousand events / s",
+        ylim=(0, None),
+    )
     axes.axvline((figures.at_us - figures.first_us) / US_PER_S, color=theme.second, linewidth=0.7)
 
 
 def _draw_surface(axes: Axes, figures: EventFigures, theme: Theme) -> None:
-    axes.imshow(figures.surface, cmap=theme.magnitudes(), vmin=0.0, vmax=1.0)
-    axes.set(title=f"time surface, {SURFACE_US // 1000} ms", xlabel="x (px)", ylabel="y (px)")
+    recent = np.ma.masked_less(figures.surface, FAINT)
+    axes.imshow(recent, cmap=theme.magnitudes(), vmin=0.0, vmax=1.0)
+    axes.set(title=f"time surface\n{SURFACE_US // 1000} ms", xlabel="x (px)", ylabel="y (px)")
 
 
 def _draw_hot(axes: Axes, figures: EventFigures, theme: Theme) -> None:
-    axes.imshow(np.log10(1.0 + figures.counts), cmap=theme.magnitudes())
+    counted = np.ma.masked_equal(figures.counts, 0)
+    axes.imshow(np.log10(1.0 + counted), cmap=theme.magnitudes())
     axes.plot(*figures.hot_px.T, "o", mfc="none", color=theme.second, markersize=5)
     found = f"{len(figures.hot_px)} hot pixels" if len(figures.hot_px) != 1 else "1 hot pixel"
-    axes.set(title=f"events per pixel (log), {found}", xlabel="x (px)", ylabel="y (px)")
+    axes.set(title=f"events per pixel (log)\n{found}", xlabel="x (px)", ylabel="y (px)")
 
 
 _DRAWS = {
