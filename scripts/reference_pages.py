@@ -45,7 +45,7 @@ entry in the changelog. Everything else may. This page is made by `scripts/refer
 
 # End of a first sentence: the page gives that of each argument, ``help`` gives the rest.
 SENTENCE = re.compile(r"(?<=[a-z0-9)`])\. (?=[A-Z`])")
-SHARED = 3  # Number of verbs from which on an option with one description is described once.
+SHARED = 2  # Number of verbs from which on an option with one description is described once.
 SECTION = re.compile(r"^(Args|Attributes|Returns|Yields|Raises|Example|Examples):$", re.M)
 
 
@@ -56,19 +56,24 @@ def cli_page() -> str:
     """
     tables = {verb: _table(verb) for verb in verbs()}
     verbs_of = Counter(row for rows in tables.values() for row in rows)
-    shared = {row for row, count in verbs_of.items() if count >= SHARED and row.startswith("- `-")}
+    shared: dict[str, str] = {}  # Option -> item; of two items the one that more verbs have.
+    for row, count in verbs_of.most_common():
+        if count >= SHARED and row.startswith("- `-"):
+            shared.setdefault(row.split("`")[1], row)
     parts = [
         CLI_HEAD,
         "## Options of several verbs\n",
-        "\n".join(sorted(shared)) + "\n",
+        "\n".join(sorted(shared.values())) + "\n",
     ]
     for verb, rows in tables.items():
         arguments = function_of(verb)[1]
         parts.append(f"## {verb}\n\n{textwrap.dedent(inspect.getdoc(arguments) or '').strip()}\n")
-        own = [row for row in rows if row not in shared]
+        own = [row for row in rows if row not in shared.values()]
         if own:
             parts.append("\n".join(own) + "\n")
-        if also := [row[2:].split(maxsplit=1)[0].strip(":,") for row in rows if row in shared]:
+        if also := [
+            row[2:].split(maxsplit=1)[0].strip(":,") for row in rows if row in shared.values()
+        ]:
             parts.append(f"Also: {', '.join(also)}.\n")
     return "\n".join(parts)
 
