@@ -93,7 +93,7 @@ def api_page() -> str:
             continue
         value = getattr(spikingtac, name)
         text = _plain(inspect.getdoc(value) or "")
-        call = f"```text\n{_signature(name, value)}\n```\n"
+        call = f"`{_signature(name, value)}`\n"
         if dataclasses.is_dataclass(value) and isinstance(value, type):
             # The list of its fields tells the call of a dataclass, so the defaults go there.
             fields = dataclasses.fields(value)
@@ -101,7 +101,7 @@ def api_page() -> str:
                 told = f"- {field.name}{_default(field).replace(' (required)', '')}:"
                 text = text.replace(f"- {field.name}:", told)
             call = "" if all(f"\n- {field.name}" in text for field in fields) else call
-        elif call == f"```text\nst.{name}\n```\n":
+        elif call == f"`st.{name}`\n":
             call = ""
         parts += [f"## {name}\n", *([call] if call else []), text]
     return "\n".join(parts)
@@ -161,7 +161,7 @@ def _signature(name: str, value: Any) -> str:
     text = str(inspect.Signature(bare, return_annotation=returned)).replace("spikingtac.", "")
     text = re.sub(r"<function (\w+) at \w+>", r"\1", text).replace("=<factory>", "=...")
     text = re.sub(r"-> '([^']*)'", r"-> \1", text)
-    return textwrap.fill(f"st.{name}{text}", 96, subsequent_indent="    ", break_long_words=False)
+    return f"st.{name}{text}"
 
 
 def _plain(docstring: str) -> str:
