@@ -65,7 +65,7 @@ def press_and_release(rig: Rig, reach_mm: np.ndarray) -> None:
 
 def make_rig(direction: tuple[float, ...], leak: bool, history: Any, seed: int) -> Rig:
     way = np.array(direction)
-    wall = PlaneWall(point_mm=tuple(way * (0.375 + FREE_MM)), normal=tuple(-way))
+    wall = PlaneWall(way * (0.375 + FREE_MM), -way)
     finger = SensingFinger(SilentFinger(leak=leak, history=history, serial=seed), seed)
     rng = np.random.default_rng(seed)
     return Rig(RigConfig(vibration_mm=0.0), wall, finger, np.zeros(3), rng)

@@ -1,6 +1,7 @@
 """A scene becomes a recording: files, truth, reproducibility, and what the command line says."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -14,32 +15,28 @@ from spikingtac.sim.render import simulate
 from spikingtac.sim.scene import Scene
 
 # A third of a second on a small sensor.
-SMALL = {
-    "lead_in_s": 0.05,
-    "lead_out_s": 0.1,
-    "skin": {"grid": [2, 3]},
-    "optics": {"size": [128, 96]},
-    "history": {"wait_s": 0.05},
-    "variation": {"place_mm": 0.2, "heading_deg": 20.0},
-    "contacts": [
-        {
-            "indenter": {"kind": "ball"},
-            "motion": {
-                "height_mm": 0.1,
-                "segments": [
-                    {"kind": "press", "depth_mm": 0.6, "duration_s": 0.1},
-                    {"kind": "slide", "dx_mm": 0.6, "duration_s": 0.1},
-                    {"kind": "release", "height_mm": 0.2},
-                ],
-            },
-        }
-    ],
-}
+SMALL = """
+lead_in_s = 0.05
+lead_out_s = 0.1
+skin = { grid = [2, 3] }
+optics = { size = [128, 96] }
+history = { wait_s = 0.05 }
+variation = { place_mm = 0.2, heading_deg = 20.0 }
+[[contacts]]
+indenter = { kind = "ball" }
+[contacts.motion]
+height_mm = 0.1
+segments = [
+  { kind = "press", depth_mm = 0.6, duration_s = 0.1 },
+  { kind = "slide", dx_mm = 0.6, duration_s = 0.1 },
+  { kind = "release", height_mm = 0.2 },
+]
+"""
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return build(Scene, SMALL, "small")
+    return build(Scene, tomllib.loads(SMALL), "small")
 
 
 @pytest.fixture(scope="module")

@@ -13,11 +13,7 @@ from spikingtac.sim.gel_solvers import (
     product_kernel,
     shear_kernel,
 )
-from spikingtac.sim.layer import (
-    GridConfig,
-    LayerOperator,
-    interpolate_kernel,
-)
+from spikingtac.sim.layer import GridConfig, LayerOperator, interpolate_kernel
 
 Array = np.ndarray
 

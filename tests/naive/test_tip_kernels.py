@@ -122,9 +122,8 @@ def test_a_wandering_tip_is_pressed_and_remembered_alike(
         mount = CompliantMount(free, compliance, np.linalg.inv(compliance))
         tip = free + compliance @ fast.force_n.sum(axis=0)
         gap, normal = wall.gap(tip + bit.points_mm)
-        linearised = LinearisedWall(
-            gap - bit.radius_mm, normal, wall.curvature(tip + bit.points_mm)
-        )
+        curvature = wall.curvature(tip + bit.points_mm)
+        linearised = LinearisedWall(gap - bit.radius_mm, normal, curvature)
         plain, place, fraction = copied(fast), tip.copy(), rng.choice([0.5, 1.0])
         stiffened, expected = (
             k(mount, fast, linearised, tip) for k in (stiffen_by_curvature_kernel, plain_stiffened)
@@ -132,12 +131,8 @@ def test_a_wandering_tip_is_pressed_and_remembered_alike(
         for part, wanted in zip(stiffened, expected, strict=True):
             np.testing.assert_allclose(part, wanted, rtol=1e-9, atol=1e-10)
         solve_linearised_kernel(fast, linearised, mount, friction, place, fraction)
-        np.testing.assert_allclose(
-            place,
-            plain_solve_linearised(plain, linearised, mount, friction, tip, fraction),
-            rtol=1e-6,
-            atol=1e-6,
-        )
+        wanted = plain_solve_linearised(plain, linearised, mount, friction, tip, fraction)
+        np.testing.assert_allclose(place, wanted, rtol=1e-6, atol=1e-6)
         np.testing.assert_allclose(fast.force_n, plain.force_n, rtol=1e-6, atol=1e-6)
         plain = copied(fast)
         update_anchors_kernel(fast, normal, friction, place)

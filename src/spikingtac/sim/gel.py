@@ -96,6 +96,10 @@ class GelConfig:
 class Gel:
     """A gel with markers, stepped in time.
 
+    Attributes:
+        displacement_mm: ``(3, n, n)`` displacement of the cells along x, y and towards the camera.
+        resting: True while nothing touches and the stored creep is negligible.
+
     Example:
         >>> gel = Gel(GelConfig(), np.zeros((1, 2)))
         >>> gel.step(0.004, None, None).in_contact
@@ -117,14 +121,14 @@ class Gel:
         self._creep = CreepChain((3, grid.cells, grid.cells))
         self._markers = MarkerInterpolation(grid, marker_rest_mm)
         self._rest = np.column_stack((marker_rest_mm, np.zeros(len(marker_rest_mm))))
-        self._displacement = np.zeros((3, grid.cells, grid.cells))
+        self.displacement_mm = np.zeros((3, grid.cells, grid.cells))
         self.reset()
 
     def reset(self) -> None:
         """Return to a gel at rest without any history, at time zero."""
         self._t_s = 0.0
-        self._resting = True
-        self._displacement[:] = 0.0
+        self.resting = True
+        self.displacement_mm[:] = 0.0
         self._contact.release()
         self._creep.retarded[:] = 0.0
 
@@ -132,11 +136,6 @@ class Gel:
     def pressure_mpa(self) -> FloatArray:
         """``(n, n)`` contact pressure on the cells, N/mm²."""
         return self._contact.traction[2]
-
-    @property
-    def displacement_mm(self) -> FloatArray:
-        """``(3, n, n)`` displacement of the cells along x, y and towards the camera, mm."""
-        return self._displacement
 
     @property
     def in_contact(self) -> bool:
@@ -147,11 +146,6 @@ class Gel:
     def patch(self) -> ContactPatch:
         """Which cells of the skin are touched, and which of these stick."""
         return self._contact.patch
-
-    @property
-    def resting(self) -> bool:
-        """True while nothing touches and the stored creep is negligible."""
-        return self._resting
 
     def step(self, dt_s: float, indenter: Indenter | None, pose: Pose | None) -> SkinState:
         """Advance the gel and return its markers.
@@ -168,7 +162,7 @@ class Gel:
         if not dt_s > 0:
             raise ValueError(f"dt_s is {dt_s}, it must be positive")
         self._t_s += dt_s
-        lowest_mm = 0.0 if self._resting else float(self._displacement[2].min())
+        lowest_mm = 0.0 if self.resting else float(self.displacement_mm[2].min())
         if indenter is None or pose is None or pose.position_mm[2] <= lowest_mm:
             self._recover(dt_s)
         else:
@@ -178,28 +172,28 @@ class Gel:
     def _advance(self, dt_s: float, indenter: Indenter, pose: Pose) -> None:
         history = self._creep.history(dt_s)
         compliance = self._compliance * self._creep.compliance(dt_s)
-        moved = self._contact.press(indenter, pose, history, self._displacement, compliance)
+        moved = self._contact.press(indenter, pose, history, self.displacement_mm, compliance)
         if moved is None:
             self._recover(dt_s)
             return
-        self._resting = False
+        self.resting = False
         self._creep.advance(dt_s, self._compliance * moved)
-        self._displacement = compliance * moved + history
+        self.displacement_mm = compliance * moved + history
 
     def _recover(self, dt_s: float) -> None:
         """Let the gel creep back while nothing touches it."""
         self._contact.release()
-        if self._resting:
+        if self.resting:
             return
-        self._displacement = self._creep.history(dt_s)
+        self.displacement_mm = self._creep.history(dt_s)
         self._creep.advance(dt_s, None)
         if sum(np.abs(part).max() for part in self._creep.retarded) < NEGLIGIBLE_CREEP_MM:
             self._creep.retarded[:] = 0.0
-            self._displacement[:] = 0.0
-            self._resting = True
+            self.displacement_mm[:] = 0.0
+            self.resting = True
 
     def _state(self, pose: Pose | None) -> SkinState:
-        moved, gradient = self._markers.at_markers(self._displacement)
+        moved, gradient = self._markers.at_markers(self.displacement_mm)
         force, torque = self._load()
         return SkinState(
             t_us=round(self._t_s * US_PER_S),
@@ -219,7 +213,7 @@ class Gel:
         grid = self._config.grid
         cells = self._contact.cells
         force = self._contact.traction.reshape(3, -1)[:, cells] * grid.pitch_mm**2
-        place = self._displacement.reshape(3, -1)[:, cells].copy()
+        place = self.displacement_mm.reshape(3, -1)[:, cells].copy()
         rows, columns = np.divmod(cells, grid.cells)
         place[0] += grid.axis_mm[columns]
         place[1] += grid.axis_mm[rows]

@@ -54,10 +54,10 @@ class SkinState:
     t_us: int
     marker_mm: FloatArray
     gradient: FloatArray
-    force_n: FloatArray
-    torque_n_mm: FloatArray
-    pose_mm: FloatArray
-    in_contact: bool
+    force_n: FloatArray = field(default_factory=lambda: np.zeros(3))
+    torque_n_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
+    pose_mm: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    in_contact: bool = False
     patch: ContactPatch = NO_PATCH
 
 

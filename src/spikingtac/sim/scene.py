@@ -49,15 +49,8 @@ class SkinConfig:
     def at_rest(self) -> SkinState:
         """Return the skin without contact, at time zero."""
         rest_mm = self.rest_mm()
-        return SkinState(
-            t_us=0,
-            marker_mm=np.column_stack((rest_mm, np.zeros(len(rest_mm)))),
-            gradient=np.tile(np.eye(2), (len(rest_mm), 1, 1)),
-            force_n=np.zeros(3),
-            torque_n_mm=np.zeros(3),
-            pose_mm=np.full(3, np.nan),
-            in_contact=False,
-        )
+        marker_mm = np.column_stack((rest_mm, np.zeros(len(rest_mm))))
+        return SkinState(0, marker_mm, gradient=np.tile(np.eye(2), (len(rest_mm), 1, 1)))
 
 
 # Most markers and contacts of a scene: they stay below 100 MB and a minute of planning.

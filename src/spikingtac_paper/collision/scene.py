@@ -70,7 +70,7 @@ class CollisionScene:
     def make_rig(self, seed: int) -> Rig:
         """Return the whole twin, the tip :data:`NEAR_MM` before the wall."""
         way = DIRECTION
-        wall = PlaneWall(point_mm=_three(way * RoundBit().radius_mm), normal=_three(-way))
+        wall = PlaneWall(way * RoundBit().radius_mm, -way)
         finger = SensingFinger(self.finger(), seed)
         rng = np.random.default_rng(seed)
         return Rig(self.rig_config(), wall, finger, -NEAR_MM * way, rng)
@@ -123,8 +123,3 @@ def travel_time_s(speed_mm_s: float, way_mm: float) -> float:
     late_s = UR3Twin.NETWORK_S + 0.5 * UR3Twin.CYCLE_S + float(np.mean(SERVO_LAG_S))
     ramp_s = min(ACCELERATION_MM_S2 / jerk, math.sqrt(speed_mm_s / jerk))
     return late_s + way_mm / speed_mm_s + 0.5 * (speed_mm_s / ACCELERATION_MM_S2 + ramp_s)
-
-
-def _three(vector: Vector) -> tuple[float, float, float]:
-    x, y, z = vector.tolist()
-    return x, y, z

@@ -20,24 +20,10 @@ from spikingtac.sim.camera.config import (
     load_camera,
 )
 from spikingtac.sim.camera.event_camera import EventCamera
-from spikingtac.sim.camera.pixels import (
-    KEY_SHIFT,
-    uniform_kernel,
-)
+from spikingtac.sim.camera.pixels import KEY_SHIFT, uniform_kernel
 from spikingtac.sim.camera.readout import BACKLOG_US, Arbiter, Readout, arbitrate_kernel
-from spikingtac.sim.camera.sweep import sample_pattern_kernel
-from spikingtac.sim.optics import MarkerImage
-from spikingtac.types import EventPacket, LossCounters
-from stand_ins.camera_stage import (
-    CENTERS,
-    PERIOD_US,
-    RADIUS_PX,
-    SIZE,
-    camera,
-    film,
-    image,
-    strokes,
-)
+from spikingtac.types import EventPacket
+from stand_ins.camera_stage import CENTERS, PERIOD_US, RADIUS_PX, SIZE, camera, film, image, strokes
 
 
 def columns(packet: EventPacket) -> bytes:
@@ -108,33 +94,15 @@ SMALL = (64, 64)
 TYPICAL = PixelConfig(mismatch=0.03, bandwidth_hz=2000.0, refractory_us=50.0, latency_us=150.0)
 
 
-def moved_images(speed_px_s: float, span_us: int, period_us: int = 2000) -> list[MarkerImage]:
-    centers = np.array([[24.3, 30.2]])
-    return [
-        MarkerImage(
-            t_us=t,
-            center_px=centers + speed_px_s * t * 1e-6,
-            shape=np.eye(2)[None],
-            radius_px=np.array([7.0]),
-        )
-        for t in range(0, span_us + 1, period_us)
-    ]
-
-
-def filmed(config: CameraConfig, shots: list[MarkerImage], history="random"):
-    sensor = EventCamera(config, seed=2)
-    sensor.settle(shots[0], history)
-    return sensor.advance(shots[1:])
-
-
 @pytest.mark.parametrize("speed_px_s", [20.0, 300.0])
 def test_every_pixel_at_every_step_gives_what_the_edges_alone_give(speed_px_s, monkeypatch):
     """The dense renderer is the sweep's plain twin: it neither skips nor carries forward."""
     monkeypatch.setattr(event_camera, "MAX_STEP_US", 200.0)
     quick = CameraConfig(size=SMALL, pixel=TYPICAL)
     thorough = replace(quick, light=LightConfig(texture=1e-9, texture_follow=1.0))
-    shots = moved_images(speed_px_s, 60_000)
-    one, two = filmed(quick, shots), filmed(thorough, shots)
+    one_disc, times_us = np.array([[24.3, 30.2]]), range(0, 60_001, PERIOD_US)
+    shots = [image(t_us, [speed_px_s * t_us * 1e-6] * 2, one_disc) for t_us in times_us]
+    one, two = (film(EventCamera(config, seed=2), shots) for config in (quick, thorough))
     assert len(one) == pytest.approx(len(two), rel=0.005)
     keys = [np.stack([packet.y, packet.x, packet.p]).astype(int) for packet in (one, two)]
     counts = [np.zeros((64, 64, 2), int) for _ in keys]
@@ -144,19 +112,6 @@ def test_every_pixel_at_every_step_gives_what_the_edges_alone_give(speed_px_s, m
     times = [np.sort(packet.t) for packet in (one, two)]
     shared = min(len(times[0]), len(times[1]))
     assert np.median(np.abs(times[0][:shared] - times[1][:shared])) < 100
-
-
-def test_a_pattern_is_read_between_its_samples_and_repeats():
-    pattern = np.random.default_rng(1).random((5, 7)).astype(np.float32)
-    assert sample_pattern_kernel(pattern, 2.0, 3.0) == pytest.approx(float(pattern[3, 2]))
-    middle = pattern[[3, 3, 4, 4], [2, 3, 2, 3]].mean()
-    assert sample_pattern_kernel(pattern, 2.5, 3.5) == pytest.approx(float(middle))
-    assert sample_pattern_kernel(pattern, -0.5, 0.0) == pytest.approx(
-        float(pattern[0, [6, 0]].mean())
-    )
-    assert sample_pattern_kernel(pattern, 7.25, 5.0) == pytest.approx(
-        sample_pattern_kernel(pattern, 0.25, 0.0)
-    )
 
 
 def events_per_px(name: str, contrast: float, speed_px_s: float) -> float:
@@ -204,36 +159,11 @@ def test_equals_the_published_generator():
 READOUT_SIZE = (64, 48)
 
 
-def keys(t_us, x, y, p) -> np.ndarray:
-    t_us, x, y, p = (np.asarray(item, np.int64) for item in (t_us, x, y, p))
-    return (t_us << KEY_SHIFT) | ((y * READOUT_SIZE[0] + x) << 1) | p
-
-
-def random_keys(count: int, span_us: int, seed: int = 0) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return keys(
-        rng.integers(0, span_us, count),
-        rng.integers(0, READOUT_SIZE[0], count),
-        rng.integers(0, READOUT_SIZE[1], count),
-        rng.integers(0, 2, count),
-    )
-
-
-def readout(**settings) -> tuple[Readout, LossCounters]:
-    losses = LossCounters()
-    return Readout(
-        ReadoutConfig(**settings), READOUT_SIZE, np.random.default_rng(1), losses
-    ), losses
-
-
-def arbiter(event_us: float) -> Arbiter:
-    return Arbiter(
-        event_us=event_us,
-        loss=0.0,
-        free_us=np.full(1, -np.inf),
-        served=np.zeros(1, np.uint64),
-        key=np.uint64(9),
-    )
+def random_keys(count: int, span_us: int) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    limits = span_us, READOUT_SIZE[0], READOUT_SIZE[1], 2
+    t_us, x, y, on = (rng.integers(0, limit, count) for limit in limits)
+    return (t_us << KEY_SHIFT) | ((y * READOUT_SIZE[0] + x) << 1) | on
 
 
 def served(events, event_us):
@@ -255,7 +185,8 @@ def served(events, event_us):
 def test_the_arbiter_equals_its_plain_twin(event_us, count):
     events = np.sort(random_keys(count, 1000))
     out = np.empty(count, np.int64)
-    kept, dropped, lost = arbitrate_kernel(events, arbiter(event_us), out)
+    arbiter = Arbiter(event_us, 0.0, np.full(1, -np.inf), np.zeros(1, np.uint64), np.uint64(9))
+    kept, dropped, lost = arbitrate_kernel(events, arbiter, out)
     expected, expected_dropped = served(events, event_us)
     assert out[:kept].tolist() == expected
     assert (dropped, lost) == (expected_dropped, 0)
@@ -263,37 +194,30 @@ def test_the_arbiter_equals_its_plain_twin(event_us, count):
 
 
 def test_random_loss_is_as_set_and_counted():
-    station, losses = readout(loss=0.3)
+    station = Readout(ReadoutConfig(loss=0.3), READOUT_SIZE, key=1)
     station.collect(random_keys(20_000, 1000))
     kept = len(station.release(1000))
     assert kept / 20_000 == pytest.approx(0.7, abs=0.015)
-    assert losses["readout_loss"] == 20_000 - kept
+    assert station.losses["readout_loss"] == 20_000 - kept
 
 
-PINNED = {  # contrast, threshold, mismatch, bandwidth, leak, background, hot, dead, latency, jitter
-    "clean": (6.0, 0.25, 0.0, None, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, None),
-    "typical": (6.0, 0.25, 0.03, 2000.0, 0.07, 0.1, 1e-4, 50.0, 150.0, 30.0, 10.0),
-    "noisy": (6.0, 0.25, 0.03, 500.0, 0.2, 1.0, 1e-4, 100.0, 150.0, 30.0, 10.0),
+# Contrast; threshold, mismatch, bandwidth, leak, dead time, latency, jitter; background, hot; cap.
+PINNED = {
+    "clean": [6.0, 0.25, 0.0, None, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, None],
+    "typical": [6.0, 0.25, 0.03, 2000.0, 0.07, 50.0, 150.0, 30.0, 0.1, 1e-4, 10.0],
+    "noisy": [6.0, 0.25, 0.03, 500.0, 0.2, 100.0, 150.0, 30.0, 1.0, 1e-4, 10.0],
 }
+OF_PIXEL = ("threshold_on", "mismatch", "bandwidth_hz", "leak_hz")
+OF_TIME = ("refractory_us", "latency_us", "jitter_us")
 
 
 @pytest.mark.parametrize("name", CAMERA_NAMES)
 def test_the_presets_hold_the_pinned_values(name):
     camera = load_camera(name)
-    pixel, background = camera.pixel, camera.background
-    assert (
-        camera.light.contrast,
-        pixel.threshold_on,
-        pixel.mismatch,
-        pixel.bandwidth_hz,
-        pixel.leak_hz,
-        background.rate_hz,
-        background.hot_fraction,
-        pixel.refractory_us,
-        pixel.latency_us,
-        pixel.jitter_us,
-        camera.readout.cap_mev_s,
-    ) == PINNED[name]
+    pixel = [getattr(camera.pixel, field) for field in (*OF_PIXEL, *OF_TIME)]
+    background = [camera.background.rate_hz, camera.background.hot_fraction]
+    found = [camera.light.contrast, *pixel, *background, camera.readout.cap_mev_s]
+    assert found == PINNED[name]
     assert camera.size == (320, 320)
-    assert pixel.threshold_off == pixel.threshold_on
+    assert camera.pixel.threshold_off == camera.pixel.threshold_on
     assert camera.readout.loss == 0.0

@@ -191,9 +191,6 @@ def test_sliding_meets_kinetic_friction_and_starts_above_it() -> None:
     assert 0.8 * FRICTION < max(ratios) <= FRICTION
 
 
-NORMAL = np.array([0.0, 0.0, 1.0])
-
-
 PX_PER_MM = 15.5
 GLUED = GelConfig(friction=20.0)
 NORMAL = np.array([0.0, 0.0, 1.0])

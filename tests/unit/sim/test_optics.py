@@ -17,8 +17,7 @@ def skin(marker_mm, gradient=None) -> SkinState:
     marker_mm = np.array(marker_mm, np.float64)
     if gradient is None:
         gradient = np.tile(np.eye(2), (len(marker_mm), 1, 1))
-    zero = np.zeros(3)
-    return SkinState(0, marker_mm, gradient, zero, zero, zero, in_contact=False)
+    return SkinState(0, marker_mm, gradient)
 
 
 def test_an_indentation_magnifies_as_the_distance_shrinks(exact):

@@ -48,10 +48,6 @@ def drive(probe: Probe, path_mm: np.ndarray) -> list[ProbeState]:
     return [probe.step(1000 * (k + 1), DT_S, point) for k, point in enumerate(path_mm)]
 
 
-def line(start: tuple[float, ...], end: tuple[float, ...], steps: int = 200) -> np.ndarray:
-    return np.linspace(start, end, steps)
-
-
 @pytest.fixture
 def rod_of(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     """Change constants of the rod for one test."""
@@ -71,7 +67,7 @@ NO_CREEP = {"CREEP_FRACTIONS": np.empty(0), "CREEP_TIMES_S": np.empty(0)}
 def test_tip_stiffness_is_that_of_translation_and_rotation_in_series(rod_of) -> None:
     rod_of(GRAMS_PER_MM=0.0, **NO_CREEP)
     probe = Probe(ProbeConfig(), NEAR_WALL, np.zeros(3))
-    state = drive(probe, line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))[-1]
+    state = drive(probe, np.linspace(np.zeros(3), [1.0, 0.0, 0.0], 200))[-1]
     compliance = 1.0 / 2.5 + 40.0**2 / 68.0
     assert -state.force_n[0] == pytest.approx(1.0 / compliance, rel=1e-6)
     assert -state.bushing[0] == pytest.approx(0.017, abs=5e-4)
@@ -100,8 +96,7 @@ def test_the_free_rod_rocks_at_the_frequency_of_its_inertia(rod_of) -> None:
     probe = Probe(config, NoWall(), np.zeros(3))
     dt_s, path = 1e-4, []
     for k in range(5000):
-        jolt = np.array([1.0, 0.0, 0.0]) * (k > 0) * 0.01
-        path.append(probe.step(100 * (k + 1), dt_s, jolt).bushing[5])
+        path.append(probe.step(100 * (k + 1), dt_s, np.array([0.01 * (k > 0), 0, 0])).bushing[5])
     crossing = np.flatnonzero(np.diff(np.sign(path[1500:])) != 0)
     measured_hz = (len(crossing) - 1) / 2 / (dt_s * (crossing[-1] - crossing[0]))
     assert measured_hz == pytest.approx(modes.min(), rel=0.03)
@@ -203,12 +198,8 @@ def test_overshoot_of_a_perfect_sensor(
 
 def test_the_reported_pose_is_up_to_one_cycle_old() -> None:
     rng = np.random.default_rng(2)
-    lag = np.array(
-        [
-            arm.pose().position_mm[0] - arm.true_position_mm()[0]
-            for arm in (approaching(rng) for _ in range(400))
-        ]
-    )
+    arms = [approaching(rng) for _ in range(400)]
+    lag = np.array([(arm.pose().position_mm - arm.true_position_mm())[0] for arm in arms])
     assert lag.mean() == pytest.approx(-0.72, abs=0.05)
     assert lag.min() >= -1.44 - 1e-6
     assert lag.max() <= 1e-9

@@ -13,14 +13,9 @@ import pytest
 
 from spikingtac.errors import ConfigError, SettingsFileError
 from spikingtac.schema import build
-from spikingtac.sim import catalog
 from spikingtac.sim.catalog import load_scene
 from spikingtac.sim.indenters import IndenterConfig
-from spikingtac.sim.motions import (
-    IndenterMotion,
-    MotionConfig,
-    SegmentConfig,
-)
+from spikingtac.sim.motions import IndenterMotion, MotionConfig, SegmentConfig
 from spikingtac.sim.scene import ContactConfig, Scene, SkinConfig, VariationConfig
 from spikingtac.sim.source import prefetch
 from spikingtac.sim.timeline import Timeline, vary
@@ -86,9 +81,6 @@ def test_the_digest_follows_every_value_that_counts():
     assert len({first.digest(), *(other.digest() for other in others)}) == 4
 
 
-CONTRACT = ("bootstrap", "quiet", "loops", "fifty-contacts", *catalog.TRAJECTORIES)
-
-
 def motion(*segments: dict[str, Any], **start: float) -> IndenterMotion:
     return IndenterMotion(build(MotionConfig, {**start, "segments": list(segments)}, "motion"))
 
@@ -141,15 +133,8 @@ def test_a_wrong_segment_is_named(segment: dict[str, Any], message: str) -> None
         motion(segment)
 
 
-WIDE = VariationConfig(
-    place_mm=1.0,
-    heading_deg=180.0,
-    yaw_deg=20.0,
-    depth_fraction=0.3,
-    extent_fraction=0.3,
-    speed_fraction=0.3,
-    pause_s=0.5,
-)
+FRACTIONS = dict.fromkeys(("depth_fraction", "extent_fraction", "speed_fraction"), 0.3)
+WIDE = VariationConfig(place_mm=1.0, heading_deg=180.0, yaw_deg=20.0, pause_s=0.5, **FRACTIONS)
 MOTION = MotionConfig(
     height_mm=0.3,
     segments=(
@@ -162,11 +147,9 @@ MOTION = MotionConfig(
 )
 
 
-def varied_scene(repeats: int = 2, variation: VariationConfig | None = None) -> Scene:
-    contact = ContactConfig(
-        indenter=IndenterConfig(kind="ball"), motion=MOTION, repeats=repeats, pause_s=0.4
-    )
-    return Scene(contacts=(contact,), variation=variation or VariationConfig())
+BALL = IndenterConfig(kind="ball")
+CONTACTS = (ContactConfig(indenter=BALL, motion=MOTION, repeats=2, pause_s=0.4),)
+VARIED = Scene(contacts=CONTACTS, variation=WIDE)
 
 
 def path(timeline: Timeline, until_s: float) -> list[float | None]:
@@ -176,13 +159,13 @@ def path(timeline: Timeline, until_s: float) -> list[float | None]:
 
 
 def test_a_shorter_scene_is_the_beginning_of_the_longer_one():
-    full = path(Timeline(varied_scene(variation=WIDE), seed=5), 2.0)
-    assert path(Timeline(varied_scene(variation=WIDE), seed=5, duration_s=1.0), 1.0) == full[:100]
+    full = path(Timeline(VARIED, seed=5), 2.0)
+    assert path(Timeline(VARIED, seed=5, duration_s=1.0), 1.0) == full[:100]
 
 
 def test_a_longer_scene_repeats_whole_contacts_varied_anew_and_ends_quiet():
-    own = Timeline(varied_scene(variation=WIDE), seed=5).duration_s
-    long = path(Timeline(varied_scene(variation=WIDE), seed=5, duration_s=3 * own), 3 * own)
+    own = Timeline(VARIED, seed=5).duration_s
+    long = path(Timeline(VARIED, seed=5, duration_s=3 * own), 3 * own)
     starts = np.flatnonzero(np.diff(np.array([body is not None for body in long], int)) == 1)
     assert len(starts) >= 4
     assert all(body is None for body in long[-100:])

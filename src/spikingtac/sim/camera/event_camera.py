@@ -13,7 +13,7 @@ from spikingtac.arrays import FloatArray
 from spikingtac.sim.camera import coverage, readout, sensor, sweep
 from spikingtac.sim.camera.config import CameraConfig
 from spikingtac.sim.optics import MarkerImage
-from spikingtac.types import EventPacket, LossCounters
+from spikingtac.types import EventPacket
 
 # State of the pixels' reference levels at the start; see :meth:`EventCamera.settle`.
 ReferenceHistory = Literal["rested", "random", "fresh"]
@@ -58,7 +58,6 @@ class EventCamera:
         noise_streams = np.random.default_rng(seed).spawn(5)
         sensor_streams = noise_streams if serial is None else np.random.default_rng(serial).spawn(5)
         self.size, light = config.size, config.light
-        self.losses = LossCounters()
         self._still_px, self._follow = still_px, light.texture_follow
         self._rng = noise_streams[3]
         pattern = sensor.texture_field(light, sensor_streams[4])
@@ -72,7 +71,9 @@ class EventCamera:
         if serial is not None:  # the same pixels, but not the same noise in every recording
             self._sensor.chip["key"] = noise_streams[0].integers(0, 1 << 63)
             self._noise = self._noise._replace(key=np.uint64(noise_streams[1].integers(0, 1 << 63)))
-        self._readout = readout.Readout(config.readout, config.size, noise_streams[2], self.losses)
+        loss_key = int(noise_streams[2].integers(0, 1 << 63))
+        self._readout = readout.Readout(config.readout, config.size, loss_key)
+        self.losses = self._readout.losses
         self._out = np.zeros(_INITIAL_OUTBOX, np.int64)
         self._discs = np.empty(0, coverage.DISC_DTYPE)
         self._t_us: int | None = None

@@ -178,26 +178,22 @@ class Readout:
     Args:
         config: Rate limit and losses.
         size: ``(width, height)`` of the sensor, px.
-        rng: Source of the key of the random loss.
-        losses: Counters ``readout_overflow`` and ``readout_loss``, which are increased.
+        key: Key of the random loss.
+
+    Attributes:
+        losses: Counters ``readout_overflow`` and ``readout_loss``.
     """
 
-    def __init__(
-        self,
-        config: ReadoutConfig,
-        size: tuple[int, int],
-        rng: np.random.Generator,
-        losses: LossCounters,
-    ) -> None:
+    def __init__(self, config: ReadoutConfig, size: tuple[int, int], key: int) -> None:
         cap = config.cap_mev_s
-        self._size, self._losses = size, losses
+        self._size, self.losses = size, LossCounters()
         self._unlimited = cap is None and config.loss == 0
         self._arbiter = Arbiter(
             event_us=0.0 if cap is None else 1.0 / cap,
             loss=config.loss,
             free_us=np.full(1, -np.inf),
             served=np.zeros(1, np.uint64),
-            key=np.uint64(rng.integers(0, 1 << 63)),
+            key=np.uint64(key),
         )
         self.reset(0)
 
@@ -226,8 +222,8 @@ class Readout:
             return pending[:ready]
         served = np.empty(ready, np.int64)
         kept, dropped, lost = arbitrate_kernel(pending[:ready], self._arbiter, served)
-        self._losses.add("readout_overflow", int(dropped))
-        self._losses.add("readout_loss", int(lost))
+        self.losses.add("readout_overflow", int(dropped))
+        self.losses.add("readout_loss", int(lost))
         passed = np.concatenate([self._delayed, served[:kept]])
         # The arbiter keeps the order of time, so one cut separates the delayed events.
         out = int(np.searchsorted(passed, until_us << KEY_SHIFT))

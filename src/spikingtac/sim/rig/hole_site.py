@@ -109,8 +109,7 @@ def hole_trial(radius_mm: float, center_mm: FloatArray, reach_mm: float, seed: i
     away = OFFSET_FRACTION * (radius_mm - reach_mm) * np.sqrt(rng.uniform())
     angle = rng.uniform(0.0, 2.0 * np.pi)
     center = np.asarray(center_mm, np.float64)
-    x, y = center.tolist()
-    wall = HoleWall(center_mm=(x, y, 0.0), radius_mm=radius_mm, axis=axis)
+    wall = HoleWall(radius_mm, (*center, 0.0), axis)
     start = center + away * np.array([np.cos(angle), np.sin(angle)])
     return HoleTrial(wall=wall, center_mm=center, start_mm=start)
 
@@ -186,11 +185,8 @@ class HoleSite:
 
 def flat_wall(direction: FloatArray, distance_mm: float) -> PlaneWall:
     """Return a wall across a direction ``(2,)`` at a distance from the origin."""
-    x, y = direction
-    return PlaneWall(
-        point_mm=(float(distance_mm * x), float(distance_mm * y), 0.0),
-        normal=(-float(x), -float(y), 0.0),
-    )
+    toward = np.array([*direction, 0.0])
+    return PlaneWall(distance_mm * toward, -toward)
 
 
 class RecordingProber:

@@ -13,10 +13,10 @@ distances, normals and curvature.
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spikingtac.arrays import FloatArray
 from spikingtac.sim.rig.tip_contact import (
@@ -34,7 +34,6 @@ HEXAGON_CORNERS = 6
 _TINY = float(np.finfo(np.float64).tiny)
 
 
-@dataclass(frozen=True, kw_only=True)
 class NoWall:
     """Free air: no wall, and no curvature."""
 
@@ -51,52 +50,44 @@ class NoWall:
         return np.zeros((len(point_mm), 3, 3))
 
 
-@dataclass(frozen=True, kw_only=True)
 class PlaneWall(NoWall):
     """A flat wall.
 
-    Attributes:
+    Args:
         point_mm: Any point of the wall, mm.
         normal: Direction away from the wall, into the free side (normalised here).
     """
 
-    point_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    normal: tuple[float, float, float] = (-1.0, 0.0, 0.0)
+    def __init__(self, point_mm: ArrayLike, normal: ArrayLike = (-1.0, 0.0, 0.0)) -> None:
+        self._point_mm, self._normal = np.array(point_mm, np.float64), _unit(normal)
 
     def gap(self, point_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return distance and normal."""
-        place_mm, away = self._geometry
         normal = np.empty(point_mm.shape)
-        normal[:] = away
-        return (point_mm - place_mm) @ away, normal
-
-    @functools.cached_property
-    def _geometry(self) -> tuple[FloatArray, FloatArray]:
-        """A point of the wall and its unit normal, as arrays."""
-        return np.array(self.point_mm, np.float64), _unit(self.normal)
+        normal[:] = self._normal
+        return (point_mm - self._point_mm) @ self._normal, normal
 
 
-@dataclass(frozen=True, kw_only=True)
 class HoleWall:
     """The inner wall of a round hole, so deep that the bit meets only its side.
 
-    Attributes:
-        center_mm: A point on the hole's axis, mm.
+    Args:
         radius_mm: Radius of the hole, mm.
+        center_mm: A point on the hole's axis, mm.
         axis: Direction of the axis. A tilted axis is a tilted plate.
     """
 
-    center_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    radius_mm: float = 2.0
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-
-    def __post_init__(self) -> None:
-        if self.radius_mm <= 0:
-            raise ValueError(f"radius_mm is {self.radius_mm}, a hole needs a positive radius")
+    def __init__(
+        self, radius_mm: float, center_mm: ArrayLike = (0, 0, 0), axis: ArrayLike = (0, 0, 1)
+    ) -> None:
+        if radius_mm <= 0:
+            raise ValueError(f"radius_mm is {radius_mm}, a hole needs a positive radius")
+        self.radius_mm = radius_mm
+        self._center_mm, self._axis = np.array(center_mm, np.float64), _unit(axis)
 
     def gap(self, point_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return distance and normal (towards the axis)."""
-        offset, axis = point_mm - np.array(self.center_mm), self._axis
+        offset, axis = point_mm - self._center_mm, self._axis
         radial = offset - (offset @ axis)[:, None] * axis
         distance = np.maximum(np.sqrt((radial * radial).sum(axis=1)), _TINY)
         return self.radius_mm - distance, -radial / distance[:, None]
@@ -106,10 +97,6 @@ class HoleWall:
         gap, inward = self.gap(point_mm)
         around = np.cross(self._axis, inward)
         return around[:, :, None] * around[:, None, :] / (self.radius_mm - gap)[:, None, None]
-
-    @functools.cached_property
-    def _axis(self) -> FloatArray:
-        return _unit(self.axis)
 
 
 Wall = NoWall | PlaneWall | HoleWall  # A rigid surface. All points must stay on its free side.
@@ -156,7 +143,7 @@ class HexBit:
 Bit = RoundBit | HexBit  # The end of the probe: balls of one radius around a few points.
 
 
-def _unit(direction: tuple[float, float, float]) -> FloatArray:
+def _unit(direction: ArrayLike) -> FloatArray:
     vector = np.asarray(direction, np.float64)
     length = np.linalg.norm(vector)
     if not length > 0:
@@ -174,7 +161,6 @@ FULL_STEPS = 8
 MAX_TURN_RAD = 1e-5
 
 
-@dataclass
 class TipContact:
     """The touching points of the tip, their forces, and the place at which each of them sticks.
 
@@ -188,12 +174,9 @@ class TipContact:
         free_gap_mm: Smallest distance from the wall of the last unloaded tip, mm.
     """
 
-    bit: Bit
-    wall: Wall
-    friction: float
-
-    def __post_init__(self) -> None:
-        self._offsets_mm = self.bit.points_mm
+    def __init__(self, bit: Bit, wall: Wall, friction: float) -> None:
+        self.wall, self._friction, self._offsets_mm = wall, friction, bit.points_mm
+        self._radius_mm = bit.radius_mm
         count = len(self._offsets_mm)
         self.force_n = np.zeros((count, 3))
         self.free_gap_mm = np.inf
@@ -203,7 +186,7 @@ class TipContact:
     def gap_mm(self, tip_mm: FloatArray) -> float:
         """Return the smallest distance of the tip from the wall, mm."""
         gap, _ = self.wall.gap(tip_mm + self._offsets_mm)
-        return float(gap.min()) - self.bit.radius_mm
+        return float(gap.min()) - self._radius_mm
 
     def solve(self, free_mm: FloatArray, compliance: FloatArray) -> FloatArray:
         """Return the total force ``(3,)`` on the tip, N, and store what sticks.
@@ -226,9 +209,9 @@ class TipContact:
             if np.abs(seen - normal).max() < MAX_TURN_RAD:
                 break
             normal = seen
-            wall = LinearisedWall(gap - self.bit.radius_mm, normal, self.wall.curvature(points_mm))
+            wall = LinearisedWall(gap - self._radius_mm, normal, self.wall.curvature(points_mm))
             fraction = 1.0 if step < FULL_STEPS else 0.5
-            solve_linearised_kernel(self._points, wall, mount, self.friction, tip, fraction)
-        update_anchors_kernel(self._points, normal, self.friction, tip)
+            solve_linearised_kernel(self._points, wall, mount, self._friction, tip, fraction)
+        update_anchors_kernel(self._points, normal, self._friction, tip)
         self._pressed = True
         return self.force_n.sum(axis=0)
