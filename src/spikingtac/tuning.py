@@ -10,7 +10,7 @@ A field joins the panel by saying what range makes sense, where it is defined::
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 from spikingtac.errors import ConfigError, nearest
@@ -24,7 +24,10 @@ _STAGES = {
     "blobs": ("denoiser", "blobs"),
     "paper": ("paper_law",),
 }
-STEPS = 200  # Positions of a slider where the field names no step.
+STEPS = 200  # Positions of a slider.
+
+# Last part of a field's name -> unit.
+UNITS = {"us": "µs", **{unit: unit for unit in ("ms", "px", "mm", "hz", "s")}}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
@@ -40,7 +43,6 @@ class Control:
         step: Distance between a number's values.
         unit: Unit, or an empty string.
         choices: The names of a list.
-        about: One line of help.
     """
 
     name: str
@@ -51,7 +53,6 @@ class Control:
     step: float = 0.01
     unit: str = ""
     choices: tuple[str, ...] = ()
-    about: str = ""
 
 
 def controls(config: Any, prefix: str = "") -> Iterator[Control]:
@@ -61,7 +62,7 @@ def controls(config: Any, prefix: str = "") -> Iterator[Control]:
         if dataclasses.is_dataclass(value):
             yield from controls(value, f"{name}.")
         elif "choices" in field.metadata or "range" in field.metadata:
-            yield _control(name, value, dict(field.metadata))
+            yield _control(name, value, field.metadata)
 
 
 def in_use(config: Any) -> Iterator[Control]:
@@ -69,12 +70,11 @@ def in_use(config: Any) -> Iterator[Control]:
 
     A configuration that names neither has all its controls in use.
     """
-    methods = {getattr(config, name, None) for name in ("method", "hysteresis")}
-    idle = {field for name, fields in _STAGES.items() if name not in methods for field in fields}
-    used = {field for name, fields in _STAGES.items() if name in methods for field in fields}
+    chosen = {getattr(config, name, None) for name in ("method", "hysteresis")}
+    used = {field for name in chosen for field in _STAGES.get(str(name), ())}
+    idle = {field for fields in _STAGES.values() for field in fields} - used
     for control in controls(config):
-        stage = control.name.partition(".")[0]
-        if not hasattr(config, "method") or stage in used or stage not in idle:
+        if not hasattr(config, "method") or control.name.partition(".")[0] not in idle:
             yield control
 
 
@@ -90,25 +90,22 @@ def with_value(config: T, name: str, value: Any) -> T:
     return _replaced(config, name.split("."), _checked(known[name], value))
 
 
-def _control(name: str, value: Any, metadata: dict[str, Any]) -> Control:
-    about = str(metadata.get("about", metadata.get("help", "")))
+def _control(name: str, value: Any, metadata: Mapping[str, Any]) -> Control:
     if "choices" in metadata:
-        choices = tuple(str(choice) for choice in metadata["choices"])
-        return Control(name=name, kind="choice", value=value, choices=choices, about=about)
+        return Control(name=name, kind="choice", value=value, choices=tuple(metadata["choices"]))
     if isinstance(value, bool):
-        return Control(name=name, kind="switch", value=value, about=about)
+        return Control(name=name, kind="switch", value=value)
     low, high = (float(end) for end in metadata["range"])
-    whole = isinstance(value, int)
-    step = float(metadata.get("step", 1 if whole else (high - low) / STEPS))
-    kind, unit = "whole" if whole else "number", str(metadata.get("unit", _unit_of(name)))
+    whole, suffix = isinstance(value, int), name.rpartition("_")[2]
     return Control(
-        name=name, kind=kind, value=value, low=low, high=high, step=step, unit=unit, about=about
+        name=name,
+        kind="whole" if whole else "number",
+        value=value,
+        low=low,
+        high=high,
+        step=1.0 if whole else (high - low) / STEPS,
+        unit=metadata.get("unit", UNITS.get(suffix, "")),
     )
-
-
-def _unit_of(name: str) -> str:
-    suffix = name.rpartition("_")[2]
-    return {"us": "µs"}.get(suffix, suffix if suffix in ("ms", "px", "mm", "hz", "s") else "")
 
 
 def _checked(control: Control, value: Any) -> Any:

@@ -42,12 +42,3 @@ def test_painting_equals_the_twin(events: int, dark_markers: bool) -> None:
     state_map.absorb(packet)
     np.testing.assert_array_equal(state_map.values, naive_paint(start, packet, dark_markers))
     assert state_map.values.dtype == np.float32
-
-
-def test_the_order_of_events_counts_not_their_packets() -> None:
-    packet = random_packet(np.random.default_rng(9), 3_000)
-    whole, parts = BinaryStateMap(SIZE), BinaryStateMap(SIZE)
-    whole.absorb(packet)
-    for first in range(0, 3_000, 7):
-        parts.absorb(packet.part(first, first + 7, packet.t_start_us, packet.t_end_us))
-    np.testing.assert_array_equal(whole.values, parts.values)

@@ -63,13 +63,6 @@ def test_spirals_and_combs_join() -> None:
     assert len(find_blobs(checkers, areas_px=EVERYTHING)) == 1, "corners connect"
 
 
-def test_not_a_number_is_ground() -> None:
-    state_map = np.zeros((20, 20), np.float32)
-    state_map[5:10, 5:10] = 1.0
-    state_map[0, 0] = state_map[15, 3] = np.nan
-    assert len(find_blobs(state_map, areas_px=EVERYTHING)) == 1
-
-
 def test_discs_are_found_below_a_fraction_of_a_pixel() -> None:
     rng = np.random.default_rng(3)
     centers = np.stack(np.meshgrid(np.arange(20, 300, 37.0), np.arange(20, 300, 37.0)), -1)

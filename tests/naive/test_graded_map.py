@@ -51,35 +51,12 @@ def test_kernel_equals_its_twin(count: int, dark: bool) -> None:
     np.testing.assert_allclose(state_map.values, level, atol=1e-5)
 
 
-def test_any_packing_gives_the_same_map() -> None:
-    packet = random_packet(3, 500)
-    whole = GradedStateMap(np.zeros((SIZE[1], SIZE[0]), np.float32))
-    whole.absorb(packet)
-    parts = GradedStateMap(np.zeros((SIZE[1], SIZE[0]), np.float32))
-    for first, last in ((0, 1), (1, 1), (1, 333), (333, 500)):
-        parts.absorb(packet.part(first, last, 0, 1_000))
-    np.testing.assert_array_equal(whole.values, parts.values)
-
-
 def test_lost_events_enlarge_the_steps_by_the_dead_band_law() -> None:
     state_map = GradedStateMap(np.zeros((SIZE[1], SIZE[0]), np.float32), 0.2, 0.2)
     state_map.set_events_kept(0.5)  # four of five steps are events, two arrive: 1 / (2 + 1)
     one = np.array([1], np.uint16)
     state_map.absorb(EventPacket(one, one, one > 0, np.array([0]), 0, 1, SIZE))
     assert state_map.memory[1, 1] == pytest.approx(1.0 / 3.0)
-
-
-def test_reset_forgets_everything() -> None:
-    start = np.full((SIZE[1], SIZE[0]), 0.5, np.float32)
-    state_map = GradedStateMap(start)
-    state_map.absorb(random_packet(1, 300))
-    state_map.set_events_kept(0.4)
-    state_map.reset()
-    np.testing.assert_array_equal(state_map.values, start)
-    state_map.absorb(random_packet(2, 50))
-    fresh = GradedStateMap(start)
-    fresh.absorb(random_packet(2, 50))
-    np.testing.assert_array_equal(state_map.values, fresh.values)
 
 
 def test_unfit_steps_and_sizes_are_refused() -> None:

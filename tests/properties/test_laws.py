@@ -109,15 +109,6 @@ def test_the_window_belongs_to_the_outside() -> None:
     assert run(PaperLaw(), np.array([[3.999, 0.0]]))[-1, 0] == pytest.approx(0.7 * 3.999)
 
 
-def test_a_held_marker_stays_and_a_reset_forgets() -> None:
-    law = PaperLaw()
-    path = np.array([[15.0, 0.0], [1.0, 2.0], [1.0, 2.0]])
-    outputs = run(law, path)
-    np.testing.assert_array_equal(outputs[1], outputs[2])
-    law.reset()
-    np.testing.assert_array_equal(run(law, path), outputs)
-
-
 def test_every_named_law_is_built_and_no_other() -> None:
     laws = {type(make_law(TrackingConfig(hysteresis=name))) for name in get_args(LawName)}
     assert laws == {OutputLaw, PaperLaw, AnchoredLaw}

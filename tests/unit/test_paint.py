@@ -3,11 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError
-from spikingtac.state_map.binary import BinaryStateMap, paint_binary_discs, paint_discs
-from spikingtac.state_map.graded import GradedStateMap
-from spikingtac.types import EventPacket
-from spikingtac_paper.baselines.neutac import TimeSurface
+from spikingtac.state_map.binary import paint_binary_discs, paint_discs
 
 CENTER = np.array([[20.3, 14.6]])
 SUBSAMPLES = 20
@@ -46,33 +42,3 @@ def test_discs_at_and_beyond_the_border_are_cut(center: tuple[float, float]) -> 
     np.testing.assert_allclose(
         painted.sum(), exact_cover((40, 30), np.array(center), 5.0).sum(), rtol=0.05, atol=0.3
     )
-
-
-def test_a_map_starts_painted_and_returns_to_it() -> None:
-    start = paint_binary_discs((40, 30), CENTER, np.array([6.0]))
-    state_map = BinaryStateMap((40, 30), start)
-    np.testing.assert_array_equal(state_map.values, start)
-    state_map.values[:] = 1.0
-    state_map.reset()
-    np.testing.assert_array_equal(state_map.values, start)
-
-
-def test_a_start_of_another_shape_is_refused() -> None:
-    with pytest.raises(ConfigError, match="height, width"):
-        BinaryStateMap((40, 30), np.zeros((40, 30), np.float32))
-
-
-@pytest.mark.parametrize(
-    "state_map",
-    [
-        BinaryStateMap((40, 30)),
-        GradedStateMap(np.zeros((30, 40), np.float32)),
-        TimeSurface(np.zeros((30, 40), np.float32), 1e4),
-    ],
-    ids=["binary", "graded", "time surface"],
-)
-def test_events_of_another_sensor_are_refused(
-    state_map: BinaryStateMap | GradedStateMap | TimeSurface,
-) -> None:
-    with pytest.raises(ConfigError, match="30x40 sensor do not fit a map of 40x30"):
-        state_map.absorb(EventPacket.empty(0, 1, (30, 40)))

@@ -19,7 +19,7 @@ from spikingtac.events.manifest import name_of
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
     from spikingtac.events.source import EventSource
-    from spikingtac.pipeline.checked_source import CheckedSource
+    from spikingtac.pipeline.follow import CheckedSource
 
 EXIT_TERMINATED = 143  # 128 + SIGTERM, what a shell reports of a program that was terminated.
 Result = TypeVar("Result")
@@ -107,7 +107,7 @@ def fitting(path: Path, source: EventSource) -> st.Calibration:
 
 def checked(source: EventSource, calibration: st.Calibration, strict: bool) -> CheckedSource:
     """Return a source that warns once, or raises, where its events contradict the calibration."""
-    from spikingtac.pipeline.checked_source import CheckedSource, refuse
+    from spikingtac.pipeline.follow import CheckedSource, refuse
 
     return CheckedSource(source, calibration, refuse if strict else warn)
 

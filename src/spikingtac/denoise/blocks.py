@@ -15,6 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.state_map.graded import Array
+
 LEVELS = 255  # Byte of level 1.
 SMOOTH_SUM = 256  # Sum of the 25 weights of :func:`smooth_kernel`.
 SMOOTH_REACH = 2  # Number of pixels on each side of the centre of the smoothing kernel.
@@ -58,7 +60,7 @@ def unfold_blocks(folded: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
 
 
 @njit(cache=True)
-def quantise_kernel(state_map: NDArray[np.float32], levels: NDArray[np.uint8]) -> None:
+def quantise_kernel(state_map: Array, levels: Array) -> None:
     """Write a map ``(height, width)`` from 0 to 1 as bytes, padded to the bytes' shape."""
     height, width = state_map.shape
     rows, columns = levels.shape
@@ -74,7 +76,7 @@ def quantise_kernel(state_map: NDArray[np.float32], levels: NDArray[np.uint8]) -
 
 
 @njit(cache=True)
-def smooth_kernel(levels: NDArray[Any], smooth: NDArray[Any], sums: NDArray[Any]) -> None:
+def smooth_kernel(levels: Array, smooth: Array, sums: Array) -> None:
     """Sum 5x5 pixels with the binomial weights 1 4 6 4 1, which add up to SMOOTH_SUM.
 
     The pixels of the border are repeated beyond it.
@@ -100,12 +102,12 @@ def smooth_kernel(levels: NDArray[Any], smooth: NDArray[Any], sums: NDArray[Any]
 
 @njit(cache=True)
 def combine_logits_kernel(
-    change: NDArray[np.uint8],
-    trust: NDArray[np.uint8],
-    smooth: NDArray[np.uint16],
+    change: Array,
+    trust: Array,
+    smooth: Array,
     quantum: tuple[float, float],
-    weight: NDArray[np.float32],
-    out: NDArray[np.float32],
+    weight: Array,
+    out: Array,
 ) -> None:
     """Add the weighted smoothed map to the network's logits and convert the sum to levels.
 

@@ -9,6 +9,7 @@ at the border keeps its level.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import named
+from spikingtac.state_map.graded import Array
 
 # Pixels on each side of the centre of the 7x7 box: about half a marker's radius on 320x320.
 BOX_REACH = 3
@@ -55,21 +57,11 @@ class Median3:
         0.0
     """
 
-    def __init__(self) -> None:
-        self._out = np.empty((0, 0), np.float32)
-        self._columns = np.empty((3, 0), np.float32)
-
     def clean(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the median map; the next call overwrites it.
-
-        Args:
-            state_map: ``(height, width)`` float32.
-        """
-        if self._out.shape != state_map.shape:
-            self._out = np.empty(state_map.shape, np.float32)
-            self._columns = np.empty((3, state_map.shape[1] + 2), np.float32)
-        _median3_kernel(state_map, self._out, self._columns)
-        return self._out
+        """Return the median map of a ``(height, width)`` float32 one."""
+        out = np.empty(state_map.shape, np.float32)
+        _median3_kernel(state_map, out, np.empty((3, state_map.shape[1] + 2), np.float32))
+        return out
 
 
 class Box7:
@@ -81,21 +73,11 @@ class Box7:
         0.1429
     """
 
-    def __init__(self) -> None:
-        self._out = np.empty((0, 0), np.float32)
-        self._sums = np.empty(0, np.float32)
-
     def clean(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the mean map; the next call overwrites it.
-
-        Args:
-            state_map: ``(height, width)`` float32.
-        """
-        if self._out.shape != state_map.shape:
-            self._out = np.empty(state_map.shape, np.float32)
-            self._sums = np.empty(state_map.shape[1] + 2 * BOX_REACH, np.float32)
-        _box7_kernel(state_map, self._out, self._sums)
-        return self._out
+        """Return the mean map of a ``(height, width)`` float32 one."""
+        out = np.empty(state_map.shape, np.float32)
+        _box7_kernel(state_map, out, np.empty(state_map.shape[1] + 2 * BOX_REACH, np.float32))
+        return out
 
 
 # Name in the ``denoise`` experiment -> class; none of them has anything to set.
@@ -106,19 +88,16 @@ CLASSICAL_DENOISERS: dict[str, type[Denoiser]] = {
 }
 
 
-def _network(name: str) -> Callable[[], Denoiser]:
-    def build() -> Denoiser:
-        from spikingtac.denoise.infer import shipped_denoiser  # with ONNX Runtime behind it
+def _network(name: str) -> Denoiser:
+    from spikingtac.denoise.infer import shipped_denoiser  # with ONNX Runtime behind it
 
-        return shipped_denoiser(name)
-
-    return build
+    return shipped_denoiser(name)
 
 
 # ``tracking.denoiser`` -> builder.
 DENOISERS: dict[str, Callable[[], Denoiser]] = {
     **CLASSICAL_DENOISERS,
-    **{name: _network(name) for name in ("network", "network-int8")},
+    **{name: partial(_network, name) for name in ("network", "network-int8")},
 }
 
 
@@ -145,9 +124,7 @@ def _middle(a: float, b: float, c: float) -> float:
 
 
 @njit(cache=True)
-def _median3_kernel(
-    state_map: NDArray[np.float32], out: NDArray[np.float32], columns: NDArray[np.float32]
-) -> None:
+def _median3_kernel(state_map: Array, out: Array, columns: Array) -> None:
     # The median of nine is the median of (largest of the column minima, median of the column
     # medians, smallest of the column maxima): each column is sorted once, not three times.
     height, width = state_map.shape
@@ -173,9 +150,7 @@ def _median3_kernel(
 
 
 @njit(cache=True)
-def _box7_kernel(
-    state_map: NDArray[np.float32], out: NDArray[np.float32], sums: NDArray[np.float32]
-) -> None:
+def _box7_kernel(state_map: Array, out: Array, sums: Array) -> None:
     # Seven additions per axis instead of a running sum: they run as vector code, and no rounding
     # error accumulates from pixel to pixel. Written out, because an inner loop is not vectorised.
     height, width = state_map.shape

@@ -72,11 +72,10 @@ class NetworkDenoiser:
         content = _read_checked(Path(path))
         self._session = _open_session(content, str(path))
         self._info = _checked_metadata(self._session, str(path))
-        self._shape: tuple[int, ...] = ()
-        self._buffers: _FloatBuffers | _BlockBuffers | None = None
+        self._buffers: _BlockBuffers | None = None
 
     def clean(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the denoised map. The next call overwrites it.
+        """Return the denoised map. The next call may overwrite it.
 
         Args:
             state_map: ``(height, width)`` float32 from 0 to 1.
@@ -84,15 +83,28 @@ class NetworkDenoiser:
         Raises:
             ConfigError: The array has another number of dimensions, or is empty.
         """
-        if self._buffers is None or state_map.shape != self._shape:
-            if state_map.ndim != 2 or state_map.size == 0:
-                raise ConfigError(
-                    f"a state map has the shape (height, width), this one has {state_map.shape}"
-                )
-            kind = _BlockBuffers if self._info.quantum else _FloatBuffers
-            self._buffers = kind(self._session, self._info, state_map.shape)
-            self._shape = state_map.shape
+        if state_map.ndim != 2 or state_map.size == 0:
+            raise ConfigError(
+                f"a state map has the shape (height, width), this one has {state_map.shape}"
+            )
+        if self._info.quantum is None:
+            return self._cleaned(state_map)
+        if self._buffers is None or self._buffers.out.shape != state_map.shape:
+            self._buffers = _BlockBuffers(self._session, self._info, state_map.shape)
         return self._buffers.run(state_map)
+
+    def _cleaned(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Run a float graph: map, and smoothed map less one half, as channels first."""
+        about = self._info.fold, self._info.multiple_px
+        given = {INPUT: fold_blocks(state_map, *about)[np.newaxis]}
+        if len(self._session.get_inputs()) == 2:
+            smooth = np.empty_like(state_map, order="C")
+            sums = np.empty(state_map.shape[1] + 2 * SMOOTH_REACH, np.float32)
+            smooth_kernel(np.ascontiguousarray(state_map), smooth, sums)
+            evidence = smooth / np.float32(SMOOTH_SUM) - np.float32(0.5)
+            given[EVIDENCE] = fold_blocks(evidence, *about)[np.newaxis]
+        (answer,) = self._session.run([OUTPUT], given)
+        return np.ascontiguousarray(unfold_blocks(answer[0], state_map.shape))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,29 +112,6 @@ class _NetworkInfo:
     fold: int
     multiple_px: int
     quantum: tuple[float, float] | None
-
-
-class _FloatBuffers:
-    """A float graph: map and smoothed map as channels first in, levels out."""
-
-    def __init__(self, session: Any, about: _NetworkInfo, size: tuple[int, int]) -> None:
-        self._session, self._info = session, about
-        self._takes_evidence = len(session.get_inputs()) == 2
-
-    def run(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
-        about = self._info.fold, self._info.multiple_px
-        given = {INPUT: fold_blocks(state_map, *about)[np.newaxis]}
-        if self._takes_evidence:
-            given[EVIDENCE] = fold_blocks(_evidence(state_map), *about)[np.newaxis]
-        (answer,) = self._session.run([OUTPUT], given)
-        return np.ascontiguousarray(unfold_blocks(answer[0], state_map.shape))
-
-
-def _evidence(state_map: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the smoothed map less one half, which the lean network reads beside the map."""
-    smooth, sums = np.empty_like(state_map), np.empty(state_map.shape[1] + 2 * SMOOTH_REACH, "f4")
-    smooth_kernel(np.ascontiguousarray(state_map), smooth, sums)
-    return smooth / np.float32(SMOOTH_SUM) - np.float32(0.5)
 
 
 class _BlockBuffers:
@@ -150,7 +139,7 @@ class _BlockBuffers:
         self._smooth = np.empty(padded, np.uint16)
         self._sums = np.empty(padded[1] + 2 * SMOOTH_REACH, np.uint16)
         self._weight = np.empty(padded[1], np.float32)
-        self._out = np.empty(size, np.float32)
+        self.out = np.empty(size, np.float32)
 
     def run(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
         levels, blocks, answer, change = self._word_views
@@ -161,9 +150,9 @@ class _BlockBuffers:
         smooth_kernel(self._levels, self._smooth, self._sums)
         change.reshape(rows, fold, columns)[:] = answer[:, :, :fold].transpose(0, 2, 1)
         combine_logits_kernel(
-            self._change, self._trust, self._smooth, self._quantum, self._weight, self._out
+            self._change, self._trust, self._smooth, self._quantum, self._weight, self.out
         )
-        return self._out
+        return self.out
 
 
 def shipped_denoiser(name: str) -> NetworkDenoiser:
@@ -177,33 +166,23 @@ def shipped_denoiser(name: str) -> NetworkDenoiser:
 
 
 def _read_checked(path: Path) -> bytes:
+    manifest = path.parent / MANIFEST
     try:
         content = path.read_bytes()
-    except OSError as error:
+        known = json.loads(manifest.read_bytes())["sha256"] if manifest.is_file() else {}
+        expected = known.get(path.name)
+    except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
         raise ConfigError(
-            f"cannot read the network {str(path)!r}: {error.strerror}; "
-            "give an .onnx file that spikingtac train wrote"
+            f"cannot read the network {str(path)!r} or {MANIFEST} beside it ({error}); "
+            "give an .onnx file that spikingtac train wrote, or export the network again"
         ) from error
-    expected = _expected_digest(path)
     found = hashlib.sha256(content).hexdigest()
-    if expected is not None and expected != found:
+    if expected not in (None, found):
         raise ConfigError(
             f"the network {str(path)!r} is damaged: its sha256 is {found[:12]}..., "
             f"{MANIFEST} says {expected[:12]}...; install the package or export the network again"
         )
     return content
-
-
-def _expected_digest(path: Path) -> str | None:
-    manifest = path.parent / MANIFEST
-    if not manifest.is_file():
-        return None
-    try:
-        return json.loads(manifest.read_text(encoding="utf-8"))["sha256"].get(path.name)
-    except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
-        raise ConfigError(
-            f"{str(manifest)!r} is no list of weights; export the network again"
-        ) from error
 
 
 def _open_session(content: bytes, where: str) -> Any:

@@ -12,11 +12,12 @@ serves two markers.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from spikingtac.state_map.graded import Array
 
 UNMATCHED = -1  # What a marker without a centroid gets.
 
@@ -114,9 +115,7 @@ def associate(
 
 
 @njit(cache=True)
-def sums_kernel(
-    state_map: NDArray[np.float32], bright: NDArray[np.bool_]
-) -> NDArray[Any]:  # pragma: no cover - compiled
+def sums_kernel(state_map: Array, bright: Array) -> Array:  # pragma: no cover - compiled
     """Fill each region of ``bright``, which is used up; return ``(n, 5)`` sums over the regions."""
     height, width = state_map.shape
     waiting = np.empty(bright.size, np.int64)

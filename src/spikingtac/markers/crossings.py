@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.state_map.graded import Array
 from spikingtac.types import EventPacket
 
@@ -41,6 +42,10 @@ JITTER_PX = 0.02  # Backward motion that does not end a passage: jitter of track
 _MEMORY = 16  # Events of a running series that a pixel remembers.
 # Events that a mean place needs, and bins of speed that a resting place needs.
 LEAST_COUNT, FEWEST_SPEEDS = 60, 3
+
+# Below the lower level noise fires as often as the edge; rungs above the other one belong to the
+# pixels with the smallest steps only.
+LOWEST_LEVEL, HIGHEST_LEVEL = 0.12, 0.93
 
 # Places further from a bin's median are noise events: three times the spread of an edge's own, px.
 TRIM_PX = 1.0
@@ -134,61 +139,50 @@ class CrossingStatistics:
     """Mean places, one entry for each rung and bin of speed; n entries, r rungs.
 
     Attributes:
-        rung: ``(n,)`` index of the entry's rung.
         facing: ``(r,)`` by rung: 1 where the edge takes light away, -1 where it brings light.
+        resting_px: ``(r,)`` by rung: places q at vanishing speed, by straight lines.
+        rung: ``(n,)`` index of the entry's rung.
         speed_px_s: ``(n,)`` mean speed of the edge over the pixel.
         along_px: ``(n,)`` mean place of the edge beyond the pixel, along the motion, px.
         error_px: ``(n,)`` its uncertainty, px.
         count: ``(n,)`` events.
     """
 
-    rung: NDArray[np.int64]
     facing: NDArray[np.float64]
+    resting_px: NDArray[np.float64]
+    rung: NDArray[np.int64]
     speed_px_s: NDArray[np.float64]
     along_px: NDArray[np.float64]
     error_px: NDArray[np.float64]
     count: NDArray[np.int64]
 
-    def resting_px(self) -> NDArray[np.float64]:
-        """Return ``(r,)`` places q at vanishing speed by straight lines; NaN where unknown."""
-        places = np.full(len(self.facing), np.nan)
-        for rung in range(len(places)):
-            of = self.rung == rung
-            if np.count_nonzero(of) >= FEWEST_SPEEDS:
-                weight = 1.0 / self.error_px[of]
-                line = np.polyfit(self.speed_px_s[of], self.along_px[of], 1, w=weight)
-                places[rung] = self.facing[rung] * line[1]
-        return places
 
-    def select(self, rungs: NDArray[np.bool_]) -> CrossingStatistics:
-        """Return the chosen rungs, numbered anew."""
-        keep = rungs[self.rung]
-        return CrossingStatistics(
-            (np.cumsum(rungs) - 1)[self.rung[keep]],
-            self.facing[rungs],
-            self.speed_px_s[keep],
-            self.along_px[keep],
-            self.error_px[keep],
-            self.count[keep],
-        )
+def crossing_statistics(crossings: Crossings, edge: DiscProfile) -> CrossingStatistics:
+    """Return the means of all bins with enough events, of rungs whose level can be trusted.
 
-
-def crossing_statistics(crossings: Crossings) -> CrossingStatistics:
-    """Return the means of all bins with enough events."""
+    Args:
+        crossings: The counts.
+        edge: The calibrated edge, which tells the rungs' levels.
+    """
     number = crossings.count.sum(axis=3)
-    side, order, speeds = np.nonzero(number >= LEAST_COUNT)
-    counts = crossings.count[side, order, speeds].astype(np.float64)
-    mean_px, error_px = trimmed_means(counts)
+    side, order, _ = at = np.nonzero(number >= LEAST_COUNT)
+    mean_px, error_px = trimmed_means(crossings.count[at].astype(np.float64))
     rungs, rung = np.unique(side * number.shape[1] + order, return_inverse=True)
     facing = np.where(rungs < number.shape[1], -1.0, 1.0)
-    return CrossingStatistics(
-        rung,
-        facing,
-        crossings.speed_sum_px_s[side, order, speeds] / number[side, order, speeds],
-        facing[rung] * mean_px,
-        np.hypot(error_px, FLOOR_PX),
-        number[side, order, speeds],
-    )
+    speed_px_s, along_px = crossings.speed_sum_px_s[at] / number[at], facing[rung] * mean_px
+    error_px = np.hypot(error_px, FLOOR_PX)
+    resting_px = np.full(len(rungs), np.nan)
+    for r in range(len(rungs)):
+        of = rung == r
+        if np.count_nonzero(of) >= FEWEST_SPEEDS:
+            line = np.polyfit(speed_px_s[of], along_px[of], 1, w=1.0 / error_px[of])
+            resting_px[r] = facing[r] * line[1]
+    level = edge.level(resting_px)
+    told = (level > LOWEST_LEVEL) & (level < HIGHEST_LEVEL)
+    kept = told[rung]
+    entries = (column[kept] for column in (speed_px_s, along_px, error_px, number[at]))
+    number_of = np.cumsum(told) - 1
+    return CrossingStatistics(facing[told], resting_px[told], number_of[rung[kept]], *entries)
 
 
 def trimmed_means(
@@ -261,7 +255,7 @@ def entry_kernel(
 @njit(cache=True, nogil=True, error_model="numpy")
 def observe_kernel(
     x: Array, y: Array, p: Array, t: Array, rows: Array, track: MarkerTrack, recent_us: Array,
-    runs: NDArray[np.int64], count: Array, speed_sum: Array,
+    runs: Array, count: Array, speed_sum: Array,
 ) -> None:  # fmt: skip
     """Count events into ``count`` and ``speed_sum``; see :class:`Crossings`.
 
@@ -271,9 +265,8 @@ def observe_kernel(
     """
     t_us, edges = track.t_us, SPEED_EDGES_PX_S
     for i in range(len(t)):
-        on = 1.0 if p[i] else -1.0
-        run = runs[y[i], x[i]]
-        run = abs(run) if run * on > 0 else 0
+        on = 1 if p[i] else -1
+        run = max(runs[y[i], x[i]] * on, 0)
         recent_us[y[i], x[i], run % _MEMORY] = t[i]
         runs[y[i], x[i]] = (run + 1) * on
         row = rows[i]

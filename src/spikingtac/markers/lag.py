@@ -61,10 +61,6 @@ LARGEST_ERROR_US = 1_000.0
 TABLE_PER_E_FOLD = 8  # Entries of the overshoot's table for each factor of e in kappa.
 LEAST_RUNGS = 2  # Rungs of each polarity without which level and skew cannot be told apart.
 
-# Below the lower level noise fires as often as the edge; rungs above the other one belong to the
-# pixels with the smallest steps only.
-LOWEST_LEVEL, HIGHEST_LEVEL = 0.12, 0.93
-
 GRID_PX = 0.01  # Resolution of the profile: a fiftieth of an edge's width.
 
 # How far behind the edge a pixel is followed, in its slowest lengths: e^-12 is left then; but at
@@ -138,24 +134,11 @@ def tracked(source: EventSource, tracker: GradedTracker, calibration: Calibratio
             center_px.append(np.where(coasted, np.nan, frame.detected_px[chosen]))
             rows.append(len(t_us) - 1)
             waiting = 0
-    places = on_lines(rows, np.array(center_px).reshape(len(rows), len(chosen), 2), len(t_us))
+    every, columns = np.arange(len(t_us)), np.array(center_px).reshape(len(rows), 2 * len(chosen)).T
+    places = np.array([np.interp(every, rows, column) for column in columns if rows])
+    places = places.T.reshape(len(t_us), len(chosen), 2)
     dark = calibration.polarity == "dark"
     return marker_track(np.array(t_us, np.int64), places, radius_px[chosen], dark)
-
-
-def on_lines(rows: list[int], center_px: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return ``(count, m, 2)`` places in all rows from those in some, which begin with row 0."""
-    if not rows:
-        return center_px
-    every = np.arange(count)
-    before = np.searchsorted(rows, every, side="right") - 1
-    after = np.minimum(before + 1, len(rows) - 1)
-    at = np.array(rows)
-    share = (every - at[before]) / np.maximum(at[after] - at[before], 1)
-    share = share[:, np.newaxis, np.newaxis]
-    # What is known exactly stays: nothing is added to it that may be missing.
-    between = (1.0 - share) * center_px[before] + share * center_px[after]
-    return np.where(share > 0.0, between, center_px[before])
 
 
 def estimate_lag(
@@ -168,9 +151,7 @@ def estimate_lag(
         edge: The calibrated edge.
         dark: Equally likely dark currents, relative to white.
     """
-    statistics = crossing_statistics(crossings)
-    level = edge.level(statistics.resting_px())
-    statistics = statistics.select((level > LOWEST_LEVEL) & (level < HIGHEST_LEVEL))
+    statistics = crossing_statistics(crossings, edge)
     if min(np.count_nonzero(statistics.facing == side) for side in (-1, 1)) < LEAST_RUNGS:
         return None
     fits = 1e6 * np.array([_fit_s(statistics, edge, current) for current in dark])
@@ -187,7 +168,7 @@ def _fit_s(
     """Return (lag, tau_white, uncertainty of the lag) for one dark current, s."""
     white_s = TRIED_US * 1e-6
     # The rungs' levels come from their resting places, which the overshoot shifts a little.
-    at_rest_px = statistics.resting_px()
+    at_rest_px = statistics.resting_px
     solved, misfit, _ = _solve(statistics, _overshoots(statistics, edge, at_rest_px, dark, white_s))
     rungs = len(at_rest_px)
     at_rest_px = statistics.facing * solved[:rungs, int(np.argmin(misfit))]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.classical import Denoiser
-from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.errors import ConfigError
 from spikingtac.events.filters import BackgroundActivityFilter
 from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.blobs import UNMATCHED, associate, find_blobs
@@ -98,20 +98,13 @@ class BlobTracker:
             config: What the paper leaves open.
             calibration: Where the markers rest; their map is painted from it.
             denoiser: Cleans the map before it is binarised (section IV-B).
-            state_map: The map to use; None is the paper's binary map, painted.
+            state_map: The map to use; None is the paper's binary map, painted. Only a binary map
+                may be refreshed.
             law: From detected to given position; None gives out what was detected.
-
-        Raises:
-            ConfigError: ``refresh_us`` is not 0, and the map is not a binary one.
         """
         self._config = config = _adapted(config, calibration)
         self._calibration, self._denoiser, self._law = calibration, denoiser, law or OutputLaw()
         self._map = state_map or painted_binary_map(calibration)
-        if config.refresh_us and not isinstance(self._map, BinaryStateMap):
-            raise ConfigError(
-                f"refresh_us is {config.refresh_us}, but only the binary map can be refreshed; "
-                "set it to 0"
-            )
         self._disc_area_px: NDArray[np.float64] = np.pi * calibration.radius_px**2
         self._areas_px = blob_areas_px(calibration.radius_px)
         self._proximity_px = PROXIMITY_SHARE * smallest_spacing_px(calibration.reference_px)
@@ -121,14 +114,8 @@ class BlobTracker:
         """Take in every event of the next stretch of time (section IV-A, Eq. 1).
 
         Raises:
-            CalibrationError: The recording comes from a sensor of another size.
+            ConfigError: The recording comes from a sensor of another size.
         """
-        if packet.size != self._calibration.size:
-            raise CalibrationError(
-                f"the recording is {packet.size[0]}x{packet.size[1]}, the calibration is for "
-                f"{self._calibration.size[0]}x{self._calibration.size[1]}; calibrate this sensor: "
-                "spikingtac calibrate RECORDING -o calibration.json"
-            )
         packet = self._hot.kept(packet)
         self._map.absorb(packet if self._filter is None else self._filter(packet))
 
@@ -180,8 +167,7 @@ class BlobTracker:
         if not self._config.refresh_us or t_us - self._refreshed_us < self._config.refresh_us:
             return
         self._refreshed_us = t_us
-        if isinstance(self._map, BinaryStateMap):
-            self._map.values[:] = cleaned >= self._config.threshold
+        self._map.values[:] = cleaned >= self._config.threshold
 
 
 def _adapted(config: BlobTrackerConfig, calibration: Calibration) -> BlobTrackerConfig:

@@ -1,5 +1,7 @@
 """The driver of every tracker: events in, marker frames at a regular rate out.
 
+A source that it reads may be checked on the way: do the events fit the calibration?
+
 One driver cuts the stream at the estimate times, so that estimates never depend on how the events
 were packed. Times are data times; nothing here reads a clock.
 """
@@ -7,14 +9,17 @@ were packed. Times are data times; nothing here reads a clock.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, MutableMapping
+from collections.abc import Callable, Iterable, Iterator, MutableMapping
 from dataclasses import dataclass
+from typing import Any
 
-from spikingtac.errors import ConfigError
-from spikingtac.events.source import HealthMeter, refuse_path
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.events.source import EventSource, HealthMeter, refuse_path
 from spikingtac.events.windows import cut, stretches
+from spikingtac.markers.calibration_check import CalibrationCheck
 from spikingtac.markers.registry import MarkerTracker
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket, LossCounters, MarkerFrame
 
 LARGEST_RATE_HZ = 1.0e6  # Events carry microseconds; no estimate can be asked for more often.
 
@@ -58,13 +63,13 @@ def follow(
     yield tracker.estimate(times.at(times.index(begun_us))).with_health(meter.now())
     for stretch in stretches(itertools.chain([first], stream)):
         begun = next(stretch)
-        edges_us = times.since(begun.t_start_us)
+        edges_us = map(times.at, itertools.count(times.index(begun.t_start_us)))
         for window in cut(itertools.chain([begun], stretch), edges_us):
             tracker.absorb(window)
             meter.absorb(window)
             if hot_pixels := getattr(tracker, "hot_pixels", 0):
                 counted["hot_pixels"] = hot_pixels
-            if times.includes(window.t_end_us):
+            if times.at(times.index(window.t_end_us)) == window.t_end_us:
                 yield tracker.estimate(window.t_end_us).with_health(meter.now())
 
 
@@ -77,7 +82,7 @@ class EstimateTimes:
         rate_hz: Estimates per second of data time.
 
     Example:
-        >>> list(itertools.islice(EstimateTimes(400, 350.0), 3))
+        >>> [EstimateTimes(400, 350.0).at(k) for k in range(3)]
         [400, 3257, 6114]
     """
 
@@ -91,24 +96,12 @@ class EstimateTimes:
         """Return the time of an estimate, us."""
         return self.first_us + int(index * 1e6 // self.rate_hz)
 
-    def since(self, t_us: int) -> Iterator[int]:
-        """Yield the times from the last one at or before ``t_us`` on, without end."""
-        return map(self.at, itertools.count(self.index(t_us)))
-
-    def includes(self, t_us: int) -> bool:
-        """Return whether an estimate is due at ``t_us``."""
-        return self.at(self.index(t_us)) == t_us
-
     def index(self, t_us: int) -> int:
         """Return the index of the last time at or before ``t_us``, or 0."""
         index = max(int((t_us - self.first_us) * self.rate_hz / 1e6) - 1, 0)
         while self.at(index + 1) <= t_us:
             index += 1
         return index
-
-    def __iter__(self) -> Iterator[int]:
-        """Yield the times without end."""
-        return map(self.at, itertools.count())
 
 
 def check_rate(rate_hz: float) -> None:
@@ -119,3 +112,61 @@ def check_rate(rate_hz: float) -> None:
     """
     if not 0.0 < rate_hz <= LARGEST_RATE_HZ:
         raise ConfigError(f"rate_hz is {rate_hz:g}, it must be above 0 and at most 1e6")
+
+
+class CheckedSource:
+    """Passes packets on and compares them with a calibration meanwhile.
+
+    Every attribute that is not named here is the source's own (``path``, ``progress``, ``close``).
+
+    Args:
+        source: Where the events come from.
+        calibration: What they are tracked with.
+        tell: Called once with a sentence where they contradict it; what it raises ends the stream.
+
+    Attributes:
+        misfit: That sentence, or None.
+    """
+
+    size: tuple[int, int]
+    losses: LossCounters
+
+    def __init__(
+        self,
+        source: EventSource,
+        calibration: Calibration,
+        tell: Callable[[str], None] = lambda why: None,
+    ) -> None:
+        self._source, self._calibration, self._tell = source, calibration, tell
+        self.misfit: str | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # copies ask before there is a source
+            raise AttributeError(name)
+        return getattr(self._source, name)
+
+    def __iter__(self) -> Iterator[EventPacket]:
+        """Yield the source's packets."""
+        check = CalibrationCheck(self._calibration)
+        for packet in self._source:
+            if not check.ended:
+                check.absorb(packet)
+                self._judge(check)
+            yield packet
+        if not check.ended:
+            check.finish()
+            self._judge(check)
+
+    def _judge(self, check: CalibrationCheck) -> None:
+        if check.foreign and self.misfit is None:
+            self.misfit = check.words()
+            self._tell(self.misfit)
+
+
+def refuse(why: str) -> None:
+    """Refuse a calibration that does not fit.
+
+    Raises:
+        CalibrationError: Always, with the reason.
+    """
+    raise CalibrationError(why)

@@ -22,10 +22,9 @@ from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.open import open_events
 from spikingtac.markers.registry import MarkerTracker, TrackingConfig, make_law, make_tracker
 from spikingtac.markers.smoothing import smoothed
-from spikingtac.pipeline.checked_source import CheckedSource
-from spikingtac.pipeline.follow import follow
+from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.schema import to_mapping
-from spikingtac.touch.force.model import ForceEstimator, ForceModel, Wrench
+from spikingtac.touch.force.model import ForceModel
 from spikingtac.tracks import Tracks, TracksWriter, create_tracks
 from spikingtac.tracks.files import SIGMA
 from spikingtac.types import EventPacket, MarkerFrame
@@ -114,7 +113,10 @@ def track_to_file(
     """
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config, calibration)
-    estimator = None if force is None else _estimator(force, calibration)
+    estimator = None
+    if force is not None:
+        force.require(calibration.reference_px, "px")
+        estimator = force.estimator()
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
     checked = CheckedSource(source, calibration)
@@ -123,15 +125,25 @@ def track_to_file(
         frames = follow(checked, tracker, config.rate_hz, checked.losses)
         for frame, more in _told(frames, tracker, config):
             moved = frame.detected_px - calibration.reference_px
-            if wrench := estimator.update(frame.t_us, moved) if estimator else None:
-                more = {**more, **_columns(wrench)}
+            if estimator:
+                wrench = estimator.update(frame.t_us, moved)
+                torque = {"torque_nm": wrench.values[3:]} if len(wrench.values) > 3 else {}
+                forces = {"force_n": wrench.force_n, "force_sigma_n": wrench.force_sigma_n}
+                more = {**more, **forces, **torque}
             writer.write(frame, more)
-            counts.add(frame, wrench)
+            counts.add(frame, more.get("force_n"))
             if counts.estimates % PROGRESS_EVERY == 0:
                 advance(source.progress)
         _mark(writer, source, before=False)
         found = {"health": source.counters().summary(), "calibration_misfit": checked.misfit}
-        writer.close({**provenance_of(source, config), **calibration.scale(), **found})
+        about = {
+            "config": {"tracking": to_mapping(config)},
+            "input": source.path.name,
+            "input_sha256": _digest(source.path),
+            "package_version": package_version(),
+            "losses": dict(source.losses.kinds()),
+        }
+        writer.close({**about, **calibration.scale(), **found})
     except BaseException:
         writer.abandon()
         raise
@@ -164,17 +176,6 @@ def _mark(writer: TracksWriter, source: FileSource | CheckedSource, before: bool
     writer.mark(source.triggers.columns())
 
 
-def _estimator(force: ForceModel, calibration: Calibration) -> ForceEstimator:
-    force.require(calibration.reference_px, "px")
-    return force.estimator()
-
-
-def _columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:
-    """Return a wrench by the keys of a file."""
-    torque = {"torque_nm": wrench.values[3:]} if len(wrench.values) > 3 else {}
-    return {"force_n": wrench.force_n, "force_sigma_n": wrench.force_sigma_n, **torque}
-
-
 def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) -> None:
     """Refuse a recording ``(width, height)`` that another sensor's calibration is used for.
 
@@ -189,49 +190,34 @@ def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) ->
         )
 
 
-def provenance_of(source: FileSource | CheckedSource, config: TrackingConfig) -> dict[str, Any]:
-    """Return the metadata of tracks: configuration, input, version and losses."""
-    return {
-        "config": {"tracking": to_mapping(config)},
-        "input": source.path.name,
-        "input_sha256": file_digest(source.path),
-        "package_version": package_version(),
-        "losses": dict(source.losses.kinds()),
-    }
+def _digest(path: Path) -> str | None:
+    """Return the SHA-256 of a file; None of a pipe."""
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 class _Counts:
     def __init__(self, markers: int) -> None:
-        self.estimates = 0
-        self._coasted = np.zeros(markers, np.int64)
-        self._largest_px = 0.0
-        self._largest_n: float | None = None
+        self.estimates, self._coasted = 0, np.zeros(markers, np.int64)
+        self._largest_px, self._largest_n = 0.0, 0.0
 
-    def add(self, frame: MarkerFrame, wrench: Wrench | None) -> None:
-        if wrench is not None:
-            self._largest_n = max(self._largest_n or 0.0, float(np.linalg.norm(wrench.force_n)))
+    def add(self, frame: MarkerFrame, force_n: NDArray[np.float64] | None) -> None:
+        if force_n is not None:
+            self._largest_n = max(self._largest_n, float(np.linalg.norm(force_n)))
         self.estimates += 1
         self._coasted += frame.coasted
         largest2 = float((frame.displacement_px**2).sum(axis=1).max(initial=0.0))
         self._largest_px = max(self._largest_px, largest2**0.5)
 
     def summary(self) -> dict[str, Any]:
-        markers = len(self._coasted)
-        total = max(self.estimates * markers, 1)
         never = np.flatnonzero(self._coasted == self.estimates) if self.estimates else []
         return {
-            "markers": markers,
+            "markers": len(self._coasted),
             "estimates": self.estimates,
-            "held_share": float(self._coasted.sum() / total),
+            "held_share": float(self._coasted.sum() / max(self.estimates * len(self._coasted), 1)),
             "displacement_max_px": self._largest_px,
-            "force_max_n": self._largest_n,
+            "force_max_n": self._largest_n or None,
             "never_observed": [int(marker) for marker in never],
         }
-
-
-def file_digest(path: Path) -> str | None:
-    """Return the SHA-256 of a file; None of a pipe."""
-    if not path.is_file():
-        return None
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -14,8 +14,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.windows import windows
 from spikingtac.markers.registry import TrackingConfig, make_tracker
-from spikingtac.pipeline.checked_source import CheckedSource
-from spikingtac.pipeline.follow import follow
+from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.ros2.messages import Layout
 from spikingtac.ros2.stream import SensorStream

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.state_map.graded import GradedStateMap
+from spikingtac.state_map.graded import Array, GradedStateMap
 from spikingtac.types import EventPacket
 
 # Standard deviation of the pixels' steps, as a share of a step (Lichtsteiner et al. 2008,
@@ -47,9 +47,8 @@ class BandStateMap(GradedStateMap):
         super().__init__(start, step_on, step_off, dark_markers=dark_markers)
         self._first_variance = ((self._step_on + self._step_off) ** 2 / 12.0).astype(np.float32)
         self._middle = (0.5 * (self._step_off - self._step_on)).astype(np.float32)
-        self.variance = np.empty_like(self._first_variance)
-        self.fired = np.empty(start.shape, np.int64)
-        self._forget_contacts()
+        self.variance, self.fired = np.empty_like(self._start), np.empty(start.shape, np.int64)
+        self.reset()
 
     def absorb(self, packet: EventPacket) -> None:
         """Add every event of a packet.
@@ -58,13 +57,9 @@ class BandStateMap(GradedStateMap):
             ConfigError: The packet comes from a sensor of another size.
         """
         packet.require_map(self._start.shape)
-        _fire_kernel(
-            (self.memory, self.values, self.variance, self.fired),
-            (packet.x, packet.y, packet.p),
-            self.signed_steps,
-            self.dark_markers,
-            self.turn,
-        )
+        maps = self.memory, self.values, self.variance, self.fired
+        columns = packet.x, packet.y, packet.p
+        _fire_kernel(maps, columns, self.signed_steps, self.dark_markers, self.turn)
 
     def restore(self, pixels: NDArray[np.bool_]) -> None:
         """Paint ``(height, width)`` pixels as in the beginning; their last contact is not known."""
@@ -76,11 +71,7 @@ class BandStateMap(GradedStateMap):
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
         super().reset()
-        self._forget_contacts()
-
-    def _forget_contacts(self) -> None:
-        """Put every level into the middle of its band, as after a contact that is not known."""
-        self.memory += self._middle
+        self.memory += self._middle  # into the middle of the band, as after an unknown contact
         self.variance[:] = self._first_variance
         self.fired[:] = 0
         self.turn = 1
@@ -88,9 +79,9 @@ class BandStateMap(GradedStateMap):
 
 @njit(cache=True, nogil=True)
 def _fire_kernel(
-    maps: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]],
-    events: tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.bool_]],
-    signed_steps: NDArray[np.float32],
+    maps: tuple[Array, Array, Array, Array],
+    events: tuple[Array, Array, Array],
+    signed_steps: Array,
     dark_markers: bool,
     turn: int,
 ) -> None:  # pragma: no cover - compiled

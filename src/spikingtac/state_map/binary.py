@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError
+from spikingtac.state_map.graded import Array
 from spikingtac.types import EventPacket
 
 
@@ -69,17 +69,8 @@ class BinaryStateMap:
             size: ``(width, height)``, px.
             start: ``(height, width)`` map to begin with; the paper begins with the null matrix.
             dark_markers: True where markers are darker than the ground: polarities swap.
-
-        Raises:
-            ConfigError: The start has another shape than the sensor.
         """
-        shape = (size[1], size[0])
-        if start is not None and start.shape != shape:
-            raise ConfigError(
-                f"the painted start has shape {start.shape}, the sensor asks for {shape} "
-                "(height, width); paint it with the size of the recording"
-            )
-        self._start = np.zeros(shape, np.float32) if start is None else start.astype(np.float32)
+        self._start = np.zeros(size[::-1], np.float32) if start is None else start.astype("f4")
         self.values = self._start.copy()
         self._dark_markers = dark_markers
 
@@ -98,13 +89,7 @@ class BinaryStateMap:
 
 
 @njit(cache=True)
-def _paint_events_kernel(
-    values: NDArray[np.float32],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    p: NDArray[np.bool_],
-    dark_markers: bool,
-) -> None:
+def _paint_events_kernel(values: Array, x: Array, y: Array, p: Array, dark_markers: bool) -> None:
     for i in range(x.size):
         values[y[i], x[i]] = p[i] != dark_markers
 

@@ -115,13 +115,9 @@ class GradedStateMap:
         self.signed_steps[..., 0], self.signed_steps[..., 1] = -self._step_off, self._step_on
 
     def _checked_steps(self, name: str, step: NDArray[np.float32] | float) -> NDArray[np.float32]:
-        steps = np.empty_like(self._start)
-        try:
-            steps[:] = step
-        except ValueError as error:
-            raise ConfigError(
-                f"{name} has shape {np.shape(step)}, the map is {self._start.shape}"
-            ) from error
+        if np.shape(step) not in ((), self._start.shape):
+            raise ConfigError(f"{name} has shape {np.shape(step)}, the map is {self._start.shape}")
+        steps = np.full_like(self._start, step)
         if not ((steps > 0.0) & (steps <= 1.0)).all():
             raise ConfigError(
                 f"{name} reaches from {steps.min():g} to {steps.max():g}; a step is the share of "
@@ -143,12 +139,12 @@ def integrate_event_kernel(
 
 @njit(cache=True, nogil=True)
 def _integrate_kernel(
-    memory: NDArray[np.float32],
-    level: NDArray[np.float32],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    p: NDArray[np.bool_],
-    signed_steps: NDArray[np.float32],
+    memory: Array,
+    level: Array,
+    x: Array,
+    y: Array,
+    p: Array,
+    signed_steps: Array,
     dark_markers: bool,
 ) -> None:  # pragma: no cover - compiled
     """Add the step of each event.

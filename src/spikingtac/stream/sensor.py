@@ -16,8 +16,7 @@ from spikingtac.events.address import is_stream
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.markers.registry import TrackingConfig, make_tracker
-from spikingtac.pipeline.checked_source import CheckedSource
-from spikingtac.pipeline.follow import follow
+from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.stream.clock import US_PER_S, StreamClock
 from spikingtac.stream.host import Asker, end_in_order
 from spikingtac.stream.ring import SharedRing

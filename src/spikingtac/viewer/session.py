@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, SpikingTacError
-from spikingtac.pipeline.checked_source import CheckedSource
+from spikingtac.pipeline.follow import CheckedSource
 from spikingtac.stream.ring import Publisher
 from spikingtac.tuning import with_value
 from spikingtac.types import MarkerFrame

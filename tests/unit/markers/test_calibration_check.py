@@ -12,7 +12,7 @@ from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration_check import CalibrationCheck
-from spikingtac.pipeline.checked_source import CheckedSource
+from spikingtac.pipeline.follow import CheckedSource
 from spikingtac.types import EventPacket
 
 SIZE = (160, 128)

@@ -1,13 +1,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from spikingtac.markers.neighbours import (
     FARTHEST_PITCHES,
     Neighbourhood,
     settle_kernel,
-    smallest_spacing_px,
 )
 
 GRID_PX = np.stack(np.meshgrid(np.arange(5) * 30.0, np.arange(4) * 28.0), -1).reshape(-1, 2)
@@ -37,12 +35,6 @@ def test_affine_motion_is_predicted_exactly_within_the_neighbours_range() -> Non
     shift = predicted_px - GRID_PX
     assert (shift >= around.min(axis=1) - 1e-9).all()
     assert (shift <= around.max(axis=1) + 1e-9).all()
-
-
-def test_nobody_votes_on_himself() -> None:
-    neighbours = Neighbourhood(GRID_PX)
-    assert not (neighbours.index == np.arange(len(GRID_PX))[:, np.newaxis]).any()
-    np.testing.assert_allclose(neighbours.weight.sum(axis=1), 1.0)
 
 
 def test_the_kernels_equal_their_twins() -> None:
@@ -107,8 +99,3 @@ def test_markers_on_a_line_and_alone() -> None:
     alone = Neighbourhood(line[:1])
     np.testing.assert_array_equal(alone.expected_px(alone_px), alone_px)
     np.testing.assert_array_equal(shrunk(alone, alone_px, np.array([0.2])), alone_px)
-
-
-def test_smallest_spacing() -> None:
-    assert smallest_spacing_px(GRID_PX) == pytest.approx(28.0)
-    assert smallest_spacing_px(GRID_PX[:1]) == np.inf

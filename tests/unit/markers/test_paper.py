@@ -9,14 +9,12 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.classical import Median3, NoDenoiser
 from spikingtac.errors import ConfigError
-from spikingtac.markers.laws import PaperLaw
 from spikingtac.markers.paper import (
     BlobTracker,
     BlobTrackerConfig,
     painted_binary_map,
     smallest_spacing_px,
 )
-from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket
 from stand_ins.ideal_events import ideal_events
 
@@ -59,15 +57,6 @@ def short_trip() -> EventPacket:
 def moving() -> tuple[EventPacket, np.ndarray]:
     path = loop_path()
     return ideal_events(path, RADIUS_PX, SIZE), path
-
-
-def windows(packet: EventPacket, count: int) -> list[EventPacket]:
-    edges = np.linspace(packet.t_start_us, packet.t_end_us, count + 1).astype(int)
-    cuts = np.searchsorted(packet.t, edges)
-    return [
-        packet.part(int(cuts[k]), int(cuts[k + 1]), int(edges[k]), int(edges[k + 1]))
-        for k in range(count)
-    ]
 
 
 def test_dark_markers_are_the_same_with_swapped_polarity(
@@ -116,21 +105,6 @@ def test_one_blob_never_serves_two_markers() -> None:
     assert frame.coasted.tolist() == [False, True] + [False] * 10
 
 
-def test_the_law_acts_on_the_position_alone(moving: tuple[EventPacket, np.ndarray]) -> None:
-    packet, _ = moving
-    plain = tracker()
-    law = PaperLaw()
-    damped = BlobTracker(PLAIN, calibration(), Median3(), law=PaperLaw())
-    for window in windows(packet, 20):
-        plain.absorb(window)
-        damped.absorb(window)
-        one, other = plain.estimate(window.t_end_us), damped.estimate(window.t_end_us)
-        np.testing.assert_array_equal(one.detected_px, other.detected_px)
-        expected = law.update(one.detected_px, REST_PX)
-        np.testing.assert_array_equal(other.position_px, expected)
-        np.testing.assert_array_equal(other.displacement_px, expected - REST_PX)
-
-
 def test_a_refreshed_map_forgets_its_noise_and_no_marker() -> None:
     config = BlobTrackerConfig(support_us=0, refresh_us=1_000)
     state_map = painted_binary_map(calibration())
@@ -144,14 +118,6 @@ def test_a_refreshed_map_forgets_its_noise_and_no_marker() -> None:
     left = np.count_nonzero(state_map.values != painted_binary_map(calibration()).values)
     assert left < 0.1 * np.count_nonzero(noise)
     assert set(np.unique(state_map.values)) == {0.0, 1.0}
-
-
-def test_only_a_binary_map_can_be_refreshed() -> None:
-    graded = GradedStateMap(painted_binary_map(calibration()).values)
-    with pytest.raises(ConfigError, match="binary"):
-        BlobTracker(
-            BlobTrackerConfig(support_us=0, refresh_us=1_000), calibration(), Median3(), graded
-        )
 
 
 def test_a_single_marker_has_no_neighbours() -> None:

@@ -121,7 +121,7 @@ def _refusal(
 
 def feed_of(args: PublishArgs) -> Feed:
     """Return the frames that are published; nothing is left to compile at the first one."""
-    from spikingtac.pipeline.checked_source import refuse
+    from spikingtac.pipeline.follow import refuse
     from spikingtac.ros2.feed import feed_of_events, feed_of_tracks
     from spikingtac.ros2.stream import rehearse
     from spikingtac.stream.sources import open_live

@@ -126,9 +126,7 @@ def _window_kernel(
 
 
 @njit(cache=True, nogil=True)
-def _residual_kernel(
-    apart: float, new: bool, steps: NDArray[np.float32]
-) -> float:  # pragma: no cover - compiled
+def _residual_kernel(apart: float, new: bool, steps: Array) -> float:  # pragma: no cover - compiled
     """Return how far a level is from a disc's: all of it where it is new, else beyond its band.
 
     ``steps`` are the pixel's falling (negative) and rising step: a level may lie above the disc's

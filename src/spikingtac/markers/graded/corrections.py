@@ -162,11 +162,11 @@ def correct_kernel(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def lead_kernel(
-    fits: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    states: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+    fits: tuple[Array, Array, Array],
+    states: tuple[Array, Array, Array],
     settings: tuple[float, float, float],
-    neighbours: NDArray[np.int64],
-    given_px: NDArray[np.float64],
+    neighbours: Array,
+    given_px: Array,
 ) -> None:  # pragma: no cover - compiled
     """Move the play operators on by what the fits moved; write the places ahead of the fits.
 

@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from spikingtac.markers.graded.appearance import RING_PX, FitWindow
-from spikingtac.state_map.graded import PAD_PX
+from spikingtac.state_map.graded import PAD_PX, Array
 
 # Freedom of the compiler that leaves results alone: no two operations become one, none is
 # replaced by an approximation, and no sum is regrouped. So a recording gives the same tracks
@@ -47,7 +46,7 @@ LINEAR_STEP_PX = 0.08
 
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
-def _polynomial_kernel(c: NDArray[np.float32], z: Any) -> Any:  # pragma: no cover
+def _polynomial_kernel(c: Array, z: Any) -> Any:  # pragma: no cover
     """Evaluate a polynomial of degree 11 by Estrin's scheme: Horner's waits for each product."""
     z2 = z * z
     z4 = z2 * z2
@@ -58,11 +57,7 @@ def _polynomial_kernel(c: NDArray[np.float32], z: Any) -> Any:  # pragma: no cov
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def _edge_kernel(
-    place_px: NDArray[np.float32],
-    ring: tuple[Any, Any],
-    disc: tuple[Any, ...],
-    coefficients: NDArray[np.float32],
-    edge: NDArray[np.float32],
+    place_px: Array, ring: tuple[Any, Any], disc: tuple[Any, ...], coefficients: Array, edge: Array
 ) -> None:  # pragma: no cover - compiled
     """Write each pixel's direction (x, y) from the centre, its residual, and the slope there.
 
@@ -94,7 +89,7 @@ def _edge_kernel(
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def center_equations_kernel(
-    edge: NDArray[np.float32], count: Any, moved: tuple[Any, Any], unit: np.float32
+    edge: Array, count: Any, moved: tuple[Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
     """Sum the robust normal equations of a disc's centre; one straight loop, so that it vectorises.
 
@@ -122,7 +117,7 @@ def center_equations_kernel(
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def outline_equations_kernel(
-    edge: NDArray[np.float32], count: Any, moved: tuple[Any, Any], unit: np.float32
+    edge: Array, count: Any, moved: tuple[Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
     """Sum the robust normal equations of a disc's outline as :func:`center_equations_kernel` does.
 
@@ -165,7 +160,7 @@ def _step_kernel(
 
 @njit(cache=True, nogil=True)
 def _ring_kernel(
-    window: FitWindow, m: int, outline_px: NDArray[np.float64]
+    window: FitWindow, m: int, outline_px: Array
 ) -> tuple[Any, Any]:  # pragma: no cover - compiled
     """Return the first pixel of the window that a disc's edge may reach, and how many follow it."""
     within, bulge = window.within, abs(outline_px[1]) + abs(outline_px[2])
@@ -179,7 +174,7 @@ def _ring_kernel(
 
 @njit(cache=True, nogil=True)
 def _follow_kernel(
-    outline_px: NDArray[np.float64], gradient: tuple[Any, Any, Any], step: float, rest_px: float
+    outline_px: Array, gradient: tuple[Any, Any, Any], step: float, rest_px: float
 ) -> None:  # pragma: no cover - compiled
     """Move an outline (r, b, c) along its gradient, within MOST_GROWTH of the radius at rest."""
     most = MOST_GROWTH * rest_px
@@ -190,11 +185,11 @@ def _follow_kernel(
 
 @njit(cache=True, nogil=True)
 def fit_disc_kernel(
-    levels: tuple[NDArray[np.float32], NDArray[np.float32]],
+    levels: tuple[Array, Array],
     window: FitWindow,
     m: int,
     center_px: tuple[float, float],
-    outline_px: NDArray[np.float64],
+    outline_px: Array,
     settings: tuple[int, float, float],
 ) -> tuple[float, float, float, float]:  # pragma: no cover - compiled
     """Fit marker m's centre, and let its outline follow; return x, y, agreement and last step.

@@ -16,7 +16,6 @@ at 10 px/ms; the marker was given 8 px off, with a confidence of 0.99).
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -102,25 +101,16 @@ class MapLeak:
         if self._usual is None:
             self._usual = locator.fits[:, AGREEMENT].copy()
         tolerance = TOLERANCE + doubt * (LOSSY_TOLERANCE - TOLERANCE)
-        own_s = dt_s * GROUPS
-        leaking = tolerance, _share(self._leak_per_s * own_s), _share(DRAWN_PER_S * own_s)
-        ground_s = dt_s * GROUND_TURNS
-        shares = (
-            _share(noise_hz_px * ground_s),
-            _share(GROUND_PER_S * ground_s),
-            _share(dt_s / USUAL_S),
-        )
+        leaking, drawing = self._leak_per_s * GROUPS, DRAWN_PER_S * GROUPS
+        below, above = noise_hz_px * GROUND_TURNS, GROUND_PER_S * GROUND_TURNS
+        rates = np.array([leaking, drawing, below, above, 1.0 / USUAL_S])
+        shares = -np.expm1(-dt_s * rates)
         ground_px = self._radius_px + OUTER_PX + searched_px
         take_turn_kernel(
             locator.map.padded, locator.map.memory, locator.motion, locator.fits,
             locator.outline_px, self._usual, self._radius_px, ground_px, self._tables[0],
-            self._tables[1], self._mean_step, self._turn, *leaking, *shares,
+            self._tables[1], self._mean_step, self._turn, tolerance, *shares.tolist(),
         )  # fmt: skip
-
-
-def _share(amount: float) -> float:
-    """Return which share of something decays, given the time over its time constant."""
-    return -math.expm1(-amount)
 
 
 @njit(cache=True, nogil=True)
@@ -150,7 +140,7 @@ def take_turn_kernel(
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def _entries_kernel(
-    first_px: np.float32, dy: np.float32, shape: tuple[Any, ...], entry: NDArray[np.int32]
+    first_px: np.float32, dy: np.float32, shape: tuple[Any, ...], entry: Array
 ) -> None:  # pragma: no cover - compiled
     """Write which entry of the tables belongs to each pixel of a row.
 
@@ -170,11 +160,7 @@ def _entries_kernel(
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def _give_kernel(
-    levels: NDArray[np.float32],
-    sums: NDArray[np.float32],
-    entry: NDArray[np.int32],
-    tables: NDArray[np.float32],
-    law: tuple[Any, Any, Any],
+    levels: Array, sums: Array, entry: Array, tables: Array, law: tuple[Any, Any, Any]
 ) -> None:  # pragma: no cover - compiled
     """Let a row give up its excess; without a branch, which no processor could foresee.
 
@@ -195,11 +181,11 @@ def _give_kernel(
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy")
 def leak_to_discs_kernel(
-    levels: tuple[NDArray[np.float32], NDArray[np.float32]],
+    levels: tuple[Array, Array],
     group: tuple[int, int],
     discs: tuple[Any, ...],
-    tables: tuple[NDArray[np.float32], NDArray[np.float64]],
-    law: tuple[NDArray[np.float64], float, float, float],
+    tables: tuple[Array, Array],
+    law: tuple[Array, float, float, float],
 ) -> None:  # pragma: no cover - compiled
     """Move map pixels that disagree with the fitted disc towards it.
 
@@ -240,10 +226,10 @@ def leak_to_discs_kernel(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def return_ground_kernel(
-    padded: NDArray[np.float32],
-    memory: NDArray[np.float32],
+    padded: Array,
+    memory: Array,
     rows: tuple[int, int],
-    discs: tuple[NDArray[np.float64], NDArray[np.float64]],
+    discs: tuple[Array, Array],
     law: tuple[float, float, float],
 ) -> None:  # pragma: no cover - compiled
     """Draw every n-th row of the ground, away from all discs, towards its own level, 0.

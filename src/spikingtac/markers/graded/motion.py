@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import nearest_marker
-from spikingtac.state_map.graded import GradedStateMap
+from spikingtac.state_map.graded import Array, GradedStateMap
 
 # Finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none.
 ACCELERATION_NOISE_PX2_S3 = 5.0e5
@@ -52,7 +52,7 @@ def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True)
-def predict_kernel(motion: NDArray[np.float64], dt_s: float) -> None:  # pragma: no cover
+def predict_kernel(motion: Array, dt_s: float) -> None:  # pragma: no cover
     """Move one marker's state on by ``dt_s``."""
     pp, pv, vv, q = motion[PP], motion[PV], motion[VV], ACCELERATION_NOISE_PX2_S3
     motion[X] += dt_s * motion[VX]
@@ -63,9 +63,7 @@ def predict_kernel(motion: NDArray[np.float64], dt_s: float) -> None:  # pragma:
 
 
 @njit(cache=True, nogil=True)
-def correct_kernel(
-    motion: NDArray[np.float64], x: float, y: float, dt_s: float
-) -> None:  # pragma: no cover
+def correct_kernel(motion: Array, x: float, y: float, dt_s: float) -> None:  # pragma: no cover
     """Take in one marker's measured place, px, ``dt_s`` after the last."""
     pp, pv = motion[PP], motion[PV]
     shortness = max(1.0, MEASUREMENT_PERIOD_S / max(dt_s, 1e-6))
@@ -81,7 +79,7 @@ def correct_kernel(
 
 
 @njit(cache=True, nogil=True)
-def rest_kernel(motion: NDArray[np.float64], dt_s: float) -> None:  # pragma: no cover - compiled
+def rest_kernel(motion: Array, dt_s: float) -> None:  # pragma: no cover - compiled
     """Let one marker rest where it is, since nothing fired: its speed fades, its variance grows."""
     kept = np.exp(-dt_s / STOP_S)
     motion[VX] *= kept

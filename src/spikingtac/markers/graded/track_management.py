@@ -206,10 +206,7 @@ def trust_kernel(
 
 @njit(cache=True, nogil=True)
 def _asked_speed_kernel(
-    velocity_px_s: NDArray[np.float64],
-    speed_px_s: NDArray[np.float64],
-    index: NDArray[np.int64],
-    weight: NDArray[np.float64],
+    velocity_px_s: Array, speed_px_s: Array, index: Array, weight: Array
 ) -> float:  # pragma: no cover - compiled
     """Return the speed that a marker's neighbours vouch for, px/s; ``index`` are theirs."""
     x = y = 0.0

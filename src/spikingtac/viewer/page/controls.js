@@ -22,7 +22,7 @@ function build(control, set) {
   const label = document.createElement("label");
   label.htmlFor = id;
   const plain = control.name.split(".").at(-1).replace(/_(us|ms|px|mm|hz)$/, "").replaceAll("_", " ");
-  const [name, explained] = WORDS[control.name] ?? [plain, control.about];
+  const [name, explained] = WORDS[control.name] ?? [plain, ""];
   label.textContent = name;
   row.title = `${explained} (${control.name})`.trim();
   const input = control.kind === "choice" ? choice(control) : field(control);
@@ -38,11 +38,6 @@ function build(control, set) {
     set(control.name, value);
   });
   row.append(label, ...(control.kind === "choice" || control.kind === "switch" ? [input] : [output, input]));
-  if (control.about) {
-    const about = document.createElement("small");
-    about.textContent = control.about;
-    row.append(about);
-  }
   return row;
 }
 

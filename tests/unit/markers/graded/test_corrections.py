@@ -119,10 +119,6 @@ def test_neighbours_tell_a_turn_and_those_that_went_another_way_do_not_count() -
     np.testing.assert_allclose(shift, 0.15 * CROSSING_PX * np.array([0.0, 1.0, -1.0]))
 
 
-def test_a_marker_found_elsewhere_tells_nothing_of_its_way() -> None:
-    assert ahead(np.array([[0.0], [12.0]]), (0.25, 0.0))[-1, 0] == 0.0
-
-
 def corrected(
     motion: np.ndarray, *, backlash: float = 1.0, known: bool = True, noise_hz_px: float = 0.0
 ) -> np.ndarray:
@@ -240,12 +236,6 @@ def test_what_differs_from_marker_to_marker_is_no_press_where_the_same_size_alik
         np.testing.assert_allclose(
             shown_px(zero, left_px, 1.5), 0.0 if rests else left_px, atol=1e-3
         )
-
-
-def test_nothing_is_learned_while_the_skin_moves() -> None:
-    zero = ReleasedZero(Neighbourhood(REST_PX))
-    pressed(zero)
-    np.testing.assert_allclose(shown_px(zero, LEFT_PX, 1.0, speed_px_s=20.0), LEFT_PX, atol=1e-9)
 
 
 def test_markers_that_are_held_tell_nothing() -> None:

@@ -70,10 +70,6 @@ def test_the_doubt_shrinks_when_the_share_is_known() -> None:
     np.testing.assert_allclose(doubts, [0.0, 0.45, 1.0], atol=0.06)
 
 
-def test_texture_that_adds_events_is_not_loss() -> None:
-    assert watched(1.6).share == 1.0
-
-
 def test_silence_and_standing_still_say_nothing() -> None:
     watch = EventLoss(CALIBRATION)
     for _ in range(5_000):

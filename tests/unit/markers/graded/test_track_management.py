@@ -148,20 +148,6 @@ def test_a_runaway_is_noticed_by_its_neighbours() -> None:
     np.testing.assert_allclose(manager.position_px[CENTRE], REST_PX[CENTRE], atol=0.2)
 
 
-def test_torsion_and_a_press_are_no_reason_for_doubt() -> None:
-    offset = REST_PX - REST_PX.mean(axis=0)
-    angle = np.radians(35.0) * np.exp(-((offset**2).sum(axis=1)) / (2 * 35.0**2))
-    turn = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1)
-    twisted_px = REST_PX.mean(axis=0) + np.einsum("mij,mj->mi", turn.reshape(-1, 2, 2), offset)
-    pressed_px = REST_PX.copy()
-    pressed_px[CENTRE] += [0.2 * PITCH_PX, 0.0]
-    for moved_px in (twisted_px, pressed_px):
-        manager = TrackManager(CALIBRATION)
-        for t_us in (0, LATER_US):
-            manager.judge(t_us, fits(moved_px, AGREED), levels(moved_px))
-            assert not manager.coasted.any()
-
-
 def test_confidence_falls_while_a_marker_is_held_or_outside_and_comes_back() -> None:
     manager = lost()
     outside = np.arange(COUNT) == CORNER
