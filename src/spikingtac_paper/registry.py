@@ -32,7 +32,7 @@ class Study:
 # Name -> experiment, for ``spikingtac experiment``.
 EXPERIMENTS: dict[str, Study] = {
     "point-tracking": Study("spikingtac_paper.point_tracking.experiment", "section V-A"),
-    "denoise": Study("spikingtac_paper.denoise.experiment", "section IV-B"),
+    "denoise": Study("spikingtac_paper.denoise", "section IV-B"),
     "collision": Study("spikingtac_paper.collision.experiment", "section V-B"),
     "holes": Study("spikingtac_paper.holes.experiment", "section V-C"),
     "touch": Study("spikingtac_paper.touch.experiment", "touches, slip and forces"),

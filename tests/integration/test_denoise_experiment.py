@@ -1,23 +1,24 @@
 import pytest
 
-from spikingtac_paper.denoise.experiment import (
+from spikingtac_paper.denoise import (
+    ACTIVITY,
     METHODS,
     METRICS,
-    DenoiseConfig,
+    Plan,
+    render,
     report_rows,
     score_all,
 )
-from spikingtac_paper.denoise.scoring import ACTIVITY, render
 
 SEED, DURATION_S = 1001, 1.2
 
 
 @pytest.fixture(scope="module")
 def rows():
-    config = DenoiseConfig(
+    plan = Plan(
         noise_hz=(1.0,), drop=(0.5,), duration_s=DURATION_S, every_us=100_000, first_us=600_000
     )
-    return report_rows([score_all(render("finger-torsion", SEED, DURATION_S), config, SEED)])
+    return report_rows([score_all(render("finger-torsion", SEED, DURATION_S), plan, SEED)])
 
 
 def test_every_method_case_and_metric_is_there(rows):

@@ -10,7 +10,7 @@ from spikingtac.config import load_config
 from spikingtac.events.windows import windows
 from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.markers.registry import make_tracker
-from spikingtac_paper.denoise.scoring import render
+from spikingtac_paper.denoise import render
 from spikingtac_paper.training.dataset import with_background
 
 NOISE_HZ = 5.0

@@ -1,27 +1,25 @@
-import dataclasses
-
 import numpy as np
 import pytest
 
 from spikingtac.denoise.classical import CLASSICAL_DENOISERS
-from spikingtac_paper.denoise.experiment import (
+from spikingtac_paper.denoise import (
     FILTER_PRODUCT,
+    LONGEST_FILTER_US,
     METHODS,
-    DenoiseConfig,
-    Sample,
-    report_rows,
-)
-from spikingtac_paper.denoise.scoring import (
-    ACTIVITY,
     CleanRecording,
-    Degradation,
+    Plan,
+    Sample,
     clean_centroids,
-    score_recording,
+    distance_px,
+    measured,
+    report_rows,
+    window_us,
 )
 from spikingtac_paper.harness.report import Row
+from spikingtac_paper.training.dataset import with_background, with_drops
 from stand_ins.denoiser_training import RADIUS_PX, moving_disc
 
-FIRST_US, EVERY_US = 50_000, 50_000
+PLAN = Plan(first_us=50_000, every_us=50_000)
 
 
 @pytest.fixture
@@ -33,27 +31,24 @@ def recording() -> CleanRecording:
     return CleanRecording("disc", clip.events, second, np.full(2, RADIUS_PX), "twin", *truth)
 
 
-def scored(recording: CleanRecording, noise_hz: float, drop: float, kind="binary"):
-    reference = clean_centroids(recording, kind, EVERY_US, FIRST_US)
-    degradation = Degradation(noise_hz=noise_hz, drop=drop, window_us=20_000, seed=1)
+def excess(recording: CleanRecording, noise_hz: float, drop: float, kind="binary"):
+    reference = clean_centroids(recording, kind, PLAN)
+    random = np.random.default_rng(1)
+    events = with_background(with_drops(recording.events, drop, random), noise_hz, random)
     denoisers = {name: build() for name, build in CLASSICAL_DENOISERS.items()}
-    return reference, score_recording(recording, kind, degradation, reference, denoisers)
+    told = measured(recording, events, kind, reference, denoisers)
+    assert all((step_us > 0).all() for _, step_us in told.values())
+    return reference, distance_px(told["none"][0], reference.center_px)
 
 
 @pytest.mark.parametrize("kind", ["binary", "graded"])
-def test_without_degradation_nothing_is_in_excess(recording, kind):
-    reference, scores = scored(recording, 0.0, 0.0, kind)
+def test_without_degradation_nothing_is_in_excess_and_noise_costs(recording, kind):
+    reference, error_px = excess(recording, 0.0, 0.0, kind)
     assert reference.found[:, 0].all()
     assert not reference.found[:, 1].any()
-    assert scores["none"].error_px[:, 0] == pytest.approx(0.0, abs=1e-5)
-    assert np.isnan(scores["none"].error_px[:, 1]).all()
-
-
-def test_noise_and_drops_cost_and_the_filter_is_named(recording):
-    _, scores = scored(recording, 1.0, 0.5)
-    assert set(scores) == {*CLASSICAL_DENOISERS, *(ACTIVITY + name for name in CLASSICAL_DENOISERS)}
-    assert np.nanmean(scores["none"].error_px[:, 0]) > 0.05
-    assert all((score.step_us > 0).all() for score in scores.values())
+    assert error_px[:, 0] == pytest.approx(0.0, abs=1e-5)
+    assert np.isnan(error_px[:, 1]).all()
+    assert np.nanmean(excess(recording, 1.0, 0.5, kind)[1][:, 0]) > 0.05
 
 
 def test_rows_count_what_was_found():
@@ -61,7 +56,7 @@ def test_rows_count_what_was_found():
     sample = Sample(
         np.array([0.2, 0.4, nan, nan]), np.array([1.0, 3.0, nan, nan]), np.array([5.0]), "twin"
     )
-    empty = dataclasses.replace(sample, excess_px=np.empty(0), centroid_px=np.empty(0))
+    empty = sample._replace(excess_px=np.empty(0), centroid_px=np.empty(0))
     rows = report_rows([{("c", "none"): [sample]}, {("fast/c", "none"): [empty]}])
     assert all(isinstance(row, Row) for row in rows)
     assert {row.case for row in rows} == {"c"}
@@ -73,8 +68,7 @@ def test_rows_count_what_was_found():
 
 
 def test_the_window_follows_the_background():
-    config = DenoiseConfig()
-    assert config.window_us(1.0) == round(1e6 * FILTER_PRODUCT)
-    assert config.window_us(5.0) == round(1e6 * FILTER_PRODUCT / 5.0)
-    assert config.window_us(0.001) == config.longest_us
+    assert window_us(1.0) == round(1e6 * FILTER_PRODUCT)
+    assert window_us(5.0) == round(1e6 * FILTER_PRODUCT / 5.0)
+    assert window_us(0.001) == LONGEST_FILTER_US
     assert METHODS[-1] == "supervised"

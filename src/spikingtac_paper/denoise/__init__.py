@@ -1,1 +1,0 @@
-"""The denoising experiment, and training runs."""
