@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import gc
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from spikingtac import Calibration
+from spikingtac import Calibration, windows
 from spikingtac.sim import Scene, load_scene
 from spikingtac_paper.harness.report import (
     Metric,
@@ -21,8 +21,14 @@ from spikingtac_paper.harness.report import (
     write_report,
 )
 from spikingtac_paper.harness.run import RunOptions
-from spikingtac_paper.throughput.stopwatch import PACE_US, US_PER_S, free_run, windows_of
-from spikingtac_paper.throughput.stream import BenchStream, circling, turns_for
+from spikingtac_paper.throughput.stream import (
+    PACE_US,
+    US_PER_S,
+    BenchStream,
+    circling,
+    free_run,
+    turns_for,
+)
 from spikingtac_paper.trials.methods import main_methods
 
 NAME = "skins"
@@ -30,8 +36,7 @@ METHODS = ("default", "fast")
 RATES_MEV_S = (2, 10, 50)
 DURATION_US, QUICK_DURATION_US = 400_000, 120_000
 
-# Distance of the lens: a wide skin is seen without distortion, so that all its markers are alike
-# .
+# Distance of the lens: a wide skin is seen without distortion, so that all its markers are alike.
 FAR_MM = 200.0
 TRY_US = 50_000  # Length of a trial, from which the speed for the wanted rate follows, us.
 FIRST_TURNS_HZ = 2.0  # Circles per second of the first trial, for 64 markers and 1 Mev/s.
@@ -45,8 +50,7 @@ METRICS = by_name(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Skin:
+class Skin(NamedTuple):
     """A skin and its sensor.
 
     Attributes:
@@ -62,7 +66,7 @@ class Skin:
     radius_mm: float
 
     @property
-    def count(self) -> int:
+    def markers(self) -> int:
         """Number of markers."""
         return self.grid[0] * self.grid[1]
 
@@ -97,7 +101,7 @@ def skin_stream(skin: Skin, rate_mev_s: float, seed: int, duration_us: int) -> B
         seed: Of the camera's noise.
         duration_us: Length, us.
     """
-    scene, guess_hz = skin.scene(), FIRST_TURNS_HZ * rate_mev_s * SKINS[0].count / skin.count
+    scene, guess_hz = skin.scene(), FIRST_TURNS_HZ * rate_mev_s * SKINS[0].markers / skin.markers
     turns_hz = turns_for(scene, seed, rate_mev_s * 1e6, guess_hz, TRY_US, capped=False)
     return circling(scene, seed, turns_hz, duration_us, capped=False)
 
@@ -113,7 +117,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         stream = skin_stream(skin, rate, options.seed, duration_us)
         for method in METHODS:
             rows += [
-                METRICS[name].row(method, f"{skin.count}@{rate}", value, duration_us // PACE_US)
+                METRICS[name].row(method, f"{skin.markers}@{rate}", value, duration_us // PACE_US)
                 for name, value in _measured(method, skin, stream).items()
             ]
         options.report_progress(number, len(cases))
@@ -127,21 +131,21 @@ def run(options: RunOptions) -> dict[str, Any]:
 
 
 def _measured(method: str, skin: Skin, stream: BenchStream) -> dict[str, float]:
-    windows, build = windows_of(stream, PACE_US), main_methods()[method].build
+    pieces, build = list(windows([stream.events], PACE_US)), main_methods()[method].build
     calibration = Calibration(
         reference_px=stream.truth.reference_px,
         radius_px=stream.truth.radius_px,
         grid=skin.grid,
         size=skin.size,
     )
-    free_run(build(calibration), windows[:20], stream)  # compiles, and fills the caches
+    free_run(build(calibration), pieces[:20], stream)  # compiles, and fills the caches
     begun_s = time.perf_counter()
     tracker = build(calibration)
     start_s = time.perf_counter() - begun_s
     gc.collect()
     gc.disable()
     try:
-        found = free_run(tracker, windows, stream)
+        found = free_run(tracker, pieces, stream)
     finally:
         gc.enable()
     absorb_us = float(np.median(found.step_us - found.estimate_us))
