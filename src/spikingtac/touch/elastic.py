@@ -125,14 +125,16 @@ class SurfaceResponse:
         weight = compliance * np.exp(-0.5 * (k * radius_mm) ** 2) * k / (2.0 * np.pi)
         weight = weight * largest / WAVENUMBERS
         self._distance = np.linspace(0.0, reach_mm, TABLE_POINTS)
-        argument = self._distance[:, None] * k
-        zero, first, second = (jv(order, argument) for order in (0, 1, 2))
+        zero, first, second = (jv(order, self._distance[:, None] * k) for order in (0, 1, 2))
         mean = 0.5 * (response.longitudinal + response.transverse)
         half = 0.5 * (response.longitudinal - response.transverse)
-        self._outward = first @ (weight * response.coupling)
-        self._even = zero @ (weight * mean)
-        self._twofold = -second @ (weight * half)
-        self._deep = zero @ (weight * response.normal)
+        # Outward and inward under pressure; along the force, and twofold about it.
+        self._tables = (
+            first @ (weight * response.coupling),
+            zero @ (weight * response.normal),
+            zero @ (weight * mean),
+            -second @ (weight * half),
+        )
 
     def matrix(self, places_mm: Field, sources_mm: Field) -> Field:
         """Return the response at places to forces at sources.
@@ -142,39 +144,20 @@ class SurfaceResponse:
             sources_mm: ``(c, 2)`` where forces act, mm.
 
         Returns:
-            ``(m, 2, c, 3)`` displacement along x and y, mm per N along x, along y and pressing.
+            ``(m, 3, c, 3)`` displacement along x, along y and towards the camera, mm per N along
+            x, along y and pressing.
         """
-        distance, cosine, sine = _directions(places_mm, sources_mm)
-        outward, even, twofold = (
-            np.interp(distance, self._distance, table)
-            for table in (self._outward, self._even, self._twofold)
+        away = places_mm[:, None] - sources_mm[None]
+        distance = np.sqrt((away**2).sum(axis=2))
+        cosine, sine = np.moveaxis(away / np.maximum(distance, 1e-9)[..., None], -1, 0)
+        outward, deep, even, twofold = (
+            np.interp(distance, self._distance, table) for table in self._tables
         )
         c2, s2 = cosine**2 - sine**2, 2.0 * cosine * sine
-        along_x = np.stack([even + twofold * c2, twofold * s2, outward * cosine], axis=-1)
-        along_y = np.stack([twofold * s2, even - twofold * c2, outward * sine], axis=-1)
-        return np.stack([along_x, along_y], axis=1)
-
-    def depth_matrix(self, places_mm: Field, sources_mm: Field) -> Field:
-        """Return how far places are pressed in by forces at sources.
-
-        Args:
-            places_mm: ``(m, 2)`` markers at rest, mm (x right, y down).
-            sources_mm: ``(c, 2)`` where forces act, mm.
-
-        Returns:
-            ``(m, c, 3)`` displacement towards the camera, mm per N along x, along y and pressing.
-        """
-        distance, cosine, sine = _directions(places_mm, sources_mm)
-        outward, deep = (
-            np.interp(distance, self._distance, table) for table in (self._outward, self._deep)
-        )
         # By reciprocity a lateral force lifts a place as much as pressing there would move it.
-        return np.stack([-outward * cosine, -outward * sine, deep], axis=-1)
-
-
-def _directions(places_mm: Field, sources_mm: Field) -> tuple[Field, Field, Field]:
-    """Return distances from sources to places, and their directions' cosines and sines."""
-    away = places_mm[:, None] - sources_mm[None]
-    distance = np.sqrt((away**2).sum(axis=2))
-    safe = np.maximum(distance, 1e-9)
-    return distance, away[..., 0] / safe, away[..., 1] / safe
+        rows = (
+            (even + twofold * c2, twofold * s2, outward * cosine),
+            (twofold * s2, even - twofold * c2, outward * sine),
+            (-outward * cosine, -outward * sine, deep),
+        )
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)

@@ -188,26 +188,19 @@ class SquareLattice:
 def _between(places: Field) -> tuple[float, Field, Field]:
     """Return pitch and points of a lattice within the markers' hull, and their shares in each."""
     # A late import: every verb's start would wait for it.
-    from scipy.spatial import Delaunay
+    from scipy.interpolate import LinearNDInterpolator
+    from scipy.spatial import ConvexHull, Delaunay
 
     mesh = Delaunay(places)
-    corners = places[mesh.simplices]
-    edges = corners[:, 1:] - corners[:, :1]
-    area = 0.5 * np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]).sum()
     # A mesh has two triangles for each marker, but for the border's.
-    pitch = float(np.sqrt(2.0 * area / len(corners)))
+    pitch = float(np.sqrt(2.0 * ConvexHull(places).volume / len(mesh.simplices)))
     low, high = places.min(axis=0), places.max(axis=0)
     axes = [np.arange(low[k], high[k] + 1e-9 * pitch, pitch) for k in range(2)]
     axes = [axis + 0.5 * (high[k] - axis[-1]) for k, axis in enumerate(axes)]
     points = np.column_stack([axis.ravel() for axis in np.meshgrid(*axes)])
-    triangle = mesh.find_simplex(points, tol=1e-6)
-    points, triangle = points[triangle >= 0], triangle[triangle >= 0]
-    to_shares, origin = mesh.transform[triangle, :2], mesh.transform[triangle, 2]
-    first = np.einsum("nij,nj->ni", to_shares, points - origin)
-    shares = np.column_stack([first, 1.0 - first.sum(axis=1)])
-    weights = np.zeros((len(points), len(places)))
-    np.put_along_axis(weights, mesh.simplices[triangle], shares, axis=1)
-    return pitch, points, weights
+    weights = LinearNDInterpolator(mesh, np.eye(len(places)))(points)
+    inside = np.isfinite(weights[:, 0])
+    return pitch, points[inside], weights[inside]
 
 
 class PatchEstimator:

@@ -77,17 +77,16 @@ def synthetic_series(
     sources = np.column_stack([axis.ravel() for axis in np.meshgrid(*axes)])
     reach = float(np.ptp(places, axis=0).max()) * REACH_SHARE + REACH_MARGIN_MM
     response = SurfaceResponse(skin, SPREAD * SOURCE_PITCH_MM, reach)
-    at_markers, own = response.matrix(places, sources), response.matrix(sources, sources)
-    depth = response.depth_matrix(places, sources).reshape(len(places), -1)
+    at_markers, own = response.matrix(places, sources), response.matrix(sources, sources)[:, :2]
+    at_markers = at_markers.reshape(3 * len(places), -1)
     modulus_mpa, out = skin.shear_modulus_kpa / KPA_PER_MPA, []
     for number in range(PARTS * ROUNDS):
         part = number % PARTS
         force = np.array([_contact(rng, sources, own, modulus_mpa, part) for _ in range(frames)])
-        flat = force.reshape(frames, -1)
-        moved = flat @ at_markers.reshape(2 * len(places), -1).T
-        moved = moved.reshape(frames, -1, 2)
+        moved = force.reshape(frames, -1) @ at_markers.T
+        moved, depth = np.split(moved.reshape(frames, -1, 3), [2], axis=2)
         if skin.camera_distance_mm is not None:
-            nearer = skin.camera_distance_mm / (skin.camera_distance_mm - flat @ depth.T)
+            nearer = skin.camera_distance_mm / (skin.camera_distance_mm - depth[..., 0])
             moved = (places + moved) * nearer[..., np.newaxis] - places
         moved += rng.normal(0.0, NOISE_MM, moved.shape)
         t_us = np.arange(frames, dtype=np.int64) * US_PER_FRAME

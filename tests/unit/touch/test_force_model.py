@@ -9,9 +9,8 @@ import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.pipeline.force_limit import ForceLimit
-from spikingtac.touch.force.fit import fit_force, score_force
+from spikingtac.touch.force.fit import fit_force, retarget, score_force
 from spikingtac.touch.force.model import ForceModel, Wrench, load_force
-from spikingtac.touch.force.retarget import retarget
 from spikingtac.touch.force.series import WrenchSeries, labelled
 from spikingtac.touch.network import Network, with_record
 from spikingtac.types import EventPacket, MarkerFrame
@@ -283,7 +282,7 @@ def test_files_without_forces_are_refused(tmp_path: Path, text: str) -> None:
     path.write_text(text)
     with pytest.raises(RecordingError, match=r"force\.csv"):
         labelled(watched(), path)
-    with pytest.raises(RecordingError, match="no forces"):
+    with pytest.raises(RecordingError, match="forces"):
         labelled(watched(), tmp_path)
 
 
@@ -291,5 +290,5 @@ def test_a_truncated_truth_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "truth.npz"
     np.savez(path, contact_t_us=np.arange(100), force_n=np.zeros((100, 3)))
     path.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(RecordingError, match="no forces"):
+    with pytest.raises(RecordingError, match="forces"):
         labelled(watched(), path)

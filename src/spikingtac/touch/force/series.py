@@ -6,7 +6,6 @@ The wrench stands in the same file, in a force sensor's CSV, or in the truth of 
 from __future__ import annotations
 
 import csv
-import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from spikingtac.arrays import one_line
 from spikingtac.errors import RecordingError
+from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, load_arrays
 
 Field = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -60,20 +60,17 @@ class WrenchSeries:
 
     def __post_init__(self) -> None:
         frames, moved, wrench = len(self.t_us), self.displacement, self.wrench
-        shape = moved.ndim == 3 and moved.shape == (frames, *self.reference.shape)
         rules = {
             f"{frames} times, markers of {self.reference.shape} and displacements of "
-            f"{moved.shape}; these must be (times, markers, coordinates)": shape,
-            f"{moved.shape[-1]} coordinates in {self.unit!r}; valid are 2 or 3 in mm or px": (
-                moved.shape[-1] in (2, 3) and self.unit in UNITS
-            ),
+            f"{moved.shape}; these must be (times, markers, coordinates), 2 or 3 coordinates in mm "
+            f"or px": moved.shape == (frames, *self.reference.shape)
+            and moved.shape[2:] in ((2,), (3,))
+            and self.unit in UNITS,
             f"the wrench is {wrench.shape}, it must have {frames} rows and at most the columns "
-            f"{', '.join(COMPONENTS)}": (
-                len(wrench) == frames and wrench.shape[1:] <= (len(COMPONENTS),)
-            ),
-            "displacements or forces are not finite numbers": (
-                np.isfinite(moved).all() and np.isfinite(wrench).all()
-            ),
+            f"{', '.join(COMPONENTS)}": len(wrench) == frames
+            and wrench.shape[1:] <= (len(COMPONENTS),),
+            "displacements or forces are not finite numbers": np.isfinite(moved).all()
+            and np.isfinite(wrench).all(),
             "the times run backwards; sort the rows by t_us": (np.diff(self.t_us) >= 0).all(),
         }
         for wrong, kept in rules.items():
@@ -96,11 +93,11 @@ def is_series(path: Path) -> bool:
     if path.suffix != ".npz" or not path.is_file():
         return False
     try:
-        with zipfile.ZipFile(path) as archive:
-            names = {name.removesuffix(".npy") for name in archive.namelist()}
-    except (zipfile.BadZipFile, OSError):
+        with np.load(path, allow_pickle=False) as archive:
+            names = set(archive.files)
+    except ARCHIVE_DAMAGE:
         return False
-    return names.issuperset(ARRAY_KEYS) or names.issuperset(TRACK_KEYS)
+    return names >= {*ARRAY_KEYS} or names >= {*TRACK_KEYS}
 
 
 def load_series(path: str | Path) -> WrenchSeries:
@@ -109,15 +106,10 @@ def load_series(path: str | Path) -> WrenchSeries:
     Raises:
         RecordingError: The file cannot be read or holds neither.
     """
-    source, wanted = Path(path), {*ARRAY_KEYS, *TRACK_KEYS, "wrench"}
-    try:
-        with np.load(source, allow_pickle=False) as archive:
-            values = {name: archive[name] for name in archive.files if name in wanted}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise RecordingError(f"cannot read displacements from {str(path)!r}: {error}") from error
-    if values.keys() >= set(ARRAY_KEYS):
+    values, source = load_arrays(path, "displacements"), Path(path)
+    if values.keys() >= {*ARRAY_KEYS}:
         reference, moved, unit = values["reference_mm"], values["displacement_mm"], "mm"
-    elif values.keys() >= set(TRACK_KEYS):
+    elif values.keys() >= {*TRACK_KEYS}:
         reference, unit = values["reference_px"], "px"
         moved = values["detected_px"] - reference
     else:
@@ -181,16 +173,15 @@ def _clock_offset_us(series: WrenchSeries, t_us: Times, wrench: Field) -> int:
 
 
 def _from_truth(path: Path) -> tuple[Times, Field]:
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            t_us, parts = archive["contact_t_us"], [archive["force_n"]]
-            if "torque_n_mm" in archive:
-                parts.append(archive["torque_n_mm"] / N_MM_PER_NM)
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+    values = load_arrays(path, "forces")
+    if not values.keys() >= {"contact_t_us", "force_n"}:
         raise RecordingError(
-            f"{str(path)!r} holds no forces: {error}; give a CSV or the truth.npz of a simulation"
-        ) from error
-    return t_us.astype(np.int64), np.hstack(parts).astype(np.float64)
+            f"{str(path)!r} holds no forces; give a CSV or a simulation's truth.npz"
+        )
+    parts = [values["force_n"]]
+    if "torque_n_mm" in values:
+        parts.append(values["torque_n_mm"] / N_MM_PER_NM)
+    return values["contact_t_us"].astype(np.int64), np.hstack(parts).astype(np.float64)
 
 
 def _from_csv(path: Path) -> tuple[Times, Field]:
