@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from slip_samples import SAMPLES, drawn
 
-from spikingtac.touch.slip.stream import FEATURES
+from spikingtac.touch.slip.features import FEATURES
 from spikingtac_paper.training.small_networks import Schedule, export, fit
 
 Field = NDArray[np.float64]

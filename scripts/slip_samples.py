@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.sim.gel import GelConfig
-from spikingtac.touch.slip.stream import FEATURES, FeatureStream
+from spikingtac.touch.slip.features import FEATURES, FeatureStream
 from spikingtac_paper.touch.contacts import CARRY, KINDS, VARIED_KINDS, draw_contact
 from spikingtac_paper.touch.slip import WatchedContact, watch_contact
 

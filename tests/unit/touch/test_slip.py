@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
 from spikingtac.touch.elastic import SkinConfig, SurfaceResponse
+from spikingtac.touch.slip.features import FeatureStream
 from spikingtac.touch.slip.held import HeldTouchDetector
-from spikingtac.touch.slip.monitor import Slip, SlipEstimate, SlipMonitor
-from spikingtac.touch.slip.stream import FeatureStream
+from spikingtac.touch.slip.monitor import Slip, SlipMonitor
 from spikingtac.types import MarkerFrame
 
 PITCH_MM, PX_PER_MM = 2.4, 15.4
@@ -19,39 +19,39 @@ PLACES_MM = PITCH_MM * np.column_stack([X.ravel(), Y.ravel()])
 REFERENCE = PLACES_MM * PX_PER_MM + 160.0
 
 
-class Scripted:
-    """A model that estimates what a test wants, one frame after the other."""
+def scripted(shares: list[float], monkeypatch: pytest.MonkeyPatch) -> SlipMonitor:
+    """Return a monitor that estimates what a test wants, one frame after the other."""
+    told = iter(shares)
 
-    def __init__(self, shares: list[float]) -> None:
-        self._shares = iter(shares)
+    def follow(monitor: SlipMonitor, t_us: int, features: np.ndarray) -> None:
+        share = next(told)
+        monitor._estimate = share, float(share < 0.8)
 
-    def reset(self) -> None:
-        """Nothing is remembered."""
-
-    def update(self, t_us: int, features: np.ndarray) -> SlipEstimate:
-        share = next(self._shares)
-        return SlipEstimate(share, float(share < 0.8))
-
-
-def scripted(shares: list[float]) -> SlipMonitor:
-    monitor = SlipMonitor(REFERENCE)
-    monitor._estimator = Scripted(shares)  # type: ignore[assignment]
-    return monitor
+    monkeypatch.setattr(SlipMonitor, "_follow", follow)
+    return SlipMonitor(REFERENCE)
 
 
 SETTLED = [1.0] * 20  # What is told of a contact in the first 20 ms, which count for nothing.
 
 
-def slips(shares: list[float]) -> list[Slip]:
-    """Return the slips of a touch of which the model tells these shares, every ms from 1 ms on."""
-    monitor, found = scripted(shares), []
-    for k in range(len(shares) + 1):
-        found.append(monitor.update(k * 1_000, 0.01 * k**2 * REFERENCE, touching=True))
-    found.append(monitor.finish(len(shares) * 1_000))
-    return [slip for slip in found if slip is not None]
+@pytest.fixture
+def slips(monkeypatch: pytest.MonkeyPatch) -> Callable[[list[float]], list[Slip]]:
+    """From shares that the model tells of a touch, every ms from 1 ms on, to its slips."""
+
+    def told(shares: list[float]) -> list[Slip]:
+        monitor, found = scripted(shares, monkeypatch), []
+        for k in range(len(shares) + 1):
+            found.append(monitor.update(k * 1_000, 0.01 * k**2 * REFERENCE, touching=True))
+        found.append(monitor.finish(len(shares) * 1_000))
+        return [slip for slip in found if slip is not None]
+
+    return told
 
 
-def test_an_incipient_slip_announces_the_gross_one() -> None:
+Slips = Callable[[list[float]], list[Slip]]
+
+
+def test_an_incipient_slip_announces_the_gross_one(slips: Slips) -> None:
     (slip,) = slips(SETTLED + [1.0] * 3 + [0.5] * 20 + [0.05] * 5 + [1.0] * 3)
     assert slip == Slip(24_000, 44_000, 49_000, 0.05)
     assert slip.lead_us == 20_000
@@ -60,28 +60,31 @@ def test_an_incipient_slip_announces_the_gross_one() -> None:
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.64, 0), (0.62, 1)])
-def test_no_slip_is_told_of_a_contact_most_of_which_sticks(share: float, told: int) -> None:
+def test_no_slip_is_told_of_a_contact_most_of_which_sticks(
+    slips: Slips, share: float, told: int
+) -> None:
     assert len(slips(SETTLED + [share] * 20)) == told
 
 
-def test_a_slip_does_not_end_where_more_sticks_for_a_moment() -> None:
+def test_a_slip_does_not_end_where_more_sticks_for_a_moment(slips: Slips) -> None:
     (slip,) = slips(SETTLED + [1.0] * 3 + ([0.6] * 5 + [0.75] * 5) * 3 + [1.0])
     assert (slip.incipient_us, slip.end_us) == (24_000, 54_000)
 
 
-def test_two_slips_of_a_touch_are_told_one_by_one() -> None:
+def test_two_slips_of_a_touch_are_told_one_by_one(slips: Slips) -> None:
     found = slips(SETTLED + ([1.0] * 3 + [0.5] * 6) * 2)
     assert [slip.gross_us for slip in found] == [None, None]
     assert [slip.end_us for slip in found] == [30_000, 38_000]
 
 
-def test_nothing_is_told_right_after_the_begin_of_a_touch() -> None:
+def test_nothing_is_told_right_after_the_begin_of_a_touch(slips: Slips) -> None:
     (slip,) = slips([0.5] * 40)
     assert slip.incipient_us == 20_000
 
 
-def test_a_skin_that_stands_still_rings_no_alarm() -> None:
-    monitor, rng = scripted([*SETTLED, *[0.15] * 300]), np.random.default_rng(0)
+def test_a_skin_that_stands_still_rings_no_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
+    monitor = scripted([*SETTLED, *[0.15] * 300], monkeypatch)
+    rng = np.random.default_rng(0)
     for k in range(300):
         moved = rng.normal(0.0, 0.05, REFERENCE.shape)
         assert monitor.update(k * 1_000, moved, touching=True) is None
@@ -90,9 +93,11 @@ def test_a_skin_that_stands_still_rings_no_alarm() -> None:
     assert monitor.finish(300_000) is None
 
 
-def test_a_slip_under_a_skin_that_stands_still_is_told_where_hardly_anything_sticks() -> None:
+def test_a_slip_under_a_skin_that_stands_still_is_told_where_hardly_anything_sticks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     moved = 0.02 * np.minimum(np.arange(300), 100)[:, None, None] * REFERENCE
-    monitor = scripted([1.0] * 145 + [0.05] * 155)
+    monitor = scripted([1.0] * 145 + [0.05] * 155, monkeypatch)
     for k in range(300):  # a slow twist: the skin moves no further, the body does
         assert monitor.update(k * 1_000, moved[k], touching=True) is None
     slip = monitor.finish(300_000)
@@ -111,11 +116,11 @@ def test_a_slip_under_a_skin_that_stands_still_is_told_where_hardly_anything_sti
     ],
 )
 def test_less_evidence_suffices_where_the_field_has_stopped_following(
-    stops: bool, speed: float, share: float, told: bool
+    monkeypatch: pytest.MonkeyPatch, stops: bool, speed: float, share: float, told: bool
 ) -> None:
     steps = np.where((np.arange(300) > 200) & stops, 0.1, 1.0)
     moved = speed * np.cumsum(steps)[:, None, None] * REFERENCE
-    monitor = scripted([share] * 300)
+    monitor = scripted([share] * 300, monkeypatch)
     for k in range(300):
         monitor.update(k * 1_000, moved[k], touching=True)
     slip = monitor.finish(300_000)
@@ -194,7 +199,9 @@ def cattaneo_mindlin(loads: np.ndarray) -> np.ndarray:
     axis = np.arange(-RADIUS_MM, RADIUS_MM + 1e-9, SOURCE_MM)
     sources = np.column_stack([part.ravel() for part in np.meshgrid(axis, axis)])
     r_mm = np.sqrt((sources**2).sum(axis=1))
-    response = SurfaceResponse(SkinConfig(), 0.6 * SOURCE_MM, 30.0).matrix(PLACES_MM, sources)
+    response = SurfaceResponse(SkinConfig(), 0.6 * SOURCE_MM, 30.0).matrix(PLACES_MM, sources)[
+        :, :2
+    ]
     pressing = PEAK_MPA * SOURCE_MM**2 * hertz(r_mm, RADIUS_MM)
     out = []
     for load in loads:

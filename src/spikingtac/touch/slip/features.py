@@ -13,9 +13,13 @@ J. Appl. Mech. 16, 1949).
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from math import log
+
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from spikingtac.calibration.lens import marker_pitch_px
 
 Field = NDArray[np.float64]
 
@@ -62,171 +66,193 @@ SHAPE_FEATURES, CHANGE_FEATURES, MOTION_FEATURES = 13, 11, 2 * _K + 6
 FIRST_MOTION = SHAPE_FEATURES + CHANGE_FEATURES * len(SPANS_US)
 FEATURES = FIRST_MOTION + MOTION_FEATURES * len(MOTION_SPANS_US)
 
-# Where the logarithm of the field's speed over each span stands among the features.
-SPEEDS = tuple(SHAPE_FEATURES + CHANGE_FEATURES * span for span in range(len(SPANS_US)))
+
+# Frames further apart say nothing of slip: the shortest span must hold some, us.
+LONGEST_GAP_US = 6_000
+US_PER_S = 1e6
+
+# Change over the longest span, pitches, below which the skin stands still: 0.3 of 37 px (a
+# tracker's errors make a third of it, a drag of 2 mm/s makes it in 10 ms).
+STILL = 0.008
+
+# Speed over the middle span, as a share of the usual one, below which it stands still, too: 0.03
+# px in 40 ms (0.008 to 0.03 are alike; the errors of a tracker make 0.005).
+PAUSED = 0.017
 
 
-@njit(cache=True, nogil=True)
-def field_summary_kernel(places: Field, moved: Field, out: Field) -> None:
-    """Summarise one field.
+def summaries(places: Field, moved: Field) -> Field:
+    """Summarise fields, ``(f, SIZE)``.
 
     Shifts, growths and turns are in pitches (growth and turn: of a place one pitch from the
     centre); the centre is in pitches from the image's origin.
 
     Args:
         places: ``(m, 2)`` markers at rest, pitches.
-        moved: ``(m, 2)`` their displacements, pitches.
-        out: ``(SIZE,)`` overwritten.
+        moved: ``(f, m, 2)`` their displacements, pitches.
     """
-    total, x0, y0 = 0.0, 0.0, 0.0
-    for marker in range(len(places)):
-        square = moved[marker, 0] ** 2 + moved[marker, 1] ** 2 + LEAST_SQUARE
-        total += square
-        x0 += square * places[marker, 0]
-        y0 += square * places[marker, 1]
-    x0 /= total
-    y0 /= total
-    for k in range(_K):
-        weight, x, y, arm, out_of, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for marker in range(len(places)):
-            away_x, away_y = places[marker, 0] - x0, places[marker, 1] - y0
-            far = away_x**2 + away_y**2
-            share = np.exp(-DECAY[k] * far)
-            u, v = moved[marker, 0], moved[marker, 1]
-            weight += share
-            x += share * u
-            y += share * v
-            arm += share * far
-            out_of += share * (u * away_x + v * away_y)
-            turn += share * (away_x * v - away_y * u)
-        arm = arm / weight + LEAST_ARM
-        out[2 * k], out[2 * k + 1] = x / weight, y / weight
-        out[2 * _K + k] = out_of / weight / arm
-        out[3 * _K + k] = turn / weight / arm
-    out[4 * _K], out[4 * _K + 1] = x0, y0
+    square = (moved**2).sum(axis=2) + LEAST_SQUARE
+    center = square @ places / square.sum(axis=1, keepdims=True)
+    away = places - center[:, None]
+    far = (away**2).sum(axis=2)
+    share = np.exp(-DECAY[:, None] * far[:, None])
+    share /= share.sum(axis=2, keepdims=True)
+    crossed = away[..., 0] * moved[..., 1] - away[..., 1] * moved[..., 0]
+    sums = share @ np.stack(
+        [*np.moveaxis(moved, 2, 0), far, (moved * away).sum(axis=2), crossed], 2
+    )
+    arm = sums[..., 2] + LEAST_ARM
+    shifts = sums[..., :2].reshape(len(moved), -1)
+    return np.hstack([shifts, sums[..., 3] / arm, sums[..., 4] / arm, center])
 
 
-@njit(cache=True, nogil=True)
-def slip_features_kernel(now: Field, before: Field, spans_s: Field, out: Field) -> None:
-    """Fill the features ``(FIRST_MOTION,)`` of a field's shape and of its changes.
+def _parts(summary: Field) -> tuple[Field, Field, Field, Field, Field]:
+    """Return shifts ``(..., 4, 2)``, growths, turns, centre and size of summaries.
+
+    The size is the root mean square over the widths of shifts, growths and turns.
+    """
+    shifts = summary[..., : 2 * _K].reshape(*summary.shape[:-1], _K, 2)
+    growths, turns = summary[..., 2 * _K : 3 * _K], summary[..., 3 * _K : 4 * _K]
+    size = np.sqrt((summary[..., : 4 * _K] ** 2).sum(axis=-1) / _K)
+    return shifts, growths, turns, summary[..., 4 * _K :], size
+
+
+def _direction(shift: Field) -> Field:
+    """Return unit vectors ``(..., 2)`` along shifts; along x where there is none."""
+    length = np.hypot(shift[..., :1], shift[..., 1:])
+    return np.where(length > 0.0, shift / np.where(length > 0.0, length, 1.0), [1.0, 0.0])
+
+
+def shape_features(now: Field, before: Field, spans_s: Field) -> tuple[Field, Field]:
+    """Return the features ``(SHAPE_FEATURES,)`` of a field's shape and those of its changes.
 
     Args:
         now: ``(SIZE,)`` summary of the field.
         before: ``(s, SIZE)`` summaries of the fields at the beginnings of the spans.
         spans_s: ``(s,)`` lengths of the spans, s.
-        out: Overwritten.
     """
-    strength = np.hypot(now[2 * MIDDLE], now[2 * MIDDLE + 1])
-    growth, turn = now[2 * _K + MIDDLE], now[3 * _K + MIDDLE]
+    shifts, growths, turns, _, _ = _parts(now)
+    lengths = np.hypot(shifts[:, 0], shifts[:, 1])
+    strength, growth, turn = lengths[MIDDLE], growths[MIDDLE], turns[MIDDLE]
     total = np.sqrt(strength**2 + growth**2 + turn**2) + SCATTER
-    out[0] = np.log(total / SCATTER)
-    out[1], out[2], out[3] = strength / total, growth / total, abs(turn) / total
-    for number in range(len(_OTHERS)):
-        k = _OTHERS[number]
-        out[4 + number] = np.hypot(now[2 * k], now[2 * k + 1]) / (strength + SCATTER)
-        out[7 + number] = now[2 * _K + k] * np.sign(growth) / (abs(growth) + SCATTER)
-        out[10 + number] = abs(now[3 * _K + k]) / (abs(turn) + SCATTER)
-    x, y = 1.0, 0.0
-    if strength > 0.0:
-        x, y = now[2 * MIDDLE] / strength, now[2 * MIDDLE + 1] / strength
-    for span in range(len(before)):
-        change = now - before[span]
-        part = out[SHAPE_FEATURES + CHANGE_FEATURES * span :]
-        size = size_kernel(change)
-        noisy = size + CHANGE_SCATTER
-        part[0] = np.log(size / (spans_s[span] * USUAL_SPEED) + LEAST_SPEED)
-        for k in range(_K):
-            part[1 + k] = (change[2 * k] * x + change[2 * k + 1] * y) / noisy
-        across = change[2 * MIDDLE + 1] * x - change[2 * MIDDLE] * y
-        part[5], part[6] = abs(across) / noisy, change[2 * _K + MIDDLE] / noisy
-        part[7] = change[3 * _K + MIDDLE] * np.sign(turn) / noisy
-        part[8], part[9] = change[3 * _K - 1] / noisy, change[2 * _K] / noisy
-        wander = change[4 * _K] * x + change[4 * _K + 1] * y
-        part[10] = CENTER_SHARE * wander / (size / total + CENTER_SLACK)
-    clip_kernel(out)
+    shape = np.hstack(
+        [
+            [log(total / SCATTER), strength / total, growth / total, abs(turn) / total],
+            lengths[_OTHERS] / (strength + SCATTER),
+            growths[_OTHERS] * np.sign(growth) / (abs(growth) + SCATTER),
+            np.abs(turns[_OTHERS]) / (abs(turn) + SCATTER),
+        ]
+    )
+    x, y = along = _direction(shifts[MIDDLE])
+    shifts, growths, turns, center, size = _parts(now - before)
+    noisy = size + CHANGE_SCATTER
+    changes = np.column_stack(
+        [
+            np.log(size / (spans_s * USUAL_SPEED) + LEAST_SPEED),
+            shifts @ along / noisy[:, None],
+            np.abs(shifts[:, MIDDLE, 1] * x - shifts[:, MIDDLE, 0] * y) / noisy,
+            growths[:, MIDDLE] / noisy,
+            turns[:, MIDDLE] * np.sign(turn) / noisy,
+            growths[:, -1] / noisy,
+            growths[:, 0] / noisy,
+            CENTER_SHARE * (center @ along) / (size / total + CENTER_SLACK),
+        ]
+    )
+    return shape, changes
 
 
-@njit(cache=True, nogil=True)
-def own_motion_kernel(
-    places: Field, motion: Field, now: Field, elapsed_us: int, out: Field
-) -> None:
-    """Fill the features ``(MOTION_FEATURES,)`` of a motion about its own centre.
+def motion_features(own: Field, now: Field, elapsed_s: Field) -> Field:
+    """Return the features ``(k, MOTION_FEATURES)`` of motions about their own centres.
 
     Args:
-        places: ``(m, 2)`` markers at rest, pitches.
-        motion: ``(m, 2)`` how far the markers have moved of late, pitches.
+        own: ``(k, SIZE)`` summaries of how far the markers have moved of late.
         now: ``(SIZE,)`` summary of the whole field.
-        elapsed_us: Time that the motion has taken, us.
-        out: Overwritten.
+        elapsed_s: ``(k,)`` times that the motions have taken, s.
     """
-    own = np.empty(SIZE)
-    field_summary_kernel(places, motion, own)
-    size = size_kernel(own)
-    noisy, known = size + CHANGE_SCATTER, size / (size + SLIGHT)
-    elapsed_s = max(elapsed_us, 1) / 1e6
-    out[0] = np.log(size / (elapsed_s * USUAL_SPEED) + LEAST_SPEED)
-    for k in range(_K):
-        out[1 + k] = np.hypot(own[2 * k], own[2 * k + 1]) / noisy
-    for k in range(_K - 1):
-        out[1 + _K + k] = own[2 * _K + k] / noisy
-        out[2 * _K + k] = abs(own[3 * _K + k]) / noisy
-    length = np.hypot(own[2 * MIDDLE], own[2 * MIDDLE + 1])
-    x, y = 1.0, 0.0
-    if length > 0.0:
-        x, y = own[2 * MIDDLE] / length, own[2 * MIDDLE + 1] / length
-    away_x, away_y = own[4 * _K] - now[4 * _K], own[4 * _K + 1] - now[4 * _K + 1]
-    last = 3 * _K - 1
-    out[last] = AWAY_SCALE * known * (away_x * x + away_y * y)
-    out[last + 1] = AWAY_SCALE * known * abs(away_y * x - away_x * y)
-    along = now[2 * MIDDLE] * x + now[2 * MIDDLE + 1] * y
-    strength = np.hypot(now[2 * MIDDLE], now[2 * MIDDLE + 1])
-    out[last + 2] = known * along / (strength + SLIGHT)
-    clip_kernel(out)
+    shifts, growths, turns, center, size = _parts(own)
+    whole, _, _, whole_center, _ = _parts(now)
+    noisy, known = (size + CHANGE_SCATTER)[:, None], size / (size + SLIGHT)
+    along, away = _direction(shifts[:, MIDDLE]), center - whole_center
+    across = away[:, 1] * along[:, 0] - away[:, 0] * along[:, 1]
+    return np.column_stack(
+        [
+            np.log(size / (elapsed_s * USUAL_SPEED) + LEAST_SPEED),
+            np.hypot(shifts[..., 0], shifts[..., 1]) / noisy,
+            growths[:, :-1] / noisy,
+            np.abs(turns[:, :-1]) / noisy,
+            AWAY_SCALE * known * (away * along).sum(axis=1),
+            AWAY_SCALE * known * np.abs(across),
+            known * (along @ whole[MIDDLE]) / (np.hypot(*whole[MIDDLE]) + SLIGHT),
+        ]
+    )
 
 
-@njit(cache=True, nogil=True)
-def size_kernel(change: Field) -> float:
-    """Return the root mean square over the widths of shifts, growths and turns of a change."""
-    square = 0.0
-    for k in range(4 * _K):
-        square += change[k] ** 2
-    return float(np.sqrt(square / _K))
+class FeatureStream:
+    """Turns displacement fields into features, causally, with a memory of the longest span.
 
+    Example:
+        >>> axes = np.meshgrid(np.arange(8.0), np.arange(8.0))
+        >>> reference = 37.0 * np.column_stack([axis.ravel() for axis in axes])
+        >>> stream = FeatureStream(reference)
+        >>> stream.update(0, np.zeros((64, 2))) is None  # nothing is known of its change
+        True
+        >>> stream.update(1_000, np.ones((64, 2))).shape
+        (99,)
 
-@njit(cache=True, nogil=True)
-def clip_kernel(out: Field) -> None:
-    """Clip features at their largest amount."""
-    for k in range(len(out)):
-        out[k] = min(max(out[k], -LARGEST), LARGEST)
-
-
-@njit(cache=True, nogil=True)
-def spans_kernel(
-    times_us: NDArray[np.int64],
-    rows: Field,
-    count: int,
-    spans_us: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    before: Field,
-) -> None:
-    """Fill the rows at the beginnings of the spans.
-
-    Args:
-        times_us: ``(c,)`` times of the frames, us; frame k lies in slot k modulo c.
-        rows: ``(c, n)`` what is kept of each.
-        count: Frames so far.
-        spans_us: ``(s,)`` spans up to the last frame, us.
-        starts: ``(s,)`` number of the frame at which each began before; moved on to the last one
-            at or before its beginning, or to the first that is remembered.
-        before: ``(s, n)`` overwritten.
+    Attributes:
+        known: Whether the last two frames were near enough to each other.
+        still: Whether the skin stood still over the longest span or, more strictly, the middle one.
+        slowing: Logarithm of the field's speed over 10 ms by that over the longest span.
     """
-    capacity = len(times_us)
-    now = (count - 1) % capacity
-    for number in range(len(spans_us)):
-        start = max(starts[number], count - capacity)
-        begin_us = times_us[now] - spans_us[number]
-        while start + 1 < count and times_us[(start + 1) % capacity] <= begin_us:
-            start += 1
-        starts[number] = start
-        for k in range(rows.shape[1]):
-            before[number, k] = rows[start % capacity, k]
+
+    def __init__(self, reference: Field) -> None:
+        """Start without a memory.
+
+        Args:
+            reference: ``(m, 2)`` markers at rest, px or mm.
+
+        Raises:
+            ConfigError: Fewer than two markers.
+        """
+        self._pitch = marker_pitch_px(reference)
+        self._places = reference / self._pitch
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every frame."""
+        self._times: list[int] = []
+        self._moved: list[Field] = []
+        self.known, self.still, self.slowing = False, True, 0.0
+
+    def update(self, t_us: int, displacement: Field, wanted: bool = True) -> Field | None:
+        """Take in displacements ``(m, 2)`` from the rest and return their features.
+
+        Returns:
+            ``(FEATURES,)``, or None for the first frame and after a gap, or where not wanted.
+        """
+        if self._times and not 0 < t_us - self._times[-1] <= LONGEST_GAP_US:
+            self.reset()
+        self.known = bool(self._times)
+        self._times.append(t_us)
+        self._moved.append(displacement / self._pitch)
+        # The longest span begins at the first frame that is kept.
+        while len(self._times) > 1 and self._times[1] <= t_us - SPANS_US[-1]:
+            del self._times[0], self._moved[0]
+        return self._features(t_us) if wanted and self.known else None
+
+    def _features(self, t_us: int) -> Field:
+        spans_us = (*SPANS_US, *MOTION_SPANS_US)
+        starts = [max(bisect_right(self._times, t_us - span) - 1, 0) for span in spans_us]
+        moved, count = np.array([self._moved[-1], *(self._moved[k] for k in starts)]), len(SPANS_US)
+        moved[1 + count :] = moved[0] - moved[1 + count :]
+        now, *rows = summaries(self._places, moved)
+        before, own = np.array(rows[:count]), np.array(rows[count:])
+        shape, changes = shape_features(now, before, np.array(SPANS_US) / US_PER_S)
+        elapsed_us = t_us - np.array([self._times[k] for k in starts[count:]])
+        motions = motion_features(own, now, np.maximum(elapsed_us, 1) / US_PER_S)
+        _, short, middle, long = np.minimum(changes[:, 0], LARGEST).tolist()
+        # Shifts, growths and turns over the longest span; the centre's place is no motion.
+        change = float(((now - before[-1])[: 4 * _K] ** 2).sum())
+        self.still = middle < log(PAUSED + LEAST_SPEED) or change < len(WIDTHS) * STILL**2
+        self.slowing = short - long
+        features = np.concatenate([shape, changes.ravel(), motions.ravel()])
+        return features.clip(-LARGEST, LARGEST)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import log
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.touch.network import packaged
-from spikingtac.touch.slip.stream import FeatureStream
+from spikingtac.touch.slip.features import FeatureStream
 
 Field = NDArray[np.float64]
 Phase = Literal["stick", "incipient", "gross"]
@@ -88,52 +88,15 @@ class Slip:
         return self.gross_us - self.incipient_us
 
 
-class SlipEstimate(NamedTuple):
-    """What the networks estimate of a contact.
-
-    Attributes:
-        share: Share of the contact that sticks, 0 to 1.
-        incipient: Probability that part of it slips.
-    """
-
-    share: float
-    incipient: float
-
-
-class SlipEstimator:
-    """Four recurrent networks on the features of a contact, and the mean of what they tell.
-
-    A body that turns back or stops looks like one that slips, for a moment; what went before tells
-    them apart. The networks were trained in different ways and two of them on other contacts, so
-    their errors differ. They are fitted to contacts on the twin, whose sticking part is known
-    (``scripts/fit_slip_model.py``). A real skin's share has no instrument.
-    """
-
-    def __init__(self) -> None:
-        """Start without a contact."""
-        self._network = packaged("slip.onnx")
-        self._step_us = int(self._network.record["step_us"])
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the contact: nothing has touched for long."""
-        self._hidden = np.array(self._network.record["initial"])
-        self._next_us: int | None = None
-        self._estimate = SlipEstimate(1.0, 0.0)
-
-    def update(self, t_us: int, features: Field) -> SlipEstimate:
-        """Take in the features ``(FEATURES,)`` of a frame and return the estimate."""
-        next_us = t_us if self._next_us is None else self._next_us
-        if t_us >= next_us:
-            told, self._hidden = self._network(features[None], self._hidden)
-            self._estimate = SlipEstimate(*told.tolist())
-            next_us = max(next_us + self._step_us, t_us)
-        self._next_us = next_us
-        return self._estimate
-
-
 class SlipMonitor:
     """Watches one sensor's contact and reports its slips, causally.
+
+    Four recurrent networks tell the share that sticks and the probability of a slip from the
+    features of a contact; the mean counts. A body that turns back or stops looks like one that
+    slips, for a moment; what went before tells them apart. The networks were trained in different
+    ways and two of them on other contacts, so their errors differ. They are fitted to contacts on
+    the twin, whose sticking part is known (``scripts/fit_slip_model.py``). A real skin's share has
+    no instrument.
 
     Example:
         >>> touches = TouchDetector(reference_px)  # doctest: +SKIP
@@ -152,17 +115,25 @@ class SlipMonitor:
     def __init__(self, reference: Field) -> None:
         """Start without a contact; ``reference`` are the markers ``(m, 2)`` at rest, px or mm."""
         self._features = FeatureStream(reference)
-        self._estimator = SlipEstimator()
+        self._network = packaged("slip.onnx")
+        self._step_us = int(self._network.record["step_us"])
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self.state: SlipState | None = None
+        self.state: SlipState | None
         self.tells = False
         self._features.reset()
-        self._estimator.reset()
         self._touched_us: int | None = None
+        self._leave()
         self._forget()
+
+    def _leave(self) -> None:
+        """Forget the contact: nothing has touched for long."""
+        self._hidden = np.array(self._network.record["initial"])
+        self._next_us: int | None = None
+        self._estimate = 1.0, 0.0
+        self.state = None
 
     def _forget(self) -> None:
         """Forget the open slip."""
@@ -180,21 +151,29 @@ class SlipMonitor:
                 unit of the reference.
             touching: Whether something touches (:class:`TouchDetector`).
         """
-        features = self._features.update(t_us, displacement)
-        self.tells = features is not None
+        features = self._features.update(t_us, displacement, touching)
+        self.tells = self._features.known
         if not touching:
             self._touched_us = None
         elif self._touched_us is None:
             self._touched_us = t_us
         if features is None or self._touched_us is None:
-            self._estimator.reset()
-            self.state = None
+            self._leave()
             return self.finish(t_us)
-        estimate = self._estimator.update(t_us, features)
+        self._follow(t_us, features)
         if t_us - self._touched_us < SETTLE_US:
             self.state = None
             return None
-        return self._told(t_us, estimate)
+        return self._told(t_us, *self._estimate)
+
+    def _follow(self, t_us: int, features: Field) -> None:
+        """Take in the features ``(FEATURES,)`` of a frame: the networks step at their own rate."""
+        next_us = t_us if self._next_us is None else self._next_us
+        if t_us >= next_us:
+            told, self._hidden = self._network(features[None], self._hidden)
+            share, incipient = told.tolist()
+            self._estimate, next_us = (share, incipient), max(next_us + self._step_us, t_us)
+        self._next_us = next_us
 
     def finish(self, t_us: int) -> Slip | None:
         """Return the open slip as one that ends at a time, us, and forget it."""
@@ -204,16 +183,16 @@ class SlipMonitor:
             self._forget()
         return slip
 
-    def _told(self, t_us: int, estimate: SlipEstimate) -> Slip | None:
-        slips = 1.0 - estimate.share
+    def _told(self, t_us: int, share: float, incipient: float) -> Slip | None:
+        slips = 1.0 - share
         surely = slips > STILL_PROBABILITY and not self._all_slips
         if self._features.still and self.state is not None and not surely:
             # Nothing new is seen of a skin that stands still: its errors must not ring an alarm.
             self.state = replace(self.state, t_us=t_us)
             return None
         # The share counts where an alarm begins: one slip would ring at each crossing of it.
-        begins = estimate.share < INCIPIENT_SHARE and estimate.incipient > INCIPIENT_PROBABILITY
-        goes_on = estimate.incipient > END_SHARE * INCIPIENT_PROBABILITY
+        begins = share < INCIPIENT_SHARE and incipient > INCIPIENT_PROBABILITY
+        goes_on = incipient > END_SHARE * INCIPIENT_PROBABILITY
         part_slips = goes_on if self._part_slips else begins
         if part_slips and not self._part_slips and self._gross_us is None:
             self._incipient_us = t_us if self._incipient_us is None else self._incipient_us
@@ -225,8 +204,8 @@ class SlipMonitor:
             self._gross_us = t_us
         self._part_slips, self._all_slips = part_slips, all_slips
         phase: Phase = "gross" if all_slips else "incipient" if part_slips else "stick"
-        self.state = SlipState(t_us, estimate.share, estimate.incipient, slips, phase)
+        self.state = SlipState(t_us, share, incipient, slips, phase)
         if phase == "stick":
             return self.finish(t_us)
-        self._least = min(self._least, estimate.share)
+        self._least = min(self._least, share)
         return None
