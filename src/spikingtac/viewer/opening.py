@@ -24,7 +24,9 @@ from spikingtac.pipeline.track import require_same_size
 from spikingtac.sim.twin_camera import is_twin, twin_options
 from spikingtac.stream.host import Factory
 from spikingtac.stream.sources import LiveSource, RemoteSource
+from spikingtac.touch.force.model import load_force
 from spikingtac.viewer.calibrating import CalibrationDesk, NothingToTune, SaveTarget
+from spikingtac.viewer.record import FeltLayer
 from spikingtac.viewer.source import SampledTruth, ViewSource
 
 CALIBRATION_NAME = "calibration.json"
@@ -86,13 +88,10 @@ def open_view_source(
         view = replace(view, calibration=given, calibrated_by=calibration, own_calibration=False)
     require_same_size(view.source.size, view.calibration.size)
     view = calibrated_view(view, view.calibration, preset=preset, rate_hz=rate_hz)
-    if force is None:
-        return view
-    from spikingtac.touch.force.model import load_force
-    from spikingtac.viewer.record import FeltLayer
-
-    layer = FeltLayer(view.calibration.reference_px, view.rate_hz, load_force(force))
-    return replace(view, felt=layer)
+    if force is not None:
+        layer = FeltLayer(view.calibration.reference_px, view.rate_hz, load_force(force))
+        view = replace(view, felt=layer)
+    return view
 
 
 def calibrated_view(
