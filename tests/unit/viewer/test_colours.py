@@ -20,13 +20,10 @@ LEAST_CONTRAST, TEXT_CONTRAST = 3.0, 4.5  # WCAG 2.1, 1.4.11 and 1.4.3
 
 # Machado, Oliveira and Fernandes, "A physiologically-based model for simulation of color vision
 # deficiency", IEEE TVCG 2009: deuteranopia, in linear RGB.
-DEUTERANOPIA = np.array(
-    [
-        [0.367322, 0.860646, -0.227968],
-        [0.280085, 0.672501, 0.047413],
-        [-0.011820, 0.042940, 0.968881],
-    ]
-)
+DEUTERANOPIA = np.array([
+    [0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+    [-0.011820, 0.042940, 0.968881],
+])  # fmt: skip
 TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 WHITE = np.array([0.9505, 1.0, 1.089])
 
@@ -66,13 +63,9 @@ def test_what_is_drawn_together_is_told_apart(theme: str, deuteranope: bool) -> 
     colours = themes()[theme]
     pairs = list(itertools.combinations(TOLD_APART, 2))
     pairs += list(itertools.product(TOLD_APART, SCALE))
-    found = {
-        f"{one}, {other}": round(
-            difference(colours[one], colours[other], deuteranope=deuteranope), 1
-        )
-        for one, other in pairs
-    }
-    assert {pair: far for pair, far in found.items() if far < LEAST_DIFFERENCE} == {}
+    for one, other in pairs:
+        far = difference(colours[one], colours[other], deuteranope=deuteranope)
+        assert far >= LEAST_DIFFERENCE, (one, other)
 
 
 @pytest.mark.parametrize("theme", ["dark", "light"])
@@ -84,12 +77,7 @@ def test_what_is_drawn_stands_out(theme: str) -> None:
         assert {name: round(c, 2) for name, c in found.items() if c < LEAST_CONTRAST} == {}
     for name in ("text", "soft"):
         assert contrast(colours[name], colours["panel"]) >= TEXT_CONTRAST
-
-
-@pytest.mark.parametrize("theme", ["dark", "light"])
-def test_the_scale_goes_one_way(theme: str) -> None:
-    """Longer arrows stand out more, also in a grey print."""
-    colours = themes()[theme]
+    # Longer arrows stand out more, also in a grey print.
     grey = [contrast(colours[name], colours["image"]) for name in SCALE]
     assert grey == sorted(grey)
 

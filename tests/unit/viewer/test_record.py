@@ -1,14 +1,22 @@
-"""The record of what was shown: small, whole, and drawn where there is something to draw."""
+"""What is kept of every estimate: a small, whole record, and what is felt."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from spikingtac.errors import ConfigError
+from spikingtac.touch.elastic import SkinConfig
+from spikingtac.touch.force.fit import fit_force
+from spikingtac.touch.force.model import ForceModel
+from spikingtac.touch.synthetic_contacts import synthetic_series
+from spikingtac.types import MarkerFrame
 from spikingtac.viewer import record as module
 from spikingtac.viewer.export import steps, summarize, tracked
+from spikingtac.viewer.record import FeltLayer
 from stand_ins.viewer import open_circling
 
 
@@ -43,3 +51,40 @@ def test_a_recording_is_summarized_to_its_end() -> None:
     summary = summarize(open_circling(300_000))
     assert summary["played_s"] == pytest.approx(0.3, abs=0.011)
     assert summary["estimates"] == pytest.approx(300, abs=12)
+
+
+X, Y = np.meshgrid(np.arange(6.0), np.arange(6.0))
+REFERENCE = 37.0 * np.column_stack([X.ravel(), Y.ravel()]) + 40.0
+
+
+@pytest.fixture(scope="module")
+def model() -> ForceModel:
+    return fit_force(synthetic_series(SkinConfig(), REFERENCE, 15.4, frames=70))
+
+
+def frame(t_us: int, moved: np.ndarray) -> MarkerFrame:
+    place, markers = REFERENCE + moved, len(REFERENCE)
+    return MarkerFrame(t_us, place, place, moved, np.zeros(markers, np.bool_), np.ones(markers))
+
+
+def test_a_press_shows_force_patch_and_later_a_spectrum(model: ForceModel) -> None:
+    layer = FeltLayer(REFERENCE, 200.0, model)
+    assert layer.shown() == {}
+    away = (REFERENCE - REFERENCE.mean(axis=0)) / 37.0
+    press = 3.0 * away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True))
+    for k in range(150):
+        share = np.clip((k - 50) / 40, 0.0, 1.0) ** 2
+        layer.take(frame(k * 5_000, share * press))
+    shown = layer.shown()
+    json.dumps(shown, allow_nan=False)
+    assert shown["force_n"][2] > 0.05
+    assert len(shown["outline_px"]) >= 3
+    np.testing.assert_allclose(shown["place_px"], REFERENCE.mean(axis=0), atol=20.0)
+    assert len(shown["spectrum_px"]) > 10
+    layer.take(frame(0, 0.0 * press))
+    assert layer.shown()["outline_px"] is None
+
+
+def test_a_model_of_another_sensor_is_refused(model: ForceModel) -> None:
+    with pytest.raises(ConfigError, match=r"\(36, 2\) in px"):
+        FeltLayer(REFERENCE[:9], 200.0, model)

@@ -1,4 +1,4 @@
-"""Every answer carries the security headers; no request and no silent page is waited for."""
+"""Who may see the page, what every answer carries, and that nothing silent is waited for."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ import pytest
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
-from spikingtac.errors import DeviceError
+from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.stream.host import Factory
 from spikingtac.viewer import server
 from spikingtac.viewer import show as show_module
 from spikingtac.viewer.access import Gate, listen
-from spikingtac.viewer.server import UNACKNOWLEDGED, PageServer
+from spikingtac.viewer.server import UNACKNOWLEDGED, PageServer, serve
 from spikingtac.viewer.show import PageOptions, SessionProcess, show
 from stand_ins.viewer import open_circling, open_nothing
 
@@ -76,27 +76,22 @@ def get(path: str, headers: dict[str, str], token: str = "", sessions: int = 1) 
 @pytest.mark.parametrize(
     ("path", "headers", "status"),
     [
-        ("/", {}, 200),
-        ("/missing.js", {}, 404),
-        ("/no/such/path", {}, 404),
-        ("/../wire.py", {}, 404),
-        ("/socket", {}, 426),
+        ("/", {}, 200), ("/missing.js", {}, 404), ("/../wire.py", {}, 404), ("/socket", {}, 426),
         ("/socket", {"Origin": "http://evil.example"}, 403),
-        ("/", {"Origin": "http://evil.example"}, 403),
-        ("/", {"Host": "evil.example"}, 403),
+        ("/", {"Origin": "http://evil.example"}, 403), ("/", {"Host": "evil.example"}, 403),
         ("/viewer.js", {"Host": "evil.example; script-src *"}, 403),
     ],
-)
+)  # fmt: skip
 def test_every_answer_carries_the_security_headers(
     path: str, headers: dict[str, str], status: int
 ) -> None:
     found, answer = get(path, headers)
     head = answer.partition("\r\n\r\n")[0].lower()
     assert found == status
-    assert "content-security-policy: default-src 'none'" in head
     assert "evil" not in head
-    assert "x-content-type-options: nosniff" in head
-    assert "cache-control: no-store" in head
+    for line in ("content-security-policy: default-src 'none'", "x-content-type-options: nosniff",
+                 "cache-control: no-store"):  # fmt: skip
+        assert line in head
 
 
 @pytest.mark.parametrize("token", ["", "s3cret"])
@@ -262,3 +257,59 @@ def test_a_session_that_cannot_open_says_why() -> None:
             session.require_alive()
     finally:
         session.close()
+
+
+ELSEWHERE = "192.0.2.1"  # An address of documentation (RFC 5737): no machine has it.
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "", "evil.example", "127.0.0.1.evil.example", "localhost.evil.example:8765",
+        "192.168.0.7:8765", "localhost:80; script-src *", "localhost:80@evil.example",
+    ],
+)  # fmt: skip
+def test_other_hosts_are_refused(host: str) -> None:
+    assert "Host" in Gate().refusal({"host": host})
+
+
+@pytest.mark.parametrize(
+    "origin",
+    ["http://evil.example", "null", "http://127.0.0.1:3000", "http://localhost:8765", "file://"],
+)
+def test_foreign_origins_are_refused(origin: str) -> None:
+    assert "Origin" in Gate().refusal({"host": "127.0.0.1:8765", "origin": origin})
+
+
+def test_beyond_loopback_a_token_is_needed() -> None:
+    gate = Gate.for_host("0.0.0.0")
+    assert len(gate.token) >= 24
+    headers = {"host": "lab.example:8765"}
+    assert "token" in gate.refusal(headers)
+    assert "token" in gate.refusal(headers, "ü" + gate.token[1:])
+    assert gate.refusal(headers, gate.token) == ""
+    assert "Origin" in gate.refusal({**headers, "origin": "http://evil.example"}, gate.token)
+    assert Gate.for_host("0.0.0.0").token != gate.token
+
+
+def test_an_address_that_cannot_be_served_on_is_refused_at_once() -> None:
+    with listen("127.0.0.1", 0) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(DeviceError, match=f"{port} of 127.0.0.1 is in use.*--port N"):
+            listen("127.0.0.1", port)
+    with pytest.raises(ConfigError, match=f"--host '{ELSEWHERE}' is no address of this machine"):
+        listen(ELSEWHERE, 0)
+
+
+def test_an_interrupt_that_comes_while_the_session_is_asked_is_not_lost() -> None:
+    asked = 0
+
+    def alive() -> bool:
+        nonlocal asked
+        asked += 1
+        if asked == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        return asked < 30
+
+    serve(PageServer([], Gate()), listen("127.0.0.1", 0), alive)
+    assert 3 <= asked < 30

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -13,13 +14,8 @@ from spikingtac.viewer import session as module
 from spikingtac.viewer import source
 from spikingtac.viewer.server import CommandError, parse_command
 from spikingtac.viewer.session import Session
-from stand_ins.viewer import (
-    SIZE,
-    CirclingDots,
-    open_circling,
-    positions_px,
-    reference_px,
-)
+from spikingtac.viewer.source import ViewSource
+from stand_ins.viewer import SIZE, CirclingDots, open_circling, positions_px, reference_px
 from stand_ins.wire import decode, unpack
 
 
@@ -34,22 +30,30 @@ class Kept:
         return True
 
 
-@pytest.fixture
-def opened(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kept]]:
-    monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
-    frames, greetings = Kept(), Kept()
-    session = Session(open_circling(duration_us=1_000_000), frames, greetings)
+Opened = tuple[Session, Kept, Kept]
+
+
+@contextmanager
+def session_of(view: ViewSource) -> Iterator[Opened]:
+    session = Session(view, frames := Kept(), greetings := Kept())
     yield session, frames, greetings
     session.close()
 
 
-def stepped(opened: tuple[Session, Kept, Kept], steps: int = 1) -> tuple[dict, dict]:
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> Iterator[Opened]:
+    monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
+    with session_of(open_circling(duration_us=1_000_000)) as made:
+        yield made
+
+
+def stepped(opened: Opened, steps: int = 1) -> tuple[dict, dict]:
     for _ in range(steps):
         opened[0].step()
     return decode(opened[1].message)
 
 
-def test_frames_hold_what_was_tracked(opened: tuple[Session, Kept, Kept]) -> None:
+def test_frames_hold_what_was_tracked(opened: Opened) -> None:
     meta, arrays = stepped(opened, 20)
     expected = positions_px(meta["estimate_us"])
     np.testing.assert_allclose(arrays["position_px"], expected, atol=1e-4)
@@ -66,7 +70,7 @@ def test_frames_hold_what_was_tracked(opened: tuple[Session, Kept, Kept]) -> Non
     assert "map" not in arrays
 
 
-def test_pause_holds_the_time_and_seeking_moves_it(opened: tuple[Session, Kept, Kept]) -> None:
+def test_pause_holds_the_time_and_seeking_moves_it(opened: Opened) -> None:
     stepped(opened, 5)
     opened[0].command("play", False)
     before = stepped(opened)[0]["t_us"]
@@ -80,7 +84,7 @@ def test_pause_holds_the_time_and_seeking_moves_it(opened: tuple[Session, Kept, 
     assert stepped(opened)[0]["t_us"] == 1_000_000
 
 
-def test_a_control_acts_on_what_is_shown(opened: tuple[Session, Kept, Kept]) -> None:
+def test_a_control_acts_on_what_is_shown(opened: Opened) -> None:
     stepped(opened, 10)
     opened[0].command("play", False)
     opened[0].command("set", ["gain", 2.0])
@@ -108,18 +112,15 @@ class Cut(CirclingDots):
 
 
 @pytest.fixture
-def live(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kept]]:
+def live(monkeypatch: pytest.MonkeyPatch) -> Iterator[Opened]:
     monkeypatch.setattr(module, "WORK_SHARE", 600.0)
     monkeypatch.setattr(source.time, "perf_counter", lambda: Cut.now_s)
-    frames, greetings = Kept(), Kept()
-    view = replace(open_circling(), source=Cut(10**6), ends=False)
-    session = Session(view, frames, greetings)
-    yield session, frames, greetings
-    session.close()
+    with session_of(replace(open_circling(), source=Cut(10**6), ends=False)) as made:
+        yield made
 
 
 def test_a_standstill_of_a_live_source_is_seen_until_it_is_reset(
-    live: tuple[Session, Kept, Kept],
+    live: Opened,
 ) -> None:
     assert stepped(live, 3)[0]["watchdog"] == {"health": "OK", "reason": ""}
     meta, _ = stepped(live, 6)
@@ -131,7 +132,7 @@ def test_a_standstill_of_a_live_source_is_seen_until_it_is_reset(
 
 
 def test_what_came_before_a_source_was_lost_can_be_looked_at(
-    live: tuple[Session, Kept, Kept],
+    live: Opened,
 ) -> None:
     meta, _ = stepped(live, 20)
     assert meta["state"] == "DISCONNECTED"
@@ -147,49 +148,26 @@ def test_what_came_before_a_source_was_lost_can_be_looked_at(
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
+    "command",
     [
-        ("ack", 7),
-        ("play", True),
-        ("speed", 0.25),
-        ("speed", 2),
-        ("seek_us", -5),
-        ("exposure_us", 30_000),
-        ("map", False),
-        ("set", ["gain", 1.5]),
-        ("set", ["law", "paper"]),
-        ("defaults", True),
-        ("calibrate", True),
+        '{"ack": 7}', '{"play": true}', '{"speed": 0.25}', '{"speed": 2}', '{"seek_us": -5}',
+        '{"exposure_us": 30000}', '{"map": false}', '{"set": ["gain", 1.5]}',
+        '{"set": ["law", "paper"]}', '{"defaults": true}', '{"calibrate": true}',
     ],
-)
-def test_commands_are_understood(name: str, value: object) -> None:
-    assert parse_command(json.dumps({name: value})) == (name, value)
+)  # fmt: skip
+def test_commands_are_understood(command: str) -> None:
+    assert parse_command(command) == next(iter(json.loads(command).items()))
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "null",
-        "[]",
-        "{}",
-        '{"play": 1}',
-        '{"play": true, "ack": 1}',
-        '{"speed": 0}',
-        '{"speed": 1e9}',
-        '{"speed": NaN}',
-        '{"speed": true}',
-        '{"seek_us": 1.5}',
-        '{"seek_us": 1e300}',
-        '{"exposure_us": 1}',
-        '{"set": ["gain"]}',
-        '{"set": ["gain", [1]]}',
-        '{"set": {"gain": 1}}',
-        '{"exec": "x"}',
-        "[" * 900,
-        '{"set": ["' + "x" * 2000 + '", 1]}',
+        "", "null", "[]", "{}", '{"play": 1}', '{"play": true, "ack": 1}', '{"speed": 0}',
+        '{"speed": 1e9}', '{"speed": NaN}', '{"speed": true}', '{"seek_us": 1.5}',
+        '{"seek_us": 1e300}', '{"exposure_us": 1}', '{"set": ["gain"]}', '{"set": ["gain", [1]]}',
+        '{"set": {"gain": 1}}', '{"exec": "x"}', "[" * 900, '{"set": ["' + "x" * 2000 + '", 1]}',
     ],
-)
+)  # fmt: skip
 def test_everything_else_is_refused(text: str) -> None:
     with pytest.raises(CommandError):
         parse_command(text)
