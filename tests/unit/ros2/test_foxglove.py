@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import socket
 import struct
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from functools import partial
@@ -172,13 +171,3 @@ def test_mistakes_are_told(
     given = [str(publisher.port) if option == "taken" else option for option in options]
     assert main(["foxglove", str(tmp_path / "tracks.npz"), *given]) == code
     assert told in capsys.readouterr().err
-
-
-def test_the_extra_is_named_where_it_is_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    circling_tracks(estimates=10).save(tmp_path / "tracks.npz")
-    messages.type_store.cache_clear()
-    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
-    assert main(["foxglove", str(tmp_path / "tracks.npz")]) == 3
-    assert "spikingtac[ros2]" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""What is published of a sensor, with a publisher that keeps it."""
+"""What is published of a sensor, and its bytes as rosbags reads them."""
 
 from __future__ import annotations
 
@@ -10,19 +10,29 @@ from typing import Any
 import numpy as np
 import pytest
 
+pytest.importorskip("rosbags", reason="rosbags is not installed")
+
+from rosbags.typesys import Stores, get_typestore
+
 from spikingtac.events import open_events
 from spikingtac.ros2.feed import Pace
 from spikingtac.ros2.messages import (
     FIELD,
     Layout,
     arrows_message,
+    definition,
+    encode,
     field_message,
+    type_store,
 )
 from spikingtac.ros2.stream import SensorStream, StreamConfig, rehearse
 from spikingtac.types import EventPacket, MarkerFrame
 from stand_ins.tracks import HELD_MARKER, circling_tracks
 
 NOW_NS = 1_700_000_000_000_000_000
+
+# Hash of PointCloud2 as it stands in rcl's own tests, test_type_hash.cpp.
+POINT_CLOUD_HASH = "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5"
 
 
 class Kept:
@@ -61,7 +71,10 @@ def stream(kept: Kept, **config: Any) -> SensorStream:
 
 
 def test_topics_and_their_types(kept: Kept) -> None:
-    stream(kept, wrench=True)
+    stream(kept, wrench=True).frame(next(TRACKS.frames()), np.arange(1.0, 7.0))
+    (message,) = kept.of("/tactile/wrench")
+    assert message["wrench"]["force"] == {"x": 1.0, "y": 2.0, "z": 3.0}
+    assert message["wrench"]["torque"] == {"x": 4.0, "y": 5.0, "z": 6.0}
     assert kept.topics == {
         "/tactile/field": ("sensor_msgs/PointCloud2", False),
         "/tactile/arrows": ("visualization_msgs/MarkerArray", False),
@@ -92,6 +105,9 @@ def test_every_frame_is_a_field_and_the_rest_is_sent_when_due(kept: Kept) -> Non
     values = {pair["key"]: pair["value"] for pair in status["values"]}
     assert (values["readers"], values["overflow"], values["frames"]) == ("3", "2", "2001")
     assert status["hardware_id"] == "left"
+    known = kept.of("/tactile/camera_info")
+    assert len(known) == 4  # before the first frame, too
+    assert set(known[0]) == {"header", "width", "height"}  # the rest is zero: not calibrated
 
 
 def test_the_field_holds_what_was_tracked(kept: Kept) -> None:
@@ -104,15 +120,9 @@ def test_the_field_holds_what_was_tracked(kept: Kept) -> None:
     assert not cloud["z"].any()
     assert np.flatnonzero(cloud["valid"] == 0).tolist() == [HELD_MARKER]
     assert message["row_step"] * message["height"] == len(message["data"])
-
-
-def test_arrows_are_metres_and_leave_out_what_was_not_seen() -> None:
-    frame = next(TRACKS.frames())
-    (lines,) = arrows_message(frame, LAYOUT, 0)["markers"]
+    (lines,) = arrows_message(frame, LAYOUT, 0)["markers"]  # metres, of what was seen
     ends = np.array([[point["x"], point["y"]] for point in lines["points"]]).reshape(-1, 2, 2)
-    assert len(ends) == 63
-    seen = ~frame.coasted
-    moved_m = frame.displacement_px[seen] / 8.0 / 1e3
+    moved_m = frame.displacement_px[~frame.coasted] / 8.0 / 1e3
     np.testing.assert_allclose(ends[:, 1] - ends[:, 0], moved_m, atol=1e-9)
 
 
@@ -138,13 +148,6 @@ def test_contact_is_told_at_its_changes(kept: Kept) -> None:
     assert [message["data"] for message in kept.of("/tactile/contact")] == [False, True, False]
 
 
-def test_the_wrench_is_what_was_estimated(kept: Kept) -> None:
-    stream(kept, wrench=True).frame(next(TRACKS.frames()), np.arange(1.0, 7.0))
-    (message,) = kept.of("/tactile/wrench")
-    assert message["wrench"]["force"] == {"x": 1.0, "y": 2.0, "z": 3.0}
-    assert message["wrench"]["torque"] == {"x": 4.0, "y": 5.0, "z": 6.0}
-
-
 def test_events_survive_their_messages(kept: Kept, tmp_path: Path) -> None:
     publishing = stream(kept)
     rng = np.random.default_rng(1)
@@ -168,16 +171,6 @@ def test_events_survive_their_messages(kept: Kept, tmp_path: Path) -> None:
         np.testing.assert_array_equal(*(np.sort(column) for column in columns))
 
 
-def test_camera_info_is_sent_each_second_and_says_what_is_known(kept: Kept) -> None:
-    publishing = stream(kept, events=False)
-    for frame in TRACKS.frames():
-        publishing.frame(frame)
-    told = kept.of("/tactile/camera_info")
-    assert len(told) == 4  # before the first frame, too
-    assert (told[0]["width"], told[0]["height"]) == (320, 320)
-    assert set(told[0]) == {"header", "width", "height"}  # the rest is zero: not calibrated
-
-
 def test_fields_are_thinned_to_the_rate_that_is_asked_for(kept: Kept) -> None:
     publishing = stream(kept, events=False, field_hz=100.0)
     for frame in list(TRACKS.frames())[:1_000]:
@@ -185,14 +178,11 @@ def test_fields_are_thinned_to_the_rate_that_is_asked_for(kept: Kept) -> None:
     assert len(kept.of("/tactile/field")) == 100
 
 
-def test_nothing_is_left_to_compile_after_a_rehearsal(monkeypatch: pytest.MonkeyPatch) -> None:
-    told = []
-    real = SensorStream.frame
-    monkeypatch.setattr(
-        SensorStream, "frame", lambda self, frame: (real(self, frame), told.append(self))
-    )
+def test_every_branch_is_taken_in_a_rehearsal(monkeypatch: pytest.MonkeyPatch) -> None:
+    told, real = [], SensorStream.frame
+    monkeypatch.setattr(SensorStream, "frame", lambda *given: (real(*given), told.append(given[0])))
     rehearse(LAYOUT)
-    assert told[-1].counts["contact"] == 3  # rest, touch, rest: every branch was taken
+    assert told[-1].counts["contact"] == 3  # rest, touch, rest
 
 
 def test_recordings_are_played_at_their_speed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -208,3 +198,39 @@ def test_recordings_are_played_at_their_speed(monkeypatch: pytest.MonkeyPatch) -
     pace.wait(9_000)
     assert pace.largest_lag_s == pytest.approx(0.499)
     assert len(slept_s) == 3
+
+
+def test_the_hash_is_the_one_in_rcl() -> None:
+    assert type_store().hash_rihs01("sensor_msgs/msg/PointCloud2") == POINT_CLOUD_HASH
+    text = definition("event_camera_msgs/EventPacket")
+    assert text.startswith("std_msgs/Header header")
+    assert "MSG: builtin_interfaces/Time" in text
+
+
+@pytest.mark.parametrize("release", [Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY])
+def test_given_fields_are_read_back_and_the_rest_is_zero_or_empty(release: Stores) -> None:
+    given = {"ns": "é", "points": [{"x": 1.5}, {"y": -2.0}], "pose": {"orientation": {"w": 1.0}}}
+    store = get_typestore(release)
+    found = store.deserialize_cdr(
+        encode("visualization_msgs/Marker", given), "visualization_msgs/msg/Marker"
+    )
+    assert [(p.x, p.y, p.z) for p in found.points] == [(1.5, 0.0, 0.0), (0.0, -2.0, 0.0)]
+    assert (found.ns, found.id, found.pose.orientation.w, found.text) == ("é", 0, 1.0, "")
+
+
+def test_bytes_and_arrays_keep_their_values() -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    k = [float(n) for n in range(9)]
+    info = encode("sensor_msgs/CameraInfo", {"k": k, "d": [0.5]})
+    found = store.deserialize_cdr(info, "sensor_msgs/msg/CameraInfo")
+    assert (found.k.tolist(), found.d.tolist(), found.p.tolist()) == (k, [0.5], [0.0] * 12)
+    image = encode("sensor_msgs/Image", {"data": b"\x00\x07\xff", "width": 3})
+    read = store.deserialize_cdr(image, "sensor_msgs/msg/Image")
+    np.testing.assert_array_equal(read.data, [0, 7, 255])
+
+
+def test_unknown_fields_and_arrays_of_another_length_are_refused() -> None:
+    with pytest.raises(KeyError, match="no field 'colour'"):
+        encode("visualization_msgs/Marker", {"colour": 1})
+    with pytest.raises(ValueError, match="2 values, an array of 9"):
+        encode("sensor_msgs/CameraInfo", {"k": [1.0, 2.0]})
