@@ -1,7 +1,7 @@
 """Counterparts of cameras: what stands at the other end of the wire, speaking its real protocol.
 
 None is hardware. Each says what it follows; those of makers' libraries run the library itself
-where it is installed.
+where it is installed. Each ends with the stack that it is opened on.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -35,8 +35,14 @@ SIZE = (320, 320)
 
 # What the STM32 firmware sends: an Ethernet frame's worth, eight bytes' multiple.
 DATAGRAM_BYTES = 1472
+TRANSFER_BYTES = 2048 * 4
 FRAME_BYTES = 4096 * 32  # Frames of a test; the driver's have 391 lines.
 ENCODERS = {"evt2": Evt2Encoder, "evt21": Evt21Encoder, "evt3": Evt3Encoder}
+END_MARKS = {
+    "evt2": (0xE1234519).to_bytes(4, "little"),
+    "evt21": (0xE1234019_89ABCDEF).to_bytes(8, "little"),
+    "evt3": (0xE019).to_bytes(2, "little"),
+}
 
 
 def events(count: int = 3_000, first_us: int = 1_000, seed: int = 0) -> EventPacket:
@@ -67,17 +73,39 @@ class Counterpart:
 
     address: str
     camera: Camera
-    sender: Any
-    leave: Any = lambda: None
+    sender: Callable[[EventPacket], object]
+    leave: Callable[[], object] = lambda: None
     ends: str = "silence"
 
 
-@contextmanager
-def pipe(folder: Path) -> Iterator[Counterpart]:
+def opened_camera(opened: ExitStack, address: str) -> Camera:
+    camera = open_camera(Address.parse(address))
+    opened.callback(camera.close)
+    return camera
+
+
+def closing(opened: ExitStack, files: list[int]) -> Callable[[], None]:
+    """Return what closes files once, at the end of the stack at the latest."""
+
+    def leave() -> None:
+        while files:
+            os.close(files.pop())
+
+    opened.callback(leave)
+    return leave
+
+
+def write_all(file: int, data: bytes) -> None:
+    """Write to a terminal or a pipe, which take a part at once."""
+    while data:
+        data = data[os.write(file, data) :]
+
+
+def pipe(opened: ExitStack, folder: Path) -> Counterpart:
     """A program that writes RAW (EVT3) into a named pipe."""
-    path = folder / "live.raw"
+    path, files = folder / "live.raw", list[int]()
     os.mkfifo(path)
-    files: list[int] = []
+    leave = closing(opened, files)
 
     def begin() -> None:
         files.append(os.open(path, os.O_WRONLY))
@@ -85,98 +113,72 @@ def pipe(folder: Path) -> Iterator[Counterpart]:
 
     thread = threading.Thread(target=begin)
     thread.start()
-    camera = open_camera(Address.parse(f"pipe:{path}"))
+    camera = opened_camera(opened, f"pipe:{path}")
     thread.join(10.0)
-
-    def leave() -> None:
-        while files:
-            os.close(files.pop())
-
-    def send(packet: EventPacket) -> None:
-        os.write(files[0], words_of(packet, "evt3"))
-
-    try:
-        yield Counterpart(f"pipe:{path}", camera, send, leave, "end")
-    finally:
-        camera.close()
-        leave()
+    return Counterpart(
+        f"pipe:{path}", camera, lambda p: os.write(files[0], words_of(p, "evt3")), leave, "end"
+    )
 
 
-@contextmanager
-def udp(folder: Path, encoding: str = "evt2") -> Iterator[Counterpart]:
-    """A board that sends words in datagrams of 1472 bytes (GenX320_STM32F7_Stream)."""
-    address = f"udp:127.0.0.1:0?encoding={encoding}&size=320x320"
-    camera = open_camera(Address.parse(address))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-
-        def send(packet: EventPacket) -> None:
-            for datagram in datagrams(packet, encoding):
-                out.sendto(datagram, ("127.0.0.1", camera.port))  # type: ignore[attr-defined]
-
-        try:
-            yield Counterpart(address, camera, send)
-        finally:
-            camera.close()
+def by_datagrams(
+    address: str, pieces: Callable[[EventPacket], list[bytes]], opened: ExitStack, folder: Path
+) -> Counterpart:
+    """A sender of datagrams to a camera that listens on a free port."""
+    camera: Any = opened_camera(opened, address)
+    out = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    there = "127.0.0.1", camera.port
+    return Counterpart(address, camera, lambda p: [out.sendto(one, there) for one in pieces(p)])
 
 
 def datagrams(packet: EventPacket, encoding: str = "evt2") -> list[bytes]:
-    """Return the datagrams of events."""
+    """Return the datagrams of events as a board sends them (GenX320_STM32F7_Stream)."""
     data = words_of(packet, encoding)
     return [data[at : at + DATAGRAM_BYTES] for at in range(0, len(data), DATAGRAM_BYTES)]
 
 
-@contextmanager
-def serial_port(folder: Path) -> Iterator[Counterpart]:
+def udp(encoding: str) -> Callable[[ExitStack, Path], Counterpart]:
+    address = f"udp:127.0.0.1:0?encoding={encoding}&size=320x320"
+    return partial(by_datagrams, address, partial(datagrams, encoding=encoding))
+
+
+def aestream_datagrams(packet: EventPacket, timed: bool = True) -> list[bytes]:
+    """Return datagrams as AEStream's ``dvs_to_udp`` sends them: 32 events of 8 bytes each."""
+    heads = packet.x.astype(np.uint32) << 16 | packet.y | packet.p.astype(np.uint32) << 15
+    if not timed:
+        data = (heads | np.uint32(1 << 31)).astype("<u4").tobytes()
+    else:
+        data = np.column_stack([heads, packet.t.astype(np.uint32)]).astype("<u4").tobytes()
+    return [data[at : at + 256] for at in range(0, len(data), 256)]
+
+
+def serial_port(opened: ExitStack, folder: Path) -> Counterpart:
     """A microcontroller behind a pseudo-terminal that sends EVT2 words without framing."""
     master, slave = pty.openpty()
-    path = os.ttyname(slave)
-    address = f"serial:{path}?encoding=evt2"
-    camera = open_camera(Address.parse(address))
-    open_ends = [master, slave]
-
-    def leave() -> None:
-        while open_ends:
-            os.close(open_ends.pop())
+    leave = closing(opened, [master, slave])
+    address = f"serial:{os.ttyname(slave)}?encoding=evt2"
+    camera = opened_camera(opened, address)
 
     def send(packet: EventPacket) -> None:
-        data = words_of(packet, "evt2")
-        threading.Thread(target=write_all, args=(master, data), daemon=True).start()
+        given = master, words_of(packet, "evt2")
+        threading.Thread(target=write_all, args=given, daemon=True).start()
 
-    try:
-        yield Counterpart(address, camera, send, leave, "lost")
-    finally:
-        camera.close()
-        leave()
+    return Counterpart(address, camera, send, leave, "lost")
 
 
-def write_all(file: int, data: bytes) -> None:
-    """Write to a terminal, which takes 4 KB at once."""
-    while data:
-        data = data[os.write(file, data) :]
-
-
-@contextmanager
-def openmv(folder: Path) -> Iterator[Counterpart]:
+def openmv(opened: ExitStack, folder: Path) -> Counterpart:
     """A board that speaks Camera Protocol V2 on a pseudo-terminal, through the maker's library."""
     pytest.importorskip("openmv", reason="needs the extra [openmv]")
-    board = OpenMvBoard()
-    address = f"openmv:{board.port}"
-    camera = open_camera(Address.parse(address))
-    encoder = Evt2Encoder()
+    board, encoder = OpenMvBoard(), Evt2Encoder()
+    opened.callback(board.unplug)
 
     def send(packet: EventPacket) -> None:
         data = encoder.encode(packet.t, packet.x, packet.y, packet.p).tobytes()
         for at in range(0, len(data), TRANSFER_BYTES):
             board.put(data[at : at + TRANSFER_BYTES])
 
-    try:
-        yield Counterpart(address, camera, send, board.unplug, "lost")
-    finally:
-        camera.close()
-        board.unplug()
+    address = f"openmv:{board.port}"
+    return Counterpart(address, opened_camera(opened, address), send, board.unplug, "lost")
 
-
-TRANSFER_BYTES = 2048 * 4
 
 DV_WRITER = """
 import sys
@@ -194,8 +196,7 @@ for line in sys.stdin:
 """
 
 
-@contextmanager
-def dv_network(folder: Path) -> Iterator[Counterpart]:
+def dv_network(opened: ExitStack, folder: Path) -> Counterpart:
     """The network writer of ``dv-processing``, in a process of its own."""
     pytest.importorskip("dv_processing", reason="needs the extra [dv]")
     with socket.socket() as probe:
@@ -203,11 +204,10 @@ def dv_network(folder: Path) -> Iterator[Counterpart]:
         port = probe.getsockname()[1]
     program = [sys.executable, "-c", DV_WRITER, str(port)]
     writer = subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    assert writer.stdin is not None
-    assert writer.stdout is not None
-    writer.stdout.readline()
-    camera = open_camera(Address.parse(f"dv://127.0.0.1:{port}"))
-    stdin = writer.stdin
+    stdin, stdout = writer.stdin, writer.stdout
+    assert stdin is not None
+    assert stdout is not None
+    stdout.readline()
 
     def send(packet: EventPacket) -> None:
         path = folder / f"{int(packet.t[0])}.npz"
@@ -219,145 +219,75 @@ def dv_network(folder: Path) -> Iterator[Counterpart]:
         writer.kill()
         writer.communicate()
 
-    try:
-        yield Counterpart(f"dv://127.0.0.1:{port}", camera, send, leave, "lost")
-    finally:
-        camera.close()
-        leave()
-
-
-@contextmanager
-def aestream(folder: Path) -> Iterator[Counterpart]:
-    """Datagrams as AEStream's ``dvs_to_udp`` sends them: 32 events of 8 bytes each."""
-    address = "aestream:127.0.0.1:0?size=320x320"
-    camera = open_camera(Address.parse(address))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-
-        def send(packet: EventPacket) -> None:
-            for datagram in aestream_datagrams(packet):
-                out.sendto(datagram, ("127.0.0.1", camera.port))  # type: ignore[attr-defined]
-
-        try:
-            yield Counterpart(address, camera, send)
-        finally:
-            camera.close()
-
-
-def aestream_datagrams(packet: EventPacket, timed: bool = True) -> list[bytes]:
-    """Return the datagrams of events, with their times or without."""
-    heads = packet.x.astype(np.uint32) << 16 | packet.y | packet.p.astype(np.uint32) << 15
-    if not timed:
-        data = (heads | np.uint32(1 << 31)).astype("<u4").tobytes()
-    else:
-        data = np.column_stack([heads, packet.t.astype(np.uint32)]).astype("<u4").tobytes()
-    return [data[at : at + 256] for at in range(0, len(data), 256)]
+    opened.callback(leave)
+    address = f"dv://127.0.0.1:{port}"
+    return Counterpart(address, opened_camera(opened, address), send, leave, "lost")
 
 
 @contextmanager
 def with_module(name: str, module: Any) -> Iterator[None]:
     """Put a module where the import of a maker's library finds it."""
-    before = sys.modules.get(name)
-    sys.modules[name] = module
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, name, module)
         yield
-    finally:
-        if before is None:
-            del sys.modules[name]
-        else:
-            sys.modules[name] = before
 
 
-@contextmanager
-def prophesee(folder: Path, encoding: str = "EVT21") -> Iterator[Counterpart]:
+def prophesee(encoding: str, opened: ExitStack, folder: Path) -> Counterpart:
     """A module with the documented calls of OpenEB's ``metavision_hal``; not the library."""
-    device = HalDevice(encoding)
-    with with_module("metavision_hal", hal_module(device)):
-        camera = open_camera(Address.parse("prophesee:"))
-        encoder = ENCODERS[encoding.lower()]()
+    device, encoder = HalDevice(encoding), ENCODERS[encoding.lower()]()
+    opened.enter_context(with_module("metavision_hal", hal_module(device)))
 
-        def send(packet: EventPacket) -> None:
-            words = encoder.encode(packet.t, packet.x, packet.y, packet.p)
-            device.buffers.append(words.view(np.uint8))
+    def send(packet: EventPacket) -> None:
+        words = encoder.encode(packet.t, packet.x, packet.y, packet.p)
+        device.buffers.append(words.view(np.uint8))
 
-        try:
-            yield Counterpart("prophesee:", camera, send, device.unplug, "lost")
-        finally:
-            camera.close()
+    camera = opened_camera(opened, "prophesee:")
+    return Counterpart("prophesee:", camera, send, device.unplug, "lost")
 
 
-@contextmanager
-def neuromorphic(folder: Path) -> Iterator[Counterpart]:
+def neuromorphic(opened: ExitStack, folder: Path) -> Counterpart:
     """A module with the documented calls of ``neuromorphic-drivers``; not the library."""
     device = DriversDevice()
-    with with_module("neuromorphic_drivers", drivers_module(device)):
-        camera = open_camera(Address.parse("nd:"))
-        try:
-            yield Counterpart("nd:", camera, device.put, device.unplug, "lost")
-        finally:
-            camera.close()
+    opened.enter_context(with_module("neuromorphic_drivers", drivers_module(device)))
+    return Counterpart("nd:", opened_camera(opened, "nd:"), device.put, device.unplug, "lost")
 
 
-@contextmanager
-def v4l2(
-    folder: Path, encoding: str = "evt21", frame_bytes: int = FRAME_BYTES
-) -> Iterator[Counterpart]:
+def v4l2(encoding: str, opened: ExitStack, folder: Path) -> Counterpart:
     """A program in the place of ``v4l2-ctl`` that passes frames on whole, each with its mark."""
-    fifo, tool, path = folder / "frames", folder / "v4l2-ctl", os.environ["PATH"]
+    fifo, tool, half = folder / "frames", folder / "v4l2-ctl", FRAME_BYTES // 2
     os.mkfifo(fifo)
-    passing = f"dd if={fifo} bs={frame_bytes} iflag=fullblock status=none"
+    passing = f"dd if={fifo} bs={FRAME_BYTES} iflag=fullblock status=none"
     tool.write_text(f"#!/bin/sh\nexec {passing}\n")
     tool.chmod(0o755)
-    encoder = ENCODERS[encoding]()
-    files: list[int] = []
-    address = f"v4l2:/dev/null?encoding={encoding}&frame=4096x{frame_bytes // 4096}"
+    encoder, files = ENCODERS[encoding](), list[int]()
     writing = ThreadPoolExecutor(1)  # a pipe holds less than a frame; one after another
-    os.environ["PATH"] = f"{folder}{os.pathsep}{path}"
-    try:
-        camera = open_camera(Address.parse(address))
+    opened.callback(writing.shutdown, wait=False)
+    address = f"v4l2:/dev/null?encoding={encoding}&frame=4096x{FRAME_BYTES // 4096}"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PATH", str(folder), prepend=os.pathsep)
+        camera = opened_camera(opened, address)
         files.append(os.open(fifo, os.O_WRONLY))
-    finally:
-        os.environ["PATH"] = path
 
     def send(packet: EventPacket) -> None:
         data = encoder.encode(packet.t, packet.x, packet.y, packet.p).tobytes()
-        for at in range(0, len(data), frame_bytes // 2):
-            words = data[at : at + frame_bytes // 2] + END_MARKS[encoding]
-            frame = words.ljust(frame_bytes, b"\x5a")  # what an earlier frame left
-            writing.submit(write_all, files[0], frame)
+        for at in range(0, len(data), half):
+            words = data[at : at + half] + END_MARKS[encoding]
+            # What stands behind the mark is what an earlier frame left.
+            writing.submit(write_all, files[0], words.ljust(FRAME_BYTES, b"\x5a"))
 
-    def leave() -> None:
-        while files:
-            os.close(files.pop())
-
-    try:
-        yield Counterpart(address, camera, send, leave, "lost")
-    finally:
-        leave()
-        camera.close()
-        writing.shutdown(wait=False)
-
-
-END_MARKS = {
-    "evt2": (0xE1234519).to_bytes(4, "little"),
-    "evt21": (0xE1234019_89ABCDEF).to_bytes(8, "little"),
-    "evt3": (0xE019).to_bytes(2, "little"),
-}
+    return Counterpart(address, camera, send, closing(opened, files), "lost")
 
 
 # Every camera that the contract suite runs: name -> opens it with its counterpart.
-COUNTERPARTS = {
+COUNTERPARTS: dict[str, Callable[[ExitStack, Path], Counterpart]] = {
     "pipe": pipe,
     "serial": serial_port,
-    "v4l2-evt2": partial(v4l2, encoding="evt2"),
-    "v4l2-evt21": v4l2,
-    "v4l2-evt3": partial(v4l2, encoding="evt3"),
+    **{f"v4l2-{encoding}": partial(v4l2, encoding) for encoding in ENCODERS},
     "openmv": openmv,
     "dv": dv_network,
-    "aestream": aestream,
-    "prophesee-evt21": prophesee,
-    "prophesee-evt3": partial(prophesee, encoding="EVT3"),
+    "aestream": partial(by_datagrams, "aestream:127.0.0.1:0?size=320x320", aestream_datagrams),
+    "prophesee-evt21": partial(prophesee, "EVT21"),
+    "prophesee-evt3": partial(prophesee, "EVT3"),
     "nd": neuromorphic,
-    "udp-evt2": udp,
-    "udp-evt21": partial(udp, encoding="evt21"),
-    "udp-evt3": partial(udp, encoding="evt3"),
+    **{f"udp-{encoding}": udp(encoding) for encoding in ENCODERS},
 }

@@ -34,19 +34,12 @@ def compiled():
     }
 
 def damaged(number):
-    kind, data = number % 6, bytearray(sound)
+    data = bytearray(sound)
     at = int(rng.integers(1_000, len(data) - 9_000))
-    if kind == 1:
-        del data[at : at + int(rng.integers(1, 7))]
-    elif kind == 2:
-        data[at : at + 4_000] = rng.bytes(4_000)
-    elif kind == 3:
-        for place in rng.integers(0, len(data), 200):
-            data[place] ^= 1 << int(rng.integers(0, 8))
-    elif kind == 4:
-        del data[at : at + 8_000]
-    elif kind == 5:
-        data[at : at + 4_000] = bytes(4_000)
+    if number % 3 == 1:  # a cut, in a word and between words
+        del data[at : at + int(rng.choice([1, 3, 5, 8_000]))]
+    elif number % 3 == 2:  # noise, or zeros
+        data[at : at + 4_000] = rng.bytes(4_000) if number % 2 else bytes(4_000)
     return bytes(data)
 
 warm_up(encoding, SIZE)
