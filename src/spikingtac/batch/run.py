@@ -12,7 +12,7 @@ from concurrent.futures import as_completed
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from spikingtac._version import package_version
 from spikingtac.atomic_files import replacing, write_json
@@ -54,8 +54,7 @@ class Batch:
     workers: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Job:
+class _Job(NamedTuple):
     source: Path
     output: Path
     files: list[list[Any]]  # name, size and time of change (ns) of each file of the recording
@@ -96,14 +95,13 @@ def run_batch(
         for future in as_completed(futures):
             job, lost = futures[future], future.exception()  # _work_on raises nothing
             found[job.source] = row = _row(job, 0.0, str(lost)) if lost else future.result()
-            size = job.output.stat().st_size if row["status"] == "done" else 0
+            size = 0 if row["error"] else job.output.stat().st_size
             file.write(json.dumps({"files": job.files, "bytes": size, "row": row}) + "\n")
             file.flush()
             advance(len(found) / len(jobs))
     rows = [found[job.source] for job in jobs]
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    write_rows(batch.folder / TABLE, columns, rows)
-    return sorted(rows, key=lambda row: row["status"] != "failed"), kept
+    write_rows(batch.folder / TABLE, list({name: 0 for row in rows for name in row}), rows)
+    return sorted(rows, key=lambda row: not row["error"]), kept
 
 
 def write_rows(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> None:
@@ -131,19 +129,16 @@ def begin_run(
     if resume and overwrite:
         raise ConfigError("--resume goes on with a run, --overwrite removes it: give one of them")
     begun = folder / RUN
-    try:
-        if begun.is_file() and overwrite:
-            _empty(folder)
-        elif begun.is_file():
-            return _require_same(folder, settings, resume)
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise ConfigError(
-                f"{str(folder)!r} is not empty and holds no run; give a new or an empty folder"
-            )
-        write_json(begun, settings)
-    except OSError as error:
-        raise ConfigError(f"cannot write into {str(folder)!r}: {error.strerror}") from error
+    if begun.is_file() and not overwrite:
+        return _require_same(folder, settings, resume)
+    if begun.is_file():
+        _empty(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    if any(folder.iterdir()):
+        raise ConfigError(
+            f"{str(folder)!r} is not empty and holds no run; give a new or an empty folder"
+        )
+    write_json(begun, settings)
 
 
 def _empty(folder: Path) -> None:
@@ -158,12 +153,15 @@ def _empty(folder: Path) -> None:
 def _require_same(folder: Path, settings: Mapping[str, Any], resume: bool) -> None:
     stored = json.loads((folder / RUN).read_text(encoding="utf-8"))
     given = json.loads(json.dumps(settings))
-    changed = sorted(key for key in {*stored, *given} if stored.get(key) != given.get(key))
+    changed = [
+        f"{key} {stored.get(key)!r} -> {given.get(key)!r}"
+        for key in sorted({*stored, *given})
+        if stored.get(key) != given.get(key)
+    ]
     if changed:
-        text = ", ".join(f"{key} {stored.get(key)!r} -> {given.get(key)!r}" for key in changed)
         raise ConfigError(
-            f"{str(folder)!r} holds results with other settings ({text}); results are never "
-            "mixed: give a new folder, the settings of the old one, or --overwrite"
+            f"{str(folder)!r} holds results with other settings ({', '.join(changed)}); results "
+            "are never mixed: give a new folder, the settings of the old one, or --overwrite"
         )
     if not resume:
         raise ConfigError(
@@ -212,15 +210,15 @@ def _jobs(batch: Batch) -> list[_Job]:
 
 def _settings(batch: Batch) -> Row:
     """Return what all results depend on: files that the settings name count by their content."""
-    named = {name: Path(value) for name, value in batch.settings.items() if isinstance(value, str)}
+    named = {k: Path(text) for k, text in batch.settings.items() if isinstance(text, str)}
     digests = {
         f"{name}_sha256": hashlib.sha256(path.read_bytes()).hexdigest()
         for name, path in named.items()
         if path.is_absolute() and path.is_file()
     }
-    below = str(common_parent(batch.recordings))  # another one would move the results
-    version = package_version()
-    return {"verb": batch.name, "version": version, "below": below, **batch.settings, **digests}
+    # Recordings below another folder would move the results.
+    about = {"version": package_version(), "below": str(common_parent(batch.recordings))}
+    return {"verb": batch.name, **about, **batch.settings, **digests}
 
 
 def _done(journal: Path, jobs: Sequence[_Job]) -> dict[Path, Row]:
@@ -234,12 +232,13 @@ def _done(journal: Path, jobs: Sequence[_Job]) -> dict[Path, Row]:
         with suppress(ValueError, KeyError, TypeError):
             found = json.loads(line)
             lines[found["row"]["source"]] = found
-    return {
-        job.source: found["row"]
-        for job in jobs
-        if (found := lines.get(str(job.source)))
-        and found["row"]["output"] == str(job.output)  # of a failure it is None
-        and found.get("files") == job.files
-        and job.output.is_file()
-        and job.output.stat().st_size == found["bytes"]
-    }
+    known = [(job, lines.get(str(job.source))) for job in jobs]
+    return {job.source: found["row"] for job, found in known if found and _whole(found, job)}
+
+
+def _whole(found: dict[str, Any], job: _Job) -> bool:
+    """Return whether a line of the journal tells of a result that is still there."""
+    if found["row"]["output"] != str(job.output):  # of a failure it is None
+        return False
+    same = found.get("files") == job.files and job.output.is_file()
+    return same and job.output.stat().st_size == found["bytes"]

@@ -134,29 +134,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _report(error, as_json="--json" in arguments)
 
 
-def added_verbs() -> dict[str, str]:
-    """Return the verbs that other packages add: name -> module."""
-    points = metadata.entry_points(group=GROUP)
-    return {point.name: point.value for point in points if point.name not in VERBS}
-
-
 def verbs() -> dict[str, str]:
     """Return every verb with one line of help; no verb is imported for it."""
-    return VERBS | {verb: _first_line(module) for verb, module in added_verbs().items()}
-
-
-def module_of(verb: str) -> str:
-    """Return the full name of the module of a verb."""
-    if verb in VERBS:
-        return f"spikingtac.cli.verbs.{BESIDE.get(verb, verb)}"
-    return added_verbs()[verb]
+    return VERBS | {verb: _first_line(module) for verb, module in _added().items()}
 
 
 def function_of(verb: str) -> tuple[Callable[[Any], int], type]:
     """Return a verb's function, and the dataclass of its arguments."""
-    module = importlib.import_module(module_of(verb))
+    own = f"spikingtac.cli.verbs.{BESIDE.get(verb, verb)}"
+    module = importlib.import_module(own if verb in VERBS else _added()[verb])
     run = getattr(module, verb if verb in BESIDE else "run")
     return run, get_type_hints(run)["args"]
+
+
+def _added() -> dict[str, str]:
+    """Return the verbs that other packages add: name -> module."""
+    points = metadata.entry_points(group=GROUP)
+    return {point.name: point.value for point in points if point.name not in VERBS}
 
 
 def _overview() -> str:
@@ -232,7 +226,7 @@ def _report(error: Exception, as_json: bool) -> int:
     What is no :class:`SpikingTacError` is neither the input's nor the arguments' fault, unless the
     operating system says that a named file is not there, is no file, or is not permitted.
     """
-    code, message = EXIT_MACHINE, str(error)
+    code, message, hint = EXIT_MACHINE, str(error), ""
     if isinstance(error, SpikingTacError):
         code = error.exit_code
     elif isinstance(error, OSError):
@@ -241,7 +235,7 @@ def _report(error: Exception, as_json: bool) -> int:
             message = f"{str(error.filename)!r}: {error.strerror}{way_out}"
     else:
         message = f"internal error, {type(error).__name__}: {error}"
-    hint = " (please report it with the output of --debug)" if "internal error" in message else ""
+        hint = " (please report it with the output of --debug)"
     sys.stderr.write(f"spikingtac: error: {message}{hint}\n")
     if as_json:
         document = {"error": message, "kind": type(error).__name__, "exit_code": code}

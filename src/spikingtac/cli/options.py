@@ -56,8 +56,15 @@ class ReadArgs(JsonArgs):
     sensor: int | None = None
     """Sensor to read of a folder (1 reads events_1.raw), or of a file with several cameras."""
     strict: bool = False
-    """Refuse damage instead of repairing and counting it, and the calibration of another sensor
-    instead of a warning."""
+    """Refuse damage and another sensor's calibration, instead of a repair or a warning."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealtimeArgs(JsonArgs):
+    """The option of verbs that may have deadlines."""
+
+    realtime: bool = False
+    """For a camera: lock memory, collect no garbage, and run before other work where permitted."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -34,8 +34,25 @@ SEEN = "observation.tactile.seen"  # 1 where a marker was seen, 0 where its plac
 WRENCH = "observation.tactile.wrench"
 LOG_NAMES = {"state": "observation.state", "action": "action"}  # Array of a robot's log -> feature.
 
-# Index of a frame -> what it counts.
+# Columns of indices: in the episode, of it, in the data set, of the task.
 INDICES = ("frame_index", "episode_index", "index", "task_index")
+
+# Columns that say which files hold an episode.
+EPISODE_FILES = [
+    f"{f}/{kind}_index" for f in ("data", "meta/episodes") for kind in ("chunk", "file")
+]
+
+# What is the same in every ``info.json``.
+ABOUT = {
+    "codebase_version": VERSION,
+    "robot_type": None,
+    "total_tasks": 1,
+    "chunks_size": 1_000,
+    "data_files_size_in_mb": 100,
+    "video_files_size_in_mb": 200,
+    "data_path": f"data/{FILE}",
+    "video_path": None,
+}
 
 Columns = dict[str, NDArray[Any]]  # Name of a feature -> ``(n,)`` or ``(n, k)`` values.
 
@@ -67,7 +84,7 @@ def write_lerobot(
         raise MissingExtraError(
             "LeRobot data sets need: pip install 'spikingtac[lerobot]'"
         ) from error
-    kept, rows, ages_us, described = list[Columns](), list[dict[str, Any]](), [0], {}
+    kept, episodes, ages_us, described = list[Columns](), list[dict[str, Any]](), [0], {}
     for number, (path, log) in enumerate(recordings):
         features, age_us = frames_of(path, fps, log)
         told = _described(features)
@@ -76,10 +93,9 @@ def write_lerobot(
                 f"{path.stem!r} has other features than the first recording; a data set holds "
                 "one sensor and one kind of log"
             )
-        described, before = told, sum(row["length"] for row in rows)
+        described, before = told, sum(row["length"] for row in episodes)
         kept.append(_columns(features, number, before, fps))
-        length = len(kept[-1]["index"])
-        rows.append(_episode_row(number, before, length, task) | _flat_statistics(kept[-1]))
+        episodes.append(_episode(kept[-1], number, before, task))
         ages_us.append(age_us)
     for name in ("data", "meta/episodes"):
         (folder / name / FIRST_FILE).parent.mkdir(parents=True)
@@ -87,15 +103,34 @@ def write_lerobot(
     with pq.ParquetWriter(folder / "data" / FIRST_FILE, tables[0].schema) as writer:
         for table in tables:
             writer.write_table(table, row_group_size=len(table))
-    pq.write_table(pa.Table.from_pylist(rows), folder / "meta" / "episodes" / FIRST_FILE)
+    pq.write_table(pa.Table.from_pylist(episodes), folder / "meta" / "episodes" / FIRST_FILE)
     tasks = pandas.DataFrame({"task_index": [0]}, index=pandas.Index([task], name="task"))
     tasks.to_parquet(folder / "meta" / "tasks.parquet")
     whole = {name: np.concatenate([columns[name] for columns in kept]) for name in kept[0]}
     write_json(folder / "meta" / "stats.json", {k: statistics_of(v) for k, v in whole.items()})
-    count = {"total_episodes": len(rows), "total_frames": len(whole["index"]), "fps": fps}
-    write_json(folder / INFO, _info(described, count))
+    count = {"total_episodes": len(kept), "total_frames": len(whole["index"]), "fps": fps}
+    splits = {"train": f"0:{len(kept)}"}
+    write_json(folder / INFO, {**ABOUT, **count, "splits": splits, "features": described})
     names = [name for name, one in described.items() if one["names"]]
     return {**count, "features": names, "largest_age_ms": max(ages_us) / 1e3}
+
+
+def _episode(columns: Columns, number: int, before: int, task: str) -> dict[str, Any]:
+    """Return the row of an episode in ``meta``: where its frames are, and their statistics."""
+    length = len(columns["index"])
+    return {
+        "episode_index": number,
+        "tasks": [task],
+        "length": length,
+        "dataset_from_index": before,
+        "dataset_to_index": before + length,
+        **dict.fromkeys(EPISODE_FILES, 0),
+        **{
+            f"stats/{name}/{kind}": values
+            for name, column in columns.items()
+            for kind, values in statistics_of(column).items()
+        },
+    }
 
 
 def frames_of(path: Path, fps: int, log: Path | None = None) -> tuple[Columns, int]:
@@ -119,15 +154,9 @@ def frames_of(path: Path, fps: int, log: Path | None = None) -> tuple[Columns, i
         DISPLACEMENT: tracks.displacement_px.reshape(len(tracks.t_us), -1),
         SEEN: ~tracks.coasted,
     }
-    if tracks.wrench is not None:
-        values[WRENCH] = tracks.wrench
-    times = dict.fromkeys(values, tracks.t_us)
-    if log is not None:
-        log_us, logged = _log(log)
-        values |= logged
-        times |= dict.fromkeys(logged, log_us)
-    first_us = max(t[0] for t in times.values())
-    last_us = min(t[-1] for t in times.values())
+    values |= {} if tracks.wrench is None else {WRENCH: tracks.wrench}
+    sources = [(tracks.t_us, values), *([_log(log)] if log else [])]
+    first_us, last_us = max(t[0] for t, _ in sources), min(t[-1] for t, _ in sources)
     if last_us < first_us:
         raise ConfigError(
             f"{str(path)!r} and its log do not overlap: one ends at {last_us} us, the other begins "
@@ -135,11 +164,12 @@ def frames_of(path: Path, fps: int, log: Path | None = None) -> tuple[Columns, i
         )
     count = int((last_us - first_us) * fps // US_PER_S) + 1
     t_us = first_us + np.arange(count, dtype=np.int64) * US_PER_S // fps
-    rows = {name: np.searchsorted(t, t_us, "right") - 1 for name, t in times.items()}
-    age_us = max(int((t_us - t[rows[name]]).max()) for name, t in times.items())
-    return {
-        name: np.ascontiguousarray(of[rows[name]], np.float32) for name, of in values.items()
-    }, age_us
+    features, age_us = Columns(), 0
+    for own_us, of in sources:
+        rows = np.searchsorted(own_us, t_us, "right") - 1
+        age_us = max(age_us, int((t_us - own_us[rows]).max()))
+        features |= {name: np.ascontiguousarray(v[rows], np.float32) for name, v in of.items()}
+    return features, age_us
 
 
 def _log(path: Path) -> tuple[NDArray[np.int64], Columns]:
@@ -147,17 +177,13 @@ def _log(path: Path) -> tuple[NDArray[np.int64], Columns]:
     arrays = load_arrays(path, "a robot's log")
     found = {feature: arrays[name] for name, feature in LOG_NAMES.items() if name in arrays}
     t_us = arrays.get("t_us", np.zeros(0))
-    fits = t_us.ndim == 1 and t_us.dtype.kind in "iu" and len(t_us) > 0
-    if not fits or not found or (np.diff(t_us.astype(np.int64)) < 0).any():
+    shapes = [v.ndim == 2 and len(v) == len(t_us) and v.dtype.kind in "fiu" for v in found.values()]
+    timed = t_us.ndim == 1 and t_us.dtype.kind in "iu" and len(t_us) > 0
+    if not (timed and shapes and all(shapes) and (np.diff(t_us.astype(np.int64)) >= 0).all()):
         raise RecordingError(
-            f"{str(path)!r} is no log of a robot: it needs t_us (whole us, in order) and state, "
-            "action or both"
+            f"{str(path)!r} is no log of a robot: it needs t_us (n,) (whole us, in order), and "
+            "state (n, k), action (n, k) or both"
         )
-    for feature, values in found.items():
-        if values.ndim != 2 or len(values) != len(t_us) or values.dtype.kind not in "fiu":
-            raise RecordingError(
-                f"{str(path)!r}: {feature} has shape {values.shape}, it must be ({len(t_us)}, k)"
-            )
     return t_us.astype(np.int64), found
 
 
@@ -187,46 +213,8 @@ def _columns(features: Columns, number: int, before: int, fps: int) -> Columns:
 
 
 def _array(pa: Any, column: NDArray[Any]) -> Any:
-    if column.ndim == 1:
-        return pa.array(column)
-    return pa.FixedSizeListArray.from_arrays(pa.array(column.ravel()), column.shape[1])
-
-
-def _episode_row(number: int, before: int, length: int, task: str) -> dict[str, Any]:
-    files = ("data/chunk_index", "data/file_index", "meta/episodes/chunk_index",
-             "meta/episodes/file_index")  # fmt: skip
-    return {
-        "episode_index": number,
-        "tasks": [task],
-        "length": length,
-        "dataset_from_index": before,
-        "dataset_to_index": before + length,
-        **dict.fromkeys(files, 0),
-    }
-
-
-def _flat_statistics(columns: Columns) -> dict[str, list[float]]:
-    return {
-        f"stats/{name}/{kind}": values
-        for name, column in columns.items()
-        for kind, values in statistics_of(column).items()
-    }
-
-
-def _info(features: dict[str, Any], count: dict[str, int]) -> dict[str, Any]:
-    return {
-        "codebase_version": VERSION,
-        "robot_type": None,
-        **count,
-        "total_tasks": 1,
-        "chunks_size": 1_000,
-        "data_files_size_in_mb": 100,
-        "video_files_size_in_mb": 200,
-        "splits": {"train": f"0:{count['total_episodes']}"},
-        "data_path": f"data/{FILE}",
-        "video_path": None,
-        "features": features,
-    }
+    flat = pa.array(column.ravel())
+    return flat if column.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, column.shape[1])
 
 
 def statistics_of(values: NDArray[Any]) -> dict[str, list[float]]:
@@ -235,9 +223,6 @@ def statistics_of(values: NDArray[Any]) -> dict[str, list[float]]:
     Source: LeRobot 0.6, ``datasets/compute_stats.py``. Quantiles are exact; LeRobot estimates them.
     """
     wide = values.reshape(len(values), -1).astype(np.float64)
-    quantiles = np.quantile(wide, list(QUANTILES.values()), axis=0).tolist()
-    return {
-        **{name: getattr(wide, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")},
-        "count": [len(wide)],
-        **dict(zip(QUANTILES, quantiles, strict=True)),
-    }
+    told = {name: getattr(wide, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")}
+    quantiles = {name: np.quantile(wide, q, axis=0).tolist() for name, q in QUANTILES.items()}
+    return {**told, "count": [len(wide)], **quantiles}

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median_high
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
@@ -32,6 +33,7 @@ MOST_NAMED = 8  # Stray spots that are named one by one.
 # Figures of a calibration, and of its notes, that are told as they are.
 TOLD = ("polarity", "contrast", "edge_px", "step_on", "step_off", "lag_us", "px_per_mm")
 NOTED = ("missing", "doubtful", "explained", "events", "swings", "residual", "scatter_px")
+UNUSUAL = ("no_lens", "left_out_px", "stray_px", "fitting_grid")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,20 +62,17 @@ class Args(ManyArgs):
     grid: Annotated[str | None, tyro.conf.arg(metavar="ROWSxCOLUMNS")] = None
     """Size of the grid, as 8x8; found by itself unless given."""
     layout: LayoutKind = "auto"
-    """How the markers lie: in rows and columns, in rows of which every second one is shifted, or
-    freely (their neighbours decide, there are no rows). Grids and staggered rows are told apart."""
+    """Rows and columns, every second row shifted, or no rows; auto tells the first two apart."""
     pitch_mm: float | None = None
     """Distance of neighbouring markers on the skin, mm; gives px_per_mm."""
     lens: bool = False
-    """With --pitch-mm, on a flat skin: fit the lens's distortion and the camera's tilt to the grid,
-    so that millimetres hold at the rim, too."""
+    """With --pitch-mm, on a flat skin: fit the lens's distortion and the camera's tilt."""
     polarity: Literal["auto"] | Polarity = "auto"
     """White markers on dark ground, or dark on light; found by itself unless given."""
     method: Method = "rest-mean"
     """How the reference is computed from the rests; bounding-box is the published one."""
     allow_missing: int | None = None
-    """Largest number of missing markers: they are put where the others expect them. A third of them
-    may be missing unless given."""
+    """Largest number of missing markers, which the others place; a third unless given."""
     plot: Path | None = None
     """Picture to write: the markers as circles, good and doubtful ones in different colours."""
     until_ready: bool = False
@@ -119,13 +118,11 @@ def run(args: Args) -> int:
 
 def _set_scale(args: Args, path: Path) -> int:
     """Write a calibration that is there already with the scale of ``--pitch-mm``."""
-    if args.pitch_mm is None:
+    if args.pitch_mm is None or not args.pitch_mm > 0.0:
         raise ConfigError(
             f"{str(path)!r} is a calibration already; calibrate learns from a recording, and sets "
-            "the scale of a calibration: --pitch-mm 2.4"
+            "the scale of a calibration: --pitch-mm 2.4 (above 0)"
         )
-    if not args.pitch_mm > 0.0:
-        raise ConfigError(f"--pitch-mm is {args.pitch_mm:g}, it must be above 0")
     calibration = st.Calibration.load(path).with_pitch(args.pitch_mm)
     calibration.save(args.output)
     document = {"output": str(args.output), "px_per_mm": calibration.px_per_mm}
@@ -187,8 +184,7 @@ def summary(calibration: st.Calibration) -> dict[str, Any]:
         "method": notes["method"],
         "unloaded_rests": len(notes["unloaded_rests_us"]),
         **{name: notes[name] for name in NOTED},
-        **{name: notes.get(name) for name in ("no_lens", "left_out_px", "stray_px")},
-        "fitting_grid": notes.get("fitting_grid"),
+        **{name: notes.get(name) for name in UNUSUAL},
     }
 
 
@@ -201,19 +197,15 @@ def _table(calibration: st.Calibration, found: dict[str, Any], args: Args) -> Ta
         "grid": f"{_shape(calibration.grid)}, {calibration.polarity} markers",
         "radius": f"{radii.mean():.2f} px, {radii.min():.2f} to {radii.max():.2f}",
         **{name: found[name] for name in same},
-        "changes that discs explain": f"{_middle(found['explained']):.0%}",
-        "full swings of a marker": _middle(found["swings"]),
-        "residual, levels": _middle(found["residual"]),
-        "scatter over the rests_px": _middle(found["scatter_px"]),
+        "changes that discs explain": f"{median_high(found['explained']):.0%}",
+        "full swings of a marker": median_high(found["swings"]),
+        "residual, levels": median_high(found["residual"]),
+        "scatter over the rests_px": median_high(found["scatter_px"]),
     }
     if (lens := calibration.lens) is not None:
         doubt = f"+- {lens.radial_sigma:.4f}, residual {1e3 * lens.residual_mm:.0f} um"
         told["lens, radial"] = f"{lens.radial:.4f} {doubt}"
     return figures(str(args.output), told)
-
-
-def _middle(values: list[float]) -> float:
-    return float(sorted(values)[len(values) // 2])
 
 
 def _shape(grid: tuple[int, int] | list[int] | None) -> str:
@@ -223,26 +215,23 @@ def _shape(grid: tuple[int, int] | list[int] | None) -> str:
 def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
     from spikingtac.markers.calibration.quality import marker_name
 
-    notes = []
-    if found["no_lens"]:
-        notes.append(f"No lens: {found['no_lens']}.")
-    if found["hot_px"]:
-        notes.append(f"Hot pixels, whose events are ignored: {len(found['hot_px'])}.")
-    if found["left_out_px"]:
-        notes.append(f"Left out, since they lie beyond the border: {len(found['left_out_px'])}.")
-    if stray := found["stray_px"]:
-        places = "; ".join(f"x {x:.0f}, y {y:.0f} px" for x, y in stray[:MOST_NAMED])
-        notes.append(f"{len(stray)} spots move like markers and belong to no row: {places}.")
-    if found["fitting_grid"]:
-        fits = _shape(found["fitting_grid"])
-        notes.append(f"The grid {fits} fits all that moves: give --grid {fits}.")
-    for marker in found["missing"]:
-        name = marker_name(marker, calibration.grid)
-        notes.append(f"{name} never moved: its place is expected from the others.")
-    if found["doubtful"]:
-        named = ", ".join(marker_name(marker, calibration.grid) for marker in found["doubtful"])
-        notes.append(f"Doubtful, since discs explain little of what was seen there: {named}.")
-    return notes
+    hot, left_out, stray = (found[name] or [] for name in ("hot_px", "left_out_px", "stray_px"))
+    places = "; ".join(f"x {x:.0f}, y {y:.0f} px" for x, y in stray[:MOST_NAMED])
+    fits = _shape(found["fitting_grid"])
+    missing, doubtful = (
+        [marker_name(marker, calibration.grid) for marker in found[name]]
+        for name in ("missing", "doubtful")
+    )
+    notes = {
+        f"No lens: {found['no_lens']}.": found["no_lens"],
+        f"Hot pixels, whose events are ignored: {len(hot)}.": hot,
+        f"Left out, since they lie beyond the border: {len(left_out)}.": left_out,
+        f"{len(stray)} spots move like markers and belong to no row: {places}.": stray,
+        f"The grid {fits} fits all that moves: give --grid {fits}.": found["fitting_grid"],
+        f"Never moved, expected from the others: {', '.join(missing)}.": missing,
+        f"Doubtful, since discs explain little of them: {', '.join(doubtful)}.": doubtful,
+    }
+    return [text for text, applies in notes.items() if applies]
 
 
 def _check(args: Args, known: Path) -> int:
@@ -261,9 +250,8 @@ def check_one(args: Args, recording: Path, output: Path | None, advance: Advance
     """Check a recording, and write what was found."""
     from spikingtac.markers.calibration_check import CalibrationCheck
 
-    assert args.check is not None
     source = st.open_events(recording, strict=args.strict, sensor=args.sensor)
-    check = CalibrationCheck(fitting(args.check, source))
+    check = CalibrationCheck(fitting(args.check or args.output, source))
     for packet in source:
         check.absorb(packet)
         if check.ended:
@@ -283,15 +271,12 @@ def check_one(args: Args, recording: Path, output: Path | None, advance: Advance
 
 def check_row(found: dict[str, Any]) -> dict[str, Any]:
     """Return the row of one of many recordings."""
-    told = {"contradiction": found["contradiction"], "limit": found["limit"]}
-    return {"fits": int(found["fits"]), **told}
+    return {"fits": int(found["fits"]), **{n: found[n] for n in ("contradiction", "limit")}}
 
 
-CHECK = Work(
-    "calibrate --check",
-    check_one,
-    check_row,
-    lambda *_: (),
-    ".json",
-    lambda args: st.Calibration.load(args.check),
-)
+def known(args: Args) -> st.Calibration:
+    """Return the calibration that recordings are compared with."""
+    return st.Calibration.load(args.check or args.output)
+
+
+CHECK = Work("calibrate --check", check_one, check_row, lambda *_: (), ".json", known)

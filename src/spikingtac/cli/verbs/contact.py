@@ -13,7 +13,7 @@ import tyro
 
 import spikingtac as st
 from spikingtac.cli.messages import Table, counted, progress, remark, tell
-from spikingtac.cli.options import JsonArgs
+from spikingtac.cli.options import RealtimeArgs
 from spikingtac.cli.sources import (
     ask_for_real_time,
     checked,
@@ -40,7 +40,7 @@ FALLBACK = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args(JsonArgs):
+class Args(RealtimeArgs):
     """Find the contacts in a recording: not a safety function, see the how-to.
 
     The thresholds are learned from the beginning of the recording, which must be free of contact,
@@ -55,24 +55,18 @@ class Args(JsonArgs):
     second: Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")] = None
     """The other finger: its recording or camera, put on the first one's clock."""
     calibration: tuple[Path, ...] = ()
-    """calibration.json of each sensor; unless given, calibration.json and calibration_1.json beside
-    the recording are used."""
+    """calibration.json of each sensor; those beside the recording unless given."""
     quiet: Path | None = None
     """Recording of the moving arm without contact; the beginning of RECORDING unless given."""
     preset: str = "default"
     """Settings of the detectors: a preset, or a TOML file with a table [contact]."""
     detector: str | None = None
-    """motion (a sequential test of signed evidence, also called default), event_count (as
-    published), or a detector of another installed package. Unless given or set in the preset:
-    default where there is a calibration, event_count otherwise."""
+    """default (also called motion: signed evidence), event_count (as published), or another
+    package's; default where there is a calibration, otherwise event_count, unless given."""
     budget: float | None = None
     """Allowed false contacts per hour of free motion; the preset's (1) unless given."""
     strict: bool = False
-    """Refuse a damaged recording instead of repairing it, and the calibration of another sensor
-    instead of a warning."""
-    realtime: bool = False
-    """For a camera: lock memory, stop garbage collection, and where the system permits it run
-    before other work, on one core."""
+    """Refuse damage and another sensor's calibration, instead of a repair or a warning."""
 
 
 def run(args: Args) -> int:
@@ -87,9 +81,8 @@ def run(args: Args) -> int:
     seen: Sequence[Any] = [checked(*pair, args.strict) for pair in pairs] or sources
     if args.realtime:
         ask_for_real_time()
-    found = _found(sources, seen, detector, is_stream(args.recording), first)
+    found = _found(seen, detector, first)
     anomalies = sum((Counter(dict(one.losses.kinds())) for one in sources), Counter[str]())
-    misfits = filter(None, (getattr(one, "misfit", None) for one in seen))
     document = {
         "contacts": found,
         "detector": name,
@@ -99,13 +92,12 @@ def run(args: Args) -> int:
         "quiet": _quiet(args, learned),
         "anomalies": dict(anomalies),
         "health": [source.counters().summary() for source in sources],
-        "calibration_misfit": " ".join(misfits) or None,
+        "calibration_misfit": " ".join(filter(None, (getattr(one, "misfit", "") for one in seen)))
+        or None,
     }
-    if args.json:
-        return tell(True, document)
     notes = [FALLBACK] if config.detector is None and not calibrations else []
-    table = _table(document, args.recording)
-    return tell(False, document, *notes, *counted(anomalies), learned.rule, table)
+    shown = (*notes, *counted(anomalies), learned.rule, _table(document, args.recording))
+    return tell(args.json, document, *shown)
 
 
 def _config(args: Args) -> st.DetectionConfig:
@@ -123,20 +115,16 @@ def _config(args: Args) -> st.DetectionConfig:
 
 
 def _found(
-    sources: Sequence[FileSource],
-    seen: Sequence[st.EventSource],
-    detector: st.ContactDetector,
-    live: bool,
-    first: int,
+    sources: Sequence[Any], detector: st.ContactDetector, first: int
 ) -> list[dict[str, Any]]:
     """Return the contacts; those of a camera are told as they come."""
     from spikingtac.stream import live_windows
 
-    found = []
-    windows = live_windows(seen) if live and len(sources) > 1 else None
+    found, live = [], is_stream(sources[0].path)
+    windows = live_windows(sources) if live and len(sources) > 1 else None
     bar = progress(f"finding contacts in {sources[0].path.name}")
     with ending_on_interrupt(*sources), bar as advance:
-        for one in find_contacts(seen, detector, windows, first):
+        for one in find_contacts(sources, detector, windows, first):
             contact = {name: getattr(one.contact, name) for name in ("t_us", "count", "threshold")}
             details = one.details.as_mapping() if one.details else {}
             found.append(contact | {"end_us": one.end_us, **details})
@@ -178,7 +166,6 @@ def _quiet(args: Args, learned: DetectorSummary) -> dict[str, Any]:
 
 
 def _sources(path: Path, strict: bool, second: Path | None = None) -> list[FileSource]:
-
     if second is not None:
         return open_two(path, second, strict=strict)
     sensors = 2 if (path / name_of("events.raw", 1)).is_file() else 1
@@ -204,7 +191,6 @@ def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[st.Calibrat
 
 
 def _table(document: dict[str, Any], recording: Path) -> Table:
-
     quiet, begin_us = document["quiet"], first_event_us(recording)
     title = (
         f"contacts in {recording.name} by {document['detector']}, at most "

@@ -52,8 +52,7 @@ class Args(ManyArgs):
     size: Annotated[tuple[int, int] | None, tyro.conf.arg(metavar="W H")] = None
     """Size of the sensor, px, whatever the file says of it."""
     crop: Annotated[tuple[int, int, int, int] | None, tyro.conf.arg(metavar="X0 Y0 X1 Y1")] = None
-    """Part of the sensor to keep, px: first column and row, and those after the last; its corner
-    becomes the origin."""
+    """Part to keep, px: first column and row, those after the last; its corner is the origin."""
     flip: Literal["x", "y"] | None = None
     """Mirror what --crop keeps: x exchanges left and right, y top and bottom."""
     rotate: Literal[90, 180, 270] | None = None

@@ -46,23 +46,20 @@ class Args(WriteArgs):
     files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="FILES")] = ()
     """Series of one sensor; for apply one file of tracks."""
     wrench: tuple[Path, ...] = ()
-    """Forces of each file that holds none: truth.npz, a simulation's folder, or the CSV of a force
-    sensor (t_us or t_s, fx, fy, fz, mx, my, mz). Its clock is aligned by itself."""
+    """Forces of each file that holds none: truth.npz, a simulation's folder, or a force sensor's
+    CSV (t_us or t_s, fx, fy, fz, mx, my, mz), whose clock is aligned by itself."""
     force: Path = MODEL
     """check, apply: the model."""
     output: Output = None
-    """The file to write: fit force.onnx unless given, apply tracks with force_n and force_sigma_n
-    (n, 3) beside them."""
+    """fit: the model, force.onnx unless given; apply: tracks with force_n and force_sigma_n."""
     base: Annotated[Path | None, tyro.conf.arg(aliases=["--from"])] = None
     """fit: a model of another sensor, which is fitted to this one by the presses in the files."""
     shear_modulus_kpa: float | None = None
-    """fit: the skin's shear modulus, kPa; contacts are drawn from its equations, instead of files
-    or beside them."""
+    """fit: the skin's shear modulus, kPa; contacts are drawn from its equations."""
     thickness_mm: float = 3.0
     """With --shear-modulus-kpa: the skin's thickness, mm."""
     camera_distance_mm: float | None = None
-    """With --shear-modulus-kpa: from the centre of the camera's lens to the skin at rest, mm. What
-    is pressed nearer to the camera moves outwards in the image; that is neglected unless given."""
+    """With --shear-modulus-kpa: from lens to skin, mm; perspective is neglected unless given."""
     calibration: Path | None = None
     """With --shear-modulus-kpa: calibration.json with a scale (made with --pitch-mm)."""
 

@@ -193,32 +193,27 @@ class _Follower:
     """Tells the user what changes: what is waited for, that the guard watches, what is lost."""
 
     def __init__(self) -> None:
-        self._told: set[str] = set()
-        self._counts: dict[str, int] = {}
+        self._told: dict[str, int] = {}
 
     def look(self, status: dict[str, Any], age_s: float) -> None:
         """Tell what a state says that was not told yet."""
         phase = status.get("phase")
         if phase == "starting" and age_s > WAITING_S:
-            self._once(f"waiting for {status['reason']}")
+            self._tell(f"waiting for {status['reason']}")
         if phase == "tripped":
-            self._once(f"tripped: {status['reason']}")
+            self._tell(f"tripped: {status['reason']}")
         if phase != "ready":
             return
-        self._once("watching: the self-test has told the arm to stop; start its motion now")
+        self._tell("watching: the self-test has told the arm to stop; start its motion now")
         if not status.get("precedes", False):
-            self._once(NO_PRECEDENCE)
+            self._tell(NO_PRECEDENCE)
         for kind, count in status.get("losses", {}).items():
-            self._more(kind, count, f"the stream: {kind} {count}")
+            self._tell(f"the stream: {kind} {count}", kind, count)
         leaps = status.get("leaps", 0)
-        self._more("", leaps, f"the sensor's clock leapt ahead, {leaps} times so far")
+        self._tell(f"the sensor's clock leapt ahead, {leaps} times so far", "leaps", leaps)
 
-    def _once(self, text: str) -> None:
-        if text not in self._told:
-            self._told.add(text)
+    def _tell(self, text: str, about: str = "", count: int = 1) -> None:
+        """Tell a text once, and again where its count has grown."""
+        if count > self._told.get(about or text, 0):
+            self._told[about or text] = count
             remark(text)
-
-    def _more(self, kind: str, count: int, text: str) -> None:
-        if count > self._counts.get(kind, 0):
-            remark(text)
-        self._counts[kind] = count

@@ -34,8 +34,7 @@ class Args(ReadArgs):
     """Print the content of an event file, of a recording folder, or of any file of this package."""
 
     file: tyro.conf.Positional[Path]
-    """Event file, recording folder, or a camera: its address, a named pipe, or -. Also tracks.npz,
-    truth.npz, calibration.json, a force model, report.json, or arrays of displacements."""
+    """Event file, recording folder, camera (address, named pipe, -), or a file of this package."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
     """Encoding of a RAW file; it overrides the header."""
 
@@ -71,10 +70,6 @@ def _shown(args: Args, found: dict[str, Any]) -> list[Table | str]:
     return shown
 
 
-def _of_tracks(path: Path) -> dict[str, Any]:
-    return st.Tracks.load(path).summary()
-
-
 def _of_arrays(path: Path) -> dict[str, Any]:
     """Return the figures of a truth, or of a series of another sensor."""
     arrays = load_arrays(path, "arrays over time")
@@ -95,50 +90,43 @@ def _of_arrays(path: Path) -> dict[str, Any]:
     }
 
 
-def _of_force(path: Path) -> dict[str, Any]:
+def _of_document(path: Path) -> dict[str, Any]:
+    """Return the plain values of a manifest, a force model or a report, and what its rows hold."""
     document = document_of(path)
-    markers = len(document["reference"]) if "reference" in document else None
-    return {**{name: document.get(name) for name in ("components", "unit")}, "markers": markers}
-
-
-def _of_report(path: Path) -> dict[str, Any]:
-    document = document_of(path)
-    rows = [row for row in document["rows"] if isinstance(row, dict)]
-    names = ("method", "case", "metric", "source")
-    told = {f"{name}s": sorted({str(row.get(name)) for row in rows}) for name in names}
-    return {"experiment": document["experiment"], "rows": len(rows), **told}
-
-
-def _of_manifest(path: Path) -> dict[str, Any]:
-    return {name: v for name, v in document_of(path).items() if not isinstance(v, dict)}
+    told = {
+        name: value
+        for name, value in document.items()
+        if not isinstance(value[0] if isinstance(value, list) and value else value, dict | list)
+    }
+    if rows := [row for row in document.get("rows", ()) if isinstance(row, dict)]:
+        names = ("method", "case", "metric", "source")
+        told |= {f"{name}s": sorted({str(row.get(name)) for row in rows}) for name in names}
+    return told | ({"rows": len(document["rows"])} if "rows" in document else {})
 
 
 def _of_calibration(path: Path) -> dict[str, Any]:
     calibration = st.Calibration.load(path)
-    measured = calibration.marker_measured
+    measured, same = calibration.marker_measured, ("polarity", "lag_us", "px_per_mm")
     return {
         "size": list(calibration.size),
         "grid": calibration.rows_and_columns,
-        "polarity": calibration.polarity,
-        "quality": calibration.provenance.get("quality"),
+        **{name: calibration.provenance.get(name) for name in ("quality", "recording")},
         "markers_measured": None if measured is None else int(measured.sum()),
         "radius_px": float(calibration.radius_px.mean()),
-        "lag_us": calibration.lag_us,
-        "px_per_mm": calibration.px_per_mm,
+        **{name: getattr(calibration, name) for name in same},
         "lens": calibration.lens is not None,
-        "recording": calibration.provenance.get("recording"),
     }
 
 
 # Kind of a file of ours that holds no events -> its figures.
 _FIGURES: dict[str, Callable[[Path], dict[str, Any]]] = {
-    "tracks": _of_tracks,
+    "tracks": lambda path: st.Tracks.load(path).summary(),
     "truth": _of_arrays,
     "series": _of_arrays,
     "calibration": _of_calibration,
-    "force": _of_force,
-    "report": _of_report,
-    "manifest": _of_manifest,
+    "force": _of_document,
+    "report": _of_document,
+    "manifest": _of_document,
 }
 
 
@@ -184,17 +172,12 @@ def _told_by_the_camera(source: FileSource, events: int) -> dict[str, Any]:
     if isinstance(source, CameraSource):
         health = source.health()
         remark(health.sentence)
-        names = ("interval_p50_ms", "interval_p99_ms")
-        return {name: getattr(health, name) for name in names}
+        return {name: getattr(health, name) for name in ("interval_p50_ms", "interval_p99_ms")}
     path = source.path.parent / MANIFEST
     noted = read_manifest(path) if source.path.name == RECORDING_NAME else {}
     if noted.get("source") != "camera" or not isinstance(noted.get("events"), int):
         return {}
     if events != noted["events"] and noted.get("complete"):
         remark(f"note: the manifest tells {noted['events']} events, the files hold {events}")
-    losses = noted.get("losses")
-    return {
-        "manifest_events": noted["events"],
-        "lost_events": noted.get("lost_events", 0),
-        "recorded_losses": losses if isinstance(losses, dict) else {},
-    }
+    told = {"manifest_events": noted["events"], "lost_events": noted.get("lost_events", 0)}
+    return told | {"recorded_losses": noted.get("losses") or {}}

@@ -21,7 +21,17 @@ from spikingtac.tracks.comparison import Comparison
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args(WriteArgs):
+class StyleArgs(WriteArgs):
+    """How a figure looks."""
+
+    theme: ThemeName = "light"
+    """Colours: light for paper, dark for screens."""
+    width: WidthName = "single"
+    """Width of one column of a paper (3.5 inches) or of two (7.16 inches)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args(StyleArgs):
     """Draw tracks, or the events of any recording; a recording needs no calibration.
 
     Lengths are in mm where the calibration knew the pitch (calibrate --pitch-mm), otherwise in px.
@@ -33,24 +43,16 @@ class Args(WriteArgs):
     """File to write: .png, .svg or .pdf; .gif animates a field of tracks, with the course below.
     tracks.png or events.png unless given."""
     kind: Kind | EventKind | None = None
-    """Tracks: course (displacement over time), field (arrows), map (heat map), strain (growth of
-    area). Events: moment (ON and OFF), rate (over time), surface (how recent), hot (hot pixels),
-    or overview (all four). course or overview unless given."""
+    """Tracks: course (over time, the default), field (arrows), map (heat map), strain (of area).
+    Events: moment (ON and OFF), rate, surface (how recent), hot pixels, overview (the default)."""
     at_s: float | None = None
-    """Time of a field, map, strain, moment or surface, s since the first estimate or event; that of
-    the largest displacement or rate unless given."""
+    """Time since the start, s; that of the largest displacement or rate unless given."""
     from_s: float | None = None
-    """Begin of an animation, s since the first estimate; a second before the largest displacement
-    unless given."""
+    """Begin of an animation, s; a second before the largest displacement unless given."""
     to_s: float | None = None
-    """End of an animation, s since the first estimate; a second after the largest displacement
-    unless given."""
+    """End of an animation, s; a second after the largest displacement unless given."""
     slow: float = 1.0
     """Slow-motion factor of an animation: at 2 it lasts twice as long as what it shows."""
-    theme: ThemeName = "light"
-    """Colours: light for paper, dark for screens."""
-    width: WidthName = "single"
-    """Width of one column of a paper (3.5 inches) or of two (7.16 inches)."""
 
 
 def run(args: Args) -> int:
@@ -101,7 +103,7 @@ def _of_tracks(args: Args, output: Path, kind: str) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareArgs(WriteArgs):
+class CompareArgs(StyleArgs):
     """Compare two tracks of a recording, or tracks with the truth of a simulated one."""
 
     one: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRACKS")]
@@ -112,10 +114,6 @@ class CompareArgs(WriteArgs):
     """Figure to write (.png, .svg, .pdf): the distance over time and by marker."""
     table: Path | None = None
     """CSV file to write: the distance of each marker."""
-    theme: ThemeName = "light"
-    """Colours of the figure: light for paper, dark for screens."""
-    width: WidthName = "single"
-    """Width of the figure: one column of a paper, or two."""
 
 
 def compare(args: CompareArgs) -> int:

@@ -50,8 +50,7 @@ class Args(WriteArgs):
     calibration: Path | None = None
     """With --arm: calibration.json of that finger."""
     gripper: bool = False
-    """With --arm: close the Robotiq gripper of the arm's controller on the probe before the search,
-    and report the grip."""
+    """With --arm: close its Robotiq gripper on the probe before the search, and report the grip."""
     release: bool = False
     """With --gripper: open the gripper after the search."""
     travel_mm: float = 0.12
@@ -67,8 +66,7 @@ class Args(WriteArgs):
     contacts: int = 12
     """Largest number of contacts of the adaptive search."""
     center_sigma_mm: float = 0.0
-    """The adaptive search ends when the standard deviation of the centre is below this along each
-    axis, mm."""
+    """The adaptive search ends at this standard deviation of the centre along each axis, mm."""
     travel_limit_mm: float = 11.0
     """Largest travel of one approach, mm; a hole must be smaller."""
     force_limit_n: float = 0.5

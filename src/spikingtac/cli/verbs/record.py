@@ -29,6 +29,11 @@ MEV = 1e6
 MB = 1e6
 CLEAR_LINE = "\r\x1b[2K"  # Begins the line of a terminal anew.
 
+SECOND_CLOCK = (
+    "the second clock is on the first one within {error_us:.0f} us, but for what the cameras' "
+    "transports differ by; spikingtac align finds that by what both feel"
+)
+
 # Why a recording ended, in words.
 ENDED = {
     "closed": "Ctrl-C",
@@ -79,7 +84,12 @@ def run(args: Args) -> int:
         opened.enter_context(ending_on_interrupt(*sources))
         show = opened.enter_context(_screen())
         summary = record(sources, args.output, options, show)
-    tell(args.json, summary, *_shown(summary))
+    shown: list[Table | str] = [_table(f"recording {summary['output']}", summary)]
+    if "second" in summary:
+        shown.append(_table("the second camera", summary["second"]))
+        if (base := summary["time_base"]) is not None:
+            shown.append(SECOND_CLOCK.format_map(base))
+    tell(args.json, summary, *shown)
     for told in (summary, summary.get("second", summary)):
         if told["failure"] is not None:
             remark(
@@ -106,54 +116,38 @@ def _screen() -> Iterator[Callable[[Sequence[Session]], object]]:
 def _line(session: Session) -> str:
     """Return the progress in one line."""
     disk, camera = session.recorder, session.source.health()
-    files = len(disk.parts)
-    parts = [
-        f"{session.seconds:.1f} s",
-        f"{camera.rate_ev_s / MEV:.3f} Mev/s",
-        f"{disk.written_bytes / MB:.1f} MB in {files} file{'s' * (files != 1)}",
-    ]
-    if camera.interval_p50_ms is not None:
-        parts.append(f"a packet every {camera.interval_p50_ms:.1f} ms")
-    if not camera.connected:
-        parts.append("THE CAMERA IS GONE, waiting for it")
-    if disk.lost_events:
-        parts.append(f"LOST {disk.lost_events} events: the disk is too slow")
-    parts += [f"{kind} {count}" for kind, count in camera.losses.items()]
-    return "  ".join(parts)
-
-
-def _shown(summary: dict[str, Any]) -> list[Table | str]:
-    shown: list[Table | str] = [_table(f"recording {summary['output']}", summary)]
-    if "second" in summary:
-        shown.append(_table("the second camera", summary["second"]))
-        if (base := summary["time_base"]) is not None:
-            shown.append(
-                f"the second clock is on the first one within {base['error_us']:.0f} us, but for "
-                "what the cameras' transports differ by; spikingtac align finds that by what both "
-                "feel"
-            )
-    return shown
+    told = {
+        f"{session.seconds:.1f} s": True,
+        f"{camera.rate_ev_s / MEV:.3f} Mev/s": True,
+        f"{disk.written_bytes / MB:.1f} MB in {len(disk.parts)} files": True,
+        camera.sentence: True,
+        "THE CAMERA IS GONE, waiting for it": not camera.connected,
+        f"LOST {disk.lost_events} events: the disk is too slow": disk.lost_events,
+    }
+    told |= {f"{kind} {count}": True for kind, count in camera.losses.items()}
+    return "  ".join(text for text, applies in told.items() if applies)
 
 
 def _table(title: str, summary: dict[str, Any]) -> Table:
-    delivery, clock = summary["delivery"], summary["clock"]
+    delivery, clock = summary["delivery"], summary["clock"] or {}
     rows = {
         "recorded": f"{summary['seconds']:.1f} s, ended by: {ENDED[summary['ended']]}",
         "events": f"{summary['events']} on disk, {summary['lost_events']} lost",
         "files": f"{summary['files']}, {summary['bytes'] / MB:.1f} MB",
-        "reconnects": f"{delivery['reconnects']}, away for {delivery['away_s']:.1f} s",
+        "reconnects": "{reconnects}, away for {away_s:.1f} s".format_map(delivery),
     }
     if delivery["interval_p50_ms"] is not None:
-        p50_ms, p99_ms = delivery["interval_p50_ms"], delivery["interval_p99_ms"]
-        rows["delivered every"] = f"{p50_ms:.1f} ms, 99 %: {p99_ms:.1f} ms"
-    if clock is not None and clock["drift_error_ppm"] is not None:
-        drift = f"{clock['drift_ppm']:.1f} +- {clock['drift_error_ppm']:.1f} ppm against this host"
-        rows["camera's clock"] = drift
+        every = "{interval_p50_ms:.1f} ms, 99 %: {interval_p99_ms:.1f} ms"
+        rows["delivered every"] = every.format_map(delivery)
+    if clock.get("drift_error_ppm") is not None:
+        drift = "{drift_ppm:.1f} +- {drift_error_ppm:.1f} ppm against this host"
+        rows["camera's clock"] = drift.format_map(clock)
     if (pace := summary["camera"].get("pace")) is not None:
-        late = f"{pace['late_packets']} of {pace['packets']} packets late"
-        rows["real time"] = f"{late}, at worst by {pace['latest_ms']:.0f} ms (simulated)"
-    rows |= {kind: str(count) for kind, count in summary["losses"].items()}
-    return Table(title, ("", ""), rows.items(), words=2)
+        late = (
+            "{late_packets} of {packets} packets late, at worst by {latest_ms:.0f} ms (simulated)"
+        )
+        rows["real time"] = late.format_map(pace)
+    return Table(title, ("", ""), (rows | summary["losses"]).items(), words=2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,15 +165,13 @@ class AlignArgs(WriteArgs):
     output: Output = None
     """Folder to write, or poses.npz; nothing is written unless given."""
     by: By = "auto"
-    """What aligns the two clocks: host (one host recorded both), or triggers (both cameras timed
-    the edges of one line). Auto takes the host where it is known, otherwise the triggers."""
+    """What aligns the clocks: host (one recorded both), triggers (both timed one line), or auto."""
     trigger_channel: int | None = None
     """Trigger input of that line, where both recordings hold several; it means --by triggers."""
     poses: Path | None = None
     """CSV of a robot's poses: a header with t_us, t_ms, t_s or timestamp; columns of numbers."""
     poses_clock: PoseClock = "auto"
-    """Clock of their times: unix (time of day), monotonic (of the host), or sensor. Auto tells the
-    first two by their size."""
+    """Clock of their times: unix (time of day), monotonic (of the host), or sensor."""
 
 
 def align(args: AlignArgs) -> int:

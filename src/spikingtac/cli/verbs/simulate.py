@@ -36,8 +36,7 @@ class Args(WriteArgs):
     camera: Annotated[str | None, tyro.conf.arg(metavar="|".join(CAMERA_NAMES))] = None
     """Camera preset; the scene's own (typical) unless given."""
     serial: int | None = None
-    """Serial number of the sensor specimen, which sets its tolerances; the scene's own unless
-    given."""
+    """Serial number of the sensor, which sets its tolerances; the scene's own unless given."""
     design: Annotated[str | None, tyro.conf.arg(metavar="DESIGN")] = None
     """Put the scene on the sensor of a design: a name (see design --list), or a TOML file."""
     list: bool = False

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 import tyro
@@ -54,21 +54,16 @@ class Args(ManyArgs, TrackerArgs, SecondArgs):
     vibration: bool = False
     """Report the strongest line of vibration in every second, from the markers' mean motion."""
     output: Output = None
-    """CSV file to write, one line per touch; a folder for many. The second finger's touches.csv is
-    touches_1.csv."""
+    """CSV file to write, a line for each touch; a folder for many; touches_1.csv of --second."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Watched:
-    """Frames with what is needed to read them; lengths are in ``unit``."""
+class Skin(NamedTuple):
+    """What frames are read with; lengths are in ``unit``."""
 
-    frames: Iterator[MarkerFrame]
     reference: Any
     unit: str
     scale: SkinScale | None
     rate_hz: float
-    anomalies: dict[str, int] = field(default_factory=dict)
-    health: dict[str, float] = field(default_factory=dict)
 
 
 def run(args: Args) -> int:
@@ -77,13 +72,13 @@ def run(args: Args) -> int:
 
 
 def touch_one(
-    args: Args, source: Path | FileSource, output: Path | None, advance: Advance
+    args: Args, recording: Path | FileSource, output: Path | None, advance: Advance
 ) -> dict[str, Any]:
     """List the touches of a recording, of tracks, or of arrays; return them as rows."""
-    if isinstance(source, Path) and is_series(source):
-        found = _listed(args, _of_series(args, source))
+    if isinstance(recording, Path) and is_series(recording):
+        found = _of_series(args, recording)
     else:
-        found = _listed(args, _tracked(args, source, advance))
+        found = _of_events(args, recording, advance)
     if output is not None:
         write_touches(output, found["touches"])
     return found
@@ -123,76 +118,69 @@ def touch_shown(found: dict[str, Any], name: str, first: dict[str, Any]) -> list
 WORK = Work("touch", touch_one, touch_summary, touch_shown, ".csv", check_many, SERIES_MEMBERS)
 
 
-def _listed(args: Args, watched: _Watched) -> dict[str, Any]:
-    """Return the touches as rows, with what was wrong with the events."""
+def _listed(args: Args, frames: Iterable[MarkerFrame], skin: Skin) -> dict[str, Any]:
+    """Return the touches as rows."""
     from spikingtac.touch import HeldTouchDetector
 
-    config = TouchConfig.for_unit(watched.reference, watched.unit)
-    detector = HeldTouchDetector(watched.reference, config)
-    monitor = VibrationMonitor(watched.rate_hz, VIBRATION_WINDOW_S) if args.vibration else None
+    detector = HeldTouchDetector(skin.reference, TouchConfig.for_unit(skin.reference, skin.unit))
+    monitor = VibrationMonitor(skin.rate_hz, VIBRATION_WINDOW_S) if args.vibration else None
     found, lines, first_us, asked_us = [], [], None, 0
-    for frame in watched.frames:
+    for frame in frames:
         if first_us is None:
             first_us = asked_us = frame.t_us
         if (held := detector.update(frame)) is not None:
             found.append(held)
         if monitor is None:
             continue
-        monitor.update(frame.t_us, frame.detected_px - watched.reference)
+        monitor.update(frame.t_us, frame.detected_px - skin.reference)
         if frame.t_us - asked_us >= monitor.window_us:
-            asked_us = frame.t_us
-            spectrum = monitor.spectrum()
+            asked_us, spectrum = frame.t_us, monitor.spectrum()
             if spectrum is not None and spectrum.line_hz is not None:
-                lines.append(vibration_row(spectrum, watched.unit, watched.scale))
-    if (last := detector.finish()) is not None:
-        found.append(last)
+                lines.append(vibration_row(spectrum, skin.unit, skin.scale))
+    found += [last] if (last := detector.finish()) is not None else []
     return {
         "t_first_us": first_us,
-        "touches": [touch_row(one, watched.unit, watched.scale) for one in found],
-        "anomalies": watched.anomalies,
-        "health": watched.health or None,
+        "touches": [touch_row(one, skin.unit, skin.scale) for one in found],
+        "anomalies": {},
+        "health": None,
         "vibration": None if monitor is None else lines,
     }
 
 
-def _tracked(args: Args, recording: Path | FileSource, advance: Advance) -> _Watched:
-    """Return the frames that a tracker makes of events."""
+def _of_events(args: Args, recording: Path | FileSource, advance: Advance) -> dict[str, Any]:
+    """Return the touches in what a tracker makes of events."""
     path, source = args.needed_calibration(), recording
     if isinstance(source, Path):
         source = st.open_events(source, strict=args.strict, sensor=args.sensor)
     calibration = fitting(path, source)
     config = st.load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
-    rate_hz = config.tracking.rate_hz
-    tracker = st.make_tracker(config.tracking, calibration)
+    rate_hz, tracker = config.tracking.rate_hz, st.make_tracker(config.tracking, calibration)
     seen = checked(source, calibration, args.strict)
 
     def frames() -> Iterator[MarkerFrame]:
-        with ending_on_interrupt(source):
-            for index, frame in enumerate(st.follow(seen, tracker, rate_hz, seen.losses)):
-                if index % PROGRESS_EVERY == 0:
-                    advance(source.progress)
-                yield frame
-        watched.anomalies.update(source.losses.kinds())
-        watched.health.update(source.counters().summary())
+        for index, frame in enumerate(st.follow(seen, tracker, rate_hz, seen.losses)):
+            if index % PROGRESS_EVERY == 0:
+                advance(source.progress)
+            yield frame
 
-    watched = _Watched(frames(), calibration.reference_px, "px", calibration.skin_scale, rate_hz)
-    return watched
+    skin = Skin(calibration.reference_px, "px", calibration.skin_scale, rate_hz)
+    with ending_on_interrupt(source):
+        found = _listed(args, frames(), skin)
+    anomalies, health = dict(source.losses.kinds()), source.counters().summary()
+    return found | {"anomalies": anomalies, "health": health or None}
 
 
-def _of_series(args: Args, path: Path) -> _Watched:
-    """Return the frames of a series that was measured by another sensor, or of tracks."""
+def _of_series(args: Args, path: Path) -> dict[str, Any]:
+    """Return the touches in tracks, or in a series that was measured by another sensor."""
     series = load_series(path).in_image()
-
-    def frames() -> Iterator[MarkerFrame]:
-        markers = len(series.reference)
-        seen, sure = np.zeros(markers, np.bool_), np.ones(markers)
-        for t_us, moved in zip(series.t_us, series.displacement, strict=True):
-            place = series.reference + moved
-            yield MarkerFrame(int(t_us), place, place, moved, seen, sure)
-
+    seen, sure = np.zeros(len(series.reference), np.bool_), np.ones(len(series.reference))
+    frames = (
+        MarkerFrame(int(t_us), place := series.reference + moved, place, moved, seen, sure)
+        for t_us, moved in zip(series.t_us, series.displacement, strict=True)
+    )
     scale = SkinScale(1.0) if series.unit == "mm" else _scale_in_image(args, path)
     rate_hz = 1e6 / float(np.median(np.diff(series.t_us))) if len(series.t_us) > 1 else 1.0
-    return _Watched(frames(), series.reference, series.unit, scale, rate_hz)
+    return _listed(args, frames, Skin(series.reference, series.unit, scale, rate_hz))
 
 
 def _scale_in_image(args: Args, tracks: Path) -> SkinScale | None:

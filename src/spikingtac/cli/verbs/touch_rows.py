@@ -92,14 +92,15 @@ def _first_slip(slips: list[Row] | None) -> Row:
 def touch_table(name: str, rows: list[Row], first_us: int) -> Table:
     """Return the touches of a recording for a reader, times from ``first_us`` on."""
     unit = "mm" if rows and "place_mm" in rows[0] else "px"
-    columns = (
-        *("begin ms", "end ms", f"place {unit}", f"area {unit}2", f"displacement {unit}"),
-        *("peak strain", "slip ms"),
-    )
+    columns = ("begin ms", "end ms", f"place {unit}", f"area {unit}2", f"displacement {unit}",
+               "peak strain", "slip ms")  # fmt: skip
+
+    def since(t_us: int | None) -> str:
+        return "-" if t_us is None else f"{(t_us - first_us) / 1e3:.0f}"
+
     shown = [
         (
-            f"{(row['begin_us'] - first_us) / 1e3:.0f}",
-            "-" if row["end_us"] is None else f"{(row['end_us'] - first_us) / 1e3:.0f}",
+            *(since(row[time]) for time in ("begin_us", "end_us")),
             "{:.1f}, {:.1f}".format(*row[f"place_{unit}"]),
             f"{row[f'area_{unit}2']:.1f}",
             f"{row[f'peak_displacement_{unit}']:.2f}",
@@ -123,24 +124,23 @@ def _slip_text(slips: list[Row] | None, first_us: int) -> str:
 
 
 def vibration_row(found: Spectrum, unit: str, skin: SkinScale | None) -> Row:
-    """Return the line of a spectrum as plain values; in um, too, where the scale is known.
+    """Return a line of vibration as plain values: in px, and in um where the scale is known.
 
     Args:
-        found: A spectrum with a line.
-        unit: Unit of its amplitudes, ``px`` or ``mm``.
-        skin: Scale of the skin in that unit, or None.
+        found: The spectrum.
+        unit: Unit of its lengths, ``px`` or ``mm``.
+        skin: From the unit to mm, None where it is not known.
     """
     row: Row = {
         "t_us": found.t_us,
         "line_hz": round(found.line_hz or 0.0, 3),
         "noise_ratio": round(found.line_px / found.noise_px, 2),
     }
-    values = {"amplitude": found.line_px, "sigma": found.noise_px}
-    if unit == "px":
-        row |= {f"{name}_px": round(value, 5) for name, value in values.items()}
-    if skin is not None:
-        scale = UM_PER_MM / skin.px_per_mm
-        row |= {f"{name}_um": round(scale * value, 3) for name, value in values.items()}
+    scales = {"px": (1.0, 5)} if unit == "px" else {}
+    scales |= {} if skin is None else {"um": (UM_PER_MM / skin.px_per_mm, 3)}
+    for name, (scale, digits) in scales.items():
+        row[f"amplitude_{name}"] = round(scale * found.line_px, digits)
+        row[f"sigma_{name}"] = round(scale * found.noise_px, digits)
     return row
 
 

@@ -10,7 +10,7 @@ import tyro
 
 import spikingtac as st
 from spikingtac.cli.messages import Advance, Table, counted
-from spikingtac.cli.options import Output
+from spikingtac.cli.options import Output, RealtimeArgs
 from spikingtac.cli.recordings import ManyArgs, SecondArgs, Work, run_each
 from spikingtac.cli.sources import ask_for_real_time, checked, ending_on_interrupt, require_live
 from spikingtac.events.address import is_stream
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args(ManyArgs, SecondArgs):
+class Args(ManyArgs, SecondArgs, RealtimeArgs):
     """Follow every marker through a recording and write its displacement over time.
 
     Many recordings (several paths, a folder, a quoted pattern) go into a folder, with a table of
@@ -31,13 +31,13 @@ class Args(ManyArgs, SecondArgs):
     recordings: Annotated[
         tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="RECORDING...")
     ]
-    """Event file, recording folder, or a camera: its address, a named pipe, or -. Several, a folder
-    of recordings or a pattern such as 'day/*.raw' are tracked one by one."""
+    """Event files, recording folders, folders of them, patterns such as 'day/*.raw'; or a camera:
+    its address, a named pipe, or -."""
     calibration: Path
     """calibration.json of this sensor; make one with: spikingtac calibrate."""
     output: Output = None
-    """File to write: .npz, or .csv and .parquet in long form; tracks.npz unless given. A folder for
-    many. The second finger's tracks.npz is tracks_1.npz."""
+    """File to write: .npz, .csv, .parquet; tracks.npz unless given, tracks_1.npz of --second. A
+    folder for many."""
     preset: str = "default"
     """default (accurate), fast (10 kHz) or paper (as published), or a TOML file."""
     rate_hz: float | None = None
@@ -50,9 +50,6 @@ class Args(ManyArgs, SecondArgs):
     """For a file: smooth backward in time, and write the places' standard deviations, sigma_px."""
     force: Path | None = None
     """force.onnx: estimate the wrench of every frame, too; make one with: spikingtac force fit."""
-    realtime: bool = False
-    """For a camera: lock memory, stop garbage collection, and where the system permits it run
-    before other work, on one core."""
 
     def settings(self) -> tuple[st.Config, st.Calibration]:
         """Return how markers are followed, and the sensor's calibration, as the options say."""

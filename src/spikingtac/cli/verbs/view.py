@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from spikingtac.cli.messages import figures, progress, remark, tell
-from spikingtac.cli.options import WriteArgs, require_seconds
+from spikingtac.cli.options import RealtimeArgs, WriteArgs, require_seconds
 from spikingtac.cli.sources import ask_for_real_time, require_live
 from spikingtac.errors import ConfigError
 from spikingtac.plots.figure import PICTURE_ENDINGS
@@ -37,28 +37,24 @@ class PageArgs(WriteArgs):
     no_browser: bool = False
     """Serve the page, but open no browser."""
     headless: bool = False
-    """Without a page: a recording is tracked as fast as possible to its end, a camera or a scene is
-    followed for --seconds; the summary is printed."""
+    """Without a page: track a recording to its end, a camera or a scene for --seconds."""
     seconds: float | None = None
     """Duration, s; without end unless given (10 for a camera or a scene with --headless)."""
     picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """File to write: a summary picture of what the page showed (.png, .svg or .pdf), or as
-    --export."""
+    """Summary picture to write of what the page showed (.png, .svg, .pdf), or as --export."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args(PageArgs):
+class Args(PageArgs, RealtimeArgs):
     """Show a recording, a recording folder or a scene of the twin in the browser."""
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
     """Event file, recording folder, a camera (its address, a named pipe, or -), or name of a
     scene (spikingtac simulate --list)."""
     calibration: Path | None = None
-    """calibration.json of this sensor; a folder's own unless given. Without one the
-    events alone are shown, with rate, noise and hot pixels, and the page calibrates."""
+    """calibration.json of this sensor; without any, the page shows the events and calibrates."""
     second: Annotated[str | None, tyro.conf.arg(metavar="SOURCE")] = None
-    """The other finger, beside the first one on the page: what can be a SOURCE; the same folder
-    again means its second sensor. Recordings are put on the first one's clock."""
+    """The other finger, on the first one's clock; the same folder means its second sensor."""
     second_calibration: Path | None = None
     """calibration.json of the other finger; the folder's calibration_1.json unless given."""
     calibrate: bool = False
@@ -74,11 +70,7 @@ class Args(PageArgs):
     camera: Annotated[str | None, tyro.conf.arg(metavar="|".join(CAMERA_NAMES))] = None
     """Camera preset of a scene; the scene's own unless given."""
     export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Track into a file instead of showing: .mcap (ROS 2), .mp4, .gif, or one picture (.png,
-    .svg, .pdf); --seconds limits it."""
-    realtime: bool = False
-    """For a camera: lock memory, stop garbage collection, and where the system permits it run
-    before other work, on one core; the page tells what was granted."""
+    """File to track into instead: .mcap (ROS 2), .mp4, .gif, .png, .svg or .pdf."""
 
 
 def run(args: Args) -> int:
