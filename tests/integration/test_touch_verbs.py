@@ -64,10 +64,10 @@ def test_tracks_keep_their_scale(tmp_path: Path, capsys: pytest.CaptureFixture[s
         assert one["area_mm2"] == pytest.approx(one["area_px2"] / 24**2, abs=1e-3)
         field = one["field"]
         assert field["mean_shear_x_mm"] == pytest.approx(field["mean_shear_x_px"] / 24, abs=1e-5)
-        peak = (places - rest)[np.searchsorted(t_us, touch["peak_us"])]
+        peak = (places - rest)[np.searchsorted(t_us, one["peak_us"])]
         assert field["mean_shear_x_px"] == pytest.approx(peak[:, 0].mean(), abs=0.05)
         assert field["mean_shear_y_px"] == pytest.approx(peak[:, 1].mean(), abs=0.05)
-        assert 0.0 <= field["strain"] < touch["peak_strength"]  # without the share of noise
+        assert 0.0 <= field["strain"] < one["peak_strength"]  # without the share of noise
 
 
 def test_forces_are_learned_and_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
