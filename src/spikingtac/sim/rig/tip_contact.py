@@ -1,21 +1,15 @@
-"""Kernels of :mod:`spikingtac.sim.rig.walls`: the touching points of a tip, solved in turn.
-
-Vectors are tuples of three numbers, which need no memory allocation.
-``tests/naive/test_tip_kernels.py`` has the same equations on arrays.
-"""
+"""Kernels of :mod:`spikingtac.sim.rig.walls`: the touching points of a tip, solved in turn."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.arrays import FloatArray
-
-Three = tuple[float, float, float]
 
 SWEEPS = 30  # Largest number of Gauss-Seidel sweeps; two points of a hexagon need about ten.
 
@@ -71,28 +65,16 @@ class CompliantMount(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _row_kernel(rows: FloatArray, k: int) -> Three:
-    return rows[k, 0], rows[k, 1], rows[k, 2]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _dot_kernel(a: Three, b: Three) -> float:
+def _dot_kernel(a: FloatArray, b: FloatArray) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _add_kernel(a: Three, fraction: float, b: Three) -> Three:
-    """Return ``a + fraction * b``."""
-    return a[0] + fraction * b[0], a[1] + fraction * b[1], a[2] + fraction * b[2]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _times_kernel(matrix: FloatArray, a: Three) -> Three:
-    return (
-        matrix[0, 0] * a[0] + matrix[0, 1] * a[1] + matrix[0, 2] * a[2],
-        matrix[1, 0] * a[0] + matrix[1, 1] * a[1] + matrix[1, 2] * a[2],
-        matrix[2, 0] * a[0] + matrix[2, 1] * a[1] + matrix[2, 2] * a[2],
-    )
+@njit(cache=True, nogil=True, error_model="numpy")
+def _times_kernel(matrix: FloatArray, a: FloatArray) -> FloatArray:
+    out = np.empty(3)
+    for row in range(3):  # in this order, so that the last digits are fixed
+        out[row] = matrix[row, 0] * a[0] + matrix[row, 1] * a[1] + matrix[row, 2] * a[2]
+    return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -125,20 +107,22 @@ def stiffen_by_curvature_kernel(
     """
     curvature = np.zeros((3, 3))
     for k in range(len(wall.normal)):
-        pressure = _dot_kernel(_row_kernel(points.force_n, k), _row_kernel(wall.normal, k))
+        pressure = _dot_kernel(points.force_n[k], wall.normal[k])
         curvature += max(pressure, 0.0) * wall.curvature[k]
     stiffness = mount.stiffness + curvature
     compliance = inverse_kernel(stiffness)
-    free, tip = mount.free_mm, tip_mm
-    by_mount = _times_kernel(mount.stiffness, (free[0], free[1], free[2]))
-    pull = _add_kernel(by_mount, 1.0, _times_kernel(curvature, (tip[0], tip[1], tip[2])))
-    return CompliantMount(np.array(_times_kernel(compliance, pull)), compliance, stiffness)
+    pull = _times_kernel(mount.stiffness, mount.free_mm) + _times_kernel(curvature, tip_mm)
+    return CompliantMount(_times_kernel(compliance, pull), compliance, stiffness)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def point_force_kernel(
-    mount: CompliantMount, free: Three, normal: Three, anchor: Three, friction: float
-) -> Three:
+    mount: CompliantMount,
+    free: FloatArray,
+    normal: FloatArray,
+    anchor: FloatArray,
+    friction: float,
+) -> FloatArray:
     """Return the force that keeps a point at its anchor, or the force at which it slips, N.
 
     Args:
@@ -148,72 +132,60 @@ def point_force_kernel(
         anchor: Anchor of the point, on the wall's surface, mm.
         friction: Coefficient of friction.
     """
-    away = _add_kernel(anchor, -1.0, free)
+    away = anchor - free
     stick = _times_kernel(mount.stiffness, away)
     pressure = _dot_kernel(stick, normal)
-    tangential = _add_kernel(stick, -pressure, normal)
+    tangential = stick - pressure * normal
     size = math.sqrt(_dot_kernel(tangential, tangential))
     if pressure > 0.0 and size <= friction * pressure:
         return stick
-    depth = _dot_kernel(normal, away)
-    direction = (tangential[0] / size, tangential[1] / size, tangential[2] / size)
-    force = (0.0, 0.0, 0.0)
+    depth, direction, force = _dot_kernel(normal, away), tangential / size, np.zeros(3)
     for _ in range(SLIP_STEPS):
-        cone = _add_kernel(normal, friction, direction)
+        cone = normal + friction * direction
         yielding = _dot_kernel(normal, _times_kernel(mount.compliance, cone))
         if yielding <= 0.0:  # the tip jams: no slip can undo the penetration (Painleve)
             return stick
-        before, fraction = force, depth / yielding
-        force = (cone[0] * fraction, cone[1] * fraction, cone[2] * fraction)
-        slide = _add_kernel(_times_kernel(mount.compliance, force), -1.0, away)
-        slide = _add_kernel(slide, -_dot_kernel(slide, normal), normal)
+        before, force = force, cone * (depth / yielding)
+        slide = _times_kernel(mount.compliance, force) - away
+        slide = slide - _dot_kernel(slide, normal) * normal
         length = math.sqrt(_dot_kernel(slide, slide))
         if length > 0.0:
-            direction = (-slide[0] / length, -slide[1] / length, -slide[2] / length)
-        if _max_difference_kernel(force, before) < TOLERANCE_N:
+            direction = -slide / length
+        if np.abs(force - before).max() < TOLERANCE_N:
             break
     return force
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _max_difference_kernel(a: Three, b: Three) -> float:
-    return max(abs(a[0] - b[0]), abs(a[1] - b[1]), abs(a[2] - b[2]))
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _sum_kernel(rows: FloatArray, excluded: int) -> Three:
-    """Return the sum of all rows except one."""
-    total = (0.0, 0.0, 0.0)
-    for k in range(len(rows)):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _tip_kernel(mount: CompliantMount, force_n: FloatArray, excluded: int) -> FloatArray:
+    """Return the tip under the forces of all points except one."""
+    total = np.zeros(3)
+    for k in range(len(force_n)):
         if k != excluded:
-            total = _add_kernel(total, 1.0, _row_kernel(rows, k))
-    return total
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _tip_kernel(mount: CompliantMount, force: Three) -> Three:
-    free = mount.free_mm
-    return _add_kernel((free[0], free[1], free[2]), 1.0, _times_kernel(mount.compliance, force))
+            total += force_n[k]
+    return mount.free_mm + _times_kernel(mount.compliance, total)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _relax_kernel(
-    points: TipPoints, mount: CompliantMount, normals: FloatArray, reach: Any, friction: Any
+    points: TipPoints,
+    mount: CompliantMount,
+    normals: FloatArray,
+    reach: FloatArray,
+    friction: float,
 ) -> None:
     """Solve the points in turn. The constraint of each point is ``normal @ tip >= reach``."""
     for _ in range(SWEEPS):
         change = 0.0
         for k in range(len(normals)):
-            normal = _row_kernel(normals, k)
-            others = _tip_kernel(mount, _sum_kernel(points.force_n, k))
-            force = (0.0, 0.0, 0.0)
+            normal, force = normals[k], np.zeros(3)
+            others = _tip_kernel(mount, points.force_n, k)
             if reach[k] > _dot_kernel(normal, others):
-                anchor = _row_kernel(points.anchor_mm, k) if points.stuck[k] else others
-                anchor = _add_kernel(anchor, reach[k] - _dot_kernel(normal, anchor), normal)
+                anchor = points.anchor_mm[k] if points.stuck[k] else others
+                anchor = anchor + (reach[k] - _dot_kernel(normal, anchor)) * normal
                 force = point_force_kernel(mount, others, normal, anchor, friction)
-            change = max(change, _max_difference_kernel(force, _row_kernel(points.force_n, k)))
-            for axis in range(3):
-                points.force_n[k, axis] = force[axis]
+            change = max(change, np.abs(force - points.force_n[k]).max())
+            points.force_n[k] = force
         if change < TOLERANCE_N or len(normals) == 1:
             break
 
@@ -238,14 +210,11 @@ def solve_linearised_kernel(
         fraction: Fraction of the way to the solution by which the tip moves.
     """
     stiffened = stiffen_by_curvature_kernel(mount, points, wall, tip_mm)
-    here = (tip_mm[0], tip_mm[1], tip_mm[2])
     reach = np.empty(len(wall.gap_mm))
     for k in range(len(reach)):
-        reach[k] = _dot_kernel(_row_kernel(wall.normal, k), here) - wall.gap_mm[k]
+        reach[k] = _dot_kernel(wall.normal[k], tip_mm) - wall.gap_mm[k]
     _relax_kernel(points, stiffened, wall.normal, reach, friction)
-    there = _tip_kernel(stiffened, _sum_kernel(points.force_n, -1))
-    for axis in range(3):
-        tip_mm[axis] += fraction * (there[axis] - here[axis])
+    tip_mm += fraction * (_tip_kernel(stiffened, points.force_n, -1) - tip_mm)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -254,9 +223,8 @@ def update_anchors_kernel(
 ) -> None:
     """Keep the anchors of sticking points; move those of points that slip or have just touched."""
     for k in range(len(normals)):
-        force, normal = _row_kernel(points.force_n, k), _row_kernel(normals, k)
-        pressure = _dot_kernel(force, normal)
-        tangential = _add_kernel(force, -pressure, normal)
+        pressure = _dot_kernel(points.force_n[k], normals[k])
+        tangential = points.force_n[k] - pressure * normals[k]
         size = math.sqrt(_dot_kernel(tangential, tangential))
         slipped = size > friction * pressure * SLIP_FRACTION
         if pressure > 0.0 and (slipped or not points.stuck[k]):
