@@ -74,54 +74,46 @@ def bill_of_materials(design: Design, volume_mm3: Mapping[str, float]) -> list[I
         design: The design; its prices are estimates, none is a quote.
         volume_mm3: Volumes of the parts by their names, mm³.
     """
-    printing, material = design.printing, design.materials
-    densities = {
-        **dict.fromkeys(PRINTED, printing.density_g_cm3),
-        **dict.fromkeys(("gel", "discs", "cover"), material.silicone_g_cm3),
-        **dict.fromkeys(("event-sensor", "lens", "lens-holder", "leds"), PARTS_G_CM3),
-        **dict.fromkeys(("camera-board", "connector", "led-board"), BOARD_G_CM3),
-        "window": material.acrylic_g_cm3,
-        "screws": STEEL_G_CM3,
-        "inserts": BRASS_G_CM3,
-    }
-    cm3 = {name: volume / MM3_PER_CM3 for name, volume in volume_mm3.items()}
-    g = {name: cm3[name] * density for name, density in densities.items()}
-    price = material.silicone_usd_g
-    rows = [
-        (name, 1, "printed", printing.process, g[name], cm3[name] * printing.price_usd_cm3)
-        for name in PRINTED
-    ]
+    printing, material, light = design.printing, design.materials, design.light
+    screws, sensor, lens = design.fasteners, design.sensor, design.lens
+
+    def grams(density_g_cm3: float, *names: str) -> float:
+        return sum(volume_mm3[name] / MM3_PER_CM3 * density_g_cm3 for name in names)
+
+    rows: list[Item] = []
+    for name in PRINTED:
+        cost = volume_mm3[name] / MM3_PER_CM3 * printing.price_usd_cm3
+        mass = grams(printing.density_g_cm3, name)
+        rows.append((name, 1, "printed", printing.process, mass, cost))
     pane, ink = f"acrylic, {design.window.thickness_mm:g} mm", f"{design.skin.paint} silicone ink"
-    casting, gel = f"{cover_color(design)} silicone", "clear platinum-cured silicone"
+    gel, discs, cover = (grams(material.silicone_g_cm3, name) for name in ("gel", "discs", "cover"))
+    price, casting = material.silicone_usd_g, f"{cover_color(design)} silicone"
+    window = grams(material.acrylic_g_cm3, "window")
     rows += [
-        ("window", 1, "cut", pane, g["window"], material.acrylic_usd),
-        ("gel", 1, "cast", gel, g["gel"], g["gel"] * price),
-        ("discs", math.prod(design.skin.grid), "cast", ink, g["discs"], material.paint_usd),
-        ("cover", 1, "cast", casting, g["cover"], g["cover"] * price),
+        ("window", 1, "cut", pane, window, material.acrylic_usd),
+        ("gel", 1, "cast", "clear platinum-cured silicone", gel, gel * price),
+        ("discs", math.prod(design.skin.grid), "cast", ink, discs, material.paint_usd),
+        ("cover", 1, "cast", casting, cover, cover * price),
     ]
-    bought = _bought(design, g)
-    return rows + [(name, n, "bought", what, mass, cost) for name, n, what, mass, cost in bought]
-
-
-def _bought(design: Design, g: Mapping[str, float]) -> list[tuple[str, int, str, float, float]]:
-    """Return name, number, material, mass (g) and cost (dollars) of what is bought."""
-    material, light, lens = design.materials, design.light, design.lens
-    screws, sensor = design.fasteners, design.sensor
     chip = "{}, {} x {} px".format(sensor.name, *sensor.pixels)
-    electronics, driver = "board, regulators, connector", "white LEDs, constant-current driver"
     screw = f"ISO 4762 M{screws.thread_mm:g} x {screws.length_mm:g}, steel"
     insert = f"M{screws.thread_mm:g} x {screws.insert_length_mm:g}, brass"
-    board, leds = g["camera-board"] + g["connector"], g["led-board"] + g["leds"]
-    return [
-        ("event sensor", 1, chip, g["event-sensor"], sensor.cost_usd),
-        ("lens with holder", 1, lens.name, g["lens"] + g["lens-holder"], lens.cost_usd),
+    electronics = "board, regulators, connector"
+    board = grams(BOARD_G_CM3, "camera-board", "connector")
+    driver = f"{light.leds} white LEDs, constant-current driver"
+    leds = grams(BOARD_G_CM3, "led-board") + grams(PARTS_G_CM3, "leds")
+    optics = grams(PARTS_G_CM3, "lens", "lens-holder")
+    bought = [
+        ("event sensor", 1, chip, grams(PARTS_G_CM3, "event-sensor"), sensor.cost_usd),
+        ("lens with holder", 1, lens.name, optics, lens.cost_usd),
         ("camera board", 1, electronics, board, design.board.cost_usd),
-        ("LED board", 1, f"{light.leds} {driver}", leds, light.cost_usd),
-        ("screws", 4, screw, g["screws"], 4 * material.screw_usd),
-        ("heat-set inserts", 4, insert, g["inserts"], 4 * material.insert_usd),
+        ("LED board", 1, driver, leds, light.cost_usd),
+        ("screws", 4, screw, grams(STEEL_G_CM3, "screws"), 4 * material.screw_usd),
+        ("heat-set inserts", 4, insert, grams(BRASS_G_CM3, "inserts"), 4 * material.insert_usd),
         ("cable", 1, "flat cable, outside", 0.0, material.cable_usd),
         ("reader board", 1, "microcontroller, outside", 0.0, material.reader_usd),
     ]
+    return rows + [(name, n, "bought", what, mass, cost) for name, n, what, mass, cost in bought]
 
 
 def totals(bill: Sequence[Item]) -> tuple[float, float]:
@@ -150,23 +142,20 @@ def build_guide(layout: Layout, figures: dict[str, Any], bill: Sequence[Item]) -
     design, fasteners = layout.design, layout.design.fasteners
     mass_g, cost_usd = totals(bill)
     mass_of = {item[0]: item[4] for item in bill}
-    return (
-        (DESIGNS / "build-guide.md")
-        .read_text(encoding="utf-8")
-        .format(
-            design=design,
-            figures=figures,
-            mass_g=mass_g,
-            cost_usd=cost_usd,
-            gel_g=mass_of["gel"],
-            cover_g=mass_of["cover"],
-            cover_color=cover_color(design),
-            rim=layout.outer.half_mm[0] - layout.pocket.half_mm[0],
-            free=layout.disc_mm - layout.shell_top_mm,
-            in_air=figures["reduced_distance_mm"] - design.lens.pupil_mm,
-            engaged=fasteners.length_mm - layout.plate_top_mm + fasteners.counterbore_mm,
-            distortion=-100 * figures["distortion_at_outer_disc"],
-        )
+    text = (DESIGNS / "build-guide.md").read_text(encoding="utf-8")
+    return text.format(
+        design=design,
+        figures=figures,
+        mass_g=mass_g,
+        cost_usd=cost_usd,
+        gel_g=mass_of["gel"],
+        cover_g=mass_of["cover"],
+        cover_color=cover_color(design),
+        rim=layout.outer.half_mm[0] - layout.pocket.half_mm[0],
+        free=layout.disc_mm - layout.shell_top_mm,
+        in_air=figures["reduced_distance_mm"] - design.lens.pupil_mm,
+        engaged=fasteners.length_mm - layout.plate_top_mm + fasteners.counterbore_mm,
+        distortion=-100 * figures["distortion_at_outer_disc"],
     )
 
 

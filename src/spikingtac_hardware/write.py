@@ -18,13 +18,7 @@ from spikingtac_hardware import parts
 from spikingtac_hardware.checks import Finding, require_sound
 from spikingtac_hardware.design import Design
 from spikingtac_hardware.drawings import exploded_view, section_view, sheet
-from spikingtac_hardware.figures import (
-    as_csv,
-    bill_of_materials,
-    build_guide,
-    figures_of,
-    totals,
-)
+from spikingtac_hardware.figures import as_csv, bill_of_materials, build_guide, figures_of, totals
 from spikingtac_hardware.layout import Layout
 from spikingtac_hardware.parts import Part, Solid, face, modeller
 
@@ -181,16 +175,12 @@ def _write_drawings(
         if part.made in ("printed", "tool"):
             told = notes[:2] if part.made == "tool" else notes
             drawings[f"drawings/{part.name}"] = sheet(part, layout.design.about, told)
-    # No time of day in the files, so that equal designs give equal files.
-    undated: dict[str, dict[str, Any]] = {
-        "pdf": {"CreationDate": None},
-        "svg": {"Date": None},
-        "png": {},
-    }
     for name, figure in drawings.items():
-        for ending, metadata in undated.items():
-            if ending != "png" or "/" not in name:
-                figure.savefig(folder / f"{name}.{ending}", metadata=metadata)
+        # No time of day in the files, so that equal designs give equal files.
+        figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
+        figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+        if "/" not in name:
+            figure.savefig(folder / f"{name}.png")
 
 
 def _write_texts(
