@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spikingtac.errors import ConfigError, nearest
-from spikingtac.schema import from_toml, read_toml
-from spikingtac.sim.camera.config import CONFIGS
+from spikingtac.schema import read_toml
+from spikingtac.sim.camera.config import CONFIGS, load_stored
 
 if TYPE_CHECKING:
     from spikingtac.sim.scene import Scene
@@ -57,12 +55,4 @@ def load_scene(name: str | Path) -> Scene:
     """
     from spikingtac.sim.scene import Scene  # with the gel's kernels behind it
 
-    text = str(name)
-    if text in scene_names():
-        return from_toml(Scene, CONFIGS / "scenes" / f"{text}.toml")
-    if not text.endswith(".toml") and os.sep not in text:
-        raise ConfigError(
-            f"no scene {text!r}{nearest(text, scene_names())} "
-            f"(valid: {', '.join(scene_names())}, or the path of a TOML file)"
-        )
-    return from_toml(Scene, name)
+    return load_stored(Scene, name, "scene", scene_names())

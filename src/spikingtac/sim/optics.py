@@ -194,8 +194,7 @@ class Optics:
         if len(self._radius_px) != markers:
             radius_mm, self._offset_mm, chord = draw_discs(config.discs, markers, self._seed)
             self._radius_px = radius_mm * config.px_per_mm
-            whole = np.isinf(chord[:, 2]).all()
-            self._chord = None if whole else chord * np.array([1.0, 1.0, config.px_per_mm])
+            self._chord = chord * np.array([1.0, 1.0, config.px_per_mm])
         center_px, shape = np.empty((markers, 2)), np.empty((markers, 2, 2))
         place, lens = np.asarray(state.marker_mm, np.float64), (*config.size, config.px_per_mm)
         lens = (*lens, config.distance_mm, config.k1, config.k2)

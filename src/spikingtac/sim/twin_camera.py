@@ -19,6 +19,7 @@ from spikingtac.stream.host import Factory
 from spikingtac.stream.sources import RemoteSource
 from spikingtac.types import EventPacket
 
+Options = tuple[int, str | None]  # Seed, and camera preset; None is the scene's own.
 US_PER_S = 1e6
 LARGEST_SEED = (1 << 32) - 1
 NAP_S = 0.001  # Longest sleep before a packet is looked at again, s.
@@ -97,21 +98,15 @@ class TwinCamera(Camera):
 
     def describe(self) -> dict[str, Any]:
         """Return scene and seed, that it is simulated, and whether it kept up with real time."""
-        named = {"simulated": True, "scene": self.scene, "seed": self.seed}
-        pace = {
-            "packets": self._given,
-            "late_packets": self._late,
-            "latest_ms": round(1e3 * self._latest_s, 1),
-        }
-        return named | {"pace": pace} | ({"camera": self._preset} if self._preset else {})
+        latest_ms = round(1e3 * self._latest_s, 1)
+        pace = {"packets": self._given, "late_packets": self._late, "latest_ms": latest_ms}
+        told = {"simulated": True, "scene": self.scene, "seed": self.seed, "pace": pace}
+        return told | ({"camera": self._preset} if self._preset else {})
 
     def truth(self) -> dict[str, NDArray[np.floating[Any]]]:
         """Return ``reference_px (m, 2)`` and ``radius_px (m,)``: the markers at rest, px."""
-        rest = self._at_rest
-        return {
-            "reference_px": rest.reference_px.astype(np.float32),
-            "radius_px": rest.radius_px.astype(np.float32),
-        }
+        names = "reference_px", "radius_px"
+        return {name: getattr(self._at_rest, name).astype(np.float32) for name in names}
 
     def manifest(self) -> dict[str, Any]:
         """Return what a simulation's own manifest says, so that the folder reads like one."""
@@ -149,15 +144,8 @@ def is_twin(source: str) -> bool:
     return is_address(source) and Address.parse(source).kind == "twin"
 
 
-def twin_options(
-    address: Address, seed: int = 0, camera: str | None = None
-) -> tuple[int, str | None]:
-    """Return seed and camera preset of a twin's address.
-
-    Args:
-        address: Of kind ``twin``.
-        seed: Where the address names none.
-        camera: Where the address names none; None is the scene's own.
+def twin_options(address: Address, seed: int = 0, camera: str | None = None) -> Options:
+    """Return seed and camera preset of a twin's address, or those given where it names none.
 
     Raises:
         ConfigError: One of them is not valid.

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import importlib.resources
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.schema import from_toml, require_within
 
+T = TypeVar("T")
 CONFIGS = Path(str(importlib.resources.files("spikingtac") / "configs"))
 
 # The pinned presets, stored as ``configs/cameras/<name>.toml``.
@@ -164,11 +167,21 @@ def load_camera(name: str | Path) -> CameraConfig:
         ConfigError: The name is unknown, or the file does not fit. The message names the valid
             values.
     """
-    if str(name) in _STORED_NAMES:
-        return from_toml(CameraConfig, CONFIGS / "cameras" / f"{name}.toml")
-    if not Path(name).is_file():
+    return load_stored(CameraConfig, name, "camera", _STORED_NAMES)
+
+
+def load_stored(cls: type[T], name: str | Path, kind: str, names: Sequence[str]) -> T:
+    """Return a camera or scene that the package stores by name, or one from a TOML file.
+
+    Raises:
+        ConfigError: There is no such name or file, or the file does not fit.
+    """
+    text = str(name)
+    if text in names:
+        return from_toml(cls, CONFIGS / f"{kind}s" / f"{text}.toml")
+    if not text.endswith(".toml") and os.sep not in text:
         raise ConfigError(
-            f"no camera {str(name)!r}{nearest(str(name), _STORED_NAMES)} "
-            f"(valid: {', '.join(_STORED_NAMES)}, or the path of a TOML file)"
+            f"no {kind} {text!r}{nearest(text, names)} "
+            f"(valid: {', '.join(names)}, or the path of a TOML file)"
         )
-    return from_toml(CameraConfig, name)
+    return from_toml(cls, name)

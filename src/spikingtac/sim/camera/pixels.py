@@ -30,7 +30,7 @@ SETTLING_STEPS = 4.0  # Steps per time constant while a pixel settles under cons
 _SETTLING_FRACTION = 1.0 - math.exp(-1.0 / SETTLING_STEPS)
 _NEVER_US = 1e18
 _MIN_EVENT_SPACING_US = 1.0  # Shortest time between two events of one pixel, us; keeps their order.
-_SAME_LIGHT = 1e-6  # Intensities that differ by less are equal; the log table is no finer.
+SAME_LIGHT = 1e-6  # Intensities that differ by less are equal; the log table is no finer.
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1, _MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
@@ -97,12 +97,6 @@ def uniform_kernel(key: np.uint64, counter: np.uint64) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def inverse_time_constant_kernel(chip: Any, intensity: float) -> float:
-    """Return the photoreceptor's inverse time constant at an intensity, 1/us."""
-    return chip["white_rate_per_us"] * (intensity + chip["dark"])
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def log_intensity_kernel(chip: Any, intensity: float) -> float:
     """Return the logarithm of an intensity from the table."""
     place = intensity * chip["log_per_unit"]
@@ -126,12 +120,6 @@ def exponential_decay_kernel(chip: Any, time_constants: float) -> float:
 def intensity_kernel(px: Any, covered: float) -> float:
     """Return the intensity at a pixel of which the markers cover a fraction (0 to 1)."""
     return px["ground_intensity"] + px["marker_increment"] * covered
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def same_light_kernel(px: Any, intensity: float) -> bool:
-    """Return True if an intensity equals the one that the pixel saw last."""
-    return abs(intensity - px["intensity"]) < _SAME_LIGHT
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -240,7 +228,7 @@ def advance_constant_light_kernel(
     target = float(px["target_level"])
     remaining = target - px["level"]
     if abs(remaining) > SETTLED_LEVEL:
-        rate = inverse_time_constant_kernel(chip, px["intensity"])
+        rate = chip["white_rate_per_us"] * (px["intensity"] + chip["dark"])  # 1 / time constant
         step_us, fraction = 1.0 / (SETTLING_STEPS * rate), _SETTLING_FRACTION
         while abs(remaining) > SETTLED_LEVEL and now_us < until_us:
             if now_us + step_us > until_us:
@@ -273,7 +261,7 @@ def advance_light_ramp_kernel(
     target, level = log_intensity_kernel(chip, intensity), float(px["level"])
     # The mean light's time constant makes the step accurate to second order.
     mean = 0.5 * (intensity + px["intensity"])
-    time_constants = span_us * inverse_time_constant_kernel(chip, mean)
+    time_constants = span_us * (chip["white_rate_per_us"] * (mean + chip["dark"]))
     lag = (target - px["target_level"]) / time_constants
     decay = exponential_decay_kernel(chip, time_constants)
     new_level = target - lag + (level - px["target_level"] + lag) * decay

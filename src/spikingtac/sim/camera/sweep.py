@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from spikingtac.sim.camera.coverage import disc_coverage_kernel, edge_coverage_kernel
 from spikingtac.sim.camera.pixels import (
+    SAME_LIGHT,
     advance_constant_light_kernel,
     advance_light_ramp_kernel,
     advance_settled_kernel,
@@ -22,7 +23,6 @@ from spikingtac.sim.camera.pixels import (
     emit_crossings_kernel,
     intensity_kernel,
     predict_leak_event_kernel,
-    same_light_kernel,
 )
 from spikingtac.sim.camera.sensor import DARKEST, Sensor
 
@@ -110,7 +110,7 @@ def _update_edge_pixels_kernel(
                 covered = _group_coverage_kernel(sweep, k, chip, float(x), float(y))
             px = pixels[y, x]
             light = intensity_kernel(px, covered)
-            if same_light_kernel(px, light):
+            if abs(light - px["intensity"]) < SAME_LIGHT:
                 continue
             if not advance_settled_kernel(px, start_us):
                 advance_constant_light_kernel(px, chip, out, start_us)

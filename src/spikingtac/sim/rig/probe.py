@@ -69,8 +69,6 @@ class ProbeState:
 
     Attributes:
         t_us: Time, us.
-        arm_mm: ``(3,)`` position at which the arm holds the unloaded tip, vibration included, base
-            frame, mm.
         tip_mm: ``(3,)`` position of the tip, base frame, mm.
         center_mm: ``(3,)`` centre of the patch, base frame, mm.
         bushing: ``(6,)`` translation (mm) and rotation (rad) of the rod against the pads, gripper
@@ -83,7 +81,6 @@ class ProbeState:
     """
 
     t_us: int
-    arm_mm: FloatArray
     tip_mm: FloatArray
     center_mm: FloatArray
     bushing: FloatArray
@@ -131,25 +128,20 @@ class Probe:
         tip_mm = arm_mm + self._tip_jacobian @ bushing
         pressed, free_gap = bool(force.any()), self.contact.free_gap_mm
         gaps = self.contact.gap_mm(tip_mm) if pressed else free_gap, free_gap
-        return ProbeState(
-            t_us, arm_mm, tip_mm, self._center(arm_mm), bushing, force, *gaps, pressed
-        )
+        return ProbeState(t_us, tip_mm, self._center(arm_mm), bushing, force, *gaps, pressed)
 
     def at_rest(self, t_us: int) -> ProbeState:
         """Return the state before the first step: unloaded and without contact."""
-        arm_mm = self._arm[-1]
+        arm_mm, still = self._arm[-1], (np.zeros(6), np.zeros(3))
         gap = self.contact.gap_mm(arm_mm)
-        return ProbeState(
-            t_us, arm_mm, arm_mm, self._center(arm_mm), np.zeros(6), np.zeros(3), gap, gap, False
-        )
+        return ProbeState(t_us, arm_mm, self._center(arm_mm), *still, gap, gap, False)
 
     def relocated(self, state: ProbeState, shift_mm: FloatArray) -> ProbeState:
         """Return the state after the arm was moved by ``shift_mm`` at once. The rod swings on."""
         self._arm = [place + shift_mm for place in self._arm]
-        arm, tip = state.arm_mm + shift_mm, state.tip_mm + shift_mm
-        gap = self.contact.gap_mm(tip)
-        moved = {"arm_mm": arm, "tip_mm": tip, "center_mm": state.center_mm + shift_mm}
-        return replace(state, **moved, gap_mm=gap, free_gap_mm=gap)
+        tip_mm, center_mm = state.tip_mm + shift_mm, state.center_mm + shift_mm
+        gap = self.contact.gap_mm(tip_mm)
+        return replace(state, tip_mm=tip_mm, center_mm=center_mm, gap_mm=gap, free_gap_mm=gap)
 
     def _center(self, arm_mm: FloatArray) -> FloatArray:
         return arm_mm - GRIPPER_IN_BASE[:, 1] * self._config.stickout_mm
