@@ -80,11 +80,11 @@ def bill_of_materials(design: Design, volume_mm3: Mapping[str, float]) -> list[I
     def grams(density_g_cm3: float, *names: str) -> float:
         return sum(volume_mm3[name] / MM3_PER_CM3 * density_g_cm3 for name in names)
 
-    rows: list[Item] = []
-    for name in PRINTED:
-        cost = volume_mm3[name] / MM3_PER_CM3 * printing.price_usd_cm3
-        mass = grams(printing.density_g_cm3, name)
-        rows.append((name, 1, "printed", printing.process, mass, cost))
+    price, mass = printing.price_usd_cm3 / MM3_PER_CM3, printing.density_g_cm3
+    rows = [
+        (name, 1, "printed", printing.process, grams(mass, name), volume_mm3[name] * price)
+        for name in PRINTED
+    ]
     pane, ink = f"acrylic, {design.window.thickness_mm:g} mm", f"{design.skin.paint} silicone ink"
     gel, discs, cover = (grams(material.silicone_g_cm3, name) for name in ("gel", "discs", "cover"))
     price, casting = material.silicone_usd_g, f"{cover_color(design)} silicone"
@@ -98,7 +98,6 @@ def bill_of_materials(design: Design, volume_mm3: Mapping[str, float]) -> list[I
     chip = "{}, {} x {} px".format(sensor.name, *sensor.pixels)
     screw = f"ISO 4762 M{screws.thread_mm:g} x {screws.length_mm:g}, steel"
     insert = f"M{screws.thread_mm:g} x {screws.insert_length_mm:g}, brass"
-    electronics = "board, regulators, connector"
     board = grams(BOARD_G_CM3, "camera-board", "connector")
     driver = f"{light.leds} white LEDs, constant-current driver"
     leds = grams(BOARD_G_CM3, "led-board") + grams(PARTS_G_CM3, "leds")
@@ -106,7 +105,7 @@ def bill_of_materials(design: Design, volume_mm3: Mapping[str, float]) -> list[I
     bought = [
         ("event sensor", 1, chip, grams(PARTS_G_CM3, "event-sensor"), sensor.cost_usd),
         ("lens with holder", 1, lens.name, optics, lens.cost_usd),
-        ("camera board", 1, electronics, board, design.board.cost_usd),
+        ("camera board", 1, "board, regulators, connector", board, design.board.cost_usd),
         ("LED board", 1, driver, leds, light.cost_usd),
         ("screws", 4, screw, grams(STEEL_G_CM3, "screws"), 4 * material.screw_usd),
         ("heat-set inserts", 4, insert, grams(BRASS_G_CM3, "inserts"), 4 * material.insert_usd),
