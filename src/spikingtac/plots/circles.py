@@ -63,7 +63,12 @@ def save_calibration_plot(calibration: Calibration, path: str | Path) -> None:
     axes = figure.add_subplot()
     style_axes(axes, theme)
     axes.imshow(_picture(calibration), cmap="gray", vmin=0.0, vmax=1.0)
-    status = _status(calibration)
+    notes, measured = calibration.provenance, calibration.marker_measured
+    missing = notes.get("missing", []) if measured is None else np.flatnonzero(~measured).tolist()
+    status = ["good"] * len(calibration.radius_px)
+    for name, markers in (("doubtful", notes.get("doubtful", [])), ("expected", missing)):
+        for marker in markers:
+            status[marker] = name
     for marker, center in enumerate(calibration.reference_px):
         color, line = STATUS[status[marker]]
         radius_px = float(calibration.radius_px[marker])
@@ -72,7 +77,7 @@ def save_calibration_plot(calibration: Calibration, path: str | Path) -> None:
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x (px)", ylabel="y (px)")
     axes.set_aspect("equal")
     shape = "x".join(map(str, calibration.grid or ("free",)))
-    said = calibration.provenance.get("quality")
+    said = notes.get("quality")
     axes.set_title(
         f"{shape} {calibration.polarity} markers, radius "
         f"{float(np.mean(calibration.radius_px)):.2f} px" + (f", quality {said}" if said else "")
@@ -84,17 +89,6 @@ def save_calibration_plot(calibration: Calibration, path: str | Path) -> None:
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     save_figure(figure, path)
-
-
-def _status(calibration: Calibration) -> list[str]:
-    """Return for each marker whether it is good, doubtful, or only expected from the others."""
-    notes, measured = calibration.provenance, calibration.marker_measured
-    missing = notes.get("missing", []) if measured is None else np.flatnonzero(~measured).tolist()
-    status = ["good"] * len(calibration.radius_px)
-    for name, markers in (("doubtful", notes.get("doubtful", [])), ("expected", missing)):
-        for marker in markers:
-            status[marker] = name
-    return status
 
 
 def _picture(calibration: Calibration) -> NDArray[np.float64]:
@@ -142,17 +136,18 @@ class HolePicture:
         size_mm = float(np.sqrt(PLANE_REGION * largest_mm2))
         if self.error_mm is not None:
             size_mm = max(size_mm, float(np.linalg.norm(self.error_mm[:2])))
-        return _fitting(size_mm, CENTER_FRACTION * self.circle.radius_mm)
+        return self._fitting(size_mm, CENTER_FRACTION)
 
     @property
     def residual_factor(self) -> float:
         """Magnification of the residuals, one of :data:`FACTORS`."""
-        size_mm = float(np.abs(self.circle.residual_mm).max(initial=0.0))
-        return _fitting(size_mm, RESIDUAL_FRACTION * self.circle.radius_mm)
+        return self._fitting(
+            float(np.abs(self.circle.residual_mm).max(initial=0.0)), RESIDUAL_FRACTION
+        )
 
-
-def _fitting(size_mm: float, room_mm: float) -> float:
-    return max((one for one in FACTORS if one * size_mm <= room_mm), default=FACTORS[0])
+    def _fitting(self, size_mm: float, share: float) -> float:
+        room_mm = share * self.circle.radius_mm
+        return max((one for one in FACTORS if one * size_mm <= room_mm), default=FACTORS[0])
 
 
 def save_hole_plot(path: str | Path, title: str, picture: HolePicture) -> None:
@@ -177,6 +172,8 @@ def save_hole_plot(path: str | Path, title: str, picture: HolePicture) -> None:
 
 def draw_hole(axes: Axes, picture: HolePicture, theme: Theme) -> None:
     """Draw truth, estimate, contacts and confidence ellipse, to equal scale, with their labels."""
+    from matplotlib.patches import Ellipse
+
     circle, times = picture.circle, picture.center_factor
     center_mm, radius_mm = circle.center_mm, circle.radius_mm
     label = f"estimate, R {radius_mm:.3f} mm"
@@ -189,8 +186,19 @@ def draw_hole(axes: Axes, picture: HolePicture, theme: Theme) -> None:
         center_mm, radius_mm = picture.true_center_mm, picture.true_radius_mm
         look = {"ec": theme.second, "lw": TRUTH_WIDTH, "alpha": 0.35}
         _draw_ring(axes, center_mm, radius_mm, label=f"true hole, R {radius_mm:.3f} mm", **look)
-    _draw_region(axes, circle, times, theme)
-    _draw_contacts(axes, picture, theme)
+    value, vector = np.linalg.eigh(circle.covariance_mm2[:2, :2])
+    sides_mm = 2.0 * times * np.sqrt(PLANE_REGION * value)
+    look = {"fc": theme.strong, "alpha": 0.3, "label": f"95 % region of the centre × {times:g}"}
+    turn = float(np.degrees(np.arctan2(vector[1, 0], vector[0, 0])))
+    axes.add_patch(Ellipse(tuple(circle.center_mm), *sides_mm, angle=turn, **look))
+    # Contacts stand on the wall, off it by their residuals.
+    away = picture.reading_mm - circle.center_mm
+    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), np.finfo(float).tiny)
+    foot = circle.center_mm + circle.radius_mm * away
+    wall = foot + picture.residual_factor * circle.residual_mm[:, None] * away
+    label = f"contacts, residual × {picture.residual_factor:g}"
+    axes.plot(*wall.T, ".", color=theme.text, ms=6, ls="none", label=label)
+    axes.plot(*np.stack([foot, wall]).transpose(2, 0, 1), color=theme.text, lw=0.7)
     x, y, half = float(center_mm[0]), float(center_mm[1]), HALF_WIDTH * radius_mm
     axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), aspect="equal")
 
@@ -200,27 +208,3 @@ def _draw_ring(axes: Axes, center: NDArray[np.floating], radius: float, **look: 
 
     x, y = (float(value) for value in center)
     axes.add_patch(Disc((x, y), radius, fill=False, **look))  # type: ignore[arg-type]
-
-
-def _draw_contacts(axes: Axes, picture: HolePicture, theme: Theme) -> None:
-    """Draw the contacts on the wall, off it by their residuals."""
-    circle, times = picture.circle, picture.residual_factor
-    away = picture.reading_mm - circle.center_mm
-    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), np.finfo(float).tiny)
-    foot = circle.center_mm + circle.radius_mm * away
-    wall = foot + times * circle.residual_mm[:, None] * away
-    label = f"contacts, residual × {times:g}"
-    axes.plot(*wall.T, ".", color=theme.text, ms=6, ls="none", label=label)
-    axes.plot(*np.stack([foot, wall]).transpose(2, 0, 1), color=theme.text, lw=0.7)
-
-
-def _draw_region(axes: Axes, circle: Circle, times: float, theme: Theme) -> None:
-    from matplotlib.patches import Ellipse
-
-    value, vector = np.linalg.eigh(circle.covariance_mm2[:2, :2])
-    width, height = 2.0 * times * np.sqrt(PLANE_REGION * value)
-    turn = float(np.degrees(np.arctan2(vector[1, 0], vector[0, 0])))
-    x, y = (float(value) for value in circle.center_mm)
-    label = f"95 % region of the centre × {times:g}"
-    look = {"fc": theme.strong, "alpha": 0.3, "label": label}
-    axes.add_patch(Ellipse((x, y), width, height, angle=turn, **look))

@@ -71,7 +71,7 @@ def event_figures(source: FileSource, at_s: float | None = None) -> EventFigures
     for packet in source:
         if len(packet):
             first_us = int(packet.t[0]) if first_us is None else first_us
-            counts += _per_pixel(packet, None)
+            counts += np.bincount(_pixel(packet), minlength=len(counts))
             more = np.bincount((packet.t - first_us) // RATE_US, minlength=len(rate))
             more[: len(rate)] += rate
             rate = more
@@ -96,23 +96,21 @@ def event_figures(source: FileSource, at_s: float | None = None) -> EventFigures
 
 def _until(source: FileSource, at_us: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return ON minus OFF events of the moment, and when each pixel sent last before its end."""
-    width, height = source.size
-    moment, last_us = np.zeros(width * height, np.int64), np.full(width * height, -np.inf)
+    pixels = source.size[0] * source.size[1]
+    moment, last_us = np.zeros(pixels, np.int64), np.full(pixels, -np.inf)
     for packet in source:
         if packet.t_start_us >= at_us + RATE_US:
             break
         packet = packet.select(packet.t < at_us + RATE_US)
-        pixel = packet.y.astype(np.int64) * width + packet.x
+        pixel = _pixel(packet)
         last_us[pixel] = packet.t  # of equal pixels the last one stays
         now = packet.t >= at_us
-        moment += _per_pixel(packet, now & packet.p) - _per_pixel(packet, now & ~packet.p)
+        np.add.at(moment, pixel[now], np.where(packet.p[now], 1, -1))
     return moment, last_us
 
 
-def _per_pixel(packet: EventPacket, chosen: NDArray[np.bool_] | None) -> NDArray[np.int64]:
-    width, height = packet.size
-    pixel = packet.y.astype(np.int64) * width + packet.x
-    return np.bincount(pixel if chosen is None else pixel[chosen], minlength=width * height)
+def _pixel(packet: EventPacket) -> NDArray[np.int64]:
+    return packet.y.astype(np.int64) * packet.size[0] + packet.x
 
 
 def plot_events(

@@ -12,7 +12,7 @@ import numpy as np
 from spikingtac.atomic_files import replacing, require_free
 from spikingtac.errors import ConfigError, SpikingTacError, nearest
 from spikingtac.plots.figure import PICTURE_ENDINGS
-from spikingtac.plots.summary import DPI, PANEL, SensorDrawing
+from spikingtac.plots.moments import DPI, PANEL, SensorDrawing
 from spikingtac.ros2.messages import NS_PER_US, Layout
 from spikingtac.ros2.stream import SensorStream, StreamConfig
 from spikingtac.types import MarkerFrame

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.plots.summary import Course, Picture, save_summary
+from spikingtac.plots.moments import Course, Picture, save_summary
 from spikingtac.touch.force.model import ForceModel, Wrench
 from spikingtac.touch.slip.held import HeldTouchDetector
 from spikingtac.touch.vibration import Spectrum, VibrationMonitor

@@ -15,10 +15,10 @@ from PIL import Image
 from spikingtac.errors import ConfigError
 from spikingtac.events import create_events, open_events
 from spikingtac.geometry.hole import Circle
-from spikingtac.plots.animation import FRAME_MS, save_animation
 from spikingtac.plots.circles import PLANE_REGION, HolePicture, draw_hole
 from spikingtac.plots.events import RATE_US, SURFACE_US, event_figures, plot_events
 from spikingtac.plots.figure import THEMES, WIDTHS_IN, save_figure
+from spikingtac.plots.moments import FRAME_MS, save_animation
 from spikingtac.plots.tracks import ARROW_SHARE, Kind, plot_comparison, plot_tracks
 from spikingtac.tracks.comparison import compare_tracks, compare_with_truth
 from spikingtac.types import EventPacket

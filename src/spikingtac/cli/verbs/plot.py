@@ -87,7 +87,7 @@ def _of_events(args: Args, output: Path, kind: str) -> dict[str, Any]:
 
 
 def _of_tracks(args: Args, output: Path, kind: str) -> dict[str, Any]:
-    from spikingtac.plots.animation import save_animation
+    from spikingtac.plots.moments import save_animation
 
     tracks = st.Tracks.load(args.source)
     style: dict[str, Any] = {"theme": args.theme, "width": args.width}
