@@ -10,7 +10,6 @@ from __future__ import annotations
 import ipaddress
 import socket
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from spikingtac.errors import ConfigError, DeviceError, MissingExtraError
@@ -36,44 +35,25 @@ LOCAL_PEERS = (
 )
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class DdsConfig:
-    """How a participant is reached.
+def _settings(interface: str) -> str:
+    """Return the settings of Cyclone DDS, as XML.
 
-    Attributes:
-        domain: ROS_DOMAIN_ID, 0 to 101.
-        interface: Name or address of a network interface, or ``lo``: this machine alone.
-        reliable: Send again what got lost; sensor data are best effort otherwise.
+    Raises:
+        ConfigError: There is no such interface.
     """
-
-    domain: int = 0
-    interface: str = LOOPBACK
-    reliable: bool = False
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.domain <= LARGEST_DOMAIN:
-            raise ConfigError(f"the domain is {self.domain}, it must be 0 to {LARGEST_DOMAIN}")
-        known = _interfaces()
-        if self.interface not in (LOOPBACK, *known):
-            try:
-                ipaddress.ip_address(self.interface)
-            except ValueError as error:
-                raise ConfigError(
-                    f"{self.interface!r} is no network interface (valid: {', '.join(known)}, or an "
-                    "address of one)"
-                ) from error
-
-    def document(self) -> str:
-        """Return the settings of Cyclone DDS, as XML."""
-        if self.interface == LOOPBACK:
-            where = 'address="127.0.0.1" multicast="false"'
-            return SETTINGS.format(where=where, peers=LOCAL_PEERS)
-        kind = "name" if self.interface in _interfaces() else "address"
-        return SETTINGS.format(where=f'{kind}="{self.interface}"', peers="")
-
-
-def _interfaces() -> list[str]:
-    return [name for _, name in socket.if_nameindex()]
+    known = [name for _, name in socket.if_nameindex()]
+    if interface == LOOPBACK:
+        where = 'address="127.0.0.1" multicast="false"'
+        return SETTINGS.format(where=where, peers=LOCAL_PEERS)
+    if interface in known:
+        return SETTINGS.format(where=f'name="{interface}"', peers="")
+    try:
+        return SETTINGS.format(where=f'address="{ipaddress.ip_address(interface)}"', peers="")
+    except ValueError as error:
+        raise ConfigError(
+            f"{interface!r} is no network interface (valid: {', '.join(known)}, or an address of "
+            "one)"
+        ) from error
 
 
 class DdsPublisher:
@@ -82,30 +62,37 @@ class DdsPublisher:
     It is a :class:`~spikingtac.ros2.stream.Publisher`.
 
     Args:
-        config: Domain and interface.
+        domain: ROS_DOMAIN_ID, 0 to 101.
+        interface: Name or address of a network interface, or ``lo``: this machine alone.
+        reliable: Send again what got lost; sensor data are best effort otherwise.
 
     Raises:
+        ConfigError: Domain or interface are not valid.
         MissingExtraError: cyclonedds is not installed.
         DeviceError: The domain cannot be entered.
     """
 
-    def __init__(self, config: DdsConfig) -> None:
+    def __init__(self, domain: int, interface: str, reliable: bool = False) -> None:
+        if not 0 <= domain <= LARGEST_DOMAIN:
+            raise ConfigError(f"the domain is {domain}, it must be 0 to {LARGEST_DOMAIN}")
+        settings = _settings(interface)
         try:
-            from cyclonedds import core, domain
+            from cyclonedds import core
+            from cyclonedds.domain import Domain, DomainParticipant
         except ImportError as error:
             raise MissingExtraError(
                 "ROS 2 needs cyclonedds; install it with: pip install 'spikingtac[ros2]'"
             ) from error
-        self._config = config
+        self._reliable = reliable
         self._topics: dict[str, tuple[str, Any, Any]] = {}  # message, its type, writer
         try:
-            self._domain = domain.Domain(config.domain, config.document())
+            self._domain = Domain(domain, settings)
             # ROS 2 takes a participant for one of its own by its enclave.
             qos = core.Qos(core.Policy.Userdata(b"enclave=/;"))
-            self._participant: Any = domain.DomainParticipant(config.domain, qos=qos)
+            self._participant: Any = DomainParticipant(domain, qos=qos)
         except core.DDSException as error:
             raise DeviceError(
-                f"DDS domain {config.domain} cannot be entered on {config.interface!r}: {error}; "
+                f"DDS domain {domain} cannot be entered on {interface!r}: {error}; "
                 "another --domain or --interface may be free"
             ) from error
 
@@ -116,7 +103,7 @@ class DdsPublisher:
         from cyclonedds.topic import Topic
         from cyclonedds.util import duration
 
-        reliable, name = self._config.reliable, ros_type(message)
+        reliable, name = self._reliable, ros_type(message)
         sure = Policy.Reliability.Reliable(duration(milliseconds=0))
         qos = Qos(
             sure if state or reliable else Policy.Reliability.BestEffort,

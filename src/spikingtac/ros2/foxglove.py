@@ -9,20 +9,18 @@ Origin or Host, so that any page in the user's browser could read a server of it
 from __future__ import annotations
 
 import asyncio
-import ipaddress
 import json
 import struct
 import threading
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
 from http import HTTPStatus
+from socket import socket
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
-from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.ros2.messages import definition, encode, ros_type
 
 if TYPE_CHECKING:
@@ -35,7 +33,6 @@ MESSAGE_DATA = 1  # Operation code of a message (ws-protocol.md).
 
 # Bytes that wait for a slow client: 4 s of a display. It gets no further ones until it has read.
 BACKLOG_BYTES = 1 << 20
-LARGEST_PORT = 65_535
 PATIENCE_S = 1.0  # Time for a client to take what waits for it when the server ends, s.
 
 # Returns why a request is refused, from its headers and token; an empty text lets it in.
@@ -48,44 +45,26 @@ class FoxglovePublisher:
     It is a :class:`~spikingtac.ros2.stream.Publisher`; the server runs in a thread of its own.
 
     Args:
-        host: Address of an interface of this machine; loopback is this machine alone.
-        port: Port, or 0 for any free one.
+        listening: A bound socket, as of :func:`spikingtac.viewer.access.listen`.
         refusal: Decides about each connection.
 
     Attributes:
         port: On which it listens.
-
-    Raises:
-        ConfigError: Host or port are not valid.
-        DeviceError: The port is taken, or the address is none of this machine.
     """
 
-    def __init__(self, host: str, port: int, refusal: Refusal) -> None:
-        if not 0 <= port <= LARGEST_PORT:
-            raise ConfigError(f"the port is {port}, it must be 0 to {LARGEST_PORT}")
-        try:
-            ipaddress.ip_address(host)
-        except ValueError as error:
-            raise ConfigError(
-                f"{host!r} is no address; valid are those of this machine, as 127.0.0.1"
-            ) from error
+    def __init__(self, listening: socket, refusal: Refusal) -> None:
+        self.port: int = listening.getsockname()[1]
         self._refusal = refusal
         self._channels: dict[str, dict[str, Any]] = {}
         self._messages: dict[str, str] = {}
         self._states: dict[int, bytes | None] = {}  # channel -> its last message
         # Client -> number of a subscription -> its channel.
         self._clients: dict[ServerConnection, dict[int, int]] = {}
-        self._begun: Future[int] = Future()
-        work = partial(asyncio.run, self._serve(host, port))
+        begun = threading.Event()
+        work = partial(asyncio.run, self._serve(listening, begun))
         self._thread = threading.Thread(target=work, name="foxglove", daemon=True)
         self._thread.start()
-        try:
-            self.port = self._begun.result()
-        except OSError as error:
-            raise DeviceError(
-                f"Foxglove cannot be served on {host}:{port}: {error}; another --port may be free "
-                "(0 takes any)"
-            ) from error
+        begun.wait()
 
     def advertise(self, topic: str, message: str, *, state: bool = False) -> None:
         """Announce a topic."""
@@ -123,25 +102,19 @@ class FoxglovePublisher:
             self._loop.call_soon_threadsafe(self._ended.set)
             self._thread.join()
 
-    async def _serve(self, host: str, port: int) -> None:
+    async def _serve(self, listening: socket, begun: threading.Event) -> None:
         from websockets.asyncio.server import serve
 
         self._loop, self._ended = asyncio.get_running_loop(), asyncio.Event()
-        try:
-            server = await serve(
-                self._attend,
-                host,
-                port,
-                subprotocols=PROTOCOLS,  # pyright: ignore[reportArgumentType]
-                process_request=self._refuse,
-                compression=None,
-                close_timeout=PATIENCE_S,
-            )
-        except OSError as error:
-            self._begun.set_exception(error)
-            return
-        async with server:
-            self._begun.set_result(next(iter(server.sockets)).getsockname()[1])
+        async with serve(
+            self._attend,
+            sock=listening,
+            subprotocols=PROTOCOLS,  # pyright: ignore[reportArgumentType]
+            process_request=self._refuse,
+            compression=None,
+            close_timeout=PATIENCE_S,
+        ):
+            begun.set()
             await self._ended.wait()
             self._loop.call_later(PATIENCE_S, self._abandon)
 

@@ -29,7 +29,7 @@ from spikingtac.ros2 import messages
 from spikingtac.ros2.foxglove import BACKLOG_BYTES, FoxglovePublisher
 from spikingtac.ros2.messages import FIELD, Layout
 from spikingtac.ros2.stream import SensorStream, StreamConfig
-from spikingtac.viewer.access import Gate
+from spikingtac.viewer.access import Gate, listen
 from stand_ins.tracks import circling_tracks
 
 PROTOCOLS = ["foxglove.sdk.v1", "foxglove.websocket.v1"]
@@ -39,7 +39,7 @@ FRAMES, PATIENCE_S = 100, 60.0
 @pytest.fixture
 def publisher() -> Iterator[FoxglovePublisher]:
     refusal = partial(ros2._refusal, Gate().refusal, ros2.FOXGLOVE_ORIGINS)
-    with closing(FoxglovePublisher("127.0.0.1", 0, refusal)) as served:
+    with closing(FoxglovePublisher(listen("127.0.0.1", 0), refusal)) as served:
         yield served
 
 
@@ -157,10 +157,10 @@ def test_nothing_that_a_client_sends_ends_the_server(connected: Callable[..., Cl
 @pytest.mark.parametrize(
     ("options", "code", "told"),
     [
-        (["--port", "70000"], 2, "0 to 65535"),
-        (["--host", "everybody"], 2, "no address"),
+        (["--port", "70000"], 2, "to 65535"),
+        (["--host", "everybody"], 2, "no address of this machine"),
         (["--field-hz", "0"], 2, "1 to 10000"),
-        (["--port", "taken"], 3, "another --port"),
+        (["--port", "taken"], 3, "another one: --port"),
     ],
 )
 def test_mistakes_are_told(

@@ -63,11 +63,10 @@ class Args(PublishArgs):
 
 def run(args: Args) -> int:
     """Publish until the source ends, or until Ctrl-C."""
-    from spikingtac.ros2.dds import DdsConfig, DdsPublisher
+    from spikingtac.ros2.dds import DdsPublisher
 
-    config = DdsConfig(domain=args.domain, interface=args.interface, reliable=args.reliable)
     feed = feed_of(args)
-    with closing(DdsPublisher(config)) as publisher:
+    with closing(DdsPublisher(args.domain, args.interface, args.reliable)) as publisher:
         where = "this machine" if args.interface == "lo" else args.interface
         remark(
             f"publishing {args.prefix}/field and more on {where}, domain {args.domain}; Ctrl-C ends"
@@ -96,12 +95,13 @@ class FoxgloveArgs(PublishArgs):
 def foxglove(args: FoxgloveArgs) -> int:
     """Serve until the source ends, or until Ctrl-C."""
     from spikingtac.ros2.foxglove import FoxglovePublisher
-    from spikingtac.viewer.access import Gate
+    from spikingtac.viewer.access import Gate, listen
 
     feed = feed_of(args)
     gate = Gate.for_host(args.host)
     refusal = partial(_refusal, gate.refusal, args.allow_origin)
-    with closing(FoxglovePublisher(args.host, args.port, refusal)) as publisher:
+    listening = listen(args.host, args.port)
+    with closing(FoxglovePublisher(listening, refusal)) as publisher:
         token = f"/?token={gate.token}" if gate.token else ""
         address = f"ws://{args.host}:{publisher.port}{token}"
         remark(f"open {address} in Foxglove (Open connection); Ctrl-C ends")
