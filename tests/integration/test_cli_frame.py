@@ -92,18 +92,9 @@ def test_errors_become_exit_codes(
     assert "Traceback" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("number", "told"),
-    [
-        (errno.EACCES, "'x.raw': Permission denied; you may not read or write it"),
-        (errno.ENOSPC, "'x.raw': No space left on device; free some space"),
-    ],
-)
-def test_what_the_system_refuses_has_a_way_out(
-    number: int, told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    frame._report(OSError(number, os.strerror(number), "x.raw"), as_json=False)
-    assert told in capsys.readouterr().err
+def test_what_the_system_refuses_has_a_way_out(capsys: pytest.CaptureFixture[str]) -> None:
+    frame._report(OSError(errno.EACCES, os.strerror(errno.EACCES), "x.raw"), as_json=False)
+    assert "'x.raw': Permission denied; you may not read" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("verb", verbs())
@@ -135,11 +126,18 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(
             "--polarity cannot be 'whites'; did you mean 'white'? (valid: white",
         ),
         (("probe", "--search", "cross"), "did you mean 'cross4'"),
+        (("experiment", "point-trackng", "-o", "run"), "did you mean 'point-tracking'"),
+        (
+            ("experiment", "point-tracking", "-o", "run", "--methods", "defualt"),
+            "did you mean 'default'",
+        ),
     ],
 )
 def test_what_is_typed_wrong_is_told_in_words(
-    words: tuple[str, ...], told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+    words: tuple[str, ...], told: str, capsys: pytest.CaptureFixture[str], tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
     assert main([*words, "--json"]) == 2
     shown = capsys.readouterr()
     document = json.loads(shown.out)
@@ -147,6 +145,7 @@ def test_what_is_typed_wrong_is_told_in_words(
     assert told in document["error"]
     assert "class" not in document["error"]
     assert shown.err.startswith("spikingtac: error: ")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

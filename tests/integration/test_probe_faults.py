@@ -15,13 +15,7 @@ from spikingtac.cli.verbs import probe_sites as sites
 from spikingtac.cli.verbs.probe import Args
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
-from spikingtac.contact.registry import DetectionConfig, make_detector
-from spikingtac.errors import SearchError
-from spikingtac.geometry.travel import Compensation, TravelModel
-from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
 from spikingtac.robot.arm import Arm, ArmState
-from spikingtac.robot.cross_search import cross_search
-from spikingtac.robot.prober import ArmProber, ProbingConfig
 from spikingtac.sim.rig.hole_site import Grasp, HoleSite
 from spikingtac.sim.rig.walls import HoleWall, NoWall, Wall
 from spikingtac.types import EventPacket
@@ -68,7 +62,15 @@ class Watched:
 
 def failed(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Path) -> tuple:
     """Run the verb and return exit code, kind and message; nothing may have been written."""
-    limit = ["--force-limit-n", str(FORCE_LIMIT_N), "--json", "-o", str(folder / "out")]
+    limit = [
+        "--force-limit-n",
+        str(FORCE_LIMIT_N),
+        "--travel-limit-mm",
+        "1.2",
+        "--json",
+        "-o",
+        str(folder / "out"),
+    ]
     code = main(["probe", *arguments, *limit])
     told = json.loads(capsys.readouterr().out)
     assert told["exit_code"] == code
@@ -100,6 +102,10 @@ def whole(windows: Iterator[Window], site: HoleSite) -> Iterator[Window]:
     yield from windows
 
 
+def outside(windows: Iterator[Window], site: HoleSite) -> Iterator[Window]:
+    yield from windows
+
+
 def deaf(*built_from: object) -> ContactDetector:
     return EventCountDetector(EventCountConfig(threshold=1e9))
 
@@ -111,8 +117,9 @@ def deaf(*built_from: object) -> ContactDetector:
         (dying, 3, "gave no event in"),
         (stopping, 3, "stopped by itself: protective stop"),
         (whole, 1, "the touch was not felt"),
+        (outside, 1, "no wall within 1.2 mm"),
     ],
-    ids=["the stream ends", "the sensor dies", "the arm stops by itself", "no signal"],
+    ids=["the stream ends", "the sensor dies", "the arm stops by itself", "no signal", "no hole"],
 )
 def test_a_fault_of_an_arm(
     fault: Fault,
@@ -133,7 +140,8 @@ def test_a_fault_of_an_arm(
         yield from fault(stream, watched.site)
 
     def connect(args: Args) -> Arm:
-        watched.site.set_wall(HoleWall(radius_mm=0.7), np.zeros(2))
+        wall = NoWall() if fault is outside else HoleWall(radius_mm=0.7)
+        watched.site.set_wall(wall, np.zeros(2))
         return watched.site.rig.arm
 
     monkeypatch.setattr(sites, "QUIET_WINDOWS", QUIET)
@@ -147,42 +155,3 @@ def test_a_fault_of_an_arm(
     assert found[0] == code, found
     assert message in found[2]
     watched.require_rest()
-
-
-HOLE = HoleWall(radius_mm=1.0)
-SHORT = ProbingConfig(speed_mm_s=4.0, travel_limit_mm=1.2, travel_speed_mm_s=8.0, rest_windows=40)
-
-
-def searched(wall: Wall, start: tuple[float, float], adaptive: bool = False) -> HoleSite:
-    """Search, expect the caller's error, and check that the arm rests and nothing is pushed."""
-    site = HoleSite(Grasp.of(1000), 1)
-    windows = site.windows()
-    detector = make_detector(
-        "event_count", DetectionConfig(), [site.calibration], [next(windows) for _ in range(150)]
-    )
-    site.set_wall(wall, np.array(start))
-    prober = ArmProber(site.rig.arm, windows, detector, SHORT, free_travel=site.free_travel)
-    try:
-        travel = TravelModel.of(Compensation(travel_mm=0.12))
-        if adaptive:
-            AdaptiveSearch(prober, travel, AdaptiveSearchConfig()).run(np.array(start))
-        else:
-            cross_search(prober, np.array(start), travel)
-    finally:
-        site.rig.advance(300_000)
-        assert site.rig.arm.state() is not ArmState.MOVING
-        assert float(np.linalg.norm(site.rig.state.force_n)) < SHORT.force_limit_n
-    return site
-
-
-@pytest.mark.parametrize("adaptive", [False, True])
-def test_outside_a_hole_there_is_no_wall(adaptive: bool) -> None:
-    with pytest.raises(SearchError, match=r"no wall within 1\.2 mm"):
-        searched(NoWall(), (0.0, 0.0), adaptive=adaptive)
-
-
-@pytest.mark.parametrize(("adaptive", "start_mm"), [(False, 0.75), (True, 0.75), (False, 1.2)])
-def test_on_the_rim_there_is_no_room(adaptive: bool, start_mm: float) -> None:
-    """The bit leans on the wall: it answers when it is pressed on, and when it is let go."""
-    with pytest.raises(SearchError, match=r"make no circle|on the rim|no wall"):
-        searched(HOLE, (start_mm, 0.0), adaptive=adaptive)
