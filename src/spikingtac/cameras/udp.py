@@ -11,7 +11,6 @@ import select
 import socket
 import struct
 import time
-from abc import abstractmethod
 from collections import deque
 from itertools import groupby
 from typing import Any, ClassVar, Self
@@ -48,8 +47,8 @@ NO_TIME = 1 << 7  # Bit 31 of its word, in the last one of its bytes.
 WRAP_US, US_PER_S = 1 << 32, 1e6
 
 
-class DatagramCamera(Camera):
-    """A camera whose events come in datagrams; its kind says what these hold.
+class UdpCamera(Camera):
+    """Datagrams of EVT2, EVT2.1 or EVT3 words.
 
     The first sender whose datagram is accepted is heard until it falls silent. What was lost is
     counted: ``overflow``, ``duplicate``, ``foreign``.
@@ -65,6 +64,9 @@ class DatagramCamera(Camera):
         ConfigError: The target is no port.
         DeviceError: The port cannot be listened on.
     """
+
+    OPTIONS: ClassVar[tuple[str, ...]] = WORD_OPTIONS
+    checked = True
 
     def __init__(self, address: Address) -> None:
         super().__init__()
@@ -143,32 +145,14 @@ class DatagramCamera(Camera):
             self.losses.add("overflow", (total - self._dropped) & 0xFFFFFFFF)
             self._dropped = total
 
-    @abstractmethod
     def _prepare(self, address: Address) -> None:
         """Take the options of the address, and the sensor's size, before the port is opened."""
-
-    @abstractmethod
-    def _accepts(self, datagram: bytes) -> bool:
-        """Return whether a datagram is one of such a camera."""
-
-    @abstractmethod
-    def _decoded(self, datagrams: list[bytes]) -> Rows:
-        """Return the events of some datagrams."""
-
-
-class UdpCamera(DatagramCamera):
-    """Datagrams of EVT2, EVT2.1 or EVT3 words."""
-
-    OPTIONS: ClassVar[tuple[str, ...]] = WORD_OPTIONS
-    checked = True
-
-    def _prepare(self, address: Address) -> None:
         self._refused = b""
         self._words = BareWords(address, self.losses, self.triggers)
         self.size = self._words.size
 
     def _accepts(self, datagram: bytes) -> bool:
-        """Judge a datagram by its words.
+        """Return whether a datagram is one of such a camera, by its words.
 
         Raises:
             FormatError: Those that came so far are of another encoding.
@@ -188,23 +172,23 @@ class UdpCamera(DatagramCamera):
         return False
 
     def _decoded(self, datagrams: list[bytes]) -> Rows:
-        whole = self._words.in_order([self._whole_words(item) for item in datagrams])
-        return self._words.feed(b"".join(whole))
+        """Return the events of some datagrams; the next one begins with a whole word again."""
+        size = self._words.word_bytes
+        whole = [self._whole(item, size) for item in datagrams]
+        return self._words.feed(b"".join(self._words.in_order(whole)))
+
+    def _whole(self, datagram: bytes, size: int) -> bytes:
+        """Return a datagram's whole items of so many bytes."""
+        self.losses.add("truncated", int(len(datagram) % size > 0))
+        return datagram[: len(datagram) // size * size]
 
     def describe(self) -> dict[str, Any]:
         """Return port, encoding and buffer."""
         granted = {"port": self.port, "socket_buffer_bytes": self.buffer_bytes}
         return granted | self._words.describe()
 
-    def _whole_words(self, datagram: bytes) -> bytes:
-        """Return the whole words of a datagram: the next one begins with a whole one again."""
-        size = self._words.word_bytes
-        if len(datagram) % size:
-            self.losses.add("truncated")
-        return datagram[: len(datagram) // size * size]
 
-
-class AestreamCamera(DatagramCamera):
+class AestreamCamera(UdpCamera):
     """Events in the datagrams of AEStream and of SPIF boards, each with or without times.
 
     Source: AEStream (MIT), ``src/cpp/output/dvs_to_udp.cpp``. An event takes a little-endian 32-bit
@@ -214,6 +198,7 @@ class AestreamCamera(DatagramCamera):
     """
 
     OPTIONS: ClassVar[tuple[str, ...]] = ("size",)
+    checked = False
 
     def _prepare(self, address: Address) -> None:
         size = address.size("size")
@@ -231,8 +216,10 @@ class AestreamCamera(DatagramCamera):
 
     def _decoded(self, datagrams: list[bytes]) -> Rows:
         # Those of one kind are decoded at once: what each costs alone is many times its events'.
-        kinds = groupby(map(self._whole_events, datagrams), key=_is_timed)
-        parts = [self._events(b"".join(group), timed) for timed, group in kinds]
+        parts = [
+            self._events([self._whole(item, EVENT_BYTES * (1 + timed)) for item in group], timed)
+            for timed, group in groupby(datagrams, key=_is_timed)
+        ]
         x, y, p, t = (np.concatenate(column) for column in zip(*parts, strict=True))
         return x, y, p, t
 
@@ -240,18 +227,10 @@ class AestreamCamera(DatagramCamera):
         """Return port and encoding."""
         return {"port": self.port, "encoding": "AEStream datagrams"}
 
-    def _whole_events(self, datagram: bytes) -> bytes:
-        """Return the whole events of a datagram."""
-        size = 2 * EVENT_BYTES if _is_timed(datagram) else EVENT_BYTES
-        whole = len(datagram) // size * size
-        self.losses.add("truncated", int(whole < len(datagram)))
-        return datagram[:whole]
-
-    def _events(self, data: bytes, timed: bool) -> Rows:
-        words = np.frombuffer(data, "<u4")
+    def _events(self, pieces: list[bytes], timed: bool) -> Rows:
+        words = np.frombuffer(b"".join(pieces), "<u4")
         if timed:
-            heads = words[::2]
-            t = self._unwrapped(words[1::2])
+            heads, t = words[::2], self._unwrapped(words[1::2])
         else:
             heads = words
             now_us = round((time.monotonic() - self._begun_s) * US_PER_S)
