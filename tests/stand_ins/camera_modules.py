@@ -24,32 +24,31 @@ class HalDevice:
 
     def __init__(self, encoding: str) -> None:
         self.buffers: deque[Any] = deque()
-        self._latest: Any = None
         self._gone = self._started = False
-        self._encoding = encoding
+        told, sensor = f"{encoding};height=320;width=320", SimpleNamespace(name="GenX320")
+        self._identity = SimpleNamespace(
+            get_serial=lambda: "00050123",
+            get_sensor_info=lambda: sensor,
+            get_current_data_encoding_format=lambda: told,
+        )
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what gives a facility, by its name."""
+        window = SimpleNamespace(x=8, y=16, width=300, height=280)
+        biases = {"bias_diff_on": 25, "bias_diff_off": 28}
+        facilities = {
+            "get_i_geometry": SimpleNamespace(
+                get_width=lambda: SIZE[0], get_height=lambda: SIZE[1]
+            ),
+            "get_i_hw_identification": self._identity,
+            "get_i_ll_biases": SimpleNamespace(get_all_biases=lambda: biases),
+            "get_i_roi": SimpleNamespace(is_enabled=lambda: True, get_windows=lambda: [window]),
+            "get_i_events_stream": self,
+        }
+        return lambda: facilities[name]
 
     def unplug(self) -> None:
         self._gone = True
-
-    def get_i_geometry(self) -> Any:
-        return SimpleNamespace(get_width=lambda: SIZE[0], get_height=lambda: SIZE[1])
-
-    def get_i_hw_identification(self) -> Any:
-        return SimpleNamespace(
-            get_serial=lambda: "00050123",
-            get_sensor_info=lambda: SimpleNamespace(name="GenX320"),
-            get_current_data_encoding_format=lambda: f"{self._encoding};height=320;width=320",
-        )
-
-    def get_i_ll_biases(self) -> Any:
-        return SimpleNamespace(get_all_biases=lambda: {"bias_diff_on": 25, "bias_diff_off": 28})
-
-    def get_i_roi(self) -> Any:
-        window = SimpleNamespace(x=8, y=16, width=300, height=280)
-        return SimpleNamespace(is_enabled=lambda: True, get_windows=lambda: [window])
-
-    def get_i_events_stream(self) -> Any:
-        return self
 
     def start(self) -> None:
         self._started = True
@@ -59,15 +58,10 @@ class HalDevice:
 
     def poll_buffer(self) -> int:
         assert self._started
-        if self._gone:
-            return -1
-        if not self.buffers:
-            return 0
-        self._latest = self.buffers.popleft()
-        return 1
+        return -1 if self._gone else int(len(self.buffers) > 0)
 
     def get_latest_raw_data(self) -> Any:
-        return self._latest
+        return self.buffers.popleft()
 
 
 def hal_module(device: HalDevice | None) -> Any:
@@ -110,17 +104,15 @@ class DriversDevice:
         ring = SimpleNamespace(dropped_packets=self.dropped)
         return SimpleNamespace(ring=ring), self._packets.popleft()
 
-    def properties(self) -> Any:
-        return SimpleNamespace(width=SIZE[0], height=SIZE[1])
-
-    def name(self) -> Any:
-        return SimpleNamespace(value="Prophesee EVK4")
-
-    def connection(self) -> Any:
-        return SimpleNamespace(value="USB 3.0 SuperSpeed (5.0 Gb/s)")
-
-    def serial(self) -> str:
-        return "00051505"
+    def __getattr__(self, name: str) -> Any:
+        """Return what tells a property, by its name."""
+        told = {
+            "properties": SimpleNamespace(width=SIZE[0], height=SIZE[1]),
+            "name": SimpleNamespace(value="Prophesee EVK4"),
+            "connection": SimpleNamespace(value="USB 3.0 SuperSpeed (5.0 Gb/s)"),
+            "serial": "00051505",
+        }
+        return lambda: told[name]
 
 
 def drivers_module(device: DriversDevice) -> Any:

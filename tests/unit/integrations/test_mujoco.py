@@ -165,9 +165,10 @@ def test_what_is_wrong_is_said(module: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["PegInHole", "GripWithoutSlip", "StopOnTouch"])
-def test_a_task_is_sound_and_repeats(module: Any, name: str) -> None:
+def test_a_task_is_sound_and_repeats_and_is_done_by_touch(module: Any, name: str) -> None:
     import gymnasium
     from gymnasium.utils.env_checker import check_env
+    from spikingtac_mujoco.policies import POLICIES, run
 
     env = gymnasium.make(f"spikingtac/{name}-v0").unwrapped
     check_env(env, skip_render_check=True)
@@ -180,14 +181,6 @@ def test_a_task_is_sound_and_repeats(module: Any, name: str) -> None:
     np.testing.assert_array_equal(runs[0][0], runs[1][0])
     np.testing.assert_array_equal(runs[0][1], runs[1][1])
     assert runs[0][2] == runs[1][2]
-
-
-@pytest.mark.parametrize("name", ["PegInHole", "GripWithoutSlip", "StopOnTouch"])
-def test_touch_does_the_task(module: Any, name: str) -> None:
-    import gymnasium
-    from spikingtac_mujoco.policies import POLICIES, run
-
-    env = gymnasium.make(f"spikingtac/{name}-v0").unwrapped
     found = run(env, POLICIES[name]("markers"), 0)
     assert found["success"]
     assert found.get("excess", 0.0) < 2.0

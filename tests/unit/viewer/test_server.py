@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import os
-import resource
 import signal
 import time
 from collections.abc import Awaitable, Callable
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
@@ -29,7 +26,6 @@ pytestmark = pytest.mark.waits
 
 PATIENCE_S = 60.0
 BRIEF_S = 0.05
-WATCHED_FRAMES = 200
 
 
 class Feed:
@@ -217,34 +213,6 @@ def test_a_page_that_answers_nothing_is_hung_up_on(monkeypatch: pytest.MonkeyPat
             await page.recv()
 
     attended(drive)
-
-
-def test_memory_does_not_grow_with_frames() -> None:
-    session = SessionProcess(
-        Factory(function=open_circling, arguments={"duration_us": 300_000}),
-        PageOptions(repeat=True),
-    )
-    try:
-        sizes, number, until_s = [], 0, time.monotonic() + PATIENCE_S
-        while len(sizes) < WATCHED_FRAMES and time.monotonic() < until_s:
-            got = session.frame(number)
-            if got is not None:
-                number = got[0]
-                sizes.append(resident_kb(session.pid))
-            time.sleep(0.005)
-        assert len(sizes) == WATCHED_FRAMES
-        late = sizes[WATCHED_FRAMES // 2 :]
-        assert np.median(late[-10:]) < np.median(late[:10]) + 8 * 1024
-    finally:
-        session.close()
-
-
-def resident_kb(pid: int | None) -> int:
-    try:
-        text = Path(f"/proc/{pid}/statm").read_text()
-    except OSError:
-        pytest.skip("this system does not tell a process's memory")
-    return int(text.split()[1]) * resource.getpagesize() // 1024
 
 
 def test_a_session_that_cannot_open_says_why() -> None:
