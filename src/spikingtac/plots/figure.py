@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from spikingtac.atomic_files import replacing
-from spikingtac.errors import ConfigError, named
+from spikingtac.atomic_files import replacing, require_free
+from spikingtac.errors import ConfigError, named, nearest
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -97,22 +98,24 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     Raises:
         ConfigError: The ending is none of these, or the folder does not exist.
     """
-    target = require_writable(path, PICTURE_ENDINGS)
+    target = check_target(path)
     with replacing(target) as partial:
         figure.savefig(partial, facecolor=figure.get_facecolor(), dpi=DPI)
 
 
-def require_writable(path: str | Path, endings: tuple[str, ...]) -> Path:
-    """Return a path that a picture can be written to.
+def check_target(
+    path: str | Path, endings: Sequence[str] = PICTURE_ENDINGS, overwrite: bool = True
+) -> Path:
+    """Return a path that a picture can be written to, before anything is computed.
 
     Raises:
-        ConfigError: The ending is none of these, or the folder does not exist.
+        ConfigError: The ending is another, the folder does not exist, or something is there.
     """
     target = Path(path)
     if target.suffix not in endings:
-        raise ConfigError(f"cannot draw {target.name!r} (valid endings: {', '.join(endings)})")
-    if not target.parent.is_dir():
-        raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
+        hint, valid = nearest(target.suffix, endings), ", ".join(endings)
+        raise ConfigError(f"cannot write {target.name!r}{hint} (valid endings: {valid})")
+    require_free(target, overwrite)
     return target
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError
-from spikingtac.plots.figure import US_PER_S, new_figure, require_writable, style_axes
+from spikingtac.plots.figure import US_PER_S, check_target, new_figure, style_axes
 from spikingtac.plots.tracks import draw_course, draw_field, require_estimates, view_px
 from spikingtac.tracks import Tracks
 
@@ -178,7 +178,7 @@ def save_animation(
     Raises:
         ConfigError: A name, the ending or the stretch makes no sense, or nothing was tracked.
     """
-    target = require_writable(path, (".gif",))
+    target = check_target(path, (".gif",))
     require_estimates(tracks)
     rows = _rows(tracks, stretch_s, slow)
     first, *rest = _pictures(tracks, rows, theme, width)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import ipaddress
+import os
 import re
 import secrets
 import socket
@@ -101,12 +102,8 @@ def page_headers(host: str, framed: bool = False) -> dict[str, str]:
 
 LAST_PORT = 65_535  # Largest port number of TCP (RFC 793: 16 bits).
 
-# What the system says of a port -> in words.
-REFUSED = {
-    errno.EADDRINUSE: "in use",
-    errno.EACCES: "not permitted (those below 1024 seldom are)",
-    errno.EPERM: "not permitted (those below 1024 seldom are)",
-}
+# What the system says of a port that is taken, or not permitted.
+REFUSED = (errno.EADDRINUSE, errno.EACCES, errno.EPERM)
 
 
 def listen(host: str, port: int) -> socket.socket:
@@ -127,13 +124,13 @@ def listen(host: str, port: int) -> socket.socket:
             (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET
         )
     except (OSError, TypeError) as error:
-        why = REFUSED.get(getattr(error, "errno", None) or 0)
-        if why is None:
-            raise ConfigError(
-                f"--host {host!r} is no address of this machine; valid are 127.0.0.1 (this machine "
-                "alone) and 0.0.0.0 (every network that it is on)"
+        code = getattr(error, "errno", None) or 0
+        if code in REFUSED:
+            raise DeviceError(
+                f"port {port} of {host} cannot be used ({os.strerror(code)}); give another "
+                "one: --port N, or --port 0 for any free one"
             ) from error
-        raise DeviceError(
-            f"port {port} of {host} is {why}; give another one: --port N, or --port 0 for any "
-            "free one"
+        raise ConfigError(
+            f"--host {host!r} is no address of this machine; valid are 127.0.0.1 (this machine "
+            "alone) and 0.0.0.0 (every network that it is on)"
         ) from error

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spikingtac.atomic_files import replacing, require_free
-from spikingtac.errors import ConfigError, SpikingTacError, nearest
-from spikingtac.plots.figure import PICTURE_ENDINGS
+from spikingtac.atomic_files import replacing
+from spikingtac.errors import ConfigError, SpikingTacError
+from spikingtac.plots.figure import PICTURE_ENDINGS, check_target
 from spikingtac.plots.moments import DPI, PANEL, SensorDrawing
 from spikingtac.ros2.messages import NS_PER_US, Layout
 from spikingtac.ros2.stream import SensorStream, StreamConfig
@@ -86,18 +86,6 @@ def steps(playback: Playback, step_us: int, end_us: int) -> Iterator[int]:
         yield playback.position_us - before_us
 
 
-def check_target(path: Path, overwrite: bool, endings: Sequence[str] = ENDINGS) -> None:
-    """Refuse a file that no export writes or may not replace, before anything is tracked.
-
-    Raises:
-        ConfigError: The ending is another, the folder does not exist, or something is there.
-    """
-    if path.suffix not in endings:
-        hint, valid = nearest(path.suffix, endings), ", ".join(endings)
-        raise ConfigError(f"cannot write {path.name!r}{hint} (valid endings: {valid})")
-    require_free(path, overwrite)
-
-
 def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
     """Track a view into a file; return the number of messages or pictures.
 
@@ -112,8 +100,7 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
             no length was given, or nothing was tracked.
         MissingExtraError: The format needs an extra.
     """
-    target = Path(path)
-    check_target(target, True)
+    target = check_target(path, ENDINGS)
     with replacing(target) as partial:
         if target.suffix in PICTURE_ENDINGS:
             summarize(view, seconds=seconds, picture=partial)

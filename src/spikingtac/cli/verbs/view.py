@@ -130,12 +130,13 @@ def _both_shown(given: dict[str, Any], args: Args, second: str) -> dict[str, Any
 
 
 def _exported(given: dict[str, Any], args: Args, target: Path) -> dict[str, Any]:
-    from spikingtac.viewer.export import check_target, export
+    from spikingtac.plots.figure import check_target
+    from spikingtac.viewer.export import ENDINGS, export
     from spikingtac.viewer.opening import open_view_or_events, open_view_source
 
     if args.force is not None:
         raise ConfigError("an export shows no forces; leave out --force")
-    check_target(target, args.overwrite)
+    check_target(target, ENDINGS, args.overwrite)
     # Events alone make a picture; what else is exported holds markers.
     opener = open_view_or_events if target.suffix in PICTURE_ENDINGS else open_view_source
     with progress(f"exporting to {target.name}"):
@@ -148,10 +149,11 @@ def _shown(
     views: Sequence[Factory[ViewSource]], args: PageArgs, repeat: bool = False
 ) -> dict[str, Any]:
     """Serve views; with --headless track a recording to its end, what is live for some time."""
-    from spikingtac.viewer.export import check_target, summarize
+    from spikingtac.plots.figure import check_target
+    from spikingtac.viewer.export import summarize
 
     if args.picture is not None:
-        check_target(args.picture, args.overwrite, PICTURE_ENDINGS)
+        check_target(args.picture, PICTURE_ENDINGS, args.overwrite)
     if not args.headless:
         return _served(views, args, repeat)
     if getattr(args, "realtime", False):  # the demo has no deadlines
