@@ -180,9 +180,9 @@ def crossing_statistics(crossings: Crossings, edge: DiscProfile) -> CrossingStat
     level = edge.level(resting_px)
     told = (level > LOWEST_LEVEL) & (level < HIGHEST_LEVEL)
     kept = told[rung]
-    entries = (column[kept] for column in (speed_px_s, along_px, error_px, number[at]))
-    number_of = np.cumsum(told) - 1
-    return CrossingStatistics(facing[told], resting_px[told], number_of[rung[kept]], *entries)
+    rung = (np.cumsum(told) - 1)[rung[kept]]
+    places = speed_px_s[kept], along_px[kept], error_px[kept]
+    return CrossingStatistics(facing[told], resting_px[told], rung, *places, number[at][kept])
 
 
 def trimmed_means(
