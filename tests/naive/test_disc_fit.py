@@ -12,6 +12,7 @@ from spikingtac.markers.graded.appearance import (
     FLAT_SHARE,
     LARGEST_SUM,
     REACH_PX,
+    FitWindow,
     fit_window,
     profile_tables,
 )
@@ -37,16 +38,21 @@ WINDOW = fit_window([PROFILE] * 3, SIZE[0])
 ROUND_PX = np.column_stack([RADIUS_PX, np.zeros((3, 2))])
 
 
+def unread(level: np.ndarray, window: FitWindow, count: int) -> tuple[np.ndarray, ...]:
+    """Return a map for fits, and room for its edges, of which none was read."""
+    edges = np.zeros((count, 5, window.offset.size), np.float32)
+    return GradedStateMap(level).padded, edges, np.full((count, 7), np.inf)
+
+
 def fitted(
-    level: np.ndarray, start_px: np.ndarray, iterations: int = 8, gain: float = 0.0
+    level: np.ndarray, start_px: np.ndarray, iterations: int = 8, gain: float = 1e-9
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return where the three discs are found, px, their agreements and their outlines, px."""
-    padded, edge = GradedStateMap(level).padded, np.empty((5, WINDOW.offset.size), np.float32)
-    found, outline_px = [], ROUND_PX.copy()
+    maps, found, outline_px = unread(level, WINDOW, 3), [], ROUND_PX.copy()
     for m in range(3):
         settings = iterations, gain, RADIUS_PX[m]
         start = start_px[m, 0], start_px[m, 1]
-        found.append(fit_disc_kernel((padded, edge), WINDOW, m, start, outline_px[m], settings))
+        found.append(fit_disc_kernel(maps, WINDOW, m, start, outline_px[m], settings))
     return np.array(found)[:, :2], np.array(found)[:, 2], outline_px
 
 
@@ -102,16 +108,29 @@ def test_one_step_goes_no_farther_than_the_edge_is_linear(away_px: float) -> Non
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     level = soft.level(np.hypot(x - 40.0, y - 30.0) - 7.0).astype(np.float32)
     window = fit_window([soft], SIZE[0])
-    scratch = GradedStateMap(level).padded, np.empty((5, window.offset.size), np.float32)
     start = 40.0 + 0.6 * away_px, 30.0 - 0.8 * away_px
     outline = np.array([7.0, 0.0, 0.0])
-    *found, _, step_px = fit_disc_kernel(scratch, window, 0, start, outline, (1, 0.0, 7.0))
+    maps = unread(level, window, 1)
+    *found, _, step_px = fit_disc_kernel(maps, window, 0, start, outline, (1, 0.0, 7.0))
     assert step_px == pytest.approx(2.0)
     np.testing.assert_allclose(np.subtract(found, start), [-1.2, 1.6], atol=0.1)
 
 
-@pytest.mark.parametrize("moved_px", [(0.0, 0.0), (0.03, -0.05)])
-def test_normal_equations_equal_their_twin(moved_px: tuple[float, float]) -> None:
+def test_an_edge_that_was_read_nearby_serves_again() -> None:
+    maps, outline = unread(levels(REFERENCE_PX), WINDOW, 3), ROUND_PX[1].copy()
+    settings = 8, 0.0, RADIUS_PX[1]
+    start = REFERENCE_PX[1, 0], REFERENCE_PX[1, 1]
+    fit_disc_kernel(maps, WINDOW, 1, start, outline, settings)
+    for shift_px, anew in ((0.05, False), (0.3, True)):
+        read = maps[2][1].copy()
+        maps[0][:] = GradedStateMap(levels(REFERENCE_PX + shift_px)).padded
+        found = fit_disc_kernel(maps, WINDOW, 1, start, outline, settings)
+        np.testing.assert_allclose(found[:2], REFERENCE_PX[1] + shift_px, atol=0.01)
+        assert (maps[2][1] != read).any() == anew
+
+
+@pytest.mark.parametrize("moved_px", [(0.0, 0.0, 0.0), (0.03, -0.05, 0.02)])
+def test_normal_equations_equal_their_twin(moved_px: tuple[float, float, float]) -> None:
     rng = np.random.default_rng(11)
     window = WINDOW
     first, count = 20, 300
@@ -126,7 +145,7 @@ def test_normal_equations_equal_their_twin(moved_px: tuple[float, float]) -> Non
         window.coefficients[0],
         edge,
     )
-    moved = np.float32(moved_px[0]), np.float32(moved_px[1])
+    moved = tuple(np.float32(way) for way in moved_px)
     read = edge, np.uint64(count), moved, window.edge[0, 2]
     second, center = disc_fit.center_equations_kernel(*read)
     outline, rr, agreement = disc_fit.outline_equations_kernel(*read)
@@ -138,7 +157,7 @@ def test_normal_equations_equal_their_twin(moved_px: tuple[float, float]) -> Non
         np.polynomial.polynomial.polyval(z, row.astype(float)) for row in window.coefficients[0]
     )
     u = np.array([np.cos(phi), np.sin(phi)])
-    e = level - curve - slope * (np.array(moved_px) @ u)
+    e = level - curve - slope * (np.array(moved_px[:2]) @ u + moved_px[2])
     ws = slope / (1.0 + e**2 / 0.64)
     gradients = [
         (ws * e * v).sum() for v in (*u, np.ones_like(z), np.cos(2 * phi), np.sin(2 * phi))
@@ -196,12 +215,11 @@ def test_outlines_follow_magnified_and_strained_discs_within_limits() -> None:
         phi = np.arctan2(y - cy, x - cx)
         edge = r + b * np.cos(2 * phi) + c * np.sin(2 * phi)
         level = np.maximum(level, PROFILE.level(np.hypot(x - cx, y - cy) - edge))
-    padded = GradedStateMap(level.astype(np.float32)).padded
-    scratch, outline_px = np.empty((5, WINDOW.offset.size), np.float32), ROUND_PX.copy()
+    maps, outline_px = unread(level.astype(np.float32), WINDOW, 3), ROUND_PX.copy()
     for m in range(3):
         start, settings = tuple(REFERENCE_PX[m].tolist()), (8, 0.95, RADIUS_PX[m])
         for _ in range(30):
-            found = fit_disc_kernel((padded, scratch), WINDOW, m, start, outline_px[m], settings)
+            found = fit_disc_kernel(maps, WINDOW, m, start, outline_px[m], settings)
         np.testing.assert_allclose(found[:2], REFERENCE_PX[m] + 0.2, atol=0.01 + 0.5 * (m == 2))
     np.testing.assert_allclose(outline_px[:2], true_px[:2], atol=0.05)
     assert outline_px[2, 0] == pytest.approx((1.0 + MOST_GROWTH) * RADIUS_PX[2])

@@ -104,10 +104,10 @@ class OutputCorrections:
         """
         crossings, near = crossing_px(calibration), neighbours
         noise_px = shrink * (SHRINK_PX + SHRINK_CROSSINGS * crossings)
-        limits = noise_px, near.own_share, near.bound_px
-        self._sensor = crossings, *near.skin, *limits
-        direction, way, now_px, ahead_px = np.zeros((4, len(crossings), 2))
-        self._states = near.reference_px.copy(), direction, way, now_px, ahead_px
+        limits = np.array([crossings, noise_px, near.own_share, near.bound_px])
+        self._sensor = limits, *near.skin
+        self._states = np.zeros((5, len(crossings), 2))
+        self._states[0] = near.reference_px
         self._backlash = backlash
 
     def update(
@@ -133,31 +133,34 @@ class OutputCorrections:
         turning = TURN_SHARE * share / (1.0 + (noise_hz_px / RENEWED_HZ_PX) ** 2)
         given_px, outside = np.empty((len(motion), 2)), np.empty(len(motion), np.bool_)
         settings = float(t_us), lag_s, STEADY_SHARE * share, turning
-        correct_kernel(motion, *self._sensor, *self._states, *settings, given_px, outside)
+        correct_kernel(motion, *self._sensor, self._states, *settings, given_px, outside)
         return given_px, outside
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def correct_kernel(
-    motions: Array, crossings: Array, reference_px: Array, index: Array, weight: Array,
-    noise_px: Array, own_share: Array, bound_px: Array, last_px: Array, direction: Array,
-    way: Array, now_px: Array, ahead_px: Array, t_us: float, lag_s: float, steady: float,
-    turning: float, given_px: Array, outside: Array,
+    motions: Array, limits: Array, reference_px: Array, index: Array, weight: Array,
+    states: Array, t_us: float, lag_s: float, steady: float, turning: float, given_px: Array,
+    outside: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Bring every marker up to the present, and correct it; see :class:`OutputCorrections`.
 
-    Arguments are plain, since a tuple costs a microsecond: the sensor's (motions, crossings, rests,
-    neighbours, their weights, limits of :func:`settle_kernel`), states and scratch, and settings of
-    :func:`lead_kernel`; results are the given places, and who is outside.
+    Arguments are few and plain, since an array costs 0.2 us and a tuple a microsecond: motions;
+    ``(4, m)`` crossings and limits of :func:`settle_kernel`; rests, neighbours and their weights;
+    ``(5, m, 2)`` states and scratch; settings of :func:`lead_kernel`; results are the given places,
+    and who is outside.
     """
+    crossings, noise_px, own_share, bound_px = limits[0], limits[1], limits[2], limits[3]
+    last_px, direction, way = states[0], states[1], states[2]
+    now_px, ahead_px = states[3], states[4]
     for m in range(crossings.size):
         since_s = (t_us - motions[m, AT_US]) * 1e-6
         now_px[m, 0] = motions[m, X] + since_s * motions[m, VX]
         now_px[m, 1] = motions[m, Y] + since_s * motions[m, VY]
     fits = now_px, motions[:, VX : VY + 1], crossings
     lead_kernel(fits, (last_px, direction, way), (lag_s, steady, turning), index, ahead_px)
-    skin, limits = (reference_px, index, weight), (noise_px, own_share, bound_px)
-    settle_kernel(ahead_px, skin, limits, given_px, outside)
+    skin, bounds = (reference_px, index, weight), (noise_px, own_share, bound_px)
+    settle_kernel(ahead_px, skin, bounds, given_px, outside)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -39,10 +39,11 @@ LARGEST_STEP_PX = 2.0
 # A fit whose last step was shorter has converged (mean errors at 0.02 to 0.06: within 0.002).
 SMALL_STEP_PX = 0.04
 
-# While the centre went no farther, the edge is not read anew: the residuals move along its slope,
-# and only their weights are new (measured: tracks move by 0.002 to 0.005 px on average, their
-# mean errors rise by at most 0.001; at 0.15 losses of events begin to cost accuracy).
-LINEAR_STEP_PX = 0.08
+# While the centre went no farther, and its outline changed by less, the edge is not read anew: the
+# residuals move along its slope, and only their weights are new. (Measured within a fit: tracks
+# move by 0.002 to 0.005 px on average, their mean errors rise by at most 0.001; at 0.15 losses of
+# events begin to cost accuracy.)
+LINEAR_STEP_PX, LINEAR_GROWTH_PX = 0.08, 0.05
 
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
@@ -59,15 +60,15 @@ def _polynomial_kernel(c: Array, z: Any) -> Any:  # pragma: no cover
 def _edge_kernel(
     place_px: Array, ring: tuple[Any, Any], disc: tuple[Any, ...], coefficients: Array, edge: Array
 ) -> None:  # pragma: no cover - compiled
-    """Write each pixel's direction (x, y) from the centre, its residual, and the slope there.
+    """Write each pixel's direction (x, y) from the centre, the disc's level, and its slope there.
 
     ``disc`` is x and y relative to the window, the radius in the middle of the edge's stretch, b
-    and c, and 2 over the stretch's length; the rows of ``edge`` are the level and these results.
-    Two loops, since one with four outputs is not vectorised.
+    and c, and 2 over the stretch's length; the rows of ``edge`` are the map's level and these
+    results. Two loops, since one with four outputs is not vectorised.
     """
     first, count = ring
     x, y, r, b, c, per_half = disc
-    level, ux, uy, residual, slope = edge[0], edge[1], edge[2], edge[3], edge[4]
+    ux, uy, asked, slope = edge[1], edge[2], edge[3], edge[4]
     dx, dy = place_px[0], place_px[1]
     curve, steep = coefficients[0], coefficients[1]
     one = np.float32(1.0)
@@ -83,25 +84,25 @@ def _edge_kernel(
         ux[j], uy[j] = to_x, to_y
     for j in range(count):
         z = slope[j]
-        residual[j] = level[j] - _polynomial_kernel(curve, z)
+        asked[j] = _polynomial_kernel(curve, z)
         slope[j] = _polynomial_kernel(steep, z)
 
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def center_equations_kernel(
-    edge: Array, count: Any, moved: tuple[Any, Any], unit: np.float32
+    edge: Array, count: Any, moved: tuple[Any, Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
     """Sum the robust normal equations of a disc's centre; one straight loop, so that it vectorises.
 
-    ``moved`` is how far the centre went since ``edge`` was read, px. Returns the curvature
-    (xx, xy, yy) and the gradient (x, y).
+    ``moved`` is how far the centre went and the radius grew since ``edge`` was read, px. Returns
+    the curvature (xx, xy, yy) and the gradient (x, y).
     """
-    ux, uy, residual, slope = edge[1], edge[2], edge[3], edge[4]
+    level, ux, uy, asked, slope = edge[0], edge[1], edge[2], edge[3], edge[4]
     one, per_soft2 = np.float32(1.0), np.float32(1.0 / SOFT_LEVEL**2)
     xx = xy = yy = gx = gy = np.int32(0)
     for j in range(count):
         to_x, to_y, s = ux[j], uy[j], slope[j]
-        e = residual[j] - s * (to_x * moved[0] + to_y * moved[1])
+        e = level[j] - asked[j] - s * (to_x * moved[0] + to_y * moved[1] + moved[2])
         ws = unit * s / (one + e * e * per_soft2)
         wse = ws * e
         wsx = ws * s * to_x
@@ -117,18 +118,18 @@ def center_equations_kernel(
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def outline_equations_kernel(
-    edge: Array, count: Any, moved: tuple[Any, Any], unit: np.float32
+    edge: Array, count: Any, moved: tuple[Any, Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
     """Sum the robust normal equations of a disc's outline as :func:`center_equations_kernel` does.
 
     Returns the gradients of r, b and c, the curvature of r, and the share of the edge that agrees.
     """
-    ux, uy, residual, slope = edge[1], edge[2], edge[3], edge[4]
+    level, ux, uy, asked, slope = edge[0], edge[1], edge[2], edge[3], edge[4]
     one, per_soft2 = np.float32(1.0), np.float32(1.0 / SOFT_LEVEL**2)
     gr = gb = gc = rr = weight = total = np.int32(0)
     for j in range(count):
         to_x, to_y, s = ux[j], uy[j], slope[j]
-        e = residual[j] - s * (to_x * moved[0] + to_y * moved[1])
+        e = level[j] - asked[j] - s * (to_x * moved[0] + to_y * moved[1] + moved[2])
         us = unit * s
         ws = us / (one + e * e * per_soft2)
         wse = ws * e
@@ -185,7 +186,7 @@ def _follow_kernel(
 
 @njit(cache=True, nogil=True)
 def fit_disc_kernel(
-    levels: tuple[Array, Array],
+    maps: tuple[Array, Array, Array],
     window: FitWindow,
     m: int,
     center_px: tuple[float, float],
@@ -195,44 +196,54 @@ def fit_disc_kernel(
     """Fit marker m's centre, and let its outline follow; return x, y, agreement and last step.
 
     Args:
-        levels: The map with its margin of PAD_PX; ``(5, n)`` scratch for level, direction (x, y),
-            residual and slope of every pixel.
+        maps: The map with its margin of PAD_PX; ``(m, 5, n)`` level, direction (x, y), the disc's
+            level and slope of every pixel of the edges as they were read; ``(m, 7)`` where that
+            was: place, column and row of the window's centre, and outline, px. The latter change.
         window: From :func:`~spikingtac.markers.graded.appearance.fit_window`.
         m: Which marker.
         center_px: Where the fit begins, px.
         outline_px: ``(3,)`` r, b and c of the disc, px; changed.
-        settings: Gauss-Newton steps at most; share of its own step that the outline makes; radius
-            at rest, px.
+        settings: Gauss-Newton steps at most; share of its own step that the outline makes, 0 for
+            none, when no agreement is told; radius at rest, px.
     """
-    padded, edge = levels
+    padded, edge, read = maps[0], maps[1][m], maps[2][m]
     flat, row_px = padded.ravel(), padded.shape[1]
     last_column, last_row = row_px - 2 * PAD_PX - 1, padded.shape[0] - 2 * PAD_PX - 1
-    first, count = _ring_kernel(window, m, outline_px)
     inner_px, outer_px, unit = window.edge[m, 0], window.edge[m, 1], window.edge[m, 2]
     per_half = np.float32(2.0) / (outer_px - inner_px)
-    r = np.float32(outline_px[0] + 0.5 * (inner_px + outer_px))
-    b, c = np.float32(outline_px[1]), np.float32(outline_px[2])
-    level, offset = edge[0], window.offset
-    (x, y), column, row, fresh, length = center_px, -1, -1, False, 0.0
-    moved = read_to = np.float32(0.0), np.float32(0.0)
+    grown = outline_px[0] - read[4]
+    bent = abs(grown) + abs(outline_px[1] - read[5]) + abs(outline_px[2] - read[6])
+    (x, y), level, offset, seen, length = center_px, edge[0], window.offset, False, 0.0
+    count, moved = np.uint64(0), (np.float32(0.0), np.float32(0.0), np.float32(0.0))
     for _ in range(settings[0]):
-        if not fresh:
-            at = min(max(int(np.rint(x)), 0), last_column), min(max(int(np.rint(y)), 0), last_row)
-            if at[0] != column or at[1] != row:
-                column, row = at
-                middle = np.uint64((row + PAD_PX) * row_px + column + PAD_PX)
-                for j in range(count):
-                    level[j] = flat[middle + np.uint64(offset[first + j])]
-            disc = np.float32(x - column), np.float32(y - row), r, b, c, per_half
+        dx, dy = x - read[0], y - read[1]
+        near = dx * dx + dy * dy < LINEAR_STEP_PX * LINEAR_STEP_PX and bent < LINEAR_GROWTH_PX
+        if not near:
+            column = min(max(int(np.rint(x)), 0), last_column)
+            row = min(max(int(np.rint(y)), 0), last_row)
+            seen = seen and bent < LINEAR_GROWTH_PX and column == read[2] and row == read[3]
+            read[0], read[1], read[2], read[3] = x, y, column, row
+            read[4], read[5], read[6] = outline_px[0], outline_px[1], outline_px[2]
+            dx = dy = grown = bent = 0.0
+        first, count = _ring_kernel(window, m, read[4:])
+        if not seen:
+            middle = np.uint64((int(read[3]) + PAD_PX) * row_px + int(read[2]) + PAD_PX)
+            for j in range(count):
+                level[j] = flat[middle + np.uint64(offset[first + j])]
+            seen = True
+        if not near:
+            place = np.float32(x - read[2]), np.float32(y - read[3])
+            r = np.float32(read[4] + 0.5 * (inner_px + outer_px))
+            disc = *place, r, np.float32(read[5]), np.float32(read[6]), per_half
             _edge_kernel(window.place_px, (first, count), disc, window.coefficients[m], edge)
-            moved = np.float32(0.0), np.float32(0.0)
+        moved = np.float32(dx), np.float32(dy), np.float32(grown)
         step_x, step_y = _step_kernel(*center_equations_kernel(edge, count, moved, unit))
         x, y = x + step_x, y + step_y
-        read_to, moved = moved, (moved[0] + np.float32(step_x), moved[1] + np.float32(step_y))
         length = np.hypot(step_x, step_y)
         if length < SMALL_STEP_PX:
             break
-        fresh = moved[0] * moved[0] + moved[1] * moved[1] < LINEAR_STEP_PX * LINEAR_STEP_PX
-    gradient, rr, agreement = outline_equations_kernel(edge, count, read_to, unit)
+    if settings[1] == 0.0:
+        return x, y, np.nan, length
+    gradient, rr, agreement = outline_equations_kernel(edge, count, moved, unit)
     _follow_kernel(outline_px, gradient, settings[1] / (rr + 1e-3), settings[2])
     return x, y, agreement, length

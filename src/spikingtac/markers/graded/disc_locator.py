@@ -14,13 +14,19 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelWatch, watch_kernel
 from spikingtac.markers.graded.appearance import (
+    RING_PX,
     FitWindow,
     appearance_of,
     events_per_px,
     fit_window,
     painted_map,
 )
-from spikingtac.markers.graded.disc_fit import SMALL_STEP_PX, fit_disc_kernel
+from spikingtac.markers.graded.disc_fit import (
+    MOST_GROWTH,
+    ROUNDING_PX,
+    SMALL_STEP_PX,
+    fit_disc_kernel,
+)
 from spikingtac.markers.graded.motion import (
     AGREEMENT,
     AT_ONCE,
@@ -31,6 +37,7 @@ from spikingtac.markers.graded.motion import (
     MARKED_X,
     MARKED_Y,
     MEASUREMENT_PERIOD_S,
+    OUTLINED_US,
     SILENT_US,
     VX,
     VY,
@@ -58,6 +65,8 @@ LATE_US = 2_000
 # of ms).
 OUTLINE_PER_S = 150.0
 
+OUTLINE_US = 1_000  # Shortest time between two fits of an outline, us.
+
 # Width of the rings beside a disc's edge in which events ask for a fit, too: a prediction may be
 # off by so much.
 FARTHER_PX = 1.0
@@ -72,8 +81,12 @@ class DiscLocator(Locator):
 
     def __init__(self, calibration: Calibration) -> None:
         """Choose the pixels and the profiles for a sensor's markers."""
+        radius_px = calibration.radius_px
         self._window = fit_window(appearance_of(calibration).profiles, calibration.size[0])
-        self._edge = np.empty((5, self._window.offset.size), np.float32)
+        within, largest_px = self._window.within, (1.0 + 3.0 * MOST_GROWTH) * radius_px.max()
+        farthest = int((largest_px + self._window.edge[:, 1].max() + ROUNDING_PX) / RING_PX) + 1
+        most = within[min(farthest, within.size - 1)]
+        self._edges = np.zeros((len(radius_px), 5, most), np.float32)
         self._due = np.maximum(np.ceil(DUE_PX * events_per_px(calibration)), 1.0)
         self._marked = np.empty((calibration.size[1], calibration.size[0]), np.uint16)
         super().__init__(calibration, painted_map(calibration, GradedStateMap))
@@ -81,6 +94,7 @@ class DiscLocator(Locator):
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
         super().reset()
+        self._read = np.full((len(self.fits), 7), np.inf)
         self._marked[:] = NOBODY
         for m in range(len(self.fits)):
             mark_kernel(self._marked, m, self.motion, self.fits, self.outline_px, self._window.edge)
@@ -113,7 +127,9 @@ class DiscLocator(Locator):
         """
         states = self.motion, self.fits, self.outline_px, self.pending, coasted
         markers = self._radius_px, self._due, self._marked
-        locate_discs_kernel(self.map.padded, self._edge, *self._window, *states, *markers, t_us)
+        maps = self.map.padded, self._edges, self._read
+        fitted = locate_discs_kernel(*maps, *self._window, *states, *markers, t_us)
+        self.busy = 2 * fitted >= len(self.pending)
 
 
 @njit(cache=True, nogil=True)
@@ -166,22 +182,23 @@ def mark_kernel(
 
 @njit(cache=True, nogil=True)
 def locate_discs_kernel(
-    padded: Array, scratch: Array, offset: Array, place_px: Array, within: Array,
+    padded: Array, edges: Array, read: Array, offset: Array, place_px: Array, within: Array,
     coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,
     pending: Array, coasted: Array, radius_px: Array, due: Array, marked: Array, t_us: int,
-) -> None:  # pragma: no cover - compiled # fmt: skip
-    """Fit the markers that enough events ask for, and bring the filters up to the present.
+) -> int:  # pragma: no cover - compiled # fmt: skip
+    """Fit the markers that enough events ask for, bring the filters up to the present; count fits.
 
-    Arguments are plain, since a tuple costs a microsecond: the map with its margin, and scratch
-    (:func:`fit_disc_kernel`); the fields of a :class:`FitWindow`; motions, fits, outlines, pending
-    events, and which markers are held; ``(m,)`` radii at rest, px, and events that ask for a fit;
-    who marked each pixel; the time, us.
+    Arguments are plain, since a tuple costs a microsecond: the map with its margin, edges as they
+    were read, and where (:func:`fit_disc_kernel`); the fields of a :class:`FitWindow`; motions,
+    fits, outlines, pending events, and which markers are held; ``(m,)`` radii at rest, px, and
+    events that ask for a fit; who marked each pixel; the time, us.
     """
-    window, levels = FitWindow(offset, place_px, within, coefficients, edge), (padded, scratch)
+    fitted = 0
+    window, maps = FitWindow(offset, place_px, within, coefficients, edge), (padded, edges, read)
     for m in range(radius_px.size):
         motion, fit = motions[m], fits[m]
         if motion[AT_US] < 0.0:
-            motion[AT_US] = fit[FIT_US] = t_us
+            motion[AT_US] = fit[FIT_US] = fit[OUTLINED_US] = t_us
         if pending[m] == 0:
             fit[SILENT_US] = t_us
         dt_s = (t_us - motion[AT_US]) * 1e-6
@@ -193,11 +210,15 @@ def locate_discs_kernel(
             continue
         predict_kernel(motion, dt_s)
         if asked:
-            gain = 1.0 - np.exp((fit[FIT_US] - t_us) * 1e-6 * OUTLINE_PER_S)
+            fitted += 1
+            gain, since_us = 0.0, t_us - fit[OUTLINED_US]
+            if since_us >= OUTLINE_US:
+                gain, fit[OUTLINED_US] = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * since_us), t_us
             start, settings = (motion[X], motion[Y]), (ITERATIONS, gain, radius_px[m])
-            x, y, fit[AGREEMENT], step_px = fit_disc_kernel(
-                levels, window, m, start, outline_px[m], settings
+            x, y, agreement, step_px = fit_disc_kernel(
+                maps, window, m, start, outline_px[m], settings
             )
+            fit[AGREEMENT] = agreement if gain > 0.0 else fit[AGREEMENT]
             fit[FIT_X], fit[FIT_Y], fit[FIT_US] = x, y, t_us
             pending[m] = AT_ONCE if step_px >= SMALL_STEP_PX else 0
         if coasted[m]:
@@ -206,3 +227,4 @@ def locate_discs_kernel(
             correct_kernel(motion, fit[FIT_X], fit[FIT_Y], dt_s)
         if max(abs(motion[X] - fit[MARKED_X]), abs(motion[Y] - fit[MARKED_Y])) > MARKED_PX:
             mark_kernel(marked, m, motions, fits, outline_px, edge)
+    return fitted

@@ -16,6 +16,7 @@ at 10 px/ms; the marker was given 8 px off, with a confidence of 0.99).
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -72,9 +73,8 @@ class MapLeak:
             leak_per_s: Rate at which pixels give up their disagreement, 1/s.
         """
         appearance = appearance_of(calibration)
-        self._mean_step = appearance.mean_step
-        self._radius_px = calibration.radius_px.astype(np.float64)
-        self._tables = profile_tables(appearance.profiles)
+        radius_px = calibration.radius_px.astype(np.float64)
+        self._discs = *profile_tables(appearance.profiles), radius_px, appearance.mean_step
         self._leak_per_s = leak_per_s
         self._usual: NDArray[np.float64] | None = None
         self._turn = 0
@@ -85,7 +85,8 @@ class MapLeak:
         dt_s: float,
         doubt: float,
         noise_hz_px: float,
-        searched_px: float | NDArray[np.floating],
+        searched: NDArray[np.bool_],
+        capture_px: float,
     ) -> None:
         """Do the next turn.
 
@@ -94,48 +95,46 @@ class MapLeak:
             dt_s: Time since the last turn, s.
             doubt: How doubtful it is that all events arrive, 0 to 1.
             noise_hz_px: Events of a pixel at rest, 1/s.
-            searched_px: ``(m,)`` how far around its disc each marker is looked for, px: there
-                nothing changes.
+            searched: ``(m,)`` markers that are looked for.
+            capture_px: How far around their discs they are, px: there nothing changes.
         """
         self._turn += 1
         if self._usual is None:
             self._usual = locator.fits[:, AGREEMENT].copy()
         tolerance = TOLERANCE + doubt * (LOSSY_TOLERANCE - TOLERANCE)
-        leaking, drawing = self._leak_per_s * GROUPS, DRAWN_PER_S * GROUPS
-        below, above = noise_hz_px * GROUND_TURNS, GROUND_PER_S * GROUND_TURNS
-        rates = np.array([leaking, drawing, below, above, 1.0 / USUAL_S])
-        shares = -np.expm1(-dt_s * rates)
-        ground_px = self._radius_px + OUTER_PX + searched_px
-        take_turn_kernel(
-            locator.map.padded, locator.map.memory, locator.motion, locator.fits,
-            locator.outline_px, self._usual, self._radius_px, ground_px, self._tables[0],
-            self._tables[1], self._mean_step, self._turn, tolerance, *shares.tolist(),
-        )  # fmt: skip
+        discs = locator.motion, locator.fits, locator.outline_px, self._usual, *self._discs
+        rates = tolerance, dt_s, self._leak_per_s, noise_hz_px
+        levels = locator.map.padded, locator.map.memory
+        take_turn_kernel(*levels, *discs, searched, capture_px, self._turn, *rates)
 
 
 @njit(cache=True, nogil=True)
 def take_turn_kernel(
     padded: Array, memory: Array, motions: Array, fits: Array, outline_px: Array, usual: Array,
-    radius_px: Array, ground_px: Array, tables: Array, reach_px: Array, mean_step: Array, turn: int,
-    tolerance: float, leaking: float, drawing: float, below: float, above: float, settling: float,
+    tables: Array, reach_px: Array, radius_px: Array, mean_step: Array, searched: Array,
+    capture_px: float, turn: int, tolerance: float, dt_s: float, leak_per_s: float,
+    noise_hz_px: float,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Let some markers' surroundings leak, and some rows of the ground return.
 
     Arguments are plain, since a tuple costs a microsecond: the map and its sums; motions, fits and
-    outlines of the discs; their usual agreements; radii at rest, and how far the ground begins, px;
-    profiles (:func:`~spikingtac.markers.graded.appearance.profile_tables`) and steps; the number of
-    the turn; for :func:`leak_to_discs_kernel`, then for :func:`return_ground_kernel` its law; and
-    by which share the usual agreement settles.
+    outlines of the discs, and their usual agreements; their profiles
+    (:func:`~spikingtac.markers.graded.appearance.profile_tables`), radii at rest, px, and steps;
+    the others are those of :meth:`MapLeak.update`.
     """
+    own_s, ground_s = dt_s * GROUPS, dt_s * GROUND_TURNS
+    leaking, drawing = -math.expm1(-leak_per_s * own_s), -math.expm1(-DRAWN_PER_S * own_s)
     levels, discs = (padded, memory), (motions, outline_px, fits[:, AGREEMENT], usual, radius_px)
     group, law = (turn % GROUPS, GROUPS), (mean_step, tolerance, leaking, drawing)
     leak_to_discs_kernel(levels, group, discs, (tables, reach_px), law)
-    step = 0.0
+    settling, step, ground_px = -math.expm1(-dt_s / USUAL_S), 0.0, np.empty(usual.size)
     for m in range(usual.size):
         usual[m] += settling * (fits[m, AGREEMENT] - usual[m])
         step += mean_step[m] / usual.size
+        ground_px[m] = radius_px[m] + OUTER_PX + (capture_px if searched[m] else 0.0)
     rows = turn % GROUND_TURNS, GROUND_TURNS
-    return_ground_kernel(padded, memory, rows, (motions, ground_px), (step, below, above))
+    shares = -math.expm1(-noise_hz_px * ground_s), -math.expm1(-GROUND_PER_S * ground_s)
+    return_ground_kernel(padded, memory, rows, (motions, ground_px), (step, shares[0], shares[1]))
 
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)

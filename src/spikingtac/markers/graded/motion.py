@@ -38,8 +38,9 @@ AT_ONCE = 1 << 30  # Events that are due for any marker.
 X, Y, VX, VY, PP, PV, VV, AT_US = range(8)
 
 # Columns of a fit: place, px; its time, us; share of the edge that agrees with the disc; until
-# when no event changed it, us; where the marker stood when its pixels were marked, px.
-FIT_X, FIT_Y, FIT_US, AGREEMENT, SILENT_US, MARKED_X, MARKED_Y = range(7)
+# when no event changed it, us; where the marker stood when its pixels were marked, px; when its
+# outline was fitted last, us.
+FIT_X, FIT_Y, FIT_US, AGREEMENT, SILENT_US, MARKED_X, MARKED_Y, OUTLINED_US = range(8)
 
 
 def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -94,9 +95,10 @@ class Locator:
     Attributes:
         map: The map that it reads.
         motion: ``(m, 8)`` states of the markers by the columns above.
-        fits: ``(m, 7)`` what was fitted last, by the columns above.
+        fits: ``(m, 8)`` what was fitted last, by the columns above.
         outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.
         pending: ``(m,)`` events at each marker's edge since its last fit.
+        busy: Whether half of the markers or more were fitted last.
         counts: ``(m,)`` events in each marker's cell, nearest to its rest, since they were taken.
     """
 
@@ -113,11 +115,12 @@ class Locator:
         count = len(self._start_px)
         self.map.reset()
         self.motion = resting_motion(self._start_px)
-        self.fits = np.zeros((count, 7))
+        self.fits = np.zeros((count, 8))
         self.fits[:, :FIT_US] = self._start_px
         self.fits[:, AGREEMENT], self.fits[:, MARKED_X] = 1.0, np.inf  # pixels not yet marked
         self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
         self.pending, self.counts = np.zeros((2, count), np.int64)
+        self.busy = False
 
     def place(self, marker: NDArray[np.bool_], position_px: NDArray[np.float64]) -> None:
         """Put markers somewhere at rest, after they were found again or predicted."""

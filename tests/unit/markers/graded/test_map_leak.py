@@ -32,12 +32,12 @@ def leaked(duration_us: int, agreement_of_one: float, doubt: float = 0.0) -> np.
     locator = DiscLocator(CALIBRATION)
     leak = MapLeak(CALIBRATION, 30.0)
     for _ in range(50):
-        leak.update(locator, 1e-3, doubt, 0.0, 0.0)
+        leak.update(locator, 1e-3, doubt, 0.0, np.zeros(4, np.bool_), 0.0)
     locator.map.memory[BESIDE] += 0.9
     locator.map.values[BESIDE] += 0.9
     locator.fits[1, AGREEMENT] = agreement_of_one
     for _ in range(duration_us // 1_000):
-        leak.update(locator, 1e-3, doubt, 0.0, 0.0)
+        leak.update(locator, 1e-3, doubt, 0.0, np.zeros(4, np.bool_), 0.0)
     return locator.map.memory[BESIDE]
 
 
