@@ -185,14 +185,34 @@ def _follow_kernel(
 
 
 @njit(cache=True, nogil=True)
+def _look_kernel(
+    padded: Array, offset: Array, ring: tuple[Any, Any], read: Array, level: Array
+) -> None:  # pragma: no cover - compiled
+    """Copy the map's levels around the place of ``read``."""
+    flat, row_px, (first, count) = padded.ravel(), padded.shape[1], ring
+    middle = np.uint64((int(read[3]) + PAD_PX) * row_px + int(read[2]) + PAD_PX)
+    for j in range(count):
+        level[j] = flat[middle + np.uint64(offset[first + j])]
+
+
+@njit(cache=True, nogil=True)
+def _read_kernel(
+    window: FitWindow, m: int, ring: tuple[Any, Any], read: Array, edge: Array
+) -> None:  # pragma: no cover - compiled
+    """Read marker m's edge at the place and with the outline of ``read``."""
+    inner_px, outer_px = window.edge[m, 0], window.edge[m, 1]
+    x, y = np.float32(read[0] - read[2]), np.float32(read[1] - read[3])
+    r = np.float32(read[4] + 0.5 * (inner_px + outer_px))
+    outline = r, np.float32(read[5]), np.float32(read[6])
+    disc = x, y, *outline, np.float32(2.0) / (outer_px - inner_px)
+    _edge_kernel(window.place_px, ring, disc, window.coefficients[m], edge)
+
+
+@njit(cache=True, nogil=True)
 def fit_disc_kernel(
-    maps: tuple[Array, Array, Array],
-    window: FitWindow,
-    m: int,
-    center_px: tuple[float, float],
-    outline_px: Array,
-    settings: tuple[int, float, float],
-) -> tuple[float, float, float, float]:  # pragma: no cover - compiled
+    maps: tuple[Array, Array, Array], window: FitWindow, m: int, center_px: tuple[float, float],
+    outline_px: Array, settings: tuple[int, float, float],
+) -> tuple[float, float, float, float]:  # pragma: no cover - compiled # fmt: skip
     """Fit marker m's centre, and let its outline follow; return x, y, agreement and last step.
 
     Args:
@@ -203,39 +223,31 @@ def fit_disc_kernel(
         m: Which marker.
         center_px: Where the fit begins, px.
         outline_px: ``(3,)`` r, b and c of the disc, px; changed.
-        settings: Gauss-Newton steps at most; share of its own step that the outline makes, 0 for
-            none, when no agreement is told; radius at rest, px.
+        settings: Gauss-Newton steps at most; share of the outline's own step that it makes, 0 for
+            none and no agreement; radius at rest, px.
     """
     padded, edge, read = maps[0], maps[1][m], maps[2][m]
-    flat, row_px = padded.ravel(), padded.shape[1]
-    last_column, last_row = row_px - 2 * PAD_PX - 1, padded.shape[0] - 2 * PAD_PX - 1
-    inner_px, outer_px, unit = window.edge[m, 0], window.edge[m, 1], window.edge[m, 2]
-    per_half = np.float32(2.0) / (outer_px - inner_px)
-    grown = outline_px[0] - read[4]
+    last = padded.shape[1] - 2 * PAD_PX - 1, padded.shape[0] - 2 * PAD_PX - 1
+    grown, unit = outline_px[0] - read[4], window.edge[m, 2]
     bent = abs(grown) + abs(outline_px[1] - read[5]) + abs(outline_px[2] - read[6])
-    (x, y), level, offset, seen, length = center_px, edge[0], window.offset, False, 0.0
+    (x, y), seen, length = center_px, False, 0.0
     count, moved = np.uint64(0), (np.float32(0.0), np.float32(0.0), np.float32(0.0))
     for _ in range(settings[0]):
         dx, dy = x - read[0], y - read[1]
         near = dx * dx + dy * dy < LINEAR_STEP_PX * LINEAR_STEP_PX and bent < LINEAR_GROWTH_PX
         if not near:
-            column = min(max(int(np.rint(x)), 0), last_column)
-            row = min(max(int(np.rint(y)), 0), last_row)
+            column = min(max(int(np.rint(x)), 0), last[0])
+            row = min(max(int(np.rint(y)), 0), last[1])
             seen = seen and bent < LINEAR_GROWTH_PX and column == read[2] and row == read[3]
             read[0], read[1], read[2], read[3] = x, y, column, row
-            read[4], read[5], read[6] = outline_px[0], outline_px[1], outline_px[2]
+            read[4:] = outline_px
             dx = dy = grown = bent = 0.0
         first, count = _ring_kernel(window, m, read[4:])
         if not seen:
-            middle = np.uint64((int(read[3]) + PAD_PX) * row_px + int(read[2]) + PAD_PX)
-            for j in range(count):
-                level[j] = flat[middle + np.uint64(offset[first + j])]
+            _look_kernel(padded, window.offset, (first, count), read, edge[0])
             seen = True
         if not near:
-            place = np.float32(x - read[2]), np.float32(y - read[3])
-            r = np.float32(read[4] + 0.5 * (inner_px + outer_px))
-            disc = *place, r, np.float32(read[5]), np.float32(read[6]), per_half
-            _edge_kernel(window.place_px, (first, count), disc, window.coefficients[m], edge)
+            _read_kernel(window, m, (first, count), read, edge)
         moved = np.float32(dx), np.float32(dy), np.float32(grown)
         step_x, step_y = _step_kernel(*center_equations_kernel(edge, count, moved, unit))
         x, y = x + step_x, y + step_y
