@@ -10,17 +10,15 @@ import pytest
 from spikingtac import windows
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.robot.approacher import ApproachConfig, Approacher
-from spikingtac_paper.collision import experiment, jobs
+from spikingtac_paper.collision import experiment
 from spikingtac_paper.collision.approach import (
     BEYOND_MM,
     ApproachRun,
-    Observers,
     approach,
     prepare,
     stop_at,
 )
-from spikingtac_paper.collision.experiment import RunSize, plan
-from spikingtac_paper.collision.jobs import METHODS, CollisionJob, run_job
+from spikingtac_paper.collision.experiment import METHODS, CollisionJob, RunSize, plan, run_job
 from spikingtac_paper.collision.scene import DIRECTION, SETTLE_WINDOWS, CollisionScene
 from spikingtac_paper.harness.run import RunOptions
 
@@ -42,9 +40,7 @@ def detectors():
 def run(detectors) -> ApproachRun:
     rig = SCENE.make_rig(SEED)
     prepare(rig, SPEED_MM_S, np.random.default_rng(7))
-    required = frozenset(detectors)
-    observers = Observers(detectors=detectors, frames=None, required=required, patience_mm=4.0)
-    found = approach(rig, SPEED_MM_S, observers)
+    found = approach(rig, SPEED_MM_S, detectors, None, frozenset(detectors), 4.0)
     for detector in detectors.values():
         detector.reset()
     return found
@@ -77,8 +73,8 @@ def test_the_touch_comes_a_second_after_the_release(run: ApproachRun) -> None:
 
 
 def test_a_tiny_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jobs, "QUIET_STEPS", 4_000)
-    monkeypatch.setattr(jobs, "STRETCH_STEPS", 1_500)
+    monkeypatch.setattr(experiment, "QUIET_STEPS", 4_000)
+    monkeypatch.setattr(experiment, "STRETCH_STEPS", 1_500)
     base = CollisionJob(folder=tmp_path, scene=SCENE, methods=tuple(METHODS))
     approaches, stretches = plan(RunSize.of(RunOptions(output=tmp_path, quick=True)), base)
     one = next(job for job in approaches if job.case == "typical/0.18")
@@ -91,7 +87,7 @@ def test_a_tiny_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert approached["methods"]["frame_paper"]["deviation_mm"] == pytest.approx(24.3, abs=0.05)
     assert stretched["seconds"] == pytest.approx(0.6)
     assert run_job(one) == approached  # from disk
-    monkeypatch.setattr(jobs, "STRETCH_STEPS", 1_200)
+    monkeypatch.setattr(experiment, "STRETCH_STEPS", 1_200)
     assert run_job(replace(free, seed=free.seed + 1))["seconds"] == pytest.approx(0.3)
     monkeypatch.setattr(experiment, "run_all", lambda *_: ([approached], [stretched]))
     experiment.run(RunOptions(output=tmp_path / "report"))

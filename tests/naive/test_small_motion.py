@@ -8,6 +8,7 @@ import pytest
 from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig
 from spikingtac.sim.camera.pixels import KEY_SHIFT
 from spikingtac.sim.camera.sensor import make_sensor, settle_sensor
+from spikingtac_paper.free_motion.free_rig import lag_coefficients
 from spikingtac_paper.free_motion.small_motion import (
     EDGE_DTYPE,
     EdgePixels,
@@ -18,7 +19,6 @@ from spikingtac_paper.free_motion.small_motion import (
     small_motion_kernel,
     update_band_kernel,
 )
-from spikingtac_paper.free_motion.small_motion_camera import lag_coefficients
 
 STEP_US = 1000.0
 

@@ -11,11 +11,24 @@ import numpy as np
 
 from spikingtac.geometry import Circle, TravelModel
 from spikingtac.robot import Touched, calibrated_circle, hole_around, published_circle
-from spikingtac.sim import CROSS, DEFAULT, SIGMAS_MM, touched_of, travel_of
+from spikingtac.sim import (
+    CORNER_MM,
+    CROSS,
+    DEFAULT,
+    SIGMAS_MM,
+    HoleTrial,
+    hole_trial,
+    touched_of,
+    travel_of,
+)
 from spikingtac.types import FloatArray
 from spikingtac_paper.harness.report import Metric, Row, by_name, interval
-from spikingtac_paper.holes.jobs import MOST_CONTACTS, trial_of
 
+# Ten radii from 0.7 to 5.0 mm, the range of section V-C.
+RADII_MM: tuple[float, ...] = tuple(round(0.7 + 4.3 / 9 * k, 3) for k in range(10))
+PITCH_MM = 15.0  # Distance of neighbouring holes, mm (the holes do not touch each other).
+COLUMNS = 5  # Holes in a row of the plate; it has two rows.
+MOST_CONTACTS = 12  # Contacts of the adaptive search.
 CROSS_CONTACTS = 4
 
 # 95 % quantile of chi-squared with three degrees of freedom: centre and radius together.
@@ -110,6 +123,12 @@ class HoleScore:
         return bool(error @ np.linalg.solve(self.circle.covariance_mm2, error) < REGION)
 
 
+def trial_of(seed: int, hole: int) -> HoleTrial:
+    """Return a hole of a seed's plate, with the start of its search."""
+    center = PITCH_MM * np.array([hole % COLUMNS, hole // COLUMNS], np.float64)
+    return hole_trial(RADII_MM[hole], center, CORNER_MM, seed)
+
+
 def score(
     method: str, record: Mapping[str, Any], calibration: Mapping[str, Any], sigma_mm: float
 ) -> HoleScore:
@@ -117,8 +136,8 @@ def score(
 
     Args:
         method: Name in :data:`METHODS`.
-        record: From :func:`~spikingtac_paper.holes.jobs.run_searches`.
-        calibration: From :func:`~spikingtac_paper.holes.jobs.run_calibration`.
+        record: From :func:`~spikingtac_paper.holes.experiment.run_searches`.
+        calibration: From :func:`~spikingtac_paper.holes.experiment.run_calibration`.
         sigma_mm: Repeatability per axis and reading, mm.
     """
     rule = METHODS[method]

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from spikingtac_paper.collision import frames
-from spikingtac_paper.collision.frames import (
+from spikingtac_paper.collision import approach
+from spikingtac_paper.collision.approach import (
     FrameSampler,
     displacement_sum_px,
     exposures_us,
@@ -35,14 +35,14 @@ def test_exposures_are_regular_half_open_and_keep_their_phase() -> None:
 
 @pytest.fixture
 def exact(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(frames, "NOISE_PX", 0.0)
+    monkeypatch.setattr(approach, "NOISE_PX", 0.0)
 
 
 def test_frames_see_the_truth_at_their_exposure_with_the_declared_noise() -> None:
     times = np.full(200, 10_500.0)
     off_px = measured_px(times, moving(100.0, 50_000), np.random.default_rng(0)) - REST
     assert off_px.mean(axis=(0, 1)) == pytest.approx([1.05, 0.0], abs=0.01)
-    assert off_px.std(axis=0).mean() == pytest.approx(frames.NOISE_PX, rel=0.02)
+    assert off_px.std(axis=0).mean() == pytest.approx(approach.NOISE_PX, rel=0.02)
 
 
 def test_the_threshold_bounds_the_quiet_interval_and_keeps_the_budget() -> None:

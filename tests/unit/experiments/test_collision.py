@@ -4,8 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from spikingtac_paper.collision.experiment import RunSize, fast_detectors, plan, series
-from spikingtac_paper.collision.jobs import QUIET_SEED, STRETCH_STEPS, CollisionJob
+from spikingtac_paper.collision.experiment import (
+    QUIET_SEED,
+    STRETCH_STEPS,
+    CollisionJob,
+    RunSize,
+    fast_detectors,
+    plan,
+    series,
+)
 from spikingtac_paper.collision.scene import CollisionScene
 from spikingtac_paper.collision.scoring import METRICS, SPEEDS, collision_rows, garwood
 from spikingtac_paper.harness.report import Row

@@ -18,8 +18,16 @@ from spikingtac.sim.rig.hole_site import (
     travel_of,
 )
 from spikingtac_paper.harness.report import Row
-from spikingtac_paper.holes.jobs import RADII_MM, trial_of
-from spikingtac_paper.holes.scoring import METHODS, METRICS, PUBLISHED, hole_rows, laid_onto, score
+from spikingtac_paper.holes.scoring import (
+    METHODS,
+    METRICS,
+    PUBLISHED,
+    RADII_MM,
+    hole_rows,
+    laid_onto,
+    score,
+    trial_of,
+)
 from stand_ins.touching import IdealProber
 
 HEADING_RAD, TRAVEL_MM = 0.3, 0.12
