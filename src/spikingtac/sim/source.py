@@ -90,8 +90,6 @@ class TruthChunk(NamedTuple):
         sticking_cells: ``(k, ceil(n² / 8))`` those that are touched and do not slip.
         pose_mm: ``(k, 3)`` the indenter's reference point, mm (x right, y down, z depth).
         in_contact: ``(k,)`` True where any pressure acts.
-        marker_depth_mm: ``(k, m)`` how far the skin is indented under each marker, mm.
-        marker_radius_px: ``(k, m)`` radii of circles with the area of the discs on the image, px.
     """
 
     marker_t_us: NDArray[np.int64]
@@ -103,8 +101,6 @@ class TruthChunk(NamedTuple):
     sticking_cells: NDArray[np.uint8]
     pose_mm: FloatArray
     in_contact: NDArray[np.bool_]
-    marker_depth_mm: NDArray[np.float32]
-    marker_radius_px: NDArray[np.float32]
 
     @classmethod
     def of_step(cls, state: SkinState, now: MarkerImage, then: MarkerImage) -> TruthChunk:
@@ -122,8 +118,6 @@ class TruthChunk(NamedTuple):
             sticking_cells=state.patch.sticking[None],
             pose_mm=np.array(state.pose_mm, np.float64)[None],
             in_contact=np.array([state.in_contact]),
-            marker_depth_mm=state.marker_mm[None, :, 2].astype(np.float32),
-            marker_radius_px=image_radius_px(now)[None].astype(np.float32),
         )
 
 

@@ -18,7 +18,6 @@ from spikingtac.sim import (
     VIBRATION_MM,
     FingerConfig,
     PlaneWall,
-    ProbeConfig,
     Rig,
     RigConfig,
     RoundBit,
@@ -38,7 +37,6 @@ NEAR_MM = 0.5  # Distance from the wall at which the arm stands before its first
 # fifth by then.
 SETTLE_WINDOWS = 100
 MARGIN_S = 0.04  # Largest delay of the constant speed by report, cycle, network and servo, s.
-STICKOUT_MM = 40.0  # Length of the probe beyond the fingers, mm (contract.md).
 
 # The touch before an approach: travel of the arm beyond the first touch, mm (a typical overshoot),
 # speed of approach and return, mm/s, and time for which the probe presses, s.
@@ -64,8 +62,7 @@ class CollisionScene:
 
     def rig_config(self) -> RigConfig:
         """Return probe, pads, arm and the preset's vibration."""
-        probe = ProbeConfig(stickout_mm=STICKOUT_MM)
-        return RigConfig(probe=probe, vibration_mm=VIBRATION_MM[self.preset])
+        return RigConfig(vibration_mm=VIBRATION_MM[self.preset])
 
     def make_rig(self, seed: int) -> Rig:
         """Return the whole twin, the tip :data:`NEAR_MM` before the wall."""

@@ -91,7 +91,7 @@ def test_creep_relaxes_the_force_as_the_kelvin_chain_says(rod_of) -> None:
 def test_the_free_rod_rocks_at_the_frequency_of_its_inertia(rod_of) -> None:
     rod_of(DAMPING_RATIO=0.0, **NO_CREEP)
     config = ProbeConfig()
-    mass, stiffness = rod_inertia(config), np.diag(bushing_stiffness(config))
+    mass, stiffness = rod_inertia(), np.diag(bushing_stiffness(config))
     modes = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real) / (2 * np.pi)
     probe = Probe(config, NoWall(), np.zeros(3))
     dt_s, path = 1e-4, []

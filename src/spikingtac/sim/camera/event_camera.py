@@ -76,16 +76,11 @@ class EventCamera:
         self.losses = self._readout.losses
         self._out = np.zeros(_INITIAL_OUTBOX, np.int64)
         self._discs = np.empty(0, coverage.DISC_DTYPE)
-        self._t_us: int | None = None
+        self._t_us: int | None = None  # up to which events have been returned
         lowest = float(min(pixels["threshold_on"].min(), pixels["threshold_off"].min()))
         log = self._sensor.chip["log_intensity"]
         self._max_crossings = 1 + int(float(log.max() - log.min()) / lowest)
         self._fastest_leak = float(pixels["mean_leak_per_us"].max()) / lowest
-
-    @property
-    def t_us(self) -> int | None:
-        """Time up to which events have been returned, us; None before :meth:`settle`."""
-        return self._t_us
 
     def settle(self, image: MarkerImage, history: ReferenceHistory = "rested") -> None:
         """Set every pixel to its steady state under a still image. Time starts at the image's time.

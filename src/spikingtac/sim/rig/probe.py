@@ -26,10 +26,15 @@ K_T_N_MM, K_THETA_N_MM_RAD = 2.5, 68.0
 
 # Stiffness about the rod's own axis, N mm/rad (k_theta (7/18)²: width instead of length).
 TORSION_N_MM_RAD = 10.3
+STICKOUT_MM = 40.0  # Distance from the patch's centre to the tip, mm (contract.md).
 GRIP_MM = 9.0  # Length of the rod behind the patch's centre, mm.
 
 # The gripper's axes as columns: x = base x, y (to the tip) = down, z = base y.
 GRIPPER_IN_BASE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+# Displacement of the tip per bushing motion, base frame: ``(3, 6)``.
+_LEVER = STICKOUT_MM * np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+TIP_JACOBIAN = GRIPPER_IN_BASE @ np.hstack([np.eye(3), _LEVER])
 TONNE_PER_GRAM = 1e-6  # Mass unit of the N, mm, s system is the tonne.
 GRAMS_PER_MM = 0.099  # Line density of the rod, g/mm (steel, 4 mm thick).
 
@@ -48,7 +53,6 @@ class ProbeConfig:
     """The probe and its bushing (contract.md, "Pinned physics").
 
     Attributes:
-        stickout_mm: Distance from the patch's centre to the tip, mm.
         normal_ratio: Stiffness across the pads' planes divided by that along them; 1 as pinned,
             about 7 for the patch of the layer model.
         tilt_ratio: The same for rotation out of the pads' plane; about 4 for the layer model.
@@ -56,7 +60,6 @@ class ProbeConfig:
         bit: Shape of the tip.
     """
 
-    stickout_mm: float = 40.0
     normal_ratio: float = 1.0
     tilt_ratio: float = 1.0
     tip_friction: float = 0.3
@@ -105,7 +108,6 @@ class Probe:
     def __init__(self, config: ProbeConfig, wall: Wall, arm_mm: FloatArray) -> None:
         self.contact = TipContact(config.bit, wall, config.tip_friction)
         self._config = config
-        self._tip_jacobian = _tip_jacobian(config)
         self._bushing = np.zeros(6)
         self._rate = np.zeros(6)
         self._creep = np.zeros((len(CREEP_FRACTIONS), 6))
@@ -120,12 +122,12 @@ class Probe:
         load = step.stiffness * creep + step.damping * self._bushing / dt_s + step.mass @ momentum
         load -= step.mass[:, :3] @ self._arm_acceleration(dt_s, arm_mm)
         free_bushing = step.compliance @ load
-        force = self.contact.solve(arm_mm + self._tip_jacobian @ free_bushing, step.tip_compliance)
+        force = self.contact.solve(arm_mm + TIP_JACOBIAN @ free_bushing, step.tip_compliance)
         bushing = free_bushing + step.from_tip @ force
         elastic = step.stiffness * (bushing - creep)
         self._creep = step.decay[:, None] * self._creep + step.gain * elastic
         self._rate, self._bushing = (bushing - self._bushing) / dt_s, bushing
-        tip_mm = arm_mm + self._tip_jacobian @ bushing
+        tip_mm = arm_mm + TIP_JACOBIAN @ bushing
         pressed, free_gap = bool(force.any()), self.contact.free_gap_mm
         gaps = self.contact.gap_mm(tip_mm) if pressed else free_gap, free_gap
         return ProbeState(t_us, tip_mm, self._center(arm_mm), bushing, force, *gaps, pressed)
@@ -144,7 +146,7 @@ class Probe:
         return replace(state, tip_mm=tip_mm, center_mm=center_mm, gap_mm=gap, free_gap_mm=gap)
 
     def _center(self, arm_mm: FloatArray) -> FloatArray:
-        return arm_mm - GRIPPER_IN_BASE[:, 1] * self._config.stickout_mm
+        return arm_mm - GRIPPER_IN_BASE[:, 1] * STICKOUT_MM
 
     def _arm_acceleration(self, dt_s: float, arm_mm: FloatArray) -> FloatArray:
         """Return the arm's acceleration ``(3,)`` over the last two steps, gripper frame."""
@@ -180,14 +182,14 @@ def step_matrices(config: ProbeConfig, dt_ns: int) -> StepMatrices:
     decay = np.exp(-dt_s / CREEP_TIMES_S)
     stiffness0 = bushing_stiffness(config)
     stiffness = stiffness0 / (1.0 + CREEP_FRACTIONS @ (1.0 - decay))
-    mass = rod_inertia(config)
+    mass = rod_inertia()
     omega = np.sqrt(K_THETA_N_MM_RAD / mass[3, 3]) if mass[3, 3] > 0.0 else np.inf
     damping = stiffness0 * 2.0 * DAMPING_RATIO / omega
     whole = np.diag(stiffness + damping / dt_s) + mass / dt_s**2
     compliance = np.linalg.inv(whole).astype(np.float64)
     gain = ((1.0 - decay) * CREEP_FRACTIONS)[:, None] / stiffness0
-    mobility = _tip_jacobian(config) @ compliance
-    tip_compliance = mobility @ _tip_jacobian(config).T
+    mobility = TIP_JACOBIAN @ compliance
+    tip_compliance = mobility @ TIP_JACOBIAN.T
     return StepMatrices(
         stiffness, damping, mass, compliance, decay, gain, mobility.T.copy(), tip_compliance
     )
@@ -199,9 +201,9 @@ def bushing_stiffness(config: ProbeConfig) -> FloatArray:
     return np.array([K_T_N_MM, K_T_N_MM, along, tilt, TORSION_N_MM_RAD, K_THETA_N_MM_RAD])
 
 
-def rod_inertia(config: ProbeConfig) -> FloatArray:
+def rod_inertia() -> FloatArray:
     """Return the mass matrix ``(6, 6)`` of the rod about the patch's centre (tonne, mm)."""
-    front, back = config.stickout_mm, GRIP_MM
+    front, back = STICKOUT_MM, GRIP_MM
     mass = GRAMS_PER_MM * (front + back) * TONNE_PER_GRAM
     center = (front - back) / 2.0
     moment = mass * (front**2 - front * back + back**2) / 3.0
@@ -209,14 +211,6 @@ def rod_inertia(config: ProbeConfig) -> FloatArray:
     out[0, 5] = out[5, 0] = -mass * center
     out[2, 3] = out[3, 2] = mass * center
     return out
-
-
-def _tip_jacobian(config: ProbeConfig) -> FloatArray:
-    """Return ``(3, 6)``: displacement of the tip per bushing motion, base frame."""
-    jacobian = np.zeros((3, 6))
-    jacobian[:, :3] = np.eye(3)
-    jacobian[0, 5], jacobian[2, 3] = -config.stickout_mm, config.stickout_mm
-    return GRIPPER_IN_BASE @ jacobian
 
 
 class Vibration:
