@@ -63,24 +63,15 @@ def press_and_release(rig: Rig, reach_mm: np.ndarray) -> None:
     rig.reset_first_contact()
 
 
-def make_rig(direction: tuple[float, ...], leak: bool, history: Any, seed: int) -> Rig:
-    way = np.array(direction)
-    wall = PlaneWall(way * (0.375 + FREE_MM), -way)
-    finger = SensingFinger(SilentFinger(leak=leak, history=history, serial=seed), seed)
-    rng = np.random.default_rng(seed)
-    return Rig(RigConfig(vibration_mm=0.0), wall, finger, np.zeros(3), rng)
-
-
 def travel_mm(
-    direction: tuple[float, ...] = LATERAL,
-    history: str = "fresh",
-    seed: int = 1,
+    direction: tuple[float, ...] = LATERAL, history: str = "fresh", seed: int = 1
 ) -> tuple[float, float]:
     """Return the arm's travel from the touch to the 20th and the 100th event, mm."""
-    way = np.array(direction)
-    rig = make_rig(direction, history == "rested", "fresh", seed)
-    if history == "rested":
-        rig = make_rig(direction, True, "rested", seed)
+    way, rested = np.array(direction), history == "rested"
+    known: Any = "rested" if rested else "fresh"
+    finger = SensingFinger(SilentFinger(leak=rested, history=known, serial=seed), seed)
+    wall, rng = PlaneWall(way * (0.375 + FREE_MM), -way), np.random.default_rng(seed)
+    rig = Rig(RigConfig(vibration_mm=0.0), wall, finger, np.zeros(3), rng)
     if history == "released":
         press_and_release(rig, FREE_MM * way)
     rig.arm.move_linear(2.0 * way, SPEED_MM_S)
