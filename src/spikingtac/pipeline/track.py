@@ -24,7 +24,7 @@ from spikingtac.markers.registry import MarkerTracker, TrackingConfig, make_law,
 from spikingtac.markers.smoothing import smoothed
 from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.schema import to_mapping
-from spikingtac.touch.force.model import ForceModel
+from spikingtac.touch.force.model import ForceModel, Wrench
 from spikingtac.tracks import Tracks, TracksWriter, create_tracks
 from spikingtac.tracks.files import SIGMA
 from spikingtac.types import EventPacket, MarkerFrame
@@ -126,24 +126,14 @@ def track_to_file(
         for frame, more in _told(frames, tracker, config):
             moved = frame.detected_px - calibration.reference_px
             if estimator:
-                wrench = estimator.update(frame.t_us, moved)
-                torque = {"torque_nm": wrench.values[3:]} if len(wrench.values) > 3 else {}
-                forces = {"force_n": wrench.force_n, "force_sigma_n": wrench.force_sigma_n}
-                more = {**more, **forces, **torque}
+                more = {**more, **_columns(estimator.update(frame.t_us, moved))}
             writer.write(frame, more)
             counts.add(frame, more.get("force_n"))
             if counts.estimates % PROGRESS_EVERY == 0:
                 advance(source.progress)
         _mark(writer, source, before=False)
         found = {"health": source.counters().summary(), "calibration_misfit": checked.misfit}
-        about = {
-            "config": {"tracking": to_mapping(config)},
-            "input": source.path.name,
-            "input_sha256": _digest(source.path),
-            "package_version": package_version(),
-            "losses": dict(source.losses.kinds()),
-        }
-        writer.close({**about, **calibration.scale(), **found})
+        writer.close({**_provenance(source, config), **calibration.scale(), **found})
     except BaseException:
         writer.abandon()
         raise
@@ -174,6 +164,23 @@ def _mark(writer: TracksWriter, source: FileSource | CheckedSource, before: bool
     if before:
         deque(source, maxlen=0)
     writer.mark(source.triggers.columns())
+
+
+def _columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:
+    """Return a wrench by the keys of a file."""
+    torque = {"torque_nm": wrench.values[3:]} if len(wrench.values) > 3 else {}
+    return {"force_n": wrench.force_n, "force_sigma_n": wrench.force_sigma_n, **torque}
+
+
+def _provenance(source: FileSource | CheckedSource, config: TrackingConfig) -> dict[str, Any]:
+    """Return the metadata of tracks: configuration, input, version and losses."""
+    return {
+        "config": {"tracking": to_mapping(config)},
+        "input": source.path.name,
+        "input_sha256": _digest(source.path),
+        "package_version": package_version(),
+        "losses": dict(source.losses.kinds()),
+    }
 
 
 def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) -> None:
