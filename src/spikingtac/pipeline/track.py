@@ -113,10 +113,9 @@ def track_to_file(
     """
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config, calibration)
-    estimator = None
     if force is not None:
         force.require(calibration.reference_px, "px")
-        estimator = force.estimator()
+    estimator = None if force is None else force.estimator()
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
     checked = CheckedSource(source, calibration)
@@ -124,8 +123,8 @@ def track_to_file(
         _mark(writer, source, before=True)
         frames = follow(checked, tracker, config.rate_hz, checked.losses)
         for frame, more in _told(frames, tracker, config):
-            moved = frame.detected_px - calibration.reference_px
             if estimator:
+                moved = frame.detected_px - calibration.reference_px
                 more = {**more, **_columns(estimator.update(frame.t_us, moved))}
             writer.write(frame, more)
             counts.add(frame, more.get("force_n"))
