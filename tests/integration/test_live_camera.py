@@ -22,7 +22,7 @@ from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.stream.guard import ContactProcess
 from spikingtac.stream.guard_loop import stream_arrivals
 from spikingtac.stream.host import Factory
-from spikingtac.stream.sources import LiveSource, open_live
+from spikingtac.stream.reader import LiveSource, open_live
 from spikingtac.tracks import Tracks
 from spikingtac.viewer.opening import open_view_or_events
 from stand_ins.guarded import NotingArm, detector, stops

@@ -207,8 +207,6 @@ def test_a_slow_disk_loses_nothing_in_silence(
     assert told["lost_events"] > 0
     assert told["events"] + told["lost_events"] == told["received_events"] == 80_000
     assert len(whole(tmp_path / "rec")) == told["events"]
-    manifest = Recording.open(tmp_path / "rec").manifest
-    assert sum(gap["events"] for gap in manifest["lost"]) == told["lost_events"]
 
 
 def test_a_recording_is_replaced_only_by_a_camera_that_is_there(

@@ -18,7 +18,7 @@ from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.ros2.messages import Layout
 from spikingtac.ros2.stream import SensorStream
-from spikingtac.stream.sources import LiveSource
+from spikingtac.stream.reader import LiveSource
 from spikingtac.touch.force.model import ForceModel
 from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket, MarkerFrame

@@ -8,8 +8,7 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from spikingtac.contact.detector import ContactDetector
@@ -17,15 +16,17 @@ from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
 from spikingtac.stream import real_time
-from spikingtac.stream.clock import StreamClock
-from spikingtac.stream.guard_loop import Arrival, ContactLoop, GuardReport, catch_up, failure_words
+from spikingtac.stream.guard_loop import (
+    LONGEST_REASON,
+    Arrival,
+    ContactLoop,
+    catch_up,
+    failure_words,
+)
 from spikingtac.stream.host import Asker, Factory, Host
 from spikingtac.stream.ring import SharedRing
 
 STATUS_BYTES = 1 << 14
-
-# Largest number of characters of a reason; JSON needs at most 12 bytes for each.
-LONGEST_REASON = 1_000
 
 # Period at which the guard checks controller and parent, and publishes its status.
 STATUS_PERIOD_S = 0.02
@@ -78,7 +79,8 @@ class ContactProcess:
         ``ended`` or ``failed``; ``reason`` says why, and ``stop_failure`` whether the arm is not
         known to rest. ``connected`` says whether an arm was reached. ``precedes`` says whether the
         system lets the guard run before ordinary work; a busy machine may trip one that does not.
-        The rest are the fields of :class:`GuardReport`, and ``at_s`` on the monotonic clock.
+        The rest is :meth:`~spikingtac.stream.guard_loop.ContactLoop.report`, and ``at_s`` on the
+        monotonic clock.
         """
         found = self._ring.latest(self._seen)
         if found is not None:
@@ -135,7 +137,7 @@ class GuardStatus:
         if state in (ArmState.PROTECTIVE_STOP, ArmState.DISCONNECTED):
             watchdog.disconnected(f"the arm's controller: {state.value}")
         if watchdog.health is Health.OK:
-            self.publish("ready", loop.report())
+            self.publish("ready", report=loop.report())
 
     def rehearse(self, loop: ContactLoop, arm: Arm) -> None:
         """Do once what takes long the first time, and take precedence, before the watch begins.
@@ -147,37 +149,27 @@ class GuardStatus:
         self.precedes = real_time.take_precedence(real_time.GUARD_PRIORITY)
         if self.precedes:
             real_time.keep_to_one_core()
-        status_message({**asdict(loop.report()), "health": "ok", "reason": ""})
+        json.dumps(loop.report())
 
     def tripped(self, watchdog: Watchdog) -> None:
         """Publish a trip from whichever thread it happens in: the loop itself may hang."""
         reason, failure = watchdog.reason, failure_words(watchdog.stop_failure)
-        known = {"health": watchdog.health.value, "stop_failure": failure[:LONGEST_REASON]}
         if failure:
             reason += f"; the stop failed: {failure}"
-        self._publish({**self._fields, **known, "phase": "tripped", "reason": reason})
+        self.publish("tripped", reason, {"health": watchdog.health.value, "stop_failure": failure})
 
-    def publish(self, phase: str, report: GuardReport | None = None, reason: str = "") -> None:
-        """Publish a phase with the loop's report; ``reason`` stands before the report's own."""
-        if report is not None:
-            self._fields = asdict(report) | {"health": report.health.value}
-            self._fields["stop_failure"] = report.stop_failure[:LONGEST_REASON]
-        reason = reason or (report.reason if report is not None else "")
-        self._publish({**self._fields, "phase": phase, "reason": reason})
-
-    def _publish(self, state: dict[str, Any]) -> None:
+    def publish(
+        self, phase: str, reason: str = "", report: Mapping[str, Any] | None = None
+    ) -> None:
+        """Publish a phase, the loop's report so far, and why; a long ``reason`` is cut."""
         with self._lock:
-            known: dict[str, Any] = {"precedes": self.precedes, "connected": self.connected}
-            known["at_s"] = time.monotonic()
-            self._ring.publish(status_message({**state, **known}))
-
-
-def status_message(state: dict[str, Any]) -> bytes:
-    """Return a state as JSON that fits into the ring; a long ``reason`` is cut."""
-    reason = state["reason"]
-    if len(reason) > LONGEST_REASON:
-        state = {**state, "reason": reason[:LONGEST_REASON] + CUT_MARK}
-    return json.dumps(state).encode()
+            self._fields |= report or {}
+            reason = reason or (report or {}).get("reason", "")
+            if len(reason) > LONGEST_REASON:
+                reason = reason[:LONGEST_REASON] + CUT_MARK
+            state = {**self._fields, "phase": phase, "reason": reason, "precedes": self.precedes}
+            state |= {"connected": self.connected, "at_s": time.monotonic()}
+            self._ring.publish(json.dumps(state).encode())
 
 
 def _guard(
@@ -205,32 +197,32 @@ def _guard(
         config, arm.stop, time.monotonic, lambda: status.tripped(watchdog), arm.confirm_stop
     )
     rests = _obey_sigterm(watchdog)
-    clock = StreamClock()
-    loop = ContactLoop(detector, watchdog, arm.stop, stream_clock=clock)
+    loop = ContactLoop(detector, watchdog, arm.stop)
     try:
         watchdog.self_test()  # a stop takes longer than the allowed silence, so it comes first
         status.rehearse(loop, arm)
-        catch_up(stream, clock, config.backlog_s)  # last: what piled up until here is not watched
+        # Last: what piled up until here is not watched.
+        loop.stream_clock = catch_up(stream, config.backlog_s)
         watchdog.arm()
         with WatchdogThread(watchdog):
             loop.guard(stream, lambda loop: status.check(loop, arm, watchdog))
-        _confirm_stop(loop, arm, watchdog, rests)
-        status.publish("ended", loop.report())
+        if loop.contact is not None:
+            _confirm_stop(arm, watchdog)
+        if watchdog.stop_failure is None:
+            rests.set()
+        status.publish("ended", report=loop.report())
     except BaseException as error:
         watchdog.disconnected(f"{type(error).__name__}: {error}")
-        status.publish("failed", loop.report())
+        status.publish("failed", report=loop.report())
         raise
 
 
-def _confirm_stop(loop: ContactLoop, arm: Arm, watchdog: Watchdog, rests: threading.Event) -> None:
-    """Tell the watchdog where the arm does not rest after a contact; note where it rests."""
-    if loop.contact is not None:
-        try:
-            arm.confirm_stop()
-        except Exception as error:  # whatever the driver raises, the arm is not known to rest
-            watchdog.stop_failed(error)
-    if watchdog.stop_failure is None:
-        rests.set()
+def _confirm_stop(arm: Arm, watchdog: Watchdog) -> None:
+    """Tell the watchdog where the arm does not rest after a contact."""
+    try:
+        arm.confirm_stop()
+    except Exception as error:  # whatever the driver raises, the arm is not known to rest
+        watchdog.stop_failed(error)
 
 
 def _prepare(stream: Iterator[Arrival], detector: ContactDetector) -> None:
@@ -252,24 +244,19 @@ def _prepare(stream: Iterator[Arrival], detector: ContactDetector) -> None:
 
 
 def _obey_sigterm(watchdog: Watchdog) -> threading.Event:
-    """Brake on SIGTERM from now on, until the event that is returned says that the arm rests."""
-    brake = (watchdog, _sigterm_pipe(), rests := threading.Event())
-    threading.Thread(target=_brake, args=brake, daemon=True).start()
-    return rests
+    """Brake on SIGTERM from now on, until the event that is returned says that the arm rests.
 
-
-def _sigterm_pipe() -> socket.socket:
-    """Return what becomes readable when SIGTERM comes, whichever thread it comes to.
-
-    A mask would not do: libraries have begun threads of their own by now (OpenBLAS), which would
-    take the signal and end the process with the arm in motion. The wake-up file is written even
-    while the main thread hangs.
+    The signal is heard through a socket, whichever thread it comes to, and while the main thread
+    hangs. A mask would not do: libraries have begun threads of their own by now (OpenBLAS), which
+    would take the signal and end the process with the arm in motion.
     """
-    readable, writable = socket.socketpair()
+    told, writable = socket.socketpair()
     writable.setblocking(False)
     signal.set_wakeup_fd(writable.detach(), warn_on_full_buffer=False)
     signal.signal(signal.SIGTERM, lambda number, frame: None)
-    return readable
+    brake = (watchdog, told, rests := threading.Event())
+    threading.Thread(target=_brake, args=brake, daemon=True).start()
+    return rests
 
 
 def _brake(watchdog: Watchdog, told: socket.socket, rests: threading.Event) -> None:

@@ -8,8 +8,9 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +37,7 @@ WARM_UP_SIZE = (320, 320)  # Size of the made-up warm-up sensor, px; kernels are
 LEARNED_WINDOWS, LEAST_PACE = 50, 0.9
 CATCH_UP_S = 10.0  # Longest time in which a stream catches up with its sensor once opened, s.
 
+LONGEST_REASON = 1_000  # Largest number of characters of a reason (JSON takes up to 12 bytes each).
 RECENT_WINDOWS = 4096  # Decision times kept for the percentiles: 4 s at 1 kHz.
 US_PER_S = 1e6
 
@@ -60,56 +62,6 @@ class Arrival:
         return packets_of(self.window)[0].t_end_us
 
 
-@dataclass(frozen=True, slots=True)
-class Latency:
-    """Parts of the time between the events of a contact and the command to stop.
-
-    Attributes:
-        window_us: The events' mean wait for the end of their window, us; None without events.
-        transport_us: From the end of the window to its arrival, us, beyond the fastest transport
-            so far: sensor and host share no clock.
-        decision_us: From the arrival to the decision, us, with any queue before the loop.
-        stop_us: From the decision to the return of the arm's stop, us.
-    """
-
-    window_us: float | None
-    transport_us: float
-    decision_us: float
-    stop_us: float
-
-
-@dataclass(frozen=True, slots=True)
-class GuardReport:
-    """State of a guard, now or at its end.
-
-    Attributes:
-        health: Of the watchdog.
-        reason: What tripped it; empty while OK.
-        contact: What stopped the arm, or None.
-        latency: Of that decision.
-        windows: How many windows were processed.
-        backlog_s: How far the processed data lag behind the fastest transport, s.
-        decision_p50_us: Median time to decide over the recent windows, us.
-        decision_p99_us: 99th percentile of the same, us.
-        leaps: Leaps of the sensor's clock that were too small to stop the arm.
-        losses: What the stream lost or had to mend, by kind.
-        stop_failure: Why the arm is not known to rest after a stop; empty where it rests, or where
-            nothing has stopped it.
-    """
-
-    health: Health
-    reason: str
-    contact: Contact | None
-    latency: Latency | None
-    windows: int
-    backlog_s: float
-    decision_p50_us: float
-    decision_p99_us: float
-    leaps: int
-    losses: dict[str, int]
-    stop_failure: str
-
-
 class ContactLoop:
     """Decides on each window before anything else is done with it.
 
@@ -118,10 +70,11 @@ class ContactLoop:
         watchdog: Armed by the caller; it stops the same arm. Each window is a heartbeat.
         stop: Stops the arm.
         clock_s: The clock of the arrivals and of the watchdog.
-        stream_clock: Knows the stream's earlier windows; None begins with the first one.
 
     Attributes:
         contact: What stopped the arm, or None so far.
+        stream_clock: Maps the sensor's clock to the host's; one that has seen the stream's earlier
+            windows may take its place.
     """
 
     def __init__(
@@ -130,23 +83,22 @@ class ContactLoop:
         watchdog: Watchdog,
         stop: Callable[[], None],
         clock_s: Callable[[], float] = time.monotonic,
-        stream_clock: StreamClock | None = None,
     ) -> None:
         self._detector, self._watchdog, self._stop = detector, watchdog, stop
-        self._stream_clock = stream_clock or StreamClock()
+        self.stream_clock = StreamClock()
         self._losses: Mapping[str, int] | None = None
         self._backlog_s = 0.0
         self._clock_s = clock_s
         self._recent_us: deque[float] = deque(maxlen=RECENT_WINDOWS)
         self._windows = 0
         self.contact: Contact | None = None
-        self._latency: Latency | None = None
+        self._latency: dict[str, float | None] | None = None
 
     def guard(
         self,
         arrivals: Iterable[Arrival],
         after_window: Callable[[ContactLoop], object] = lambda _: None,
-    ) -> GuardReport:
+    ) -> dict[str, Any]:
         """Watch a stream until a contact, a trip of the watchdog, or its end, which is a trip.
 
         Args:
@@ -161,22 +113,29 @@ class ContactLoop:
         self._watchdog.disconnected("the event stream ended")
         return self.report()
 
-    def report(self) -> GuardReport:
-        """Return the state now."""
+    def report(self) -> dict[str, Any]:
+        """Return the state now, as JSON can hold it.
+
+        ``health`` and ``reason`` are the watchdog's. ``contact`` stopped the arm, and ``latency``
+        is that of this decision. ``backlog_s`` is the lag of the processed data, and
+        ``decision_p50_us`` and ``decision_p99_us`` are the times to decide over recent windows.
+        ``leaps`` of the sensor's clock were too small to stop the arm; ``losses`` are the stream's.
+        ``stop_failure`` says why the arm is not known to rest after a stop.
+        """
         p50_us, p99_us = np.percentile(np.array(self._recent_us or (0.0,)), (50, 99)).tolist()
-        return GuardReport(
-            health=self._watchdog.health,
-            reason=self._watchdog.reason,
-            contact=self.contact,
-            latency=self._latency,
-            windows=self._windows,
-            backlog_s=self._backlog_s,
-            decision_p50_us=p50_us,
-            decision_p99_us=p99_us,
-            leaps=self._stream_clock.small_leaps,
-            losses=dict(self._losses or {}),
-            stop_failure=failure_words(self._watchdog.stop_failure),
-        )
+        return {
+            "health": self._watchdog.health.value,
+            "reason": self._watchdog.reason,
+            "contact": asdict(self.contact) if self.contact else None,
+            "latency": self._latency,
+            "windows": self._windows,
+            "backlog_s": self._backlog_s,
+            "decision_p50_us": p50_us,
+            "decision_p99_us": p99_us,
+            "leaps": self.stream_clock.small_leaps,
+            "losses": dict(self._losses or {}),
+            "stop_failure": failure_words(self._watchdog.stop_failure),
+        }
 
     def _process(self, arrival: Arrival) -> None:
         begun_s = self._clock_s()
@@ -187,15 +146,14 @@ class ContactLoop:
             self._watchdog.disarm()  # nothing beats while the arm brakes
             self._stop()
             self.contact = contact
-            stopped_s = self._clock_s()
-            self._latency = self._split(arrival, decided_s, stopped_s)
+            self._latency = self._split(arrival, decided_s, self._clock_s())
         self._recent_us.append((decided_s - begun_s) * US_PER_S)
         self._windows += 1
 
     def _compare_clocks(self, arrival: Arrival, begun_s: float) -> None:
         """Beat the watchdog with the backlog, and report a leap of the sensor's clock."""
-        leap_s = self._stream_clock.arrive(arrival.end_us, arrival.received_s)
-        self._backlog_s = self._stream_clock.backlog_s(arrival.end_us, begun_s)
+        leap_s = self.stream_clock.arrive(arrival.end_us, arrival.received_s)
+        self._backlog_s = self.stream_clock.backlog_s(arrival.end_us, begun_s)
         self._watchdog.beat(self._backlog_s)
         known, self._losses = self._losses, arrival.losses
         if leap_s > 0.0:
@@ -203,21 +161,28 @@ class ContactLoop:
         elif known is not None and arrival.losses.get("time_jump", 0) > known.get("time_jump", 0):
             self._watchdog.time_jump("the stream reports that the sensor's clock leapt")
 
-    def _split(self, arrival: Arrival, decided_s: float, stopped_s: float) -> Latency:
-        packets = packets_of(arrival.window)
-        times_us = np.concatenate([packet.t for packet in packets])
-        end_us = arrival.end_us
-        return Latency(
-            window_us=float(end_us - times_us.mean()) if len(times_us) else None,
-            transport_us=self._stream_clock.lag_s(end_us, arrival.received_s) * US_PER_S,
-            decision_us=(decided_s - arrival.received_s) * US_PER_S,
-            stop_us=(stopped_s - decided_s) * US_PER_S,
-        )
+    def _split(
+        self, arrival: Arrival, decided_s: float, stopped_s: float
+    ) -> dict[str, float | None]:
+        """Return the parts of the time between the events of a contact and the command to stop, us.
+
+        ``window_us`` is the events' mean wait for the end of their window, and ``transport_us`` the
+        time to its arrival beyond the fastest transport so far: the two clocks are not the same.
+        ``decision_us`` holds any queue before the loop. ``stop_us`` ends as the arm's stop returns.
+        """
+        times_us = np.concatenate([packet.t for packet in packets_of(arrival.window)])
+        lag_s = self.stream_clock.lag_s(arrival.end_us, arrival.received_s)
+        return {
+            "window_us": float(arrival.end_us - times_us.mean()) if len(times_us) else None,
+            "transport_us": lag_s * US_PER_S,
+            "decision_us": (decided_s - arrival.received_s) * US_PER_S,
+            "stop_us": (stopped_s - decided_s) * US_PER_S,
+        }
 
 
 def failure_words(failure: Exception | None) -> str:
     """Return a failed stop in words; nothing where none failed."""
-    return "" if failure is None else f"{type(failure).__name__}: {failure}"
+    return "" if failure is None else f"{type(failure).__name__}: {failure}"[:LONGEST_REASON]
 
 
 def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arrival]:
@@ -250,13 +215,15 @@ def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arriva
         yield Arrival((window,), time.monotonic(), dict(source.losses))
 
 
-def catch_up(stream: Iterator[Arrival], clock: StreamClock, backlog_s: float) -> None:
+def catch_up(stream: Iterator[Arrival], backlog_s: float) -> StreamClock:
     """Read on until a stream is at its pace; what piled up while it was opened is dropped.
 
     Args:
         stream: Just opened.
-        clock: Learns how sensor time maps to host time, from windows at the stream's own pace.
         backlog_s: The stream is at its pace where it lags less than half of this.
+
+    Returns:
+        How sensor time maps to host time, learned from windows at the stream's own pace.
 
     Raises:
         DeviceError: The stream ended, or it stays behind.
@@ -268,12 +235,12 @@ def catch_up(stream: Iterator[Arrival], clock: StreamClock, backlog_s: float) ->
         spanned_s = (arrival.end_us - last[0].end_us) / US_PER_S
         at_pace = arrival.received_s - last[0].received_s >= LEAST_PACE * spanned_s
         if len(last) == LEARNED_WINDOWS and at_pace:
-            trial = StreamClock()
-            behind_s = [_learn(trial, one) for one in last][-1]
+            clock = StreamClock()
+            for one in last:
+                clock.arrive(one.end_us, one.received_s)
+                behind_s = clock.backlog_s(one.end_us, one.received_s)
             if behind_s < backlog_s / 2.0:
-                for one in last:
-                    _learn(clock, one)
-                return
+                return clock
         until_s = min(until_s, arrival.received_s + CATCH_UP_S)
         if arrival.received_s > until_s:
             raise DeviceError(
@@ -281,9 +248,3 @@ def catch_up(stream: Iterator[Arrival], clock: StreamClock, backlog_s: float) ->
                 "give the machine less other work, or lower the sensor's event rate"
             )
     raise DeviceError("the event stream ended before the guard was ready")
-
-
-def _learn(clock: StreamClock, arrival: Arrival) -> float:
-    """Teach a clock an arrival, and return how far it is behind, s."""
-    clock.arrive(arrival.end_us, arrival.received_s)
-    return clock.backlog_s(arrival.end_us, arrival.received_s)

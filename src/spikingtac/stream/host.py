@@ -241,11 +241,6 @@ class Asker:
         except OSError as error:
             raise SystemExit(1) from error
 
-    def wake(self) -> None:
-        """Wake an asker that waits for something; one that has enough to take is left alone."""
-        if select.select([], [self._channel], [], 0.0)[1]:
-            self.tell("")
-
     def _listen(self) -> None:
         with contextlib.suppress(EOFError, OSError):
             while True:

@@ -7,7 +7,7 @@ import math
 import re
 import struct
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,14 +19,15 @@ from spikingtac.events.formats.file_source import FileSource, Rows
 from spikingtac.stream.ring import NOTE, SharedRing
 from spikingtac.types import EventPacket, LossCounters
 
-ROOM_BYTES = 16 << 20  # Room for events that wait for their users: 1.8 million, 0.6 s at 3 Mev/s.
+ROOM_BYTES = 16 << 20  # Room for events that wait for their users: 1.3 million, 0.4 s at 3 Mev/s.
 SHARED_BYTES = 32 << 20  # The same of a ring that is shared under a name.
 
 # Events of one message, and room of a ring for each of them, bytes: a message takes a fifth of
 # the ring at most. A longer packet is cut.
 MOST_EVENTS, ROOM_PER_EVENT = 1 << 17, 64
-_HEAD = struct.Struct("<qqqdIII?3x")  # span, first time, arrival, counts and lengths, long times
-SHORT_US = 1 << 32  # A packet that spans less has its times as four bytes each.
+_HEAD = struct.Struct("<qqdIII")  # span, arrival, counts of events and edges, length of the losses
+# Types of the columns of a message: t, x, y, p of the events; t, channel, edge of the triggers.
+EVENTS, EDGES = (np.int64, np.uint16, np.uint16, np.bool_), (np.int64, np.uint8, np.bool_)
 SIDE_BITS = 20
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
@@ -50,7 +51,7 @@ def shared_name(name: str) -> str:
     """Return the name in shared memory of a ring that is shared under a name.
 
     Raises:
-        ConfigError: It is none.
+        ConfigError: The name holds other characters, or too many.
     """
     if not _NAME.fullmatch(name):
         raise ConfigError(f"{name!r} is no name to share under; up to 40 letters, digits, _ and -")
@@ -65,19 +66,8 @@ def new_ring(size: tuple[int, int], room_bytes: int = ROOM_BYTES, share: str = "
         DeviceError: Another process shares under it, or there is no room.
     """
     ring = SharedRing.create(room_bytes, shared_name(share) if share else None)
-    tell_size(ring, size)
-    return ring
-
-
-def tell_size(ring: SharedRing, size: tuple[int, int]) -> None:
-    """Say of which size the packets of a ring are, px."""
     ring.put(NOTE, size[0] << SIDE_BITS | size[1])
-
-
-def told_size(ring: SharedRing) -> tuple[int, int] | None:
-    """Return the size of a ring's packets, px; None before it is known."""
-    found = ring.get(NOTE)
-    return (found >> SIDE_BITS, found & ((1 << SIDE_BITS) - 1)) if found else None
+    return ring
 
 
 class PacketWriter:
@@ -90,8 +80,7 @@ class PacketWriter:
 
     def __init__(self, ring: SharedRing, source: Any) -> None:
         self._ring, self._source = ring, source
-        self._losses: Mapping[str, int] = {}
-        self._words, self._passed = b"{}", 0
+        self._losses, self._passed = b"{}", 0
         self._most = max(min(MOST_EVENTS, ring.room // ROOM_PER_EVENT), 1)
 
     def write(self, packet: EventPacket) -> None:
@@ -110,9 +99,8 @@ class PacketWriter:
 
     def finish(self) -> None:
         """Write what was counted after the last packet, and say that nothing follows."""
-        size = told_size(self._ring)
-        if size and (self._losses != self._source.losses or len(self._edges()) > self._passed):
-            self.write(EventPacket.empty(0, 0, size))
+        if self._losses != self._counted() or len(self._edges()) > self._passed:
+            self.write(EventPacket.empty(0, 0, self._source.size))
         self._ring.finish()
 
     def close(self) -> None:
@@ -120,41 +108,40 @@ class PacketWriter:
         self.finish()
         self._ring.close()
 
-    def _parts(self, packet: EventPacket) -> list[Any]:
-        if self._losses != self._source.losses:
-            self._losses = dict(self._source.losses)
-            self._words = json.dumps(self._losses).encode()
-        edges = self._edges()
-        edges = edges.select(slice(self._passed, None)) if len(edges) > self._passed else Triggers()
-        self._passed += len(edges)
-        count = len(packet)
-        first_us = int(packet.t[0]) if count else 0
-        long = count > 0 and int(packet.t[-1]) - first_us >= SHORT_US
-        received_s = getattr(self._source, "received_s", None) or time.monotonic()
-        times = packet.t_start_us, packet.t_end_us, first_us, received_s
-        head = _HEAD.pack(*times, count, len(edges), len(self._words), long)
-        t = packet.t if long else (packet.t - first_us).astype(np.uint32)
-        columns = [(t, t.dtype), (packet.x, np.uint16), (packet.y, np.uint16), (packet.p, bool)]
-        if len(edges):
-            columns += [(edges.t_us, np.int64), (edges.channel, np.uint8), (edges.edge, bool)]
-        # Views, without a copy where a column is in one piece.
-        views = [np.ascontiguousarray(column, kind).data.cast("B") for column, kind in columns]
-        return [head, *views, self._words]
+    def _counted(self) -> bytes:
+        return json.dumps(dict(self._source.losses)).encode()
 
     def _edges(self) -> Triggers:
         return getattr(self._source, "triggers", None) or Triggers()
+
+    def _parts(self, packet: EventPacket) -> list[Any]:
+        edges = self._edges()
+        new = slice(self._passed, len(edges))
+        self._losses, self._passed = self._counted(), len(edges)
+        received_s = getattr(self._source, "received_s", None) or time.monotonic()
+        lengths = len(packet), new.stop - new.start, len(self._losses)
+        head = _HEAD.pack(packet.t_start_us, packet.t_end_us, received_s, *lengths)
+        columns: list[Any] = list(
+            zip((packet.t, packet.x, packet.y, packet.p), EVENTS, strict=True)
+        )
+        if new.start < new.stop:
+            marks = (edges.t_us[new], edges.channel[new], edges.edge[new])
+            columns += zip(marks, EDGES, strict=True)
+        # Views, without a copy where a column is in one piece.
+        views = [np.ascontiguousarray(column, kind).data.cast("B") for column, kind in columns]
+        return [head, *views, self._losses]
 
 
 class PacketReader:
     """A user of a ring of packets: takes them in order, and counts what it was too slow for.
 
     Args:
-        ring: Of packets whose size is known.
+        ring: From :func:`new_ring`.
         from_now: Begin with the next packet, and count from then on.
         late_s: A user that is so late goes on with the newest events, s.
 
     Attributes:
-        size: ``(width, height)`` of the sensor, px.
+        size: ``(width, height)`` of the sensor, px; ``(0, 0)`` where the ring is not ready yet.
         losses: What the source has counted, by kind, and under ``missed`` what was missed here.
         received_s: When the latest packet that was taken was here, on the monotonic clock, s.
     """
@@ -163,7 +150,7 @@ class PacketReader:
         self, ring: SharedRing, *, from_now: bool = False, late_s: float = math.inf
     ) -> None:
         self._reader, self._late_s = ring.reader(from_now=from_now), late_s
-        self.size = told_size(ring) or (0, 0)
+        self.size = ring.get(NOTE) >> SIDE_BITS, ring.get(NOTE) & ((1 << SIDE_BITS) - 1)
         self.losses, self.received_s = LossCounters(), time.monotonic()
         self._words, self._missed_before = b"{}", 0
         self._before: Mapping[str, int] | None = None if from_now else {}
@@ -197,32 +184,34 @@ class PacketReader:
 
     def _delivery(self, data: bytearray) -> Delivery:
         """Return what a message holds; its columns are views of the message."""
-        head = _HEAD.unpack_from(data)
-        begin_us, end_us, first_us, received_s, events, edges, length, long = head
+        begin_us, end_us, received_s, events, edges, length = _HEAD.unpack_from(data)
         place = _HEAD.size
 
-        def column(count: int, kind: Any) -> Any:
+        def columns(count: int, kinds: Sequence[Any]) -> list[Any]:
             nonlocal place
-            found = np.frombuffer(data, kind, count, place) if count else np.empty(0, kind)
-            place += found.nbytes
+            found: list[Any] = []
+            for kind in kinds:
+                found.append(np.frombuffer(data, kind, count, place))
+                place += found[-1].nbytes
             return found
 
-        t = column(events, np.int64 if long else np.uint32)
-        t = t if long else t.astype(np.int64) + first_us
-        x, y, p = column(events, np.uint16), column(events, np.uint16), column(events, np.bool_)
+        t, x, y, p = columns(events, EVENTS)
         triggers = Triggers()
-        if edges:
-            triggers.append(*(column(edges, kind) for kind in (np.int64, np.uint8, np.bool_)))
-        words = bytes(data[place : place + length])
-        if words != self._words:
-            self._words, told = words, json.loads(words)
-            before = self._before = told if self._before is None else self._before
-            self.losses.clear()
-            for kind, count in told.items():
-                self.losses.add(kind, count - before.get(kind, 0))
-            self._missed_before = self.losses["missed"]
+        triggers.append(*columns(edges, EDGES))
+        self._hear(bytes(data[place : place + length]))
         packet = EventPacket(x, y, p, t, begin_us, end_us, self.size, True)
         return Delivery(packet, received_s, triggers)
+
+    def _hear(self, words: bytes) -> None:
+        """Take what the source has counted, where that has changed."""
+        if words == self._words:
+            return
+        self._words, told = words, json.loads(words)
+        before = self._before = told if self._before is None else self._before
+        self.losses.clear()
+        for kind, count in told.items():
+            self.losses.add(kind, count - before.get(kind, 0))
+        self._missed_before = self.losses["missed"]
 
 
 def packet_of(rows: Rows, size: tuple[int, int]) -> EventPacket:

@@ -18,8 +18,7 @@ from spikingtac.events.clock import PPM, TimeMap
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.manifest import RetimedSource
 from spikingtac.stream.packets import at_once
-from spikingtac.stream.reader import POLL_S, EventReader
-from spikingtac.stream.sources import LiveSource
+from spikingtac.stream.reader import POLL_S, EventReader, LiveSource
 
 # Time between two looks at the clocks, us: milliseconds are learned in it at first, microseconds
 # later.
@@ -87,9 +86,7 @@ class FirstCamera(LiveSource):
     live_map: LiveMap | None = None
 
     def __init__(self, camera: CameraSource) -> None:
-        super().__init__(
-            lambda: EventReader.in_thread(at_once(camera), camera), camera.size, camera.path
-        )
+        super().__init__(lambda: EventReader(at_once(camera), camera), camera.size, camera.path)
         self.camera = camera
         self.beside: list[FirstCamera] = [self]
 

@@ -118,7 +118,7 @@ class Session:
         self._fixed = {} if sensor else {"sensors": sensors}
         self._settings = {name: values for name, values in settings.items() if values}
         self._begun_s = self._ended_s = self._described_s = time.monotonic()
-        self._delivered = self._missed = 0
+        self._delivered = 0
         self._error: BaseException | None = None
         self._about: dict[str, Any] = self._described()
         self.recorder = Recorder(folder, source.size, options.split, lambda: self._about, sensor)
@@ -135,7 +135,7 @@ class Session:
     def begin(self) -> None:
         """Begin to read: of two cameras both at once, since their clocks meet at the host's."""
         self._begun_s = time.monotonic()
-        self._reader = EventReader.in_thread(at_once(self.source), self.source, self._ring)
+        self._reader = EventReader(at_once(self.source), self.source, self._ring)
 
     def step(self, wait_s: float) -> bool:
         """Write what has come, after waiting if nothing has; return whether more may come."""
@@ -166,7 +166,6 @@ class Session:
         self._ended_s = time.monotonic()
         if self._reader is not None:
             self._delivered = self._reader.ring.weight
-            self.recorder.lose(self._reader.lost_events - self._missed, 0)
             self._reader.release()
         self.source.release()
         self._about = self._described()
@@ -203,23 +202,14 @@ class Session:
         try:
             found = reader.take(wait_s)
             while found is not None:
-                missed = reader.lost_events - self._missed
-                if missed:
-                    self._write(packets, edges)
-                    packets, edges, events = [], Triggers(), 0
-                    self._missed += missed
-                    self.recorder.lose(missed, found.packet.t_start_us)
                 packets.append(found.packet)
                 events += len(found.packet)
                 edges.extend(found.triggers)
                 found = reader.take() if events < JOINED_EVENTS else None
         finally:
-            self._write(packets, edges)
-
-    def _write(self, packets: list[EventPacket], edges: Triggers) -> None:
-        if packets:
-            joined = packets[0] if len(packets) == 1 else EventPacket.concatenate(packets)
-            self.recorder.write(joined, edges)
+            if packets:
+                joined = packets[0] if len(packets) == 1 else EventPacket.concatenate(packets)
+                self.recorder.write(joined, edges)
 
     def _described(self) -> dict[str, Any]:
         """Return what the manifest says of the camera."""

@@ -30,7 +30,6 @@ from spikingtac.types import EventPacket
 
 FIRST_NAME = "events.raw"
 MANIFEST_S = 5.0  # Time between two manifests, s: what a killed recorder leaves is at most so old.
-LOST_GAPS = 1000  # Stretches of lost events that are told one by one; later ones are counted only.
 RESERVE = ".reserve"
 
 # Space that is kept for the last manifest of a disk that runs full: one of 1,000 files fits.
@@ -126,8 +125,7 @@ class Recorder:
         self._started, self._described_s = time.time(), time.monotonic()
         self._writer: RawWriter | None = None
         self._digest, self._edges = hashlib.sha256(), Triggers()
-        self._last_us = self.lost_events = 0
-        self._gaps: list[tuple[int, int, int]] = []
+        self.lost_events = 0
         self.parts: list[Part] = []
         self.failure: Exception | None = None
         self._describe(False)
@@ -145,27 +143,16 @@ class Recorder:
     def write(self, packet: EventPacket, triggers: Triggers | None = None) -> None:
         """Write a packet, and the trigger edges in its time; nothing where the disk has failed."""
         if self.failure is not None:
-            self.lose(len(packet), packet.t_end_us)
+            self.lost_events += len(packet)
             return
         try:
             self._edges.extend(triggers or Triggers())
             self._append(packet)
-            self._last_us = packet.t_end_us
         except (OSError, SpikingTacError) as error:
             self._fail(error)
-            self.lose(len(packet), packet.t_end_us)
+            self.lost_events += len(packet)
         if time.monotonic() - self._described_s >= MANIFEST_S:
             self._describe(False)
-
-    def lose(self, events: int, until_us: int) -> None:
-        """Count events that are missing between the last packet and a time, us."""
-        self.lost_events += events
-        if events and self._gaps and self._gaps[-1][1] >= self._last_us:
-            start_us, _, lost = self._gaps.pop()
-            self._gaps.append((start_us, until_us, lost + events))
-        elif events and len(self._gaps) < LOST_GAPS:
-            self._gaps.append((self._last_us, until_us, events))
-        self._last_us = max(self._last_us, until_us)
 
     def close(self, delivered_events: int) -> None:
         """Complete files and manifest.
@@ -255,7 +242,7 @@ class Recorder:
     def _describe(self, complete: bool) -> None:
         """Write the manifest, whole each time, also when the disk is full."""
         self._described_s = time.monotonic()
-        parts, gap = self.parts, ("t_from_us", "t_to_us", "events")
+        parts = self.parts
         document = {
             "schema": SCHEMA,
             "source": "camera",
@@ -267,7 +254,6 @@ class Recorder:
             "t_end_us": parts[-1].t_last_us + 1 if parts and parts[-1].events else 0,
             "events": self.written_events,
             "lost_events": self.lost_events,
-            "lost": [dict(zip(gap, values, strict=True)) for values in self._gaps],
             "files": [asdict(part) for part in parts],
             "started_unix_s": round(self._started, 6),
             "written_unix_s": round(time.time(), 6),

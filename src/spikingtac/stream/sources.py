@@ -1,28 +1,25 @@
-"""Sources of events that are read beside their user, and the ring of another reader as a camera."""
+"""What another process makes or reads: a simulation, and the ring of another reader as a camera."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
-from threading import Lock
 from typing import Any, ClassVar, Self
 
-from spikingtac.errors import CalibrationError, CameraLostError, DeviceError
-from spikingtac.events.address import Address, is_stream
+from spikingtac.errors import CameraLostError, DeviceError
+from spikingtac.events.address import Address
 from spikingtac.events.camera import Camera
-from spikingtac.events.camera_source import CameraSource
-from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
-from spikingtac.events.open import open_events
+from spikingtac.events.formats.file_source import Rows
 from spikingtac.stream.host import Asker, Factory, Host, closed_by
-from spikingtac.stream.packets import PacketReader, at_once, shared_name, told_size
-from spikingtac.stream.reader import END_S, POLL_S, EventReader
+from spikingtac.stream.packets import NOTE, PacketReader, shared_name
 from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket, LossCounters
 
 # A user that is so late goes on with the newest events, and is told what it missed, s; and the
 # most that an address may ask for: ``ring:NAME?late=60`` for one that records.
 LATE_S, LONGEST_LATE_S = 1.0, 3600.0
+POLL_S = 0.05  # Longest wait for a simulation before it is asked whether it goes on, s.
+END_S = 0.1  # Wait for how a process has ended, s.
 LOOK_S = 0.0005  # Time between two looks at a ring that another process fills, s.
 
 
@@ -80,102 +77,6 @@ def _simulate(asker: Asker, opened: Factory[Iterable[tuple[EventPacket, Any]]]) 
     asker.tell(())
 
 
-class LiveSource(FileSource):
-    """A camera or pipe that is read beside its user.
-
-    Args:
-        begin: Begins to read; called once, with the first use.
-        size: ``(width, height)`` of the sensor, px.
-        path: What is read.
-
-    Attributes:
-        received_s: When the latest events were here, on the monotonic clock, s.
-    """
-
-    checked = True
-
-    def __init__(
-        self, begin: Callable[[], EventReader], size: tuple[int, int], path: str | Path
-    ) -> None:
-        self._begin, self._reader, self._starting = begin, None, Lock()
-        super().__init__(Path(path), ReadOptions(size=size))
-        self.received_s = time.monotonic()
-
-    @classmethod
-    def in_process(cls, path: str, size: tuple[int, int] | None) -> LiveSource:
-        """Return a camera that a process of its own reads; one that is unplugged is waited for.
-
-        Args:
-            path: Named pipe or address.
-            size: ``(width, height)`` that the calibration is for, px; None takes any.
-
-        Raises:
-            SpikingTacError: There is no such camera, where its size was not known.
-        """
-        opened = Factory(function=opened_camera, arguments={"path": path, "size": size})
-        reader = EventReader.in_process(opened, size)
-        found = cls(lambda: reader, reader.size, path)
-        found.start()
-        return found
-
-    def start(self) -> EventReader:
-        """Begin to read; further calls, of any thread, return the same reader."""
-        with self._starting:  # two readers of one camera would take each other's events
-            self._reader = self._reader or self._begin()
-            return self._reader
-
-    def close(self) -> None:
-        """End the iteration soon; what was read is still given out."""
-        self.start().close()
-
-    def _columns(self) -> Iterator[Rows]:
-        reader = self.start()
-        for delivery in reader:
-            self.losses.update(reader.losses)
-            self.received_s = delivery.received_s
-            self.triggers.extend(delivery.triggers)
-            packet = delivery.packet
-            yield packet.x, packet.y, packet.p, packet.t
-        self.losses.update(reader.losses)
-
-
-def open_live(path: str | Path, *, strict: bool = False, sensor: int | None = None) -> FileSource:
-    """Open events for one who follows them live: a camera is read in a thread.
-
-    Args:
-        path: A camera's address or a named pipe; or a file, as of
-            :func:`~spikingtac.events.open.open_events`.
-        strict: As there.
-        sensor: As there.
-
-    Raises:
-        SpikingTacError: As there.
-    """
-    source = open_events(path, strict=strict, sensor=sensor)
-    if not is_stream(Path(path)):
-        return source
-    return LiveSource(
-        lambda: EventReader.in_thread(at_once(source), source), source.size, source.path
-    )
-
-
-def opened_camera(path: str, size: tuple[int, int] | None) -> FileSource:
-    """Open a camera that is waited for where it is unplugged.
-
-    Raises:
-        CalibrationError: It has another size than its calibration.
-    """
-    source = open_events(path)
-    if isinstance(source, CameraSource):
-        source.when_lost = "reconnect"
-    if size is not None and tuple(source.size) != tuple(size):
-        raise CalibrationError(
-            f"the calibration is for {size[0]}x{size[1]}, the camera is "
-            f"{source.size[0]}x{source.size[1]}; calibrate this sensor"
-        )
-    return source
-
-
 class RingCamera(Camera):
     """What another process reads, from now on, as a camera: ``ring:NAME``.
 
@@ -207,7 +108,7 @@ class RingCamera(Camera):
                 f"nothing is shared under {address.target!r}; let its reader share it, as: "
                 f"spikingtac record 'udp:7777?share={address.target}' -o FOLDER"
             ) from error
-        if told_size(ring) is None or not ring.written:
+        if not ring.get(NOTE) or not ring.written:
             ring.close()
             raise DeviceError(f"what was shared under {address.target!r} has ended; start it again")
         return cls(ring, address.target, address.number("late", LATE_S, 1e-3, LONGEST_LATE_S))

@@ -37,7 +37,7 @@ class _Sensor:
         self.reached_us, self.received_s = NEVER_US, time.monotonic()
         self.ended = False
         self.error: BaseException | None = None
-        self._source, self._reader = source, EventReader.in_thread(source, source)
+        self._source, self._reader = source, EventReader(source, source)
         self._waiting: deque[tuple[EventPacket, float]] = deque()
 
     def fill(self) -> None:
@@ -206,7 +206,7 @@ class WatchedWindows:
         self._unused: deque[float] = deque()
         self._closed = self._skipped = self._ended = False
         self._passed_over = 0
-        self._reader = EventReader.in_thread(self._heard(), source)
+        self._reader = EventReader(self._heard(), source)
 
     def __iter__(self) -> Iterator[Window]:
         """Yield the windows of 1 ms.

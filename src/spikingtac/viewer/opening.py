@@ -23,7 +23,8 @@ from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.sim.twin_camera import is_twin, twin_options
 from spikingtac.stream.host import Factory
-from spikingtac.stream.sources import LiveSource, RemoteSource
+from spikingtac.stream.reader import LiveSource, opened_camera
+from spikingtac.stream.sources import RemoteSource
 from spikingtac.touch.force.model import load_force
 from spikingtac.viewer.calibrating import CalibrationDesk, NothingToTune, SaveTarget
 from spikingtac.viewer.record import FeltLayer
@@ -69,7 +70,7 @@ def open_view_source(
     elif is_stream(path):
         if calibration is None:
             raise NoCalibrationError(f"{source!r} is a camera; name its --calibration")
-        events = LiveSource.in_process(source, Calibration.load(calibration).size)
+        events = LiveSource.of(opened_camera(source, Calibration.load(calibration).size))
         view = _events_alone(path.name, events, ends=False)
     elif path.suffix == ".toml" or not path.exists():
         refuse_url(path)
@@ -139,7 +140,7 @@ def open_view_or_events(
     if is_twin(source) or not (live or Path(source).exists()):
         view = open_view_source(source, **options)  # its events; the truth shows how well it went
     else:
-        events = LiveSource.in_process(source, None) if live else open_events(source)
+        events = LiveSource.of(opened_camera(source, None)) if live else open_events(source)
         label = source if is_address(source) else Path(source).resolve().name
         view = _events_alone(label, events, ends=not live)
         if not live:

@@ -126,7 +126,7 @@ def paused(folder: Path, seconds: float) -> Outcome:
 def overrun(folder: Path, seconds: float) -> Outcome:
     """A user is slower than the camera, in a small ring."""
     source = CameraSource(Address.parse(address(0)), ReadOptions())
-    reader = EventReader.in_thread(at_once(source), source, new_ring(source.size, SMALL_BYTES))
+    reader = EventReader(at_once(source), source, new_ring(source.size, SMALL_BYTES))
     board = Board(source.camera.port, 10.0 * RATE_EV_S, seconds)  # type: ignore[attr-defined]
     threading.Timer(seconds + 2.0, source.close).start()
     taken = 0

@@ -46,39 +46,40 @@ class Bench:
 def test_the_stop_is_sent_before_anything_else_is_done_with_the_window() -> None:
     bench = Bench()
     report = bench.loop.guard(bench.arrivals(), lambda _: bench.order.append("show"))
-    assert report.contact is not None
-    assert report.contact.t_us == 101_000
+    assert report["contact"]["t_us"] == 101_000
     assert bench.order[-2:] == ["stop", "show"]
     assert bench.order.count("stop") == 1
-    assert report.windows == 101
-    assert report.health is Health.OK
+    assert report["windows"] == 101
+    assert report["health"] == Health.OK.value
 
 
 def test_the_latency_is_split() -> None:
     bench = Bench()
     report = bench.loop.guard(bench.arrivals(late_s=0.0007, queued_s=0.002))
-    assert report.latency is not None
     drift_us = 100e-6 * 50_000  # what the clocks may have drifted apart meanwhile
-    assert report.latency.transport_us == pytest.approx(700.0, abs=drift_us + 1.0)
-    assert report.latency.decision_us == pytest.approx(2000.0, abs=1.0)
-    assert report.latency.stop_us == 0.0
-    assert report.latency.window_us == pytest.approx(500.0, abs=150.0)
+    assert report["latency"]["transport_us"] == pytest.approx(700.0, abs=drift_us + 1.0)
+    assert report["latency"]["decision_us"] == pytest.approx(2000.0, abs=1.0)
+    assert report["latency"]["stop_us"] == 0.0
+    assert report["latency"]["window_us"] == pytest.approx(500.0, abs=150.0)
 
 
 def test_a_queue_that_grows_is_an_overload() -> None:
     bench = Bench()
     report = bench.loop.guard(bench.arrivals(queued_s=0.006))
-    assert report.health is Health.OVERLOAD
-    assert report.windows == 51 + 20  # once it has lasted for 20 ms
+    assert report["health"] == Health.OVERLOAD.value
+    assert report["windows"] == 51 + 20  # once it has lasted for 20 ms
     assert bench.order == ["stop"]
 
 
 def test_the_end_of_the_stream_stops_the_arm() -> None:
     bench = Bench()
     report = bench.loop.guard(islice(bench.arrivals(), 30))
-    assert (report.health, report.reason) == (Health.DISCONNECTED, "the event stream ended")
+    assert (report["health"], report["reason"]) == (
+        Health.DISCONNECTED.value,
+        "the event stream ended",
+    )
     assert bench.order == ["stop"]
-    assert report.contact is None
+    assert report["contact"] is None
 
 
 def test_a_leap_of_the_sensors_clock_trips_whatever_fills_it() -> None:
@@ -93,8 +94,8 @@ def test_a_leap_of_the_sensors_clock_trips_whatever_fills_it() -> None:
             yield Arrival(EventPacket.empty(start_us, start_us + 1000, SIZE), bench.clock.now_s)
 
     report = bench.loop.guard(leaping())
-    assert report.health is Health.TIME_JUMP
-    assert report.windows < 100 + 600
+    assert report["health"] == Health.TIME_JUMP.value
+    assert report["windows"] < 100 + 600
     assert bench.order == ["stop"]
 
 
@@ -105,7 +106,7 @@ def test_a_leap_that_the_stream_counts_trips() -> None:
         for number, arrival in enumerate(bench.arrivals())
     )
     report = bench.loop.guard(arrivals)
-    assert (report.health, report.windows) == (Health.TIME_JUMP, 51)
+    assert (report["health"], report["windows"]) == (Health.TIME_JUMP.value, 51)
 
 
 @pytest.mark.parametrize("leap_us", [300_000, 450_000])
@@ -121,5 +122,5 @@ def test_a_small_leap_is_counted_once_and_stops_nothing(leap_us: int) -> None:
             yield Arrival(moved, bench.clock.now_s, {"damaged": 2})
 
     report = bench.loop.guard(leaping())
-    assert (report.reason, report.leaps) == ("the event stream ended", 1)
-    assert report.losses == {"damaged": 2}
+    assert (report["reason"], report["leaps"]) == ("the event stream ended", 1)
+    assert report["losses"] == {"damaged": 2}

@@ -19,8 +19,8 @@ from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.stream.host import Factory
 from spikingtac.stream.packets import new_ring
-from spikingtac.stream.reader import EventReader
-from spikingtac.stream.sources import LiveSource, RemoteSource, RingCamera
+from spikingtac.stream.reader import EventReader, LiveSource
+from spikingtac.stream.sources import RemoteSource, RingCamera
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import datagrams, events
 from stand_ins.packets import SIZE, Stream, packet
@@ -30,7 +30,7 @@ ADDRESS = Address.parse(f"ring:{NAME}")
 
 
 def read(stream: Stream, room_bytes: int = 1 << 20) -> EventReader:
-    return EventReader.in_thread(stream, stream, new_ring(SIZE, room_bytes))
+    return EventReader(stream, stream, new_ring(SIZE, room_bytes))
 
 
 def test_everything_comes_in_order_with_losses_and_edges() -> None:
@@ -69,7 +69,7 @@ def test_a_slow_user_is_told_what_it_missed_and_slows_nobody() -> None:
 
 def test_a_packet_that_is_larger_than_the_ring_is_cut_and_counted() -> None:
     stream = Stream(0)
-    reader = EventReader.in_thread(iter([packet(0, 20_000)]), stream, new_ring(SIZE, 40_000))
+    reader = EventReader(iter([packet(0, 20_000)]), stream, new_ring(SIZE, 40_000))
     taken = sum(len(one.packet) for one in reader)
     assert taken + reader.lost_events == 20_000
     assert taken > 0
@@ -90,7 +90,7 @@ def test_times_of_hours_and_spans_of_silence_are_kept() -> None:
     flat = np.zeros(2, np.uint16)
     long = EventPacket(flat, flat, flat > 0, t, -10, (1 << 40) + 7, SIZE)
     stream = Stream(0)
-    reader = EventReader.in_thread(iter([long, EventPacket.empty(5, 9, SIZE)]), stream)
+    reader = EventReader(iter([long, EventPacket.empty(5, 9, SIZE)]), stream)
     first, second = (one.packet for one in reader)
     np.testing.assert_array_equal(first.t, t)
     assert (first.t_start_us, first.t_end_us, first.size) == (-10, (1 << 40) + 7, SIZE)
@@ -118,15 +118,6 @@ def test_a_simulation_waits_for_its_user_and_tells_before_each_packet() -> None:
     source.close()
 
 
-def refused() -> Iterator[tuple[EventPacket, Any]]:
-    raise DeviceError("there is no such camera")
-
-
-def test_what_cannot_be_opened_says_so_at_once() -> None:
-    with pytest.raises(DeviceError, match="no such camera"):
-        EventReader.in_process(Factory(function=refused))
-
-
 def all_of(camera: RingCamera) -> int:
     count = 0
     while (rows := camera.read(0.05)) is not None:
@@ -136,7 +127,7 @@ def all_of(camera: RingCamera) -> int:
 
 def test_another_user_takes_the_same_events_and_knows_their_losses() -> None:
     stream = Stream(200, pause_s=0.002)
-    reader = EventReader.in_thread(stream, stream, new_ring(SIZE, share=NAME))
+    reader = EventReader(stream, stream, new_ring(SIZE, share=NAME))
     camera = RingCamera.open(ADDRESS)
     before = reader.ring.weight
     assert all_of(camera) >= 20_000 - before - 100
@@ -150,7 +141,7 @@ def test_another_user_takes_the_same_events_and_knows_their_losses() -> None:
 
 def test_a_user_that_is_too_slow_is_told_what_it_missed() -> None:
     stream = Stream(300, pause_s=0.001)
-    reader = EventReader.in_thread(stream, stream, new_ring(SIZE, 20_000, NAME))
+    reader = EventReader(stream, stream, new_ring(SIZE, 20_000, NAME))
     camera = RingCamera.open(Address.parse(f"ring:{NAME}?late=60"))
     before = reader.ring.weight
     while not reader.ended:
@@ -163,7 +154,7 @@ def test_a_user_that_is_too_slow_is_told_what_it_missed() -> None:
 
 def test_a_user_that_is_late_goes_on_with_the_newest_events() -> None:
     stream = Stream(300, pause_s=0.001)
-    reader = EventReader.in_thread(stream, stream, new_ring(SIZE, share=NAME))
+    reader = EventReader(stream, stream, new_ring(SIZE, share=NAME))
     camera = RingCamera.open(Address.parse(f"ring:{NAME}?late=0.1"))
     before = reader.ring.weight
     while not reader.ended:

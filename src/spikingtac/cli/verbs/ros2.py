@@ -124,7 +124,7 @@ def feed_of(args: PublishArgs) -> Feed:
     from spikingtac.pipeline.follow import refuse
     from spikingtac.ros2.feed import feed_of_events, feed_of_tracks
     from spikingtac.ros2.stream import rehearse
-    from spikingtac.stream.sources import open_live
+    from spikingtac.stream.reader import open_live
 
     require_seconds(args.seconds)
     calibration = None if args.calibration is None else st.Calibration.load(args.calibration)
