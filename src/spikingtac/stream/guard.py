@@ -206,10 +206,7 @@ def _guard(
         watchdog.arm()
         with WatchdogThread(watchdog):
             loop.guard(stream, lambda loop: status.check(loop, arm, watchdog))
-        if loop.contact is not None:
-            _confirm_stop(arm, watchdog)
-        if watchdog.stop_failure is None:
-            rests.set()
+        _confirm_stop(loop, arm, watchdog, rests)
         status.publish("ended", report=loop.report())
     except BaseException as error:
         watchdog.disconnected(f"{type(error).__name__}: {error}")
@@ -217,12 +214,15 @@ def _guard(
         raise
 
 
-def _confirm_stop(arm: Arm, watchdog: Watchdog) -> None:
-    """Tell the watchdog where the arm does not rest after a contact."""
-    try:
-        arm.confirm_stop()
-    except Exception as error:  # whatever the driver raises, the arm is not known to rest
-        watchdog.stop_failed(error)
+def _confirm_stop(loop: ContactLoop, arm: Arm, watchdog: Watchdog, rests: threading.Event) -> None:
+    """Tell the watchdog where the arm does not rest after a contact; note where it rests."""
+    if loop.contact is not None:
+        try:
+            arm.confirm_stop()
+        except Exception as error:  # whatever the driver raises, the arm is not known to rest
+            watchdog.stop_failed(error)
+    if watchdog.stop_failure is None:
+        rests.set()
 
 
 def _prepare(stream: Iterator[Arrival], detector: ContactDetector) -> None:
