@@ -27,15 +27,6 @@ def test_an_affine_field_is_exact_at_every_marker() -> None:
     np.testing.assert_allclose(found.skew, -0.05 + 0.02, atol=1e-12)
 
 
-def test_many_frames_at_once_equal_one_by_one() -> None:
-    place, rng = grid(), np.random.default_rng(1)
-    frames = rng.normal(size=(5, len(place), 2))
-    operator = GradientOperator(place)
-    together = operator.of(frames).divergence
-    alone = np.stack([operator.of(frame).divergence for frame in frames])
-    np.testing.assert_allclose(together, alone)
-
-
 def test_the_strength_of_noise_is_as_foretold() -> None:
     place, rng = grid(), np.random.default_rng(2)
     operator = GradientOperator(place)

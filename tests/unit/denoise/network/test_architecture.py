@@ -23,26 +23,6 @@ CONFIGS = [
 ]
 
 
-def multiply_adds(network, config: NetworkConfig, size: tuple[int, int]) -> int:
-    """Count the multiplications of the convolutions for one map of ``(width, height)`` px."""
-    counted = 0
-
-    def count(module, _, output) -> None:
-        nonlocal counted
-        counted += output[0].numel() * module.weight[0].numel()
-
-    hooks = [
-        module.register_forward_hook(count)
-        for module in network.modules()
-        if isinstance(module, torch.nn.Conv2d)
-    ]
-    with torch.no_grad():
-        apply_network(network, torch.zeros(1, 1, size[1], size[0]), config.fold)
-    for hook in hooks:
-        hook.remove()
-    return counted
-
-
 @pytest.mark.parametrize("config", CONFIGS, ids=str)
 def test_the_exported_graph_is_the_network(config, tmp_path):
     torch.manual_seed(0)
@@ -73,15 +53,6 @@ def test_the_published_size_is_twenty_gmac():
             )
         )
     assert counted / 1e9 == pytest.approx(20.0, rel=0.15)
-
-
-@pytest.mark.parametrize("depth", [1, 2])
-def test_the_lean_size_is_counted(depth):
-    config = NetworkConfig(widths=(16, 32), depth=depth)
-    fine, coarse = 40 * 40, 20 * 20
-    expected = 9 * (coarse * 16 * 32 + depth * coarse * 32 * 32 + fine * 48 * 16)
-    expected += 2 * fine * 64 * 16 + fine * 16  # stem, head and the weight of the evidence: 1x1
-    assert multiply_adds(make_network(config), config, (320, 320)) == expected
 
 
 @pytest.mark.parametrize("wrong", [{"fold": 3}, {"widths": (0, 8)}, {"base": 0}])

@@ -29,17 +29,15 @@ def clean(monkeypatch):
         monkeypatch.setattr(dataset, name, value)
 
 
-def write_recording(folder: Path, *, truth: bool) -> Path:
-    clip = moving_disc()
+def write_recording(folder: Path) -> Path:
     with RecordingWriter(folder, SIZE) as writer:
-        writer.write(clip.events)
-        if truth:
-            writer.append_truth({"marker_t_us": np.zeros(1, np.int64)})
+        writer.write(moving_disc().events)
+        writer.append_truth({"marker_t_us": np.zeros(1, np.int64)})
     return folder
 
 
 def test_the_loader_never_opens_the_truth(tmp_path, monkeypatch):
-    folder = write_recording(tmp_path / "recording", truth=True)
+    folder = write_recording(tmp_path / "recording")
     assert (folder / "truth.npz").is_file()
     opened: list[str] = []
 
@@ -57,20 +55,6 @@ def test_the_loader_never_opens_the_truth(tmp_path, monkeypatch):
     make_pairs([clip], 2, np.random.default_rng(0))
     assert any(name.endswith("events.raw") for name in opened), "the watch saw nothing"
     assert not any("truth" in name for name in opened)
-
-
-def test_truth_or_not_the_clip_is_the_same(tmp_path):
-    with_truth = load_clip(write_recording(tmp_path / "a", truth=True))
-    without = load_clip(write_recording(tmp_path / "b", truth=False))
-    assert not (tmp_path / "b" / "truth.npz").exists()
-    for column in ("t", "x", "y", "p"):
-        assert np.array_equal(getattr(with_truth.events, column), getattr(without.events, column))
-
-
-def test_a_truth_that_is_rubbish_does_no_harm(tmp_path):
-    folder = write_recording(tmp_path / "recording", truth=False)
-    (folder / "truth.npz").write_bytes(b"not an archive")
-    assert len(load_clip(folder).events) == len(moving_disc().events)
 
 
 @pytest.mark.usefixtures("clean")
@@ -113,6 +97,6 @@ def test_an_empty_recording_is_refused(tmp_path):
 
 
 def test_a_start_of_another_size_names_both_shapes(tmp_path):
-    folder = write_recording(tmp_path / "recording", truth=False)
+    folder = write_recording(tmp_path / "recording")
     with pytest.raises(ConfigError, match=r"\(4, 4\).*\(48, 64\)"):
         load_clip(folder, np.zeros((4, 4), np.float32))
