@@ -5,7 +5,7 @@ brightness lies in a band around that level: at most an OFF step below it, at mo
 Where OFF events are rare this band is wide, and a single expected level
 (:mod:`spikingtac.state_map.graded`) is wrong by a third of a swing; the level at the moment of an
 event is not. Its variance grows with each event, since thresholds differ between pixels, and
-shrinks when a fitted disc confirms it (:mod:`spikingtac.markers.graded.band_fit`).
+shrinks when a fitted disc confirms it (:mod:`spikingtac.markers.graded.bands`).
 """
 
 from __future__ import annotations

@@ -217,7 +217,12 @@ class GradedTracker:
         locator, manager, kept, task = self._locator, self._manager, self._kept, self._turn % TASKS
         self._turn += 1
         if task == 0:
-            self._count(t_us)
+            counted_s = 0.0 if self._counted_us is None else (t_us - self._counted_us) * 1e-6
+            self._counted_us, self._counted = t_us, (locator.counts.copy(), counted_s)
+            locator.counts[:] = 0
+            share = kept.update(locator.motion, *self._counted) if self._adapts else None
+            if share is not None:
+                locator.map.set_events_kept(share)
         elif task == 1:
             manager.listen(locator.motion, *self._counted, kept)
         elif task == 2:
@@ -228,14 +233,3 @@ class GradedTracker:
             doubt = kept.doubt if self._adapts else 0.0
             looked_for = manager.coasted, manager.capture_px
             self._leak.update(locator, since_s, doubt, kept.background_hz_px, *looked_for)
-
-    def _count(self, t_us: int) -> None:
-        """Judge how many of the events arrive, by those since the last count."""
-        since_s = 0.0 if self._counted_us is None else (t_us - self._counted_us) * 1e-6
-        self._counted_us, locator = t_us, self._locator
-        self._counted = locator.counts.copy(), since_s
-        locator.counts[:] = 0
-        if self._adapts:
-            share = self._kept.update(locator.motion, *self._counted)
-            if share is not None:
-                locator.map.set_events_kept(share)
