@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import shutil
 import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spikingtac import plugins
 from spikingtac.atomic_files import WholeFile
@@ -16,11 +20,20 @@ from spikingtac.events.evt.raw_writer import RawWriter
 from spikingtac.events.formats.aedat4 import EVENT, PACKET_HEAD, SIGNATURE
 from spikingtac.events.formats.array_file import ColumnFile
 from spikingtac.events.formats.codec import Blocks, EventWriter, Triggers
-from spikingtac.events.formats.hdf5 import Hdf5Writer
+from spikingtac.events.formats.hdf5 import TRIGGERS, library
 from spikingtac.plugins import with_plugins
 from spikingtac.types import EventPacket
 
 TYPES = {"t": np.dtype("<i8"), "x": np.dtype("<u2"), "y": np.dtype("<u2"), "p": np.dtype("?")}
+
+# Types of an event and of a trigger edge in HDF5, as OpenEB aligns them.
+HDF5_EVENT = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")], align=True)
+HDF5_EDGE = np.dtype([("p", "<i2"), ("t", "<i8"), ("id", "<i2")], align=True)
+STORED_ROWS = 1 << 14  # Rows that are compressed together.
+
+# Room on the disk below which nothing more is written, bytes: the library ends the process where it
+# cannot write while it closes a file.
+LEAST_ROOM_BYTES = 1 << 22
 
 STREAM = 0
 PACKET_EVENTS = 4_096  # Events in a packet; readers load a packet at once.
@@ -113,7 +126,7 @@ class Aedat4Writer(_OneFile):
     def _finish(self) -> None:
         self._put(self._blocks.rest)
 
-    def _put(self, events: np.ndarray[Any, np.dtype[Any]]) -> None:
+    def _put(self, events: NDArray[Any]) -> None:
         for first in range(0, len(events), PACKET_EVENTS):
             data = _event_packet(events[first : first + PACKET_EVENTS])
             self._file.write(PACKET_HEAD.pack(STREAM, len(data)) + data)
@@ -129,13 +142,80 @@ def _io_header(info: bytes) -> bytes:
     return struct.pack("<I", len(body)) + body
 
 
-def _event_packet(events: np.ndarray[Any, np.dtype[Any]]) -> bytes:
+def _event_packet(events: NDArray[Any]) -> bytes:
     """Return an EventPacket: one vector of structures, aligned to eight bytes with the prefix."""
     head = struct.pack("<I4s", 16, b"EVTS")
     vtable = struct.pack("<HHH2x", 6, 8, 4)
     table = struct.pack("<iI8x", 8, 12)
     body = head + vtable + table + struct.pack("<I", len(events)) + events.tobytes()
     return struct.pack("<I", len(body)) + body
+
+
+class Hdf5Writer(EventWriter):
+    """Writes HDF5 files packet by packet, with OpenEB's data sets, shuffled and deflated.
+
+    Source: OpenEB, ``hdf5_event_file_writer.cpp`` (Apache-2.0). Its own reader takes events under
+    its ECF compression alone.
+
+    Raises:
+        MissingExtraError: The library h5py is not installed.
+    """
+
+    def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
+        h5py = library()
+        self.size = size
+        self._target = WholeFile(path)
+        self._file: Any = h5py.File(self._target.partial, "w", libver=("v108", "v108"))
+        self._file.attrs["geometry"] = f"{size[0]}x{size[1]}"
+        self._file.attrs["version"] = "1.0"
+        self._sets = [self._made("CD/events", HDF5_EVENT), self._made(TRIGGERS, HDF5_EDGE)]
+
+    def _made(self, name: str, kind: np.dtype[Any]) -> tuple[Any, Blocks]:
+        made = self._file.create_dataset(
+            name, (0,), kind, maxshape=(None,), chunks=(STORED_ROWS,), shuffle=True,
+            compression="gzip", compression_opts=1, track_times=False,
+        )  # fmt: skip
+        return made, Blocks(kind, STORED_ROWS)
+
+    def write(self, packet: EventPacket) -> None:
+        """Append a packet.
+
+        Raises:
+            OSError: The disk is full.
+        """
+        events, blocks = self._sets[0]
+        self._store(events, blocks.add(x=packet.x, y=packet.y, p=packet.p, t=packet.t))
+
+    def add_triggers(self, triggers: Triggers) -> None:
+        """Append trigger edges."""
+        edges, blocks = self._sets[1]
+        self._store(edges, blocks.add(p=triggers.edge, t=triggers.t_us, id=triggers.channel))
+
+    def _store(self, stored: Any, rows: NDArray[Any]) -> None:
+        if len(rows):
+            room = shutil.disk_usage(self._target.partial.parent).free
+            if room < rows.nbytes + LEAST_ROOM_BYTES:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._target.path))
+            length = len(stored)
+            stored.resize((length + len(rows),))
+            stored[length:] = rows
+
+    def close(self) -> None:
+        """Complete the file; further calls do nothing."""
+        if self._file:
+            try:
+                for stored, blocks in self._sets:
+                    self._store(stored, blocks.rest)
+                self._file.close()
+            except BaseException:
+                self.abandon()
+                raise
+            self._target.commit()
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._file.close()
+        self._target.abandon()
 
 
 # Ending -> what writes it.

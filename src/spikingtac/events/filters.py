@@ -48,13 +48,11 @@ class BackgroundActivityFilter:
         """
         height, width = self._last_us.shape
         packet.require_map((height - 2, width - 2))
-        x, y = np.empty_like(packet.x), np.empty_like(packet.y)
-        p, t = np.empty_like(packet.p), np.empty_like(packet.t)
         events = packet.x, packet.y, packet.p, packet.t
+        x, y, p, t = (np.empty_like(column) for column in events)
         count = supported_kernel(*events, self._window_us, self._last_us, (x, y, p, t))
-        kept = x[:count], y[:count], p[:count], t[:count]
-        span_us = packet.t_start_us, packet.t_end_us
-        return EventPacket(*kept, *span_us, packet.size, checked=True)
+        kept = EventPacket(x, y, p, t, packet.t_start_us, packet.t_end_us, packet.size, True)
+        return kept.part(0, count, packet.t_start_us, packet.t_end_us)
 
 
 ONE, TWO = np.uint64(1), np.uint64(2)  # Unsigned, so that no index can be meant from the end.
@@ -159,19 +157,21 @@ class Transform:
 
     def triggers(self, triggers: Triggers) -> Triggers:
         """Return the trigger edges within the part of the time, on the changed clock."""
-        t_us = triggers.t_us
         begin_us = -np.inf if self.from_us is None else self.from_us
-        keep = (t_us >= begin_us) & (t_us < (np.inf if self.to_us is None else self.to_us))
-        kept = Triggers()
-        kept.append(t_us[keep] + self.shift_us, triggers.channel[keep], triggers.edge[keep])
+        end_us = np.inf if self.to_us is None else self.to_us
+        kept = triggers.select((triggers.t_us >= begin_us) & (triggers.t_us < end_us))
+        kept.rows["t_us"] += self.shift_us
         return kept
 
     def _changed(self, packet: EventPacket) -> EventPacket:
         width, height = packet.size
         if self.shift_us:
-            span_us = packet.t_start_us + self.shift_us, packet.t_end_us + self.shift_us
-            shifted = packet.t + self.shift_us
-            packet = replace(packet, t=shifted, t_start_us=span_us[0], t_end_us=span_us[1])
+            packet = replace(
+                packet,
+                t=packet.t + self.shift_us,
+                t_start_us=packet.t_start_us + self.shift_us,
+                t_end_us=packet.t_end_us + self.shift_us,
+            )
         if self.flip_polarity:
             packet = replace(packet, p=~packet.p)
         if self.crop_px is not None:

@@ -13,7 +13,7 @@ import pytest
 
 from spikingtac.errors import DamageError, FormatError, RecordingError
 from spikingtac.events import create_events, open_events
-from spikingtac.events.formats import hdf5_layout
+from spikingtac.events.formats import hdf5
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.types import EventPacket
 from stand_ins.random_packets import random_packet
@@ -187,7 +187,7 @@ def test_attributes_without_end_are_given_up(
 ) -> None:
     with begun_h5(tmp_path / "a.h5") as file:
         file["events/x"] = np.zeros(8, np.int64)
-    monkeypatch.setattr(hdf5_layout, "TIME_LIMIT_S", 1e-3)
+    monkeypatch.setattr(hdf5, "TIME_LIMIT_S", 1e-3)
     with pytest.raises(FormatError, match="no end of its attributes"):
         open_events(tmp_path / "a.h5")
 

@@ -1,64 +1,68 @@
 """HDF5 files of events: OpenEB, v2e, MVSEC, M3ED, DSEC, and any group or table of x, y, p and t.
 
-A truncated HDF5 file cannot be read at all: record RAW, archive HDF5. Files are written with
-OpenEB's data sets, shuffled and deflated. Source: OpenEB, ``hdf5_event_file_writer.cpp``
-(Apache-2.0): ``CD/events`` and ``EXT_TRIGGER/events``. Its own reader takes events under its ECF
-compression alone.
+A truncated HDF5 file cannot be read at all: record RAW, archive HDF5. Nothing in a file is trusted:
+links are not followed, claims are weighed against the stored bytes.
 """
 
 from __future__ import annotations
 
-import errno
-import os
-import shutil
-from collections.abc import Iterator
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spikingtac.atomic_files import WholeFile
 from spikingtac.errors import FormatError, MissingExtraError, SpikingTacError
-from spikingtac.events.formats.codec import Blocks, EventWriter, Triggers
+from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
 from spikingtac.events.formats.columns import (
     CHUNK_ROWS,
     ROLES,
+    TABLE_WIDTHS,
     Order,
     TableSource,
+    order_named,
     order_of_values,
     rows_of,
 )
 from spikingtac.events.formats.file_source import ReadOptions, Rows, chosen_sensor
-from spikingtac.events.formats.hdf5_layout import (
-    find_streams,
-    offset_of,
-    require_plain,
-    rows_in,
-    size_of,
-)
-from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES
-from spikingtac.types import EventPacket
+from spikingtac.events.formats.packing import TIME_LIMIT_US
+from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES, refuse_piece
 
-# What h5py raises on damaged files.
-DAMAGE = (
-    OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, MemoryError,
-    IndexError, AttributeError,
-)  # fmt: skip
-
+DAMAGE = (*ARCHIVE_DAMAGE, IndexError, AttributeError)  # What h5py raises on damaged files.
 ECF_FILTER = 0x8ECF  # Prophesee's compression, which hdf5plugin does not bring.
-
 TRIGGERS = "EXT_TRIGGER/events"
+RESOLUTIONS = ("calib/resolution", "resolution")  # Data sets of width and height.
+ROW_LIMIT_BYTES = 1 << 10  # Longest row of a table that is read; an event takes 16.
+OBJECTS_LIMIT = 1 << 12  # Groups and data sets that are looked at.
 
-# Types of an event and of a trigger edge, as OpenEB aligns them.
-EVENT = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")], align=True)
-EDGE = np.dtype([("p", "<i2"), ("t", "<i8"), ("id", "<i2")], align=True)
-STORED_ROWS = 1 << 14  # Rows that are compressed together.
+# Most that compression is believed to gain (deflate cannot exceed 1,032), and the stored bytes
+# below which no claim is weighed against them.
+COMPRESSION_LIMIT, LEAST_STORED_BYTES = 2_000, 1 << 14
+TIME_LIMIT_S = 20.0  # Longest search for attributes, s: a sound file needs 0.3 s.
 
-# Room on the disk below which nothing more is written, bytes: the library ends the process where it
-# cannot write while it closes a file.
-LEAST_ROOM_BYTES = 1 << 22
+# Prints, as JSON, the attributes that tell a size in the files of Metavision, of this package and
+# of DSEC.
+_ATTRIBUTES = """
+import h5py, json, sys
+names = ("geometry", "width", "height", "sensor_resolution")
+with h5py.File(sys.argv[1], "r") as file:
+    every = [file[name].attrs for name in sys.argv[2:]]
+    found = [{name: at[name] for name in names if name in at} for at in every]
+print(json.dumps(found, default=lambda v: str(v, "utf-8") if isinstance(v, bytes) else v.tolist()))
+"""
+
+
+class _Stream(NamedTuple):
+    """The events of one camera: their group, and the place of each of ``ROLES``."""
+
+    group: str
+    places: tuple[str, ...]
+    order: Order | None = None  # Within a table, which ``places`` then names four times.
+    unit: str | None = None  # Of the times, where a name told it.
 
 
 class Hdf5Source(TableSource):
@@ -66,8 +70,7 @@ class Hdf5Source(TableSource):
 
     Raises:
         MissingExtraError: The library h5py is not installed, or the compression is Prophesee's ECF.
-        FormatError: The file cannot be read, holds no events, leads to other files or claims too
-            much; or it holds several cameras, and none was chosen.
+        FormatError: The file holds no events, cannot be read, or leads to other files.
     """
 
     format = "HDF5"
@@ -75,26 +78,26 @@ class Hdf5Source(TableSource):
     def __init__(self, path: Path, options: ReadOptions) -> None:
         with _opened(path) as file:
             try:
-                streams = find_streams(file, path)
+                streams = _streams(file, path)
                 names = [stream.places[0].rpartition("/")[0] or "/" for stream in streams]
                 self._stream = streams[chosen_sensor(names, options.sensor, path)]
                 for place in {*self._stream.places}:
-                    require_plain(file[place], path)
+                    _require_plain(file[place], path)
                 self._unit = self._stream.unit
-                self._order = self._stream.order or self._order_by_values(file, path)
-                self._named_size = size_of(file, path, self._stream.group)
+                self._order = self._stream.order
+                if self._order is None and len({*self._stream.places}) == 1:
+                    self._order = self._order_by_values(file, path)
+                self._named_size = _size(file, path, self._stream.group)
             except DAMAGE as error:
                 if isinstance(error, SpikingTacError):
                     raise
                 raise FormatError(f"{str(path)!r} is damaged: {error}") from error
         super().__init__(path, options)
 
-    def _order_by_values(self, file: Any, path: Path) -> Order | None:
+    def _order_by_values(self, file: Any, path: Path) -> Order:
         """Return the order of a table of numbers; v2e's where the values leave it open."""
-        if len(set(self._stream.places)) > 1:
-            return None
         table = file[self._stream.places[0]]
-        sample = self._slice(path, table, slice(0, CHUNK_ROWS))
+        sample = _slice(path, table, slice(0, CHUNK_ROWS))
         try:
             return order_of_values([sample], repr(str(path)))
         except FormatError:
@@ -105,59 +108,38 @@ class Hdf5Source(TableSource):
     def _rows(self) -> Iterator[Rows]:
         with _opened(self.path) as file:
             try:
-                lengths = {rows_in(file[place]) for place in self._stream.places}
-                offset = offset_of(file, self._stream.group)
+                sets = [file[place] for place in self._stream.places]
+                lengths = [_length(dataset) for dataset in sets]
+                offset_us = _offset_us(file, self._stream.group)
             except DAMAGE:
                 self.losses.add("bad_record")
                 return
             self._take_triggers(file)
             total = min(lengths)
             self.losses.add("truncated", int(total < max(lengths)))
-            self.losses.add("bad_record", int(offset is None))
-            self._offset_us = offset or 0
+            self.losses.add("bad_record", int(offset_us is None))
+            self._offset_us = offset_us or 0
             for first in range(0, total, CHUNK_ROWS):
                 rows = slice(first, min(first + CHUNK_ROWS, total))
                 self.progress = rows.stop / total
                 try:
-                    yield self._read(file, rows)
+                    if self._order is not None:
+                        yield rows_of(_slice(self.path, sets[0], rows), self._order.place)
+                    else:
+                        x, y, p, t = (_slice(self.path, dataset, rows) for dataset in sets)
+                        yield x, y, p, t
                 except DAMAGE as error:
                     if isinstance(error, MissingExtraError):
                         raise
                     self.losses.add("bad_record")
 
-    def _read(self, file: Any, rows: slice) -> Rows:
-        places, order = self._stream.places, self._order
-        if order is None:
-            x, y, p, t = (self._slice(self.path, file[place], rows) for place in places)
-        else:
-            table = self._slice(self.path, file[places[0]], rows)
-            x, y, p, t = rows_of(table, order.place)
-        return x, y, p, t
-
-    @staticmethod
-    def _slice(path: Path, dataset: Any, rows: slice) -> np.ndarray[Any, Any]:
-        try:
-            return np.asarray(dataset[rows])
-        except DAMAGE as error:
-            settings = dataset.id.get_create_plist()
-            filters = [settings.get_filter(index)[0] for index in range(settings.get_nfilters())]
-            if ECF_FILTER not in filters:
-                raise
-            raise MissingExtraError(
-                f"{str(path)!r} is compressed by Prophesee's ECF filter, which h5py cannot undo; "
-                "the package evlib reads it (pip install evlib; evlib.load_events), or export the "
-                "recording as RAW or without ECF"
-            ) from error
-
     def _take_triggers(self, file: Any) -> None:
         try:
-            if TRIGGERS not in file or not len(file[TRIGGERS]):
-                return
-            table = file[TRIGGERS]
-            require_plain(table, self.path)
-            rows_in(table)
-            edges = table[:]
-            self.triggers.append(edges["t"], edges["id"], edges["p"] > 0)
+            if TRIGGERS in file and len(file[TRIGGERS]):
+                _require_plain(file[TRIGGERS], self.path)
+                _length(file[TRIGGERS])
+                edges = file[TRIGGERS][:]
+                self.triggers.append(edges["t"], edges["id"], edges["p"] > 0)
         except DAMAGE:
             self.losses.add("bad_record")
 
@@ -188,65 +170,138 @@ def _opened(path: Path) -> Any:
         ) from error
 
 
-class Hdf5Writer(EventWriter):
-    """Writes HDF5 files packet by packet.
+def _slice(path: Path, dataset: Any, rows: slice) -> np.ndarray[Any, Any]:
+    try:
+        return np.asarray(dataset[rows])
+    except DAMAGE as error:
+        settings = dataset.id.get_create_plist()
+        filters = [settings.get_filter(index)[0] for index in range(settings.get_nfilters())]
+        if ECF_FILTER not in filters:
+            raise
+        raise MissingExtraError(
+            f"{str(path)!r} is compressed by Prophesee's ECF filter, which h5py cannot undo; "
+            "the package evlib reads it (pip install evlib; evlib.load_events), or export the "
+            "recording as RAW or without ECF"
+        ) from error
 
-    Raises:
-        MissingExtraError: The library h5py is not installed.
+
+def _streams(file: Any, path: Path) -> list[_Stream]:
+    """Return every stream of events, in the order of their names; links are not followed."""
+    groups, looked_at = [file], 0
+    found: list[_Stream] = []
+    links: list[str] = []
+    while groups and looked_at < OBJECTS_LIMIT:
+        group = groups.pop()
+        names = sorted(group.keys())
+        looked_at += len(names)
+        linked = [name for name in names if hasattr(group.get(name, getlink=True), "path")]
+        links += linked
+        items = {name: group[name] for name in names if name not in linked}
+        groups += [item for item in items.values() if hasattr(item, "keys")]
+        found += _streams_of(
+            group, {n: item for n, item in items.items() if hasattr(item, "dtype")}
+        )
+    if not found:
+        more = f"; {', '.join(links)} is a link, which is not followed: copy it" if links else ""
+        raise FormatError(
+            f"{str(path)!r} holds no events: neither a group with columns named x, y, p and t, nor "
+            f"a table of such fields or of four numbers{more}"
+        )
+    return sorted(found, key=lambda stream: stream.places)
+
+
+def _streams_of(group: Any, tables: dict[str, Any]) -> Iterator[_Stream]:
+    shapes = {name: item.shape or () for name, item in tables.items()}
+    rows = [n for n in tables if len(shapes[n]) == 1 and tables[n].dtype.kind in "uifb"]
+    if order := order_named(rows):
+        places = tuple(tables[rows[order.place[role]]].name for role in ROLES)
+        yield _Stream(group.name, places, unit=order.unit)
+    for name, item in tables.items():
+        places = (item.name,) * len(ROLES)
+        if item.dtype.names and (fields := order_named(item.dtype.names)):
+            yield _Stream(group.name, places, fields, fields.unit)
+        wide = len(shapes[name]) == 2 and shapes[name][1] in TABLE_WIDTHS
+        if wide and "event" in name.lower() and item.dtype.kind in "uif":
+            yield _Stream(group.name, places)
+
+
+def _require_plain(dataset: Any, path: Path) -> None:
+    """Refuse what is no plain row or table of numbers in this file, or claims too much."""
+    where, fields = f"{str(path)!r}: {dataset.name!r}", dataset.dtype.fields
+    types = [entry[0] for entry in fields.values()] if fields else [dataset.dtype]
+    if not all(kind.kind in "uifb" and not kind.shape for kind in types):
+        raise FormatError(f"{where} is {dataset.dtype}; rows of numbers are needed")
+    if dataset.external or dataset.is_virtual:
+        raise FormatError(f"{where} lies in other files, which are not read; copy it into this one")
+    row_bytes = dataset.dtype.itemsize
+    if row_bytes > ROW_LIMIT_BYTES:
+        raise FormatError(f"{where} has rows of {row_bytes} bytes (valid: to {ROW_LIMIT_BYTES})")
+    if dataset.chunks is not None:
+        refuse_piece(f"{where}: a chunk", 2 * int(np.prod(dataset.chunks)) * row_bytes)
+
+
+def _length(dataset: Any) -> int:
+    """Return a dataset's rows; refuse more than its bytes can hold: reading it would not end."""
+    claimed = dataset.size * dataset.dtype.itemsize
+    if claimed > COMPRESSION_LIMIT * max(dataset.id.get_storage_size(), LEAST_STORED_BYTES):
+        raise ValueError(f"{dataset.name} claims {claimed} bytes")
+    return len(dataset)
+
+
+def _beside(file: Any, group: str, names: tuple[str, ...]) -> Any:
+    """Return the first data set of some names in a group or one that holds it, or None."""
+    levels = group.rstrip("/").split("/")
+    for depth in range(len(levels), 0, -1):
+        for name in names:
+            place = "/".join([*levels[:depth], name])
+            if place in file and not getattr(file[place], "external", None):
+                return file[place]
+    return None
+
+
+def _offset_us(file: Any, group: str) -> int | None:
+    """Return what is added to the times, us; None where it cannot be meant."""
+    offset = _beside(file, group, ("t_offset",))
+    if offset is None:
+        return 0
+    if getattr(offset, "shape", None) not in ((), (1,)) or offset.dtype.kind not in "ui":
+        return None
+    value = int(np.ravel(offset[()])[0])
+    return value if abs(value) <= TIME_LIMIT_US else None
+
+
+def _size(file: Any, path: Path, group: str) -> tuple[int, int] | None:
+    """Return the size that an attribute or a data set beside the events tells, or None."""
+    names = ["/", group] + [f"{group.rstrip('/')}/events"] * (f"{group}/events" in file)
+    for told in read_attributes(path, names):
+        width, _, height = str(told.get("geometry")).partition("x")
+        if width.isdigit() and height.isdigit():
+            return int(width), int(height)
+        if "width" in told and "height" in told:
+            return int(told["width"]), int(told["height"])
+        if "sensor_resolution" in told:
+            height, width = told["sensor_resolution"][:2]
+            return int(width), int(height)
+    resolution = _beside(file, group, RESOLUTIONS)
+    if resolution is not None and getattr(resolution, "shape", None) == (2,):
+        return int(resolution[0]), int(resolution[1])
+    return None
+
+
+def read_attributes(path: Path, objects: Sequence[str]) -> list[dict[str, Any]]:
+    """Return the attributes of each object that tell a size: numbers, lists, strings.
+
+    A damaged attribute can make the HDF5 library search without end, where nothing in the same
+    process can interrupt it: they are read in another one, which can be ended.
     """
-
-    def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
-        h5py = library()
-        self.size = size
-        self._target = WholeFile(path)
-        self._file: Any = h5py.File(self._target.partial, "w", libver=("v108", "v108"))
-        self._file.attrs["geometry"] = f"{size[0]}x{size[1]}"
-        self._file.attrs["version"] = "1.0"
-        self._sets = [self._made("CD/events", EVENT), self._made(TRIGGERS, EDGE)]
-
-    def _made(self, name: str, kind: np.dtype[Any]) -> tuple[Any, Blocks]:
-        made = self._file.create_dataset(
-            name, (0,), kind, maxshape=(None,), chunks=(STORED_ROWS,), shuffle=True,
-            compression="gzip", compression_opts=1, track_times=False,
-        )  # fmt: skip
-        return made, Blocks(kind, STORED_ROWS)
-
-    def write(self, packet: EventPacket) -> None:
-        """Append a packet.
-
-        Raises:
-            OSError: The disk is full.
-        """
-        events, blocks = self._sets[0]
-        self._store(events, blocks.add(x=packet.x, y=packet.y, p=packet.p, t=packet.t))
-
-    def add_triggers(self, triggers: Triggers) -> None:
-        """Append trigger edges."""
-        edges, blocks = self._sets[1]
-        self._store(edges, blocks.add(p=triggers.edge, t=triggers.t_us, id=triggers.channel))
-
-    def _store(self, stored: Any, rows: NDArray[Any]) -> None:
-        if len(rows):
-            room = shutil.disk_usage(self._target.partial.parent).free
-            if room < rows.nbytes + LEAST_ROOM_BYTES:
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._target.path))
-            length = len(stored)
-            stored.resize((length + len(rows),))
-            stored[length:] = rows
-
-    def close(self) -> None:
-        """Complete the file; further calls do nothing."""
-        if self._file:
-            try:
-                for stored, blocks in self._sets:
-                    self._store(stored, blocks.rest)
-                self._file.close()
-            except BaseException:
-                self.abandon()
-                raise
-            self._target.commit()
-
-    def abandon(self) -> None:
-        """Give up: leave what was there before."""
-        self._file.close()
-        self._target.abandon()
+    command = [sys.executable, "-P", "-c", _ATTRIBUTES, str(path), *objects]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, stdin=subprocess.DEVNULL, timeout=TIME_LIMIT_S
+        )
+    except subprocess.TimeoutExpired:
+        raise ValueError(f"no end of its attributes within {TIME_LIMIT_S:g} s") from None
+    if done.returncode:
+        told = done.stderr.decode(errors="replace").strip().splitlines() or ["the reader died"]
+        raise ValueError(f"its attributes cannot be read: {told[-1]}")
+    return json.loads(done.stdout)
