@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, DamageError, FormatError, RecordingError
 from spikingtac.events import EventSource, create_events, open_events
 from spikingtac.types import EventPacket
-from stand_ins.random_packets import assert_equal, random_packet, whole
+from stand_ins.random_packets import assert_equal, packet_of, random_packet, whole
 
 SIZE = (320, 240)
 FORMATS = [
@@ -33,30 +35,17 @@ def write(path: Path, encoding: str | None, packets: list[EventPacket]) -> None:
 
 
 @every_format
-def test_what_is_written_is_read(tmp_path: Path, name: str, encoding: str | None) -> None:
-    write(tmp_path / name, encoding, [sample()])
-    source = open_events(tmp_path / name, strict=True)
-    assert isinstance(source, EventSource)
-    assert source.size == SIZE
-    assert_equal(whole(source), sample())
-    assert dict(source.losses) == {}
-
-
-@every_format
-def test_a_source_can_be_read_again(tmp_path: Path, name: str, encoding: str | None) -> None:
-    write(tmp_path / name, encoding, [sample()])
-    source = open_events(tmp_path / name)
-    assert_equal(whole(source), whole(source))
-
-
-@every_format
-@pytest.mark.parametrize("chunk_events", [1, 7, 999])
-def test_any_packet_length(
+@pytest.mark.parametrize("chunk_events", [1, 7, 999, 1 << 17])
+def test_what_is_written_is_read_in_packets_of_any_length_and_again(
     tmp_path: Path, name: str, encoding: str | None, chunk_events: int
 ) -> None:
     write(tmp_path / name, encoding, [sample(600)])
-    source = open_events(tmp_path / name, chunk_events=chunk_events)
-    assert_equal(whole(source), sample(600))
+    source = open_events(tmp_path / name, strict=True, chunk_events=chunk_events)
+    assert isinstance(source, EventSource)
+    assert source.size == SIZE
+    for _ in range(2):
+        assert_equal(whole(source), sample(600))
+        assert dict(source.losses) == {}
     assert max(len(packet) for packet in source) <= chunk_events + 5  # equal times stay together
 
 
@@ -115,12 +104,10 @@ def test_a_cut_archive_is_refused(tmp_path: Path, ending: str) -> None:
         whole(open_events(path))
 
 
-@pytest.mark.parametrize("ending", ["raw", "csv", "npz", "es", "h5", "aedat4", "dat", "bag"])
-def test_an_empty_file(tmp_path: Path, ending: str) -> None:
-    path = tmp_path / f"a.{ending}"
-    path.write_bytes(b"")
-    with pytest.raises(RecordingError, match=r"a\.\w+.*is empty"):
-        open_events(path)
+def test_an_empty_file(tmp_path: Path) -> None:
+    (tmp_path / "a.bag").write_bytes(b"")
+    with pytest.raises(RecordingError, match=r"a\.bag.*is empty"):
+        open_events(tmp_path / "a.bag")
 
 
 def test_unknown_names_are_refused_with_the_nearest(tmp_path: Path) -> None:
@@ -135,3 +122,21 @@ def test_unknown_names_are_refused_with_the_nearest(tmp_path: Path) -> None:
         open_events(tmp_path / "missing.raw")
     with pytest.raises(RecordingError, match=r"holds no events\.raw"):
         open_events(tmp_path)
+
+
+# A change here is a change of format: say so in the changelog.
+DIGESTS = {
+    "evt2": "dd0a2be8f66db109", "evt21": "28cfae0d91b595f9", "evt3": "073e836c66ac5ca8",
+    "npz": "c16b46f6893ab740", "csv": "5eaebf4a9ffd23bd", "aedat4": "ddbeae9d60bf7f9c",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", DIGESTS)
+def test_the_same_events_give_the_same_bytes_in_every_version(tmp_path: Path, kind: str) -> None:
+    index = np.arange(4_000)  # vectors, ties, wraps and silence, from arithmetic alone
+    t = index // 7 * 3 + (index // 1_000) * 9_000_000
+    packet = packet_of(t, (index * 3) % 320, (index // 7) % 240, (index // 40) % 3 > 0, SIZE)
+    encoding = kind if kind.startswith("evt") else None
+    path = tmp_path / f"a.{'raw' if encoding else kind}"
+    write(path, encoding, [packet])
+    assert hashlib.sha256(path.read_bytes()).hexdigest()[:16] == DIGESTS[kind]

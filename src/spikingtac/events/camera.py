@@ -107,7 +107,7 @@ class CameraKind(NamedTuple):
     """One way in which cameras are reached.
 
     Attributes:
-        place: ``module:class`` of the camera.
+        place: ``module:class`` of the camera, within this package.
         example: An address, for help and errors.
         about: What it reads, in a few words.
         module: Module of the library that it needs; empty where the plain installation suffices.
@@ -125,50 +125,39 @@ class CameraKind(NamedTuple):
 # for: naming and listing loads no camera's library.
 KINDS = {
     "openmv": CameraKind(
-        "spikingtac.cameras.openmv:OpenMvCamera", "openmv:/dev/ttyACM0",
-        "GenX320 on an OpenMV board (firmware 5.0 or later)", "openmv", "openmv",
-    ),
+        "cameras.openmv:OpenMvCamera", "openmv:/dev/ttyACM0",
+        "GenX320 on an OpenMV board (firmware 5.0 or later)", "openmv", "openmv"),
     "prophesee": CameraKind(
-        "spikingtac.cameras.makers:PropheseeCamera", "prophesee:",
-        "EVK kits and GenX320 through OpenEB", "metavision_hal",
-    ),
+        "cameras.prophesee:PropheseeCamera", "prophesee:",
+        "EVK kits and GenX320 through OpenEB", "metavision_hal"),
     "v4l2": CameraKind(
-        "spikingtac.cameras.v4l2:V4l2Camera", "v4l2:/dev/video0?encoding=evt21",
-        "GenX320 on a Raspberry Pi, through its kernel driver, or a dump of its frames",
-    ),
+        "cameras.v4l2:V4l2Camera", "v4l2:/dev/video0?encoding=evt21",
+        "GenX320 on a Raspberry Pi, through its kernel driver, or a dump of its frames"),
     "udp": CameraKind(
-        "spikingtac.cameras.udp:UdpCamera", "udp:7777?encoding=evt2&size=320x320",
-        "EVT words in datagrams, as an STM32 board sends them",
-    ),
+        "cameras.udp:UdpCamera", "udp:7777?encoding=evt2&size=320x320",
+        "EVT words in datagrams, as an STM32 board sends them"),
     "serial": CameraKind(
-        "spikingtac.cameras.pipe:SerialCamera",
-        "serial:/dev/ttyACM0?encoding=evt2&size=320x320", "EVT words over a serial port",
-    ),
+        "cameras.pipe:SerialCamera", "serial:/dev/ttyACM0?encoding=evt2&size=320x320",
+        "EVT words over a serial port"),
     "dv": CameraKind(
-        "spikingtac.cameras.makers:DvCamera", "dv://127.0.0.1:7777",
-        "DVXplorer and DAVIS (dv:), or a network stream of dv-processing", "dv_processing", "dv",
-    ),
+        "cameras.dv:DvCamera", "dv://127.0.0.1:7777",
+        "DVXplorer and DAVIS (dv:), or a network stream of dv-processing", "dv_processing", "dv"),
     "nd": CameraKind(
-        "spikingtac.cameras.makers:NeuromorphicCamera", "nd:",
+        "cameras.neuromorphic:NeuromorphicCamera", "nd:",
         "EVK3 HD, EVK4, DVXplorer and DAVIS346 through neuromorphic-drivers",
-        "neuromorphic_drivers", "neuromorphic",
-    ),
+        "neuromorphic_drivers", "neuromorphic"),
     "aestream": CameraKind(
-        "spikingtac.cameras.udp:AestreamCamera", "aestream:3333?size=346x260",
-        "the datagrams of AEStream and SPIF boards",
-    ),
+        "cameras.udp:AestreamCamera", "aestream:3333?size=346x260",
+        "the datagrams of AEStream and SPIF boards"),
     "pipe": CameraKind(
-        "spikingtac.cameras.pipe:PipeCamera", "pipe:live.raw",
-        "RAW from a named pipe, or standard input as pipe:-",
-    ),
+        "cameras.pipe:PipeCamera", "pipe:live.raw",
+        "RAW from a named pipe, or standard input as pipe:-"),
     "ring": CameraKind(
-        "spikingtac.stream.sources:RingCamera", "ring:press",
-        "what another process reads, under an address with share=press",
-    ),
+        "stream.sources:RingCamera", "ring:press",
+        "what another process reads, under an address with share=press"),
     "twin": CameraKind(
-        "spikingtac.sim.twin_camera:TwinCamera", "twin:finger-torsion",
-        "a scene of the digital twin in real time (simulated)",
-    ),
+        "sim.twin_camera:TwinCamera", "twin:finger-torsion",
+        "a scene of the digital twin in real time (simulated)"),
 }  # fmt: skip
 SOURCE_OPTIONS = ("seconds", "share")  # Options of every address, which the source understands.
 
@@ -181,7 +170,7 @@ def open_camera(address: Address) -> Camera:
         MissingExtraError: Its library is not installed.
         DeviceError: There is no such camera, or it refuses.
     """
-    own = {name: kind.place for name, kind in KINDS.items()}
+    own = {name: f"spikingtac.{kind.place}" for name, kind in KINDS.items()}
     camera = named(with_plugins(own, plugins.CAMERAS), address.kind, "kind of camera")
     chosen: type[Camera] = import_place(camera) if isinstance(camera, str) else camera
     address.require_options((*chosen.OPTIONS, *SOURCE_OPTIONS))

@@ -28,8 +28,7 @@ SHARED_WRITER = "spikingtac.stream.packets:shared_writer"
 
 POLL_S = 0.02  # Longest wait for a camera before the source looks whether it shall stop, s.
 
-# Time between two attempts to open a camera that is gone, s (USB enumerates in about 0.5 s).
-RETRY_S = 0.25
+RETRY_S = 0.25  # Time between two attempts to open a camera that is gone, s (USB takes 0.5 s).
 LONGEST_S = 1e7  # Largest value of the option ``seconds``.
 RECENT_S = 2.0  # Time over which the rate is averaged, s.
 LATEST = 1 << 15  # Deliveries whose intervals are reported: the latest 30 s at 1 kHz.

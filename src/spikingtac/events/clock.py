@@ -29,8 +29,7 @@ ONE_SIGMA = 0.8413  # Share of a normal distribution below one standard deviatio
 BIN_S = 0.1  # Stretch of deliveries of which the fastest counts, s (one in a hundred is, at 1 kHz).
 MOST_BINS = 4096  # Stretches that are kept: then neighbours are joined, so memory stays bounded.
 
-# Span from which on a drift is fitted, s; below, jitter of 0.1 ms would pass for 50 ppm.
-LEAST_SPAN_S = 2.0
+LEAST_SPAN_S = 2.0  # Least span of a drift, s; below, jitter of 0.1 ms would pass for 50 ppm.
 
 ROUNDS, LEAST_FASTEST = 4, 8  # Times that late arrivals are left out, and how many stay at least.
 

@@ -80,32 +80,19 @@ def find_hot_pixels(pixel: NDArray[np.integer], size: tuple[int, int]) -> NDArra
     """
     width, height = size
     counts = np.bincount(pixel, minlength=width * height)
-    candidates = np.flatnonzero(counts > _limit(counts))
-    candidates = candidates[_steady(pixel, counts, candidates)]
+    limit = np.inf
+    for _ in range(2):  # the most events of usual noise; found twice, since hot pixels raise it
+        usual = counts[counts <= limit]
+        mean = float(usual.mean()) if len(usual) else 0.0
+        limit = mean + HOT_DEVIATIONS * mean**0.5 + HOT_EVENTS
+    parts = [np.bincount(part, minlength=len(counts)) for part in np.array_split(pixel, QUARTERS)]
+    steady = (np.array(parts) > EVEN_SHARE / QUARTERS * counts).sum(axis=0) >= FEWEST_QUARTERS
+    candidates = np.flatnonzero((counts > limit) & steady)
     rows, columns = np.divmod(candidates, width)
     framed = np.pad(counts.reshape(height, width), 1)
     around = np.array([framed[rows + k // 3, columns + k % 3] for k in range(9) if k != 4])
     alone = counts[candidates] > OVER_NEIGHBOURS * np.sort(around, axis=0)[-2]
     return np.column_stack([columns, rows])[alone].astype(np.int64)
-
-
-def _steady(
-    pixel: NDArray[np.integer], counts: NDArray[np.int64], candidates: NDArray[np.int64]
-) -> NDArray[np.bool_]:
-    """Return which candidates send all the time, and not for a while."""
-    parts = [np.bincount(part, minlength=len(counts)) for part in np.array_split(pixel, QUARTERS)]
-    even = EVEN_SHARE / QUARTERS * counts[candidates]
-    return np.sum([part[candidates] > even for part in parts], axis=0) >= FEWEST_QUARTERS
-
-
-def _limit(counts: NDArray[np.int64]) -> float:
-    """Return the most events of a pixel of usual noise; found twice, since hot ones raise it."""
-    limit = np.inf
-    for _ in range(2):
-        usual = counts[counts <= limit]
-        mean = float(usual.mean()) if len(usual) else 0.0
-        limit = mean + HOT_DEVIATIONS * mean**0.5 + HOT_EVENTS
-    return limit
 
 
 def hot_mask(hot_px: NDArray[np.int64], size: tuple[int, int]) -> NDArray[np.bool_]:

@@ -145,10 +145,9 @@ class RetimedSource(FileSource):
         time_map: Callable[[NDArray[np.integer[Any]]], NDArray[np.int64]],
         options: ReadOptions,
     ) -> None:
-        self._source, self._map = source, time_map
-        self.checked = source.checked
+        self._source, self._map, self._named_size = source, time_map, source.size
+        self.checked, self.format = source.checked, source.format
         super().__init__(source.path, options)
-        self.format = source.format
         self.notes = [*source.notes]
         if isinstance(time_map, TimeMap):
             self.notes.append(
@@ -156,20 +155,15 @@ class RetimedSource(FileSource):
                 f"error {time_map.error_us:.0f} us, learned from {time_map.learned_from})"
             )
 
-    def _size(self) -> tuple[int, int]:
-        return self._source.size
-
     def _columns(self) -> Iterator[Rows]:
         self._source.losses, self._source.triggers = self.losses, Triggers()
         for x, y, p, own_us in self._source.columns():
             self.progress = self._source.progress
             t = self._map(np.asarray(own_us))
-            if len(t) and t[0] < 0:
-                keep = t >= 0
-                self.losses.add("before_zero", int(len(t) - np.count_nonzero(keep)))
-                x, y, p, t = x[keep], y[keep], p[keep], t[keep]
+            first = int(np.searchsorted(t, 0))  # t is in order
+            self.losses.add("before_zero", first)
             self._place_triggers()
-            yield x, y, p, t
+            yield x[first:], y[first:], p[first:], t[first:]
         self._place_triggers()
 
     def _place_triggers(self) -> None:

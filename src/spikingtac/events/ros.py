@@ -11,8 +11,9 @@ from __future__ import annotations
 import sqlite3
 import struct
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,9 +21,6 @@ from spikingtac.errors import FormatError
 from spikingtac.events.bags import Mcap, RawMessage, Ros1
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
 from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES, Count
-
-if TYPE_CHECKING:
-    from spikingtac.events.evt.words import WordStream
 
 # Encoding ``mono``: from the lowest bit, 32 bits of time (ns after the base), 16 x, 15 y, 1 p.
 MONO_EVENT = np.dtype("<u8")
@@ -105,22 +103,22 @@ class RosSource(FileSource):
     def _topics(self) -> dict[str, _Packet]:
         """Return the cameras' topics in the order of their names, with a first packet of each."""
         found: dict[str, _Packet] = {}
-        for number, (topic, packet) in enumerate(self._packets(None)):
+        for topic, packet in islice(self._packets(None), FIRST_MESSAGES):
             found.setdefault(topic, packet)
-            if number >= FIRST_MESSAGES:
-                break
         return dict(sorted(found.items()))
 
     def _columns(self) -> Iterator[Rows]:
-        encoding, start_ns = self._first.encoding, None
-        stream = None if encoding in ("mono", "array") else self._words()
-        following: int | None = None
+        from spikingtac.events.evt.words import WordDecoder, WordStream
+
+        encoding, stream, start_ns, following = self._first.encoding, None, None, None
+        if self.checked:
+            decoder = WordDecoder(encoding, self.size)
+            stream = WordStream(decoder, self.losses, self.triggers)
         for _, packet in self._packets(self._topic):
             if packet.encoding != encoding:
                 self.losses.add("unknown_message")
                 continue
-            if following is not None and packet.sequence > following:
-                self.losses.add("gap", 1)
+            self.losses.add("gap", int(following is not None and packet.sequence > following))
             following = packet.sequence + 1 if packet.sequence >= 0 else None
             if stream is not None:
                 for first in range(0, max(len(packet.events), 1), PIECE_BYTES):
@@ -131,12 +129,6 @@ class RosSource(FileSource):
             else:
                 start_ns = packet.base_ns if start_ns is None else start_ns
                 yield _mono_events(packet, start_ns)
-
-    def _words(self) -> WordStream:
-        from spikingtac.events.evt.words import WordDecoder, WordStream
-
-        decoder = WordDecoder(self._first.encoding, self.size)
-        return WordStream(decoder, self.losses, self.triggers)
 
     def _packets(self, topic: str | None) -> Iterator[tuple[str, _Packet]]:
         for path in self._paths:

@@ -24,21 +24,15 @@ def test_an_address_is_taken_apart_and_put_together() -> None:
     assert Address.parse("nd:").target == ""
 
 
-@pytest.mark.parametrize("text", ["events.raw", "C:\\data\\a.raw", "-", "https://host/a.raw", "a"])
-def test_what_is_no_address(text: str) -> None:
-    assert not is_address(text)
-
-
-def test_a_file_with_a_colon_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_are_no_addresses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for text in ("events.raw", "C:\\data\\a.raw", "-", "https://host/a.raw", "a"):
+        assert not is_address(text)
+    with pytest.raises(RecordingError, match="address on the net"):
+        open_events("https://example.org/a.raw")
     monkeypatch.chdir(tmp_path)
     assert is_address("udp:7777")
     Path("udp:7777").write_bytes(b"")
     assert not is_address("udp:7777")
-
-
-def test_a_file_on_the_net_is_refused_as_before() -> None:
-    with pytest.raises(RecordingError, match="address on the net"):
-        open_events("https://example.org/a.raw")
 
 
 @pytest.mark.parametrize("text", ["udp:1?a", "udp:1?a=1&a=2", "udp:1?=1"])

@@ -24,7 +24,7 @@ def watched(
     return mapping
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_two_clocks_meet_at_their_host_within_five_errors(seed: int) -> None:
     own, base = watched(40.0, 1_003.5, seed), watched(-25.0, 1_000.0, seed + 100)
     assert 0.0 < base.host_s(60e6) - (1_000.0 + 60.0 * (1 - 25e-6)) < 5e-4  # the fastest transport
@@ -52,13 +52,10 @@ def test_there_and_back_and_through_documents() -> None:
             TimeMap.from_document({**found.summary(), **change})
 
 
-def test_little_is_known_of_a_clock_at_first() -> None:
+def test_little_is_known_at_first_and_memory_stays_bounded() -> None:
     assert ClockFit().mapping() is None
     short = watched(50.0, end_s=1.0)
     assert (short.drift_ppm, short.drift_error_ppm) == (0.0, None)
-
-
-def test_memory_stays_bounded_and_the_line_the_same() -> None:
     fit = ClockFit()
     for number in range(20_000):
         fit.arrived(number * 100_000, 5.0 + number * 0.1 * (1.0 + 1e-5))
@@ -111,14 +108,6 @@ def test_live_times_stay_in_order_and_come_near_the_truth(seed: int, away_s: flo
     error_us = np.abs(found - truth)
     assert error_us.max() < 12_000  # the first delivery may be late by so much
     assert error_us[len(error_us) // 2 :].max() < 300
-
-
-def test_before_the_other_one_has_delivered_times_are_as_they_are() -> None:
-    own = ClockFit()
-    own.arrived(1_000, 5.0)
-    live = LiveMap(own.mapping, ClockFit().mapping)
-    assert live(np.array([1_000, 1_500])).tolist() == [1_000, 1_500]
-    assert live.known is None
 
 
 def test_the_interval_of_deliveries_is_told_in_words() -> None:

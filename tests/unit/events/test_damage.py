@@ -34,7 +34,7 @@ def save(path: Path, **changes: np.ndarray) -> None:
     np.savez(path, **{"size": np.array(SIZE)} | columns)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("size", [(70_000, 4), (320, 65_537), (0, 4), (-3, 4), (65_536, 65_536)])
+@pytest.mark.parametrize("size", [(70_000, 4), (0, 4), (-3, 4), (65_536, 65_536)])
 def test_impossible_sizes_are_refused(tmp_path: Path, size: tuple[int, int]) -> None:
     save(tmp_path / "a.npz", size=np.array(size))
     with pytest.raises(FormatError, match="not possible"):
@@ -138,11 +138,15 @@ def begun_h5(path: Path, name: str = "x") -> Any:
     return file
 
 
-def test_external_storage_is_not_read(tmp_path: Path) -> None:
-    with begun_h5(tmp_path / "a.h5") as file:
-        file.create_dataset("events/x", (8,), "u1", external=[("/etc/passwd", 0, 8)])
-    with pytest.raises(FormatError, match="other files"):
-        open_events(tmp_path / "a.h5")
+def test_external_storage_and_huge_chunks_are_refused(tmp_path: Path) -> None:
+    for name, told, given in (
+        ("a.h5", "other files", {"shape": (8,), "external": [("/etc/passwd", 0, 8)]}),
+        ("b.h5", "128 MiB", {"shape": (1 << 30,), "chunks": (1 << 30,)}),
+    ):
+        with begun_h5(tmp_path / name) as file:
+            file.create_dataset("events/x", dtype="u1", **given)
+        with pytest.raises(FormatError, match=told):
+            open_events(tmp_path / name)
 
 
 @pytest.mark.parametrize("soft", [False, True])
@@ -157,36 +161,18 @@ def test_links_are_not_followed(tmp_path: Path, soft: bool) -> None:
         open_events(tmp_path / "a.h5")
 
 
-def test_a_huge_chunk_is_refused(tmp_path: Path) -> None:
-    with begun_h5(tmp_path / "a.h5") as file:
-        file.create_dataset("events/x", (1 << 30,), "u1", chunks=(1 << 30,))
-    with pytest.raises(FormatError, match="128 MiB"):
-        open_events(tmp_path / "a.h5")
-
-
-@pytest.mark.parametrize(
-    ("attributes", "size"),
-    [
-        ({"geometry": "64x48"}, (64, 48)),
-        ({"width": 32, "height": np.int32(24)}, (32, 24)),
-        ({"sensor_resolution": np.array([20, 30])}, (30, 20)),
-    ],
-)
-def test_the_size_comes_from_the_attributes(
-    tmp_path: Path, attributes: dict[str, Any], size: tuple[int, int]
-) -> None:
-    with begun_h5(tmp_path / "a.h5") as file:
-        file["events/x"] = np.zeros(8, np.int64)
-        file["events"].attrs.update(attributes)
-        file["events"].attrs["note"] = np.zeros(3)
-    assert open_events(tmp_path / "a.h5").size == size
-
-
-def test_attributes_without_end_are_given_up(
+def test_the_size_comes_from_the_attributes_and_the_search_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with begun_h5(tmp_path / "a.h5") as file:
-        file["events/x"] = np.zeros(8, np.int64)
+    for size, attributes in (
+        ((64, 48), {"geometry": "64x48"}),
+        ((32, 24), {"width": 32, "height": np.int32(24)}),
+        ((30, 20), {"sensor_resolution": np.array([20, 30])}),
+    ):
+        with begun_h5(tmp_path / "a.h5") as file:
+            file["events/x"] = np.zeros(8, np.int64)
+            file["events"].attrs.update({**attributes, "note": np.zeros(3)})
+        assert open_events(tmp_path / "a.h5").size == size
     monkeypatch.setattr(hdf5, "TIME_LIMIT_S", 1e-3)
     with pytest.raises(FormatError, match="no end of its attributes"):
         open_events(tmp_path / "a.h5")
@@ -209,7 +195,7 @@ def test_arrays_come_back(tmp_path: Path) -> None:
             assert found[name].flags.writeable
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(20))
 def test_damage_is_told_in_our_words(tmp_path: Path, seed: int) -> None:
     data = bytearray(archive(tmp_path / "a.npz").read_bytes())
     rng = np.random.default_rng(seed)

@@ -1,8 +1,9 @@
-"""Windows and health of a stream: whatever its packing, they are the same."""
+"""Windows, health and times of a stream: whatever its packing, they are the same."""
 
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,14 +12,15 @@ from hypothesis import strategies as st
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.formats.codec import HARMLESS, KINDS
+from spikingtac.events.formats.packing import TimeCourse
 from spikingtac.events.source import SLOT_US, HealthMeter, slot_rate_ev_s, source_health
 from spikingtac.events.windows import SILENCE_LIMIT_US, cut, stretches, windows
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, LossCounters
 
 SIZE = (4, 4)
 
 
-def packet(times: list[int], start_us: int, end_us: int) -> EventPacket:
+def packet(times: Any, start_us: int, end_us: int) -> EventPacket:
     zeros = np.zeros(len(times), np.uint16)
     t = np.array(times, np.int64)
     return EventPacket(zeros, zeros, zeros > 0, t, start_us, end_us, SIZE)
@@ -103,16 +105,6 @@ def test_any_packets_give_the_same_windows(times, cuts, period_us, start_us, lim
     assert limit_us or all(end - start == period_us for start, end, _ in found[:-1])
 
 
-def stretch(t: np.ndarray, start_us: int, end_us: int) -> EventPacket:
-    zero = np.zeros(len(t), np.uint16)
-    return EventPacket(zero, zero, zero > 0, t.astype(np.int64), start_us, end_us, (8, 8), True)
-
-
-def times(seed: int, end_us: int) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return np.sort(rng.integers(30_000, end_us, 2_000))
-
-
 def counted_rate(t: np.ndarray, at_us: int, first_us: int) -> float:
     """The definition, one event at a time."""
     until_us = at_us - at_us % SLOT_US
@@ -123,11 +115,11 @@ def counted_rate(t: np.ndarray, at_us: int, first_us: int) -> float:
 
 @pytest.mark.parametrize("step_us", [1_000, 2_857, 33_333, 100_000, 250_000])
 def test_the_rate_is_that_of_the_latest_full_slot_whatever_the_packing(step_us: int) -> None:
-    t = times(step_us, 900_000)
+    t = np.sort(np.random.default_rng(step_us).integers(30_000, 900_000, 2_000))
     meter = HealthMeter({})
     for start_us in range(30_000, 900_000, step_us):
         end_us = start_us + step_us
-        meter.absorb(stretch(t[(t >= start_us) & (t < end_us)], start_us, end_us))
+        meter.absorb(packet(t[(t >= start_us) & (t < end_us)], start_us, end_us))
         expected = counted_rate(t, end_us, 30_000)
         assert meter.now().rate_ev_s == pytest.approx(expected)
         direct = slot_rate_ev_s(
@@ -135,7 +127,7 @@ def test_the_rate_is_that_of_the_latest_full_slot_whatever_the_packing(step_us: 
         )
         assert direct == pytest.approx(expected)
     whole = HealthMeter({})
-    whole.absorb(stretch(t, 30_000, 900_000))
+    whole.absorb(packet(t, 30_000, 900_000))
     assert whole.total().rate_ev_s == pytest.approx(2_000 / 0.87)
 
 
@@ -148,3 +140,74 @@ def test_every_kind_of_loss_is_in_one_counter_and_what_loses_nothing_in_none() -
         {"gap": 1, "disconnected": 2, "overflow": 4, "reconnected": 5, "garbage": 6}
     )
     assert (told.gaps, told.overflows, told.reconnects, told.damaged) == (3, 4, 5, 6)
+
+
+S = 1_000_000
+
+
+def mended(times: list[int], chunk: int = 1 << 20) -> tuple[list[int], dict[str, int]]:
+    """Return the times as a file of such chunks gives them, and what was counted."""
+    losses = LossCounters()
+    course = TimeCourse(losses)
+    found: list[int] = []
+    waiting = np.empty(0, np.int64)
+    for first in range(0, len(times), chunk):
+        piece = np.concatenate([waiting, np.array(times[first : first + chunk], np.int64)])
+        time, count = course.mend(piece, final=False)
+        found += time.tolist()
+        waiting = piece[count:]
+    time, count = course.mend(waiting, final=True)
+    assert count == len(waiting)
+    return found + time.tolist(), dict(losses)
+
+
+def test_a_lone_far_time_is_flattened_wherever_the_chunks_end() -> None:
+    times = [0, 10, 20, 1 << 59, 30, 40]
+    for chunk in range(1, 7):
+        assert mended(times, chunk) == ([0, 10, 20, 20, 30, 40], {"time_glitch": 1})
+
+
+def test_a_block_of_zeros_moves_nothing_that_follows() -> None:
+    times = [*range(5 * S, 5 * S + 100), *[0] * 1_000, *range(5 * S + 200, 5 * S + 300)]
+    for chunk in (1 << 20, 150):
+        found, losses = mended(times, chunk)
+        assert found[:100] + found[1_100:] == times[:100] + times[1_100:]
+        assert losses == {"time_glitch": 1_000}
+
+
+def test_a_restart_goes_on_from_the_last_event() -> None:
+    times = [5 * S, 5 * S + 10, 3, 4, 90]
+    assert mended(times) == (
+        [5 * S, 5 * S + 10, 5 * S + 10, 5 * S + 11, 5 * S + 97],
+        {"time_reset": 1},
+    )
+
+
+def test_wrong_first_times_do_not_move_the_rest() -> None:
+    times = [1 << 58, *range(100, 200)]
+    assert mended(times) == ([100, *range(100, 200)], {"time_glitch": 1})
+
+
+def test_slow_events_are_no_leaps() -> None:
+    times = [step * 300_000 for step in range(20_000)]
+    assert mended(times) == (times, {})
+    fallen = [*times, times[-1] - 50]
+    assert mended(fallen) == ([*times, times[-1]], {"time_backwards": 1})
+
+
+def test_many_silences_are_kept() -> None:
+    times = [step * 3 * S for step in range(100)]
+    for chunk in (1 << 20, 10):
+        assert mended(times, chunk) == (times, {"time_jump": 99})
+
+
+@given(
+    times=st.lists(st.integers(0, 1 << 59) | st.integers(0, 3 * S), max_size=40),
+    chunk=st.integers(1, 41),
+)
+def test_any_times_come_out_in_order(times: list[int], chunk: int) -> None:
+    found, losses = mended(times, chunk)
+    assert len(found) == len(times)
+    assert found == sorted(found)
+    assert (times == found) or losses
+    assert mended(found)[0] == found

@@ -25,7 +25,6 @@ from spikingtac.types import LossCounters
 Words = NDArray[Any]
 # Unknown or outside words in a chunk from which on the word boundaries are questioned.
 ALIGNMENT_SUSPECTS = 4
-
 CARRY_LIMIT_BYTES = 1 << 20  # Most that is held back until a leap of the time is confirmed.
 
 

@@ -28,14 +28,7 @@ from spikingtac.events.formats.pieces import (
 )
 
 SIGNATURE = b"#!AER-DAT4.0\r\n"
-EVENT = np.dtype(
-    {
-        "names": ["t", "x", "y", "on"],
-        "formats": ["<i8", "<i2", "<i2", "?"],
-        "offsets": [0, 8, 10, 12],
-        "itemsize": 16,
-    }
-)
+EVENT = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("on", "?")], align=True)
 PACKET_HEAD = struct.Struct("<iI")
 
 # What the head's number stands for.
@@ -138,8 +131,7 @@ class Aedat4Source(FileSource):
         present = max((len(data) - 4 - start) // EVENT.itemsize, 0)
         events = np.frombuffer(data, EVENT, present, start + 4) if present else np.empty(0, EVENT)
         self.losses.add("bad_record", int(count != present and not cut))
-        x, y = events["x"].astype(np.int64), events["y"].astype(np.int64)
-        return x, y, events["on"], events["t"].astype(np.int64)
+        return events["x"], events["y"], events["on"], events["t"]
 
     def _take_triggers(self, data: bytes) -> None:
         """Take the edges of a size-prefixed TriggerPacket."""

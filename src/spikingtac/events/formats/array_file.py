@@ -108,14 +108,9 @@ def _array(archive: zipfile.ZipFile, name: str, path: str | Path) -> NDArray[Any
             raise ValueError(f"{name} claims {dtype} of shape {shape}")
         if size > BOMB_RATIO * info.compress_size:
             refuse_piece(f"{str(path)!r}: {name}", size)
-        data = bytearray(size)
-        view = memoryview(data)
-        for first in range(0, size, _COPY_BYTES):
-            piece = view[first : first + _COPY_BYTES]
-            read = member.read(len(piece))
-            if len(read) < len(piece):
-                raise EOFError(f"{name} ends early")
-            piece[:] = read
+        data = bytearray(member.read(size))
+        if len(data) < size:
+            raise EOFError(f"{name} ends early")
         if member.read(1):  # also checks the checksum
             raise ValueError(f"{name} holds more than it says")
     return np.ndarray(shape, dtype, data, order="F" if fortran_order else "C")
@@ -199,13 +194,11 @@ def open_packed(path: Path, opener: Callable[[Path], FileSource]) -> FileSource:
     folder = Path(tempfile.mkdtemp(prefix="spikingtac-"))
     try:
         inner, damage = _unpacked(path, folder)
-        try:
-            source = opener(inner)
-        except RecordingError as error:
-            told = str(error).replace(str(inner), f"{path} ({inner.name})")
-            raise type(error)(told) from error
-    except BaseException:
+        source = opener(inner)
+    except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, RecordingError):
+            raise type(error)(str(error).replace(str(folder), str(path))) from error
         raise
     weakref.finalize(source, shutil.rmtree, folder, ignore_errors=True)
     source.notes.append(f"unpacked from {path.name}")

@@ -1,7 +1,7 @@
 """HDF5 files of events: OpenEB, v2e, MVSEC, M3ED, DSEC, and any group or table of x, y, p and t.
 
-A truncated HDF5 file cannot be read at all: record RAW, archive HDF5. Nothing in a file is trusted:
-links are not followed, claims are weighed against the stored bytes.
+A truncated file cannot be read at all: record RAW, archive HDF5. Links are not followed, and claims
+are weighed against the stored bytes.
 """
 
 from __future__ import annotations
@@ -35,17 +35,14 @@ from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES, refuse_piece
 DAMAGE = (*ARCHIVE_DAMAGE, IndexError, AttributeError)  # What h5py raises on damaged files.
 ECF_FILTER = 0x8ECF  # Prophesee's compression, which hdf5plugin does not bring.
 TRIGGERS = "EXT_TRIGGER/events"
-RESOLUTIONS = ("calib/resolution", "resolution")  # Data sets of width and height.
 ROW_LIMIT_BYTES = 1 << 10  # Longest row of a table that is read; an event takes 16.
 OBJECTS_LIMIT = 1 << 12  # Groups and data sets that are looked at.
-
 # Most that compression is believed to gain (deflate cannot exceed 1,032), and the stored bytes
 # below which no claim is weighed against them.
 COMPRESSION_LIMIT, LEAST_STORED_BYTES = 2_000, 1 << 14
 TIME_LIMIT_S = 20.0  # Longest search for attributes, s: a sound file needs 0.3 s.
 
-# Prints, as JSON, the attributes that tell a size in the files of Metavision, of this package and
-# of DSEC.
+# Prints, as JSON, the attributes that tell a size: Metavision's, this package's and DSEC's.
 _ATTRIBUTES = """
 import h5py, json, sys
 names = ("geometry", "width", "height", "sensor_resolution")
@@ -101,9 +98,9 @@ class Hdf5Source(TableSource):
         try:
             return order_of_values([sample], repr(str(path)))
         except FormatError:
-            if table.dtype == np.uint32 and table.shape[1] == len(ROLES):
-                return Order(place={"t": 0, "x": 1, "y": 2, "p": 3})
-            raise
+            if table.dtype != np.uint32 or table.shape[1] != len(ROLES):
+                raise
+            return Order(place={"t": 0, "x": 1, "y": 2, "p": 3})
 
     def _rows(self) -> Iterator[Rows]:
         with _opened(self.path) as file:
@@ -125,9 +122,9 @@ class Hdf5Source(TableSource):
                 try:
                     if self._order is not None:
                         yield rows_of(_slice(self.path, sets[0], rows), self._order.place)
-                    else:
-                        x, y, p, t = (_slice(self.path, dataset, rows) for dataset in sets)
-                        yield x, y, p, t
+                        continue
+                    x, y, p, t = (_slice(self.path, dataset, rows) for dataset in sets)
+                    yield x, y, p, t
                 except DAMAGE as error:
                     if isinstance(error, MissingExtraError):
                         raise
@@ -165,9 +162,8 @@ def _opened(path: Path) -> Any:
         # The cache holds the largest chunk that is read: else it is unpacked for each slice.
         return h5py.File(path, "r", rdcc_nbytes=PIECE_LIMIT_BYTES // 2)
     except OSError as error:
-        raise FormatError(
-            f"{str(path)!r} is no readable HDF5 file ({error}); a truncated one cannot be mended"
-        ) from error
+        reason = f"is no readable HDF5 file ({error}); a truncated one cannot be mended"
+        raise FormatError(f"{str(path)!r} {reason}") from error
 
 
 def _slice(path: Path, dataset: Any, rows: slice) -> np.ndarray[Any, Any]:
@@ -179,9 +175,8 @@ def _slice(path: Path, dataset: Any, rows: slice) -> np.ndarray[Any, Any]:
         if ECF_FILTER not in filters:
             raise
         raise MissingExtraError(
-            f"{str(path)!r} is compressed by Prophesee's ECF filter, which h5py cannot undo; "
-            "the package evlib reads it (pip install evlib; evlib.load_events), or export the "
-            "recording as RAW or without ECF"
+            f"{str(path)!r} is compressed by Prophesee's ECF filter, which h5py cannot undo: read "
+            "it with the package evlib (pip install evlib), or export it as RAW or without ECF"
         ) from error
 
 
@@ -227,8 +222,8 @@ def _streams_of(group: Any, tables: dict[str, Any]) -> Iterator[_Stream]:
 
 def _require_plain(dataset: Any, path: Path) -> None:
     """Refuse what is no plain row or table of numbers in this file, or claims too much."""
-    where, fields = f"{str(path)!r}: {dataset.name!r}", dataset.dtype.fields
-    types = [entry[0] for entry in fields.values()] if fields else [dataset.dtype]
+    where, fields = f"{str(path)!r}: {dataset.name!r}", dataset.dtype.fields or {}
+    types = [entry[0] for entry in fields.values()] or [dataset.dtype]
     if not all(kind.kind in "uifb" and not kind.shape for kind in types):
         raise FormatError(f"{where} is {dataset.dtype}; rows of numbers are needed")
     if dataset.external or dataset.is_virtual:
@@ -264,9 +259,8 @@ def _offset_us(file: Any, group: str) -> int | None:
     offset = _beside(file, group, ("t_offset",))
     if offset is None:
         return 0
-    if getattr(offset, "shape", None) not in ((), (1,)) or offset.dtype.kind not in "ui":
-        return None
-    value = int(np.ravel(offset[()])[0])
+    single = getattr(offset, "shape", None) in ((), (1,)) and offset.dtype.kind in "ui"
+    value = int(np.ravel(offset[()])[0]) if single else TIME_LIMIT_US + 1
     return value if abs(value) <= TIME_LIMIT_US else None
 
 
@@ -282,17 +276,16 @@ def _size(file: Any, path: Path, group: str) -> tuple[int, int] | None:
         if "sensor_resolution" in told:
             height, width = told["sensor_resolution"][:2]
             return int(width), int(height)
-    resolution = _beside(file, group, RESOLUTIONS)
+    resolution = _beside(file, group, ("calib/resolution", "resolution"))
     if resolution is not None and getattr(resolution, "shape", None) == (2,):
         return int(resolution[0]), int(resolution[1])
     return None
 
 
 def read_attributes(path: Path, objects: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the attributes of each object that tell a size: numbers, lists, strings.
+    """Return the attributes of each object that tell a size.
 
-    A damaged attribute can make the HDF5 library search without end, where nothing in the same
-    process can interrupt it: they are read in another one, which can be ended.
+    They are read in a process that can be ended: damaged ones make the library search for ever.
     """
     command = [sys.executable, "-P", "-c", _ATTRIBUTES, str(path), *objects]
     try:

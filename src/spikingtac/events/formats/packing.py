@@ -60,23 +60,16 @@ class TimeCourse:
             return t, 0
         shifted = t + self._shift_us if self._shift_us else t
         last = int(shifted[0]) if self._last_us is None else self._last_us
-        steps = np.diff(shifted, prepend=last)
+        steps, count = np.diff(shifted, prepend=last), len(t)
         if steps.min() < 0 or steps.max() >= RESET_US:
-            shifted, count = self._mended(shifted.copy(), steps, last, final)
-        else:
-            count = len(t)
+            shifted = shifted.copy()
+            count = self._follow(shifted, steps, last, final)
+            last = int(shifted[0]) if self._last_us is None and count else last
+            mended, shifted = shifted[:count], np.maximum.accumulate(shifted[:count].clip(min=last))
+            self._losses.add("time_backwards", int(np.count_nonzero(mended != shifted)))
         if count:
             self._last_us = int(shifted[count - 1])
         return shifted[:count], count
-
-    def _mended(
-        self, t: NDArray[np.int64], steps: NDArray[np.int64], last: int, final: bool
-    ) -> tuple[NDArray[np.int64], int]:
-        count = self._follow(t, steps, last, final)
-        last = int(t[0]) if self._last_us is None and count else last
-        floor = np.maximum.accumulate(np.maximum(t[:count], last))
-        self._losses.add("time_backwards", int(np.count_nonzero(floor != t[:count])))
-        return floor, count
 
     def _follow(
         self, t: NDArray[np.int64], steps: NDArray[np.int64], last: int, final: bool

@@ -191,16 +191,14 @@ def _number(word: str) -> float | None:
 
 
 def _named(names: list[str], path: Path) -> Order:
-    order = order_named(names)
-    if order is None:
-        found = {role for role, _ in map(role_of, names) if role}
-        missing = [role for role in "txyp" if role not in found]
-        lacks = f"lacks {', '.join(missing)}" if missing else "names a column twice"
-        raise FormatError(
-            f"{str(path)!r}: the header {','.join(names)!r} {lacks}; wanted are columns of time, "
-            "x, y and polarity, such as t,x,y,p (or leave the header out)"
-        )
-    return order
+    if order := order_named(names):
+        return order
+    missing = [role for role in "txyp" if role not in {role_of(name)[0] for name in names}]
+    lacks = f"lacks {', '.join(missing)}" if missing else "names a column twice"
+    raise FormatError(
+        f"{str(path)!r}: the header {','.join(names)!r} {lacks}; wanted are columns of time, "
+        "x, y and polarity, such as t,x,y,p (or leave the header out)"
+    )
 
 
 def _named_in_comment(comment: str, columns: int) -> Order | None:
