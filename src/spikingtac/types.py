@@ -62,8 +62,8 @@ class EventPacket:
     @classmethod
     def empty(cls, t_start_us: int, t_end_us: int, size: tuple[int, int]) -> EventPacket:
         """Return a packet that covers a stretch of silence."""
-        x, y, p, t = (np.empty(0, kind) for kind in (np.uint16, np.uint16, np.bool_, np.int64))
-        return cls(x, y, p, t, t_start_us, t_end_us, size, checked=True)
+        xy, p, t = np.empty(0, np.uint16), np.empty(0, np.bool_), np.empty(0, np.int64)
+        return cls(xy, xy, p, t, t_start_us, t_end_us, size, checked=True)
 
     def part(self, first: int, last: int, t_start_us: int, t_end_us: int) -> EventPacket:
         """Return events ``first`` to ``last`` (exclusive) as a packet of the given span (views)."""

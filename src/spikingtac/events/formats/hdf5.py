@@ -206,7 +206,7 @@ def _streams(file: Any, path: Path) -> list[_Stream]:
 
 
 def _streams_of(group: Any, tables: dict[str, Any]) -> Iterator[_Stream]:
-    shapes = {name: item.shape or () for name, item in tables.items()}
+    shapes: dict[str, Any] = {name: item.shape or () for name, item in tables.items()}
     rows = [n for n in tables if len(shapes[n]) == 1 and tables[n].dtype.kind in "uifb"]
     if order := order_named(rows):
         places = tuple(tables[rows[order.place[role]]].name for role in ROLES)
