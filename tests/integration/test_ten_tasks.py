@@ -26,10 +26,9 @@ ELSEWHERE = ("calibrate", "cameras")
 
 def tasks() -> dict[str, list[str]]:
     """Return task -> its commands and lines of Python."""
-    table = PAGE.read_text(encoding="utf-8").split("## Ten tasks")[1].split("\n## ")[0]
-    rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \|$", table, re.M)[1:]
-    found = {task: re.findall(r"`((?:spikingtac |st\.)[^`]+)`", text) for task, text in rows}
-    return {task: commands for task, commands in found.items() if not task.startswith("---")}
+    items = PAGE.read_text(encoding="utf-8").split("## Ten tasks")[1].split("\n## ")[0]
+    rows = re.findall(r"^- ([^:]+): (.+)$", items, re.M)
+    return {task: re.findall(r"`((?:spikingtac |st\.)[^`]+)`", text) for task, text in rows}
 
 
 @pytest.fixture(scope="module")
