@@ -46,8 +46,8 @@ class Args(WriteArgs):
     files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="FILES")] = ()
     """Series of one sensor; for apply one file of tracks."""
     wrench: tuple[Path, ...] = ()
-    """Forces of each file that holds none: truth.npz, a simulation's folder, or a sensor's CSV (t_us
-    or t_s, fx, fy, fz, mx, my, mz). Its clock is aligned by itself."""
+    """Forces of each file that holds none: truth.npz, a simulation's folder, or a sensor's CSV
+    (t_us or t_s, fx, fy, fz, mx, my, mz). Its clock is aligned by itself."""
     force: Path = MODEL
     """check, apply: the model."""
     output: Output = None
