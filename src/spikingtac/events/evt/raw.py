@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import chain, pairwise
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -167,10 +166,15 @@ class RawSource(FileSource):
             encoding, _, order = candidate.partition("/")
             decoder = WordDecoder(encoding, self.size, order or "little", header.continuous)
             stream = WordStream(decoder, self.losses, self.triggers, header.time_base_us)
-            chunks = chain(self._chunks(header.length, CHUNK_BYTES, path), (b"",))
-            for data, following in pairwise(chunks):
-                self.progress = (number + self.progress) / len(self._parts)
-                yield stream.feed(data, final=not following)
+            total = max(path.stat().st_size, 1)
+            with path.open("rb") as file:
+                file.seek(header.length)
+                data = file.read(CHUNK_BYTES)
+                while data:
+                    following = file.read(CHUNK_BYTES)
+                    self.progress = (number + file.tell() / total) / len(self._parts)
+                    yield stream.feed(data, final=not following)
+                    data = following
 
 
 def _part(path: Path, encoding: str | None, notes: list[str]) -> _Part:

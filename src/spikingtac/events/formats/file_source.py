@@ -128,11 +128,10 @@ class FileSource:
         """Yield columns from the start of the file, not yet packed, and count what is wrong."""
         return self._columns()
 
-    def _chunks(self, start: int, length: int, path: Path | None = None) -> Iterator[bytes]:
-        """Yield the bytes of the file (or another one) from a place on, so many at once."""
-        path = path or self.path
-        total = max(path.stat().st_size, 1)
-        with path.open("rb") as file:
+    def _chunks(self, start: int, length: int) -> Iterator[bytes]:
+        """Yield the bytes of the file from a place on, so many at once."""
+        total = max(self.path.stat().st_size, 1)
+        with self.path.open("rb") as file:
             file.seek(start)
             while data := file.read(length):
                 self.progress = file.tell() / total
