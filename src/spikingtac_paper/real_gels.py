@@ -95,27 +95,17 @@ def run(options: RunOptions) -> dict[str, Any]:
     table = default_variants if options.ablations else main_methods
     known = table()
     names = select_methods(known, options.methods)
-    settings = {"experiment": NAME, "ablations": options.ablations, "methods": names}
-    settings |= {"quick": options.quick}
+    settings = {"experiment": NAME, "ablations": options.ablations, "methods": names,
+                "quick": options.quick}  # fmt: skip
     options.begin(settings)
     there = [trial for trial in TRIALS if trial.is_there(options.data)]
     chosen = [trial for trial in there if not options.quick or trial.case in QUICK_CASES]
-    jobs = [
-        TrialJob(
-            trial=trial,
-            methods=tuple(names),
-            table=table,
-            folder=options.output,
-            data=options.data,
-            score=gel_scores,
-            kept_hz=KEPT_HZ,
-        )
-        for trial in chosen
-    ]
+    common = {"methods": tuple(names), "table": table, "folder": options.output}
+    common |= {"data": options.data, "score": gel_scores, "kept_hz": KEPT_HZ}
+    jobs = [TrialJob(trial=trial, **common) for trial in chosen]
     refused: dict[str, str] = {}
     records = run_all(jobs, options, refused)
     rows = rows_of(records, METRICS)
-    absent = [trial.case for trial in TRIALS if trial not in there]
     report = Report(
         title="Recordings of real gels",
         settings=settings,
@@ -123,7 +113,11 @@ def run(options: RunOptions) -> dict[str, Any]:
         findings=[
             *lines_of(rows, [trial.case for trial in chosen], OWN),
             *(f"{case}: {why}" for case, why in refused.items()),
-            *(f"{name} was not run: its files are not there" for name in absent),
+            *(
+                f"{one.case} was not run: its files are not there"
+                for one in TRIALS
+                if one not in there
+            ),
         ],
         methods={name: known[name].about for name in names},
     )

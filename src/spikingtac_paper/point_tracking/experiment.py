@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from spikingtac.sim import TRAJECTORIES
-from spikingtac_paper.harness.report import Report, dot_figure, lines_of, rows_of, write_report
+from spikingtac_paper.harness.report import Report, Row, dot_figure, lines_of, rows_of, write_report
 from spikingtac_paper.harness.run import RunOptions, select_methods
 from spikingtac_paper.point_tracking.ablation import (
     ABLATION_SCENES,
@@ -80,8 +80,6 @@ def run(options: RunOptions) -> dict[str, Any]:
     ]
     records = run_all(jobs, options)
     rows = rows_of(records, POINT_METRICS, PUBLISHED, paper_case=ALL)
-    labels = {scene: f"{number}\n{scene}" for number, scene in enumerate(TRAJECTORIES, 1)}
-    drawn = () if options.ablations else ("return_mean_px", "error_mean_px")
     report = Report(
         title="Point tracking" + (": ablations" if options.ablations else ""),
         settings=settings | {"methods": names},
@@ -92,17 +90,22 @@ def run(options: RunOptions) -> dict[str, Any]:
         rows=rows,
         first=FIRST,
         findings=lines_of(rows, FIRST, ("default",)),
-        figures=[
-            (
-                f"{metric} of each of the ten sequences (simulated)",
-                dot_figure(rows, labels, [one for one in DRAWN if one in names], metric),
-            )
-            for metric in drawn
-        ],
+        figures=() if options.ablations else _figures(rows, names),
         methods={name: known[name].about for name in names if name in known}
         | {TRUTH: "the true positions: their return distance is the residual of the gel"},
     )
     return write_report(report, options, trials=len(jobs))
+
+
+def _figures(rows: Sequence[Row], names: Sequence[str]) -> list[tuple[str, str]]:
+    """Return the figures of the ten sequences, each with its caption."""
+    labels = {scene: f"{number}\n{scene}" for number, scene in enumerate(TRAJECTORIES, 1)}
+    drawn = [one for one in DRAWN if one in names]
+    caption = "{} of each of the ten sequences (simulated)"
+    return [
+        (caption.format(metric), dot_figure(rows, labels, drawn, metric))
+        for metric in ("return_mean_px", "error_mean_px")
+    ]
 
 
 def _trials(
