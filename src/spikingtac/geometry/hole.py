@@ -160,8 +160,8 @@ def estimate_hole(
     reading, heading = np.asarray(reading_mm, np.float64), np.asarray(direction, np.float64)
     if reading.shape != heading.shape:
         raise ValueError(f"got readings {reading.shape} and directions {heading.shape}; need equal")
-    normal, doubt, radius_mm = heading, np.ones(len(reading)), math.inf
-    for number in range(ROUNDS + 1):
+    normal, doubt, radius_mm, rounds = heading, np.ones(len(reading)), math.inf, 0
+    while True:
         # Each reading less the travel along its force is the tip's centre at the first touch.
         force, slid = _force(heading, normal)
         size = travel.travel_mm(np.arctan2(force[:, 1], force[:, 0]))
@@ -171,10 +171,12 @@ def estimate_hole(
         circle = fit_circle(center + reach[:, None] * normal, start_mm, sigma)
         away = center - circle.center_mm
         normal = away / np.maximum(np.linalg.norm(away, axis=1), TINY)[:, None]
-        if number < ROUNDS:
-            off = np.abs(circle.residual_mm) * doubt / (DOUBT_SIGMA * sigma)
-            doubt = np.maximum(off, 1.0) ** 2
-            radius_mm = max(circle.radius_mm, travel.across_flats_mm)
+        if rounds == ROUNDS:
+            break
+        off = np.abs(circle.residual_mm) * doubt / (DOUBT_SIGMA * sigma)
+        doubt = np.maximum(off, 1.0) ** 2
+        radius_mm = max(circle.radius_mm, travel.across_flats_mm)
+        rounds += 1
     rows = np.column_stack([normal, np.ones(len(normal))])
     gain = circle.covariance_mm2 @ (rows / sigma[:, None] ** 2).T
     angle = np.arctan2(heading[:, 1], heading[:, 0])

@@ -9,8 +9,9 @@ import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.pipeline.force_limit import ForceLimit
-from spikingtac.touch.force.fit import fit_force, retarget, score_force
+from spikingtac.touch.force.fit import fit_force, score_force
 from spikingtac.touch.force.model import ForceModel, Wrench, load_force
+from spikingtac.touch.force.retarget import retarget
 from spikingtac.touch.force.series import WrenchSeries, labelled
 from spikingtac.touch.network import Network, with_record
 from spikingtac.types import EventPacket, MarkerFrame

@@ -87,7 +87,8 @@ def _series(args: Args) -> list[st.WrenchSeries]:
 
 
 def _fit(args: Args) -> int:
-    from spikingtac.touch.force.fit import about, retarget
+    from spikingtac.touch.force.fit import about
+    from spikingtac.touch.force.retarget import retarget
 
     output = MODEL if args.output is None else args.output
     args.claim(output)

@@ -14,7 +14,7 @@ import spikingtac as st
 from spikingtac import sim as twin
 from spikingtac.cli.messages import progress, remark
 from spikingtac.cli.sources import ended_by_sigterm
-from spikingtac.cli.verbs.probe import Args, ProbedHole
+from spikingtac.cli.verbs.probe_args import Args, ProbedHole
 from spikingtac.contact import Window, count_of, make_detector
 from spikingtac.errors import DeviceError
 from spikingtac.events.address import is_stream

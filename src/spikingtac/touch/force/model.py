@@ -1,8 +1,4 @@
-"""A fitted force model, and the stream of wrenches that it makes from marker displacements.
-
-Frames close to the zero known so far are taken for rest and move it, so drift of displacement and
-force is removed wherever nothing touches. A touch that moves no marker by more fades into it.
-"""
+"""A fitted force model, and the stream of wrenches that it makes from marker displacements."""
 
 from __future__ import annotations
 
@@ -25,7 +21,6 @@ BATCH = 4096  # Frames that the network takes at once, so that memory is bounded
 SCHEMA = 5  # Version of the record.
 SIGMAS_90 = 1.645  # Standard deviations in half of a 90 % interval of normal errors.
 HINT = "make one with: spikingtac force fit FILES -o force.onnx"
-
 REST_RADII = 2.0  # Amplitude, radii of rest, at which half of the error at rest is taken off.
 
 # Distance from the learned markers up to which a layout is the same, pitches (data/force: 0.16).
@@ -46,7 +41,10 @@ LONGEST_GAP_S = 0.2
 
 
 class FieldStream:
-    """Displacement fields of one series from the skin's present rest, frame by frame."""
+    """Displacement fields of one series from the skin's present rest, frame by frame.
+
+    Frames close to the zero move it: drift is removed wherever nothing touches.
+    """
 
     def __init__(self, radius: float, size: int, memory: bool) -> None:
         """Start at the calibrated rest.
