@@ -22,8 +22,9 @@ from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrat
 from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
 from spikingtac.stream.host import Asker, Factory, Host, closed_by
 from spikingtac.types import EventPacket, MarkerFrame
-from spikingtac.viewer.source import EventStore
 
+# Returns the events between two times, us.
+Between = Callable[[int, int], EventPacket]
 SHOWN_S = 0.25  # How often the guide's view is made anew: faster than it can be read, s.
 
 # Events of a camera that a calibration from the page takes, the latest ones: 60 MB on disk.
@@ -147,11 +148,12 @@ class CalibrationDesk:
         if self._host is None:
             self._tell("guide")
 
-    def calibrate(self, store: EventStore, t_us: int) -> None:
+    def calibrate(self, between: Between, begin_us: int, t_us: int) -> None:
         """Begin to calibrate from the events up to a time; does nothing while that goes on.
 
         Args:
-            store: The events.
+            between: Returns the events of a span, us.
+            begin_us: Where they begin, us.
             t_us: Up to where a camera's events are taken, us.
         """
         if self._host is not None:
@@ -159,8 +161,8 @@ class CalibrationDesk:
         self._scratch = tempfile.TemporaryDirectory(prefix="spikingtac-calibration-")
         folder, opened = Path(self._scratch.name), self._open_whole
         if opened is None:
-            begin_us = store.t_start_us if self.tracker.begin_us is None else self.tracker.begin_us
-            opened = _stored(store.between(begin_us, t_us), folder / "events.raw")
+            begin_us = begin_us if self.tracker.begin_us is None else self.tracker.begin_us
+            opened = _stored(between(begin_us, t_us), folder / "events.raw")
         given = {"open_source": opened, "result": folder / "result.json"}
         self._host = Host(Factory(function=_calibrate, arguments=given))
         self._begun_s = time.monotonic()

@@ -91,7 +91,9 @@ class Session:
             "reset": self._forget_fault,
         }
         if desk is not None:
-            actions["calibrate"] = lambda: desk.calibrate(playback.store, playback.position_us)
+            actions["calibrate"] = lambda: desk.calibrate(
+                playback.store.between, playback.store.t_start_us, playback.position_us
+            )
             actions["begin_anew"] = desk.begin_anew
         try:
             actions.get(name, lambda: None)()

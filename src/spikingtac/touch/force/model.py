@@ -41,10 +41,7 @@ LONGEST_GAP_S = 0.2
 
 
 class FieldStream:
-    """Displacement fields of one series from the skin's present rest, frame by frame.
-
-    Frames close to the zero move it: drift is removed wherever nothing touches.
-    """
+    """Displacement fields from the skin's present rest, which frames close to it move."""
 
     def __init__(self, radius: float, size: int, memory: bool) -> None:
         """Start at the calibrated rest.
@@ -267,8 +264,7 @@ class ForceEstimator:
     """A causal stream: one frame of displacements in, one wrench out.
 
     Example:
-        >>> estimator = load_force("force.onnx").estimator()  # doctest: +SKIP
-        >>> estimator.update(frame.t_us, frame.displacement_px).force_n  # doctest: +SKIP
+        >>> load_force("force.onnx").estimator().update(t_us, moved_px).force_n  # doctest: +SKIP
     """
 
     def __init__(self, model: ForceModel) -> None:
