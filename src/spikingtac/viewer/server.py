@@ -14,7 +14,7 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from http import HTTPStatus
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 from urllib.parse import parse_qsl, urlsplit
 
 from websockets.asyncio import server as websockets
@@ -23,9 +23,6 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from spikingtac.viewer.access import Gate, page_headers
-
-if TYPE_CHECKING:
-    from spikingtac.viewer.show import SessionProcess
 
 KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 FINGER = "finger"  # Parameter of an address that names one of two sessions.
@@ -46,6 +43,16 @@ LATEST_US = 1 << 53  # Integers beyond it are not exact in a browser.
 
 _LOG = logging.getLogger(__name__)
 _LOG.disabled = True  # what a foreign client does wrong is nothing to the user
+
+
+class Shown(Protocol):
+    """A session whose latest frame and greeting are asked for, newer than a number."""
+
+    frame: Callable[[int], tuple[int, bytes] | None]
+    greeting: Callable[[int], tuple[int, bytes] | None]
+
+    def command(self, name: str, value: Any) -> None:
+        """Pass a page's command on."""
 
 
 class CommandError(ValueError):
@@ -103,7 +110,7 @@ _RULES: dict[str, Callable[[Any], bool]] = {
 class PageFeeds:
     """The latest frame and greeting of a session, and the pages that follow it."""
 
-    def __init__(self, session: SessionProcess) -> None:
+    def __init__(self, session: Shown) -> None:
         self.session, self.pages = session, set[Page]()
         self.frame = self.greeting = (0, b"")
 
@@ -191,7 +198,7 @@ class PageServer:
         gate: Decides who may view.
     """
 
-    def __init__(self, sessions: Sequence[SessionProcess], gate: Gate) -> None:
+    def __init__(self, sessions: Sequence[Shown], gate: Gate) -> None:
         self._every, self._gate = [PageFeeds(session) for session in sessions], gate
 
     @asynccontextmanager

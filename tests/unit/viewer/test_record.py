@@ -16,7 +16,7 @@ from spikingtac.touch.synthetic_contacts import synthetic_series
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer import record as module
 from spikingtac.viewer.export import steps, summarize, tracked
-from spikingtac.viewer.record import FeltLayer
+from spikingtac.viewer.felt import FeltLayer
 from stand_ins.viewer import open_circling
 
 
