@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from spikingtac import sim
 from spikingtac.schema import build, to_mapping
 from spikingtac.sim import catalog
 from spikingtac.sim.scene import Scene
@@ -38,7 +39,8 @@ def small_scenes() -> Iterator[None]:
         twist[part] |= settings
     scenes = {"bootstrap": slides_scene(), "finger-torsion": build(Scene, twist, "small twin")}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(catalog, "load_scene", lambda name: scenes[name])
+        for place in (catalog, sim):
+            patch.setattr(place, "load_scene", lambda name: scenes[name])
         yield
 
 

@@ -21,6 +21,7 @@ Form = Literal["lerobot", "zarr"]
 
 # Arrays of a recording, as tracks.npz names them; those that it lacks are left out.
 ARRAYS = ("t_us", *PER_MARKER, *FORCES, "reference_px")
+ATTRIBUTES = {"held": "coasted"}  # Array -> attribute of tracks, where the two differ.
 CHUNK_ROWS = 16 * FRAMES_PER_CHUNK  # Times of a chunk.
 MEMBERS = ("displacement_px.npy",)  # What tells tracks from other archives.
 
@@ -138,7 +139,7 @@ def write_zarr(folder: Path, recordings: Iterable[tuple[str, Path]]) -> dict[str
         tracks = Tracks.load(path)
         group = root.create_group(name)
         for array in ARRAYS:
-            values = getattr(tracks, array)
+            values = getattr(tracks, ATTRIBUTES.get(array, array))
             if values is not None:
                 chunks = (max(1, min(len(values), CHUNK_ROWS)), *values.shape[1:])
                 group.create_array(array, data=values, chunks=chunks)

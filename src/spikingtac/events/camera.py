@@ -128,7 +128,7 @@ KINDS = {
         "cameras.openmv:OpenMvCamera", "openmv:/dev/ttyACM0",
         "GenX320 on an OpenMV board (firmware 5.0 or later)", "openmv", "openmv"),
     "prophesee": CameraKind(
-        "cameras.prophesee:PropheseeCamera", "prophesee:",
+        "cameras.makers:PropheseeCamera", "prophesee:",
         "EVK kits and GenX320 through OpenEB", "metavision_hal"),
     "v4l2": CameraKind(
         "cameras.v4l2:V4l2Camera", "v4l2:/dev/video0?encoding=evt21",
@@ -140,10 +140,10 @@ KINDS = {
         "cameras.pipe:SerialCamera", "serial:/dev/ttyACM0?encoding=evt2&size=320x320",
         "EVT words over a serial port"),
     "dv": CameraKind(
-        "cameras.dv:DvCamera", "dv://127.0.0.1:7777",
+        "cameras.makers:DvCamera", "dv://127.0.0.1:7777",
         "DVXplorer and DAVIS (dv:), or a network stream of dv-processing", "dv_processing", "dv"),
     "nd": CameraKind(
-        "cameras.neuromorphic:NeuromorphicCamera", "nd:",
+        "cameras.makers:NeuromorphicCamera", "nd:",
         "EVK3 HD, EVK4, DVXplorer and DAVIS346 through neuromorphic-drivers",
         "neuromorphic_drivers", "neuromorphic"),
     "aestream": CameraKind(
