@@ -24,11 +24,11 @@ class Size:
 
 # Folder -> what it may hold.
 MOST = {
-    "src/spikingtac": Size(307, 32_430, 29_300),
-    "src/spikingtac_paper": Size(77, 7_100, 5_740),
-    "src/spikingtac_hardware": Size(12, 1_360, 1_250),
-    "integrations": Size(23, 1_770, 1_640),
-    "tests": Size(282, 24_910, 21_400),
+    "src/spikingtac": Size(270, 30_340, 27_580),
+    "src/spikingtac_paper": Size(60, 6_360, 5_150),
+    "src/spikingtac_hardware": Size(11, 1_290, 1_220),
+    "integrations": Size(23, 1_690, 1_580),
+    "tests": Size(253, 23_380, 20_200),
     "benchmarks": Size(4, 910, 710),
 }
 
