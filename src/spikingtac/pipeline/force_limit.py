@@ -35,8 +35,8 @@ class ForceLimit:
         self._tracker.absorb(packet)
         frame = self._tracker.estimate(packet.t_end_us)
         wrench = self._estimator.update(frame.t_us, frame.displacement_px)
-        begins = not self.in_contact and wrench.least_n > self._limit_n
-        self.in_contact = wrench.least_n > self._limit_n
+        before, self.in_contact = self.in_contact, wrench.exceeds(self._limit_n)
+        begins = self.in_contact and not before
         return Contact(frame.t_us, wrench.least_n, self._limit_n) if begins else None
 
     def reset(self) -> None:
