@@ -141,16 +141,6 @@ def udp(encoding: str) -> Callable[[ExitStack, Path], Counterpart]:
     return partial(by_datagrams, address, partial(datagrams, encoding=encoding))
 
 
-def aestream_datagrams(packet: EventPacket, timed: bool = True) -> list[bytes]:
-    """Return datagrams as AEStream's ``dvs_to_udp`` sends them: 32 events of 8 bytes each."""
-    heads = packet.x.astype(np.uint32) << 16 | packet.y | packet.p.astype(np.uint32) << 15
-    if not timed:
-        data = (heads | np.uint32(1 << 31)).astype("<u4").tobytes()
-    else:
-        data = np.column_stack([heads, packet.t.astype(np.uint32)]).astype("<u4").tobytes()
-    return [data[at : at + 256] for at in range(0, len(data), 256)]
-
-
 def serial_port(opened: ExitStack, folder: Path) -> Counterpart:
     """A microcontroller behind a pseudo-terminal that sends EVT2 words without framing."""
     master, slave = pty.openpty()
@@ -285,7 +275,6 @@ COUNTERPARTS: dict[str, Callable[[ExitStack, Path], Counterpart]] = {
     **{f"v4l2-{encoding}": partial(v4l2, encoding) for encoding in ENCODERS},
     "openmv": openmv,
     "dv": dv_network,
-    "aestream": partial(by_datagrams, "aestream:127.0.0.1:0?size=320x320", aestream_datagrams),
     "prophesee-evt21": partial(prophesee, "EVT21"),
     "prophesee-evt3": partial(prophesee, "EVT3"),
     "nd": neuromorphic,

@@ -16,14 +16,6 @@ from spikingtac.errors import CameraLostError, DeviceError, MissingExtraError
 from spikingtac.events.camera import KINDS, Camera
 from spikingtac.events.formats.file_source import Rows
 
-# Kind of camera -> module to import, and name to install.
-LIBRARIES = {
-    "openmv": ("openmv.camera", "openmv"),
-    "prophesee": ("metavision_hal", "OpenEB (metavision_hal)"),
-    "dv": ("dv_processing", "dv-processing"),
-    "nd": ("neuromorphic_drivers", "neuromorphic-drivers"),
-}
-
 # USB vendor numbers of OpenMV boards: OpenMV's own, and pid.codes' that older ones carry.
 USB_VENDORS = (0x37C5, 0x1209)
 VIDEO = Path("/sys/class/video4linux")
@@ -36,29 +28,25 @@ def require(kind: str, module: str = "") -> Any:
     """Return the module of the library that a kind of camera needs.
 
     Args:
-        kind: A key of :data:`LIBRARIES`.
+        kind: A key of :data:`spikingtac.events.camera.KINDS`.
         module: Another module that the same extra brings.
 
     Raises:
         MissingExtraError: It is not installed.
         DeviceError: It is installed and cannot be loaded.
     """
-    wanted, package = LIBRARIES[kind]
+    wanted = module or KINDS[kind].module
     try:
-        return importlib.import_module(module or wanted)
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.partition(".")[0] not in (module or wanted).split("."):
-            raise DeviceError(
-                f"{package} is installed, but needs {error.name!r}: {error}"
-            ) from error
-        extra = KINDS[kind].extra
-        how = f"pip install 'spikingtac[{extra}]'" if extra else f"install {package} from its maker"
-        raise MissingExtraError(
-            f"this camera is read by the library {package}, which is not installed; {how}"
-        ) from error
+        return importlib.import_module(wanted)
     except (ImportError, OSError) as error:
+        missing = error.name if isinstance(error, ModuleNotFoundError) else None
+        if missing is not None and wanted.startswith(missing):
+            raise MissingExtraError(
+                f"this camera is read by the library {wanted}, which is not installed; "
+                f"{remedy(kind)}"
+            ) from error
         raise DeviceError(
-            f"{package} is installed but cannot be loaded ({error}); install it again"
+            f"{wanted} is installed but cannot be loaded ({error}); install it again"
         ) from error
 
 
@@ -117,7 +105,7 @@ class LibraryCamera(Camera):
         return ()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class FoundCamera:
     """One camera that is plugged in, or one library that could not be asked.
 
@@ -137,14 +125,11 @@ class FoundCamera:
 def plugged_in() -> Iterator[FoundCamera]:
     """Yield the cameras that can be seen, in the order of the kinds."""
     for kind, search in _SEARCHES.items():
-        if not is_installed(kind):
-            continue
-        try:
-            for target, model, serial, remark in search():
-                address = f"{kind}:{target}"
-                yield FoundCamera(address=address, model=model, serial=serial, remark=remark)
-        except Exception as error:  # a maker's library may raise anything
-            yield FoundCamera(address="", model=KINDS[kind].module, remark=f"it says: {error}")
+        if is_installed(kind):
+            try:
+                yield from search()
+            except Exception as error:  # a maker's library may raise anything
+                yield FoundCamera("", KINDS[kind].module, remark=f"it says: {error}")
 
 
 def is_installed(kind: str) -> bool:
@@ -159,41 +144,39 @@ def remedy(kind: str) -> str:
     return f"pip install 'spikingtac[{extra}]'" if extra else "build OpenEB from its sources"
 
 
-def openmv_ports() -> list[tuple[str, str]]:
-    """Return port and serial number of the OpenMV boards that are plugged in."""
-    ports = require("openmv", "serial.tools.list_ports").comports()
-    return [(one.device, one.serial_number or "") for one in ports if one.vid in USB_VENDORS]
+def openmv_boards() -> Iterator[FoundCamera]:
+    """Yield the OpenMV boards that are plugged in, each with its port in the address."""
+    for one in require("openmv", "serial.tools.list_ports").comports():
+        if one.vid in USB_VENDORS:
+            yield FoundCamera(f"openmv:{one.device}", "OpenMV board", one.serial_number or "")
 
 
-# Target of an address, model, serial number, remark.
-Seen = tuple[str, str, str, str]
-
-
-def _prophesee() -> Iterator[Seen]:
+def _prophesee() -> Iterator[FoundCamera]:
     for serial in map(str, require("prophesee").DeviceDiscovery.list()):
-        yield serial, "OpenEB", serial, ""
+        yield FoundCamera(f"prophesee:{serial}", "OpenEB", serial)
 
 
-def _v4l2() -> Iterator[Seen]:
+def _v4l2() -> Iterator[FoundCamera]:
     for path in sorted(VIDEO.glob("video*/name")):
         name = path.read_text(encoding="utf-8", errors="replace").strip()
         if name.startswith(VIDEO_NAMES):
-            yield f"/dev/{path.parent.name}", name, "", ""
+            yield FoundCamera(f"v4l2:/dev/{path.parent.name}", name)
 
 
-def _dv() -> Iterator[Seen]:
+def _dv() -> Iterator[FoundCamera]:
     for device in require("dv").io.camera.discover():
-        yield str(device.serialNumber), str(device.cameraModel), str(device.serialNumber), ""
+        serial = str(device.serialNumber)
+        yield FoundCamera(f"dv:{serial}", str(device.cameraModel), serial)
 
 
-def _neuromorphic() -> Iterator[Seen]:
+def _neuromorphic() -> Iterator[FoundCamera]:
     for device in require("nd").list_devices():
         serial = device.serial or ""
-        yield serial, device.name.value, serial, device.error or ""
+        yield FoundCamera(f"nd:{serial}", device.name.value, serial, device.error or "")
 
 
-_SEARCHES: dict[str, Callable[[], Iterable[Seen]]] = {
-    "openmv": lambda: [(port, "OpenMV board", serial, "") for port, serial in openmv_ports()],
+_SEARCHES: dict[str, Callable[[], Iterator[FoundCamera]]] = {
+    "openmv": openmv_boards,
     "prophesee": _prophesee,
     "v4l2": _v4l2,
     "dv": _dv,

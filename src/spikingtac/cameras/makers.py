@@ -15,18 +15,13 @@ from typing import Any, Self
 import numpy as np
 
 from spikingtac.cameras.libraries import LibraryCamera, require
-from spikingtac.cameras.words import BareWords
+from spikingtac.cameras.words import CameraWords
 from spikingtac.errors import CameraLostError, DeviceError
 from spikingtac.events.address import Address
+from spikingtac.events.evt.raw import RawHeader
 from spikingtac.events.formats.file_source import Rows
 
 AT_ONCE = 64  # Batches of a DVXplorer that one read takes at most; many small ones are slower.
-
-# Settings of a DVXplorer -> their getters.
-THRESHOLDS = {
-    "contrast_threshold_on": "getContrastThresholdOn",
-    "contrast_threshold_off": "getContrastThresholdOff",
-}
 
 # Names of the hardware layer -> ours.
 ENCODINGS = {"EVT2": "evt2", "EVT21": "evt21", "EVT3": "evt3"}
@@ -46,9 +41,9 @@ class DvCamera(LibraryCamera):
         """Open a camera, or connect to a network writer; see :meth:`Camera.open`."""
         library = require("dv")
         camera = cls(_reader(library, address))
-        told = {"model": "getCameraName", "serial": "getSerialNumber"}
-        about = {name: camera._told(getter) for name, getter in told.items()}
-        camera.about = {name: str(value) for name, value in about.items() if value}
+        camera.about = {"model": str(camera._device.getCameraName())}
+        with contextlib.suppress(AttributeError, RuntimeError):  # a network stream has none
+            camera.about["serial"] = str(camera._device.getSerialNumber())
         camera.about["library"] = f"dv-processing {library.__version__}"
         if not camera._device.isEventStreamAvailable():
             model = camera.about["model"]
@@ -79,43 +74,26 @@ class DvCamera(LibraryCamera):
         events = np.concatenate([batch.numpy() for batch in batches])
         return events["x"], events["y"], events["polarity"], events["timestamp"]
 
-    def biases(self) -> dict[str, int]:
-        """Return a DVXplorer's contrast thresholds; a DAVIS and a network stream tell none."""
-        told = {name: self._told(getter) for name, getter in THRESHOLDS.items()}
-        return {name: int(value) for name, value in told.items() if value is not None}
-
-    def roi(self) -> list[list[int]]:
-        """Return the window that sends; empty where the camera does not tell."""
-        area = self._told("getCropArea")
-        return [] if area is None else [[int(value) for value in area]]
-
-    def _told(self, getter: str) -> Any:
-        """Return what a getter tells; None where this kind of reader has none, or it fails."""
-        with contextlib.suppress(AttributeError, RuntimeError):
-            return getattr(self._device, getter)()
-        return None
-
 
 def _reader(library: Any, address: Address) -> Any:
     """Return what reads a network stream, the camera of a serial number, or the first one."""
-    target, name = address.target, str(address)
-    if ":" in target:
-        host, port = address.host_port("127.0.0.1")
-        opening: Callable[[], Any] = lambda: library.io.NetworkReader(host, port)  # noqa: E731
-    elif target and Path(target).exists():  # a local socket
-        opening = lambda: library.io.NetworkReader(Path(target))  # noqa: E731
-    elif library.io.camera.discover():
-        opening = lambda: library.io.camera.open(*filter(None, [target]))  # noqa: E731
-    else:
-        raise DeviceError(
-            "no camera of iniVation is plugged in; check cable and udev rules (spikingtac doctor), "
-            "or name a network stream: dv://127.0.0.1:7777"
-        )
+    target = address.target
     try:
-        return opening()
+        if ":" in target:
+            return library.io.NetworkReader(*address.host_port("127.0.0.1"))
+        if target and Path(target).exists():  # a local socket
+            return library.io.NetworkReader(Path(target))
+        if library.io.camera.discover():
+            return library.io.camera.open(*filter(None, [target]))
     except (RuntimeError, IndexError, OSError) as error:
         why = str(error).partition(" [")[0]  # the library adds where in its sources it happened
-        raise DeviceError(f"{name!r} cannot be opened ({why}); is it there, and free?") from error
+        raise DeviceError(
+            f"{str(address)!r} cannot be opened ({why}); is it there, and free?"
+        ) from error
+    raise DeviceError(
+        "no camera of iniVation is plugged in; check cable and udev rules (spikingtac doctor), "
+        "or name a network stream: dv://127.0.0.1:7777"
+    )
 
 
 class PropheseeCamera(LibraryCamera):
@@ -136,11 +114,10 @@ class PropheseeCamera(LibraryCamera):
                 f"{', '.join(ENCODINGS)}"
             )
         sensor = str(identity.get_sensor_info().name)
-        options = {"encoding": ENCODINGS[told], "size": f"{self.size[0]}x{self.size[1]}"}
-        if told == "EVT21" and sensor.startswith(LEGACY_SENSORS):
-            options["order"] = "legacy"
-        words = Address(kind="prophesee", options=options)
-        self._words = BareWords(words, self.losses, self.triggers)
+        legacy = told == "EVT21" and sensor.startswith(LEGACY_SENSORS)
+        order = "legacy" if legacy else "little"
+        words = RawHeader(encoding=ENCODINGS[told], size=self.size, byte_order=order)
+        self._words = CameraWords(words, self.losses, self.triggers)
         self.about = {"model": sensor, "serial": str(identity.get_serial())}
         self.about |= self._words.describe()
         self._stream.start()
@@ -173,8 +150,8 @@ class PropheseeCamera(LibraryCamera):
 
     def biases(self) -> dict[str, int]:
         """Return the sensor's biases; empty where it reports none."""
-        facility = self._device.get_i_ll_biases() if self._device is not None else None
-        known = {} if facility is None else facility.get_all_biases()
+        facility = self._device.get_i_ll_biases()
+        known = facility.get_all_biases() if facility is not None else {}
         return {str(name): int(value) for name, value in known.items()}
 
     def roi(self) -> list[list[int]]:

@@ -14,10 +14,11 @@ from collections.abc import Callable, Iterable
 from importlib.resources import files
 from typing import Any, ClassVar, Self
 
-from spikingtac.cameras.libraries import LibraryCamera, openmv_ports, require
-from spikingtac.cameras.words import GENX320_SIZE, BareWords
+from spikingtac.cameras.libraries import LibraryCamera, openmv_boards, require
+from spikingtac.cameras.words import GENX320_SIZE, CameraWords
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.events.address import Address
+from spikingtac.events.evt.raw import RawHeader
 from spikingtac.events.evt.words import Rows
 
 SCRIPT = "genx320_on_openmv.micropython"
@@ -40,7 +41,9 @@ class OpenMvCamera(LibraryCamera):
 
     def __init__(self, device: Any, words: int) -> None:
         super().__init__(device)
-        self._words = BareWords(Address(kind="openmv"), self.losses, self.triggers)
+        self._words = CameraWords(
+            RawHeader(encoding="evt2", size=GENX320_SIZE), self.losses, self.triggers
+        )
         self.size = GENX320_SIZE
         version, system = device.verinfo, device.sysinfo
         self.about = {
@@ -59,10 +62,14 @@ class OpenMvCamera(LibraryCamera):
         words = int(address.number("words", WORDS, FEWEST_WORDS, MOST_WORDS))
         if words & (words - 1):
             raise ConfigError(f"{str(address)!r}: words is {words}, it must be a power of two")
-        library = require("openmv")
+        library = require("openmv", "openmv.camera")
         if sys.version_info < (3, 12):
-            _mend(library)
-        port = address.target or next((port for port, _ in openmv_ports()), "")
+            # openmv 1.0.7 asks whether a number is ``in`` an enumeration in order to write a line
+            # into the log, which raises TypeError on 3.11.
+            library.Transport.log = lambda *_, **__: None
+            library.Camera._handle_event = _count_registered
+        boards = () if address.target else openmv_boards()
+        port = address.target or next((one.address.partition(":")[2] for one in boards), "")
         if not port:
             raise DeviceError(
                 "no OpenMV board is plugged in; connect one, or name its port: openmv:/dev/ttyACM0"
@@ -71,13 +78,11 @@ class OpenMvCamera(LibraryCamera):
         try:
             device.connect()
             return cls(device, words)
-        except DeviceError:  # of the script
-            with contextlib.suppress(Exception):
-                device.disconnect()
-            raise
         except (Exception, SystemExit) as error:  # the library ends the process where a port fails
             with contextlib.suppress(Exception):
                 device.disconnect()
+            if isinstance(error, DeviceError):  # of the script
+                raise
             raise DeviceError(
                 f"no OpenMV board with firmware 5.0 or later answers at {port!r} ({error}); check "
                 "the cable, close OpenMV IDE, and see that you may open the port (group dialout)"
@@ -109,16 +114,6 @@ class OpenMvCamera(LibraryCamera):
                     f"GenX320 module. It says: {said.strip() or 'nothing'}"
                 )
             time.sleep(0.02)
-
-
-def _mend(library: Any) -> None:
-    """Replace two functions of openmv 1.0.7 that fail on Python 3.11, though it says 3.8 will do.
-
-    Both ask whether a number is ``in`` an enumeration, in order to write a line into the log; that
-    raises TypeError before 3.12.
-    """
-    library.Transport.log = lambda *_, **__: None
-    library.Camera._handle_event = _count_registered
 
 
 def _count_registered(device: Any, channel: int, event: int) -> None:

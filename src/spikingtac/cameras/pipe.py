@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from spikingtac.cameras.words import WORD_OPTIONS, BareWords, warm_up
+from spikingtac.cameras.words import WORD_OPTIONS, CameraWords, header_of
 from spikingtac.errors import (
     CameraLostError,
     ConfigError,
@@ -24,7 +24,7 @@ from spikingtac.events.address import Address
 from spikingtac.events.camera import Camera
 from spikingtac.events.evt.raw import HEADER_LIMIT_BYTES, RawHeader, read_header
 from spikingtac.events.evt.wire import NAMES
-from spikingtac.events.evt.words import Rows, WordDecoder, WordStream
+from spikingtac.events.evt.words import Rows
 
 CHUNK_BYTES = 1 << 18  # Most bytes that one read takes and decodes.
 END_OF_HEADER = b"% end\n"
@@ -33,53 +33,45 @@ END_OF_HEADER = b"% end\n"
 PATIENCE_S = 30.0
 
 
-class _ByteCamera(Camera):
-    """A file descriptor that is read as bytes come."""
+class PipeCamera(Camera):
+    """RAW words from a pipe, in the encoding that their header names: its writer is a camera.
+
+    Args:
+        file: Descriptor of the open pipe.
+        header: What is known of the words.
+        pending: Bytes that came with the header.
+    """
 
     checked = True
-    _file: int | None = None
 
-    def close(self) -> None:
-        """Leave it."""
-        file, self._file = self._file, None
-        if file is not None:
-            os.close(file)
-
-
-class PipeCamera(_ByteCamera):
-    """RAW words from a pipe, in the encoding that their header names: its writer is a camera."""
-
-    def __init__(self, file: int, header: RawHeader, pending: bytes, name: str) -> None:
+    def __init__(self, file: int, header: RawHeader, pending: bytes = b"") -> None:
         super().__init__()
-        if header.encoding is None or header.size is None:
-            os.close(file)
-            raise FormatError(
-                f"the stream of {name!r} must begin with a header that names encoding and size: "
-                "'% evt 3.0', '% geometry 320x320', '% end', one line each"
-            )
-        self.size = header.size
-        self._file = file
-        self.format = NAMES[header.encoding]
-        order = header.byte_order or "little"
-        decoder = WordDecoder(header.encoding, header.size, order, header.continuous)
-        warm_up(header.encoding, header.size, order)
-        self._stream = WordStream(decoder, self.losses, self.triggers, header.time_base_us)
+        self._words = CameraWords(header, self.losses, self.triggers)
+        self.size = self._words.size
+        self._file: int | None = file
         self._pending = pending
         self._ended = self._read_out = False
 
     @classmethod
     def open(cls, address: Address) -> Self:
         """Wait for the writer and its header; see :meth:`Camera.open`."""
-        file = _opened(address)
+        file = _opened_pipe(address)
         try:
-            lines, pending = _header(file, address)
+            header, pending = _header(file, address)
+            if header.encoding is None or header.size is None:
+                raise FormatError(
+                    f"the stream of {str(address)!r} must begin with a header that names encoding "
+                    "and size: '% evt 3.0', '% geometry 320x320', '% end', one line each"
+                )
+            camera = cls(file, header, pending)
         except BaseException:
             os.close(file)
             raise
-        return cls(file, read_header(io.BytesIO(lines)), pending, str(address))
+        camera.format = NAMES[header.encoding]
+        return camera
 
     def read(self, timeout_s: float) -> Rows | None:
-        """Return what the pipe holds; see :meth:`Camera.read`."""
+        """Return what came; see :meth:`Camera.read`."""
         if self._read_out:
             raise RecordingError(
                 "a stream can be read only once, as it comes; record it into a file for what "
@@ -88,22 +80,27 @@ class PipeCamera(_ByteCamera):
         if self._file is None or self._ended:
             self._read_out = self._ended
             return None
-        data, self._pending = self._pending, b""
-        if not data:
-            data = _read(self._file, timeout_s)
+        data = self._pending or _read(self._file, timeout_s)
+        self._pending = b""
         if data is None:
             return self.nothing()
         self._ended = not data
-        rows = self._stream.feed(data, final=self._ended)
+        rows = self._words.feed(data, final=self._ended)
         self._read_out = self._ended and not len(rows[3])
         return None if self._read_out else rows
 
+    def close(self) -> None:
+        """Leave it."""
+        file, self._file = self._file, None
+        if file is not None:
+            os.close(file)
+
     def describe(self) -> dict[str, Any]:
         """Return the encoding."""
-        return {"encoding": self.format}
+        return self._words.describe()
 
 
-def _opened(address: Address) -> int:
+def _opened_pipe(address: Address) -> int:
     if address.target in ("-", ""):
         if sys.stdin.isatty():
             raise DeviceError("standard input is a terminal; pipe RAW into it, or name a pipe")
@@ -118,7 +115,7 @@ def _opened(address: Address) -> int:
     return os.open(path, os.O_RDONLY | os.O_NONBLOCK)
 
 
-def _header(file: int, address: Address) -> tuple[bytes, bytes]:
+def _header(file: int, address: Address) -> tuple[RawHeader, bytes]:
     """Return the header and the first bytes after it: up to ``% end``, or to the first word."""
     until_s, data = time.monotonic() + PATIENCE_S, b""
     is_pipe = address.target not in ("-", "")
@@ -129,7 +126,7 @@ def _header(file: int, address: Address) -> tuple[bytes, bytes]:
         rest = data[header.length :]
         complete = data[: header.length].endswith(END_OF_HEADER)
         if complete or (rest and not rest.startswith(b"%")) or (piece == b"" and data):
-            return data[: header.length], rest
+            return header, rest
         if piece == b"":
             if not is_pipe:
                 raise RecordingError(f"{str(address)!r} ended before a RAW header came")
@@ -143,15 +140,12 @@ def _header(file: int, address: Address) -> tuple[bytes, bytes]:
 def _read(file: int, timeout_s: float) -> bytes | None:
     """Return bytes, nothing at the writer's end, or None where nothing came in time."""
     ready, _, _ = select.select([file], [], [], timeout_s)
-    if not ready:
-        return None
-    try:
-        return os.read(file, CHUNK_BYTES)
-    except BlockingIOError:
-        return None
+    with contextlib.suppress(BlockingIOError):
+        return os.read(file, CHUNK_BYTES) if ready else None
+    return None
 
 
-class SerialCamera(_ByteCamera):
+class SerialCamera(PipeCamera):
     """EVT2, EVT2.1 or EVT3 words from a serial device, as a microcontroller's USB port sends them.
 
     Needs no library: the port is set to raw bytes by the operating system (not on Windows). Words
@@ -160,51 +154,38 @@ class SerialCamera(_ByteCamera):
 
     OPTIONS: ClassVar[tuple[str, ...]] = WORD_OPTIONS
 
-    def __init__(self, address: Address) -> None:
-        super().__init__()
-        self._words = BareWords(address, self.losses, self.triggers)
-        self.size = self._words.size
-        self._port = address.target
-        self._file = _raw_port(address)
-
     @classmethod
     def open(cls, address: Address) -> Self:
         """Open the port as raw bytes; see :meth:`Camera.open`."""
         if not address.target:
             raise ConfigError("serial: needs a device, as serial:/dev/ttyACM0?encoding=evt2")
-        return cls(address)
+        header = header_of(address)
+        return cls(_opened_port(address.target), header)
 
     def read(self, timeout_s: float) -> Rows | None:
         """Return the events of the bytes that wait; see :meth:`Camera.read`."""
         if self._file is None:
             return None
+        why = "the device was unplugged"
         try:
-            data = _read(self._file, timeout_s)
+            rows = super().read(timeout_s)
         except OSError as error:
-            raise CameraLostError(f"{self._port} is gone ({error.strerror})") from error
-        if data is None:
-            return self.nothing()
-        if not data:
-            raise CameraLostError(f"{self._port} is gone: the device was unplugged")
-        return self._words.feed(data)
-
-    def describe(self) -> dict[str, Any]:
-        """Return the encoding."""
-        return self._words.describe()
+            rows, why = None, str(error.strerror)
+        if rows is None:
+            raise CameraLostError(f"the serial port is gone: {why}")
+        return rows
 
 
-def _raw_port(address: Address) -> int:
+def _opened_port(path: str) -> int:
+    import termios
+    import tty
+
     try:
-        import termios
-        import tty
-    except ImportError as error:
-        raise DeviceError("serial: works on Linux and macOS; use the udp: or pipe: way") from error
-    try:
-        file = os.open(address.target, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        file = os.open(path, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError as error:
         raise DeviceError(
-            f"{address.target!r} cannot be opened ({error.strerror}); check the cable, and that "
-            "you may open the port (group dialout)"
+            f"{path!r} cannot be opened ({error.strerror}); check the cable, and that you may "
+            "open the port (group dialout)"
         ) from error
     try:
         tty.setraw(file)
@@ -212,7 +193,5 @@ def _raw_port(address: Address) -> int:
             termios.tcflush(file, termios.TCIFLUSH)  # old bytes are of an earlier stream
     except termios.error as error:
         os.close(file)
-        raise DeviceError(
-            f"{address.target!r} is no serial port; a pipe is read by pipe:"
-        ) from error
+        raise DeviceError(f"{path!r} is no serial port; a pipe is read by pipe:") from error
     return file

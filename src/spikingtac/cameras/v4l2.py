@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from spikingtac.cameras.words import WORD_FORMS, WORD_OPTIONS, BareWords
+from spikingtac.cameras.words import WORD_FORMS, WORD_OPTIONS, CameraWords, header_of
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError
 from spikingtac.events.address import Address
 from spikingtac.events.camera import Camera
@@ -50,7 +50,7 @@ class V4l2Camera(Camera):
 
     def __init__(self, address: Address, file: int, tool: subprocess.Popen[bytes] | None) -> None:
         super().__init__()
-        self._words = BareWords(address, self.losses, self.triggers, encoding="evt21")
+        self._words = CameraWords(header_of(address, "evt21"), self.losses, self.triggers)
         self.size = self._words.size
         width, height = address.size("frame") or FRAME
         self._frame_bytes = width * height

@@ -1,4 +1,4 @@
-"""EVT words of a stream without a header: which encoding and size, and their decoding."""
+"""EVT words as cameras send them: which encoding and size, and their decoding."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address
+from spikingtac.events.evt.raw import RawHeader
 from spikingtac.events.evt.wire import (
     BYTE_ORDERS,
     ENCODINGS,
@@ -43,12 +44,30 @@ TIME_HIGH = 8  # Type of the words of upper time in all three encodings.
 LATEST_STEPS = {"evt2": 2_000, "evt21": 2_000, "evt3": 30}
 
 
-class BareWords:
-    """A decoder for words that nothing describes but the address.
+def header_of(address: Address, encoding: str = "evt2") -> RawHeader:
+    """Return what the options of an address say of words that come without a header.
 
     Args:
-        address: With options ``encoding`` (evt2 unless given), ``size`` (320x320 unless given) and,
-            for EVT2.1, ``order`` (little unless given).
+        address: With options ``encoding``, ``size`` (320x320 unless given) and, for EVT2.1,
+            ``order`` (little unless given).
+        encoding: That of an address which names none.
+
+    Raises:
+        ConfigError: An option is not valid.
+    """
+    encoding = address.text("encoding", encoding, ENCODINGS)
+    order = address.text("order", "little", BYTE_ORDERS)
+    if "order" in address.options and encoding != "evt21":
+        raise ConfigError(f"{str(address)!r}: order is of EVT2.1 words; leave it out")
+    size = address.size("size") or GENX320_SIZE
+    return RawHeader(encoding=encoding, size=size, byte_order=order)
+
+
+class CameraWords:
+    """A decoder for the words of a camera.
+
+    Args:
+        header: What is known of them; encoding and size at least.
         losses: Counters to fill.
         triggers: Where trigger edges are appended.
 
@@ -57,26 +76,16 @@ class BareWords:
         size: ``(width, height)``, px.
         form: The encoding, with the byte order of EVT2.1: a key of :data:`WORD_FORMS`.
         word_bytes: Bytes of a word.
-
-    Raises:
-        ConfigError: An option is not valid.
     """
 
-    def __init__(
-        self,
-        address: Address,
-        losses: LossCounters,
-        triggers: Triggers,
-        encoding: str = "evt2",
-    ) -> None:
-        self.encoding = address.text("encoding", encoding, ENCODINGS)
-        self.size = address.size("size") or GENX320_SIZE
-        self._order = address.text("order", "little", BYTE_ORDERS)
-        if "order" in address.options and self.encoding != "evt21":
-            raise ConfigError(f"{str(address)!r}: order is of EVT2.1 words; leave it out")
+    def __init__(self, header: RawHeader, losses: LossCounters, triggers: Triggers) -> None:
+        assert header.encoding is not None
+        assert header.size is not None
+        self.encoding, self.size = header.encoding, header.size
+        self._order = header.byte_order or "little"
         self.form = self.encoding + (f"/{self._order}" if self.encoding == "evt21" else "")
-        decoder = WordDecoder(self.encoding, self.size, self._order)
-        self._stream = WordStream(decoder, losses, triggers)
+        decoder = WordDecoder(self.encoding, self.size, self._order, header.continuous)
+        self._stream = WordStream(decoder, losses, triggers, header.time_base_us)
         self._losses = losses
         self._reached: int | None = None
         self.word_bytes = decoder.word.itemsize

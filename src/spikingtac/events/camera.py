@@ -146,9 +146,6 @@ KINDS = {
         "cameras.makers:NeuromorphicCamera", "nd:",
         "EVK3 HD, EVK4, DVXplorer and DAVIS346 through neuromorphic-drivers",
         "neuromorphic_drivers", "neuromorphic"),
-    "aestream": CameraKind(
-        "cameras.udp:AestreamCamera", "aestream:3333?size=346x260",
-        "the datagrams of AEStream and SPIF boards"),
     "pipe": CameraKind(
         "cameras.pipe:PipeCamera", "pipe:live.raw",
         "RAW from a named pipe, or standard input as pipe:-"),

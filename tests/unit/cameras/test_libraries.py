@@ -25,7 +25,7 @@ def test_a_missing_library_names_what_brings_it(name: str, monkeypatch: pytest.M
     for module in [item for item in sys.modules if item.partition(".")[0] == kind.module]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, kind.module, None)
-    told = f"spikingtac\\[{kind.extra}\\]" if kind.extra else "from its maker"
+    told = f"spikingtac\\[{kind.extra}\\]" if kind.extra else "build OpenEB"
     with pytest.raises(MissingExtraError, match=told):
         open_camera(Address.parse(kind.example))
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from spikingtac.cameras import udp
-from spikingtac.cameras.udp import AestreamCamera, UdpCamera
+from spikingtac.cameras.udp import UdpCamera
 from spikingtac.errors import DeviceError, FormatError
 from spikingtac.events.address import Address
 from spikingtac.types import EventPacket
-from stand_ins.camera_counterparts import aestream_datagrams, datagrams, events
+from stand_ins.camera_counterparts import datagrams, events
 
 pytestmark = pytest.mark.waits
 
@@ -33,7 +33,7 @@ def out() -> Iterator[socket.socket]:
         yield sender
 
 
-def sent(out: socket.socket, camera: UdpCamera | AestreamCamera, pieces: Iterable[bytes]) -> None:
+def sent(out: socket.socket, camera: UdpCamera, pieces: Iterable[bytes]) -> None:
     for piece in pieces:
         out.sendto(piece, ("127.0.0.1", camera.port))
 
@@ -42,7 +42,7 @@ def events_in(pieces: Iterable[bytes]) -> int:
     return sum(int(np.count_nonzero(np.frombuffer(piece, "<u4") >> 28 < 2)) for piece in pieces)
 
 
-def received(camera: UdpCamera | AestreamCamera) -> EventPacket:
+def received(camera: UdpCamera) -> EventPacket:
     parts = []
     while len((rows := camera.read(0.2) or camera.nothing())[3]):
         x, y, p, t = (column.copy() for column in rows)
@@ -158,22 +158,3 @@ def test_what_the_kernel_drops_is_counted(camera: UdpCamera, out: socket.socket)
 def test_a_port_that_is_taken_says_so(camera: UdpCamera) -> None:
     with pytest.raises(DeviceError, match="another program"):
         UdpCamera.open(Address.parse(f"udp:127.0.0.1:{camera.port}"))
-
-
-def test_aestream_without_times_gets_those_of_arrival(out: socket.socket) -> None:
-    camera = AestreamCamera.open(Address.parse("aestream:127.0.0.1:0?size=320x320"))
-    sent(out, camera, aestream_datagrams(SENT.part(0, 640, 0, 0), timed=False))
-    found = received(camera)
-    camera.close()
-    np.testing.assert_array_equal(found.x, SENT.x[:640])
-    np.testing.assert_array_equal(found.p, SENT.p[:640])
-    assert (np.diff(found.t) >= 0).all()
-
-
-def test_aestream_times_go_on_where_their_32_bits_wrap(out: socket.socket) -> None:
-    camera = AestreamCamera.open(Address.parse("aestream:127.0.0.1:0?size=320x320"))
-    packet = events(640, first_us=(1 << 32) - 300)
-    sent(out, camera, aestream_datagrams(packet))
-    found = received(camera)
-    camera.close()
-    np.testing.assert_array_equal(found.t, packet.t)
