@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from spikingtac.cli import emit_json, emit_table, progress, remark
+from spikingtac.cli import Table, progress, tell
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,9 +42,8 @@ def run(args: Args) -> int:
 
     if args.list:
         if args.json:
-            emit_json({"designs": descriptions()})
-        else:
-            sys.stdout.writelines(f"{name}  {about}\n" for name, about in descriptions().items())
+            return tell(True, {"designs": descriptions()})
+        sys.stdout.writelines(f"{name}  {about}\n" for name, about in descriptions().items())
         return 0
     design = load_design(args.design)
     findings = require_sound(design)
@@ -56,17 +55,14 @@ def run(args: Args) -> int:
         with progress(f"designing {args.design}") as advance:
             figures = write_design(design, args.output, args.overwrite, advance)
     folder = {} if args.output is None else {"folder": str(args.output)}
-    if args.json:
-        checks = [{**asdict(one), "passed": one.passed} for one in findings]
-        emit_json({"design": args.design, **folder, "figures": figures, "checks": checks})
-        return 0
-    emit_table(f"{args.design}, computed", ("figure", "value"), _rows(figures))
-    if args.output is None:
-        rows = [(finding.name, finding.reason) for finding in findings]
-        emit_table(f"{len(rows)} checks passed", ("check", "what was found"), rows, words=2)
-    else:
-        remark(f"{args.output}: {figures['files']} files; begin with build-guide.md")
-    return 0
+    checks = [{**asdict(one), "passed": one.passed} for one in findings]
+    document = {"design": args.design, **folder, "figures": figures, "checks": checks}
+    computed = Table(f"{args.design}, computed", ("figure", "value"), _rows(figures))
+    rows = [(finding.name, finding.reason) for finding in findings]
+    last: Table | str = Table(f"{len(rows)} checks passed", ("check", "what was found"), rows, 2)
+    if args.output is not None:
+        last = f"{args.output}: {figures['files']} files; begin with build-guide.md"
+    return tell(args.json, document, computed, last)
 
 
 def _rows(figures: dict[str, Any]) -> Iterator[tuple[str, str]]:

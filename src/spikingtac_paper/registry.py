@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from spikingtac.cli import emit_json, progress, remark
+from spikingtac.cli import progress, tell
 from spikingtac.errors import named
 from spikingtac_paper.harness.run import RunOptions
 
@@ -79,13 +79,7 @@ def run_study(study: Runner, args: Any) -> int:
     given = {name: value for name, value in vars(args).items() if name in known}
     with progress(args.name) as advance:
         summary = study(RunOptions(**given, data=recordings_from_elsewhere(), advance=advance))
-    if args.json:
-        emit_json(summary)
-        return 0
-    for text in summary["findings"]:
-        remark(text)
-    remark(f"report: {args.output / 'report.html'}")
-    return 0
+    return tell(args.json, summary, *summary["findings"], f"report: {args.output / 'report.html'}")
 
 
 def recordings_from_elsewhere() -> Path | None:

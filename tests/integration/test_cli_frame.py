@@ -115,7 +115,7 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(
     [
         (("calibrat",), "did you mean 'calibrate'"),
         (("info", "--stricd", "x"), "did you mean '--strict'"),
-        (("track", "a.raw"), "--calibration PATH"),
+        (("track", "a.raw"), "--calibration calibration.json"),
         (("view",), "SOURCE"),
         (("convert", "a", "b", "--crop", "1", "2"), "--crop"),
         (("plot", "a", "b"), "Unrecognized options: b"),

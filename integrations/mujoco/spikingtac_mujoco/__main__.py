@@ -15,7 +15,8 @@ import gymnasium
 import numpy as np
 
 import spikingtac as st
-from spikingtac.datasets.export import ExportConfig, export
+from spikingtac.datasets.export import data_set
+from spikingtac.datasets.lerobot import write_lerobot
 from spikingtac_mujoco import TASKS
 from spikingtac_mujoco.draw import write_gif
 from spikingtac_mujoco.policies import POLICIES, play
@@ -34,11 +35,9 @@ def export_episodes(task: str, folder: Path, count: int, overwrite: bool = False
     with tempfile.TemporaryDirectory() as scratch:
         pairs = [_write(env, policy, seed, Path(scratch)) for seed in range(count)]
         tracks, logs = zip(*pairs, strict=True)
-        told = f"{task} (simulated)"
-        config = ExportConfig(
-            sources=tracks, form="lerobot", output=folder, fps=FPS, task=told, logs=logs
-        )
-        return export(config, overwrite)
+        with data_set(folder, "lerobot", overwrite) as partial:
+            found = write_lerobot(partial, tracks, logs, FPS, f"{task} (simulated)")
+    return {"output": str(folder), **found}
 
 
 def _write(env: Any, policy: Any, seed: int, scratch: Path) -> tuple[Path, Path]:

@@ -94,8 +94,16 @@ def run_batch(
         futures = {pool.submit(_work_on, batch.work, job): job for job in left}
         for future in as_completed(futures):
             job, lost = futures[future], future.exception()  # _work_on raises nothing
-            found[job.source] = row = _row(job, 0.0, str(lost)) if lost else future.result()
-            size = 0 if row["error"] else job.output.stat().st_size
+            figures, error, seconds = ({}, str(lost), 0.0) if lost else future.result()
+            found[job.source] = row = {
+                "source": str(job.source),
+                "output": None if error else str(job.output),
+                "status": "failed" if error else "done",
+                "error": error,
+                "seconds": seconds,
+                **figures,
+            }
+            size = 0 if error else job.output.stat().st_size
             file.write(json.dumps({"files": job.files, "bytes": size, "row": row}) + "\n")
             file.flush()
             advance(len(found) / len(jobs))
@@ -170,27 +178,16 @@ def _require_same(folder: Path, settings: Mapping[str, Any], resume: bool) -> No
         )
 
 
-def _work_on(work: Work, job: _Job) -> Row:
-    """Do a job in a worker; whatever goes wrong with one recording is its row."""
-    begun = time.perf_counter()
+def _work_on(work: Work, job: _Job) -> tuple[Row, str | None, float]:
+    """Do a job in a worker; return its figures, what went wrong, and its time, s."""
+    begun, figures, error = time.perf_counter(), Row(), None
     try:
         job.output.parent.mkdir(parents=True, exist_ok=True)
-        figures, error = work(job.source, job.output), None
-    except Exception as problem:
+        figures = dict(work(job.source, job.output))
+    except Exception as problem:  # one recording stops no other one
         known = isinstance(problem, SpikingTacError | OSError)
-        kind = "" if known else f"internal error, {type(problem).__name__}: "
-        figures, error = {}, f"{kind}{problem}"
-    return _row(job, time.perf_counter() - begun, error) | dict(figures)
-
-
-def _row(job: _Job, seconds: float, error: str | None) -> Row:
-    return {
-        "source": str(job.source),
-        "output": None if error else str(job.output),
-        "status": "failed" if error else "done",
-        "error": error,
-        "seconds": round(seconds, 6),
-    }
+        error = f"{'' if known else f'internal error, {type(problem).__name__}: '}{problem}"
+    return figures, error, round(time.perf_counter() - begun, 6)
 
 
 def _jobs(batch: Batch) -> list[_Job]:
@@ -232,13 +229,10 @@ def _done(journal: Path, jobs: Sequence[_Job]) -> dict[Path, Row]:
         with suppress(ValueError, KeyError, TypeError):
             found = json.loads(line)
             lines[found["row"]["source"]] = found
-    known = [(job, lines.get(str(job.source))) for job in jobs]
-    return {job.source: found["row"] for job, found in known if found and _whole(found, job)}
-
-
-def _whole(found: dict[str, Any], job: _Job) -> bool:
-    """Return whether a line of the journal tells of a result that is still there."""
-    if found["row"]["output"] != str(job.output):  # of a failure it is None
-        return False
-    same = found.get("files") == job.files and job.output.is_file()
-    return same and job.output.stat().st_size == found["bytes"]
+    done: dict[Path, Row] = {}
+    for job in jobs:
+        found = lines.get(str(job.source), {"row": {"output": None}})
+        same = found["row"]["output"] == str(job.output) and found.get("files") == job.files
+        if same and job.output.is_file() and job.output.stat().st_size == found["bytes"]:
+            done[job.source] = found["row"]
+    return done

@@ -23,7 +23,14 @@ def no_progress(done: float) -> None:
 
 
 class Table(NamedTuple):
-    """A table to print: see :func:`emit_table`."""
+    """A table to print.
+
+    Attributes:
+        title: One line above the table.
+        columns: Their names.
+        rows: Cells, as wide as ``columns``.
+        words: Number of leading columns with words (left-aligned); the others hold figures.
+    """
 
     title: str
     columns: Iterable[str]
@@ -38,15 +45,18 @@ def tell(as_json: bool, document: Mapping[str, Any], *shown: Table | str) -> int
         as_json: Print the document and nothing else.
         document: The result as one JSON object.
         *shown: The result for a reader, in order: tables, and lines for stderr.
+
+    Raises:
+        ValueError: A number of the document is not finite; JSON cannot express it.
     """
     if as_json:
-        emit_json(document)
+        sys.stdout.write(json.dumps(document, allow_nan=False, default=_plain) + "\n")
         return 0
     for one in shown:
         if isinstance(one, str):
             remark(one)
         else:
-            emit_table(*one)
+            _print(one)
     return 0
 
 
@@ -64,40 +74,22 @@ def counted(anomalies: Mapping[str, int], what: str = "recording") -> list[str]:
     return [f"note: {kind} {count} times in the {what}" for kind, count in anomalies.items()]
 
 
-def emit_json(document: Mapping[str, Any]) -> None:
-    """Print one JSON object on stdout.
-
-    Raises:
-        ValueError: A number is not finite; JSON cannot express it.
-    """
-    sys.stdout.write(json.dumps(document, allow_nan=False, default=_plain) + "\n")
-
-
-def emit_table(
-    title: str, columns: Iterable[str], rows: Iterable[Iterable[object]], words: int = 1
-) -> None:
-    """Print a table on stdout.
-
-    Args:
-        title: One line above the table.
-        columns: Their names.
-        rows: Cells, as wide as ``columns``.
-        words: Number of leading columns with words (left-aligned); the others hold figures.
-    """
+def _print(given: Table) -> None:
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Table as Grid
     from rich.text import Text
 
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for index, name in enumerate(columns):
-        table.add_column(name, justify="left" if index < words else "right")
-    for row in rows:
-        table.add_row(*(Text(str(cell)) for cell in row))
+    grid = Grid(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for index, name in enumerate(given.columns):
+        grid.add_column(name, justify="left" if index < given.words else "right")
+    for row in given.rows:
+        grid.add_row(*(Text(str(cell)) for cell in row))
     # A pipe has no width: what reads it gets each row on one line.
     width = None if sys.stdout.isatty() else PIPE_COLUMNS
     console = Console(highlight=False, width=width)
-    console.print(Text(title, style="table.title"))  # above it: within, a narrow table breaks it
-    console.print(table)
+    # The title stands above the table: a narrow table would break it.
+    console.print(Text(given.title, style="table.title"))
+    console.print(grid)
 
 
 def remark(text: str) -> None:

@@ -58,6 +58,19 @@ class ReadArgs(JsonArgs):
     strict: bool = False
     """Refuse damage and another sensor's calibration, instead of a repair or a warning."""
 
+    def open(self, source: Any, **options: Any) -> Any:
+        """Return the source of events at a path; what is open already is returned as it is.
+
+        Args:
+            source: Path or address, or a source of events.
+            **options: Further ones of :func:`spikingtac.open_events`.
+        """
+        if not isinstance(source, Path):
+            return source
+        import spikingtac as st
+
+        return st.open_events(source, strict=self.strict, sensor=self.sensor, **options)
+
 
 @dataclass(frozen=True, kw_only=True)
 class RealtimeArgs(JsonArgs):

@@ -15,8 +15,9 @@ from spikingtac.batch.inputs import EVENT_MEMBERS, find_recordings, is_many
 from spikingtac.batch.run import TABLE, Batch, run_batch
 from spikingtac.cli.messages import Advance, Table, no_progress, progress, remark, tell
 from spikingtac.cli.options import JsonArgs, ReadArgs, WriteArgs
-from spikingtac.cli.sources import ending_on_interrupt, for_each, open_two, second_name
+from spikingtac.cli.sources import ending_on_interrupt, for_each, open_two
 from spikingtac.errors import ConfigError
+from spikingtac.events.manifest import name_of
 
 SHOWN = 20  # Failures that are printed; the table holds all.
 
@@ -94,7 +95,8 @@ def _run_two(work: Work, args: Any, first: Path, output: Path | None, many: bool
             "two fingers need a calibration each: --calibration and --second-calibration"
         )
     fingers = args, replace(args, calibration=args.second_calibration)
-    outputs = [] if output is None else [output, second_name(output)]
+    second = None if output is None else output.with_name(name_of(output.name, 1))
+    outputs = [path for path in (output, second) if path]
     args.claim(*outputs)
 
     def one(number: int, source: st.EventSource) -> dict[str, Any]:

@@ -14,7 +14,6 @@ import spikingtac as st
 from spikingtac.cli.messages import remark, warn
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address, is_address, is_stream
-from spikingtac.events.manifest import name_of
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
@@ -131,11 +130,6 @@ def camera_address(source: Path) -> str:
         f"{str(source)!r} is no camera; give an address, as udp:7777?encoding=evt2&size=320x320, "
         "or a named pipe (spikingtac cameras lists what is plugged in)"
     )
-
-
-def second_name(path: Path) -> Path:
-    """Return where the second sensor's output goes: ``tracks.npz`` becomes ``tracks_1.npz``."""
-    return path.with_name(name_of(path.name, 1))
 
 
 def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSource]:

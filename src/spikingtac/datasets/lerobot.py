@@ -7,7 +7,8 @@ Episodes follow each other in one file, one row group each; ``meta`` holds ``inf
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.tracks import Tracks
 
 US_PER_S = 1_000_000
+LARGEST_FPS = 1_000
 VERSION = "v3.0"  # The data set's version, ``CODEBASE_VERSION`` of LeRobot 0.4 to 0.6.
 INFO = "meta/info.json"  # What says that a folder is such a data set; written last.
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -58,35 +60,44 @@ Columns = dict[str, NDArray[Any]]  # Name of a feature -> ``(n,)`` or ``(n, k)``
 
 
 def write_lerobot(
-    folder: Path, recordings: Iterable[tuple[Path, Path | None]], fps: int, task: str
+    folder: Path,
+    recordings: Sequence[Path],
+    logs: Sequence[Path],
+    fps: int,
+    task: str,
+    advance: Callable[[float], object] = bool,
 ) -> dict[str, Any]:
     """Write a data set into an empty folder.
 
     Args:
         folder: An empty folder.
-        recordings: tracks.npz of each episode, and a robot's log on the same clock or None.
+        recordings: tracks.npz of each episode.
+        logs: A robot's log of each on the same clock, or none at all.
         fps: Frames per second.
         task: What is done in them, in words.
+        advance: Told the share that is done, 0 to 1.
 
     Returns:
         Figures of what was written.
 
     Raises:
         RecordingError: A file cannot be read, or holds nothing.
-        ConfigError: One has other features than the first, or does not overlap its log.
+        ConfigError: One has other features than the first, or does not overlap its log; or there
+            are fewer or more logs than recordings.
         MissingExtraError: pyarrow or pandas is not installed.
     """
-    try:
-        import pandas
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError as error:
-        raise MissingExtraError(
-            "LeRobot data sets need: pip install 'spikingtac[lerobot]'"
-        ) from error
+    if not 1 <= fps <= LARGEST_FPS:
+        raise ConfigError(f"fps is {fps}, it must be 1 to {LARGEST_FPS}")
+    if logs and len(logs) != len(recordings):
+        raise ConfigError(
+            f"there are {len(recordings)} recordings and {len(logs)} logs; give one for each, in "
+            f"the order {', '.join(path.name for path in recordings[:3])} ..."
+        )
+    if not (find_spec("pyarrow") and find_spec("pandas")):
+        raise MissingExtraError("LeRobot data sets need: pip install 'spikingtac[lerobot]'")
     kept, episodes, ages_us, described = list[Columns](), list[dict[str, Any]](), [0], {}
-    for number, (path, log) in enumerate(recordings):
-        features, age_us = frames_of(path, fps, log)
+    for number, path in enumerate(recordings):
+        features, age_us = frames_of(path, fps, logs[number] if logs else None)
         told = _described(features)
         if described and told != described:
             raise ConfigError(
@@ -97,6 +108,25 @@ def write_lerobot(
         kept.append(_columns(features, number, before, fps))
         episodes.append(_episode(kept[-1], number, before, task))
         ages_us.append(age_us)
+        advance((number + 1) / len(recordings))
+    _write_tables(folder, kept, episodes, task)
+    whole = {name: np.concatenate([columns[name] for columns in kept]) for name in kept[0]}
+    write_json(folder / "meta" / "stats.json", {k: statistics_of(v) for k, v in whole.items()})
+    count = {"total_episodes": len(kept), "total_frames": len(whole["index"]), "fps": fps}
+    splits = {"train": f"0:{len(kept)}"}
+    write_json(folder / INFO, {**ABOUT, **count, "splits": splits, "features": described})
+    names = [name for name, one in described.items() if one["names"]]
+    return {**count, "features": names, "largest_age_ms": max(ages_us) / 1e3}
+
+
+def _write_tables(
+    folder: Path, kept: list[Columns], episodes: list[dict[str, Any]], task: str
+) -> None:
+    """Write the frames, one row group an episode, the table of episodes, and that of tasks."""
+    import pandas
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     for name in ("data", "meta/episodes"):
         (folder / name / FIRST_FILE).parent.mkdir(parents=True)
     tables = [pa.table({name: _array(pa, c) for name, c in columns.items()}) for columns in kept]
@@ -106,13 +136,6 @@ def write_lerobot(
     pq.write_table(pa.Table.from_pylist(episodes), folder / "meta" / "episodes" / FIRST_FILE)
     tasks = pandas.DataFrame({"task_index": [0]}, index=pandas.Index([task], name="task"))
     tasks.to_parquet(folder / "meta" / "tasks.parquet")
-    whole = {name: np.concatenate([columns[name] for columns in kept]) for name in kept[0]}
-    write_json(folder / "meta" / "stats.json", {k: statistics_of(v) for k, v in whole.items()})
-    count = {"total_episodes": len(kept), "total_frames": len(whole["index"]), "fps": fps}
-    splits = {"train": f"0:{len(kept)}"}
-    write_json(folder / INFO, {**ABOUT, **count, "splits": splits, "features": described})
-    names = [name for name, one in described.items() if one["names"]]
-    return {**count, "features": names, "largest_age_ms": max(ages_us) / 1e3}
 
 
 def _episode(columns: Columns, number: int, before: int, task: str) -> dict[str, Any]:

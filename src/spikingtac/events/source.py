@@ -7,7 +7,7 @@ Everything here goes by the times of the events, so the packing of a stream does
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -41,7 +41,7 @@ class EventSource(Protocol):
 class PacketSource:
     """An :class:`EventSource` over packets in memory, for tests and for sliced recordings."""
 
-    def __init__(self, packets: list[EventPacket], size: tuple[int, int]) -> None:
+    def __init__(self, packets: Iterable[EventPacket], size: tuple[int, int]) -> None:
         self.size = size
         self.losses = LossCounters()
         self._packets = packets

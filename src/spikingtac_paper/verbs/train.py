@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from spikingtac.cli import emit_json, progress, remark
+from spikingtac.cli import progress, tell
 from spikingtac.errors import MissingExtraError
 
 RECORDINGS = "recordings"  # Folder of a run that holds the rendered scenes.
@@ -57,11 +57,8 @@ def run(args: Args) -> int:
             recordings = session.from_scenes(config, _recorder(args.output), advance)
     with progress("training") as advance:
         summary: dict[str, Any] = session.train_and_export(config, recordings, args.output, advance)
-    if args.json:
-        emit_json(summary)
-    else:
-        remark(f"loss {summary['loss']:.4f} after {summary['rounds']} rounds: {summary['int8']}")
-    return 0
+    told = f"loss {summary['loss']:.4f} after {summary['rounds']} rounds: {summary['int8']}"
+    return tell(args.json, summary, told)
 
 
 def _recorder(folder: Path) -> Any:

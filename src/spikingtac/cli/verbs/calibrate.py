@@ -26,7 +26,6 @@ from spikingtac.types import EventPacket, Polarity
 if TYPE_CHECKING:
     from spikingtac.markers.calibration.guide import CalibrationGuide
 
-EXIT_FOREIGN = 1  # The input is at fault: it does not fit the calibration.
 TELL_US = 2_000_000  # Sensor time between two reports of what a calibration lacks, us.
 MOST_NAMED = 8  # Stray spots that are named one by one.
 
@@ -95,13 +94,13 @@ def run(args: Args) -> int:
     same = ("pitch_mm", "lens", "polarity", "layout", "method", "allow_missing")
     given = {name: getattr(args, name) for name in same}
     config = st.CalibrationConfig(grid=_grid_shape(args.grid), **given)
-    source = st.open_events(recording, strict=args.strict, sensor=args.sensor)
+    source = args.open(recording)
     seen: st.EventSource = source
     if args.until_ready or is_stream(recording):
         from spikingtac.markers.calibration.guide import CalibrationGuide
 
         guide = CalibrationGuide(source.size, config)
-        seen = GuidedSource(source, guide, args.until_ready)
+        seen = st.PacketSource(_guided(source, guide, args.until_ready), source.size)
     with ending_on_interrupt(source), progress(f"calibrating from {recording.name}"):
         calibration = st.calibrate(seen, config)
     calibration.provenance["recording"] = recording.name
@@ -129,33 +128,28 @@ def _set_scale(args: Args, path: Path) -> int:
     return tell(args.json, document, f"written: {args.output}, {calibration.px_per_mm:.3f} px/mm")
 
 
-class GuidedSource:
-    """Passes a camera's events on and tells what the calibration still lacks.
+def _guided(
+    source: st.EventSource, guide: CalibrationGuide, until_ready: bool
+) -> Iterator[EventPacket]:
+    """Yield a camera's packets, and tell what the calibration still lacks.
 
     Args:
         source: Where the events come from.
         guide: Sees them.
         until_ready: End once a calibration has all that it needs.
     """
-
-    def __init__(self, source: st.EventSource, guide: CalibrationGuide, until_ready: bool) -> None:
-        self.size, self.losses = source.size, source.losses
-        self._source, self._guide, self._until_ready = source, guide, until_ready
-
-    def __iter__(self) -> Iterator[EventPacket]:
-        """Yield the source's packets."""
-        told_us: int | None = None
-        for packet in self._source:
-            self._guide.absorb(packet)
-            yield packet
-            told_us = packet.t_start_us if told_us is None else told_us
-            if packet.t_end_us - told_us >= TELL_US:
-                told_us = packet.t_end_us
-                remark(self._guide.view().progress_line())
-            if self._until_ready and self._guide.complete:
-                getattr(self._source, "close", bool)()  # a recording has none
-                break
-        remark(self._guide.view().progress_line())
+    told_us: int | None = None
+    for packet in source:
+        guide.absorb(packet)
+        yield packet
+        told_us = packet.t_start_us if told_us is None else told_us
+        if packet.t_end_us - told_us >= TELL_US:
+            told_us = packet.t_end_us
+            remark(guide.view().progress_line())
+        if until_ready and guide.complete:
+            getattr(source, "close", bool)()  # a recording has none
+            break
+    remark(guide.view().progress_line())
 
 
 def _grid_shape(text: str | None) -> tuple[int, int] | None:
@@ -192,9 +186,10 @@ def _table(calibration: st.Calibration, found: dict[str, Any], args: Args) -> Ta
     same = ("edge_px", "contrast", "step_on", "step_off", "unloaded_rests", "lag_us", "px_per_mm")
     radii = calibration.radius_px
     measured = f"{found['measured']} of {found['markers']} markers measured"
+    grid = "x".join(map(str, calibration.grid or ("none",)))
     told = {
         "quality": f"{found['quality']}, {measured}",
-        "grid": f"{_shape(calibration.grid)}, {calibration.polarity} markers",
+        "grid": f"{grid}, {calibration.polarity} markers",
         "radius": f"{radii.mean():.2f} px, {radii.min():.2f} to {radii.max():.2f}",
         **{name: found[name] for name in same},
         "changes that discs explain": f"{median_high(found['explained']):.0%}",
@@ -208,16 +203,12 @@ def _table(calibration: st.Calibration, found: dict[str, Any], args: Args) -> Ta
     return figures(str(args.output), told)
 
 
-def _shape(grid: tuple[int, int] | list[int] | None) -> str:
-    return "none" if grid is None else "x".join(map(str, grid))
-
-
 def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
     from spikingtac.markers.calibration.quality import marker_name
 
     hot, left_out, stray = (found[name] or [] for name in ("hot_px", "left_out_px", "stray_px"))
     places = "; ".join(f"x {x:.0f}, y {y:.0f} px" for x, y in stray[:MOST_NAMED])
-    fits = _shape(found["fitting_grid"])
+    fits = "x".join(map(str, found["fitting_grid"] or ()))
     missing, doubtful = (
         [marker_name(marker, calibration.grid) for marker in found[name]]
         for name in ("missing", "doubtful")
@@ -243,15 +234,15 @@ def _check(args: Args, known: Path) -> int:
         found = check_one(args, recording, None, no_progress)
     fit = f"{found['contradiction']:.1%} of the pixels contradict, at most {found['limit']:.0%}"
     tell(args.json, found, found["words"] or f"{recording.name} fits {known.name}: {fit}")
-    return 0 if found["fits"] else EXIT_FOREIGN
+    return 0 if found["fits"] else 1  # the input is at fault
 
 
 def check_one(args: Args, recording: Path, output: Path | None, advance: Advance) -> dict[str, Any]:
     """Check a recording, and write what was found."""
     from spikingtac.markers.calibration_check import CalibrationCheck
 
-    source = st.open_events(recording, strict=args.strict, sensor=args.sensor)
-    check = CalibrationCheck(fitting(args.check or args.output, source))
+    source = args.open(recording)
+    check = CalibrationCheck(fitting(args.check, source))
     for packet in source:
         check.absorb(packet)
         if check.ended:
@@ -274,9 +265,11 @@ def check_row(found: dict[str, Any]) -> dict[str, Any]:
     return {"fits": int(found["fits"]), **{n: found[n] for n in ("contradiction", "limit")}}
 
 
-def known(args: Args) -> st.Calibration:
-    """Return the calibration that recordings are compared with."""
-    return st.Calibration.load(args.check or args.output)
-
-
-CHECK = Work("calibrate --check", check_one, check_row, lambda *_: (), ".json", known)
+CHECK = Work(
+    "calibrate --check",
+    check_one,
+    check_row,
+    lambda *_: (),
+    ".json",
+    lambda args: st.Calibration.load(args.check),
+)

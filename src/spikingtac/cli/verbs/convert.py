@@ -11,12 +11,13 @@ import tyro
 
 import spikingtac as st
 from spikingtac import plugins
+from spikingtac.batch.inputs import find_recordings
 from spikingtac.cli.messages import Advance, Table, counted, figures, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many, run_one
 from spikingtac.cli.sources import ending_on_interrupt
-from spikingtac.datasets.export import ExportConfig
-from spikingtac.datasets.export import export as export_tracks
+from spikingtac.datasets.export import data_set, write_zarr
+from spikingtac.datasets.lerobot import write_lerobot
 from spikingtac.errors import ConfigError, RecordingError, nearest
 from spikingtac.events.address import is_stream
 
@@ -96,7 +97,7 @@ def convert_one(args: Args, path: Path, target: Path, advance: Advance) -> dict[
     same = ("from_us", "to_us", "shift_us", "flip_polarity", "flip")
     given = {name: getattr(args, name) for name in same}
     change = Transform(**given, crop_px=args.crop, rotate_deg=args.rotate or 0)
-    source = st.open_events(path, strict=args.strict, sensor=args.sensor, size=args.size)
+    source = args.open(path, size=args.size)
     if args.hot_pixels == "drop" and is_stream(source.path):
         raise ConfigError("--hot-pixels drop reads a recording twice; record the camera first")
     hot_px = hot_pixels_of(source) if args.hot_pixels == "drop" else None
@@ -221,8 +222,16 @@ class ExportArgs(WriteArgs):
 
 def export(args: ExportArgs) -> int:
     """Export, and say what was written."""
-    given = {name: getattr(args, name) for name in ("sources", "output", "fps", "task")}
-    config = ExportConfig(**given, form=args.to, logs=args.log)
-    with progress(f"exporting to {args.to}") as advance:
-        found = export_tracks(config, args.overwrite, advance)
-    return tell(args.json, found, figures(f"{args.to} data set", found))
+    if args.to == "zarr" and args.log:
+        raise ConfigError("a Zarr store holds the tracks as they are; logs go with lerobot")
+    found = find_recordings(args.sources, ("displacement_px.npy",))
+    with (
+        progress(f"exporting to {args.to}") as advance,
+        data_set(args.output, args.to, args.overwrite) as partial,
+    ):
+        if args.to == "zarr":
+            written = write_zarr(partial, found, advance)
+        else:
+            written = write_lerobot(partial, found, args.log, args.fps, args.task, advance)
+    document = {"output": str(args.output), **written}
+    return tell(args.json, document, figures(f"{args.to} data set", document))

@@ -46,9 +46,7 @@ def run(args: Args) -> int:
         told = {"format": kind, **_FIGURES[kind](args.file)}
         document = {**told, "about": TOLD[kind]}
         return tell(args.json, document, figures(str(args.file), told), TOLD[kind])
-    source = st.open_events(
-        args.file, strict=args.strict, sensor=args.sensor, encoding=args.encoding
-    )
+    source = args.open(args.file, encoding=args.encoding)
     found = _summary(source)
     return tell(args.json, found, *(f"note: {note}" for note in source.notes), *_shown(args, found))
 

@@ -149,9 +149,7 @@ def _listed(args: Args, frames: Iterable[MarkerFrame], skin: Skin) -> dict[str, 
 
 def _of_events(args: Args, recording: Path | FileSource, advance: Advance) -> dict[str, Any]:
     """Return the touches in what a tracker makes of events."""
-    path, source = args.needed_calibration(), recording
-    if isinstance(source, Path):
-        source = st.open_events(source, strict=args.strict, sensor=args.sensor)
+    path, source = args.needed_calibration(), args.open(recording)
     calibration = fitting(path, source)
     config = st.load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
     rate_hz, tracker = config.tracking.rate_hz, st.make_tracker(config.tracking, calibration)

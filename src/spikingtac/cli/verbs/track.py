@@ -10,7 +10,7 @@ import tyro
 
 import spikingtac as st
 from spikingtac.cli.messages import Advance, Table, counted
-from spikingtac.cli.options import Output, RealtimeArgs
+from spikingtac.cli.options import Output, RealtimeArgs, TrackerArgs
 from spikingtac.cli.recordings import ManyArgs, SecondArgs, Work, run_each
 from spikingtac.cli.sources import ask_for_real_time, checked, ending_on_interrupt, require_live
 from spikingtac.events.address import is_stream
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args(ManyArgs, SecondArgs, RealtimeArgs):
+class Args(ManyArgs, TrackerArgs, SecondArgs, RealtimeArgs):
     """Follow every marker through a recording and write its displacement over time.
 
     Many recordings (several paths, a folder, a quoted pattern) go into a folder, with a table of
@@ -33,15 +33,9 @@ class Args(ManyArgs, SecondArgs, RealtimeArgs):
     ]
     """Event files, recording folders, folders of them, patterns such as 'day/*.raw'; or a camera:
     its address, a named pipe, or -."""
-    calibration: Path
-    """calibration.json of this sensor; make one with: spikingtac calibrate."""
     output: Output = None
     """File to write: .npz, .csv, .parquet; tracks.npz unless given, tracks_1.npz of --second. A
     folder for many."""
-    preset: str = "default"
-    """default (accurate), fast (10 kHz) or paper (as published), or a TOML file."""
-    rate_hz: float | None = None
-    """Estimates per second; the preset's unless given."""
     polarity: Polarity | None = None
     """White markers on dark ground, or dark on light; the calibration's unless given."""
     hysteresis: LawName | None = None
@@ -53,7 +47,7 @@ class Args(ManyArgs, SecondArgs, RealtimeArgs):
 
     def settings(self) -> tuple[st.Config, st.Calibration]:
         """Return how markers are followed, and the sensor's calibration, as the options say."""
-        calibration = st.Calibration.load(self.calibration)
+        calibration = st.Calibration.load(self.needed_calibration())
         config = st.load_config(self.preset).with_tracking(
             rate_hz=self.rate_hz,
             hysteresis=self.hysteresis or calibration.hysteresis,
@@ -76,10 +70,8 @@ def track_one(
     from spikingtac.markers.calibration.calibrate import completed
     from spikingtac.pipeline.track import track_to_file
 
-    source: Any = recording
-    if isinstance(recording, Path):
-        source = st.open_events(recording, strict=args.strict, sensor=args.sensor)
     config, calibration = args.settings()
+    source = args.open(recording)
     force = None if args.force is None else st.load_force(args.force)
     if config.tracking.method != "blobs" and not is_stream(source.path):
         calibration = completed(source, calibration)
