@@ -30,7 +30,6 @@ from spikingtac.sim.camera.readout import background_events_kernel, make_noise, 
 from spikingtac.sim.camera.sensor import Sensor, make_sensor, settle_sensor
 from spikingtac.sim.optics import MarkerImage
 
-NO_PATTERN = np.zeros((1, 1), np.float32)
 TICK_US = 0.5
 
 
@@ -74,10 +73,12 @@ class PlainPixel:
 
 
 def one_pixel(pixel: PixelConfig, intensity: float) -> Sensor:
-    """Return a sensor of one pixel that rests at an intensity."""
+    """Return a sensor of one pixel that rests at an intensity, with the mean leak and no jitter."""
     light = LightConfig(contrast=1.0 / intensity)
     config = CameraConfig(size=(1, 1), light=light, pixel=pixel)
-    sensor = make_sensor(config, NO_PATTERN, np.random.default_rng(0))
+    sensor = make_sensor(config, np.random.default_rng(0))
+    sensor.pixels["mean_leak_per_us"] = sensor.pixels["threshold_on"] * pixel.leak_hz * 1e-6
+    sensor.chip["leak_jitter"] = 0.0
     settle_sensor(sensor, np.zeros((1, 1), np.float32), 0.0, "fresh", np.random.default_rng(0))
     return sensor
 
@@ -135,8 +136,6 @@ def test_a_pixel_fires_as_the_plain_one_does(bandwidth_hz, refractory_us, leak_h
         bandwidth_hz=bandwidth_hz,
         refractory_us=refractory_us,
         leak_hz=leak_hz,
-        leak_spread=0.0,
-        leak_jitter=0.0,
     )
     times_us, intensities = scribble(seed=3)
     sensor = one_pixel(pixel, 0.3)
@@ -155,7 +154,7 @@ def test_a_pixel_fires_as_the_plain_one_does(bandwidth_hz, refractory_us, leak_h
 
 
 def test_a_resting_pixel_is_due_when_its_leak_says():
-    sensor = one_pixel(PixelConfig(leak_hz=10.0, leak_spread=0.0, leak_jitter=0.0), 0.3)
+    sensor = one_pixel(PixelConfig(leak_hz=10.0), 0.3)
     px, out = sensor.pixels[0, 0], np.zeros(16, np.int64)
     assert predict_leak_event_kernel(px)
     assert px["leak_due_us"] == pytest.approx(100_000.0, rel=1e-5)
@@ -194,7 +193,7 @@ def test_coverage_follows_the_definition_for_ellipses_chords_and_gaps():
     discs = discs_of(image)
     light = LightConfig(blur_px=0.5)
     config = CameraConfig(size=(64, 64), light=light)
-    chip = make_sensor(config, NO_PATTERN, np.random.default_rng(0)).chip[0]
+    chip = make_sensor(config, np.random.default_rng(0)).chip[0]
     width_px = math.sqrt(0.25 + 1 / 12)
     expected = np.zeros((64, 64))
     for y in range(64):

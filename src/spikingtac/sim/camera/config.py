@@ -36,12 +36,9 @@ class LightConfig:
         vignetting: Fraction of the light that is lost at half a sensor width from the centre. The
             loss grows with the square of the distance.
         stray: Stray (veiling) light at every pixel, as an intensity. It lowers the contrast.
-        linear_below: Intensity below which the front end is linear instead of logarithmic.
-        texture: Relative rms of a random pattern behind the markers, as in a clear gel.
-        texture_px: Correlation length of that pattern, px. A small value gives texture, a large one
-            shading.
-        texture_follow: Displacement of the pattern divided by the mean displacement of the markers;
-            0 is a fixed pattern.
+        linear_below: Intensity below which the front end is linear instead of logarithmic. It also
+            adds to the light that sets the bandwidth, as in the emulator v2e.
+        texture: Relative rms of a fixed random pattern behind the markers.
     """
 
     contrast: float = 6.0
@@ -51,13 +48,10 @@ class LightConfig:
     stray: float = 0.0
     linear_below: float = 0.0
     texture: float = 0.0
-    texture_px: float = 4.0
-    texture_follow: float = 0.0
 
     def __post_init__(self) -> None:
         require_within(self, contrast=(1e-3, 1e3), blur_px=(0.05, 20.0), vignetting=(0.0, 0.45))
         require_within(self, stray=(0.0, 100.0), linear_below=(0.0, 0.99), texture=(0.0, 0.5))
-        require_within(self, texture_px=(0.5, 256.0), texture_follow=(-10.0, 10.0))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -70,10 +64,7 @@ class PixelConfig:
         mismatch: Standard deviation of both thresholds from pixel to pixel, in log intensity.
         bandwidth_hz: Corner frequency of the photoreceptor at intensity 1, Hz. It is proportional
             to intensity. None is an infinite bandwidth.
-        dark: Dark current as an equivalent intensity. It raises the bandwidth only.
         leak_hz: Rate of the ON events that the leak of the reference causes at rest, Hz.
-        leak_spread: Standard deviation of the decimal logarithm of that rate from pixel to pixel.
-        leak_jitter: Relative standard deviation of the rate, drawn anew after each event.
         refractory_us: Dead time after an event, us. The reference is sampled at its end.
         latency_us: Delay of an event at intensity 1, us. It is inversely proportional to intensity.
         jitter_us: Standard deviation of that delay, us.
@@ -83,18 +74,14 @@ class PixelConfig:
     threshold_off: float = 0.25
     mismatch: float = 0.0
     bandwidth_hz: float | None = None
-    dark: float = 0.0
     leak_hz: float = 0.0
-    leak_spread: float = 0.1
-    leak_jitter: float = 0.1
     refractory_us: float = 0.0
     latency_us: float = 0.0
     jitter_us: float = 0.0
 
     def __post_init__(self) -> None:
         require_within(self, threshold_on=(0.02, 10.0), threshold_off=(0.02, 10.0))
-        require_within(self, mismatch=(0.0, 1.0), bandwidth_hz=(1e-3, 1e7), dark=(0.0, 100.0))
-        require_within(self, leak_hz=(0.0, 1e4), leak_spread=(0.0, 1.0), leak_jitter=(0.0, 1.0))
+        require_within(self, mismatch=(0.0, 1.0), bandwidth_hz=(1e-3, 1e7), leak_hz=(0.0, 1e4))
         require_within(self, refractory_us=(0.0, 1e6), latency_us=(0.0, 1e6), jitter_us=(0.0, 1e5))
 
 

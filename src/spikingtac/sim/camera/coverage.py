@@ -18,38 +18,18 @@ SHORTEST_STEP_US = 20.0  # Shortest step, us. Faster motions travel further in o
 # Margin around an edge, px, so that pixels see zero and full coverage before the edge passes.
 _MARGIN_PX = 0.1
 
-# One marker on the sensor.
-DISC_DTYPE = np.dtype(
-    [
-        ("x", "f8"),  # centre, px
-        ("y", "f8"),
-        ("xx", "f8"),  # shape, see MarkerImage: undeformed = (xx dx + xy dy, yx dx + yy dy)
-        ("xy", "f8"),
-        ("yx", "f8"),
-        ("yy", "f8"),
-        ("radius", "f8"),  # px, 0 where no marker is
-        ("scale", "f8"),  # undeformed px in one px of the sensor
-        ("chord_x", "f8"),  # what is left of a broken disc, see MarkerImage.chord
-        ("chord_y", "f8"),
-        ("chord_px", "f8"),
-    ],
-    align=True,
-)
+# One marker on the sensor. Centre, px. Shape, see MarkerImage: undeformed offset = (xx dx + xy dy,
+# yx dx + yy dy). Radius, px, 0 where no marker is. Scale: undeformed px in one px of the sensor.
+# Chord: what is left of a broken disc, see MarkerImage.
+_DISC = ("x", "y", "xx", "xy", "yx", "yy", "radius", "scale", "chord_x", "chord_y", "chord_px")
+DISC_DTYPE = np.dtype([(name, "f8") for name in _DISC])
 
-# How one marker is rendered between two images.
-SWEEP_PLAN_DTYPE = np.dtype(
-    [
-        ("leader", "i8"),  # lowest index of the markers that share pixels; -1: stays as it is
-        ("following", "i8"),  # the next marker of the same group, -1 for the last
-        ("steps", "i8"),  # of the group, at its leader
-        ("x_first", "i8"),  # box that the marker can touch, not clipped, px
-        ("y_first", "i8"),
-        ("x_last", "i8"),
-        ("y_last", "i8"),
-        ("margin_px", "f8"),  # how far beyond an edge's reach pixels are visited
-    ],
-    align=True,
-)
+# How one marker is rendered between two images. Leader: lowest index of the markers that share
+# pixels, -1 where it stays as it is. Following: next marker of the same group, -1 for the last.
+# Steps: of the group, at its leader. First and last: box that the marker can touch, not clipped,
+# px. Margin: how far beyond an edge's reach pixels are visited, px.
+_PLAN = ("leader", "following", "steps", "x_first", "y_first", "x_last", "y_last")
+SWEEP_PLAN_DTYPE = np.dtype([*((name, "i8") for name in _PLAN), ("margin_px", "f8")])
 
 
 def discs_of(image: MarkerImage) -> NDArray[Any]:
@@ -59,7 +39,7 @@ def discs_of(image: MarkerImage) -> NDArray[Any]:
     (xx, xy), (yx, yy) = np.asarray(image.shape, np.float64).transpose(1, 2, 0)
     scale = np.sqrt(np.abs(xx * yy - xy * yx))
     columns = *np.asarray(image.center_px).T, xx, xy, yx, yy, image.radius_px, scale, *chord
-    for name, column in zip(DISC_DTYPE.names or (), columns, strict=True):
+    for name, column in zip(_DISC, columns, strict=True):
         discs[name] = column
     return discs
 
@@ -96,18 +76,20 @@ def disc_coverage_kernel(disc: Any, chip: Any, x: float, y: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _half_size_kernel(disc: Any) -> tuple[float, float]:
+    """Return half the width and half the height of a marker, px."""
+    size = disc["radius"] / disc["scale"] ** 2
+    return size * math.hypot(disc["yy"], disc["xy"]), size * math.hypot(disc["xx"], disc["yx"])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _set_box_kernel(before: Any, after: Any, slack_px: float, box: Any) -> None:
     """Write the box that a marker sweeps with a margin, not clipped to the sensor."""
-    size = before["radius"] / before["scale"] ** 2
-    size_after = after["radius"] / after["scale"] ** 2
-    half, half_after = math.hypot(before["yy"], before["xy"]), math.hypot(after["yy"], after["xy"])
-    half, half_after = size * half, size_after * half_after
-    box["x_first"] = math.floor(min(before["x"] - half, after["x"] - half_after) - slack_px)
-    box["x_last"] = math.ceil(max(before["x"] + half, after["x"] + half_after) + slack_px)
-    half, half_after = math.hypot(before["xx"], before["yx"]), math.hypot(after["xx"], after["yx"])
-    half, half_after = size * half, size_after * half_after
-    box["y_first"] = math.floor(min(before["y"] - half, after["y"] - half_after) - slack_px)
-    box["y_last"] = math.ceil(max(before["y"] + half, after["y"] + half_after) + slack_px)
+    (ax, ay), (bx, by) = _half_size_kernel(before), _half_size_kernel(after)
+    box["x_first"] = math.floor(min(before["x"] - ax, after["x"] - bx) - slack_px)
+    box["x_last"] = math.ceil(max(before["x"] + ax, after["x"] + bx) + slack_px)
+    box["y_first"] = math.floor(min(before["y"] - ay, after["y"] - by) - slack_px)
+    box["y_last"] = math.ceil(max(before["y"] + ay, after["y"] + by) + slack_px)
     if before["radius"] <= 0.0 and after["radius"] <= 0.0:
         box["x_last"], box["y_last"] = box["x_first"] - 1, box["y_first"] - 1
 
@@ -117,9 +99,8 @@ def coverage_image_kernel(discs: NDArray[Any], chip: Any, coverage: NDArray[np.f
     """Write the fractions ``(height, width)`` of the pixels that ``(m,)`` markers cover."""
     coverage[:, :] = 0.0
     height, width = coverage.shape
-    boxes = np.empty(len(discs), SWEEP_PLAN_DTYPE)
-    for k in range(len(discs)):
-        disc, box = discs[k], boxes[k]
+    box = np.empty(1, SWEEP_PLAN_DTYPE)[0]
+    for disc in discs:
         _set_box_kernel(disc, disc, chip["edge_half_width_px"] + 1.0, box)
         for y in range(max(box["y_first"], 0), min(box["y_last"], height - 1) + 1):
             for x in range(max(box["x_first"], 0), min(box["x_last"], width - 1) + 1):
@@ -165,17 +146,14 @@ def plan_sweep_kernel(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _group_kernel(plan: NDArray[Any], moving: NDArray[np.bool_]) -> None:
     """Group the markers whose boxes overlap, and link the groups in which one moves."""
-    for k in range(len(plan)):
-        plan[k]["leader"], plan[k]["following"] = k, -1
-    changed = True
-    while changed:
-        changed = False
-        for a in range(len(plan)):
-            for b in range(a):
-                one, two = plan[a]["leader"], plan[b]["leader"]
-                if one != two and _overlap_kernel(plan[a], plan[b]):
-                    plan[a]["leader"] = plan[b]["leader"] = min(one, two)
-                    changed = True
+    for a in range(len(plan)):
+        plan[a]["leader"], plan[a]["following"] = a, -1
+        for b in range(a):
+            one, two = plan[a]["leader"], plan[b]["leader"]
+            if one != two and _overlap_kernel(plan[a], plan[b]):
+                for c in range(a + 1):  # the group with the higher leader joins the other
+                    if plan[c]["leader"] == max(one, two):
+                        plan[c]["leader"] = min(one, two)
     for k in range(len(plan)):
         moving[plan[k]["leader"]] |= moving[k]
     last = np.empty(len(plan), np.int64)

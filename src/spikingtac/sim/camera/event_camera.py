@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray
 from spikingtac.sim.camera import coverage, readout, sensor, sweep
 from spikingtac.sim.camera.config import CameraConfig
 from spikingtac.sim.optics import MarkerImage
@@ -39,8 +37,8 @@ class EventCamera:
     Args:
         config: Settings of the sensor.
         seed: Seed of the noise, and of the individual sensor if ``serial`` is None.
-        serial: Number of the individual sensor. It fixes threshold mismatch, hot pixels and ground
-            pattern for every seed.
+        serial: Number of the individual sensor. It fixes threshold mismatch, hot pixels and texture
+            for every seed.
         still_px: Motion of a marker up to which it is not rendered again, px.
 
     Attributes:
@@ -55,18 +53,11 @@ class EventCamera:
         serial: int | None = None,
         still_px: float = STILL_PX,
     ) -> None:
-        noise_streams = np.random.default_rng(seed).spawn(5)
-        sensor_streams = noise_streams if serial is None else np.random.default_rng(serial).spawn(5)
-        self.size, light = config.size, config.light
-        self._still_px, self._follow = still_px, light.texture_follow
-        self._rng = noise_streams[3]
-        pattern = sensor.texture_field(light, sensor_streams[4])
-        self._sensor = sensor.make_sensor(config, pattern, sensor_streams[0])
-        self._ground: sweep.Ground | None = None  # of a pattern that moves
-        if light.texture > 0 and light.texture_follow != 0:
-            gain = sensor.vignette(light, config.size).astype(np.float32)
-            self._ground = sweep.Ground(gain, pattern, *sensor.intensities(light), light.stray)
-        pixels = self._sensor.pixels
+        noise_streams = np.random.default_rng(seed).spawn(4)
+        sensor_streams = noise_streams if serial is None else np.random.default_rng(serial).spawn(4)
+        self.size, self._limits, self._rng = config.size, (MAX_STEP_US, still_px), noise_streams[3]
+        self._sensor = sensor.make_sensor(config, sensor_streams[0])
+        pixels, log = self._sensor.pixels, self._sensor.chip["log_intensity"]
         self._noise = readout.make_noise(config.background, pixels.size, sensor_streams[1])
         if serial is not None:  # the same pixels, but not the same noise in every recording
             self._sensor.chip["key"] = noise_streams[0].integers(0, 1 << 63)
@@ -78,7 +69,6 @@ class EventCamera:
         self._discs = np.empty(0, coverage.DISC_DTYPE)
         self._t_us: int | None = None  # up to which events have been returned
         lowest = float(min(pixels["threshold_on"].min(), pixels["threshold_off"].min()))
-        log = self._sensor.chip["log_intensity"]
         self._max_crossings = 1 + int(float(log.max() - log.min()) / lowest)
         self._fastest_leak = float(pixels["mean_leak_per_us"].max()) / lowest
 
@@ -94,13 +84,12 @@ class EventCamera:
         """
         self._discs = coverage.discs_of(image)
         self._plan = np.zeros(len(self._discs), coverage.SWEEP_PLAN_DTYPE)
-        self._coverage = np.empty(self.size[::-1], np.float32)
-        coverage.coverage_image_kernel(self._discs, self._sensor.chip[0], self._coverage)
-        sensor.settle_sensor(self._sensor, self._coverage, float(image.t_us), history, self._rng)
-        self._origin = _mean_place(self._discs)
-        self._readout.reset(int(image.t_us))
-        readout.start_noise(self._noise, float(image.t_us))
+        covered = np.empty(self.size[::-1], np.float32)
+        coverage.coverage_image_kernel(self._discs, self._sensor.chip[0], covered)
         self._t_us = int(image.t_us)
+        sensor.settle_sensor(self._sensor, covered, float(self._t_us), history, self._rng)
+        self._readout.reset(self._t_us)
+        readout.start_noise(self._noise, float(self._t_us))
 
     def advance(self, images: Sequence[MarkerImage]) -> EventPacket:
         """Return the events from the present time to the time of the last image.
@@ -134,39 +123,16 @@ class EventCamera:
             )
         if image.t_us <= start_us:
             raise ValueError(f"the image's time {image.t_us} us is not after {start_us} us")
-        after, end_us, plan = coverage.discs_of(image), int(image.t_us), self._plan
-        span_us = float(end_us - start_us)
-        reach_px = float(self._sensor.chip["edge_half_width_px"][0])
-        limits = MAX_STEP_US, self._still_px
-        coverage.plan_sweep_kernel(self._discs, after, reach_px, span_us, limits, plan)
-        work = np.empty_like(after)
-        moved = sweep.MarkerSweep(self._discs, after, work, plan, float(start_us), float(end_us))
-        self._reserve_outbox(span_us)
-        if self._ground is None:
-            sweep.sweep_kernel(self._sensor, moved, self._out)
-        else:
-            self._render_frames(moved, self._ground)
+        after, end_us = coverage.discs_of(image), int(image.t_us)
+        moved = sweep.MarkerSweep(
+            self._discs, after, np.empty_like(after), self._plan, float(start_us), float(end_us)
+        )
+        self._reserve_outbox(float(end_us - start_us))
+        sweep.sweep_kernel(self._sensor, moved, self._limits, self._out)
         while not readout.background_events_kernel(self._noise, moved.end_us, self._out):
             self._drain()
         self._drain()
         return self._readout.release(end_us)
-
-    def _render_frames(self, whole: sweep.MarkerSweep, ground: sweep.Ground) -> None:
-        """Render every pixel at every step of the motion between two images."""
-        duration_us, times = whole.end_us - whole.start_us, whole.plan["steps"]
-        steps = int(times.max(initial=max(1, math.ceil(duration_us / MAX_STEP_US))))
-        span_us = duration_us / steps
-        for number in range(1, steps + 1):
-            for before, after, now in zip(whole.before, whole.after, whole.now, strict=True):
-                sweep.interpolate_disc_kernel(before, after, number / steps, now)
-            coverage.coverage_image_kernel(whole.now, self._sensor.chip[0], self._coverage)
-            end_us = whole.end_us if number == steps else whole.start_us + number * span_us
-            x, y = (self._follow * (_mean_place(whole.now) - self._origin)).tolist()
-            sweep.full_frame_kernel(
-                self._sensor, self._coverage, ground, (x, y), (end_us, span_us), self._out
-            )
-            self._drain()
-        whole.before[:] = whole.after
 
     def _reserve_outbox(self, span_us: float) -> None:
         """Enlarge the outbox to the most events that all pixels can emit in the next interval.
@@ -174,9 +140,9 @@ class EventCamera:
         The system gives memory to the pages that are written, which are few.
         """
         leaks = 2 + int(4 * self._fastest_leak * span_us)
-        most = _MAX_LIGHT_SWINGS * self._max_crossings + leaks
-        if self._sensor.pixels.size * most >= len(self._out):
-            self._out = np.zeros(1 + 2 * self._sensor.pixels.size * most, np.int64)
+        most = self._sensor.pixels.size * (_MAX_LIGHT_SWINGS * self._max_crossings + leaks)
+        if most >= len(self._out):
+            self._out = np.zeros(1 + 2 * most, np.int64)
 
     def _drain(self) -> None:
         count = int(self._out[0])
@@ -184,7 +150,3 @@ class EventCamera:
             raise RuntimeError("more events than a motion can cause; please report this scene")
         self._readout.collect(self._out[1 : 1 + count])
         self._out[0] = 0
-
-
-def _mean_place(discs: NDArray[Any]) -> FloatArray:
-    return np.array([discs["x"].mean(), discs["y"].mean()]) if len(discs) else np.zeros(2)

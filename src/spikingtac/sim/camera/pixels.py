@@ -39,51 +39,36 @@ _DROP_TO_53_BITS, _PIXEL_SHIFT = np.uint64(11), np.uint64(32)
 _UNIT_53 = 1.0 / (1 << 53)
 
 # Parameters and state of one pixel, in one record: an update touches one place in memory.
+# Times, us: up to which the state is valid; end of the dead time; next leak event ("never" while
+# unsettled); time stamp of the last event. Light: present one, the one at the start of the present
+# span, without a marker, and what full coverage adds; white is 1. Levels: log of the present light,
+# the same behind the low-pass, and that minus the reference (undefined in the dead time). Leak:
+# present drift of the difference and its mean, 1/us. Number of events so far; row-major index; 1
+# while in the list of unsettled pixels.
+_TIMES = ("updated_us", "dead_until_us", "leak_due_us", "last_event_us")
+_LIGHT = ("intensity", "previous_intensity", "ground_intensity", "marker_increment")
+_LEVELS = ("target_level", "level", "difference", "threshold_on", "threshold_off")
+_SINGLE = (*_LIGHT, *_LEVELS, "leak_per_us", "mean_leak_per_us")
+_WHOLE = [("event_count", "u4"), ("index", "i4"), ("queued", "u1")]
 PIXEL_DTYPE = np.dtype(
-    [
-        ("updated_us", "f8"),  # time up to which the state is valid
-        ("dead_until_us", "f8"),  # end of the dead time, us
-        ("leak_due_us", "f8"),  # time of the next leak event; "never" while unsettled
-        ("last_event_us", "f8"),  # time stamp of the last event
-        ("intensity", "f4"),  # present light, white is 1
-        ("previous_intensity", "f4"),  # light at the start of the present span
-        ("target_level", "f4"),  # log of the present light
-        ("level", "f4"),  # low-passed log light
-        ("difference", "f4"),  # level minus reference; undefined in the dead time
-        ("leak_per_us", "f4"),  # present drift of the difference, 1/us
-        ("threshold_on", "f4"),  # log intensity
-        ("threshold_off", "f4"),  # log intensity
-        ("mean_leak_per_us", "f4"),  # mean of ``leak_per_us``
-        ("ground_intensity", "f4"),  # intensity without a marker
-        ("marker_increment", "f4"),  # intensity that full coverage adds
-        ("event_count", "u4"),  # number of events so far
-        ("index", "i4"),  # row-major index
-        ("queued", "u1"),  # 1 while in the list of unsettled pixels
-    ],
-    align=True,
+    [*((name, "f8") for name in _TIMES), *((name, "f4") for name in _SINGLE), *_WHOLE], align=True
 )
 EDGE_ENTRIES, LOG_ENTRIES, DECAY_ENTRIES = 512, 2048, 1024  # Lengths of the lookup tables.
 
 # Parameters that all pixels share, in one record: Numba counts references to arrays only.
-CHIP_DTYPE = np.dtype(
-    [
-        ("white_rate_per_us", "f8"),  # inverse time constant per unit of (intensity + dark), 1/us
-        ("dark", "f8"),  # dark current as an intensity
-        ("refractory_us", "f8"),
-        ("latency_us", "f8"),  # at intensity 1
-        ("jitter_us", "f8"),
-        ("leak_jitter", "f8"),  # relative, drawn after each event
-        ("key", "u8"),  # of the random numbers
-        ("edge_half_width_px", "f8"),  # half-width of an edge: beyond it coverage is exactly 0 or 1
-        ("edge_per_px", "f8"),  # entries of ``edge`` per px
-        ("log_per_unit", "f8"),  # entries of ``log`` per unit of intensity
-        ("decay_per_unit", "f8"),  # entries of ``decay`` per time constant
-        ("edge_coverage", "f4", (EDGE_ENTRIES,)),  # coverage from outside to inside of an edge
-        ("log_intensity", "f4", (LOG_ENTRIES,)),  # logarithm by intensity
-        ("decay_table", "f4", (DECAY_ENTRIES,)),  # exp(-x), the last one 0
-    ],
-    align=True,
-)
+# Inverse time constant per unit of (intensity + dark), 1/us; dead time, latency (at intensity 1)
+# and its jitter, us; relative jitter of the leak, drawn after each event; half-width of an edge,
+# px, beyond which coverage is exactly 0 or 1; entries of each table per px, unit of intensity and
+# time constant; key of the random numbers; coverage from outside to inside of an edge, logarithm
+# by intensity, and exp(-x), whose last entry is 0.
+_TIMING = ("white_rate_per_us", "dark", "refractory_us", "latency_us", "jitter_us", "leak_jitter")
+_SCALES = ("edge_half_width_px", "edge_per_px", "log_per_unit", "decay_per_unit")
+_TABLES = [
+    ("edge_coverage", "f4", (EDGE_ENTRIES,)),
+    ("log_intensity", "f4", (LOG_ENTRIES,)),
+    ("decay_table", "f4", (DECAY_ENTRIES,)),
+]
+CHIP_DTYPE = np.dtype([*((name, "f8") for name in (*_TIMING, *_SCALES)), ("key", "u8"), *_TABLES])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

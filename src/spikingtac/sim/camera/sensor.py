@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr, ndtri
 
 from spikingtac.arrays import FloatArray
@@ -23,8 +24,10 @@ from spikingtac.sim.camera.pixels import (
 _EDGE_TAIL = 5e-4
 _DECAY_MAX = 16.0  # Number of time constants after which an exponential is taken as zero (1e-7).
 _PIXEL_BOX_VARIANCE_PX2 = 1.0 / 12.0
-_TEXTURE_PERIOD_PX = 512
-_PATTERN_LIMIT = 0.9  # Largest relative brightness of a pattern: the light stays positive.
+LEAK_SPREAD = 0.1  # Standard deviation of a pixel's leak rate, decades (as in v2e).
+LEAK_JITTER = 0.1  # Relative standard deviation of that rate, drawn after each event (as in v2e).
+_TEXTURE_PX = 5.0  # Correlation length of a textured ground, px.
+_TEXTURE_LIMIT = 0.9  # Largest relative brightness of a texture: the light stays positive.
 _INSTANT_PER_US = 1e6  # Inverse time constant that stands for a photoreceptor without low-pass.
 _HEADROOM = 1.05
 DARKEST = 1e-4  # Lowest intensity that a pixel can see; white is 1.
@@ -44,8 +47,6 @@ class Sensor(NamedTuple):
         unsettled: ``(n,)`` indices of the unsettled pixels. The first ``unsettled_count[0]`` are
             valid.
         unsettled_count: ``(1,)`` number of unsettled pixels.
-        known_unsettled: ``(n,)`` 1 for each pixel that is known to be unsettled at the end of the
-            interval. This byte saves a second access to the pixel's record.
         row_leak_due_us: ``(height,)`` lower bound of the pixels' ``leak_due_us`` in each row, us.
     """
 
@@ -53,51 +54,53 @@ class Sensor(NamedTuple):
     chip: NDArray[Any]
     unsettled: NDArray[np.int32]
     unsettled_count: NDArray[np.int64]
-    known_unsettled: NDArray[np.uint8]
     row_leak_due_us: FloatArray
 
 
-def make_sensor(
-    config: CameraConfig, pattern: NDArray[np.float32], rng: np.random.Generator
-) -> Sensor:
+def make_sensor(config: CameraConfig, rng: np.random.Generator) -> Sensor:
     """Draw an individual sensor.
 
     Args:
         config: Settings of the sensor.
-        pattern: ``(p, p)`` relative brightness of the ground, periodic.
-        rng: Source of mismatch, leak spread and the key of the random numbers.
+        rng: Source of mismatch, leak spread, texture and the key of the random numbers.
     """
-    (width, height), pixel = config.size, config.pixel
+    (width, height), pixel, light = config.size, config.pixel, config.light
     pixels = np.zeros((height, width), PIXEL_DTYPE)
     pixels["index"] = np.arange(height * width).reshape(height, width)
     spread = pixel.mismatch * rng.standard_normal((2, height, width))
     for part, name in zip(spread, ("threshold_on", "threshold_off"), strict=True):
         nominal = getattr(pixel, name)
         pixels[name] = np.maximum(nominal + part, _LOWEST_THRESHOLD * nominal)
-    decades = pixel.leak_spread * rng.standard_normal(pixels.shape)
+    decades = LEAK_SPREAD * rng.standard_normal(pixels.shape)
     # A log-normal's mean exceeds its median; the configured rate is the mean over the array.
-    mean = np.exp((pixel.leak_spread * np.log(10)) ** 2 / 2)
+    mean = np.exp((LEAK_SPREAD * np.log(10)) ** 2 / 2)
     pixels["mean_leak_per_us"] = pixels["threshold_on"] * pixel.leak_hz * 1e-6 * 10**decades / mean
-    marker, ground = intensities(config.light)
-    gain, stray = vignette(config.light, config.size), config.light.stray
-    rows, columns = np.arange(height) % len(pattern), np.arange(width) % len(pattern)
-    bare = gain * ground * (1 + pattern[rows[:, None], columns])
-    pixels["ground_intensity"] = (bare + stray).clip(DARKEST, None)
-    pixels["marker_increment"] = gain * marker + stray - pixels["ground_intensity"]
+    # The brighter of marker and ground is 1; vignetting grows with the square of the radius.
+    marker, ground = (1.0, 1.0 / light.contrast) if light.contrast >= 1 else (light.contrast, 1.0)
+    x, y = np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2
+    square = (x[None, :] ** 2 + y[:, None] ** 2) / (max(config.size) / 2) ** 2
+    gain = (1.0 - light.vignetting * square).clip(DARKEST, None)
+    bare = gain * ground
+    if light.texture > 0:
+        noise = rng.spawn(1)[0].standard_normal(bare.shape)
+        field = gaussian_filter(noise, _TEXTURE_PX, mode="wrap")
+        field *= light.texture / field.std()
+        bare *= 1 + field.clip(-_TEXTURE_LIMIT, _TEXTURE_LIMIT)
+    pixels["ground_intensity"] = (bare + light.stray).clip(DARKEST, None)
+    pixels["marker_increment"] = gain * marker + light.stray - pixels["ground_intensity"]
     covered = pixels["ground_intensity"] + pixels["marker_increment"]
     chip = np.zeros(1, CHIP_DTYPE)
-    rate = _INSTANT_PER_US
-    if pixel.bandwidth_hz is not None:
-        rate = 2 * math.pi * pixel.bandwidth_hz * 1e-6
-    chip["white_rate_per_us"] = rate / (1.0 + pixel.dark)
-    for name in ("dark", "refractory_us", "latency_us", "jitter_us", "leak_jitter"):
+    instant = pixel.bandwidth_hz is None
+    rate = _INSTANT_PER_US if instant else 2 * math.pi * pixel.bandwidth_hz * 1e-6
+    chip["white_rate_per_us"] = rate / (1.0 + light.linear_below)
+    chip["dark"], chip["leak_jitter"] = light.linear_below, LEAK_JITTER
+    for name in ("refractory_us", "latency_us", "jitter_us"):
         chip[name] = getattr(pixel, name)
     chip["key"] = rng.integers(0, 1 << 63)
     brightest = float(np.maximum(pixels["ground_intensity"], covered).max())
-    _fill_lookup_tables(chip, config.light, brightest)
-    count = height * width
-    unsettled, known = np.empty(count, np.int32), np.zeros(count, np.uint8)
-    return Sensor(pixels, chip, unsettled, np.zeros(1, np.int64), known, np.full(height, np.inf))
+    _fill_lookup_tables(chip, light, brightest)
+    unsettled = np.empty(height * width, np.int32), np.zeros(1, np.int64)
+    return Sensor(pixels, chip, *unsettled, np.full(height, np.inf))
 
 
 def _fill_lookup_tables(chip: NDArray[Any], light: LightConfig, brightest: float) -> None:
@@ -125,37 +128,6 @@ def _fill_lookup_tables(chip: NDArray[Any], light: LightConfig, brightest: float
     chip["decay_table"][0] = np.exp(-np.linspace(0, _DECAY_MAX, DECAY_ENTRIES))
     chip["decay_table"][0, -1] = 0.0
     chip["decay_per_unit"] = (DECAY_ENTRIES - 1) / _DECAY_MAX
-
-
-def intensities(light: LightConfig) -> tuple[float, float]:
-    """Return the intensities of marker and ground. The brighter one is 1."""
-    return (1.0, 1.0 / light.contrast) if light.contrast >= 1 else (light.contrast, 1.0)
-
-
-def vignette(light: LightConfig, size: tuple[int, int]) -> FloatArray:
-    """Return the fraction of the light that reaches each pixel, ``(height, width)``."""
-    width, height = size
-    x = np.arange(width) - (width - 1) / 2
-    y = np.arange(height) - (height - 1) / 2
-    square = (x[None, :] ** 2 + y[:, None] ** 2) / (max(size) / 2) ** 2
-    return (1.0 - light.vignetting * square).clip(DARKEST, None)
-
-
-def texture_field(light: LightConfig, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Return a periodic random pattern ``(512, 512)`` of mean 0 and of the configured rms.
-
-    Without texture the result is a single 0, of shape ``(1, 1)``.
-    """
-    if light.texture <= 0:
-        return np.zeros((1, 1), np.float32)
-    noise = rng.standard_normal((_TEXTURE_PERIOD_PX, _TEXTURE_PERIOD_PX))
-    frequency = np.fft.fftfreq(_TEXTURE_PERIOD_PX)
-    square = frequency[:, None] ** 2 + frequency[None, :] ** 2
-    smooth = np.exp(-2 * (math.pi * light.texture_px) ** 2 * square)
-    field = np.fft.ifft2(np.fft.fft2(noise) * smooth).real
-    field -= field.mean()
-    pattern = (light.texture * field / field.std()).clip(-_PATTERN_LIMIT, _PATTERN_LIMIT)
-    return pattern.astype(np.float32)
 
 
 def settle_sensor(

@@ -1,8 +1,4 @@
-"""Render moving markers: the pixels near a moving edge, or the whole frame.
-
-The whole frame is rendered where a pattern moves behind the markers. Such a pattern leaves no pixel
-at rest, so that every pixel is updated at every step, which takes some hundred times as long.
-"""
+"""Render moving markers: only the pixels near a moving edge are computed step by step."""
 
 from __future__ import annotations
 
@@ -13,7 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.sim.camera.coverage import disc_coverage_kernel, edge_coverage_kernel
+from spikingtac.sim.camera.coverage import (
+    disc_coverage_kernel,
+    edge_coverage_kernel,
+    plan_sweep_kernel,
+)
 from spikingtac.sim.camera.pixels import (
     SAME_LIGHT,
     advance_constant_light_kernel,
@@ -24,7 +24,7 @@ from spikingtac.sim.camera.pixels import (
     intensity_kernel,
     predict_leak_event_kernel,
 )
-from spikingtac.sim.camera.sensor import DARKEST, Sensor
+from spikingtac.sim.camera.sensor import Sensor
 
 
 class MarkerSweep(NamedTuple):
@@ -34,7 +34,7 @@ class MarkerSweep(NamedTuple):
         before: ``(m,)`` discs as last rendered; overwritten by the discs at the end.
         after: ``(m,)`` discs at the end.
         now: ``(m,)`` work space for the discs at the present step.
-        plan: ``(m,)`` result of :func:`~spikingtac.sim.camera.coverage.plan_sweep_kernel`.
+        plan: ``(m,)`` work space of :func:`~spikingtac.sim.camera.coverage.plan_sweep_kernel`.
         start_us: Time of the first image, us.
         end_us: Time of the second image, us.
     """
@@ -45,24 +45,6 @@ class MarkerSweep(NamedTuple):
     plan: NDArray[Any]
     start_us: float
     end_us: float
-
-
-class Ground(NamedTuple):
-    """The light of the ground and of the markers on it.
-
-    Attributes:
-        gain: ``(height, width)`` vignetting.
-        pattern: ``(p, p)`` periodic relative brightness of the ground.
-        marker: Intensity of a marker.
-        ground: Mean intensity of the ground.
-        stray: Stray light.
-    """
-
-    gain: NDArray[np.float32]
-    pattern: NDArray[np.float32]
-    marker: float
-    ground: float
-    stray: float
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -121,8 +103,6 @@ def _update_edge_pixels_kernel(
                 px["queued"] = 1
                 sensor.unsettled[sensor.unsettled_count[0]] = px["index"]
                 sensor.unsettled_count[0] += 1
-            if end_us == sweep.end_us and not predict_leak_event_kernel(px):
-                sensor.known_unsettled[px["index"]] = 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -162,23 +142,18 @@ def _move_group_kernel(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _advance_unsettled_kernel(sensor: Sensor, out: NDArray[np.int64], until_us: float) -> None:
     """Advance the unsettled pixels to the end of the interval. Drop those that have settled."""
-    pixels, chip = sensor.pixels, sensor.chip[0]
-    unsettled, known_unsettled = sensor.unsettled, sensor.known_unsettled
-    kept = 0
+    pixels, chip, unsettled, kept = sensor.pixels, sensor.chip[0], sensor.unsettled, 0
     for n in range(sensor.unsettled_count[0]):
-        place = unsettled[n]
-        if known_unsettled[place] == 0:
-            row, column = divmod(place, pixels.shape[1])
-            px = pixels[row, column]
-            if not advance_settled_kernel(px, until_us):
-                advance_constant_light_kernel(px, chip, out, until_us)
-            if predict_leak_event_kernel(px):
-                px["queued"] = 0
-                sensor.row_leak_due_us[row] = min(sensor.row_leak_due_us[row], px["leak_due_us"])
-                continue
-        known_unsettled[place] = 0
-        unsettled[kept] = place
-        kept += 1
+        row, column = divmod(unsettled[n], pixels.shape[1])
+        px = pixels[row, column]
+        if not advance_settled_kernel(px, until_us):
+            advance_constant_light_kernel(px, chip, out, until_us)
+        if predict_leak_event_kernel(px):
+            px["queued"] = 0
+            sensor.row_leak_due_us[row] = min(sensor.row_leak_due_us[row], px["leak_due_us"])
+        else:
+            unsettled[kept] = unsettled[n]
+            kept += 1
     sensor.unsettled_count[0] = kept
 
 
@@ -200,15 +175,20 @@ def _emit_leak_events_kernel(sensor: Sensor, out: NDArray[np.int64], until_us: f
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def sweep_kernel(sensor: Sensor, sweep: MarkerSweep, out: NDArray[np.int64]) -> None:
+def sweep_kernel(
+    sensor: Sensor, sweep: MarkerSweep, limits: tuple[float, float], out: NDArray[np.int64]
+) -> None:
     """Render the motion between two images; the pixels near moving edges are visited.
 
     Args:
         sensor: State of the pixels, advanced to the end of the sweep.
         sweep: Motion of the markers.
+        limits: Longest step, us, and the motion below which a marker is not rendered, px.
         out: ``out[0]`` counts the events, whose keys follow.
     """
-    plan = sweep.plan
+    plan, reach_px = sweep.plan, sensor.chip[0]["edge_half_width_px"]
+    span_us = sweep.end_us - sweep.start_us
+    plan_sweep_kernel(sweep.before, sweep.after, reach_px, span_us, limits, plan)
     for leader in range(plan.shape[0]):
         if plan[leader]["leader"] == leader:
             _move_group_kernel(sensor, sweep, out, leader)
@@ -217,45 +197,3 @@ def sweep_kernel(sensor: Sensor, sweep: MarkerSweep, out: NDArray[np.int64]) -> 
             sweep.before[k] = sweep.after[k]
     _advance_unsettled_kernel(sensor, out, sweep.end_us)
     _emit_leak_events_kernel(sensor, out, sweep.end_us)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def sample_pattern_kernel(pattern: NDArray[np.float32], x: float, y: float) -> float:
-    """Return the value of a periodic pattern between its samples (bilinear interpolation)."""
-    rows, columns = pattern.shape
-    left, top = math.floor(x), math.floor(y)
-    fraction_x, fraction_y = x - left, y - top
-    x0, y0 = left % columns, top % rows
-    x1, y1 = (x0 + 1) % columns, (y0 + 1) % rows
-    upper = pattern[y0, x0] + fraction_x * (pattern[y0, x1] - pattern[y0, x0])
-    lower = pattern[y1, x0] + fraction_x * (pattern[y1, x1] - pattern[y1, x0])
-    return float(upper + fraction_y * (lower - upper))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def full_frame_kernel(
-    sensor: Sensor,
-    coverage: NDArray[np.float32],
-    ground: Ground,
-    shift_px: tuple[float, float],
-    times: tuple[float, float],
-    out: NDArray[np.int64],
-) -> None:
-    """Advance every pixel by one step, which ends and lasts ``times``, us.
-
-    ``shift_px`` is the shift of the pattern along x and y at the end of the step; see
-    :func:`sweep_kernel` for the rest.
-    """
-    pixels, chip = sensor.pixels, sensor.chip[0]
-    end_us, span_us = times
-    start_us = end_us - span_us
-    for y in range(pixels.shape[0]):
-        for x in range(pixels.shape[1]):
-            px = pixels[y, x]
-            relative = sample_pattern_kernel(ground.pattern, x - shift_px[0], y - shift_px[1])
-            bare = ground.ground * (1.0 + relative)
-            light = bare + (ground.marker - bare) * coverage[y, x]
-            intensity = max(ground.gain[y, x] * light + ground.stray, DARKEST)
-            rise = advance_light_ramp_kernel(px, chip, intensity, end_us, span_us)
-            if not change_below_threshold_kernel(px, start_us, rise):
-                emit_crossings_kernel(px, chip, out, start_us, span_us, rise)
