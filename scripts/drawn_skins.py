@@ -61,7 +61,7 @@ def drawn(work: Path, number: int, draw: Draw) -> Path:
             path,
             mm=np.array([state.marker_mm for state in frames], np.float32),
             grad=np.array([state.gradient for state in frames], np.float32),
-            touching=np.array([state.patch.touching for state in frames]),
+            touching=np.array([state.touching_cells for state in frames]),
         )
     return path
 

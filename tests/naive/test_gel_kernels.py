@@ -13,7 +13,7 @@ from spikingtac.sim.gel_solvers import (
     product_kernel,
     shear_kernel,
 )
-from spikingtac.sim.layer import GridConfig, LayerOperator, interpolate_kernel
+from spikingtac.sim.layer import GridConfig, LayerOperator
 
 Array = np.ndarray
 
@@ -94,15 +94,6 @@ def product(matrix: Array, vector: Array) -> Array:
         for j in range(len(vector)):
             out[i] += float(matrix[i, j]) * float(vector[j])
     return out
-
-
-def test_gather() -> None:
-    rng = np.random.default_rng(14)
-    fields, weights = rng.normal(size=(3, 50)), rng.normal(size=(2, 7, 4))
-    cells = rng.integers(0, 50, (7, 4))
-    found = np.zeros((3, 2, 7))
-    interpolate_kernel(fields, cells, weights, found)
-    np.testing.assert_allclose(found, np.einsum("wms,fms->fwm", weights, fields[:, cells]))
 
 
 @pytest.mark.parametrize(("seed", "count"), [(4, 1), (5, 12), (6, 50)])

@@ -69,7 +69,7 @@ class Reading:
         displacement_px: ``(m, 2)`` displacement of the markers as it is told, px.
         coasted: ``(m,)`` True where a marker is predicted, not observed.
         true_px: ``(m, 2)`` true displacement of the markers, px.
-        skin: The skin: ``force_n`` (x right, y down, z into the sensor), ``in_contact``, ``patch``.
+        skin: The skin: ``force_n`` (x right, y down, z into the sensor), ``in_contact``.
     """
 
     t_us: int
@@ -81,11 +81,9 @@ class Reading:
     @property
     def slipping(self) -> float:
         """Share of the touched skin that slips, 0 to 1."""
-        patch = self.skin.patch
-        touching, sticking = np.unpackbits(patch.touching), np.unpackbits(patch.sticking)
-        return (
-            1.0 - float(sticking.sum()) / max(1.0, float(touching.sum())) if touching.any() else 0.0
-        )
+        touching = np.unpackbits(self.skin.touching_cells).sum(dtype=float)
+        sticking = np.unpackbits(self.skin.sticking_cells).sum(dtype=float)
+        return 1.0 - sticking / touching if touching else 0.0
 
 
 class Sensor:

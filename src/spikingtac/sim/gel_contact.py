@@ -20,7 +20,6 @@ from spikingtac.sim.gel_solvers import (
 )
 from spikingtac.sim.indenters import Indenter, SoftLayer
 from spikingtac.sim.layer import GridConfig, LayerOperator
-from spikingtac.sim.optics import ContactPatch
 from spikingtac.types import Pose
 
 KPA_PER_MPA = 1e3  # Moduli are configured in kPa; tractions are in N/mm², which is MPa.
@@ -89,10 +88,10 @@ class GelContact:
         return self._influence.cells
 
     @property
-    def patch(self) -> ContactPatch:
-        """Which cells touch, and which of these stick."""
+    def patch(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Which cells touch, and which of these stick, as bits; see ``SkinState``."""
         touching = self.traction[2].ravel() > 0.0
-        return ContactPatch(np.packbits(touching), np.packbits(touching & ~self._slipping))
+        return np.packbits(touching), np.packbits(touching & ~self._slipping)
 
     def press(
         self,
@@ -130,16 +129,14 @@ class GelContact:
             self.release()
             return None
         flat = history.reshape(3, -1)
-        self._update_influence(needed, compliance)
-        moved = self._solve(prescribed, flat)
+        moved = self._solve(needed, compliance, prescribed, flat)
         for _ in range(MAX_EXTENSIONS):  # again with more cells where the gel bulges into the body
             needed = prescribed[2] - flat[2] - compliance * moved[2].ravel() > self._near_mm
             needed[self.cells] = False
             if not needed.any():
                 break
             needed[self.cells] = True
-            self._update_influence(needed, compliance)
-            moved = self._solve(prescribed, flat)
+            moved = self._solve(needed, compliance, prescribed, flat)
         relative = compliance * moved.reshape(3, -1)[:2] + flat[:2]
         self._update_anchors(relative, prescribed, flat, (pose.rotation, center))
         return moved
@@ -180,8 +177,15 @@ class GelContact:
             self._influence_key, self._influence = (soft, compliance), Influence(tables)
         self._influence.set_cells(chosen)
 
-    def _solve(self, prescribed: FloatArray, history: FloatArray) -> FloatArray:
+    def _solve(
+        self,
+        chosen: NDArray[np.bool_],
+        compliance: float,
+        prescribed: FloatArray,
+        history: FloatArray,
+    ) -> FloatArray:
         """Solve pressure, then friction; return the displacement at unit compliance."""
+        self._update_influence(chosen, compliance)
         cells = self.cells
         xx, xy, yy, zz, xz, yz = self._influence.matrices
         flat = self.traction.reshape(3, -1)

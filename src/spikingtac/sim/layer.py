@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
-from numba import njit
-from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from spikingtac.arrays import FloatArray
 from spikingtac.schema import require_within
@@ -58,18 +57,23 @@ class LayerOperator:
 
     def __init__(self, grid: GridConfig, thickness_mm: float) -> None:
         self._grid = grid
-        n = grid.cells
+        n, step = grid.cells, 2.0 * np.pi / grid.span_mm
         index = np.arange(n, dtype=np.float64)[:, None]
-        step = 2.0 * np.pi / grid.span_mm
         ky = step * np.where(index > n // 2, index - n, index)
         kx = step * index[: n // 2 + 1].T
-        even, odd = _kernels(kx, ky, thickness_mm)
+        k = np.hypot(kx, ky)
+        response, along = layer_response(k, thickness_mm), np.where(k > 0.0, k, 1.0)
+        lateral, cx, cy = response.longitudinal - response.transverse, kx / along, ky / along
+        across = response.transverse
+        even = [across + lateral * cx * cx, lateral * cx * cy, across + lateral * cy * cy]
+        self._even = np.stack([*even, response.normal])
+        odd = np.stack((cx * response.coupling, cy * response.coupling))
         # What is odd in kx or ky has no value at the highest frequency of an even grid.
-        for kernel in (even[1], *odd):
+        for kernel in (self._even[1], *odd):
             kernel[n // 2, :] = 0.0
             kernel[:, n // 2] = 0.0
-        self._even, self._odd = even, -1j * odd
-        spectra = np.concatenate((even + 0j, self._odd))
+        self._odd = -1j * odd
+        spectra = np.concatenate((self._even + 0j, self._odd))
         self.tables = np.asarray(scipy.fft.irfft2(spectra, s=(n, n), workers=1), np.float64)
 
     def displacements(self, traction: FloatArray) -> FloatArray:
@@ -90,45 +94,7 @@ class LayerOperator:
         return np.asarray(moved, np.float64)
 
 
-def _kernels(kx: FloatArray, ky: FloatArray, thickness_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Return the even kernels (xx, xy, yy, zz) and the odd ones (i xz, i yz), half plane."""
-    k = np.hypot(kx, ky)
-    response = layer_response(k, thickness_mm)
-    along = np.where(k > 0.0, k, 1.0)
-    cx, cy = kx / along, ky / along
-    lateral = response.longitudinal - response.transverse
-    even = (
-        response.transverse + lateral * cx * cx,
-        lateral * cx * cy,
-        response.transverse + lateral * cy * cy,
-        response.normal,
-    )
-    odd = np.stack((cx * response.coupling, cy * response.coupling))
-    return np.stack(even), odd
-
-
 _STENCIL = np.arange(-2, 4)
-
-
-@njit(cache=True, nogil=True)
-def interpolate_kernel(
-    fields: FloatArray, cells: NDArray[np.int64], weights: FloatArray, found: FloatArray
-) -> None:
-    """Add up weighted cells: ``found[f, w, m] += sum_s weights[w, m, s] fields[f, cells[m, s]]``.
-
-    Args:
-        fields: ``(f, n²)`` values on the grid.
-        cells: ``(m, s)`` flat index of each marker's cells.
-        weights: ``(w, m, s)`` weights of those cells.
-        found: ``(f, w, m)`` sums, added to.
-    """
-    for marker in range(cells.shape[0]):
-        for near in range(cells.shape[1]):
-            cell = cells[marker, near]
-            for weight in range(weights.shape[0]):
-                factor = weights[weight, marker, near]
-                for part in range(fields.shape[0]):
-                    found[part, weight, marker] += factor * fields[part, cell]
 
 
 class MarkerInterpolation:
@@ -145,14 +111,16 @@ class MarkerInterpolation:
         values, slopes = _lagrange(scaled - base)
         columns = (base[:, 0, None] + _STENCIL) % grid.cells
         rows = (base[:, 1, None] + _STENCIL) % grid.cells
-        self._cells = (rows[:, :, None] * grid.cells + columns[:, None, :]).reshape(len(base), -1)
+        near = (rows[:, :, None] * grid.cells + columns[:, None, :]).ravel()
         outer = "mi,mj->mij"
         weights = [
             np.einsum(outer, values[:, 1], values[:, 0]),
             np.einsum(outer, values[:, 1], slopes[:, 0]) / grid.pitch_mm,
             np.einsum(outer, slopes[:, 1], values[:, 0]) / grid.pitch_mm,
         ]
-        self._weights = np.stack(weights).reshape(3, len(base), -1)
+        ends = np.arange(3 * len(base) + 1) * len(_STENCIL) ** 2
+        parts = np.stack(weights).ravel(), np.tile(near, 3), ends
+        self._matrix = csr_array(parts, shape=(3 * len(base), grid.cells**2))
 
     def at_markers(self, displacement_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return displacement and in-plane gradient at the points.
@@ -163,10 +131,8 @@ class MarkerInterpolation:
         Returns:
             ``(m, 3)`` displacement, mm, and ``(m, 2, 2)`` derivatives d(u_x, u_y) / d(x, y).
         """
-        found = np.zeros((3, 3, len(self._cells)))
-        interpolate_kernel(displacement_mm.reshape(3, -1), self._cells, self._weights, found)
-        moved = np.ascontiguousarray(found[:, 0].T)
-        return moved, np.ascontiguousarray(found[:2, 1:].transpose(2, 0, 1))
+        moved, *slopes = (self._matrix @ displacement_mm.reshape(3, -1).T).reshape(3, -1, 3)
+        return moved, np.stack(slopes, axis=-1)[:, :2]
 
 
 def _lagrange(fraction: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -11,26 +11,7 @@ from numpy.typing import NDArray
 from spikingtac.arrays import FloatArray
 from spikingtac.schema import require_within
 
-
-@dataclass(frozen=True, slots=True)
-class ContactPatch:
-    """The cells of the skin that a body touches at one time.
-
-    A cell is a piece of the skin: it is named by its place at rest, not by where the body has
-    dragged it. Bits follow ``numpy.packbits`` over the cells in rows, so that
-    ``numpy.unpackbits(touching).reshape(n, n)`` is the patch.
-
-    Attributes:
-        touching: ``(ceil(n² / 8),)`` one bit per cell, set where any pressure acts.
-        sticking: ``(ceil(n² / 8),)`` set where the cell touches and does not slip.
-    """
-
-    touching: NDArray[np.uint8]
-    sticking: NDArray[np.uint8]
-
-
-# What a model without cells knows of its patch.
-NO_PATCH = ContactPatch(np.empty(0, np.uint8), np.empty(0, np.uint8))
+NO_CELLS = np.empty(0, np.uint8)  # What a model without cells knows of the touched skin.
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +29,9 @@ class SkinState:
         torque_n_mm: ``(3,)`` its moment about the origin of the frame, N mm.
         pose_mm: ``(3,)`` reference point of the indenter, mm.
         in_contact: True where any pressure acts.
-        patch: Which cells of the skin are touched; empty where the model has no cells.
+        touching_cells: ``(ceil(n² / 8),)`` one bit per cell of the skin at rest, set where any
+            pressure acts; ``numpy.unpackbits`` gives the cells row by row. Empty without cells.
+        sticking_cells: The same, set where the cell touches and does not slip.
     """
 
     t_us: int
@@ -58,7 +41,8 @@ class SkinState:
     torque_n_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
     pose_mm: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
     in_contact: bool = False
-    patch: ContactPatch = NO_PATCH
+    touching_cells: NDArray[np.uint8] = field(default_factory=NO_CELLS.copy)
+    sticking_cells: NDArray[np.uint8] = field(default_factory=NO_CELLS.copy)
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,7 +86,7 @@ class TruthChunk(NamedTuple):
         force_n: ``(k, 3)`` force of the indenter on the skin, N.
         torque_n_mm: ``(k, 3)`` its moment about the optical axis and the skin at rest, N mm.
         touching_cells: ``(k, ceil(n² / 8))`` the cells of the skin that are touched, one bit each
-            (:class:`~spikingtac.sim.optics.ContactPatch`).
+            (:class:`~spikingtac.sim.optics.SkinState`).
         sticking_cells: ``(k, ceil(n² / 8))`` those that are touched and do not slip.
         pose_mm: ``(k, 3)`` the indenter's reference point, mm (x right, y down, z depth).
         in_contact: ``(k,)`` True where any pressure acts.
@@ -114,8 +114,8 @@ class TruthChunk(NamedTuple):
             contact_t_us=np.array([now.t_us], np.int64),
             force_n=np.array(state.force_n, np.float64)[None],
             torque_n_mm=np.array(state.torque_n_mm, np.float64)[None],
-            touching_cells=state.patch.touching[None],
-            sticking_cells=state.patch.sticking[None],
+            touching_cells=state.touching_cells[None],
+            sticking_cells=state.sticking_cells[None],
             pose_mm=np.array(state.pose_mm, np.float64)[None],
             in_contact=np.array([state.in_contact]),
         )
@@ -222,7 +222,9 @@ class SceneSource:
 
     def frames(self) -> Iterator[tuple[SkinState, MarkerImage]]:
         """Yield skin and image at each step of the gel, from time zero, without the camera."""
-        state = replace(self.scene.skin.at_rest(), patch=self._gel.patch)
+        none = np.packbits(self._gel.pressure_mpa > 0.0)
+        rest = self.scene.skin.at_rest()
+        state = replace(rest, touching_cells=none, sticking_cells=none)
         yield state, self._optics.project(state)
         for start_us in itertools.count(0, self._period_us):
             if start_us == self.t_end_us:

@@ -51,7 +51,7 @@ def pressed(
     nearer = DISTANCE_MM / (DISTANCE_MM - state.marker_mm[:, 2:])
     axis = GelConfig().grid.axis_mm
     cells = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    touched = np.unpackbits(state.patch.touching)[: len(cells)].astype(bool)
+    touched = np.unpackbits(state.touching_cells)[: len(cells)].astype(bool)
     return state.marker_mm[:, :2] * nearer - markers, cells, touched
 
 

@@ -90,8 +90,8 @@ def make_sensor(config: CameraConfig, rng: np.random.Generator) -> Sensor:
     pixels["marker_increment"] = gain * marker + light.stray - pixels["ground_intensity"]
     covered = pixels["ground_intensity"] + pixels["marker_increment"]
     chip = np.zeros(1, CHIP_DTYPE)
-    instant = pixel.bandwidth_hz is None
-    rate = _INSTANT_PER_US if instant else 2 * math.pi * pixel.bandwidth_hz * 1e-6
+    corner_hz = pixel.bandwidth_hz
+    rate = _INSTANT_PER_US if corner_hz is None else 2 * math.pi * corner_hz * 1e-6
     chip["white_rate_per_us"] = rate / (1.0 + light.linear_below)
     chip["dark"], chip["leak_jitter"] = light.linear_below, LEAK_JITTER
     for name in ("refractory_us", "latency_us", "jitter_us"):
