@@ -1,4 +1,7 @@
-"""Render moving markers: only the pixels near a moving edge are computed step by step."""
+"""Render moving markers: only the pixels near a moving edge are computed step by step.
+
+All other pixels see constant light, under which their state advances in closed form.
+"""
 
 from __future__ import annotations
 
