@@ -9,7 +9,7 @@ from typing import Any
 
 # Kind -> members that its archive has.
 ARCHIVES = {
-    "tracks": {"t_us.npy", "displacement_px.npy"},
+    "tracks": {"t_us.npy", "reference_px.npy", "detected_px.npy"},
     "truth": {"marker_t_us.npy", "marker_px.npy"},
     "series": {"t_us.npy", "reference_mm.npy", "displacement_mm.npy"},
 }

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from spikingtac.touch.force.fit import fit_force, r_squared
-from spikingtac.touch.force.series import load_series
+from spikingtac.touch.series import load_series
 
 SERIES = ("contacts_175756", "contacts_180422", "contacts_180917")
 

@@ -31,8 +31,8 @@ from .force.model import ForceEstimator as ForceEstimator
 from .force.model import ForceModel as ForceModel
 from .force.model import Wrench as Wrench
 from .force.model import load_force as load_force
-from .force.series import WrenchSeries as WrenchSeries
-from .force.series import load_series as load_series
+from .series import WrenchSeries as WrenchSeries
+from .series import load_series as load_series
 from .elastic import SkinConfig as SkinConfig
 from .synthetic_contacts import synthetic_series as synthetic_series
 

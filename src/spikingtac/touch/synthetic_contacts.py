@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.touch.elastic import KPA_PER_MPA, SkinConfig, SurfaceResponse
-from spikingtac.touch.force.series import WrenchSeries
+from spikingtac.touch.series import WrenchSeries
 
 Field = NDArray[np.float64]
 

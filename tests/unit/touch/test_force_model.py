@@ -9,11 +9,10 @@ import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.pipeline.force_limit import ForceLimit
-from spikingtac.touch.force.fit import fit_force, score_force
+from spikingtac.touch.force.fit import fit_force, retarget, score_force
 from spikingtac.touch.force.model import ForceModel, Wrench, load_force
-from spikingtac.touch.force.retarget import retarget
-from spikingtac.touch.force.series import WrenchSeries, labelled
 from spikingtac.touch.network import Network, with_record
+from spikingtac.touch.series import WrenchSeries, labelled
 from spikingtac.types import EventPacket, MarkerFrame
 
 X, Y = np.meshgrid(np.arange(6.0), np.arange(5.0))
@@ -90,7 +89,7 @@ def test_a_model_serves_another_sensor_after_a_few_presses(
     scores = score_force(again, other(32, 700))
     assert min(score.r2 for score in scores) > 0.9
     assert min(score.coverage90 for score in scores) > 0.7
-    with pytest.raises(ConfigError, match="20 labelled frames"):
+    with pytest.raises(ConfigError, match="at least 20"):
         retarget(model, [other(31, 10)])
 
 
@@ -196,7 +195,7 @@ def test_another_sensor_is_refused(model: ForceModel) -> None:
 
 def test_too_little_makes_no_model() -> None:
     one = series(9)
-    with pytest.raises(ConfigError, match="50 frames are too few"):
+    with pytest.raises(ConfigError, match="50 labelled frames are too few"):
         fit_force([one.part(np.arange(len(one.t_us)) < 50)])
     bare = WrenchSeries(one.t_us, REFERENCE, one.displacement, one.wrench[:, :0], "mm", "bare")
     with pytest.raises(ConfigError, match="bare holds no wrench"):

@@ -16,9 +16,12 @@ from spikingtac.cli.messages import Table, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.touch.force.model import SIGMAS_90
-from spikingtac.touch.force.series import labelled, load_series
+from spikingtac.touch.series import labelled
 
 MODEL = Path("force.onnx")
+
+# Keys of a model's record that a summary leaves out.
+NUMBERS = ("schema", "reference", "interval", "rest_radius", "memory")
 ONE_SERIES = "note: one series; R2 is between its parts, a second series would be a harder test"
 
 
@@ -80,15 +83,14 @@ def run(args: Args) -> int:
 
 
 def _series(args: Args) -> list[st.WrenchSeries]:
-    series = [load_series(path) for path in args.files]
+    series = [touch.load_series(path) for path in args.files]
     if not args.wrench:
         return series
     return [labelled(one, path) for one, path in zip(series, args.wrench, strict=True)]
 
 
 def _fit(args: Args) -> int:
-    from spikingtac.touch.force.fit import about
-    from spikingtac.touch.force.retarget import retarget
+    from spikingtac.touch.force.fit import retarget
 
     output = MODEL if args.output is None else args.output
     args.claim(output)
@@ -98,7 +100,7 @@ def _fit(args: Args) -> int:
         with progress("learning forces") as advance:
             model = st.fit_force([*_series(args), *_drawn(args)], advance)
     model.save(output)
-    told = about(model)
+    told = {key: value for key, value in model.record.items() if key not in NUMBERS}
     table = Table(
         f"{output}: {told['kind']} from {told['frames']} frames of {len(told['series'])} series",
         ("component", "range", "R2 between series"),
@@ -150,7 +152,7 @@ def _apply(args: Args) -> int:
     if len(args.files) != 1 or args.output is None:
         raise ConfigError("apply takes one file of tracks, --force F and -o OUT")
     args.claim(args.output)
-    values, half_widths = st.load_force(args.force).estimate(load_series(args.files[0]))
+    values, half_widths = st.load_force(args.force).estimate(touch.load_series(args.files[0]))
     columns = {"force_n": values[:, :3], "force_sigma_n": half_widths[:, :3] / SIGMAS_90}
     if values.shape[1] > 3:
         columns["torque_nm"] = values[:, 3:]

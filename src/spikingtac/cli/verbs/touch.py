@@ -25,7 +25,8 @@ from spikingtac.cli.verbs.touch_rows import (
     write_touches,
 )
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.touch.force.series import is_series, load_series
+from spikingtac.file_kinds import kind_of
+from spikingtac.touch.series import load_series
 from spikingtac.touch.touch import TouchConfig
 from spikingtac.touch.vibration import VibrationMonitor
 from spikingtac.types import MarkerFrame
@@ -75,7 +76,7 @@ def touch_one(
     args: Args, recording: Path | FileSource, output: Path | None, advance: Advance
 ) -> dict[str, Any]:
     """List the touches of a recording, of tracks, or of arrays; return them as rows."""
-    if isinstance(recording, Path) and is_series(recording):
+    if isinstance(recording, Path) and kind_of(recording) in ("tracks", "series"):
         found = _of_series(args, recording)
     else:
         found = _of_events(args, recording, advance)

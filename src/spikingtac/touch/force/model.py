@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing
+from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.errors import ConfigError
-from spikingtac.touch.force.series import COMPONENTS, WrenchSeries
-from spikingtac.touch.network import Network, with_record
+from spikingtac.touch.network import Network
+from spikingtac.touch.series import COMPONENTS, WrenchSeries
 
 Field = NDArray[np.float64]
 
@@ -52,23 +52,22 @@ class FieldStream:
             memory: Whether fields gain from their past.
         """
         self._radius, self._memory = radius, memory
-        self.tare(np.zeros(size), PRIOR_S)
+        self._last = np.zeros(size)
         self._last_us: int | None = None
+        self.tare(PRIOR_S)
 
-    def tare(self, displacement: Field, rested_s: float = AVERAGE_S) -> None:
-        """Take a frame ``(size,)`` for the rest, as if it had lasted for some time, s."""
-        self._zero = displacement
-        self._means = np.zeros((len(MEMORY_S), len(displacement)))
-        self._rested_s = rested_s
+    def tare(self, rested_s: float = AVERAGE_S) -> None:
+        """Take the last frame for the rest, as if it had lasted for some time, s."""
+        self._zero, self._rested_s = self._last, rested_s
+        self._means = np.zeros((len(MEMORY_S), len(self._last)))
 
     def update(self, t_us: int, displacement: Field) -> Field:
         """Take in the frame ``(size,)`` of a time, us, and return it from the zero."""
-        first = self._last_us is None
-        elapsed_s = 0.0 if self._last_us is None else max(t_us - self._last_us, 0) / US_PER_S
-        self._last_us = t_us
+        before_us, self._last, self._last_us = self._last_us, displacement, t_us
+        elapsed_s = 0.0 if before_us is None else max(t_us - before_us, 0) / US_PER_S
         away = displacement - self._zero
         if away @ away < self._radius**2 * len(away):
-            step_s = LONGEST_STEP_S if first else min(elapsed_s, LONGEST_STEP_S)
+            step_s = LONGEST_STEP_S if before_us is None else min(elapsed_s, LONGEST_STEP_S)
             self._rested_s = min(self._rested_s + step_s, AVERAGE_S)
             self._zero = self._zero + step_s / self._rested_s * away
             away = displacement - self._zero
@@ -128,23 +127,6 @@ class Wrench:
         return self.least_n > limit_n
 
 
-class Target(NamedTuple):
-    """Another sensor, on which a model is used that was learned elsewhere.
-
-    Attributes:
-        resample: ``(m, k)`` from the displacements of its k markers to those of the m learned.
-        gain: ``(c, c)`` from the wrench that is told of them to its own.
-    """
-
-    resample: Field
-    gain: Field
-
-    def fields(self, fields: Field) -> Field:
-        """Return fields ``(n, 2 k)`` of its markers as ``(n, 2 m)`` of those that were learned."""
-        moved = fields.reshape(len(fields), -1, 2)
-        return np.einsum("mk,nkd->nmd", self.resample, moved).reshape(len(fields), -1)
-
-
 class ForceModel:
     """A network from displacements to a wrench, with its record.
 
@@ -172,11 +154,13 @@ class ForceModel:
             self._interval = np.array(self.record["interval"], np.float64).T
             self.rest_radius = float(self.record["rest_radius"])
             self.memory = bool(self.record["memory"])
-            self._target: Target | None = None
-            if "target" in self.record:
-                self._target = Target(*(np.array(self.record["target"][k]) for k in Target._fields))
-            size = self.reference.size if self._target is None else 2 * len(self._target.resample)
-            self._zero = network(np.zeros((1, size)))[0][0]
+            # From this sensor's displacements to those of the sensor that was learned, and from the
+            # wrench that is told of them to its own.
+            target = self.record.get("target", {})
+            resample = np.array(target.get("resample", np.eye(len(self.reference))))
+            self._resample = np.kron(resample, np.eye(2)).T
+            self._gain = np.array(target.get("gain", np.eye(len(self.components))))
+            self._zero = network(np.zeros((1, self._resample.shape[1])))[0][0]
         except (KeyError, TypeError, ValueError) as error:
             raise ConfigError(f"{where} holds no force model: {error}; {HINT}") from error
 
@@ -195,10 +179,8 @@ class ForceModel:
         why = f"{reference.shape} in {unit}, the force model {own.shape} in {self.unit}"
         if reference.shape == own.shape and unit == self.unit:
             shifted = reference - reference.mean(axis=0) + own.mean(axis=0)
-            away = np.sqrt(((own[:, None] - own[None]) ** 2).sum(axis=2))
-            nearest = float(np.median(np.sort(away, axis=1)[:, 1]))
             off = float(np.sqrt(((shifted - own) ** 2).sum(axis=1).mean()))
-            if off <= LAYOUT_PITCHES * nearest:
+            if off <= LAYOUT_PITCHES * marker_pitch_px(own):
                 return
             why = f"markers that lie {off:.2g} {unit} from those of the force model"
         raise ConfigError(
@@ -225,25 +207,15 @@ class ForceModel:
 
     def wrench(self, fields: Field) -> tuple[Field, Field]:
         """Return wrenches and half-widths ``(n, c)`` of fields ``(n, size)`` from their zero."""
-        seen = fields if self._target is None else self._target.fields(fields)
-        values, spread = self.network(seen)
-        values = values - rest_share(fields, self.rest_radius) * self._zero
-        if self._target is not None:
-            values, spread = values @ self._target.gain, spread @ np.abs(self._target.gain)
+        values, spread = self.network(fields @ self._resample)
+        values = (values - rest_share(fields, self.rest_radius) * self._zero) @ self._gain
         floor, share, factor = self._interval
-        return values, floor + share * np.abs(values) + factor * spread
-
-    def with_record(self, changes: dict[str, Any]) -> ForceModel:
-        """Return the same network with another record."""
-        return ForceModel(Network(with_record(self.network.content, self.record | changes)))
+        return values, floor + share * np.abs(values) + factor * (spread @ np.abs(self._gain))
 
     def save(self, path: str | Path) -> None:
-        """Write ``force.onnx``; a path that cannot be written raises ConfigError."""
-        try:
-            with replacing(Path(path)) as partial:
-                partial.write_bytes(self.network.content)
-        except OSError as error:
-            raise ConfigError(f"cannot write {str(path)!r}: {error.strerror}") from error
+        """Write ``force.onnx``, whole or not at all."""
+        with replacing(path) as partial:
+            partial.write_bytes(self.network.content)
 
 
 def rest_share(fields: Field, radius: float) -> Field:
@@ -275,12 +247,10 @@ class ForceEstimator:
         """Return to the calibrated rest."""
         model = self._model
         self._fields = FieldStream(model.rest_radius, model.reference.size, model.memory)
-        self._last: Field | None = None
 
     def tare(self) -> None:
         """Take the last frame for the skin at rest: displacement and force are zero there."""
-        if self._last is not None:
-            self._fields.tare(self._last)
+        self._fields.tare()
 
     def update(self, t_us: int, displacement: Field) -> Wrench:
         """Take in displacements ``(m, 2)`` in the model's unit and return the wrench.
@@ -293,6 +263,6 @@ class ForceEstimator:
                 f"displacements are {displacement.shape}, markers of the force model "
                 f"{self._model.reference.shape}; fit one of this sensor: spikingtac force fit"
             )
-        self._last = displacement.ravel().astype(np.float64)
-        values, half_width = self._model.wrench(self._fields.update(t_us, self._last)[None])
+        seen = self._fields.update(t_us, displacement.ravel().astype(np.float64))
+        values, half_width = self._model.wrench(seen[None])
         return Wrench(t_us, values[0], half_width[0])

@@ -14,12 +14,13 @@ Gaussian of shape and amplitude; it interpolates well. Half their difference is 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
-from scipy.linalg import solve
+from scipy.linalg import polar, solve
+from scipy.spatial.distance import cdist
 
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.network import graph
@@ -79,11 +80,11 @@ STEPS = (
     "shape=Div(z,a) k=MatMul(shape,modes) ki=Gather(k,first) kj=Gather(k,second) kk=Mul(ki,kj) "
     "loga=Log(a) la=Mul(loga,log_share) g=Concat(k,la) gg=Mul(g,g) gs=MatMul(gg,halves) "
     "dot=MatMul(g,centers) near=Sub(dot,half) e=Sub(near,gs) wide=Exp(e) "
-    "w2=Mul(wide,wide) narrow=Mul(w2,wide) features=Concat(loga,k,kk,wide,narrow) "
+    "w2=Mul(wide,wide) narrow=Mul(w2,wide) even=Concat(k,kk,narrow) powers=Concat(loga,k,kk,wide) "
     # Forces and moments that follow the amplitude, by both regressions.
-    "r=MatMul(features,ridge) p=MatMul(features,process) ra=Mul(r,a) pa=Mul(p,a) "
+    "r=MatMul(even,ridge) p=MatMul(even,process) ra=Mul(r,a) pa=Mul(p,a) "
     # The normal force by both logarithms, and its mean with the one of the process.
-    "l=MatMul(features,logs) ll=Add(l,levels) lc=Min(ll,cap) lm=MatMul(lc,both) em=Exp(lm) "
+    "l=MatMul(powers,logs) ll=Add(l,levels) lc=Min(ll,cap) lm=MatMul(lc,both) em=Exp(lm) "
     "f=Sub(em,floor_n) fs=Mul(f,sign) pn=MatMul(pa,normal) away=Sub(pn,fs) "
     "fr=Mul(f,per_reach) ff=Mul(fr,fr) f1=Add(ff,one) w=Div(direct,f1) wa=Mul(w,away) "
     "n=Add(fs,wa) nn=MatMul(n,normal_row) "
@@ -91,35 +92,6 @@ STEPS = (
     "le=Exp(lc) ld=MatMul(le,apart) dn=MatMul(ld,normal_row) "
     "ds=Sub(ra,pa) dt=Mul(ds,others) d=Add(dt,dn) spread=Abs(d)"
 )
-
-
-class _Shapes(NamedTuple):
-    """Scale, principal shapes ``(size, k)`` and products ``(2, p)`` that describe fields."""
-
-    rms: float
-    modes: Field
-    pairs: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, fields: Field) -> _Shapes:
-        """Find the principal shapes of fields ``(n, size)``."""
-        rms = float(np.sqrt((fields**2).mean()))
-        scaled = fields / rms
-        shapes = scaled / np.sqrt((scaled**2).mean(axis=1, keepdims=True) + SMALL_SHARE**2)
-        _, vectors = np.linalg.eigh(shapes.T @ shapes)
-        modes = vectors[:, ::-1][:, :MODES] / np.sqrt(fields.shape[1])
-        leading, count = min(PRODUCT_MODES, modes.shape[1]), modes.shape[1]
-        squares = np.tile(np.arange(leading, count), (2, 1))
-        return cls(rms, modes, np.hstack([np.array(np.triu_indices(leading)), squares]))
-
-    def describe(self, fields: Field) -> tuple[Field, Field, Field]:
-        """Return amplitudes ``(n, 1)``, quadratic features, and places in the kernel's space."""
-        scaled = fields / self.rms
-        amplitude = np.sqrt((scaled**2).mean(axis=1, keepdims=True) + FLOOR**2)
-        along = scaled / amplitude @ self.modes
-        products = along[:, self.pairs[0]] * along[:, self.pairs[1]]
-        place = np.hstack([along, LOG_SHARE * np.log(amplitude)])
-        return amplitude, np.hstack([along, products]), place
 
 
 def fit_regression(reference: Field, fields: Field, wrench: Field, zero: Field) -> bytes:
@@ -132,39 +104,54 @@ def fit_regression(reference: Field, fields: Field, wrench: Field, zero: Field) 
         zero: ``(c,)`` what the labels read without a force; it is added to what is told.
     """
     fields, wrench, weight = with_mirrored(reference, fields, wrench)
-    shapes = _Shapes.of(fields)
-    amplitude, quadratic, place = shapes.describe(fields)
+    amplitude, quadratic, place, learned = _described(fields)
     centers = place[:: -(-len(fields) // CENTERS)]
     wide, between = _gaussians(place, centers), _gaussians(centers, centers)
-    count, components = quadratic.shape[1], wrench.shape[1]
-    features = 1 + count + 2 * len(centers)
-    first, last = np.arange(1, count + 1), np.arange(features - len(centers), features)
+    components = wrench.shape[1]
 
-    rows, learned = amplitude * np.hstack([quadratic, wide**NARROW]), {}
-    linear = np.zeros((2, features, components))
+    rows = amplitude * np.hstack([quadratic, wide**NARROW])
     # Mirrored frames teach no moments: the point to which these refer is not known.
     groups = [(np.s_[: NORMAL + 1], weight), (np.s_[NORMAL + 1 :], np.where(weight < 1, 0, weight))]
-    for columns, counts in groups[: 1 + (components > NORMAL + 1)]:
-        found = _fit(rows, wrench[:, columns], counts, between**NARROW, SHEAR_PENALTIES)
-        linear[:, np.r_[first, last], columns] = found
-    learned["ridge"], learned["process"] = linear
+    linear = [
+        _fit(rows, wrench[:, columns], counts, between**NARROW, SHEAR_PENALTIES)
+        for columns, counts in groups[: 1 + (components > NORMAL + 1)]
+    ]
+    learned["ridge"], learned["process"] = np.concatenate(linear, axis=2)
 
     rows = np.hstack([np.log(amplitude), quadratic, wide])
-    weights, scalars = _fit_logarithm(wrench[:, NORMAL], rows, weight, between)
-    learned["logs"] = np.concatenate([weights, np.zeros((len(centers), 2))])
+    learned |= _fit_logarithm(wrench[:, NORMAL], rows, weight, between)
     normal = (np.arange(components) == NORMAL).astype(np.float64)
-    constants = {
-        "scale": 1.0 / shapes.rms, "floor": FLOOR**2, "log_share": LOG_SHARE,
-        "direct": DIRECT_WEIGHT, "one": 1.0, "both": [[0.5], [0.5]], "apart": [[0.5], [-0.5]],
-        "mean": np.full((len(shapes.modes), 1), 1.0 / len(shapes.modes)), "modes": shapes.modes,
-        "first": shapes.pairs[0], "second": shapes.pairs[1],
+    learned |= {
+        "floor": FLOOR**2, "log_share": LOG_SHARE, "direct": DIRECT_WEIGHT, "one": 1.0,
+        "both": [[0.5], [0.5]], "apart": [[0.5], [-0.5]],
         "halves": np.full((centers.shape[1], 1), 0.5), "centers": centers.T,
         "half": 0.5 * (centers**2).sum(axis=1), "others": 0.5 - 0.5 * normal,
         "normal": normal[:, None], "normal_row": normal[None], "zero": zero,
     }  # fmt: skip
-    arrays = {name: np.array(value) for name, value in (constants | learned | scalars).items()}
-    outputs = {"wrench": components, "spread": components}
-    return graph(STEPS, arrays, len(shapes.modes), outputs)
+    arrays = {name: np.array(value) for name, value in learned.items()}
+    return graph(STEPS, arrays, fields.shape[1], {"wrench": components, "spread": components})
+
+
+def _described(fields: Field) -> tuple[Field, Field, Field, dict[str, Any]]:
+    """Return what fields ``(n, size)`` look like, and the constants that tell it of other fields.
+
+    That are amplitudes ``(n, 1)``, quadratic features, and places in the kernel's space.
+    """
+    size, rms = fields.shape[1], float(np.sqrt((fields**2).mean()))
+    scaled = fields / rms
+    square = (scaled**2).mean(axis=1, keepdims=True)
+    shapes = scaled / np.sqrt(square + SMALL_SHARE**2)
+    modes = np.linalg.eigh(shapes.T @ shapes)[1][:, ::-1][:, :MODES] / np.sqrt(size)
+    count, leading = modes.shape[1], min(PRODUCT_MODES, modes.shape[1])
+    squares = np.tile(np.arange(leading, count), (2, 1))
+    first, second = np.hstack([np.array(np.triu_indices(leading)), squares])
+    amplitude = np.sqrt(square + FLOOR**2)
+    along = scaled / amplitude @ modes
+    quadratic = np.hstack([along, along[:, first] * along[:, second]])
+    place = np.hstack([along, LOG_SHARE * np.log(amplitude)])
+    mean = np.full((size, 1), 1.0 / size)
+    constants = {"scale": 1.0 / rms, "mean": mean, "modes": modes, "first": first, "second": second}
+    return amplitude, quadratic, place, constants
 
 
 def _gaussians(places: Field, centers: Field) -> Field:
@@ -199,16 +186,13 @@ def _fit(
     penalty[kept:, kept:] = penalties[2] * between + JITTER * len(between) * np.eye(len(between))
     for number, size in enumerate((kept, len(square))):
         np.fill_diagonal(penalty[free:kept, free:kept], penalties[number])
-        found[number, :size] = solve(
-            (square + penalty)[:size, :size], wanted[:size], assume_a="pos"
-        )
+        within = (square + penalty)[:size, :size]
+        found[number, :size] = solve(within, wanted[:size], assume_a="pos")
     return found
 
 
-def _fit_logarithm(
-    force: Field, rows: Field, weight: Field, between: Field
-) -> tuple[Field, dict[str, Field | float]]:
-    """Return the weights ``(f, 2)`` of the logarithm of the normal force, and its constants.
+def _fit_logarithm(force: Field, rows: Field, weight: Field, between: Field) -> dict[str, Any]:
+    """Return the constants of the normal force; ``logs (f, 2)`` weigh what makes its logarithm.
 
     Args:
         force: ``(n,)`` normal forces, N.
@@ -223,14 +207,10 @@ def _fit_logarithm(
     heavy, target = weight[taught] * (kept / size) ** ROW_POWER, np.log(kept + floor_n)
     center, level = heavy @ rows / heavy.sum(), float(heavy @ target / heavy.sum())
     away = (target - level)[:, None]
-    found = _fit(rows - center, away, heavy, between, NORMAL_PENALTIES, free=1)[..., 0].T
-    return found, {
-        "levels": level - center @ found,
-        "cap": np.log(LARGEST_RATIO * largest + floor_n),
-        "floor_n": floor_n,
-        "sign": sign,
-        "per_reach": 1.0 / (DIRECT_REACH * largest),
-    }
+    logs = _fit(rows - center, away, heavy, between, NORMAL_PENALTIES, free=1)[..., 0].T
+    cap, per_reach = np.log(LARGEST_RATIO * largest + floor_n), 1.0 / (DIRECT_REACH * largest)
+    constants = {"cap": cap, "floor_n": floor_n, "sign": sign, "per_reach": per_reach}
+    return constants | {"logs": logs, "levels": level - center @ logs}
 
 
 def with_mirrored(reference: Field, fields: Field, wrench: Field) -> tuple[Field, Field, Field]:
@@ -240,21 +220,17 @@ def with_mirrored(reference: Field, fields: Field, wrench: Field) -> tuple[Field
     are not known to be symmetric there are no images. Arguments as of :func:`fit_regression`.
     """
     known, across = np.ones(len(fields)), _force_mirror(fields, wrench[:, :NORMAL])
-    middle = reference[:, 0].mean()
-    mirrored = np.column_stack([2.0 * middle - reference[:, 0], reference[:, 1]])
-    away = np.sqrt(((mirrored[:, None] - reference) ** 2).sum(axis=2)).min(axis=1)
-    asymmetry = float(np.sqrt((away**2).mean())) / marker_pitch_px(reference)
-    if across is None or asymmetry > SYMMETRIC_PITCHES:
+    mirrored = reference * [-1.0, 1.0] + [2.0 * reference[:, 0].mean(), 0.0]
+    off = float(np.sqrt((cdist(mirrored, reference).min(axis=1) ** 2).mean()))
+    if across is None or off > SYMMETRIC_PITCHES * marker_pitch_px(reference):
         return fields, wrench, known
     at_mirrored = RBFInterpolator(reference, np.eye(len(reference)))(mirrored)
     image = np.einsum("kj,njc->nkc", at_mirrored, fields.reshape(len(fields), -1, 2))
+    image = (image * [-1.0, 1.0]).reshape(fields.shape)
     force = np.zeros(wrench.shape)
     force[:, :NORMAL], force[:, NORMAL] = wrench[:, :NORMAL] @ across.T, wrench[:, NORMAL]
-    return (
-        np.concatenate([fields, (image * np.array([-1.0, 1.0])).reshape(fields.shape)]),
-        np.concatenate([wrench, force]),
-        np.concatenate([known, MIRRORED_WEIGHT * known]),
-    )
+    weight = np.concatenate([known, MIRRORED_WEIGHT * known])
+    return np.concatenate([fields, image]), np.concatenate([wrench, force]), weight
 
 
 def _force_mirror(fields: Field, shear: Field) -> Field | None:
@@ -268,6 +244,5 @@ def _force_mirror(fields: Field, shear: Field) -> Field | None:
     left = ((shear - rows @ found) ** 2).sum() / ((shear - shear.mean(axis=0)) ** 2).sum()
     if not left < 1.0 - FOLLOWS_SHARE:
         return None
-    u, _, vt = np.linalg.svd(found[:2].T)
-    turn = u @ vt
+    turn, _ = polar(found[:2].T)
     return np.asarray(turn @ np.diag([-1.0, 1.0]) @ turn.T)

@@ -5,7 +5,6 @@ The wrench stands in the same file, in a force sensor's CSV, or in the truth of 
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,18 +14,13 @@ from numpy.typing import NDArray
 
 from spikingtac.arrays import one_line
 from spikingtac.errors import RecordingError
-from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, load_arrays
+from spikingtac.events.formats.array_file import load_arrays
 
 Field = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 # Columns of a wrench: forces in N, then moments in Nm.
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
-UNITS = ("mm", "px")
-ARRAY_KEYS = ("t_us", "reference_mm", "displacement_mm")
-
-# Keys of a file of arrays, and of tracks; ``wrench (n, 6)`` may come with either.
-TRACK_KEYS = ("t_us", "reference_px", "detected_px")
 US_PER_S = 1e6
 N_MM_PER_NM = 1e3
 
@@ -60,15 +54,13 @@ class WrenchSeries:
 
     def __post_init__(self) -> None:
         frames, moved, wrench = len(self.t_us), self.displacement, self.wrench
+        fits = moved.shape == (frames, *self.reference.shape) and moved.shape[2:] in ((2,), (3,))
         rules = {
-            f"{frames} times, markers of {self.reference.shape} and displacements of "
-            f"{moved.shape}; these must be (times, markers, coordinates), 2 or 3 coordinates in mm "
-            f"or px": moved.shape == (frames, *self.reference.shape)
-            and moved.shape[2:] in ((2,), (3,))
-            and self.unit in UNITS,
+            f"{frames} times, markers of {self.reference.shape}, displacements of {moved.shape}; "
+            "they must be (times, markers, coordinates), 2 or 3 coordinates in mm or px": fits
+            and self.unit in ("mm", "px"),
             f"the wrench is {wrench.shape}, it must have {frames} rows and at most the columns "
-            f"{', '.join(COMPONENTS)}": len(wrench) == frames
-            and wrench.shape[1:] <= (len(COMPONENTS),),
+            f"{', '.join(COMPONENTS)}": len(wrench) == frames and wrench.shape[1:] <= (6,),
             "displacements or forces are not finite numbers": np.isfinite(moved).all()
             and np.isfinite(wrench).all(),
             "the times run backwards; sort the rows by t_us": (np.diff(self.t_us) >= 0).all(),
@@ -88,38 +80,25 @@ class WrenchSeries:
         return replace(self, **columns)
 
 
-def is_series(path: Path) -> bool:
-    """Return whether a file holds tracks or arrays, and no events."""
-    if path.suffix != ".npz" or not path.is_file():
-        return False
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            names = set(archive.files)
-    except ARCHIVE_DAMAGE:
-        return False
-    return names >= {*ARRAY_KEYS} or names >= {*TRACK_KEYS}
-
-
 def load_series(path: str | Path) -> WrenchSeries:
     """Read displacements, in mm from arrays or in px from tracks, with the wrench if there is one.
 
     Raises:
         RecordingError: The file cannot be read or holds neither.
     """
-    values, source = load_arrays(path, "displacements"), Path(path)
-    if values.keys() >= {*ARRAY_KEYS}:
-        reference, moved, unit = values["reference_mm"], values["displacement_mm"], "mm"
-    elif values.keys() >= {*TRACK_KEYS}:
-        reference, unit = values["reference_px"], "px"
-        moved = values["detected_px"] - reference
-    else:
+    values = load_arrays(path, "displacements")
+    unit = "mm" if "displacement_mm" in values else "px"
+    try:
+        t_us, reference = values["t_us"], values[f"reference_{unit}"]
+        moved = values["displacement_mm"] if unit == "mm" else values["detected_px"] - reference
+    except KeyError as error:
         raise RecordingError(
             f"{str(path)!r} holds no displacements; it must hold t_us, reference_mm and "
             "displacement_mm, or be the tracks of: spikingtac track RECORDING"
-        )
-    wrench = values.get("wrench", np.empty((len(values["t_us"]), 0)))
+        ) from error
+    wrench = values.get("wrench", np.empty((len(t_us), 0)))
     rest, away, labels = (one.astype(np.float64) for one in (reference, moved, wrench))
-    return WrenchSeries(values["t_us"].astype(np.int64), rest, away, labels, unit, source.name)
+    return WrenchSeries(t_us.astype(np.int64), rest, away, labels, unit, Path(path).name)
 
 
 def labelled(series: WrenchSeries, path: str | Path) -> WrenchSeries:
@@ -178,32 +157,30 @@ def _from_truth(path: Path) -> tuple[Times, Field]:
         raise RecordingError(
             f"{str(path)!r} holds no forces; give a CSV or a simulation's truth.npz"
         )
-    parts = [values["force_n"]]
+    wrench = values["force_n"]
     if "torque_n_mm" in values:
-        parts.append(values["torque_n_mm"] / N_MM_PER_NM)
-    return values["contact_t_us"].astype(np.int64), np.hstack(parts).astype(np.float64)
+        wrench = np.hstack([wrench, values["torque_n_mm"] / N_MM_PER_NM])
+    return values["contact_t_us"].astype(np.int64), wrench.astype(np.float64)
 
 
 def _from_csv(path: Path) -> tuple[Times, Field]:
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            names = [name.strip().lower() for name in next(reader, [])]
-            table = np.array([[float(value) for value in row] for row in reader if row])
-    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
+        header, *rows = path.read_text(encoding="utf-8-sig").splitlines() or [""]
+        table = (
+            np.loadtxt(rows, delimiter=",", quotechar='"', ndmin=2) if rows else np.empty((0, 0))
+        )
+    except (OSError, ValueError) as error:
         raise RecordingError(f"cannot read forces from {str(path)!r}: {error}") from error
+    names = [name.strip(' "').lower() for name in header.split(",")]
     clock = next((name for name in ("t_us", "t_s") if name in names), None)
     kept = [name for name in COMPONENTS if name in names]
-    if not len(table) or clock is None or kept not in (list(COMPONENTS), list(COMPONENTS[:3])):
+    whole = table.shape[1] == len(names) and kept in (list(COMPONENTS), list(COMPONENTS[:3]))
+    if clock is None or not whole:
         raise RecordingError(
             f"{str(path)!r} needs a header and rows with t_us or t_s, fx, fy, fz, and all of mx, "
             f"my, mz or none; it has {', '.join(names) or 'nothing'}"
         )
-    bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
-    if len(bad):
-        raise RecordingError(f"{str(path)!r}: row {bad[0] + 1} has a value that is not finite")
     t_us = table[:, names.index(clock)] * (US_PER_S if clock == "t_s" else 1.0)
-    if not (np.diff(t_us) > 0).all():
-        raise RecordingError(f"{str(path)!r}: its times do not increase")
-    wrench = table[:, [names.index(name) for name in kept]]
-    return np.round(t_us).astype(np.int64), wrench
+    if not (np.isfinite(table).all() and (np.diff(t_us) > 0).all()):
+        raise RecordingError(f"{str(path)!r}: every value must be finite, and its times increase")
+    return np.round(t_us).astype(np.int64), table[:, [names.index(name) for name in kept]]
