@@ -37,6 +37,7 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,17 +47,11 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
 from spikingtac.atomic_files import write_json  # noqa: E402
-from spikingtac.contact.detector import (  # noqa: E402
-    ContactDetails,
-    ContactDetector,
-    DetectorSummary,
-    Window,
-)
+from spikingtac.contact.detector import ContactDetector, DetectorSummary, Window  # noqa: E402
 from spikingtac.errors import DeviceError  # noqa: E402
 from spikingtac.robot.ur import URArm  # noqa: E402
 from spikingtac.stream.guard import ContactProcess  # noqa: E402
 from spikingtac.stream.guard_loop import Arrival  # noqa: E402
-from spikingtac.stream.host import Factory  # noqa: E402
 from spikingtac.stream.real_time import exempt_from_collection, take_precedence  # noqa: E402
 from spikingtac.types import Contact, EventPacket  # noqa: E402
 from stand_ins.guarded import LEAP_US  # noqa: E402
@@ -246,10 +241,6 @@ class FaultyDetector:
     def reset(self) -> None:
         """Count on: the first window only compiles."""
 
-    def details(self) -> ContactDetails | None:
-        """Return None."""
-        return None
-
     def summary(self) -> DetectorSummary:
         """Return what it does."""
         return DetectorSummary(rule="goes wrong when it is told to")
@@ -312,9 +303,9 @@ def trial(kind: str, folder: Path) -> dict[str, Any]:
     with URController() as controller:
         with as_a_user():
             process = ContactProcess(
-                Factory(function=stream, arguments={"kind": kind, "note": str(note)}),
-                Factory(function=faulty_detector, arguments={"kind": kind, "note": str(note)}),
-                Factory(function=URArm, arguments={"host": controller.host}),
+                partial(stream, kind=kind, note=str(note)),
+                partial(faulty_detector, kind=kind, note=str(note)),
+                partial(URArm, host=controller.host),
             )
         try:
             _wait_until(lambda: _watches(process), process)

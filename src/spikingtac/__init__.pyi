@@ -37,8 +37,8 @@ from .stream.live import Finger as Finger
 from .types import Contact as Contact
 from .contact.detector import ContactDetector as ContactDetector
 from .contact.registry import DetectionConfig as DetectionConfig
-from .contact.event_count import EventCountConfig as EventCountConfig
-from .contact.event_count import EventCountDetector as EventCountDetector
+from .contact.registry import EventCountConfig as EventCountConfig
+from .contact.registry import EventCountDetector as EventCountDetector
 from .contact.detector import QuietStatistics as QuietStatistics
 from .contact.sequential_detector import SequentialMotionDetector as SequentialMotionDetector
 from .contact.registry import make_detector as make_detector

@@ -14,7 +14,7 @@ import pytest
 
 from spikingtac import plugins
 from spikingtac.contact.detector import ContactDetector, QuietStatistics, Window
-from spikingtac.contact.registry import ALIASES, DetectionConfig, detectors, make_detector
+from spikingtac.contact.registry import DetectionConfig, detectors, make_detector
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.windows import windows as cut_windows
 from spikingtac.types import Contact, EventPacket
@@ -22,7 +22,7 @@ from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows
 from stand_ins.plugin_package import install
 
 # Those of this package, and of every installed package that registers one.
-NAMES = sorted(detectors().keys() - ALIASES.keys())
+NAMES = sorted(detectors())
 TOUCH = 500  # Window in which the markers begin to move.
 
 
@@ -148,15 +148,6 @@ def test_the_summary_tells_the_rule_and_the_quiet_windows(name: str) -> None:
     assert json.loads(json.dumps(dict(summary.figures))) == summary.figures
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_details_are_told_during_a_contact_only(name: str) -> None:
-    detector = build(name)
-    assert detector.details() is None
-    found(detector, touched()[: TOUCH + 20])
-    details = detector.details()
-    assert details is None or abs(details.onset_us - TOUCH * PERIOD_US) < 5 * PERIOD_US
-
-
 @pytest.mark.parametrize("budget", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_budget_that_is_no_positive_number_is_refused(budget: float) -> None:
     with pytest.raises(ConfigError, match="must be positive"):
@@ -175,18 +166,18 @@ def test_unknown_names_and_missing_calibrations_are_explained() -> None:
 def test_a_detector_of_another_package_is_made_by_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    points = {"count": "my_parts:build_detector", "motion": "my_parts:build_detector"}
+    points = {"count": "my_parts:build_detector", "default": "my_parts:build_detector"}
     install(tmp_path, {plugins.DETECTORS: points | {"gone": "my_parts:NoSuchThing"}})
     monkeypatch.syspath_prepend(tmp_path)
     made = make_detector("count", DetectionConfig(), [], islice(quiet(), 200))
     assert made.summary().figures == {"threshold": 200}
     assert (
         "scales_ms"
-        in make_detector("motion", DetectionConfig(), [calibration()], quiet()).summary().figures
+        in make_detector("default", DetectionConfig(), [calibration()], quiet()).summary().figures
     )
     with pytest.raises(ConfigError, match="my-parts"):
         make_detector("gone", DetectionConfig(), [], quiet())
-    with pytest.raises(ConfigError, match=r"valid: event_count, default, motion, count, gone"):
+    with pytest.raises(ConfigError, match=r"valid: event_count, default, count, gone"):
         make_detector("unheard-of", DetectionConfig(), [], quiet())
 
 
@@ -196,7 +187,7 @@ def test_another_sensor_is_refused_not_indexed() -> None:
     for size in ((width + 400, height), SIZE):
         packet = EventPacket(column, column * 0, column > 0, np.array([5]), 0, 1_000, size)
         with pytest.raises(ConfigError, match=r"do not fit|lie outside"):
-            build("motion").update(packet)
+            build("default").update(packet)
         with pytest.raises(ConfigError, match=r"do not fit|lie outside"):
             make_detector("default", DetectionConfig(), [calibration()], [packet])
 

@@ -4,6 +4,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ import pytest
 from spikingtac.robot.ur_stop import REST_MM_S
 from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.stream.guard import ContactProcess
-from spikingtac.stream.host import Factory
 from stand_ins.guarded import (
     NEVER,
     SLOW_S,
@@ -56,8 +56,8 @@ def guard(notes: Path) -> Iterator[Any]:
     made: list[ContactProcess] = []
 
     def start(**stream: Any) -> ContactProcess:
-        arm = Factory(function=NotingArm, arguments={"notes": str(notes)})
-        source = Factory(function=paced, arguments=stream)
+        arm = partial(NotingArm, notes=str(notes))
+        source = partial(paced, **stream)
         made.append(ContactProcess(source, watching(stream), arm, CALM))
         return made[-1]
 
@@ -115,8 +115,8 @@ def test_windows_that_waited_before_the_watch_are_not_lag_and_later_ones_are(
     """The first question is the last thing before the watch; a guard tripped at once for 3.6 s."""
     arguments = {"notes": str(notes), "slow": slow}
     config = WatchdogConfig(stale_s=60.0, backlog_s=SLOW_S / 2.0)
-    arm = Factory(function=SlowArm, arguments=arguments)
-    process = ContactProcess(Factory(function=paced), watching({}), arm, config)
+    arm = partial(SlowArm, **arguments)
+    process = ContactProcess(paced, watching({}), arm, config)
     try:
         status = wait(process, "ready", "tripped", "ended", "failed")
         assert status["phase"] == "ready", status
@@ -130,9 +130,9 @@ def test_windows_that_waited_before_the_watch_are_not_lag_and_later_ones_are(
 
 
 def test_a_failure_is_told_however_long_its_text_is(notes: Path) -> None:
-    arm = Factory(function=NotingArm, arguments={"notes": str(notes)})
-    source = Factory(function=paced)
-    process = ContactProcess(source, Factory(function=long_failure), arm, CALM)
+    arm = partial(NotingArm, notes=str(notes))
+    source = paced
+    process = ContactProcess(source, long_failure, arm, CALM)
     try:
         status = wait(process, "failed")
     finally:
@@ -171,8 +171,8 @@ def moving(controller: URController) -> Iterator[Any]:
 
     def start(**stream: Any) -> ContactProcess:
         arguments = {"host": controller.host, "speed_mm_s": 40.0}
-        arm = Factory(function=moving_ur, arguments=arguments)
-        source = Factory(function=paced, arguments=stream)
+        arm = partial(moving_ur, **arguments)
+        source = partial(paced, **stream)
         status: dict[str, Any] = {}
         for _ in range(STARTS):
             made.append(ContactProcess(source, watching(stream), arm, CALM))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,6 @@ from spikingtac.events.evt.raw import format_header
 from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
 from spikingtac.stream.guard import ContactProcess
 from spikingtac.stream.guard_loop import Arrival, ContactLoop, stream_arrivals
-from spikingtac.stream.host import Factory
 from spikingtac.types import EventPacket
 from stand_ins.guarded import SLOWED, NotingArm, detector, paced, stops
 from stand_ins.live import BurstDetector
@@ -46,9 +46,9 @@ def watch(stream: dict[str, int], notes: Path, monkeypatch: pytest.MonkeyPatch) 
     """Let the verb guard an arm that notes its stops, with a stream in slow real time."""
 
     def start(args: guard.Args) -> ContactProcess:
-        arm = Factory(function=NotingArm, arguments={"notes": str(notes)})
-        source = Factory(function=paced, arguments=stream)
-        return ContactProcess(source, Factory(function=detector), arm, CALM)
+        arm = partial(NotingArm, notes=str(notes))
+        source = partial(paced, **stream)
+        return ContactProcess(source, detector, arm, CALM)
 
     monkeypatch.setattr(guard, "start", start)
     monkeypatch.setattr(guard, "SILENCE_S", 60.0)  # the watchdog is patient here, too

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,6 @@ from spikingtac.events.create import create_events
 from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.stream.guard import ContactProcess
 from spikingtac.stream.guard_loop import stream_arrivals
-from spikingtac.stream.host import Factory
 from spikingtac.stream.reader import LiveSource, open_live
 from spikingtac.tracks import Tracks
 from spikingtac.viewer.opening import open_view_or_events
@@ -141,9 +141,9 @@ def test_a_touch_in_a_pipe_stops_the_arm(tmp_path: Path) -> None:
     PipedCamera(tmp_path / "pipe", live.read_bytes(), lasting_s=4.0, pieces=2000)
     notes = tmp_path / "stops"
     process = ContactProcess(
-        Factory(function=stream_arrivals, arguments={"path": str(tmp_path / "pipe")}),
-        Factory(function=detector),
-        Factory(function=NotingArm, arguments={"notes": str(notes)}),
+        partial(stream_arrivals, path=str(tmp_path / "pipe")),
+        detector,
+        partial(NotingArm, notes=str(notes)),
         PATIENT,
     )
     try:

@@ -14,7 +14,7 @@ from spikingtac.cli.main import main
 from spikingtac.cli.verbs import probe_sites as sites
 from spikingtac.cli.verbs.probe import Args
 from spikingtac.contact.detector import ContactDetector
-from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
+from spikingtac.contact.registry import EventCountConfig, EventCountDetector
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.sim.rig.hole_site import Grasp, HoleSite
 from spikingtac.sim.rig.walls import HoleWall, NoWall, Wall

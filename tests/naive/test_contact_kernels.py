@@ -9,24 +9,20 @@ from spikingtac.contact.evidence import (
     RimTable,
     ScaleSums,
     ScaleTest,
-    evidence_kernel,
-    exceeded_kernel,
+    evidence_of,
     rim_table,
 )
 from spikingtac.types import EventPacket
 from stand_ins.moving_rims import SIZE, calibration, windows
 
 
-def plain_evidence(packet: EventPacket, table: RimTable) -> tuple[np.ndarray, np.ndarray]:
+def plain_evidence(packet: EventPacket, table: RimTable) -> np.ndarray:
     evidence = np.zeros((2, AFFINE_MODES))
-    by_marker = np.zeros((len(table.center_px), 2))
     for x, y, p in zip(packet.x, packet.y, packet.p, strict=True):
         row = table.row[y, x]
         if row != OFF_RIM:
-            sign = 1.0 if p else -1.0
-            evidence[int(p)] += sign * table.modes[row]
-            by_marker[table.marker[row]] += sign * table.modes[row, :2]
-    return evidence, by_marker
+            evidence[int(p)] += (1.0 if p else -1.0) * table.modes[row]
+    return evidence
 
 
 @pytest.mark.parametrize("count", [0, 1, 5, 400])
@@ -35,11 +31,8 @@ def test_evidence(count: int) -> None:
     (packet,) = windows(1, seed=count, noise=0.0, speed=lambda _: (count / 1000.0, 0.0))
     (noise,) = windows(1, seed=count, noise=float(count))
     for some in (packet, noise, EventPacket.empty(0, 1000, SIZE)):
-        evidence, by_marker = np.ones((2, AFFINE_MODES)), np.ones((9, 2), np.float32)
-        evidence_kernel(some.x, some.y, some.p, *table[:3], evidence, by_marker)
-        expected = plain_evidence(some, table)
-        np.testing.assert_allclose(evidence, expected[0], atol=1e-9)
-        np.testing.assert_allclose(by_marker, expected[1], atol=1e-4)
+        expected = plain_evidence(some, table).ravel()
+        np.testing.assert_allclose(evidence_of(some, [table]), expected, atol=1e-9)
 
 
 def test_scales() -> None:
@@ -56,16 +49,5 @@ def test_scales() -> None:
             assert values[scale] == pytest.approx(expected)
             if now >= length:
                 np.testing.assert_allclose(sums.total(scale), total)
-    kept = np.cumsum((evidence - test.mean)[-8:] @ np.ones(5))
-    np.testing.assert_allclose(np.diff(sums.course(np.ones(5))), np.diff(kept, prepend=0.0))
     sums.reset()
     assert sums.add(evidence[0])[1:].tolist() == [0.0, 0.0, 0.0]
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_exceeded(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    values, threshold = rng.exponential(size=9), rng.exponential(size=9) + seed
-    ratio = values / threshold
-    expected = int(ratio.argmax()) if ratio.max() > 1.0 else -1
-    assert exceeded_kernel(values, threshold) == expected

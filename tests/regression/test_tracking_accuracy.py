@@ -183,7 +183,7 @@ def test_contacts_are_found_when_they_begin(detector: str) -> None:
     film = touches()
     quiet = islice(paired_windows([film.source()]), LEAST_QUIET_WINDOWS)
     made = make_detector(detector, DetectionConfig(), [calibration()], quiet)
-    found_us = [found.contact.t_us for found in find_contacts([film.source()], made)]
+    found_us = [found.t_us for found, _ in find_contacts([film.source()], made)]
     begin_us = int(film.truth.contact_t_us[film.truth.in_contact][0])
     assert found_us
     assert 0 <= found_us[0] - begin_us < 60_000

@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 import itertools
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,6 @@ from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.stream.guard_loop import Arrival
-from spikingtac.stream.host import Factory
 from spikingtac.types import EventPacket, Pose
 from stand_ins.moving_rims import PERIOD_US, calibration, windows
 
@@ -96,14 +95,14 @@ def as_it_is(detector: ContactDetector) -> ContactDetector:
     return detector
 
 
-def watching(stream: Mapping[str, int]) -> Factory[ContactDetector]:
+def watching(stream: Mapping[str, int]) -> Callable[[], ContactDetector]:
     """Return the detector for a stream of :func:`paced`: one that has learned where none touches.
 
     What stalls, ends, breaks or leaps is noticed by whoever watches the stream, not by a detector.
     """
     if "touch" in stream:
-        return Factory(function=detector)
-    return Factory(function=as_it_is, arguments={"detector": _counting()})
+        return detector
+    return partial(as_it_is, detector=_counting())
 
 
 def paced(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from spikingtac.contact.detector import (
-    ContactDetails,
     DetectorSummary,
     Window,
     count_of,
@@ -73,9 +72,6 @@ class BurstDetector:
 
     def reset(self) -> None:
         """It keeps nothing."""
-
-    def details(self) -> ContactDetails | None:
-        return None
 
     def summary(self) -> DetectorSummary:
         return DetectorSummary(rule="a contact is more than 5 events in a window")

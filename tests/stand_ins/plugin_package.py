@@ -8,7 +8,7 @@ from pathlib import Path
 MODULE = '''
 import numpy as np
 
-from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
+from spikingtac.contact.registry import EventCountConfig, EventCountDetector
 from spikingtac.events.formats.arrays import ArraySource
 from spikingtac.events.create import NpzWriter
 from spikingtac.types import MarkerFrame

@@ -5,9 +5,9 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
-from spikingtac.stream.host import Factory
 from spikingtac.viewer.access import Gate, listen
 from spikingtac.viewer.server import PageServer, serve
 from spikingtac.viewer.show import PageOptions, SessionProcess
@@ -17,7 +17,7 @@ START_S = 180.0
 
 
 def run_server(opener: Callable[..., ViewSource], given: list[dict[str, Any]], port: Any) -> None:
-    views = [Factory(function=opener, arguments=arguments) for arguments in given]
+    views = [partial(opener, **arguments) for arguments in given]
     sessions = [SessionProcess(view, PageOptions(repeat=True)) for view in views]
     try:
         listening = listen("127.0.0.1", 0)

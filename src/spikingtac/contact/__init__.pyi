@@ -5,7 +5,6 @@ from .detector import WINDOW_US as WINDOW_US
 from .detector import Window as Window
 from .detector import count_of as count_of
 from .detector import packets_of as packets_of
-from .recording import FoundContact as FoundContact
 from .recording import find_contacts as find_contacts
 from .recording import leading_quiet as leading_quiet
 from .recording import paired_windows as paired_windows
@@ -13,14 +12,12 @@ from .recording import paired_windows as paired_windows
 # Detectors
 from .detector import ContactDetector as ContactDetector
 from .detector import DetectorSummary as DetectorSummary
-from .detector import ContactDetails as ContactDetails
-from .detector import GelTouch as GelTouch
 from .registry import DETECTORS as DETECTORS
 from .registry import DetectionConfig as DetectionConfig
 from .registry import detectors as detectors
 from .registry import make_detector as make_detector
-from .event_count import EventCountConfig as EventCountConfig
-from .event_count import EventCountDetector as EventCountDetector
+from .registry import EventCountConfig as EventCountConfig
+from .registry import EventCountDetector as EventCountDetector
 from .detector import QuietStatistics as QuietStatistics
 from .sequential_detector import SequentialMotionDetector as SequentialMotionDetector
-from .event_count import SelfCalibratingDetector as SelfCalibratingDetector
+from .registry import SelfCalibratingDetector as SelfCalibratingDetector

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from bisect import bisect_left
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -21,6 +21,7 @@ CLEAR_SIGMA = 5.0  # A block this many standard deviations above others holds mo
 # Fewest events of a block of an even stream, and largest share by which its blocks differ.
 LEAST_EVEN, EVEN_SHARE = 20, 0.5
 LEAST_WINDOWS = 100  # Fewer windows determine a variance to no better than 15 %.
+MOST_EVENTS = 1 << 32  # Above any count of a window.
 WINDOW_US = 1_000  # Raw events are counted in windows of 1 ms (paper section V-B).
 
 # The events of one period: of one sensor, or one packet per sensor, in the sensors' order.
@@ -34,9 +35,7 @@ def packets_of(window: Window) -> tuple[EventPacket, ...]:
 
 def count_of(window: Window) -> int:
     """Return how many events a window holds, over all sensors."""
-    if isinstance(window, tuple):
-        return sum(len(packet) for packet in window)
-    return len(window)
+    return sum(map(len, packets_of(window)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,9 +63,34 @@ class QuietStatistics:
         Raises:
             CalibrationError: There are fewer than 100 windows.
         """
-        counter = WindowCounter()
-        deque(counter.counted(windows), maxlen=0)
-        return counter.statistics()
+        counts, period_us = [], 0
+        for window in windows:
+            first = packets_of(window)[0]
+            # The last window of a stream may be shorter than the others.
+            period_us = period_us or first.t_end_us - first.t_start_us
+            counts.append(count_of(window))
+        return cls.of_counts(counts, period_us * 1e-6)
+
+    @classmethod
+    def of_counts(cls, counts: Sequence[int], period_s: float) -> QuietStatistics:
+        """Return the statistics of windows whose events were counted.
+
+        Raises:
+            CalibrationError: There are fewer than 100 windows.
+        """
+        if len(counts) < LEAST_WINDOWS:
+            raise CalibrationError(
+                f"{len(counts)} quiet windows are too few, at least {LEAST_WINDOWS} are "
+                "needed; record the moving arm for longer"
+            )
+        values = np.array(counts)
+        return cls(
+            mean=float(values.mean()),
+            variance=float(values.var(ddof=1)),
+            highest=int(values.max()),
+            windows=len(values),
+            period_s=period_s,
+        )
 
     def threshold(self, false_alarms_per_hour: float) -> int:
         """Return the least count that is exceeded less often than the budget.
@@ -87,67 +111,15 @@ class QuietStatistics:
         chance = false_alarms_per_hour * self.period_s / SECONDS_PER_HOUR
         mean = max(self.mean, 1.0 / self.windows)
         excess = self.variance - mean
-        if excess <= mean * math.sqrt(2.0 / self.windows):
-            return _least_count(lambda count: pdtrc(count, mean), chance)
-        size = mean**2 / excess
-        return _least_count(lambda count: betainc(count + 1, size, mean / (size + mean)), chance)
 
+        def is_rare(count: int) -> bool:
+            if excess <= mean * math.sqrt(2.0 / self.windows):
+                return pdtrc(count, mean) <= chance
+            size = mean**2 / excess
+            return betainc(count + 1, size, mean / (size + mean)) <= chance
 
-def _least_count(survival: Callable[[int], float], chance: float) -> int:
-    """Return the least count that is exceeded with at most this chance.
-
-    Args:
-        survival: The chance that a count is exceeded; it falls with the count.
-        chance: The largest chance allowed, above 0.
-    """
-    if chance >= 1.0:  # every window may exceed it
-        return -1
-    above = 1
-    while survival(above - 1) > chance:
-        above *= 2
-    below = above // 2 - 1
-    above -= 1
-    while above - below > 1:
-        middle = (above + below) // 2
-        below, above = (middle, above) if survival(middle) > chance else (below, middle)
-    return above
-
-
-class WindowCounter:
-    """Counts the events of the windows that pass through it."""
-
-    def __init__(self) -> None:
-        self._counts: list[int] = []
-        self._period_us = 0
-
-    def counted(self, windows: Iterable[Window]) -> Iterator[Window]:
-        """Yield the windows unchanged, and count each."""
-        for window in windows:
-            first = packets_of(window)[0]
-            # The last window of a stream may be shorter than the others.
-            self._period_us = self._period_us or first.t_end_us - first.t_start_us
-            self._counts.append(count_of(window))
-            yield window
-
-    def statistics(self) -> QuietStatistics:
-        """Return the statistics of all windows so far.
-
-        Raises:
-            CalibrationError: There are fewer than 100 windows.
-        """
-        if len(self._counts) < LEAST_WINDOWS:
-            raise CalibrationError(
-                f"{len(self._counts)} quiet windows are too few, at least {LEAST_WINDOWS} are "
-                "needed; record the moving arm for longer"
-            )
-        values = np.array(self._counts)
-        return QuietStatistics(
-            mean=float(values.mean()),
-            variance=float(values.var(ddof=1)),
-            highest=int(values.max()),
-            windows=len(values),
-            period_s=self._period_us * 1e-6,
-        )
+        # Every window may exceed -1.
+        return -1 if chance >= 1.0 else bisect_left(range(MOST_EVENTS), True, key=is_rare)
 
 
 def check_budget(false_alarms_per_hour: float) -> None:
@@ -181,54 +153,6 @@ def unsettled(count: NDArray[np.int64]) -> int:
     even = middle >= LEAST_EVEN and np.abs(later / max(middle, 1.0) - 1.0).max() <= EVEN_SHARE
     silent = int((count > 0).argmax()) if even else 0
     return max(calm * BLOCK_WINDOWS, silent if silent >= BLOCK_WINDOWS else 0)
-
-
-@dataclass(frozen=True, slots=True)
-class GelTouch:
-    """A contact as one sensor saw it.
-
-    Attributes:
-        place_px: ``(x, y)`` centroid of the displaced markers, weighted by their evidence, px.
-        push: ``(x, y)`` mean direction of their motion, in image axes. Its length is 1 where all
-            markers moved alike, and near 0 where they turned about their centroid.
-        turn: -1 to 1: how far the motion is a rotation about the centroid, positive from x to y
-            (clockwise as displayed).
-        markers: How many markers moved.
-    """
-
-    place_px: tuple[float, float]
-    push: tuple[float, float]
-    turn: float
-    markers: int
-
-    def as_mapping(self) -> dict[str, Any]:
-        """Return the fields, rounded to 0.1 px and 0.001, as JSON can hold them."""
-        return {
-            "place_px": [round(value, 1) for value in self.place_px],
-            "push": [round(value, 3) for value in self.push],
-            "turn": round(self.turn, 3),
-            "markers": self.markers,
-        }
-
-
-@dataclass(frozen=True, slots=True)
-class ContactDetails:
-    """What is known about a contact beyond the decision.
-
-    Attributes:
-        onset_us: The most likely time at which the motion began, us.
-        touches: One entry per sensor; None for a sensor whose markers did not move.
-    """
-
-    onset_us: int
-    touches: tuple[GelTouch | None, ...]
-
-    def as_mapping(self) -> dict[str, Any]:
-        """Return ``onset_us`` and ``sensors``, as JSON can hold them."""
-        return {
-            "onset_us": self.onset_us,
-            "sensors": [touch.as_mapping() if touch else None for touch in self.touches],
-        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,14 +191,6 @@ class ContactDetector(Protocol):
 
     def reset(self) -> None:
         """Forget the past windows, but keep what was learned from the quiet ones."""
-        ...
-
-    def details(self) -> ContactDetails | None:
-        """Return onset and place of the present contact.
-
-        Returns:
-            None where there is no contact, or where the detector does not know more about it.
-        """
         ...
 
     def summary(self) -> DetectorSummary:

@@ -30,8 +30,7 @@ Vector = NDArray[np.float64]
 
 # Motions of the whole field that a sensor is tested for: see :func:`affine_field`.
 AFFINE_MODES = 6
-OFF_RIM = -1
-
+OFF_RIM = -1  # Row of a pixel that lies on no rim.
 
 # How far a rim reaches towards the disc's centre and outwards, px. The first events of a contact
 # come from where the logarithm of the light is steepest: at the rim and a little outside it.
@@ -42,18 +41,16 @@ class RimTable(NamedTuple):
     """The rim pixels of one sensor.
 
     Attributes:
-        row: ``int32[height, width]`` row of each pixel in the other columns, or :data:`OFF_RIM`.
-        marker: ``int32[n]`` the marker on whose rim a pixel lies.
+        row: ``int32[height, width]`` row of each pixel in ``modes``, or :data:`OFF_RIM`.
         modes: ``float32[n, AFFINE_MODES]`` evidence of an ON event of the pixel for each
             motion of the whole field; an OFF event gives the opposite. The first two modes are the
             translations: there the evidence is the rim's outward unit vector, in image axes.
-        center_px: ``(m, 2)`` the markers.
+        markers: Number of markers.
     """
 
     row: NDArray[np.int32]
-    marker: NDArray[np.int32]
     modes: NDArray[np.float32]
-    center_px: Vector
+    markers: int
 
     def without(self, pixels: NDArray[np.bool_]) -> RimTable:
         """Return a table that ignores the given pixels ``bool[height, width]``."""
@@ -63,32 +60,28 @@ class RimTable(NamedTuple):
 def rim_table(calibration: Calibration) -> RimTable:
     """Return the rim pixels of a sensor's markers; a pixel between two markers is the nearer's."""
     width, height = calibration.size
-    nearest = np.full(width * height, np.inf)
-    marker = np.full(width * height, OFF_RIM, np.int32)
-    normal = np.zeros((width * height, 2))
-    grid_y, grid_x = np.mgrid[0:height, 0:width]
-    pixels = np.column_stack([grid_x.ravel(), grid_y.ravel()]).astype(np.float64)
+    nearest = np.full((height, width), np.inf)
+    marker = np.full((height, width), OFF_RIM)
+    outward = np.zeros((height, width, 2))
+    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
     for index, (center, radius) in enumerate(
         zip(calibration.reference_px, calibration.radius_px, strict=True)
     ):
         offset = pixels - center
-        distance = np.hypot(offset[:, 0], offset[:, 1])
+        distance = np.hypot(offset[..., 0], offset[..., 1])
         depth = distance - radius
         chosen = (depth >= -INSIDE_PX) & (depth <= OUTSIDE_PX) & (distance > 0.0)
         chosen &= np.abs(depth) < nearest
         nearest[chosen] = np.abs(depth[chosen])
         marker[chosen] = index
-        normal[chosen] = offset[chosen] / distance[chosen, None]
-    on_rim = np.flatnonzero(marker != OFF_RIM)
-    row = np.full(width * height, OFF_RIM, np.int32)
-    row[on_rim] = np.arange(len(on_rim), dtype=np.int32)
-    outward = normal[on_rim] * (-1.0 if calibration.polarity == "dark" else 1.0)
-    of_marker = marker[on_rim]
-    modes = affine_field(calibration.reference_px)[of_marker]
-    along = np.einsum("na,nak->nk", outward, modes).astype(np.float32)
-    return RimTable(
-        row.reshape(height, width), of_marker, along, np.asarray(calibration.reference_px)
-    )
+        outward[chosen] = offset[chosen] / distance[chosen, None]
+    on_rim = marker != OFF_RIM
+    row = np.full((height, width), OFF_RIM, np.int32)
+    row[on_rim] = np.arange(np.count_nonzero(on_rim))
+    sign = -1.0 if calibration.polarity == "dark" else 1.0
+    modes = affine_field(calibration.reference_px)[marker[on_rim]]
+    along = np.einsum("na,nak->nk", sign * outward[on_rim], modes).astype(np.float32)
+    return RimTable(row, along, len(calibration.reference_px))
 
 
 def affine_field(points_px: Vector) -> Vector:
@@ -112,57 +105,26 @@ def affine_field(points_px: Vector) -> Vector:
 POLARITIES = 2  # OFF and ON evidence are summed apart: the leak of the pixels fires ON only.
 
 
-class EvidenceSums:
-    """Sums the evidence of each window, and keeps each marker's recent evidence.
+def evidence_of(window: Window, tables: Sequence[RimTable]) -> Vector:
+    """Return a window's evidence ``(length,)``: by sensor, OFF before ON, by mode.
 
     Args:
-        tables: The rims of each sensor, in the windows' order.
-        memory: How many windows of the markers' own evidence are kept.
+        window: The events of one period.
+        tables: The rims of each sensor, in the window's order.
+
+    Raises:
+        ConfigError: The window has another number of sensors, or sensors of another size.
     """
-
-    def __init__(self, tables: Sequence[RimTable], memory: int) -> None:
-        self.tables = tuple(tables)
-        self._memory = memory
-        self._evidence = np.zeros((len(self.tables), POLARITIES, AFFINE_MODES))
-        self._recent = tuple(
-            np.zeros((memory, len(table.center_px), 2), np.float32) for table in self.tables
+    packets = packets_of(window)
+    if len(packets) != len(tables):
+        raise ConfigError(
+            f"the windows hold {len(packets)} sensors, the detector was built for {len(tables)}"
         )
-        self._filled = 0
-
-    def add(self, window: Window) -> NDArray[np.float64]:
-        """Return the window's evidence ``(length,)``: by sensor, OFF before ON, by mode.
-
-        The next call overwrites the array.
-
-        Raises:
-            ConfigError: The window has another number of sensors than the calibrations, or
-                sensors of another size.
-        """
-        packets = packets_of(window)
-        if len(packets) != len(self.tables):
-            raise ConfigError(
-                f"the windows hold {len(packets)} sensors, the detector was built for "
-                f"{len(self.tables)}"
-            )
-        slot = self._filled % self._memory
-        for sensor, (packet, table) in enumerate(zip(packets, self.tables, strict=True)):
-            packet.require_map(table.row.shape)
-            evidence_kernel(
-                packet.x, packet.y, packet.p, table.row, table.marker, table.modes,
-                self._evidence[sensor], self._recent[sensor][slot],
-            )  # fmt: skip
-        self._filled += 1
-        return self._evidence.reshape(-1)
-
-    def recent(self, windows: int) -> tuple[NDArray[np.float64], ...]:
-        """Return the evidence ``(m, 2)`` of each sensor's markers over the last windows."""
-        kept = min(windows, self._filled, self._memory)
-        slots = np.arange(self._filled - kept, self._filled) % self._memory
-        return tuple(ring[slots].sum(axis=0, dtype=np.float64) for ring in self._recent)
-
-    def reset(self) -> None:
-        """Forget the markers' recent evidence."""
-        self._filled = 0
+    evidence = np.zeros((len(tables), POLARITIES, AFFINE_MODES))
+    for packet, table, sums in zip(packets, tables, evidence, strict=True):
+        packet.require_map(table.row.shape)
+        evidence_kernel(packet.x, packet.y, packet.p, table.row, table.modes, sums)
+    return evidence.ravel()
 
 
 @njit(cache=True)
@@ -171,28 +133,19 @@ def evidence_kernel(
     y: NDArray[np.uint16],
     p: NDArray[np.bool_],
     row: NDArray[np.int32],
-    marker: NDArray[np.int32],
     modes: NDArray[np.float32],
-    evidence: NDArray[np.float64],
-    by_marker: NDArray[np.float32],
+    evidence: Vector,
 ) -> None:
-    """Sum a packet's evidence into ``evidence (2, modes)`` by polarity and ``by_marker (m, 2)``.
+    """Add a packet's evidence to ``evidence (2, modes)`` by polarity.
 
     The table's columns are separate parameters: a call with a tuple of arrays takes twice as long.
     """
-    evidence[:] = 0.0
-    by_marker[:] = 0.0
     for event in range(len(x)):
         place = row[y[event], x[event]]
-        if place == OFF_RIM:
-            continue
-        polarity = 1 if p[event] else 0
-        sign = 1.0 if p[event] else -1.0
-        for mode in range(evidence.shape[1]):
-            evidence[polarity, mode] += sign * modes[place, mode]
-        of = marker[place]
-        by_marker[of, 0] += sign * modes[place, 0]
-        by_marker[of, 1] += sign * modes[place, 1]
+        if place != OFF_RIM:
+            polarity = 1 if p[event] else 0
+            for mode in range(evidence.shape[1]):
+                evidence[polarity, mode] += (2 * polarity - 1) * modes[place, mode]
 
 
 class ScaleTest(NamedTuple):
@@ -231,9 +184,9 @@ class ScaleSums:
         Scales longer than the time since the start have the statistic 0. The next call overwrites
         the array.
         """
-        test = self._test
+        windows, whiten, mean, _ = self._test
         self._seen = scales_kernel(
-            evidence, test.windows, test.whiten, test.mean, self._ring, self._seen, self._values
+            evidence, windows, whiten, mean, self._ring, self._seen, self._values
         )
         return self._values
 
@@ -242,12 +195,6 @@ class ScaleSums:
         now = self._seen % len(self._ring)
         start = (self._seen - int(self._test.windows[scale])) % len(self._ring)
         return self._ring[now] - self._ring[start]
-
-    def course(self, along: Vector) -> Vector:
-        """Return the running sum along a direction ``(n + 1,)`` over all kept windows."""
-        kept = min(self._seen, len(self._ring) - 1)
-        slots = np.arange(self._seen - kept, self._seen + 1) % len(self._ring)
-        return self._ring[slots] @ along
 
     def reset(self) -> None:
         """Forget all sums."""
@@ -286,14 +233,3 @@ def scales_kernel(
                 total += whiten[scale, row, part] * (ring[now, part] - ring[start, part])
             values[scale] += total * total
     return seen
-
-
-@njit(cache=True)
-def exceeded_kernel(values: Vector, threshold: Vector) -> int:
-    """Return the scale that exceeds its threshold by the largest factor, or -1 for none."""
-    best, highest = -1, 1.0
-    for scale in range(len(values)):
-        ratio = values[scale] / threshold[scale]
-        if ratio > highest:
-            best, highest = scale, ratio
-    return best

@@ -12,19 +12,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.contact.detector import SECONDS_PER_HOUR, Window, packets_of
+from spikingtac.contact.detector import (
+    SECONDS_PER_HOUR,
+    QuietStatistics,
+    Window,
+    count_of,
+    packets_of,
+)
 from spikingtac.contact.evidence import (
     AFFINE_MODES,
     OFF_RIM,
     POLARITIES,
-    EvidenceSums,
     RimTable,
     ScaleSums,
     ScaleTest,
     Vector,
+    evidence_of,
 )
 from spikingtac.errors import CalibrationError
-from spikingtac.types import EventPacket
 
 # Shares of the highest blocks that make the tail. Rare swings of an arm stand out from the noise
 # of the pixels only in the outermost blocks. Each share gives a threshold; the highest is taken.
@@ -103,22 +108,14 @@ class QuietEvidence:
         evidence: ``(n, length)`` evidence of each window.
         period_s: Length of a window, s.
         hot_pixels: How many hot pixels of each sensor's rims are ignored.
+        statistics: Counts of all events of the windows.
     """
 
     tables: tuple[RimTable, ...]
     evidence: Vector
     period_s: float
     hot_pixels: tuple[int, ...]
-
-    def marker_noise(self, sensor: int) -> float:
-        """Return the mean squared length of one marker's evidence in one window.
-
-        The first two modes sum the evidence of all markers along x and y.
-        """
-        by_mode = self.evidence.reshape(len(self.evidence), -1, POLARITIES, AFFINE_MODES)
-        both = by_mode[:, sensor, :, :2]
-        markers = len(self.tables[sensor].center_px)
-        return float(both.sum(axis=1).var(axis=0).sum()) / markers
+    statistics: QuietStatistics
 
 
 def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> QuietEvidence:
@@ -128,27 +125,42 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
         CalibrationError: The recording is too short, or no marker lies on the sensor.
         ConfigError: The windows come from a sensor of another size than the calibrations.
     """
-    if not all(len(table.marker) for table in tables):
+    if not all(len(table.modes) for table in tables):
         raise CalibrationError(
             "no rim of a marker lies on the sensor; calibrate it anew: "
             "spikingtac calibrate RECORDING -o calibration.json"
         )
-    kept, counts, period_s = _on_rims(tables, quiet)
+    fired = [np.zeros(table.row.shape, np.int64) for table in tables]
+    kept, counts, period_us = [], [], 0
+    for window in quiet:
+        packets = packets_of(window)
+        # The last window of a stream may be shorter than the others.
+        period_us = period_us or packets[0].t_end_us - packets[0].t_start_us
+        counts.append(count_of(window))
+        parts = []
+        for packet, table, times in zip(packets, tables, fired, strict=True):
+            packet.require_map(table.row.shape)
+            rim = packet.select(table.row[packet.y, packet.x] != OFF_RIM)  # a tenth of the events
+            np.add.at(times, (rim.y, rim.x), 1)
+            parts.append(rim)
+        kept.append(tuple(parts))
     if len(kept) < LEAST_WINDOWS:
         raise CalibrationError(
             f"{len(kept)} quiet windows are too few for the sequential motion detector, at least "
             f"{LEAST_WINDOWS} are needed; record the moving arm for longer (a minute is good)"
         )
-    limit = max(HOT_HZ * len(kept) * period_s, 1.0)
-    hot = [
-        (count > limit) & (table.row != OFF_RIM)
-        for count, table in zip(counts, tables, strict=True)
-    ]
-    clean = tuple(table.without(mask) for table, mask in zip(tables, hot, strict=True))
     _require_both_polarities(kept)
-    sums = EvidenceSums(clean, memory=1)
-    evidence = np.array([sums.add(window).copy() for window in kept])
-    return QuietEvidence(clean, evidence, period_s, tuple(int(mask.sum()) for mask in hot))
+    period_s = period_us * 1e-6
+    limit = max(HOT_HZ * len(kept) * period_s, 1.0)
+    hot = [times > limit for times in fired]  # events on the rims only were counted
+    clean = tuple(table.without(mask) for table, mask in zip(tables, hot, strict=True))
+    return QuietEvidence(
+        tables=clean,
+        evidence=np.array([evidence_of(window, clean) for window in kept]),
+        period_s=period_s,
+        hot_pixels=tuple(int(mask.sum()) for mask in hot),
+        statistics=QuietStatistics.of_counts(counts, period_s),
+    )
 
 
 def _require_both_polarities(kept: Sequence[Window]) -> None:
@@ -224,14 +236,15 @@ def _whitening(sums: Vector, quiet: QuietEvidence, windows: int) -> Vector:
     """
     covariance = np.cov(quiet.evidence.T)
     bias = _leak_bias(quiet)
-    on, off = _columns(len(covariance), 1), _columns(len(covariance), 0)
+    columns = np.arange(len(covariance)).reshape(-1, POLARITIES, AFFINE_MODES)
+    off, on = columns[:, 0].ravel(), columns[:, 1].ravel()
     variance = np.diag(covariance) + np.finfo(float).tiny
-    joined = np.zeros((len(on), len(covariance)))
-    rows = np.arange(len(on))
-    joined[rows, off] = 1.0 / variance[off]
-    joined[rows, on] = 1.0 / (variance[on] + windows * bias**2)
     drift = np.zeros(len(covariance))
     drift[on] = (windows * bias) ** 2
+    rows = np.arange(len(on))
+    joined = np.zeros((len(on), len(covariance)))
+    joined[rows, off] = 1.0 / variance[off]
+    joined[rows, on] = 1.0 / (variance[on] + windows * bias**2)
     expected = joined @ (windows * covariance + np.diag(drift)) @ joined.T
     half = np.linalg.inv(np.linalg.cholesky(expected)) @ joined
     return _inflated(half, sums, windows)
@@ -247,40 +260,9 @@ def _inflated(whiten: Vector, sums: Vector, windows: int) -> Vector:
 
 def _leak_bias(quiet: QuietEvidence) -> Vector:
     """Return evidence per window and mode ``(d,)`` that the leak may add in one direction."""
-    out = []
-    for sensor, table in enumerate(quiet.tables):
-        used = table.row[table.row != OFF_RIM]
-        power = (table.modes[used] ** 2).mean(axis=0)
-        block = quiet.evidence[:, POLARITIES * AFFINE_MODES * sensor :][
-            :, : POLARITIES * AFFINE_MODES
-        ]
-        variance = block.var(axis=0).reshape(POLARITIES, AFFINE_MODES)
-        events = variance.mean(axis=1) / power.mean()
-        out.append(LEAK_BIAS * max(events[1] - events[0], 0.0) * np.sqrt(power))
-    return np.concatenate(out)
-
-
-def _columns(length: int, polarity: int) -> NDArray[np.int64]:
-    """Return the indices of one polarity's evidence, over all sensors and modes."""
-    places = np.arange(length).reshape(-1, POLARITIES, AFFINE_MODES)
-    return places[:, polarity].ravel()
-
-
-def _on_rims(
-    tables: Sequence[RimTable], quiet: Iterable[Window]
-) -> tuple[list[tuple[EventPacket, ...]], list[NDArray[np.int64]], float]:
-    """Keep the events on the rims, a tenth of all, and count the events of each pixel."""
-    counts = [np.zeros(table.row.shape, np.int64) for table in tables]
-    kept, period_us = [], 0
-    for window in quiet:
-        packets = packets_of(window)
-        # The last window of a stream may be shorter than the others.
-        period_us = period_us or packets[0].t_end_us - packets[0].t_start_us
-        parts = []
-        for packet, table, count in zip(packets, tables, counts, strict=True):
-            packet.require_map(table.row.shape)
-            rim = packet.select(table.row[packet.y, packet.x] != OFF_RIM)
-            np.add.at(count, (rim.y, rim.x), 1)
-            parts.append(rim)
-        kept.append(tuple(parts))
-    return kept, counts, period_us * 1e-6
+    used = [table.modes[table.row[table.row != OFF_RIM]] for table in quiet.tables]
+    power = np.stack([(modes**2).mean(axis=0) for modes in used])
+    variance = quiet.evidence.var(axis=0).reshape(-1, POLARITIES, AFFINE_MODES)
+    events = variance.mean(axis=2) / power.mean(axis=1, keepdims=True)
+    excess = np.maximum(events[:, 1:] - events[:, :1], 0.0)
+    return (LEAK_BIAS * excess * np.sqrt(power)).ravel()

@@ -6,7 +6,6 @@ Contacts in recordings: find the quiet windows, and run a detector over the rest
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain, islice
 
 import numpy as np
@@ -15,7 +14,6 @@ from spikingtac.contact.detector import (
     BLOCK_WINDOWS,
     CLEAR_SIGMA,
     WINDOW_US,
-    ContactDetails,
     ContactDetector,
     Window,
     count_of,
@@ -31,9 +29,6 @@ from spikingtac.types import Contact, EventPacket
 LEAST_QUIET_WINDOWS = 300
 MOST_WINDOWS = 120_000  # Two minutes tell as much about a vibration of 15 Hz as an hour.
 MOST_UNSETTLED = 2000  # Most windows at the beginning that are passed over, 2 s.
-
-# A contact is described from the 20 ms after its decision: one window may hold a dozen events.
-DETAIL_WINDOWS = 20
 
 
 def paired_windows(sources: Sequence[EventSource]) -> Iterator[Window]:
@@ -111,48 +106,27 @@ def leading_quiet(sources: Sequence[EventSource]) -> tuple[int, int]:
     return begin, begin + length
 
 
-@dataclass(frozen=True, slots=True)
-class FoundContact:
-    """A contact of a recording.
-
-    Attributes:
-        contact: The decision.
-        end_us: End of the contact, us; None where it lasts to the end of the recording.
-        details: Onset and place, or None where the detector does not know them.
-    """
-
-    contact: Contact
-    end_us: int | None
-    details: ContactDetails | None
-
-
 def find_contacts(
     sources: Sequence[EventSource],
     detector: ContactDetector,
     stream: Iterator[Window] | None = None,
     first: int = 0,
-) -> Iterator[FoundContact]:
-    """Yield each contact once it has ended, or the recording has.
+) -> Iterator[tuple[Contact, int | None]]:
+    """Yield each contact with its end, us, once it has ended; None where the recording ends first.
 
     Args:
         sources: One or two sensors on one clock.
         detector: Decides.
-        stream: Their windows, as of :func:`~spikingtac.stream.windows.live_windows` for cameras;
+        stream: Their windows, as of :func:`~spikingtac.stream.pair.live_windows` for cameras;
             None reads them.
         first: The first window that counts; a camera may begin with a burst.
     """
     found: Contact | None = None
-    details: ContactDetails | None = None
-    age = 0
     for window in islice(stream or paired_windows(sources), first, None):
         begun = detector.update(window)
         if found is not None and (begun is not None or not detector.in_contact):
-            yield FoundContact(found, packets_of(window)[0].t_end_us, details)
+            yield found, packets_of(window)[0].t_end_us
             found = None
-        if begun is not None:
-            found, details, age = begun, None, 0
-        age += 1
-        if found is not None and age == DETAIL_WINDOWS:
-            details = detector.details()
+        found = begun or found
     if found is not None:
-        yield FoundContact(found, None, details or detector.details())
+        yield found, None

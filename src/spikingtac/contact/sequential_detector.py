@@ -10,35 +10,21 @@ still is as silent as one that let go.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.contact.detector import (
-    ContactDetails,
-    DetectorSummary,
-    GelTouch,
-    Window,
-    WindowCounter,
-    check_budget,
-    packets_of,
-)
+from spikingtac.contact.detector import DetectorSummary, Window, check_budget, packets_of
 from spikingtac.contact.evidence import (
     AFFINE_MODES,
     POLARITIES,
-    EvidenceSums,
     ScaleSums,
     ScaleTest,
     Vector,
-    exceeded_kernel,
+    evidence_of,
     rim_table,
 )
-from spikingtac.contact.quiet_evidence import (
-    QuietEvidence,
-    quiet_evidence,
-    scale_test,
-)
+from spikingtac.contact.quiet_evidence import QuietEvidence, quiet_evidence, scale_test
 from spikingtac.errors import CalibrationError
 from spikingtac.types import Contact
 
@@ -46,58 +32,10 @@ from spikingtac.types import Contact
 # less the dead travel (light presses of the twin come back by no more).
 BACK_SHARE = 0.4
 
-
 # OFF evidence per marker that is lost at a reversal, since each pixel has to come back by up to two
 # thresholds before it fires (measured on the twin: light presses).
 DEAD_EVIDENCE = 4.0
 REST_WINDOWS = 50  # Windows in a row without motion after which a contact ends, markers back.
-
-
-# A marker counts as moved where its squared evidence exceeds that of noise by this factor. Under
-# noise alone the ratio is exponentially distributed: 1 in 150 by chance.
-MOVED_RATIO = 5.0
-
-
-def gel_touch(evidence: Vector, center_px: Vector, noise: float) -> GelTouch | None:
-    """Return place and direction from the markers' evidence, or None where no marker moved.
-
-    Args:
-        evidence: ``(m, 2)`` sum of each marker's evidence since the onset.
-        center_px: ``(m, 2)`` centres of the markers, px.
-        noise: Expected squared length of a marker's evidence without contact.
-    """
-    power = (evidence**2).sum(axis=1)
-    weight = np.maximum(power - MOVED_RATIO * noise, 0.0)
-    moved = weight > 0.0
-    if not moved.any():
-        return None
-    weight = weight / weight.sum()
-    place = weight @ center_px
-    unit = evidence / np.sqrt(np.maximum(power, np.finfo(float).tiny))[:, None]
-    away = center_px - place
-    arm = weight @ np.hypot(away[:, 0], away[:, 1])
-    moment = weight @ (away[:, 0] * unit[:, 1] - away[:, 1] * unit[:, 0])
-    push = weight @ unit
-    return GelTouch(
-        place_px=(float(place[0]), float(place[1])),
-        push=(float(push[0]), float(push[1])),
-        turn=float(moment / arm) if arm > 0.0 else 0.0,
-        markers=int(moved.sum()),
-    )
-
-
-def likeliest_onset(progress: Vector) -> int:
-    """Return the maximum-likelihood onset of a drift that lasts to the end, in windows.
-
-    For Gaussian sums the likeliest time of change is the minimum of the running sum less a
-    reference drift (Page, Biometrika 41, 1954). The reference is half the mean drift since then.
-
-    Args:
-        progress: ``(n + 1,)`` running sum along the contact's direction, from 0 windows on.
-    """
-    lowest = int(progress.argmin())
-    slope = (progress[-1] - progress[lowest]) / max(len(progress) - 1 - lowest, 1)
-    return int((progress - 0.5 * slope * np.arange(len(progress))).argmin())
 
 
 class ReleaseMonitor:
@@ -152,33 +90,15 @@ class SequentialMotionDetector:
 
     Attributes:
         in_contact: True from a contact until its end.
-        hot_pixels: How many hot pixels of each sensor's rims are ignored.
         test: As given.
     """
 
     def __init__(self, learned: QuietEvidence, test: ScaleTest) -> None:
-        self.in_contact = False
-        self.hot_pixels, self.test = learned.hot_pixels, test
-        self._period_us = round(learned.period_s * 1e6)
-        self._noise = [learned.marker_noise(sensor) for sensor in range(len(learned.tables))]
-        self._evidence = EvidenceSums(learned.tables, int(test.windows[-1]))
-        self._sums = ScaleSums(test)
+        self.in_contact, self.test = False, test
+        self._learned, self._sums = learned, ScaleSums(test)
+        self._markers = sum(table.markers for table in learned.tables)
         self._release: ReleaseMonitor | None = None
-        self._begun: tuple[int, Vector] | None = None
-        self._along = test.mean
         self._calm: int | None = None
-        self._end_us = 0
-        self._summary = DetectorSummary(
-            rule="a contact is a common motion of the markers whose squared whitened evidence "
-            f"exceeds its threshold, {test.threshold.min():.0f} or more, on one of "
-            f"{len(test.windows)} time scales",
-            figures={
-                "hot_pixels": list(self.hot_pixels),
-                "scales_ms": [int(n * self._period_us / 1e3) for n in test.windows],
-                "thresholds": [round(float(value), 3) for value in test.threshold],
-            },
-        )
-        exceeded_kernel(np.zeros(len(test.threshold)), test.threshold)  # compiled now, not later
 
     @classmethod
     def from_quiet(
@@ -204,86 +124,68 @@ class SequentialMotionDetector:
                 "the sequential motion detector uses the markers' rims and needs a calibration "
                 "of each sensor; make one with: spikingtac calibrate RECORDING -o calibration.json"
             )
-        tables = [rim_table(calibration) for calibration in calibrations]
-        counter = WindowCounter()
-        learned = quiet_evidence(tables, counter.counted(quiet))
-        detector = cls(learned, scale_test(learned, alarms_per_hour))
-        detector._summary = replace(detector._summary, quiet=counter.statistics())
-        return detector
+        learned = quiet_evidence([rim_table(calibration) for calibration in calibrations], quiet)
+        return cls(learned, scale_test(learned, alarms_per_hour))
 
     def update(self, window: Window) -> Contact | None:
         """Return the contact that begins in a window, if one does."""
-        self._prepare_release()
-        evidence = self._evidence.add(window)
+        evidence = evidence_of(window, self._learned.tables)
         values = self._sums.add(evidence)
-        self._end_us = packets_of(window)[0].t_end_us
-        scale = exceeded_kernel(values, self.test.threshold)
+        ratio = values / self.test.threshold
+        scale = int(ratio.argmax())
+        found = bool(ratio[scale] > 1.0)
         if self._release is not None:
-            scale = self._follow(self._release, evidence, scale)
-        return None if scale < 0 else self._begin(scale, values)
-
-    def details(self) -> ContactDetails | None:
-        """Return onset and place of the present contact, or None without one.
-
-        It looks back over the longest scale, 0.26 s; the estimate improves while the contact
-        lasts. Ask after the stop was sent.
-        """
-        self._prepare_release()
-        if self._release is None:
+            found = self._is_next(self._release, evidence, scale if found else None)
+        if not found:
             return None
-        course = self._sums.course(self._along)
-        windows = len(course) - 1 - likeliest_onset(course)
-        recent = self._evidence.recent(windows)
-        touches = tuple(
-            gel_touch(evidence, table.center_px, windows * noise)
-            for evidence, table, noise in zip(
-                recent, self._evidence.tables, self._noise, strict=True
-            )
-        )
-        return ContactDetails(self._end_us - windows * self._period_us, touches)
+        total = self._sums.total(scale)
+        self._release = ReleaseMonitor(self.test.mean, total, self._markers)
+        self.in_contact, self._calm = True, None
+        t_us = packets_of(window)[0].t_end_us
+        return Contact(t_us, float(values[scale]), float(self.test.threshold[scale]))
 
     def summary(self) -> DetectorSummary:
         """Return hot pixels, time scales and thresholds, and the quiet windows they came from."""
-        return self._summary
+        test, learned = self.test, self._learned
+        return DetectorSummary(
+            rule="a contact is a common motion of the markers whose squared whitened evidence "
+            f"exceeds its threshold, {test.threshold.min():.0f} or more, on one of "
+            f"{len(test.windows)} time scales",
+            quiet=learned.statistics,
+            figures={
+                "hot_pixels": list(learned.hot_pixels),
+                "scales_ms": [int(count * learned.period_s * 1e3) for count in test.windows],
+                "thresholds": [round(float(value), 3) for value in test.threshold],
+            },
+        )
 
     def reset(self) -> None:
         """Forget the past windows, but keep what was learned from the quiet ones."""
-        self.in_contact = False
-        self._release, self._calm, self._begun = None, None, None
-        self._evidence.reset()
+        self.in_contact, self._release, self._calm = False, None, None
         self._sums.reset()
 
-    def _begin(self, scale: int, values: Vector) -> Contact:
-        self._begun = scale, self._sums.total(scale)
-        self.in_contact, self._calm = True, None
-        return Contact(self._end_us, float(values[scale]), float(self.test.threshold[scale]))
-
-    def _prepare_release(self) -> None:
-        """Begin to follow a contact; done after the stop was sent, since it takes a while."""
-        if self._begun is None:
-            return
-        (scale, total), self._begun = self._begun, None
-        markers = sum(len(table.center_px) for table in self._evidence.tables)
-        self._release = ReleaseMonitor(self.test.mean, total, markers)
-        self._along = self.test.whiten[scale].T @ (self.test.whiten[scale] @ total)
-
-    def _follow(self, release: ReleaseMonitor, evidence: Vector, scale: int) -> int:
-        """Follow a contact; return the scale that found the next one, or -1.
+    def _is_next(self, release: ReleaseMonitor, evidence: Vector, scale: int | None) -> bool:
+        """Follow a contact to its end; return whether the next one has begun.
 
         Once the markers have come back, the contact ends when they rest or move away again.
+
+        Args:
+            release: Follows the markers.
+            evidence: Of the window.
+            scale: Which one exceeds its threshold.
         """
         release.add(evidence)
-        back = scale >= 0 and release.motion(self._sums.total(scale))
+        back = scale is not None and release.motion(self._sums.total(scale))
         if self._calm is None:
             if release.left():
                 self._calm = 0
                 self._sums.reset()
-            return -1
-        if scale >= 0 and not back:
-            return scale
+            return False
+        if scale is not None and not back:
+            return True
         self._calm = 0 if back else self._calm + 1
         if back:
             self._sums.reset()  # the same windows must not find the same motion again
         if self._calm >= REST_WINDOWS:
             self._release, self._calm, self.in_contact = None, None, False
-        return -1
+        return False

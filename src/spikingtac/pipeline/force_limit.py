@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spikingtac.contact.detector import ContactDetails, DetectorSummary, Window, packets_of
+from spikingtac.contact.detector import DetectorSummary, Window, packets_of
 from spikingtac.errors import ConfigError
 from spikingtac.markers.registry import MarkerTracker
 from spikingtac.touch.force.model import ForceEstimator
@@ -44,10 +44,6 @@ class ForceLimit:
         self._tracker.reset()
         self._estimator.reset()
         self.in_contact = False
-
-    def details(self) -> ContactDetails | None:
-        """Return None: nothing beyond the decision is known."""
-        return None
 
     def summary(self) -> DetectorSummary:
         """Return the rule."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -15,7 +16,6 @@ from spikingtac.events.camera import Camera
 from spikingtac.events.formats.file_source import Rows
 from spikingtac.sim import catalog
 from spikingtac.sim.camera.config import CAMERA_NAMES
-from spikingtac.stream.host import Factory
 from spikingtac.stream.sources import RemoteSource
 from spikingtac.types import EventPacket
 
@@ -48,7 +48,7 @@ class TwinCamera(Camera):
         self._found, self._at_rest = found, SceneSource(found, seed)
         arguments = {"name": scene, "seed": seed, "camera": camera, "warm": True}
         self._source = RemoteSource(
-            Factory(function=truthful_packets, arguments=arguments),
+            partial(truthful_packets, **arguments),
             self.size,
             lambda rows: self.take_truth({"marker_t_us": rows[0], "marker_px": rows[1]}),
         )

@@ -20,4 +20,3 @@ from .windows import live_windows as live_windows
 # The guard of an arm
 from .guard import ContactProcess as ContactProcess
 from .guard_loop import stream_arrivals as stream_arrivals
-from .host import Factory as Factory

@@ -8,7 +8,8 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 from spikingtac.contact.detector import ContactDetector
@@ -23,7 +24,7 @@ from spikingtac.stream.guard_loop import (
     catch_up,
     failure_words,
 )
-from spikingtac.stream.host import Asker, Factory, Host
+from spikingtac.stream.host import Asker, Host
 from spikingtac.stream.ring import SharedRing
 
 STATUS_BYTES = 1 << 14
@@ -54,9 +55,9 @@ class ContactProcess:
 
     def __init__(
         self,
-        arrivals: Factory[Iterator[Arrival]],
-        detector: Factory[ContactDetector],
-        arm: Factory[Arm],
+        arrivals: Callable[[], Iterator[Arrival]],
+        detector: Callable[[], ContactDetector],
+        arm: Callable[[], Arm],
         watchdog: WatchdogConfig | None = None,
     ) -> None:
         self._ring = SharedRing.for_latest(STATUS_BYTES)
@@ -69,7 +70,7 @@ class ContactProcess:
             "config": watchdog or WatchdogConfig(),
             "ring_name": self._ring.name,
         }
-        self._host = Host(Factory(function=_guard, arguments=given))
+        self._host = Host(partial(_guard, **given))
 
     def status(self) -> dict[str, Any]:
         """Return the latest state without waiting; empty before the first.
@@ -174,9 +175,9 @@ class GuardStatus:
 
 def _guard(
     asker: Asker,
-    arrivals: Factory[Iterator[Arrival]],
-    make_detector: Factory[ContactDetector],
-    make_arm: Factory[Arm],
+    arrivals: Callable[[], Iterator[Arrival]],
+    make_detector: Callable[[], ContactDetector],
+    make_arm: Callable[[], Arm],
     config: WatchdogConfig,
     ring_name: str,
 ) -> None:

@@ -189,7 +189,7 @@ def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arriva
     """Yield the regular windows of a camera's pipe as they become complete.
 
     A :class:`~spikingtac.stream.guard.ContactProcess` takes it as
-    ``Factory(function=stream_arrivals, arguments={"path": ...})``; the pipe is then opened in the
+    ``partial(stream_arrivals, path=...)``; the pipe is then opened in the
     process that guards. A window is complete when an event after its end has come, which the
     sensor's noise ensures. To the watchdog, a wholly silent camera is a stalled stream.
 

@@ -7,7 +7,6 @@ plain script without a guard around its main part may start one.
 from __future__ import annotations
 
 import contextlib
-import math
 import multiprocessing
 import os
 import select
@@ -18,40 +17,17 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from spikingtac.errors import DeviceError, SpikingTacError
 from spikingtac.stream.real_time import ordinary_priority
 
-T = TypeVar("T")
-
 TERMINATE_S = 2.0  # Wait between the request to end and the kill of a process that hangs, s.
-LOOK_S = 0.005  # Time between two looks whether a copy of this process has ended, s.
-
-# Name of the thread that hears the asker; it waits in a read, and holds no lock.
-ASKER = "spikingtac-asker"
 
 # Longest time that a process may take to complete its files once its asker is gone, s.
 LONGEST_GRACE_S = 30.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Factory(Generic[T]):
-    """A function of a module with its keyword arguments; both can travel to another process.
-
-    Attributes:
-        function: A function of a module, called once in the other process.
-        arguments: Its keyword arguments.
-    """
-
-    function: Callable[..., T]
-    arguments: dict[str, Any] = field(default_factory=dict)
-
-    def __call__(self) -> T:
-        """Return what the function makes."""
-        return self.function(**self.arguments)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,20 +39,21 @@ class Host:
     """Runs ``work`` in a process of its own; it ends when this object is closed or this process is.
 
     Args:
-        work: Called there as ``function(asker, **arguments)`` with an :class:`Asker`.
-        inherit: Take over what this process has imported (1 s of a display's start), by a fork,
-            where that is safe: on Linux, and with no other thread whose locks it would keep.
+        work: A function of a module with its arguments, as ``functools.partial`` holds them; it is
+            called there with an :class:`Asker`.
     """
 
-    def __init__(self, work: Factory[None], *, inherit: bool = False) -> None:
+    def __init__(self, work: Callable[[Asker], object]) -> None:
         self._channel, theirs = multiprocessing.Pipe()
-        alone = {thread.name for thread in threading.enumerate()} <= {"MainThread", ASKER}
-        if inherit and alone and sys.platform == "linux":
-            self._process: _Copy | subprocess.Popen[bytes] = _Copy(self._channel, theirs.fileno())
-        else:
-            self._process = _started(theirs.fileno())
+        number = theirs.fileno()
+        paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "spikingtac.stream.host", str(number)],
+            stdin=None,  # a source may be standard input
+            pass_fds=(number,),
+            env={**os.environ, "PYTHONPATH": paths},
+        )
         theirs.close()
-        self._failed: Exception | None = None
         try:
             self._channel.send(work)
         except BrokenPipeError:
@@ -150,63 +127,6 @@ class Host:
         self._channel.close()
 
 
-def _started(number: int) -> subprocess.Popen[bytes]:
-    paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", "spikingtac.stream.host", str(number)],
-        stdin=None,  # a source may be standard input
-        pass_fds=(number,),
-        env={**os.environ, "PYTHONPATH": paths},
-    )
-
-
-class _Copy:
-    """A fork of this process that works at a channel, with the manners of a started program."""
-
-    def __init__(self, ours: Connection, number: int) -> None:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        self.pid, self._code = os.fork(), None
-        if self.pid:
-            return
-        code: Any = 1
-        try:
-            ours.close()  # the asker's end: its death shall close the channel
-            serve(number)
-            code = 0
-        except SystemExit as end:
-            code = end.code
-        finally:
-            os._exit(code if isinstance(code, int) else 1)
-
-    def poll(self) -> int | None:
-        """Return the exit code, negative for a signal; None while it runs."""
-        if self._code is None:
-            pid, status = os.waitpid(self.pid, os.WNOHANG)
-            self._code = os.waitstatus_to_exitcode(status) if pid else None
-        return self._code
-
-    def wait(self, timeout: float = math.inf) -> None:
-        """Wait for its end."""
-        until_s = time.monotonic() + timeout
-        while self.poll() is None:
-            if time.monotonic() > until_s:
-                raise subprocess.TimeoutExpired("a copy of this process", timeout)
-            time.sleep(LOOK_S)
-
-    def terminate(self) -> None:
-        """Ask it to end."""
-        self._signal(signal.SIGTERM)
-
-    def kill(self) -> None:
-        """End it at once."""
-        self._signal(signal.SIGKILL)
-
-    def _signal(self, number: int) -> None:
-        if self.poll() is None:
-            os.kill(self.pid, number)
-
-
 class Asker:
     """The process that asked for this one's work, as the work sees it.
 
@@ -223,7 +143,7 @@ class Asker:
         self._channel, self._lock = channel, threading.Lock()
         self._said: deque[Any] = deque()
         # It waits in a read, and costs the work nothing.
-        threading.Thread(target=self._listen, daemon=True, name=ASKER).start()
+        threading.Thread(target=self._listen, daemon=True).start()
 
     def said(self) -> list[Any]:
         """Return what the asker has told since the last call."""
@@ -261,30 +181,28 @@ def closed_by(host: Host, what: str) -> DeviceError:
     return DeviceError(f"the process of {what} {how}; start it again")
 
 
-def portable(error: Exception) -> Exception:
-    """Return an error that can be sent to another process."""
-    if isinstance(error, SpikingTacError | OSError):
-        return error
-    return RuntimeError(f"{type(error).__name__}: {error}")
+def _failure(error: Exception) -> _Failure:
+    """Return an error as it can be sent to another process."""
+    sendable = isinstance(error, SpikingTacError | OSError)
+    return _Failure(error if sendable else RuntimeError(f"{type(error).__name__}: {error}"))
 
 
 def serve(number: int) -> None:
     """Do the work that arrives at an inherited channel; the whole life of a hosted process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the asker's matter
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # also in a copy of one that handles it
     channel: Connection = Connection(number)
     try:
-        work: Factory[None] = channel.recv()
+        work: Callable[[Asker], object] = channel.recv()
     except EOFError:
         return
     except Exception as error:  # its module cannot be imported here
-        channel.send(_Failure(portable(error)))
+        channel.send(_failure(error))
         raise SystemExit(1) from error
     asker = Asker(channel)
     try:
-        work.function(asker, **work.arguments)
+        work(asker)
     except Exception as error:  # raised by the asker
-        asker.tell(_Failure(portable(error)))
+        asker.tell(_failure(error))
         raise SystemExit(1) from error
 
 

@@ -11,6 +11,7 @@ import os
 import time
 from collections.abc import AsyncIterator, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -18,7 +19,7 @@ from spikingtac.batch.worker_pool import SINGLE_THREAD
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.errors import ConfigError
-from spikingtac.stream.host import Factory, Host, closed_by
+from spikingtac.stream.host import Host, closed_by
 from spikingtac.stream.ring import SharedRing
 from spikingtac.stream.sensor import (
     NS_PER_MS,
@@ -111,7 +112,7 @@ class Live:
         self._ring = SharedRing.for_latest(frame_bytes(self._markers), SLOTS)
         self._frames = self._ring.reader()
         given = {"finger": finger, "ring": self._ring.name}
-        self._host = Host(Factory(function=follow_sensor, arguments=given))
+        self._host = Host(partial(follow_sensor, **given))
         self._state: State = "starting"
         self._why, self._error = "", None
         self._clock: Mapping[str, Any] | None = None

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import Any, ClassVar, Self
 
 from spikingtac.errors import CameraLostError, DeviceError
 from spikingtac.events.address import Address
 from spikingtac.events.camera import Camera
 from spikingtac.events.formats.file_source import Rows
-from spikingtac.stream.host import Asker, Factory, Host, closed_by
+from spikingtac.stream.host import Asker, Host, closed_by
 from spikingtac.stream.packets import NOTE, PacketReader, shared_name
 from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket, LossCounters
@@ -34,22 +35,17 @@ class RemoteSource:
         opened: Opens it there: packets with side data.
         size: ``(width, height)`` of the packets, px.
         take_side_data: Called with each packet's side data before the packet is yielded.
-        inherit: As of :class:`~spikingtac.stream.host.Host`.
     """
 
     def __init__(
         self,
-        opened: Factory[Iterable[tuple[EventPacket, Any]]],
+        opened: Callable[[], Iterable[tuple[EventPacket, Any]]],
         size: tuple[int, int],
         take_side_data: Callable[[Any], None] = lambda _: None,
-        *,
-        inherit: bool = False,
     ) -> None:
         self.size, self.losses = size, LossCounters()
         self._take = take_side_data
-        self._host = Host(
-            Factory(function=_simulate, arguments={"opened": opened}), inherit=inherit
-        )
+        self._host = Host(partial(_simulate, opened=opened))
 
     def __iter__(self) -> Iterator[EventPacket]:
         while True:
@@ -70,7 +66,7 @@ class RemoteSource:
         self._host.close()
 
 
-def _simulate(asker: Asker, opened: Factory[Iterable[tuple[EventPacket, Any]]]) -> None:
+def _simulate(asker: Asker, opened: Callable[[], Iterable[tuple[EventPacket, Any]]]) -> None:
     """Tell the asker each packet with its side data; it waits while the channel is full."""
     for told in opened():
         asker.tell(told)

@@ -6,6 +6,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,7 +21,7 @@ from spikingtac.events.open import open_events
 from spikingtac.events.source import EventSource
 from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
 from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
-from spikingtac.stream.host import Asker, Factory, Host, closed_by
+from spikingtac.stream.host import Asker, Host, closed_by
 from spikingtac.types import EventPacket, MarkerFrame
 
 # Returns the events between two times, us.
@@ -102,7 +103,7 @@ class SaveTarget:
     overwrite: bool = False
 
 
-def _calibrate(asker: Asker, open_source: Factory[EventSource], result: Path) -> None:
+def _calibrate(asker: Asker, open_source: Callable[[], EventSource], result: Path) -> None:
     calibrate(open_source(), CalibrationConfig()).save(result)
     asker.tell(True)
 
@@ -130,7 +131,7 @@ class CalibrationDesk:
         label: str,
         size: tuple[int, int],
         target: SaveTarget,
-        open_whole: Factory[EventSource] | None,
+        open_whole: Callable[[], EventSource] | None,
         calibrated: Callable[[Any, Calibration], Any],
     ) -> None:
         self.tracker, self.calibrated = GuideTracker(size), calibrated
@@ -164,7 +165,7 @@ class CalibrationDesk:
             begin_us = begin_us if self.tracker.begin_us is None else self.tracker.begin_us
             opened = _stored(between(begin_us, t_us), folder / "events.raw")
         given = {"open_source": opened, "result": folder / "result.json"}
-        self._host = Host(Factory(function=_calibrate, arguments=given))
+        self._host = Host(partial(_calibrate, **given))
         self._begun_s = time.monotonic()
         self._tell("calibrating")
 
@@ -239,14 +240,14 @@ class CalibrationDesk:
         return f"Saved as {path.resolve()}"
 
 
-def _stored(events: EventPacket, path: Path) -> Factory[EventSource]:
+def _stored(events: EventPacket, path: Path) -> Callable[[], EventSource]:
     """Write the latest events into a file, and return what opens them in another process."""
     first = max(len(events) - MOST_EVENTS, 0)
     if first:
         events = events.part(first, len(events), int(events.t[first]), events.t_end_us)
     with create_events(path, events.size) as writer:
         writer.write(events)
-    return Factory(function=open_events, arguments={"path": path})
+    return partial(open_events, path=path)
 
 
 def _figures(calibration: Calibration) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from spikingtac.calibration.document import CALIBRATION_SCHEMA
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.contact.event_count import SelfCalibratingDetector
+from spikingtac.contact.registry import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.events.address import Address, is_address, is_stream
 from spikingtac.events.formats.array_file import load_arrays
@@ -22,7 +23,6 @@ from spikingtac.events.source import EventSource
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.sim.twin_camera import is_twin, twin_options
-from spikingtac.stream.host import Factory
 from spikingtac.stream.reader import LiveSource, opened_camera
 from spikingtac.stream.sources import RemoteSource
 from spikingtac.touch.force.model import load_force
@@ -136,7 +136,7 @@ def open_view_or_events(
             if options.get("force") is not None:
                 raise
     live = is_stream(Path(source))
-    whole: Factory[EventSource] | None = None
+    whole: Callable[[], EventSource] | None = None
     if is_twin(source) or not (live or Path(source).exists()):
         view = open_view_source(source, **options)  # its events; the truth shows how well it went
     else:
@@ -144,7 +144,7 @@ def open_view_or_events(
         label = source if is_address(source) else Path(source).resolve().name
         view = _events_alone(label, events, ends=not live)
         if not live:
-            whole = Factory(function=open_events, arguments={"path": source})
+            whole = partial(open_events, path=source)
     preset = options.get("preset", "default")
     calibrated = partial(calibrated_view, preset=preset, rate_hz=options.get("rate_hz"))
     desk = CalibrationDesk(view.label, view.source.size, save or SaveTarget(), whole, calibrated)
@@ -247,10 +247,9 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
     at_rest, truth = SceneSource(scene, seed), SampledTruth()
     arguments = {"name": name, "seed": seed, "camera": camera}
     packets = RemoteSource(
-        Factory(function=truthful_packets, arguments=arguments),
+        partial(truthful_packets, **arguments),
         scene.size,
         lambda rows: truth.append(*rows),
-        inherit=True,
     )
     return replace(
         _events_alone(Path(name).stem, packets, ends=False),

@@ -14,6 +14,7 @@ import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ import numpy as np
 
 from spikingtac.errors import DeviceError
 from spikingtac.events.source import PacketSource
-from spikingtac.stream.host import Asker, Factory, Host, closed_by
+from spikingtac.stream.host import Asker, Host, closed_by
 from spikingtac.stream.real_time import meet_deadlines
 from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket
@@ -84,14 +85,14 @@ class SessionProcess:
     """
 
     def __init__(
-        self, open_view: Factory[ViewSource], options: PageOptions = PageOptions()
+        self, open_view: Callable[[], ViewSource], options: PageOptions = PageOptions()
     ) -> None:
         self._rings = [SharedRing.for_latest(size) for size in (FRAME_BYTES, GREETING_BYTES)]
         frames, greetings = self._rings
         # The latest message with its number, or None if there is none newer than a number.
         self.frame, self.greeting = frames.latest, greetings.latest
         given = {"open_view": open_view, "options": options, "rings": (frames.name, greetings.name)}
-        self._host = Host(Factory(function=run_session, arguments=given), inherit=True)
+        self._host = Host(partial(run_session, **given))
 
     def command(self, name: str, value: Any) -> None:
         """Pass a command on; never waits, and loses one that the session does not take."""
@@ -143,7 +144,7 @@ class SessionProcess:
 
 
 def run_session(
-    asker: Asker, open_view: Factory[ViewSource], options: PageOptions, rings: tuple[str, str]
+    asker: Asker, open_view: Callable[[], ViewSource], options: PageOptions, rings: tuple[str, str]
 ) -> None:
     """Open a view and play it until the asker ends it, who is told the summary.
 
@@ -207,7 +208,9 @@ def warm_up(view: ViewSource) -> None:
 
 
 def show(
-    open_views: Sequence[Factory[ViewSource]], options: PageOptions, report: Callable[[str], None]
+    open_views: Sequence[Callable[[], ViewSource]],
+    options: PageOptions,
+    report: Callable[[str], None],
 ) -> dict[str, Any]:
     """Serve one view, or two side by side, until interrupted or until the time is up.
 

@@ -14,7 +14,7 @@ from spikingtac.contact.detector import (
     QuietStatistics,
     unsettled,
 )
-from spikingtac.contact.event_count import (
+from spikingtac.contact.registry import (
     QUIET_WINDOWS,
     RELEASE_WINDOWS,
     EventCountConfig,

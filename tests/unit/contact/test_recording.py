@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from spikingtac.contact.detector import WINDOW_US
-from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.contact.recording import _aligned, find_contacts, leading_quiet
+from spikingtac.contact.registry import EventCountConfig, EventCountDetector
 from spikingtac.types import EventPacket
 
 SIZE = (8, 8)
@@ -54,4 +54,4 @@ def test_a_burst_at_the_start_is_neither_learned_nor_a_contact() -> None:
     assert 540 <= end <= 640
     detector = EventCountDetector(EventCountConfig(threshold=20))
     (found,) = find_contacts([source], detector, first=begin)  # type: ignore[list-item]
-    assert found.contact.t_us == 641 * WINDOW_US
+    assert found[0].t_us == 641 * WINDOW_US

@@ -1,4 +1,4 @@
-"""A contact's whole life: onset, place, direction, hold, end, and the next one."""
+"""A contact's whole life: begin, hold, end, and the next one."""
 
 from collections.abc import Iterator
 
@@ -70,17 +70,3 @@ def test_a_vibration_is_no_contact_where_it_was_learned() -> None:
     detector = make_detector("default", DetectionConfig(), [calibration()], quiet)
     assert isinstance(detector, SequentialMotionDetector)
     assert course(detector, windows(3000, seed=5, speed=shake)) == ([], [])
-
-
-def test_details_tell_onset_place_and_direction(detector: SequentialMotionDetector) -> None:
-    for window in windows(440, seed=6, speed=lambda k: (0.03 * (k >= 400), 0.03 * (k >= 400))):
-        detector.update(window)
-    details = detector.details()
-    assert details is not None
-    assert details.onset_us == pytest.approx(400_000, abs=3_000)
-    (touch,) = details.touches
-    assert touch is not None
-    assert touch.markers == 9
-    assert touch.place_px == pytest.approx((65.0, 65.0), abs=6.0)
-    assert touch.push == pytest.approx((0.7, 0.7), abs=0.1)
-    assert touch.turn == pytest.approx(0.0, abs=0.15)

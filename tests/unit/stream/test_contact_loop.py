@@ -6,7 +6,7 @@ from itertools import islice
 
 import pytest
 
-from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
+from spikingtac.contact.registry import EventCountConfig, EventCountDetector
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
 from spikingtac.stream.guard_loop import Arrival, ContactLoop
 from spikingtac.types import EventPacket

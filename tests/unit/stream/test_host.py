@@ -6,12 +6,13 @@ import os
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from spikingtac.errors import DeviceError
-from spikingtac.stream.host import Asker, Factory, Host
+from spikingtac.stream.host import Asker, Host
 
 PATIENCE_S = 60.0
 
@@ -32,9 +33,8 @@ def endless(asker: Asker) -> None:
     time.sleep(600.0)
 
 
-@pytest.mark.parametrize("inherit", [False, True])
-def test_what_is_told_goes_both_ways(inherit: bool) -> None:
-    host = Host(Factory(function=echo, arguments={"word": "here"}), inherit=inherit)
+def test_what_is_told_goes_both_ways() -> None:
+    host = Host(partial(echo, word="here"))
     assert host.receive(PATIENCE_S) == "here"
     assert host.tell("there")
     assert host.receive(PATIENCE_S) == "there"
@@ -46,13 +46,12 @@ def test_what_is_told_goes_both_ways(inherit: bool) -> None:
     host.close()
 
 
-@pytest.mark.parametrize("inherit", [False, True])
-def test_an_error_is_raised_here_and_a_kill_is_known(inherit: bool) -> None:
-    failing = Host(Factory(function=fail), inherit=inherit)
+def test_an_error_is_raised_here_and_a_kill_is_known() -> None:
+    failing = Host(fail)
     with pytest.raises(DeviceError, match="no such camera"):
         failing.receive(PATIENCE_S)
     failing.close()
-    host = Host(Factory(function=endless), inherit=inherit)
+    host = Host(endless)
     assert host.receive(PATIENCE_S) == host.pid
     host.kill()
     assert host.killed
@@ -63,17 +62,16 @@ def test_an_error_is_raised_here_and_a_kill_is_known(inherit: bool) -> None:
 SCRIPT = """
 import sys, time
 sys.path.insert(0, {tests!r})
-from test_host import Factory, Host, endless
-host = Host(Factory(function=endless), inherit={inherit})
+from test_host import Host, endless
+host = Host(endless)
 print(host.receive(60.0), flush=True)
 time.sleep(600.0)
 """
 
 
-@pytest.mark.parametrize("inherit", [False, True])
-def test_a_flat_script_that_is_killed_leaves_no_process(inherit: bool) -> None:
+def test_a_flat_script_that_is_killed_leaves_no_process() -> None:
     """Nothing guards the script's main part: it is never imported a second time."""
-    script = SCRIPT.format(tests=str(Path(__file__).parent), inherit=inherit)
+    script = SCRIPT.format(tests=str(Path(__file__).parent))
     process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     pid = int(process.stdout.readline())

@@ -57,8 +57,6 @@ class OnFirst:
 
     def reset(self) -> None: ...
 
-    def details(self) -> None: ...
-
     def summary(self) -> DetectorSummary:
         return DetectorSummary(rule="any event of the first sensor")
 
@@ -100,7 +98,7 @@ def test_the_first_fingers_contact_is_told_while_the_second_one_is_silent() -> N
     busy = Camera([packet(1_000), packet(1_500, 5_500)], [])
     silent = Camera([packet(1_000)], [])
     found = find_contacts([busy, silent], OnFirst(), live_windows([busy, silent]))
-    assert next(found).contact.t_us == 2_000
+    assert next(found)[0].t_us == 2_000
     assert not silent.speak.is_set()
     for camera in (busy, silent):
         camera.speak.set()

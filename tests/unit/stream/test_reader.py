@@ -7,6 +7,7 @@ import socket
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,6 @@ from spikingtac.events.address import Address
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import ReadOptions
-from spikingtac.stream.host import Factory
 from spikingtac.stream.packets import new_ring
 from spikingtac.stream.reader import EventReader, LiveSource
 from spikingtac.stream.sources import RemoteSource, RingCamera
@@ -105,9 +105,7 @@ def stepping(count: int) -> Iterator[tuple[EventPacket, Any]]:
 
 def test_a_simulation_waits_for_its_user_and_tells_before_each_packet() -> None:
     beside: list[int] = []
-    source = RemoteSource(
-        Factory(function=stepping, arguments={"count": 1_000}), SIZE, beside.append
-    )
+    source = RemoteSource(partial(stepping, count=1_000), SIZE, beside.append)
     time.sleep(0.5)  # it has run ahead by now
     for number, found in enumerate(source):
         assert number in beside

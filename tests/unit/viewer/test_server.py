@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -14,7 +15,6 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
 from spikingtac.errors import ConfigError, DeviceError
-from spikingtac.stream.host import Factory
 from spikingtac.viewer import server
 from spikingtac.viewer import show as show_module
 from spikingtac.viewer.access import Gate, listen
@@ -120,7 +120,7 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SessionProcess]:
 
         monkeypatch.setattr(show_module, "SessionProcess", start)
         options = PageOptions(port=0, browser=False, seconds=PATIENCE_S)
-        view = Factory(function=open_circling, arguments={"duration_us": 300_000})
+        view = partial(open_circling, duration_us=300_000)
         with pytest.raises(DeviceError, match=failure):
             show([view], options, ready)
         return made[0]
@@ -216,7 +216,7 @@ def test_a_page_that_answers_nothing_is_hung_up_on(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_session_that_cannot_open_says_why() -> None:
-    session = SessionProcess(Factory(function=open_nothing))
+    session = SessionProcess(open_nothing)
     try:
         until_s = time.monotonic() + PATIENCE_S
         while session.alive and time.monotonic() < until_s:

@@ -61,7 +61,7 @@ class Args(RealtimeArgs):
     preset: str = "default"
     """Settings of the detectors: a preset, or a TOML file with a table [contact]."""
     detector: str | None = None
-    """default (also called motion: signed evidence), event_count (as published), or another
+    """default (signed evidence), event_count (as published), or another
     package's; default where there is a calibration, otherwise event_count, unless given."""
     budget: float | None = None
     """Allowed false contacts per hour of free motion; the preset's (1) unless given."""
@@ -124,12 +124,10 @@ def _found(
     windows = live_windows(sources) if live and len(sources) > 1 else None
     bar = progress(f"finding contacts in {sources[0].path.name}")
     with ending_on_interrupt(*sources), bar as advance:
-        for one in find_contacts(sources, detector, windows, first):
-            contact = {name: getattr(one.contact, name) for name in ("t_us", "count", "threshold")}
-            details = one.details.as_mapping() if one.details else {}
-            found.append(contact | {"end_us": one.end_us, **details})
+        for one, end_us in find_contacts(sources, detector, windows, first):
+            found.append(asdict(one) | {"end_us": end_us})
             if live:
-                remark(f"contact at {contact['t_us']} us")
+                remark(f"contact at {one.t_us} us")
             advance(sources[0].progress)
     return found
 
@@ -204,7 +202,5 @@ def _table(document: dict[str, Any], recording: Path) -> Table:
     for contact in document["contacts"]:
         times_us = (contact["t_us"], contact["end_us"])
         times = ["-" if t is None else f"{(t - (begin_us or 0)) / 1e3:.1f}" for t in times_us]
-        places = [touch["place_px"] if touch else None for touch in contact.get("sensors", [])]
-        where = "; ".join("{:.0f}, {:.0f}".format(*place) if place else "-" for place in places)
-        rows.append((*times, f"{contact['count']:.0f}", f"{contact['threshold']:.0f}", where))
-    return Table(title, ("t ms", "ends ms", "statistic", "threshold", "where px"), rows, words=0)
+        rows.append((*times, f"{contact['count']:.0f}", f"{contact['threshold']:.0f}"))
+    return Table(title, ("t ms", "ends ms", "statistic", "threshold"), rows, words=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
@@ -118,9 +119,9 @@ def start(args: Args) -> stream.ContactProcess:
     else:
         learning |= {"force": str(args.force), "limit_n": args.limit_n}
     return stream.ContactProcess(
-        stream.Factory(function=stream.stream_arrivals, arguments={"path": str(args.events)}),
-        stream.Factory(function=force_limit if args.force else learnt_detector, arguments=learning),
-        stream.Factory(function=st.open_arm, arguments={"address": args.arm}),
+        partial(stream.stream_arrivals, path=str(args.events)),
+        partial(force_limit if args.force else learnt_detector, **learning),
+        partial(st.open_arm, address=args.arm),
     )
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +16,6 @@ from spikingtac.cli.sources import ask_for_real_time, require_live
 from spikingtac.errors import ConfigError
 from spikingtac.plots.figure import PICTURE_ENDINGS
 from spikingtac.sim.camera.config import CAMERA_NAMES
-from spikingtac.stream.host import Factory
 
 if TYPE_CHECKING:
     from spikingtac.viewer.source import ViewSource
@@ -91,7 +91,7 @@ def run(args: Args) -> int:
     else:
         save = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
         given |= {"look": args.calibrate, "save": save}
-        summary = _shown([Factory(function=open_view_or_events, arguments=given)], args)
+        summary = _shown([partial(open_view_or_events, **given)], args)
     return _report(args.source, summary, args.json)
 
 
@@ -122,10 +122,10 @@ def _both_shown(given: dict[str, Any], args: Args, second: str) -> dict[str, Any
     from spikingtac.viewer.opening import open_second_view, open_view_source
 
     other = {**given, "source": second, "calibration": _text(args.second_calibration)}
-    first = Factory(function=open_view_source, arguments=given)
+    first = partial(open_view_source, **given)
     if not (Path(args.source).exists() and Path(second).exists()):
-        return _served([first, Factory(function=open_view_source, arguments=other)], args)
-    beside = Factory(function=open_second_view, arguments={**other, "beside": args.source})
+        return _served([first, partial(open_view_source, **other)], args)
+    beside = partial(open_second_view, **other, beside=args.source)
     return _shown([first, beside], args)
 
 
@@ -146,7 +146,7 @@ def _exported(given: dict[str, Any], args: Args, target: Path) -> dict[str, Any]
 
 
 def _shown(
-    views: Sequence[Factory[ViewSource]], args: PageArgs, repeat: bool = False
+    views: Sequence[Callable[[], ViewSource]], args: PageArgs, repeat: bool = False
 ) -> dict[str, Any]:
     """Serve views; with --headless track a recording to its end, what is live for some time."""
     from spikingtac.plots.figure import check_target
@@ -170,7 +170,7 @@ def _shown(
 
 
 def _served(
-    views: Sequence[Factory[ViewSource]], args: PageArgs, repeat: bool = False
+    views: Sequence[Callable[[], ViewSource]], args: PageArgs, repeat: bool = False
 ) -> dict[str, Any]:
     """Serve the page; two cameras side by side have one also without a browser."""
     from spikingtac.viewer.show import PageOptions, show
@@ -210,5 +210,5 @@ def demo(args: DemoArgs) -> int:
     require_seconds(args.seconds)
     remark("simulating a finger on the skin; the first start compiles its kernels")
     given = {"source": SCENE, "preset": args.preset, "seed": args.seed}
-    opener = Factory(function=open_view_or_events, arguments=given)
+    opener = partial(open_view_or_events, **given)
     return _report(SCENE, _shown([opener], args, repeat=True), args.json)
