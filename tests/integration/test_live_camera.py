@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac import robot
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.cli.verbs import probe_sites as sites
 from spikingtac.events.create import create_events
 from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.stream.guard import ContactProcess
@@ -170,8 +170,8 @@ def test_a_camera_that_stalls_stops_a_probing_arm(
 ) -> None:
     live = moving(tmp_path / "live.raw", 2000, seed=4)
     notes = tmp_path / "stops"
-    monkeypatch.setattr(sites, "QUIET_WINDOWS", 300)
-    monkeypatch.setattr(sites, "connect", lambda args: NotingArm(str(notes)))
+    monkeypatch.setattr("spikingtac.cli.verbs.probe_sites.QUIET_WINDOWS", 300)
+    monkeypatch.setattr(robot, "URArm", lambda address: NotingArm(str(notes)))
     finger = "--events", tmp_path / "pipe", "--calibration", tmp_path / "calibration.json"
     given = "probe", "--arm", "192.0.2.1", *finger, "--detector", "event_count", "--json"
     for _ in range(TRIES):

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import spikingtac as st
+from spikingtac import robot
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.cli.verbs import probe_sites as sites
@@ -139,16 +141,16 @@ def test_a_fault_of_an_arm(
             yield next(stream)
         yield from fault(stream, watched.site)
 
-    def connect(args: Args) -> Arm:
+    def connect(address: str) -> Arm:
         wall = NoWall() if fault is outside else HoleWall(radius_mm=0.7)
         watched.site.set_wall(wall, np.zeros(2))
         return watched.site.rig.arm
 
     monkeypatch.setattr(sites, "QUIET_WINDOWS", QUIET)
     monkeypatch.setattr(sites, "listen", lambda args, own, watchdog: (listen(args, own), None))
-    monkeypatch.setattr(sites, "connect", connect)
+    monkeypatch.setattr(robot, "URArm", connect)
     if fault is whole:
-        monkeypatch.setattr("spikingtac.cli.verbs.probe_sites.make_detector", deaf)
+        monkeypatch.setattr(st, "make_detector", deaf)
     finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
     given = ["--arm", "192.0.2.1", *finger, "--rehearsal", "--detector", "event_count"]
     found = failed(given, capsys, tmp_path)

@@ -1,12 +1,17 @@
 """Public names of the room ``events``."""
 
 from .address import Address as Address
+from .address import is_stream as is_stream
 from .camera_source import CameraSource as CameraSource
 from .create import create_events as create_events
 from .filters import BackgroundActivityFilter as BackgroundActivityFilter
+from .filters import Transform as Transform
 from .formats.array_file import load_arrays as load_arrays
+from .formats.codec import EventWriter as EventWriter
+from .formats.file_source import FileSource as FileSource
 from .formats.file_source import ReadOptions as ReadOptions
 from .hot_pixels import HotPixelFilter as HotPixelFilter
+from .hot_pixels import hot_pixels_of as hot_pixels_of
 from .manifest import MANIFEST as MANIFEST
 from .manifest import TRUTH as TRUTH
 from .open import open_events as open_events

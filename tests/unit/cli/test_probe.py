@@ -2,11 +2,13 @@
 
 import json
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from spikingtac import robot
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.cli.verbs import probe_sites as sites
@@ -45,10 +47,10 @@ def arm_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
         reference_px=np.array([[16.0, 12.0]]), radius_px=np.array([4.0]), grid=(1, 1), size=SIZE
     )
     calibration.save(tmp_path / "finger.json")
-    monkeypatch.setattr(sites, "connect", lambda args: StillArm())
+    monkeypatch.setattr(robot, "URArm", lambda address: StillArm())
     monkeypatch.setattr(sites, "listen", lambda args, own, watchdog: (lively(args, own), None))
     prober = IdealProber(2.0, center_mm=(0.3, -0.2))
-    monkeypatch.setattr(sites, "ArmProber", lambda *parts: prober)
+    monkeypatch.setattr(robot, "ArmProber", lambda *parts: prober)
     finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
     return ["probe", "--arm", HOST, *finger, "--rehearsal", "--detector", "event_count"]
 
@@ -65,7 +67,7 @@ def test_an_arm_moves_by_a_recording_only_in_a_rehearsal(
     (tmp_path / "finger.raw").write_bytes(b"")
     monkeypatch.chdir(tmp_path)
     assert main(arm_arguments) == 0
-    monkeypatch.setattr(sites, "connect", moves)
+    monkeypatch.setattr(robot, "URArm", moves)
     arm_arguments.remove("--rehearsal")
     assert main(arm_arguments) == 2
     assert "feels nothing" in capsys.readouterr().err
@@ -122,11 +124,8 @@ def test_a_real_arm_writes_what_it_found(
 def gripper(monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeGripper]:
     """A gripper whose fingers meet the probe at half their way."""
     with FakeGripper(object_at=120) as fake:
-
-        def connect(args: Args) -> RobotiqGripper:
-            return RobotiqGripper("127.0.0.1", fake.port)
-
-        monkeypatch.setattr(sites, "connect_gripper", connect)
+        gripper = partial(RobotiqGripper, "127.0.0.1", fake.port)
+        monkeypatch.setattr(robot, "RobotiqGripper", lambda address: gripper())
         monkeypatch.setattr(sites, "GRIP_SETTLE_S", 0.0)
         yield fake
 
@@ -158,6 +157,6 @@ def test_a_gripper_that_holds_nothing_ends_the_verb_before_the_arm_moves(
         raise AssertionError("the arm was asked")
 
     gripper.object_at = None
-    monkeypatch.setattr(sites, "connect", connected)
+    monkeypatch.setattr(robot, "URArm", connected)
     assert main([*arm_arguments, "--gripper"]) == 3
     assert "holds nothing" in capsys.readouterr().err

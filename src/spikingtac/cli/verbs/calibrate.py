@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median_high
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -16,15 +16,11 @@ from spikingtac.atomic_files import write_json
 from spikingtac.cli.messages import Advance, Table, figures, no_progress, progress, remark, tell
 from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many
 from spikingtac.cli.sources import ending_on_interrupt, fitting
-from spikingtac.errors import ConfigError
 from spikingtac.events.address import is_stream
 from spikingtac.file_kinds import kind_of
 from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.reference import Method
-from spikingtac.types import EventPacket, Polarity
-
-if TYPE_CHECKING:
-    from spikingtac.markers.calibration.guide import CalibrationGuide
+from spikingtac.types import Polarity
 
 TELL_US = 2_000_000  # Sensor time between two reports of what a calibration lacks, us.
 MOST_NAMED = 8  # Stray spots that are named one by one.
@@ -83,7 +79,7 @@ def run(args: Args) -> int:
     if args.check is not None:
         return _check(args, args.check)
     if means_many(args, args.recordings):
-        raise ConfigError(
+        raise st.ConfigError(
             "calibrate learns from one recording; to check many against a calibration: "
             "spikingtac calibrate --check calibration.json DAY -o DAY_checked"
         )
@@ -97,10 +93,7 @@ def run(args: Args) -> int:
     source = args.open(recording)
     seen: st.EventSource = source
     if args.until_ready or is_stream(recording):
-        from spikingtac.markers.calibration.guide import CalibrationGuide
-
-        guide = CalibrationGuide(source.size, config)
-        seen = st.PacketSource(_guided(source, guide, args.until_ready), source.size)
+        seen = st.PacketSource(_guided(source, config, args.until_ready), source.size)
     with ending_on_interrupt(source), progress(f"calibrating from {recording.name}"):
         calibration = st.calibrate(seen, config)
     calibration.provenance["recording"] = recording.name
@@ -118,7 +111,7 @@ def run(args: Args) -> int:
 def _set_scale(args: Args, path: Path) -> int:
     """Write a calibration that is there already with the scale of ``--pitch-mm``."""
     if args.pitch_mm is None or not args.pitch_mm > 0.0:
-        raise ConfigError(
+        raise st.ConfigError(
             f"{str(path)!r} is a calibration already; calibrate learns from a recording, and sets "
             "the scale of a calibration: --pitch-mm 2.4 (above 0)"
         )
@@ -129,15 +122,18 @@ def _set_scale(args: Args, path: Path) -> int:
 
 
 def _guided(
-    source: st.EventSource, guide: CalibrationGuide, until_ready: bool
-) -> Iterator[EventPacket]:
+    source: st.EventSource, config: st.CalibrationConfig, until_ready: bool
+) -> Iterator[st.EventPacket]:
     """Yield a camera's packets, and tell what the calibration still lacks.
 
     Args:
         source: Where the events come from.
-        guide: Sees them.
+        config: What is known of the sensor.
         until_ready: End once a calibration has all that it needs.
     """
+    from spikingtac.markers.calibration.guide import CalibrationGuide
+
+    guide = CalibrationGuide(source.size, config)
     told_us: int | None = None
     for packet in source:
         guide.absorb(packet)
@@ -158,7 +154,7 @@ def _grid_shape(text: str | None) -> tuple[int, int] | None:
         return None
     found = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", text.lower())
     if found is None:
-        raise ConfigError(f"--grid is {text!r}, valid is ROWSxCOLUMNS, such as 8x8 or 7x10")
+        raise st.ConfigError(f"--grid is {text!r}, valid is ROWSxCOLUMNS, such as 8x8 or 7x10")
     return int(found[1]), int(found[2])
 
 
@@ -241,6 +237,7 @@ def check_one(args: Args, recording: Path, output: Path | None, advance: Advance
     """Check a recording, and write what was found."""
     from spikingtac.markers.calibration_check import CalibrationCheck
 
+    assert args.check is not None
     source = args.open(recording)
     check = CalibrationCheck(fitting(args.check, source))
     for packet in source:

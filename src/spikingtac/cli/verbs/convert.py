@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
 import spikingtac as st
-from spikingtac import plugins
+from spikingtac import events, plugins
 from spikingtac.batch.inputs import find_recordings
 from spikingtac.cli.messages import Advance, Table, counted, figures, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
@@ -18,14 +18,7 @@ from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many, run_
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.datasets.export import data_set, write_zarr
 from spikingtac.datasets.lerobot import write_lerobot
-from spikingtac.errors import ConfigError, RecordingError, nearest
-from spikingtac.events.address import is_stream
-
-if TYPE_CHECKING:
-    from spikingtac.events.filters import Transform
-    from spikingtac.events.formats.codec import EventWriter
-    from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.events.hot_pixels import HotPixelFilter
+from spikingtac.errors import nearest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,18 +62,18 @@ class Args(ManyArgs):
 def run(args: Args) -> int:
     """Copy the events and print how many were written."""
     if args.from_us is not None and args.to_us is not None and args.from_us >= args.to_us:
-        raise ConfigError(f"--from-us {args.from_us} must be before --to-us {args.to_us}")
+        raise st.ConfigError(f"--from-us {args.from_us} must be before --to-us {args.to_us}")
     if args.output is not None or args.to is not None:
         means_many(args, args.files)  # refuses options that do not go together
         return run_many(WORK._replace(ending=_ending(args.to, args.encoding)), args, args.files)
     if len(args.files) != 2 or means_many(args, args.files[:1]):
-        raise ConfigError(
+        raise st.ConfigError(
             "convert takes a file to read and a file to write; of many files, it takes "
             "all of them and the folder and format to write: -o FOLDER --to npz"
         )
     target = args.files[1]
     if args.encoding is not None and target.suffix.lower() != ".raw":
-        raise ConfigError(
+        raise st.ConfigError(
             f"--encoding {args.encoding} is for .raw files, not for {target.name!r}; leave it out"
         )
     return run_one(WORK, args, args.files[0], target)
@@ -88,23 +81,20 @@ def run(args: Args) -> int:
 
 def convert_one(args: Args, path: Path, target: Path, advance: Advance) -> dict[str, Any]:
     """Convert a recording, and return the figures."""
-    from spikingtac.events.filters import Transform
-    from spikingtac.events.hot_pixels import HotPixelFilter, hot_pixels_of
-
     inner = path / "events.raw" if path.is_dir() else path
     if target.exists() and inner.exists() and target.samefile(inner):
-        raise ConfigError(f"{str(target)!r} is the input itself; give another name")
+        raise st.ConfigError(f"{str(target)!r} is the input itself; give another name")
     same = ("from_us", "to_us", "shift_us", "flip_polarity", "flip")
     given = {name: getattr(args, name) for name in same}
-    change = Transform(**given, crop_px=args.crop, rotate_deg=args.rotate or 0)
+    change = events.Transform(**given, crop_px=args.crop, rotate_deg=args.rotate or 0)
     source = args.open(path, size=args.size)
-    if args.hot_pixels == "drop" and is_stream(source.path):
-        raise ConfigError("--hot-pixels drop reads a recording twice; record the camera first")
-    hot_px = hot_pixels_of(source) if args.hot_pixels == "drop" else None
+    if args.hot_pixels == "drop" and events.is_stream(source.path):
+        raise st.ConfigError("--hot-pixels drop reads a recording twice; record the camera first")
+    hot_px = events.hot_pixels_of(source) if args.hot_pixels == "drop" else None
     size, written, edges = change.size(source.size), 0, 0
     writing = st.create_events(target, size, encoding=args.encoding)
     with ending_on_interrupt(source), writing as writer:
-        for packet in _changed(source, change, HotPixelFilter(hot_px, source.size)):
+        for packet in _changed(source, change, events.HotPixelFilter(hot_px, source.size)):
             edges = _pass_triggers(source, writer, change, edges)
             writer.write(packet)
             written += len(packet)
@@ -129,7 +119,9 @@ def convert_one(args: Args, path: Path, target: Path, advance: Advance) -> dict[
     }
 
 
-def _pass_triggers(source: FileSource, writer: EventWriter, change: Transform, passed: int) -> int:
+def _pass_triggers(
+    source: events.FileSource, writer: events.EventWriter, change: events.Transform, passed: int
+) -> int:
     """Give the writer the trigger edges that were met since; return how many there are by now."""
     if len(source.triggers) > passed:
         writer.add_triggers(change.triggers(source.triggers.select(slice(passed, None))))
@@ -137,7 +129,7 @@ def _pass_triggers(source: FileSource, writer: EventWriter, change: Transform, p
 
 
 def _changed(
-    source: FileSource, change: Transform, hot: HotPixelFilter
+    source: events.FileSource, change: events.Transform, hot: events.HotPixelFilter
 ) -> Iterator[st.EventPacket]:
     """Yield the packets to write.
 
@@ -159,7 +151,7 @@ def _changed(
         early = first_us is not None and to_us is not None and to_us <= first_us
         span = f"begins at {first_us} us" if early else f"ends at {last_us or 0} us"
         begin, end = "its begin" if from_us is None else from_us, "end" if to_us is None else to_us
-        raise RecordingError(
+        raise st.RecordingError(
             f"nothing is kept of {str(source.path)!r}: it {span}, asked was {begin} to {end}"
         )
 
@@ -169,16 +161,16 @@ def _ending(name: str | None, encoding: str | None) -> str:
     from spikingtac.events.create import WRITABLE
 
     if name is None:
-        raise ConfigError("of many files, convert needs the format to write: --to npz")
+        raise st.ConfigError("of many files, convert needs the format to write: --to npz")
     ending = "." + name.lower().removeprefix(".")
     valid = [*WRITABLE, *(f".{foreign}" for foreign in plugins.with_plugins({}, plugins.WRITERS))]
     if ending not in valid:
         text = ", ".join(known.removeprefix(".") for known in valid)
-        raise ConfigError(
+        raise st.ConfigError(
             f"--to {name!r} cannot be written{nearest(ending, valid)} (valid: {text})"
         )
     if encoding is not None and ending != ".raw":
-        raise ConfigError(f"--encoding {encoding!r} is for --to raw, not for --to {name!r}")
+        raise st.ConfigError(f"--encoding {encoding!r} is for --to raw, not for --to {name!r}")
     return ending
 
 
@@ -223,7 +215,7 @@ class ExportArgs(WriteArgs):
 def export(args: ExportArgs) -> int:
     """Export, and say what was written."""
     if args.to == "zarr" and args.log:
-        raise ConfigError("a Zarr store holds the tracks as they are; logs go with lerobot")
+        raise st.ConfigError("a Zarr store holds the tracks as they are; logs go with lerobot")
     found = find_recordings(args.sources, ("displacement_px.npy",))
     with (
         progress(f"exporting to {args.to}") as advance,

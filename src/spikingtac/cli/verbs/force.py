@@ -14,7 +14,6 @@ from spikingtac import touch
 from spikingtac.atomic_files import replacing
 from spikingtac.cli.messages import Table, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
-from spikingtac.errors import ConfigError
 from spikingtac.touch.force.model import SIGMAS_90
 from spikingtac.touch.series import labelled
 
@@ -70,15 +69,15 @@ class Args(WriteArgs):
 def run(args: Args) -> int:
     """Fit, check or apply, and say how well the forces are known."""
     if args.shear_modulus_kpa is not None and args.action != "fit":
-        raise ConfigError(f"--shear-modulus-kpa is used to fit; {args.action} needs --force")
+        raise st.ConfigError(f"--shear-modulus-kpa is used to fit; {args.action} needs --force")
     if args.shear_modulus_kpa is None and args.camera_distance_mm is not None:
-        raise ConfigError("--camera-distance-mm needs --shear-modulus-kpa")
+        raise st.ConfigError("--camera-distance-mm needs --shear-modulus-kpa")
     if not args.files and args.shear_modulus_kpa is None:
-        raise ConfigError("no file was given; give files with displacements and wrenches")
+        raise st.ConfigError("no file was given; give files with displacements and wrenches")
     if args.base is not None and (args.action != "fit" or args.shear_modulus_kpa is not None):
-        raise ConfigError("--from is used to fit, with labelled files alone")
+        raise st.ConfigError("--from is used to fit, with labelled files alone")
     if args.wrench and len(args.wrench) != len(args.files):
-        raise ConfigError(f"{len(args.wrench)} wrenches were given for {len(args.files)} files")
+        raise st.ConfigError(f"{len(args.wrench)} wrenches were given for {len(args.files)} files")
     return {"fit": _fit, "check": _check, "apply": _apply}[args.action](args)
 
 
@@ -119,10 +118,12 @@ def _drawn(args: Args) -> list[st.WrenchSeries]:
     if args.shear_modulus_kpa is None:
         return []
     if args.calibration is None:
-        raise ConfigError("--shear-modulus-kpa needs --calibration: where the skin's markers rest")
+        raise st.ConfigError(
+            "--shear-modulus-kpa needs --calibration: where the skin's markers rest"
+        )
     calibration = st.Calibration.load(args.calibration)
     if calibration.px_per_mm is None:
-        raise ConfigError(
+        raise st.ConfigError(
             f"{str(args.calibration)!r} knows no scale; make one with: "
             "spikingtac calibrate RECORDING -o calibration.json --pitch-mm 2.4"
         )
@@ -150,7 +151,7 @@ def _check(args: Args) -> int:
 
 def _apply(args: Args) -> int:
     if len(args.files) != 1 or args.output is None:
-        raise ConfigError("apply takes one file of tracks, --force F and -o OUT")
+        raise st.ConfigError("apply takes one file of tracks, --force F and -o OUT")
     args.claim(args.output)
     values, half_widths = st.load_force(args.force).estimate(touch.load_series(args.files[0]))
     columns = {"force_n": values[:, :3], "force_sigma_n": half_widths[:, :3] / SIGMAS_90}

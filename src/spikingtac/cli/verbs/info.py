@@ -5,25 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
 
 import spikingtac as st
+from spikingtac import events
 from spikingtac.cli.messages import Table, figures, progress, remark, tell
 from spikingtac.cli.options import ReadArgs
 from spikingtac.cli.sources import ending_on_interrupt
-from spikingtac.events.camera_source import CameraSource
-from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.events.formats.codec import KINDS
-from spikingtac.events.manifest import MANIFEST, read_manifest
+from spikingtac.events.manifest import read_manifest
 from spikingtac.events.open import RECORDING_NAME
 from spikingtac.file_kinds import TOLD, document_of, kind_of
 from spikingtac.tracks.tracks import longest
-
-if TYPE_CHECKING:
-    from spikingtac.events.formats.file_source import FileSource
 
 PEAK_WINDOW_US = 1_000  # Window of the peak rate, us: that of contact detection.
 US_PER_S = 1_000_000
@@ -70,7 +66,7 @@ def _shown(args: Args, found: dict[str, Any]) -> list[Table | str]:
 
 def _of_arrays(path: Path) -> dict[str, Any]:
     """Return the figures of a truth, or of a series of another sensor."""
-    arrays = load_arrays(path, "arrays over time")
+    arrays = events.load_arrays(path, "arrays over time")
     truth = "marker_px" in arrays
     t_us = arrays["marker_t_us" if truth else "t_us"]
     moved, wrench = arrays["marker_px" if truth else "displacement_mm"], arrays.get("wrench")
@@ -128,9 +124,9 @@ _FIGURES: dict[str, Callable[[Path], dict[str, Any]]] = {
 }
 
 
-def _summary(source: FileSource) -> dict[str, Any]:
+def _summary(source: events.FileSource) -> dict[str, Any]:
     """Read a source to its end and return its figures; times are None where there is no event."""
-    events = ups = peak = window = in_window = 0
+    count = ups = peak = window = in_window = 0
     first_us = last_us = None
     with ending_on_interrupt(source), progress(f"reading {source.path.name}") as advance:
         for packet in source:
@@ -143,39 +139,39 @@ def _summary(source: FileSource) -> dict[str, Any]:
                 counts[0] += in_window if windows[0] == window else 0
                 window, in_window = windows[-1], int(counts[-1])
                 peak = max(peak, int(counts.max()))
-            events += len(packet)
+            count += len(packet)
             ups += int(packet.p.sum())
             advance(source.progress)
     duration_s = 0.0 if first_us is None or last_us is None else (last_us - first_us) / US_PER_S
     return {
         "format": source.format,
         "size": list(source.size),
-        "events": events,
-        "on_fraction": ups / events if events else None,
+        "events": count,
+        "on_fraction": ups / count if count else None,
         "t_first_us": first_us,
         "t_last_us": last_us,
         "duration_s": duration_s,
-        "mean_rate_mev_s": events / duration_s / 1e6 if duration_s else 0.0,
+        "mean_rate_mev_s": count / duration_s / 1e6 if duration_s else 0.0,
         "peak_rate_mev_s": peak / PEAK_WINDOW_US,
         "triggers": len(source.triggers),
         "trigger_channels": source.triggers.channels(),
         "anomalies": dict(source.losses.kinds()),
         "health": source.counters().summary(),
-        **_told_by_the_camera(source, events),
+        **_told_by_the_camera(source, count),
     }
 
 
-def _told_by_the_camera(source: FileSource, events: int) -> dict[str, Any]:
+def _told_by_the_camera(source: events.FileSource, count: int) -> dict[str, Any]:
     """Return how a camera delivers, or what its recorder noted; nothing of other files."""
-    if isinstance(source, CameraSource):
+    if isinstance(source, events.CameraSource):
         health = source.health()
         remark(health.sentence)
         return {name: getattr(health, name) for name in ("interval_p50_ms", "interval_p99_ms")}
-    path = source.path.parent / MANIFEST
+    path = source.path.parent / events.MANIFEST
     noted = read_manifest(path) if source.path.name == RECORDING_NAME else {}
     if noted.get("source") != "camera" or not isinstance(noted.get("events"), int):
         return {}
-    if events != noted["events"] and noted.get("complete"):
-        remark(f"note: the manifest tells {noted['events']} events, the files hold {events}")
+    if count != noted["events"] and noted.get("complete"):
+        remark(f"note: the manifest tells {noted['events']} events, the files hold {count}")
     told = {"manifest_events": noted["events"], "lost_events": noted.get("lost_events", 0)}
     return told | {"recorded_losses": noted.get("losses") or {}}

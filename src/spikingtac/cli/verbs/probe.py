@@ -12,7 +12,7 @@ import spikingtac as st
 from spikingtac.atomic_files import write_json
 from spikingtac.cli.messages import Table, tell
 from spikingtac.cli.verbs.probe_args import Args, ProbedHole
-from spikingtac.errors import ConfigError, named
+from spikingtac.errors import named
 from spikingtac.events.address import is_stream
 from spikingtac.plots.figure import PICTURE_ENDINGS
 from spikingtac.schema import to_mapping
@@ -74,21 +74,21 @@ def check(args: Args) -> None:
     for name in POSITIVE:
         value = getattr(args, name)
         if not (value > 0.0 and math.isfinite(value)):
-            raise ConfigError(f"--{name.replace('_', '-')} is {value:g}; it must be above 0")
+            raise st.ConfigError(f"--{name.replace('_', '-')} is {value:g}; it must be above 0")
     if not (args.radius_mm >= LEAST_RADIUS_MM and math.isfinite(args.radius_mm)):
-        raise ConfigError(
+        raise st.ConfigError(
             f"--radius-mm is {args.radius_mm:g}; the bit reaches 0.433 mm and needs some room: "
             f"at least {LEAST_RADIUS_MM} mm"
         )
     for flag, needed in (("rehearsal", "arm"), ("gripper", "arm"), ("release", "gripper")):
         if getattr(args, flag) and not getattr(args, needed):
-            raise ConfigError(f"--{flag} is used with --{needed}; give that, too")
+            raise st.ConfigError(f"--{flag} is used with --{needed}; give that, too")
     if args.arm is not None and (args.events is None or args.calibration is None):
-        raise ConfigError(
+        raise st.ConfigError(
             "--arm needs --events and --calibration: those of the finger that holds the probe"
         )
     if args.arm and args.events and not (args.rehearsal or is_stream(args.events)):
-        raise ConfigError(
+        raise st.ConfigError(
             f"--events is {str(args.events)!r}, which is no camera's named pipe: an arm that "
             "moves by a recording feels nothing. Give the pipe, or --rehearsal if nothing can "
             "be touched"
@@ -113,7 +113,7 @@ def _output_paths(args: Args) -> tuple[Path, Path] | None:
     elif not ending or output.is_dir():
         paths = output / "hole.json", output / "hole.png"
     else:
-        raise ConfigError(
+        raise st.ConfigError(
             f"--output is {str(output)!r}; give a folder, or a file that ends in .json, "
             f"{', '.join(PICTURE_ENDINGS)}"
         )

@@ -11,28 +11,14 @@ from typing import Any
 import numpy as np
 
 import spikingtac as st
+from spikingtac import contact, robot
 from spikingtac import sim as twin
 from spikingtac.cli.messages import progress, remark
 from spikingtac.cli.sources import ended_by_sigterm
 from spikingtac.cli.verbs.probe_args import Args, ProbedHole
-from spikingtac.contact import Window, count_of, make_detector
-from spikingtac.errors import DeviceError
 from spikingtac.events.address import is_stream
-from spikingtac.geometry.travel import Compensation, TravelModel
+from spikingtac.geometry import Compensation
 from spikingtac.pipeline.track import require_same_size
-from spikingtac.robot import (
-    Arm,
-    ArmProber,
-    Grip,
-    RobotiqGripper,
-    URArm,
-    Watchdog,
-    WatchdogConfig,
-    WatchdogThread,
-    calibrated_circle,
-    cross_search,
-)
-from spikingtac.robot.robotiq import FULL_SCALE
 from spikingtac.stream.real_time import exempt_from_collection
 from spikingtac.stream.windows import WatchedWindows
 from spikingtac.types import FloatArray
@@ -41,11 +27,11 @@ QUIET_WINDOWS = 4000  # Windows of the arm at rest from which the detector learn
 
 # When a camera's stream counts as lost. The fastest touch then continues for 0.6 mm, or for 1.5
 # mm, which is a force of 0.06 N at 0.04 N/mm.
-LIVE = WatchdogConfig(stale_s=0.1, backlog_s=0.25)
+LIVE = robot.WatchdogConfig(stale_s=0.1, backlog_s=0.25)
 
 # Wait after the gripper has closed, s: the gel has crept most of its way by then.
 GRIP_SETTLE_S = 1.0
-OPEN = 0  # Position of the open gripper.
+OPEN, CLOSED = 0, 255  # Positions of the gripper (Robotiq's scale).
 # Fraction of the computing time on the twin that the calibration takes, measured.
 CALIBRATED_FRACTION = 0.6
 CALIBRATION_STREAM, SEARCH_STREAM = 4, 5  # Numbers of the random streams of the readings.
@@ -83,8 +69,8 @@ def search(args: Args, prober: Any, travel: st.TravelModel, start_mm: FloatArray
     """
     if args.search == "default":
         return st.probe_hole(prober, travel, start_mm, args.searching())
-    touches = cross_search(prober, start_mm, travel)
-    return st.FoundHole(calibrated_circle(touches, travel), tuple(touches))
+    touches = robot.cross_search(prober, start_mm, travel)
+    return st.FoundHole(robot.calibrated_circle(touches, travel), tuple(touches))
 
 
 def on_twin(args: Args) -> ProbedHole:
@@ -106,7 +92,7 @@ def on_twin(args: Args) -> ProbedHole:
         advance(CALIBRATED_FRACTION)
         remark("calibrated; probing the hole")
         site.set_wall(trial.wall, trial.start_mm)
-        prober = ArmProber(
+        prober = robot.ArmProber(
             site.rig.arm, site.windows(), detector, args.probing(), free_travel=site.free_travel
         )
         in_hole = twin.RecordingProber(prober, [args.seed, SEARCH_STREAM])
@@ -123,12 +109,13 @@ def on_arm(args: Args) -> ProbedHole:
         SearchError: There is no wall, no room, or no circle; the arm is at rest.
         DeviceError: Arm, gripper or sensor failed; the arm was commanded to stop.
     """
+    assert args.arm is not None
     assert args.calibration is not None
     calibration = st.Calibration.load(args.calibration)  # refused before anything moves
     known = Compensation(travel_mm=args.travel_mm, travel_sigma_mm=args.travel_sigma_mm)
-    travel, grip = TravelModel.of(known), None
+    travel, grip = st.TravelModel.of(known), None
     with ended_by_sigterm(), contextlib.ExitStack() as stack:
-        gripper = stack.enter_context(connect_gripper(args)) if args.gripper else None
+        gripper = stack.enter_context(robot.RobotiqGripper(args.arm)) if args.gripper else None
         if gripper is not None:
             grip = close_on_probe(gripper)
         found = _search_hole(args, calibration, travel, stack)
@@ -139,10 +126,10 @@ def on_arm(args: Args) -> ProbedHole:
 
 
 def _search_hole(
-    args: Args, calibration: st.Calibration, travel: TravelModel, stack: contextlib.ExitStack
+    args: Args, calibration: st.Calibration, travel: st.TravelModel, stack: contextlib.ExitStack
 ) -> st.FoundHole:
     """Learn from the quiet stream, connect the arm, and search under the watchdog."""
-    arms: list[Arm] = []
+    arms: list[robot.Arm] = []
 
     def stop() -> None:
         for arm in arms:
@@ -152,64 +139,52 @@ def _search_hole(
         for arm in arms:
             arm.confirm_stop()
 
-    watchdog = Watchdog(LIVE, stop, time.monotonic, confirm=confirm)
+    watchdog = robot.Watchdog(LIVE, stop, time.monotonic, confirm=confirm)
     stream, live = listen(args, calibration, watchdog)
     if live is not None:
         stack.callback(live.close)
     quiet = list(islice(stream, QUIET_WINDOWS))
-    if not any(count_of(window) for window in quiet):  # a working sensor has noise and leak
-        raise DeviceError(
+    if not any(contact.count_of(window) for window in quiet):  # a working sensor has noise and leak
+        raise st.DeviceError(
             f"the sensor gave no event in its first {len(quiet)} windows of 1 ms: it is dead, "
             "covered or masked, or the stream is empty; check the camera, nothing was moved"
         )
-    detector = make_detector(args.detector, st.DetectionConfig(), [calibration], quiet)
+    detector = st.make_detector(args.detector, st.DetectionConfig(), [calibration], quiet)
     if live is not None:
         exempt_from_collection()
-    arm = connect(args)
+    arm = robot.URArm(args.arm or "")
     stack.callback(arm.close)
     arms.append(arm)
     if live is not None:
         watchdog.self_test()
         live.skip()
         watchdog.arm()
-        stack.enter_context(WatchdogThread(watchdog))
-    prober = ArmProber(arm, stream, detector, args.probing(), watchdog)
+        stack.enter_context(robot.WatchdogThread(watchdog))
+    prober = robot.ArmProber(arm, stream, detector, args.probing(), watchdog)
     return search(args, prober, travel, prober.place_mm())
 
 
-def connect_gripper(args: Args) -> RobotiqGripper:
-    """Return the gripper of the arm's controller; DeviceError where it does not answer."""
-    assert args.arm is not None
-    return RobotiqGripper(args.arm)
-
-
-def close_on_probe(gripper: RobotiqGripper) -> dict[str, Any]:
+def close_on_probe(gripper: robot.RobotiqGripper) -> dict[str, Any]:
     """Close the gripper gently, and return the grip: ``object`` and ``position`` (0 to 255).
 
     Raises:
         DeviceError: The gripper holds nothing, reports a fault, or does not answer.
     """
     gripper.activate()
-    found = gripper.move(FULL_SCALE)
+    found = gripper.move(CLOSED)
     position = gripper.position()
-    if found is not Grip.HELD_CLOSING:
-        raise DeviceError(
-            f"the gripper closed to position {position} of {FULL_SCALE} and holds nothing; "
+    if found is not robot.Grip.HELD_CLOSING:
+        raise st.DeviceError(
+            f"the gripper closed to position {position} of {CLOSED} and holds nothing; "
             "put the probe between its fingers and start again"
         )
     time.sleep(GRIP_SETTLE_S)
     return {"object": "held", "position": position}
 
 
-def connect(args: Args) -> Arm:
-    """Return the arm, at rest; DeviceError where it does not answer."""
-    assert args.arm is not None
-    return URArm(args.arm)
-
-
 def listen(
-    args: Args, calibration: st.Calibration, watchdog: Watchdog
-) -> tuple[Iterator[Window], WatchedWindows | None]:
+    args: Args, calibration: st.Calibration, watchdog: robot.Watchdog
+) -> tuple[Iterator[contact.Window], WatchedWindows | None]:
     """Return the windows of the finger, 1 ms each, and of a camera what reads it in a thread.
 
     Raises:

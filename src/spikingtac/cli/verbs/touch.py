@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import tyro
 
 import spikingtac as st
+from spikingtac import events, touch
 from spikingtac.batch.inputs import SERIES_MEMBERS
 from spikingtac.calibration.lens import SkinScale
 from spikingtac.cli.messages import Advance, Table, counted
@@ -24,15 +25,7 @@ from spikingtac.cli.verbs.touch_rows import (
     vibration_table,
     write_touches,
 )
-from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.file_kinds import kind_of
-from spikingtac.touch.series import load_series
-from spikingtac.touch.touch import TouchConfig
-from spikingtac.touch.vibration import VibrationMonitor
-from spikingtac.types import MarkerFrame
-
-if TYPE_CHECKING:
-    from spikingtac.events.formats.file_source import FileSource
 
 VIBRATION_WINDOW_S = 1.0  # Length of a spectrum of vibration, s: bins of 1 Hz.
 PROGRESS_EVERY = 256  # Frames between two reports of progress.
@@ -73,7 +66,7 @@ def run(args: Args) -> int:
 
 
 def touch_one(
-    args: Args, recording: Path | FileSource, output: Path | None, advance: Advance
+    args: Args, recording: Path | events.FileSource, output: Path | None, advance: Advance
 ) -> dict[str, Any]:
     """List the touches of a recording, of tracks, or of arrays; return them as rows."""
     if isinstance(recording, Path) and kind_of(recording) in ("tracks", "series"):
@@ -88,7 +81,7 @@ def touch_one(
 def check_many(args: Args) -> None:
     """Refuse what is wrong for all of many recordings."""
     if args.vibration:
-        raise ConfigError("--vibration works on one recording at a time; name one")
+        raise st.ConfigError("--vibration works on one recording at a time; name one")
     st.load_config(args.preset)
 
 
@@ -119,12 +112,12 @@ def touch_shown(found: dict[str, Any], name: str, first: dict[str, Any]) -> list
 WORK = Work("touch", touch_one, touch_summary, touch_shown, ".csv", check_many, SERIES_MEMBERS)
 
 
-def _listed(args: Args, frames: Iterable[MarkerFrame], skin: Skin) -> dict[str, Any]:
+def _listed(args: Args, frames: Iterable[st.MarkerFrame], skin: Skin) -> dict[str, Any]:
     """Return the touches as rows."""
-    from spikingtac.touch import HeldTouchDetector
-
-    detector = HeldTouchDetector(skin.reference, TouchConfig.for_unit(skin.reference, skin.unit))
-    monitor = VibrationMonitor(skin.rate_hz, VIBRATION_WINDOW_S) if args.vibration else None
+    detector = touch.HeldTouchDetector(
+        skin.reference, touch.TouchConfig.for_unit(skin.reference, skin.unit)
+    )
+    monitor = touch.VibrationMonitor(skin.rate_hz, VIBRATION_WINDOW_S) if args.vibration else None
     found, lines, first_us, asked_us = [], [], None, 0
     for frame in frames:
         if first_us is None:
@@ -148,7 +141,7 @@ def _listed(args: Args, frames: Iterable[MarkerFrame], skin: Skin) -> dict[str, 
     }
 
 
-def _of_events(args: Args, recording: Path | FileSource, advance: Advance) -> dict[str, Any]:
+def _of_events(args: Args, recording: Path | events.FileSource, advance: Advance) -> dict[str, Any]:
     """Return the touches in what a tracker makes of events."""
     path, source = args.needed_calibration(), args.open(recording)
     calibration = fitting(path, source)
@@ -156,7 +149,7 @@ def _of_events(args: Args, recording: Path | FileSource, advance: Advance) -> di
     rate_hz, tracker = config.tracking.rate_hz, st.make_tracker(config.tracking, calibration)
     seen = checked(source, calibration, args.strict)
 
-    def frames() -> Iterator[MarkerFrame]:
+    def frames() -> Iterator[st.MarkerFrame]:
         for index, frame in enumerate(st.follow(seen, tracker, rate_hz, seen.losses)):
             if index % PROGRESS_EVERY == 0:
                 advance(source.progress)
@@ -171,10 +164,10 @@ def _of_events(args: Args, recording: Path | FileSource, advance: Advance) -> di
 
 def _of_series(args: Args, path: Path) -> dict[str, Any]:
     """Return the touches in tracks, or in a series that was measured by another sensor."""
-    series = load_series(path).in_image()
+    series = touch.load_series(path).in_image()
     seen, sure = np.zeros(len(series.reference), np.bool_), np.ones(len(series.reference))
     frames = (
-        MarkerFrame(int(t_us), place := series.reference + moved, place, moved, seen, sure)
+        st.MarkerFrame(int(t_us), place := series.reference + moved, place, moved, seen, sure)
         for t_us, moved in zip(series.t_us, series.displacement, strict=True)
     )
     scale = SkinScale(1.0) if series.unit == "mm" else _scale_in_image(args, path)
@@ -188,5 +181,5 @@ def _scale_in_image(args: Args, tracks: Path) -> SkinScale | None:
         return st.Calibration.load(args.calibration).skin_scale
     try:
         return st.Tracks.load(tracks).skin_scale
-    except RecordingError:  # arrays alone, of another program
+    except st.RecordingError:  # arrays alone, of another program
         return None

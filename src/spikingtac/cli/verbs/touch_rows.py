@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import spikingtac as st
+from spikingtac import touch
 from spikingtac.batch.run import write_rows
 from spikingtac.calibration.lens import SkinScale
 from spikingtac.cli.messages import Table
 from spikingtac.touch.field import Estimate
-from spikingtac.touch.vibration import Spectrum
-
-if TYPE_CHECKING:
-    from spikingtac.touch.slip.held import HeldTouch
 
 UM_PER_MM = 1e3
 IN_THE_IMAGE = SkinScale(1.0)  # Lengths stay what they are.
+TIMES = ("begin_us", "end_us", "duration_us", "peak_us")
 SLIP = ("incipient_us", "gross_us", "end_us", "lead_us")  # Times of a slip, us.
 Row = dict[str, Any]
 
 
-def touch_row(held: HeldTouch, unit: str, scale: SkinScale | None) -> Row:
+def touch_row(held: st.HeldTouch, unit: str, scale: SkinScale | None) -> Row:
     """Return a touch as plain values: in px, and in mm where the scale is known.
 
     Args:
@@ -28,24 +27,19 @@ def touch_row(held: HeldTouch, unit: str, scale: SkinScale | None) -> Row:
         unit: Unit of its lengths, ``px`` or ``mm``.
         scale: From the unit to mm, None where it is not known.
     """
-    touch, field = held.touch, held.touch.field
-    row: Row = {
-        "begin_us": touch.begin_us,
-        "end_us": touch.end_us,
-        "duration_us": touch.duration_us,
-        "peak_us": touch.peak_us,
-        "peak_strength": round(touch.peak_strength, 6),
-    }
+    found, field = held.touch, held.touch.field
+    row: Row = {name: getattr(found, name) for name in TIMES}
+    row["peak_strength"] = round(found.peak_strength, 6)
     scales = {"px": IN_THE_IMAGE} if unit == "px" else {}
     scales |= {} if scale is None else {"mm": scale}
     told: dict[str, Estimate] = {}
     for name, to_unit in scales.items():
-        local = to_unit.mm_per_px(touch.place_px) if name == "mm" else 1.0
+        local = to_unit.mm_per_px(found.place_px) if name == "mm" else 1.0
         row |= {
-            f"place_{name}": to_unit.to_mm(touch.place_px).round(4).tolist(),
-            f"area_{name}2": round(touch.area_px2 * local**2, 4),
-            f"peak_displacement_{name}": round(touch.peak_displacement_px * local, 5),
-            f"outline_{name}": to_unit.to_mm(touch.outline_px).round(3).tolist(),
+            f"place_{name}": to_unit.to_mm(found.place_px).round(4).tolist(),
+            f"area_{name}2": round(found.area_px2 * local**2, 4),
+            f"peak_displacement_{name}": round(found.peak_displacement_px * local, 5),
+            f"outline_{name}": to_unit.to_mm(found.outline_px).round(3).tolist(),
         }
         told[f"mean_shear_x_{name}"] = field.mean_shear_x_px.times(local)
         told[f"mean_shear_y_{name}"] = field.mean_shear_y_px.times(local)
@@ -66,8 +60,7 @@ def touch_row(held: HeldTouch, unit: str, scale: SkinScale | None) -> Row:
 def write_touches(path: Path, rows: list[Row]) -> None:
     """Write touches as CSV, one line each, whole or not at all."""
     flat = [_flat(row) for row in rows]
-    columns = list(flat[0]) if flat else ["begin_us", "end_us", "duration_us", "peak_us"]
-    write_rows(path, columns, flat)
+    write_rows(path, list(flat[0]) if flat else TIMES, flat)
 
 
 def _flat(row: Row) -> Row:
@@ -123,7 +116,7 @@ def _slip_text(slips: list[Row] | None, first_us: int) -> str:
     return "none"
 
 
-def vibration_row(found: Spectrum, unit: str, skin: SkinScale | None) -> Row:
+def vibration_row(found: touch.Spectrum, unit: str, skin: SkinScale | None) -> Row:
     """Return a line of vibration as plain values: in px, and in um where the scale is known.
 
     Args:

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
 import spikingtac as st
+from spikingtac import events
 from spikingtac.cli.messages import Advance, Table, counted
 from spikingtac.cli.options import Output, RealtimeArgs, TrackerArgs
 from spikingtac.cli.recordings import ManyArgs, SecondArgs, Work, run_each
 from spikingtac.cli.sources import ask_for_real_time, checked, ending_on_interrupt, require_live
-from spikingtac.events.address import is_stream
 from spikingtac.types import LawName, Polarity
-
-if TYPE_CHECKING:
-    from spikingtac.events.formats.file_source import FileSource
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +61,7 @@ def run(args: Args) -> int:
 
 
 def track_one(
-    args: Args, recording: Path | FileSource, output: Path, advance: Advance
+    args: Args, recording: Path | events.FileSource, output: Path, advance: Advance
 ) -> dict[str, Any]:
     """Track a recording into a file, and return the summary."""
     from spikingtac.markers.calibration.calibrate import completed
@@ -73,7 +70,7 @@ def track_one(
     config, calibration = args.settings()
     source = args.open(recording)
     force = None if args.force is None else st.load_force(args.force)
-    if config.tracking.method != "blobs" and not is_stream(source.path):
+    if config.tracking.method != "blobs" and not events.is_stream(source.path):
         calibration = completed(source, calibration)
     if args.strict:
         source = checked(source, calibration, strict=True)
