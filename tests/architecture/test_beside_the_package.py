@@ -6,10 +6,14 @@ be noticed by the first person who runs one.
 
 import ast
 import importlib
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+import spikingtac
+from stand_ins.programs import program
 
 PROJECT = Path(__file__).resolve().parents[2]
 PROGRAMS = sorted(
@@ -48,13 +52,36 @@ def is_module(name: str) -> bool:
         pytest.skip(f"{name} needs {error.name}")
 
 
-def test_a_moved_module_and_a_renamed_function_are_noticed() -> None:
-    source = "from spikingtac.stream.nowhere import f\nfrom spikingtac.types import Nothing\n"
-    missing = [name for found in own_imports(ast.parse(source)) for name in missing_from(*found)]
-    assert missing == ["spikingtac.stream.nowhere", "spikingtac.types.Nothing"]
-
-
 @pytest.mark.parametrize("path", PROGRAMS, ids=lambda path: path.name)
 def test_a_program_imports_only_what_exists(path: Path) -> None:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     assert [name for found in own_imports(tree) for name in missing_from(*found)] == []
+
+
+EXAMPLES = [path for path in PROGRAMS if path.parent.name == "examples"]
+MOST_LINES = 80
+
+
+def test_the_examples_go_from_01_to_11() -> None:
+    assert [path.name[:3] for path in EXAMPLES] == [f"{number:02}_" for number in range(1, 12)]
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_is_short_and_uses_public_names_only(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= MOST_LINES
+    assert f"Run: python examples/{path.name}" in (ast.get_docstring(ast.parse(text)) or "")
+    assert not re.search(r"^\s*from spikingtac|^\s*import spikingtac\.", text, re.M)
+    used = set(re.findall(r"\bst\.(\w+)", text))
+    assert used
+    assert used <= set(spikingtac.__all__)
+
+
+def test_every_mutation_applies_at_one_place_and_names_tests_that_exist() -> None:
+    script = program("benchmarks/mutations.py")
+    assert len({mutation.name for mutation in script.MUTATIONS}) == len(script.MUTATIONS)
+    stale = [one.name for one in script.MUTATIONS if len(script.places(one)) != 1]
+    assert stale == [], "the sources have changed: give each the text that stands there now"
+    assert [one.name for one in script.MUTATIONS if one.old == one.new] == []
+    named = {path for one in script.MUTATIONS for path in one.tests}
+    assert [path for path in named if not (PROJECT / path).exists()] == []

@@ -86,19 +86,6 @@ def test_folders_hold_few_files() -> None:
     assert {folder: count for folder, count in files.items() if count > FOLDER_FILES} == {}
 
 
-def test_the_rules_find_what_they_are_for(tmp_path: Path) -> None:
-    """Each rule, on a file that breaks it; the same file without its faults passes."""
-    faulty = tmp_path / "faulty.py"
-    body = "    x = 1\n" * FUNCTION_LINES
-    names = ", ".join("abcdefg")
-    faulty.write_text(f"def f({names}):\n{body}    return x\n" + "\n" * FILE_LINES)
-    rules = (length_of_file, long_functions, wide_functions)
-    assert all(rule(faulty) for rule in rules)
-    sound = tmp_path / "sound.py"
-    sound.write_text('"""Text."""\n\ndef f(a: int) -> int:\n    """Return a."""\n    return a\n')
-    assert not any(rule(sound) for rule in rules)
-
-
 def test_nothing_is_pickled() -> None:
     text = {named(path): text_of(path) for path in FILES}
     assert [name for name, source in text.items() if "import pickle" in source] == []

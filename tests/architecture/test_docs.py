@@ -1,15 +1,28 @@
-"""Code in the documentation runs, links lead somewhere, and every verb is described."""
+"""Code of the documentation runs, links and pictures are there, and every verb is described."""
 
+from __future__ import annotations
+
+import json
 import re
+import shlex
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
+from importlib import resources
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+import spikingtac as st
+from spikingtac.cli.main import _parsed, function_of, verbs
+from spikingtac.robot import Watchdog, WatchdogConfig, WatchdogThread
+from spikingtac.touch import SkinConfig, fit_force, synthetic_series
+from stand_ins.programs import program
 from stand_ins.tracks import circling_tracks
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -22,29 +35,24 @@ LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)")
 def blocks() -> Iterator[tuple[str, str]]:
     for page in PAGES:
         for index, code in enumerate(BLOCK.findall(page.read_text(encoding="utf-8"))):
-            if code.startswith(MARK):
-                yield f"{page.relative_to(PROJECT)}[{index}]", code
+            yield f"{page.relative_to(PROJECT)}[{index}]", code
+
+
+def calibration_of(source: st.SceneSource) -> st.Calibration:
+    """Return what a calibration of the scene would find."""
+    places, radii = np.asarray(source.reference_px), np.asarray(source.radius_px)
+    steps = {"step_on": 0.14, "step_off": 0.14}
+    return st.Calibration(
+        reference_px=places, radius_px=radii, grid=(8, 8), size=source.size, **steps
+    )
 
 
 @pytest.fixture(scope="module")
 def named(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the calibration, the recording and the tracks that the examples name."""
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.sim.catalog import load_scene
-    from spikingtac.sim.render import simulate
-    from spikingtac.sim.source import SceneSource
-
-    folder, scene = tmp_path_factory.mktemp("named"), load_scene("finger-torsion")
-    at_rest = SceneSource(scene)
-    Calibration(
-        reference_px=np.asarray(at_rest.reference_px),
-        radius_px=np.asarray(at_rest.radius_px),
-        grid=scene.skin.grid,
-        size=scene.size,
-        step_on=0.14,
-        step_off=0.14,
-    ).save(folder / "left_finger.json")
-    simulate(scene, folder / "twist", seed=1, duration_s=1.0)
+    folder, scene = tmp_path_factory.mktemp("named"), st.load_scene("finger-torsion")
+    calibration_of(st.SceneSource(scene)).save(folder / "left_finger.json")
+    st.simulate(scene, folder / "twist", seed=1, duration_s=1.0)
     for name in ("tracks.npz", "other.npz"):
         circling_tracks(estimates=20).save(folder / name)
     return folder
@@ -57,13 +65,9 @@ def beside(named: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     return Path.cwd()
 
 
-@pytest.mark.parametrize("code", [pytest.param(code, id=name) for name, code in blocks()])
+@pytest.mark.parametrize("code", [pytest.param(c, id=n) for n, c in blocks() if c.startswith(MARK)])
 def test_code_runs(code: str, beside: Path) -> None:
     exec(compile(code, "documentation", "exec"), {"__name__": "documentation"})
-
-
-def test_the_readme_example_is_among_them() -> None:
-    assert any(name.startswith("README.md") for name, _ in blocks())
 
 
 def test_the_readme_makes_every_file_before_it_is_used() -> None:
@@ -116,3 +120,108 @@ def test_every_verb_and_public_name_has_its_text() -> None:
         bare = [part.split()[0] for part in sections if len(part.split()) < 8]
         assert bare == []
         assert [line for line in text.splitlines() if re.match(r"- `.*: *$", line)] == []
+
+
+def test_the_notebook_is_made_from_the_page() -> None:
+    script = program("scripts/tutorial_notebook.py")
+    page = PROJECT / "docs" / "tutorial" / "first-figure.md"
+    written = page.with_suffix(".ipynb").read_text("utf-8")
+    assert written == script.text_of(page.read_text("utf-8")), (
+        "run: python scripts/tutorial_notebook.py"
+    )
+    nbformat = pytest.importorskip("nbformat", reason="nbformat is not installed")
+    nbformat.validate(json.loads(written))
+
+
+# What a block names -> what no test can give it; its names are looked up.
+NEEDS = {
+    "openmv:": "a camera",
+    "st.approach(": "an arm that moves",
+    "MineSource": "an installed package",
+    "spikingtac_mujoco": "the package of an integration",
+}
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """A folder with the files, and the names, that the pages have made before."""
+    folder = tmp_path_factory.mktemp("given")
+    source = st.SceneSource(st.load_scene("finger-torsion"), duration_s=0.6)
+    own = calibration_of(source)
+    skin = synthetic_series(SkinConfig(), own.reference_px, 15.4, frames=70)
+    fit_force(skin).save(folder / "force.onnx")
+    (folder / "training").mkdir()
+    weights = resources.files("spikingtac.denoise") / "weights" / "lean-int8.onnx"
+    shutil.copy(str(weights), folder / "training")
+    (folder / "day_tracks").mkdir()
+    (folder / "day_tracks" / "results.csv").write_text("source,displacement_max_px\na.raw,2.5\n")
+    windows = [(window,) for window in st.windows(source, period_us=1_000)]
+    rest = np.asarray(own.reference_px)
+    frames = [
+        st.MarkerFrame(t, rest, rest, rest * 0, np.zeros(len(rest), bool), np.ones(len(rest)))
+        for t in range(0, 600_000, 1_000)
+    ]
+    arm = SimpleNamespace(stop=lambda: None, confirm_stop=lambda: None)
+    names = {"Watchdog": Watchdog, "WatchdogConfig": WatchdogConfig, "time": time, "arm": arm}
+    names |= {"WatchdogThread": WatchdogThread, "st": st, "calibration": own, "frame": frames[-1]}
+    return folder, names | {"quiet_windows": windows[:300], "windows": windows, "frames": frames}
+
+
+@pytest.mark.parametrize(
+    "code",
+    [pytest.param(c, id=n) for n, c in blocks() if "how-to/" in n and not c.startswith(MARK)],
+)
+def test_a_block_runs_with_what_its_page_gives(
+    code: str, given: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, names = given
+    monkeypatch.chdir(folder)
+    compiled = compile(code, "documentation", "exec")
+    if any(word in code for word in NEEDS):
+        for name in {name for name in compiled.co_names if f"st.{name}" in code}:
+            assert hasattr(st, name)
+        return
+    exec(compiled, {"__name__": "documentation", **names})
+
+
+PICTURE = re.compile(r"!\[[^\]]*\]\(([^)\s]+)\)")
+COMMAND = re.compile(r"`((?:spikingtac|python) [^`]+)`", re.S)
+NEAR = 900  # Letters before and after a picture in which its command stands.
+SCREENSHOTS = {"viewer.png"}  # Pictures of a browser, which no command of this package makes.
+
+
+def pictures() -> Iterator[tuple[Path, str, str]]:
+    """Yield page, picture and the text around it."""
+    for page in [*PAGES, PROJECT / "hardware" / "README.md"]:
+        text = page.read_text(encoding="utf-8")
+        for found in PICTURE.finditer(text):
+            yield page, found.group(1), text[max(found.start() - NEAR, 0) : found.end() + NEAR]
+
+
+@pytest.mark.parametrize(
+    ("page", "picture", "around"),
+    [pytest.param(*found, id=f"{found[0].parent.name}-{found[1]}") for found in pictures()],
+)
+def test_a_picture_has_a_command(page: Path, picture: str, around: str) -> None:
+    path = (page.parent / picture).resolve()
+    assert path.is_file()
+    if path.name not in SCREENSHOTS:
+        assert COMMAND.search(around), f"{page.name} does not say how {picture} is made"
+
+
+def test_the_commands_exist_with_their_options() -> None:
+    commands = {
+        " ".join(line.split()) for *_, around in pictures() for line in COMMAND.findall(around)
+    }
+    assert len(commands) >= 4
+    for command in commands:
+        program, first, *rest = shlex.split(command)
+        if first == "-m":
+            assert [*(PROJECT / "integrations").rglob(f"{rest[0]}/__main__.py")], command
+            continue
+        if program == "python":
+            assert (PROJECT / first).is_file(), command
+            continue
+        assert first in verbs(), command
+        if rest:  # a bare verb is a mention, no command
+            assert _parsed(function_of(first)[1], first, rest) is not None

@@ -1,9 +1,18 @@
+"""What an import loads, and who may import what."""
+
+import ast
+import importlib
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+
+import spikingtac
+from stand_ins.source_trees import FILES, SOURCES, tree_of
 
 PROJECT = Path(__file__).resolve().parents[2]
 HEAVY = ("numba", "scipy", "matplotlib", "torch", "onnxruntime", "onnx", "h5py", "websockets")
@@ -11,6 +20,7 @@ HEAVY = ("numba", "scipy", "matplotlib", "torch", "onnxruntime", "onnx", "h5py",
 # Modules of the package that ``--help`` may load. It takes 0.1 s, nearly all of it Python's own
 # start; a time would measure what else the machine does, the modules are what it consists of.
 OWN_MODULES = 9
+ROOMS = sorted(path.parent.name for path in SOURCES.glob("spikingtac/*/__init__.pyi"))
 
 
 def modules_after(statement: str) -> set[str]:
@@ -36,17 +46,10 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     assert not loaded & {*HEAVY, "numpy"}
 
 
-def test_every_public_name_resolves() -> None:
-    import spikingtac
-
+def test_every_public_name_resolves_and_no_other() -> None:
     for name in spikingtac.__all__:
         assert getattr(spikingtac, name) is not None
         assert name in dir(spikingtac)
-
-
-def test_an_unknown_name_is_an_attribute_error() -> None:
-    import spikingtac
-
     with pytest.raises(AttributeError, match="no attribute 'trakc'"):
         _ = spikingtac.trakc
 
@@ -87,3 +90,22 @@ def test_import_contracts() -> None:
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "0 broken" in done.stdout
+
+
+def test_experiments_and_hardware_import_no_deeper_than_a_room() -> None:
+    deep = [
+        f"{path.relative_to(SOURCES)}: {node.module}"
+        for path in FILES
+        if path.relative_to(SOURCES).parts[0] != "spikingtac"
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.ImportFrom) and re.match(r"spikingtac\.\w+\.", node.module or "")
+    ]
+    assert deep == []
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_every_public_name_of_a_room_is_there(room: str) -> None:
+    module = importlib.import_module(f"spikingtac.{room}")
+    named = [getattr(module, name) for name in module.__all__]
+    assert named
+    assert not any(isinstance(found, ModuleType) for found in named)

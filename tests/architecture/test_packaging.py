@@ -1,7 +1,8 @@
-"""The packages that users get: what they hold, and what an index shows of them."""
+"""What users get: the packages, what they need, and what no tracked file may hold."""
 
 from __future__ import annotations
 
+import ast
 import email.parser
 import re
 import subprocess
@@ -12,6 +13,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
+
+from stand_ins.source_trees import FILES, tree_of
 
 PROJECT = Path(__file__).resolve().parents[2]
 PROJECT_TABLE = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -100,3 +103,95 @@ def test_the_sdist_holds_no_data(packages: tuple[Path, Path]) -> None:
     tops = {name.split("/")[0] for name in names}
     assert not tops & {"docs", "results", "hardware", "tests", "benchmarks", "examples"}
     assert sdist.stat().st_size < SDIST_LIMIT_MB * 1e6
+
+
+# Names of distributions that differ from what they are imported as.
+DISTRIBUTIONS = {
+    "PIL": "pillow",
+    "cv2": "opencv-python-headless",
+    "rtde_control": "ur-rtde",
+    "rtde_receive": "ur-rtde",
+}
+
+# Declared, and used without an import statement.
+BY_NAME_ONLY = {
+    "build123d": "imported by a name in a string",
+    "mkdocs": "builds the documentation",
+    "mkdocs-material": "builds the documentation",
+    "dv-processing": "imported by a name in a string",
+    "neuromorphic-drivers": "imported by a name in a string",
+    "openmv": "imported by a name in a string",
+    "onnxscript": "torch exports networks through it",
+    "spikingtac": "extras that name other extras",
+    "trimesh": "imported by a name in a string",
+}
+
+
+def imported() -> set[str]:
+    """Return the distributions that the package imports, wherever the import stands."""
+    names: set[str] = set()
+    for path in FILES:
+        for node in ast.walk(tree_of(path)):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+                names.add(node.module.split(".")[0])
+    foreign = names - set(sys.stdlib_module_names) - set(PACKAGES.split(","))
+    return {DISTRIBUTIONS.get(name, name) for name in foreign}
+
+
+def declared() -> set[str]:
+    """Return the distributions that a user may install, those of the extra [dev] left out."""
+    project = PROJECT_TABLE["project"]
+    extras = project["optional-dependencies"]
+    lists = [project["dependencies"], *(extras[name] for name in extras if name != "dev")]
+    return {re.split(r"[^A-Za-z0-9._-]", text)[0] for each in lists for text in each}
+
+
+def test_imports_and_declarations_agree() -> None:
+    assert imported() - declared() == set(), "declare it in pyproject.toml"
+    assert declared() - imported() - set(BY_NAME_ONLY) == set(), "nothing imports it"
+
+
+def test_the_licence_of_every_dependency_is_listed_once() -> None:
+    script = PROJECT / "scripts" / "licences.py"
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert done.returncode == 0, f"not permissive: {done.stdout}"
+    rows = [line.split("\t") for line in done.stdout.splitlines()]
+    names = [name for name, _, _ in rows]
+    assert len(set(names)) == len(names)
+    assert {"numpy", "numba", "pillow", "websockets"} <= set(names)
+    assert [name for name, _, licence in rows if licence == "not stated"] == []
+
+
+# Each pattern is written so that it does not match itself.
+INDEX_HOSTS = r"py[p]i\.org|python[h]osted|registry\.npm[j]s|deb\.de[b]ian"
+MACHINE_PATHS = r"(?<![\w.])/(?:wor[k]|roo[t]|hom[e]|User[s]|tm[p])/\w"
+SECRETS = r"BEGIN [A-Z ]*PRIVATE KE[Y]"
+FORBIDDEN = re.compile("|".join((INDEX_HOSTS, MACHINE_PATHS, SECRETS)))
+
+
+def tracked_files() -> list[Path]:
+    listed = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=PROJECT, capture_output=True, text=True, timeout=60
+    )
+    if listed.returncode != 0:
+        pytest.skip("not a git checkout: which files are tracked cannot be known")
+    files = (PROJECT / name for name in listed.stdout.split("\0") if name)
+    return [path for path in files if path.is_file()]
+
+
+def test_no_index_host_no_machine_path_no_key() -> None:
+    found = []
+    for path in tracked_files():
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            continue
+        found += [f"{path.relative_to(PROJECT)}: {hit.group()}" for hit in FORBIDDEN.finditer(text)]
+    assert found == []
+
+
+def test_tracked_files_are_small() -> None:
+    limit = 2 * 1024 * 1024
+    assert [str(path) for path in tracked_files() if path.stat().st_size > limit] == []
