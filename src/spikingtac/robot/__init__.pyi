@@ -25,7 +25,6 @@ from .prober import Prober as Prober
 from .prober import ProbingConfig as ProbingConfig
 from .prober import Touched as Touched
 from .adaptive_search import AdaptiveSearch as AdaptiveSearch
-from .adaptive_search import AdaptiveSearchConfig as AdaptiveSearchConfig
 from .adaptive_search import FoundHole as FoundHole
 from .adaptive_search import hole_around as hole_around
 from .adaptive_search import probe_hole as probe_hole

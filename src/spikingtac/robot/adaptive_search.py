@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.errors import ConfigError, SearchError
+from spikingtac.errors import SearchError
 from spikingtac.geometry.hole import PRIOR_SIGMA_MM, Circle, estimate_hole
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.cross_search import require_room
@@ -24,6 +24,7 @@ from spikingtac.robot.prober import Prober, Touched
 from spikingtac.types import FloatArray
 
 LEAST_CONTACTS = 3  # A circle has three unknowns.
+MOST_CONTACTS = 12  # Contacts of a search unless told.
 
 # Least difference of the radii of hole and bit, mm; the plate's narrowest hole has 0.27.
 LEAST_CLEARANCE_MM = 0.1
@@ -56,24 +57,6 @@ INDIFFERENCE = 0.05
 MISFIT_SIGMA = 6.0  # Largest distance of a contact from the circle, in standard deviations.
 
 
-@dataclass(frozen=True, kw_only=True)
-class AdaptiveSearchConfig:
-    """The settings of the search.
-
-    Attributes:
-        contacts: Largest number of contacts.
-        center_sigma_mm: The search ends earlier when the standard deviation of the centre along
-            each axis is below this, mm; 0 never ends it early.
-    """
-
-    contacts: int = 12
-    center_sigma_mm: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.contacts < LEAST_CONTACTS:
-            raise ConfigError(f"contacts is {self.contacts}, it must be at least {LEAST_CONTACTS}")
-
-
 @dataclass(frozen=True, slots=True)
 class FoundHole:
     """What a search found.
@@ -97,11 +80,20 @@ class AdaptiveSearch:
     Args:
         prober: Makes the touches.
         travel: The calibration.
-        config: The settings.
+        contacts: Largest number of contacts, at least 3.
+        center_sigma_mm: The search ends earlier when the standard deviation of the centre along
+            each axis is below this, mm; 0 never ends it early.
     """
 
-    def __init__(self, prober: Prober, travel: TravelModel, config: AdaptiveSearchConfig) -> None:
-        self._prober, self._travel, self._config = prober, travel, config
+    def __init__(
+        self,
+        prober: Prober,
+        travel: TravelModel,
+        contacts: int = MOST_CONTACTS,
+        center_sigma_mm: float = 0.0,
+    ) -> None:
+        self._prober, self._travel = prober, travel
+        self._contacts, self._center_sigma_mm = contacts, center_sigma_mm
 
     def run(self, start_mm: FloatArray) -> FoundHole:
         """Search from a place inside the hole.
@@ -189,10 +181,10 @@ class AdaptiveSearch:
         return np.linalg.inv(known + row.T @ row / self._travel.sigma_mm**2).astype(np.float64)
 
     def _is_enough(self, kept: list[Touched]) -> bool:
-        if len(kept) >= self._config.contacts:
+        if len(kept) >= self._contacts:
             return True
         sigma = self.circle(kept).sigma_mm
-        return bool((sigma[:2] <= self._config.center_sigma_mm).all())
+        return bool((sigma[:2] <= self._center_sigma_mm).all())
 
     def _checked(self, touches: list[Touched]) -> Circle:
         """Return the estimate, if it is valid.
@@ -227,7 +219,8 @@ def probe_hole(
     prober: Prober,
     travel: TravelModel,
     start_mm: FloatArray | None = None,
-    config: AdaptiveSearchConfig | None = None,
+    contacts: int = MOST_CONTACTS,
+    center_sigma_mm: float = 0.0,
 ) -> FoundHole:
     """Find centre and radius of a hole by touch; the probe stands in it.
 
@@ -236,7 +229,9 @@ def probe_hole(
             the windows of its sensor and a detector.
         travel: The calibration; see :func:`~spikingtac.geometry.travel.fit_travel`.
         start_mm: ``(2,)`` a place inside the hole, mm; where the probe stands unless given.
-        config: The settings.
+        contacts: Largest number of contacts, at least 3.
+        center_sigma_mm: The search ends earlier when the standard deviation of the centre along
+            each axis is below this, mm; 0 never ends it early.
 
     Raises:
         SearchError: No wall was found, there is no room, or the contacts make no circle; the arm is
@@ -244,7 +239,7 @@ def probe_hole(
         DeviceError: Arm or sensor failed; the arm was commanded to stop.
     """
     start = prober.place_mm() if start_mm is None else start_mm
-    return AdaptiveSearch(prober, travel, config or AdaptiveSearchConfig()).run(start)
+    return AdaptiveSearch(prober, travel, contacts, center_sigma_mm).run(start)
 
 
 def hole_around(touches: Sequence[Touched], travel: TravelModel) -> Circle:

@@ -6,8 +6,8 @@ All motions are in a plane: the probe stands in a hole and moves in x and y at c
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -22,53 +22,66 @@ from spikingtac.types import Contact, FloatArray
 TIP_STIFFNESS_N_MM = 0.04
 
 
+# Windows between reaching the speed of a touch and listening (the rod is hardly excited by such a
+# slow start, and a narrow hole has no room for more).
+SETTLE_WINDOWS = 20
+REST_WINDOWS = 50  # Windows to wait after a motion in free air (one time constant of the rod).
+
+
+class Style(NamedTuple):
+    """Speeds and lengths of a touch.
+
+    Attributes:
+        speed_mm_s: Speed of the touch that counts, mm/s.
+        travel_speed_mm_s: Speed of back-off and free travel, mm/s (slow enough that the rod
+            does not swing, v / omega = 0.03 mm).
+        find_speed_mm_s: Speed of the touch that only finds the wall, mm/s.
+        conditioning_mm: How far to press on after finding the wall, mm; 0 counts the first touch.
+        back_off_mm: Distance of the retreat from the place of contact, mm.
+    """
+
+    speed_mm_s: float
+    travel_speed_mm_s: float
+    find_speed_mm_s: float
+    conditioning_mm: float
+    back_off_mm: float
+
+
+PUBLISHED = Style(0.8, 5.0, 4.0, 0.0, 0.6)  # Speed 0.8 mm/s: Section V-C.
+
+# What the pixels remember of earlier contacts moves the decision by up to 0.2 mm; a press that
+# takes every pixel across its thresholds, and back, leaves the same memory each time.
+CONDITIONED = Style(3.0, 8.0, 6.0, 0.4, 0.4)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ProbingConfig:
     """The settings of a touch.
 
     Attributes:
-        speed_mm_s: Speed of the touch that counts, mm/s (0.8 in the paper, Section V-C).
-        settle_windows: Windows between reaching that speed and listening (the rod is hardly
-            excited by such a slow start, and a narrow hole has no room for more).
-        travel_speed_mm_s: Speed of back-off and free travel, mm/s (slow enough that the rod
-            does not swing, v / omega = 0.03 mm).
-        rest_windows: Windows to wait after such a motion (one time constant of the rod).
-        find_speed_mm_s: Speed of the touch that only finds the wall, mm/s; used where
-            ``conditioning_mm`` is not zero.
-        conditioning_mm: How far to press on after finding the wall, before the touch that counts,
-            mm; 0 counts the first touch, as published. What the pixels remember of earlier
-            contacts moves the decision by up to 0.2 mm; a press that takes every pixel across its
-            thresholds, and back, leaves the same memory each time.
-        back_off_mm: Distance of the retreat from the place of contact, mm.
+        conditions: Whether to find the wall, press on, back off, and touch again; the first touch
+            counts otherwise, as published.
         travel_limit_mm: Largest travel of one approach, mm.
         force_limit_n: Largest force of the tip, N, even if the wall is never detected.
     """
 
-    speed_mm_s: float = 0.8
-    settle_windows: int = 20
-    travel_speed_mm_s: float = 5.0
-    find_speed_mm_s: float = 4.0
-    conditioning_mm: float = 0.0
-    rest_windows: int = 50
-    back_off_mm: float = 0.6
+    conditions: bool = False
     travel_limit_mm: float = 11.0
     force_limit_n: float = 0.5
 
     def __post_init__(self) -> None:
-        lengths = self.speed_mm_s, self.travel_speed_mm_s, self.back_off_mm, self.reach_mm
-        if not all(length > 0.0 for length in lengths):
-            raise ConfigError("speeds, back_off_mm, travel_limit_mm and force_limit_n must be > 0")
+        if not self.reach_mm > 0.0:
+            raise ConfigError("travel_limit_mm and force_limit_n must be above 0")
 
     @classmethod
     def conditioned(cls) -> ProbingConfig:
         """Return the conditioned touch: find, press on, back off, and touch again."""
-        return cls(
-            speed_mm_s=3.0,
-            travel_speed_mm_s=8.0,
-            find_speed_mm_s=6.0,
-            conditioning_mm=0.4,
-            back_off_mm=0.4,
-        )
+        return cls(conditions=True)
+
+    @property
+    def style(self) -> Style:
+        """Speeds and lengths of the touch."""
+        return CONDITIONED if self.conditions else PUBLISHED
 
     @property
     def reach_mm(self) -> float:
@@ -165,17 +178,18 @@ class ArmProber:
         heading = heading / float(np.linalg.norm(heading))
         if self.free_travel is None or not self.free_travel(start, heading):
             self._move(start)
-        if self.config.conditioning_mm <= 0.0:
-            found = self._meet(start, heading, self.config.speed_mm_s)
+        style = self.config.style
+        if not self.config.conditions:
+            found = self._meet(start, heading, style.speed_mm_s)
             self._retreat(found)
             return found
         apart_mm = 0.0
         for _ in range(MOST_TRIES):
             # Find the wall, press on, back off, and measure.
-            found = self._meet(start, heading, self.config.find_speed_mm_s)
-            self._move(found.reading_mm + self.config.conditioning_mm * heading, rest=False)
+            found = self._meet(start, heading, style.find_speed_mm_s)
+            self._move(found.reading_mm + style.conditioning_mm * heading, rest=False)
             self._retreat(found)
-            measured = self._meet(start, heading, self.config.speed_mm_s)
+            measured = self._meet(start, heading, style.speed_mm_s)
             self._retreat(measured)
             apart_mm = float((measured.reading_mm - found.reading_mm) @ heading)
             if abs(apart_mm) <= AGREE_MM:
@@ -190,8 +204,7 @@ class ArmProber:
         """Approach from where the arm stands until contact."""
         self.detector.reset()
         reach_mm, counted = self.config.reach_mm, _Counted(self.detector)
-        config = replace(self._approach(), speed_mm_s=speed_mm_s)
-        approacher = Approacher(self.arm, self.windows, counted, config, self.watchdog)
+        approacher = self._approacher(counted, speed_mm_s)
         found = approacher.approach(self._in_space(start + reach_mm * heading))
         if found.contact is not None and found.collision_mm is not None:
             self.touches += 1
@@ -211,26 +224,24 @@ class ArmProber:
 
     def _retreat(self, found: Touched) -> None:
         """Move back along the approach, at most to its start, which was free."""
-        back_mm = min(max(found.run_mm, 0.0), self.config.back_off_mm)
+        back_mm = min(max(found.run_mm, 0.0), self.config.style.back_off_mm)
         self._move(found.reading_mm - back_mm * found.direction)
 
-    def _approach(self) -> ApproachConfig:
-        config = self.config
-        seconds = min(TIME_LIMIT_S, 2.0 * config.reach_mm / config.speed_mm_s + 1.0)
-        return ApproachConfig(
-            speed_mm_s=config.speed_mm_s,
-            settle_windows=config.settle_windows,
-            patience_windows=round(seconds / WINDOW_S),
+    def _approacher(self, detector: _Counted | None, speed_mm_s: float) -> Approacher:
+        seconds = 2.0 * self.config.reach_mm / self.config.style.speed_mm_s + 1.0
+        config = ApproachConfig(
+            speed_mm_s=speed_mm_s,
+            settle_windows=SETTLE_WINDOWS,
+            patience_windows=round(min(TIME_LIMIT_S, seconds) / WINDOW_S),
         )
+        return Approacher(self.arm, self.windows, detector, config, self.watchdog)
 
     def _move(self, to_mm: FloatArray, rest: bool = True) -> None:
         """Move without detection, and wait on request until the rod is at rest."""
-        config = self.config
-        moving = replace(self._approach(), speed_mm_s=config.travel_speed_mm_s)
-        mover = Approacher(self.arm, self.windows, None, moving, self.watchdog)
+        mover = self._approacher(None, self.config.style.travel_speed_mm_s)
         mover.approach(self._in_space(to_mm))
         if rest:
-            mover.wait(config.rest_windows)
+            mover.wait(REST_WINDOWS)
 
     def _in_space(self, place_mm: FloatArray) -> FloatArray:
         return np.array([*place_mm, self.arm.pose().position_mm[2]])

@@ -21,7 +21,6 @@ from spikingtac.errors import SearchError
 from spikingtac.geometry import TravelModel
 from spikingtac.robot import (
     AdaptiveSearch,
-    AdaptiveSearchConfig,
     ArmState,
     Prober,
     Touched,
@@ -167,8 +166,7 @@ def _search(
 ) -> Sequence[Touched]:
     if style == CROSS:
         return cross_search(prober, start_mm, travel)
-    config = AdaptiveSearchConfig(contacts=MOST_CONTACTS)
-    return AdaptiveSearch(prober, travel, config).run(start_mm).touches
+    return AdaptiveSearch(prober, travel, MOST_CONTACTS).run(start_mm).touches
 
 
 def _make_past_contact(site: HoleSite, detector: ContactDetector, rng: np.random.Generator) -> None:

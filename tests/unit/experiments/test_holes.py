@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.geometry.travel import hexagon_reach_mm
-from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
+from spikingtac.robot.adaptive_search import AdaptiveSearch
 from spikingtac.robot.cross_search import cross_search
 from spikingtac.robot.prober import Touched
 from spikingtac.sim.rig.hole_site import (
@@ -66,7 +66,7 @@ def record(seed: int, hole: int) -> dict[str, Any]:
     x, y = trial.center_mm
     prober = IdealProber(RADII_MM[hole], (x, y), HEADING_RAD, TRAVEL_MM)
     travel = travel_of(calibration(seed)[DEFAULT], 0.008)
-    search = AdaptiveSearch(prober, travel, AdaptiveSearchConfig())
+    search = AdaptiveSearch(prober, travel)
     touches = {
         CROSS: cross_search(prober, trial.start_mm),
         DEFAULT: search.run(trial.start_mm).touches,

@@ -69,6 +69,7 @@ def check(args: Args) -> None:
         ConfigError: Names the flag, what was given and what is valid.
     """
     from spikingtac.contact import detectors
+    from spikingtac.robot.adaptive_search import LEAST_CONTACTS
 
     named(detectors(), args.detector, "contact detector")
     for name in POSITIVE:
@@ -93,7 +94,8 @@ def check(args: Args) -> None:
             "moves by a recording feels nothing. Give the pipe, or --rehearsal if nothing can "
             "be touched"
         )
-    args.searching()
+    if args.contacts < LEAST_CONTACTS:
+        raise st.ConfigError(f"contacts is {args.contacts}, it must be at least {LEAST_CONTACTS}")
 
 
 def _output_paths(args: Args) -> tuple[Path, Path] | None:

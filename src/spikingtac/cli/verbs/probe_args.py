@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -60,16 +60,12 @@ class Args(WriteArgs):
 
     def probing(self) -> st.ProbingConfig:
         """Return how the search touches."""
-        config = st.ProbingConfig
-        style = config() if self.search == "cross4" else config.conditioned()
         limits = {"travel_limit_mm": self.travel_limit_mm, "force_limit_n": self.force_limit_n}
-        return replace(style, **limits)
+        return st.ProbingConfig(conditions=self.search == "default", **limits)
 
-    def searching(self) -> Any:
+    def searching(self) -> dict[str, Any]:
         """Return the settings of the adaptive search."""
-        from spikingtac.robot import AdaptiveSearchConfig
-
-        return AdaptiveSearchConfig(contacts=self.contacts, center_sigma_mm=self.center_sigma_mm)
+        return {"contacts": self.contacts, "center_sigma_mm": self.center_sigma_mm}
 
 
 class ProbedHole(NamedTuple):

@@ -68,7 +68,7 @@ def search(args: Args, prober: Any, travel: st.TravelModel, start_mm: FloatArray
         SearchError: There is no wall, no room, or no circle; the arm is at rest.
     """
     if args.search == "default":
-        return st.probe_hole(prober, travel, start_mm, args.searching())
+        return st.probe_hole(prober, travel, start_mm, **args.searching())
     touches = robot.cross_search(prober, start_mm, travel)
     return st.FoundHole(robot.calibrated_circle(touches, travel), tuple(touches))
 
