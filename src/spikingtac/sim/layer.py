@@ -62,12 +62,12 @@ class LayerOperator:
         ky = step * np.where(index > n // 2, index - n, index)
         kx = step * index[: n // 2 + 1].T
         k = np.hypot(kx, ky)
-        response, along = layer_response(k, thickness_mm), np.where(k > 0.0, k, 1.0)
-        lateral, cx, cy = response.longitudinal - response.transverse, kx / along, ky / along
-        across = response.transverse
+        normal, coupling, along, across = layer_response(k, thickness_mm)
+        lateral, length = along - across, np.where(k > 0.0, k, 1.0)
+        cx, cy = kx / length, ky / length
         even = [across + lateral * cx * cx, lateral * cx * cy, across + lateral * cy * cy]
-        self._even = np.stack([*even, response.normal])
-        odd = np.stack((cx * response.coupling, cy * response.coupling))
+        self._even = np.stack([*even, normal])
+        odd = np.stack((cx * coupling, cy * coupling))
         # What is odd in kx or ky has no value at the highest frequency of an even grid.
         for kernel in (self._even[1], *odd):
             kernel[n // 2, :] = 0.0

@@ -34,7 +34,7 @@ from .force.model import load_force as load_force
 from .series import WrenchSeries as WrenchSeries
 from .series import load_series as load_series
 from .elastic import SkinConfig as SkinConfig
-from .synthetic_contacts import synthetic_series as synthetic_series
+from .elastic import synthetic_series as synthetic_series
 
 # What the experiments use besides
 from .network import OPSET as OPSET

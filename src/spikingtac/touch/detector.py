@@ -14,8 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.field import FieldGauge, GradientOperator
 from spikingtac.touch.lost_markers import LostMarkers, spread_of
@@ -28,13 +28,9 @@ from spikingtac.touch.touch import (
     Release,
     Touch,
     TouchConfig,
-    TouchPeak,
     spreads,
-    strains,
 )
 from spikingtac.types import MarkerFrame
-
-Field = NDArray[np.float64]
 
 # Share of the peak's spread below which the skin is released, whatever few markers say.
 SPREAD_SHARE = 0.1
@@ -50,6 +46,11 @@ FAINT_SHARE = 0.95
 # What begins so soon after a touch and stays below this share of its peak is its release: pixels
 # that recover let the markers fall back one by one for 0.6 s (measured on a recorded gel).
 TAIL_US, TAIL_SHARE = 150_000, 0.3
+
+# Least change of displacement over a pitch, root mean square, as a share of the shift that all
+# markers share. Trackers err by some hundredths of a shift, which strains nothing (0.02
+# under a plate that shifts the skin by 15 px; touches reach 0.8 and more).
+COMMON_SHARE = 0.1
 
 NOISE_FACTOR = 6.0  # Times the strength at rest that a touch must exceed.
 SETTLE_US = 500_000  # Time after a release within which the rest follows whatever falls, us.
@@ -93,7 +94,7 @@ class TouchDetector:
         self._reference = np.asarray(reference_px, np.float64)
         config = config or TouchConfig()
         self._scatter = config.least_displacement_px
-        self._pitch_px = marker_pitch_px(self._reference)
+        self._common = COMMON_SHARE / marker_pitch_px(self._reference)
         self._gradient = GradientOperator(self._reference)
         self._floor = self._scatter * self._gradient.noise_gain() / np.sqrt(2)
         self._patches = PatchEstimator(self._reference)
@@ -139,7 +140,7 @@ class TouchDetector:
     @property
     def patch(self) -> Patch | None:
         """Where the open touch is, at its peak so far; None while nothing touches."""
-        return None if self._open is None else self._patches.patch(self._open.peak.field)
+        return None if self._open is None else self._patches.patch(self._open.field)
 
     @property
     def threshold(self) -> float:
@@ -147,19 +148,10 @@ class TouchDetector:
         return max(self._floor, NOISE_FACTOR * self._rest_strength)
 
     def update(self, frame: MarkerFrame) -> Touch | None:
-        """Take in a frame and return the touch that it ends, if any.
-
-        A frame of an earlier time begins anew; what was open is returned without an end.
-        """
-        if self._last_us is not None and frame.t_us < self._last_us:
-            ended = self.finish()
-            self.reset()
-            self.update(frame)
-            return ended
+        """Take in a frame and return the touch that it ends, if any."""
         seen = self._lost.filled(frame.detected_px - self._reference, self._zero, self._moved)
         moved = self._repaired(seen)
-        self._moved = moved
-        self._tracked = moved
+        self._moved = self._tracked = moved
         if moved is not seen and self._open is not None:
             lost = (self._lost.lost & self._lost_before)[:, None]
             self._tracked = np.where(lost, moved, seen)
@@ -178,7 +170,9 @@ class TouchDetector:
         self._memory.add(frame.t_us, moved, string)
         strength = self._gradient.strength_of(moved - self._zero)
         if strength > self.threshold and not settling:
-            self._open = self._begun(moved - self._zero)
+            begin_us, threshold = self._memory.notice(moved - self._zero), self.threshold
+            home = CalibratedRest(self._gradient, self._zero, moved - self._zero)
+            self._open = OpenTouch(begin_us, threshold, Release(), home, self.tracked_px)
             return self._follow(self._open, frame.t_us, moved)
         self._rest(elapsed_us, moved, strength)
         return None
@@ -186,28 +180,29 @@ class TouchDetector:
     def finish(self) -> Touch | None:
         """Return the touch that is still open at the end, without an end."""
         touch, self._open = self._open, None
-        if touch is None or touch.home.was_return(touch.peak.strength):
-            return None
-        return self._told(touch, None)
+        gone = touch is None or touch.home.was_return(touch.strength)
+        return None if gone else self._told(touch, None)
 
     def _told(self, touch: OpenTouch, end_us: int | None) -> Touch | None:
-        peak, (before_us, before) = touch.peak, self._former
-        tail = touch.begin_us - before_us < TAIL_US and peak.strength < TAIL_SHARE * before
-        if tail or not (peak.spreads and strains(peak, self._pitch_px)):
+        before_us, before = self._former
+        tail = touch.begin_us - before_us < TAIL_US and touch.strength < TAIL_SHARE * before
+        # Trackers err in a shift that all markers share.
+        shifted = touch.strength < self._common * float(np.hypot(*np.median(touch.field, axis=0)))
+        if tail or shifted or not touch.spreads:
             return None
         if end_us is not None:
-            self._former = end_us, peak.strength
-        patch = self._patches.patch(peak.field)
+            self._former = end_us, touch.strength
+        patch = self._patches.patch(touch.field)
         return Touch(
             begin_us=touch.begin_us,
             end_us=end_us,
-            peak_us=peak.t_us,
-            peak_strength=peak.strength,
-            peak_displacement_px=peak.largest_px,
+            peak_us=touch.peak_us,
+            peak_strength=touch.strength,
+            peak_displacement_px=touch.largest_px,
             place_px=patch.place,
             area_px2=patch.area,
             outline_px=patch.outline,
-            field=self._gauge.measure(peak.field),
+            field=self._gauge.measure(touch.field),
         )
 
     def _repaired(self, moved: Field) -> Field:
@@ -222,22 +217,16 @@ class TouchDetector:
                 self._memory.clear()
         return repaired
 
-    def _begun(self, pattern: Field) -> OpenTouch:
-        begin_us = self._memory.notice(pattern)
-        home = CalibratedRest(self._gradient, self._zero, pattern)
-        return OpenTouch(begin_us, self.threshold, Release(), home, TouchPeak(self.tracked_px))
-
     def _follow(self, touch: OpenTouch, t_us: int, moved: Field) -> Touch | None:
         """Measure an open touch and return it if it is over."""
         away = moved - self._zero
         strength = self._gradient.strength_of(away)
         largest_px, spread = spread_of(away, SPREAD_MARKERS)
-        peak = touch.peak
-        peak.largest_px = max(peak.largest_px, largest_px)
-        peak.spread = max(peak.spread, spread)
-        if strength > peak.strength:
-            peak.strength, peak.t_us, peak.field = strength, t_us, self.tracked_px
-            peak.spreads = spreads(away)
+        touch.largest_px = max(touch.largest_px, largest_px)
+        touch.spread = max(touch.spread, spread)
+        if strength > touch.strength:
+            touch.strength, touch.peak_us, touch.field = strength, t_us, self.tracked_px
+            touch.spreads = spreads(away)
         end_us = touch.release.update(t_us, self._left(touch, spread, strength))
         if end_us is not None:
             self._settling = _Settling(t_us, self._zero, strength)
@@ -246,7 +235,7 @@ class TouchDetector:
         if back_us is None:
             return None
         ended = self._closed(touch, back_us, moved)
-        return None if touch.home.was_return(peak.strength) else ended
+        return None if touch.home.was_return(touch.strength) else ended
 
     def _closed(self, touch: OpenTouch, end_us: int, moved: Field) -> Touch | None:
         """Return a touch that is over, None of noise; where the skin is now, is its rest."""
@@ -261,16 +250,15 @@ class TouchDetector:
         A few markers that are lost in a release strain the field for ever; most are back. A faint
         touch is over where it would not begin.
         """
-        peak = touch.peak
-        left = strength / max(peak.strength, 1e-12)
+        left = strength / max(touch.strength, 1e-12)
         if self._tracked is not self._moved:  # some markers look lost only
             strength = max(strength, self._gradient.strength_of(self.tracked_px))
         faint = strength / (FAINT_SHARE * touch.threshold)
         if faint < 1.0:
             left = min(left, END_SHARE * faint)
-        if peak.spread < SPREAD_FACTOR * self._scatter:
+        if touch.spread < SPREAD_FACTOR * self._scatter:
             return left
-        return min(left, END_SHARE / SPREAD_SHARE * spread / peak.spread)
+        return min(left, END_SHARE / SPREAD_SHARE * spread / touch.spread)
 
     def _settle(self, t_us: int, moved: Field) -> bool:
         """Right after a release the rest is wherever the skin falls back to.

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.errors import ConfigError
-
-Field = NDArray[np.float64]
 
 # Markers whose displacements make a gradient, the marker itself included: the 3 by 3 block of a
 # square grid, or half of it at the border.
@@ -60,11 +58,6 @@ class Gradients:
         """Length of the whole gradient at each marker, ``(..., m)``."""
         return np.sqrt(self.divergence**2 + self.curl**2 + self.stretch**2 + self.skew**2)
 
-    @property
-    def strength(self) -> Field:
-        """Root mean square of the whole gradient over the markers, ``(...)``."""
-        return np.sqrt((self.local**2).mean(axis=-1))
-
 
 class GradientOperator:
     """Local least squares on the nearest markers, precomputed for one sensor.
@@ -93,7 +86,7 @@ class GradientOperator:
         # Of a row only what changes along it is known; its places' errors across it tell nothing.
         row = straightened(reference)
         reference = reference if row is None else row
-        self._along = np.zeros((2, markers, markers))
+        self.along = np.zeros((2, markers, markers))
         near = min(NEIGHBOURS, markers)
         self._near = np.zeros((markers, near), np.int64)
         self._slopes = np.zeros((markers, 2, near))
@@ -101,9 +94,9 @@ class GradientOperator:
             away = reference - place
             chosen = np.argsort((away**2).sum(axis=1), kind="stable")[:near]
             rows = np.column_stack([np.ones(near), away[chosen]])
-            slopes = np.linalg.pinv(rows, LEAST_EXTENT)[1:]
-            self._near[marker], self._slopes[marker] = chosen, slopes
-            self._along[:, marker, chosen] = self._slopes[marker]
+            self._near[marker] = chosen
+            self._slopes[marker] = np.linalg.pinv(rows, LEAST_EXTENT)[1:]
+            self.along[:, marker, chosen] = self._slopes[marker]
 
     def of(self, displacement: Field) -> Gradients:
         """Return the gradients of displacements ``(..., m, 2)``."""
@@ -113,26 +106,14 @@ class GradientOperator:
         return Gradients(x_by_x + y_by_y, y_by_x - x_by_y, x_by_x - y_by_y, x_by_y + y_by_x)
 
     def strength_of(self, displacement: Field) -> float:
-        """Return :attr:`Gradients.strength` of one displacement ``(m, 2)``, for every frame."""
+        """Return the root mean square over the markers of the gradient of one field ``(m, 2)``."""
         slopes = np.matmul(self._slopes, displacement[self._near])
         # Divergence, curl, stretch and skew, squared and summed.
         return float(np.sqrt(2.0 * (slopes * slopes).sum() / len(slopes)))
 
-    def strength_form(self) -> Field:
-        """Return the ``(m, m)`` quadratic form of the squared strength, the same for each axis.
-
-        The squared strength is its value at the displacements along x plus that along y.
-        """
-        by_x, by_y = self._along
-        return 2.0 / len(by_x) * (by_x.T @ by_x + by_y.T @ by_y)
-
-    def mean_slopes(self) -> Field:
-        """Return ``(2, m)`` weights of the markers in the mean derivatives by x and by y."""
-        return self._along.mean(axis=1)
-
     def noise_gain(self) -> float:
         """Return the strength of the gradients of white noise of one px per axis."""
-        return float(np.sqrt(4.0 * (self._along**2).sum() / (self._along.shape[1])))
+        return float(np.sqrt(4.0 * (self.along**2).sum() / self.along.shape[1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,12 +177,13 @@ class FieldGauge:
             ConfigError: Too few markers.
         """
         self._away = reference_px - reference_px.mean(axis=0)
-        gradient = GradientOperator(reference_px)
         self._noise = noise_px
-        self._form = gradient.strength_form()
+        by_x, by_y = along = GradientOperator(reference_px).along
+        # Quadratic form of the squared strength, for displacements along x and along y alike.
+        self._form = 2.0 / len(by_x) * (by_x.T @ by_x + by_y.T @ by_y)
         self._noise2 = 2.0 * noise_px**2 * float(np.trace(self._form))
         self._inertia = float((self._away**2).sum())
-        by_x, by_y = gradient.mean_slopes()
+        by_x, by_y = along.mean(axis=1)
         self._of_divergence = np.column_stack([by_x, by_y]).ravel()
         self._of_curl = np.column_stack([-by_y, by_x]).ravel()
 

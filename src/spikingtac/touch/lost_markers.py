@@ -8,11 +8,9 @@ median of its neighbourhood by far more than these differ among themselves is no
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.calibration.lens import marker_pitch_px
-
-Field = NDArray[np.float64]
 
 # Markers of a neighbourhood, the marker itself included: the 3 by 3 block of a square grid.
 NEIGHBOURS = 9

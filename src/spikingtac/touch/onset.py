@@ -18,7 +18,9 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-Field = NDArray[np.float64]
+from spikingtac.arrays import FloatArray as Field
+
+Times = NDArray[np.int64]
 
 # Length of the string, px: motions below it say nothing of a direction (0.1 is alike).
 STRING_PX = 0.2
@@ -58,8 +60,6 @@ def unseen_px(string: Field, pattern: Field) -> float:
     reversal = max(0.0, -float(weight @ along))
     return UNSEEN_LATER_PX * float(weight @ moved) + UNSEEN_REVERSED_PX * reversal
 
-
-Times = NDArray[np.int64]
 
 # Frames that are remembered before a touch is noticed, us (presses of the ten scenes are
 # noticed after 15 to 70 ms).
@@ -139,19 +139,15 @@ class OnsetMemory:
         if not len(before):
             return int(times[0])
         last = int(before[-1])
-        rest = _rest_rows(times, times[last], times[noticed] - times[last])
+        # Rows of rest before the rise, of which a quarter is done at the row ``last``.
+        until_us = times[last] - max(2 * (times[noticed] - times[last]), LEAST_GAP_US)
+        first, stop = np.searchsorted(times, [until_us - BASE_US, until_us])
+        rest = slice(first, max(stop, first + 1))
         string = self._frames[rest.stop - 1][2]
         unseen = unseen_px(string, self._pattern) if self._sees_changes else 0.0
         largest = float(np.sqrt((self._pattern**2).sum(axis=1).max()))
         above = along - float(np.median(along[rest]))
         return _extrapolated(times, above, last, unseen / max(largest, 1e-9))
-
-
-def _rest_rows(times: Times, risen_us: np.int64, rise_us: np.int64) -> slice:
-    """Return the rows of rest before a rise that is a quarter done at ``risen_us``."""
-    until_us = int(risen_us) - max(2 * int(rise_us), LEAST_GAP_US)
-    first, last = np.searchsorted(times, [until_us - BASE_US, until_us])
-    return slice(int(first), max(int(last), int(first) + 1))
 
 
 def _extrapolated(times: Times, above: Field, last: int, unseen: float) -> int:

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.field import straightened
 from spikingtac.touch.network import packaged
-
-Field = NDArray[np.float64]
 
 REACH = 2  # Rows and columns of neighbours on each side.
 NEIGHBOURS = (2 * REACH + 1) ** 2  # Places of a neighbourhood, the marker itself included.
@@ -127,7 +125,6 @@ class PatchFeatures:
         return np.concatenate(parts, axis=-1)
 
 
-@dataclass(frozen=True)
 class SquareLattice:
     """Points of a square grid along its own axes, and how the markers' field is read there.
 
@@ -138,42 +135,32 @@ class SquareLattice:
         weights: ``(n, m)`` shares of the markers in the field at each point; None where the points
             are the markers.
         rotation: ``(2, 2)`` from the lattice's axes to the image's.
-        middle: ``(2,)`` middle of the markers in the image.
     """
 
-    pitch: float
-    places: Field
-    weights: Field | None
-    rotation: Field
-    middle: Field
-
-    @classmethod
-    def over(cls, reference: Field) -> SquareLattice:
-        """Return the lattice over markers ``(m, 2)``.
+    def __init__(self, reference: Field) -> None:
+        """Lay the lattice over markers ``(m, 2)``.
 
         Raises:
             ConfigError: Fewer than two markers.
         """
-        pitch = marker_pitch_px(reference)
-        middle = reference.mean(axis=0)
+        pitch, self._middle = marker_pitch_px(reference), reference.mean(axis=0)
         away = reference[:, None] - reference[None]
         near = away[
             (NEIGHBOUR_SHARE * pitch > np.hypot(*away.T).T) & ~np.eye(len(away), dtype=bool)
         ]
-        angles = np.arctan2(near[:, 1], near[:, 0])
-        turn = 0.25 * float(np.angle(np.exp(4j * angles).mean()))
-        rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        places, steps = (reference - middle) @ rotation, near @ rotation / pitch
+        turn = 0.25 * float(np.angle(np.exp(4j * np.arctan2(near[:, 1], near[:, 0])).mean()))
+        self.rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        self.places = (reference - self._middle) @ self.rotation
+        steps = near @ self.rotation / pitch
         off_grid = np.abs(steps - np.round(steps)).max(axis=1)
         # A square of n markers has 4 (n - sqrt n) neighbours, each pair counted twice.
         neighbours = 4.0 * (len(reference) - np.sqrt(len(reference)))
         on_grid = (off_grid < GRID_TOLERANCE).sum() >= GRID_SHARE * neighbours
         in_a_row = len(reference) < LEAST_MESH_MARKERS or straightened(reference) is not None
-        if on_grid or in_a_row:
-            mean_pitch = float(np.hypot(*near.T).mean()) if len(near) else pitch
-            return cls(mean_pitch, places, None, rotation, middle)
-        pitch, points, weights = _between(places)
-        return cls(pitch, points, weights, rotation, middle)
+        self.weights: Field | None = None
+        self.pitch = float(np.hypot(*near.T).mean()) if len(near) else pitch
+        if not (on_grid or in_a_row):
+            self.pitch, self.places, self.weights = _between(self.places)
 
     def field(self, values: Field) -> Field:
         """Return vectors ``(m, 2)`` at the markers as the lattice's points see them, ``(n, 2)``."""
@@ -182,7 +169,7 @@ class SquareLattice:
 
     def in_image(self, places: Field) -> Field:
         """Return places ``(..., 2)`` of the lattice in the image."""
-        return places @ self.rotation.T + self.middle
+        return places @ self.rotation.T + self._middle
 
 
 def _between(places: Field) -> tuple[float, Field, Field]:
@@ -224,7 +211,7 @@ class PatchEstimator:
             ConfigError: Fewer than two markers.
         """
         self._network = packaged("patch.onnx")
-        self._lattice = SquareLattice.over(reference)
+        self._lattice = SquareLattice(reference)
         self._features = PatchFeatures(self._lattice.places, np.zeros(2))
         cell = self._lattice.pitch / SIDE
         steps = np.array(list(product(np.arange(SIDE) - 0.5 * (SIDE - 1), repeat=2)))[:, ::-1]

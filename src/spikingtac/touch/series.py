@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.arrays import one_line
 from spikingtac.errors import RecordingError
 from spikingtac.events.formats.array_file import load_arrays
 
-Field = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 # Columns of a wrench: forces in N, then moments in Nm.
@@ -44,9 +44,9 @@ class WrenchSeries:
     """
 
     t_us: NDArray[np.int64]
-    reference: NDArray[np.float64]
-    displacement: NDArray[np.float64]
-    wrench: NDArray[np.float64]
+    reference: Field
+    displacement: Field
+    wrench: Field
     unit: str
     name: str = "series"
 

@@ -10,15 +10,13 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.arrays import one_line
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.errors import ConfigError
 from spikingtac.touch.field import FieldQuantities, GradientOperator
 from spikingtac.touch.lost_markers import spread_of
-
-Field = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +43,9 @@ class Touch:
     peak_us: int
     peak_strength: float
     peak_displacement_px: float
-    place_px: NDArray[np.float64]
+    place_px: Field
     area_px2: float
-    outline_px: NDArray[np.float64]
+    outline_px: Field
     field: FieldQuantities
 
     __repr__ = one_line
@@ -87,7 +85,7 @@ class TouchConfig:
             )
 
     @classmethod
-    def for_unit(cls, reference: NDArray[np.float64], unit: str) -> TouchConfig:
+    def for_unit(cls, reference: Field, unit: str) -> TouchConfig:
         """Return the settings for markers whose places are in a unit.
 
         Those in px are taken to be seen by an event camera, those in mm by a sensor that sees
@@ -113,32 +111,6 @@ class TouchConfig:
 # most: skin moves about its place. Less is noise in single markers.
 SUPPORT_MARKERS, SUPPORT_SHARE = 3, 0.15
 
-# Least change of displacement over a pitch, root mean square, as a share of the shift that all
-# markers share. Trackers err by some hundredths of a shift, which strains nothing (0.02
-# under a plate that shifts the skin by 15 px; touches reach 0.8 and more).
-COMMON_SHARE = 0.1
-
-
-@dataclass(slots=True)
-class TouchPeak:
-    """The most of an open touch so far.
-
-    Attributes:
-        field: ``(m, 2)`` displacements where the skin is deformed most, px.
-        strength: Strength of their gradient.
-        t_us: When that was, us.
-        largest_px: Largest displacement of a marker, whenever it was, px.
-        spread: Largest displacement that most of the markers reach, whenever it was, px.
-        spreads: Whether at the peak more markers moved than a fault of one or two explains.
-    """
-
-    field: Field
-    strength: float = 0.0
-    t_us: int = 0
-    largest_px: float = 0.0
-    spread: float = 0.0
-    spreads: bool = True
-
 
 def spreads(away: Field) -> bool:
     """Return whether displacements ``(m, 2)`` are more than a fault of one or two markers."""
@@ -148,12 +120,6 @@ def spreads(away: Field) -> bool:
     _, most = spread_of(away, (markers - 0.5) / markers)
     _, least = spread_of(away, (markers - SUPPORT_MARKERS + 0.5) / markers)
     return least >= SUPPORT_SHARE * most
-
-
-def strains(peak: TouchPeak, pitch_px: float) -> bool:
-    """Return whether a peak is more than a tracker's errors in a shift that all markers share."""
-    common_px = float(np.hypot(*np.median(peak.field, axis=0)))
-    return peak.strength * pitch_px >= COMMON_SHARE * common_px
 
 
 # Share of the peak strength below which the skin is released (residues lie below 0.18 and touches
@@ -197,19 +163,16 @@ class Release:
 
     def update(self, t_us: int, left: float) -> int | None:
         """Take in the share of the peak that is left; return when the touch ended, or None."""
-        self._watch_stillness(t_us, left)
-        end_us = self._ended_us(t_us, left)
-        if end_us is None or self._stood_us is None or end_us - self._stood_us > RECOVERED_US:
-            return end_us
-        return min(end_us, self._stood_us)
-
-    def _watch_stillness(self, t_us: int, left: float) -> None:
         if abs(left - self._still_left) > STILL_SLACK:
             self._still_us, self._still_left = t_us, left
         if left > STILL_SHARE:
             self._stood_us = None
         elif self._stood_us is None and t_us - self._still_us >= STOOD_US:
             self._stood_us = self._still_us
+        end_us = self._ended_us(t_us, left)
+        if end_us is None or self._stood_us is None or end_us - self._stood_us > RECOVERED_US:
+            return end_us
+        return min(end_us, self._stood_us)
 
     def _ended_us(self, t_us: int, left: float) -> int | None:
         """Return when it ended, or None: below its share, for long enough, and flat."""
@@ -225,24 +188,17 @@ class Release:
             return None
         while t_us - self._falling[0][0] > RELEASE_US:
             self._falling.popleft()
-        flat_us = self._flat_since_us()
-        if flat_us is not None:
+        if (flat_us := self._flat_since_us()) is not None:
             return flat_us
         return t_us if t_us - self._fell_us >= RELEASE_US else None
 
     def _flat_since_us(self) -> int | None:
         """Return the first time from which the strength hardly fell any more, or None."""
-        falling = list(self._falling)
-        slack = FLAT_SHARE * END_SHARE
-        later = 0
-        for t_us, left in falling:
-            while later < len(falling) and falling[later][0] < t_us + FLAT_US:
-                later += 1
-            if later == len(falling):
-                return None
-            if left - falling[later][1] < slack:
-                return t_us
-        return None
+        times, left = np.array(self._falling).T
+        later = np.searchsorted(times, times + FLAT_US)
+        known = later < len(times)
+        flat = np.flatnonzero(left[known] - left[later[known]] < FLAT_SHARE * END_SHARE)
+        return int(times[flat[0]]) if len(flat) else None
 
 
 # Times the strength of the rest from which it began that a touch must reach which began towards
@@ -289,10 +245,28 @@ class CalibratedRest:
 
 @dataclass(slots=True)
 class OpenTouch:
-    """A touch that is not over yet."""
+    """A touch that is not over yet, and the most of it so far.
+
+    Attributes:
+        begin_us: When the skin began to move, us.
+        threshold: Strength of the gradient at which it began.
+        release: Watches for its end.
+        home: Watches for the return to the calibrated rest.
+        field: ``(m, 2)`` displacements where the skin is deformed most, px.
+        strength: Strength of their gradient.
+        peak_us: When that was, us.
+        largest_px: Largest displacement of a marker, whenever it was, px.
+        spread: Largest displacement that most of the markers reach, whenever it was, px.
+        spreads: Whether at the peak more markers moved than a fault of one or two explains.
+    """
 
     begin_us: int
     threshold: float
     release: Release
     home: CalibratedRest
-    peak: TouchPeak
+    field: Field
+    strength: float = 0.0
+    peak_us: int = 0
+    largest_px: float = 0.0
+    spread: float = 0.0
+    spreads: bool = True

@@ -6,12 +6,10 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.arrays import one_line
 from spikingtac.errors import ConfigError
-
-Field = NDArray[np.float64]
 
 US_PER_S = 1e6
 

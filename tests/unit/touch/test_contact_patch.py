@@ -93,7 +93,7 @@ def test_markers_in_shifted_rows_are_read_between_them(press: tuple) -> None:
 
 def test_a_lattice_over_a_square_grid_is_its_markers_however_they_are_turned() -> None:
     for degrees in (0.0, 20.0, -44.0):
-        lattice = SquareLattice.over(turned(GRID, degrees) + 5.0)
+        lattice = SquareLattice(turned(GRID, degrees) + 5.0)
         assert lattice.weights is None
         np.testing.assert_allclose(lattice.in_image(lattice.places), turned(GRID, degrees) + 5.0)
         steps = lattice.places[:, None] - lattice.places
@@ -102,7 +102,7 @@ def test_a_lattice_over_a_square_grid_is_its_markers_however_they_are_turned() -
 
 @pytest.mark.parametrize("markers", [hexagonal(), GRID * [1.0, 1.6]], ids=["shifted", "oblong"])
 def test_a_lattice_over_other_markers_reads_linear_fields_exactly(markers: np.ndarray) -> None:
-    lattice = SquareLattice.over(markers)
+    lattice = SquareLattice(markers)
     assert lattice.weights is not None
     assert len(lattice.places) == pytest.approx(len(markers), rel=0.3)
     slope = np.array([[0.1, -0.3], [0.2, 0.05]])

@@ -8,9 +8,8 @@ from scipy.interpolate import RegularGridInterpolator
 
 from spikingtac.errors import ConfigError
 from spikingtac.sim.layer import GridConfig, LayerOperator
-from spikingtac.touch import synthetic_contacts
-from spikingtac.touch.elastic import SkinConfig, SurfaceResponse
-from spikingtac.touch.synthetic_contacts import FRICTION, synthetic_series
+from spikingtac.touch import elastic
+from spikingtac.touch.elastic import FRICTION, SkinConfig, SurfaceResponse, synthetic_series
 
 SKIN = SkinConfig(shear_modulus_kpa=30.0, thickness_mm=3.0)
 
@@ -51,8 +50,8 @@ def test_contacts_that_are_drawn_obey_friction_and_repeat() -> None:
 def test_a_press_towards_the_camera_moves_markers_outwards(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(synthetic_contacts, "NOISE_MM", 0.0)
-    monkeypatch.setattr(synthetic_contacts, "FRICTION", 0.0)
+    monkeypatch.setattr(elastic, "NOISE_MM", 0.0)
+    monkeypatch.setattr(elastic, "FRICTION", 0.0)
     near = SkinConfig(camera_distance_mm=13.0)
     flat, seen = (synthetic_series(skin, grid(), 15.4, frames=40)[-1] for skin in (SKIN, near))
     np.testing.assert_array_equal(flat.wrench, seen.wrench)

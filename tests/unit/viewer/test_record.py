@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.touch.elastic import SkinConfig
+from spikingtac.touch.elastic import SkinConfig, synthetic_series
 from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.model import ForceModel
-from spikingtac.touch.synthetic_contacts import synthetic_series
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer import record as module
 from spikingtac.viewer.export import steps, summarize, tracked

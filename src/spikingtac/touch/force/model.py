@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.atomic_files import replacing
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.errors import ConfigError
 from spikingtac.touch.network import Network
 from spikingtac.touch.series import COMPONENTS, WrenchSeries
-
-Field = NDArray[np.float64]
 
 US_PER_S = 1e6
 BATCH = 4096  # Frames that the network takes at once, so that memory is bounded.

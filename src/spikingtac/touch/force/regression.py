@@ -17,15 +17,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.linalg import polar, solve
 from scipy.spatial.distance import cdist
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.network import graph
-
-Field = NDArray[np.float64]
 
 NORMAL = 2  # Component of the normal force in a wrench.
 

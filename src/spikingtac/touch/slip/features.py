@@ -17,11 +17,9 @@ from bisect import bisect_right
 from math import log
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.calibration.lens import marker_pitch_px
-
-Field = NDArray[np.float64]
 
 # Widths of the Gaussian windows, pitches of the markers: from one marker to the patch.
 WIDTHS = (0.6, 1.0, 1.6, 2.6)
@@ -221,6 +219,7 @@ class FeatureStream:
         """Forget every frame."""
         self._times: list[int] = []
         self._moved: list[Field] = []
+        self._summaries: list[Field | None] = []
         self.known, self.still, self.slowing = False, True, 0.0
 
     def update(self, t_us: int, displacement: Field, wanted: bool = True) -> Field | None:
@@ -234,18 +233,24 @@ class FeatureStream:
         self.known = bool(self._times)
         self._times.append(t_us)
         self._moved.append(displacement / self._pitch)
+        self._summaries.append(None)
         # The longest span begins at the first frame that is kept.
         while len(self._times) > 1 and self._times[1] <= t_us - SPANS_US[-1]:
-            del self._times[0], self._moved[0]
+            del self._times[0], self._moved[0], self._summaries[0]
         return self._features(t_us) if wanted and self.known else None
 
     def _features(self, t_us: int) -> Field:
-        spans_us = (*SPANS_US, *MOTION_SPANS_US)
+        spans_us, count = (*SPANS_US, *MOTION_SPANS_US), len(SPANS_US)
         starts = [max(bisect_right(self._times, t_us - span) - 1, 0) for span in spans_us]
-        moved, count = np.array([self._moved[-1], *(self._moved[k] for k in starts)]), len(SPANS_US)
-        moved[1 + count :] = moved[0] - moved[1 + count :]
-        now, *rows = summaries(self._places, moved)
-        before, own = np.array(rows[:count]), np.array(rows[count:])
+        # Most spans begin with a frame that was summarised when it came.
+        missing = [k for k in dict.fromkeys(starts[:count]) if self._summaries[k] is None]
+        last = self._moved[-1]
+        moved = [last - self._moved[k] for k in starts[count:]] + [self._moved[k] for k in missing]
+        now, *rows = summaries(self._places, np.array([last, *moved]))
+        self._summaries[-1], own = now, np.array(rows[: len(MOTION_SPANS_US)])
+        for k, row in zip(missing, rows[len(own) :], strict=True):
+            self._summaries[k] = row
+        before = np.array([self._summaries[k] for k in starts[:count]])
         shape, changes = shape_features(now, before, np.array(SPANS_US) / US_PER_S)
         elapsed_us = t_us - np.array([self._times[k] for k in starts[count:]])
         motions = motion_features(own, now, np.maximum(elapsed_us, 1) / US_PER_S)

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.touch.detector import TouchDetector
 from spikingtac.touch.slip.monitor import Slip, SlipMonitor, SlipState
 from spikingtac.touch.touch import Touch, TouchConfig
 from spikingtac.tracks import Tracks
 from spikingtac.types import MarkerFrame
-
-Field = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +69,7 @@ class HeldTouchDetector:
         return self._monitor.state
 
     def update(self, frame: MarkerFrame) -> HeldTouch | None:
-        """Take in a frame and return the touch that it ends, if any; see :class:`TouchDetector`."""
+        """Take in a frame and return the touch that it ends, if any."""
         if self._last_us is not None and frame.t_us < self._last_us:
             ended = self.finish()
             self.reset()
@@ -79,7 +77,8 @@ class HeldTouchDetector:
             return ended
         touch = self.touches.update(frame)
         moved, touching = self.touches.tracked_px, self.touches.touching
-        self._keep(self._monitor.update(frame.t_us, moved, touching))
+        slip = self._monitor.update(frame.t_us, moved, touching)
+        self._slips += [] if slip is None else [slip]
         self._last_us = frame.t_us
         if touch is not None:
             return self._held(touch)
@@ -91,12 +90,9 @@ class HeldTouchDetector:
     def finish(self) -> HeldTouch | None:
         """Return the touch that is still open at the end, without an end."""
         touch = self.touches.finish()
-        self._keep(self._monitor.finish(self._last_us or 0))
+        slip = self._monitor.finish(self._last_us or 0)
+        self._slips += [] if slip is None else [slip]
         return None if touch is None else self._held(touch)
-
-    def _keep(self, slip: Slip | None) -> None:
-        if slip is not None:
-            self._slips.append(slip)
 
     def _held(self, touch: Touch) -> HeldTouch:
         held = HeldTouch(touch, tuple(self._slips) if self._told else None)

@@ -7,12 +7,11 @@ from math import log
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.touch.network import packaged
 from spikingtac.touch.slip.features import FeatureStream
 
-Field = NDArray[np.float64]
 Phase = Literal["stick", "incipient", "gross"]
 
 # The alarms were set on 1,180 drawn contacts and 180 held bodies that the model was not fitted to.
