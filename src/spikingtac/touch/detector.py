@@ -180,8 +180,9 @@ class TouchDetector:
     def finish(self) -> Touch | None:
         """Return the touch that is still open at the end, without an end."""
         touch, self._open = self._open, None
-        gone = touch is None or touch.home.was_return(touch.strength)
-        return None if gone else self._told(touch, None)
+        if touch is None or touch.home.was_return(touch.strength):
+            return None
+        return self._told(touch, None)
 
     def _told(self, touch: OpenTouch, end_us: int | None) -> Touch | None:
         before_us, before = self._former
