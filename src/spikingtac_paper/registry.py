@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -13,72 +12,44 @@ from spikingtac.cli import progress, tell
 from spikingtac.errors import named
 from spikingtac_paper.harness.run import RunOptions
 
-Runner = Callable[[RunOptions], dict[str, Any]]
-
-
-@dataclass(frozen=True, slots=True)
-class Study:
-    """An experiment or a bench.
-
-    Attributes:
-        module: Module with ``run(options) -> summary``.
-        about: What it measures, a few words for the help.
-    """
-
-    module: str
-    about: str
-
-
-# Name -> experiment, for ``spikingtac experiment``.
-EXPERIMENTS: dict[str, Study] = {
-    "point-tracking": Study("spikingtac_paper.point_tracking.experiment", "section V-A"),
-    "denoise": Study("spikingtac_paper.denoise", "section IV-B"),
-    "collision": Study("spikingtac_paper.collision.experiment", "section V-B"),
-    "holes": Study("spikingtac_paper.holes.experiment", "section V-C"),
-    "touch": Study("spikingtac_paper.touch.experiment", "touches, slip and forces"),
-    "real": Study("spikingtac_paper.real_gels", "recorded gels"),
+# Name -> module with ``run(options) -> summary``, and what it measures, for the help.
+Studies = dict[str, tuple[str, str]]
+EXPERIMENTS: Studies = {
+    "point-tracking": ("spikingtac_paper.point_tracking.experiment", "section V-A"),
+    "denoise": ("spikingtac_paper.denoise", "section IV-B"),
+    "collision": ("spikingtac_paper.collision.experiment", "section V-B"),
+    "holes": ("spikingtac_paper.holes.experiment", "section V-C"),
+    "touch": ("spikingtac_paper.touch.experiment", "touches, slip and forces"),
+    "real": ("spikingtac_paper.real_gels", "recorded gels"),
 }
-
-# Name -> bench, for ``spikingtac bench``.
-BENCHES: dict[str, Study] = {
-    "throughput": Study("spikingtac_paper.throughput.bench", "rates and latencies of this machine"),
-    "live": Study("spikingtac_paper.live.bench", "the live runtime under faults and loads"),
-    "skins": Study(
-        "spikingtac_paper.throughput.skins", "how the cost grows with markers and events"
-    ),
+BENCHES: Studies = {
+    "throughput": ("spikingtac_paper.throughput.bench", "rates and latencies of this machine"),
+    "live": ("spikingtac_paper.live.bench", "the live runtime under faults and loads"),
 }
 
 
-def choices_text(studies: dict[str, Study]) -> str:
+def choices_text(studies: Studies) -> str:
     """Return the names and what they measure as one line of help."""
-    return "; ".join(f"{name} ({study.about})" for name, study in studies.items()) + "."
+    return "; ".join(f"{name} ({about})" for name, (_, about) in studies.items()) + "."
 
 
-def runner_of(studies: dict[str, Study], name: str, kind: str) -> Runner:
-    """Return the function that runs an experiment or a bench.
+def run_study(studies: Studies, kind: str, args: Any) -> int:
+    """Run an experiment or a bench with the arguments of its verb, and print its findings.
 
     Args:
         studies: :data:`EXPERIMENTS` or :data:`BENCHES`.
-        name: Which of them.
         kind: What they are, for the error.
+        args: Arguments of the verb; those with the name of a run option are passed on.
 
     Raises:
         ConfigError: There is none of that name.
     """
-    return importlib.import_module(named(studies, name, kind).module).run
-
-
-def run_study(study: Runner, args: Any) -> int:
-    """Run an experiment or a bench with the arguments of its verb, and print its findings.
-
-    Args:
-        study: Function of the study.
-        args: Arguments of the verb; those with the name of a run option are passed on.
-    """
+    study = importlib.import_module(named(studies, args.name, kind)[0])
     known = {field.name for field in fields(RunOptions)}
     given = {name: value for name, value in vars(args).items() if name in known}
     with progress(args.name) as advance:
-        summary = study(RunOptions(**given, data=recordings_from_elsewhere(), advance=advance))
+        options = RunOptions(**given, data=recordings_from_elsewhere(), advance=advance)
+        summary = study.run(options)
     return tell(args.json, summary, *summary["findings"], f"report: {args.output / 'report.html'}")
 
 

@@ -14,11 +14,8 @@ from .touch import TouchConfig as TouchConfig
 
 # The displacement field
 from .field import FieldGauge as FieldGauge
-from .field import GradientOperator as GradientOperator
-from .patch import SQUARE as SQUARE
 from .patch import Patch as Patch
 from .patch import PatchEstimator as PatchEstimator
-from .patch import patch_of_cells as patch_of_cells
 from .vibration import Spectrum as Spectrum
 from .vibration import VibrationMonitor as VibrationMonitor
 

@@ -10,7 +10,7 @@ import numpy as np
 from spikingtac import Calibration, MarkerTracker, make_tracker
 from spikingtac.config import Config, load_config
 from spikingtac.events import BackgroundActivityFilter
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket
 from spikingtac_paper.point_tracking.cases import CAMERAS, LOOPS
 from spikingtac_paper.trials.methods import (
     Method,
@@ -44,7 +44,6 @@ def ablation_methods() -> dict[str, Method]:
         of_config("paper", "the published pipeline with a filter and a refreshed map"),
         of_config("paper-kept-map", "the map is never refreshed", kept_map),
         as_published("paper-printed", "without filter and refreshed map, as printed"),
-        _without_hold("paper-no-hold", "no hold: a marker without a blob is at rest", paper),
     ]
     for name in ("none", "median3", "box7"):
         filtered = paper.with_tracking(denoiser=name)
@@ -78,10 +77,7 @@ def default_variants() -> dict[str, Method]:
     methods += [_wrongly_calibrated(name, base) for name in WRONG_CALIBRATIONS]
     about = "filter of isolated events before the map"
     isolated = of_config("default-activity-filter", about, base)
-    methods += [
-        replace(isolated, before=_without_isolated_events),
-        _without_hold("default-no-hold", "an unobserved marker is output at rest", base),
-    ]
+    methods.append(replace(isolated, before=_without_isolated_events))
     return {method.name: method for method in methods}
 
 
@@ -156,49 +152,8 @@ def _wrongly_calibrated(name: str, base: Config) -> Method:
     return replace(of_config(name, about, base), build=build)
 
 
-def _without_hold(name: str, about: str, base: Config) -> Method:
-    def build(calibration: Calibration) -> MarkerTracker:
-        return NoHold(make_tracker(base.tracking, calibration), calibration)
-
-    return replace(of_config(name, about, base), build=build, reads=())
-
-
 def _without_isolated_events(
     packets: Iterable[EventPacket], calibration: Calibration
 ) -> Iterator[EventPacket]:
     keep = BackgroundActivityFilter(calibration.size)
     return (keep(packet) for packet in packets)
-
-
-class NoHold:
-    """Outputs the rest position for each marker that coasts or is predicted."""
-
-    def __init__(self, tracker: MarkerTracker, calibration: Calibration) -> None:
-        """Wrap a tracker; its own state does not change.
-
-        Args:
-            tracker: Any tracker.
-            calibration: The calibration, with the rest positions.
-        """
-        self._tracker, self._rest_px = tracker, calibration.reference_px
-
-    def absorb(self, packet: EventPacket) -> None:
-        """Pass the events on."""
-        self._tracker.absorb(packet)
-
-    def estimate(self, t_us: int) -> MarkerFrame:
-        """Return the tracker's frame with unobserved markers at rest."""
-        frame = self._tracker.estimate(t_us)
-        coasted = frame.coasted[:, None]
-        detected_px = np.where(coasted, self._rest_px, frame.detected_px)
-        position_px = np.where(coasted, self._rest_px, frame.position_px)
-        return replace(
-            frame,
-            detected_px=detected_px,
-            position_px=position_px,
-            displacement_px=position_px - self._rest_px,
-        )
-
-    def reset(self) -> None:
-        """Reset the tracker."""
-        self._tracker.reset()

@@ -54,35 +54,16 @@ def bench_stream(camera: str, seed: int, turns: int) -> BenchStream:
         turns: Number of full circles.
     """
     scene = load_scene("quiet").with_camera(camera).with_serial(1)
-    turns_hz = turns_for(scene, seed, TARGET_HZ, FIRST_GUESS_HZ, TRY_US)
-    turn_us = IMAGE_US * round(1e6 / turns_hz / IMAGE_US)
-    return circling(scene, seed, 1e6 / turn_us, turns * turn_us)
-
-
-def turns_for(
-    scene: Scene, seed: int, rate_hz: float, turns_hz: float, try_us: int, capped: bool = True
-) -> float:
-    """Return the circles per second that give a rate of events, from a first guess of them."""
+    turns_hz = FIRST_GUESS_HZ
     for _ in range(TRIES):
-        turns_hz *= rate_hz / circling(scene, seed, turns_hz, try_us, capped).rate_hz
-    return turns_hz
+        turns_hz *= TARGET_HZ / _circling(scene, seed, turns_hz, TRY_US).rate_hz
+    turn_us = IMAGE_US * round(1e6 / turns_hz / IMAGE_US)
+    return _circling(scene, seed, 1e6 / turn_us, turns * turn_us)
 
 
-def circling(
-    scene: Scene, seed: int, turns_hz: float, duration_us: int, capped: bool = True
-) -> BenchStream:
-    """Return the events and the truth of a scene's skin that moves on a circle as a whole.
-
-    Args:
-        scene: The sensor; its contacts are left out.
-        seed: Of the camera's noise.
-        turns_hz: Circles per second.
-        duration_us: Length of the stream, us.
-        capped: Whether the camera's readout has its largest rate.
-    """
+def _circling(scene: Scene, seed: int, turns_hz: float, duration_us: int) -> BenchStream:
+    """Return the events and the truth of a scene's skin that moves on a circle as a whole."""
     serial, settings = scene.skin.serial, scene.camera.resolve(scene.size)
-    if not capped:
-        settings = replace(settings, readout=replace(settings.readout, cap_mev_s=None))
     optics, camera = Optics(scene.optics, seed=serial), EventCamera(settings, seed, serial=serial)
     times_us = np.arange(0, duration_us + 1, IMAGE_US)
     angle = 2.0 * np.pi * turns_hz * 1e-6 * times_us
@@ -96,9 +77,8 @@ def circling(
     camera.settle(images[0], scene.history.references)
     events = EventPacket.concatenate([camera.advance([one]) for one in images[1:]])
     centers_px = np.array([one.center_px for one in images])
-    truth = GroundTruth(
-        times_us, centers_px, centers_px[0], image_radius_px(images[0]), int(times_us[-1])
-    )
+    radius_px, last_us = image_radius_px(images[0]), int(times_us[-1])
+    truth = GroundTruth(times_us, centers_px, centers_px[0], radius_px, last_us)
     return BenchStream(events, truth, len(events) / (duration_us * 1e-6))
 
 

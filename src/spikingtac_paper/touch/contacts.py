@@ -259,17 +259,18 @@ _DRAWN: dict[str, Callable[[_Motion], list[SegmentConfig]]] = {
 }
 
 # Kinds that are another motion: on a way on which most contacts stick, or slow.
-_SHORT = {"stick": "slide", "short-rub": "rub"}
-_SLOW = {"slow-slide": "slide", "slow-circle": "circle"}
+_CHANGED = {
+    "stick": "slide", "short-rub": "rub", "slow-slide": "slide", "slow-circle": "circle"
+}  # fmt: skip
 
 
 def _segments(kind: str, motion: _Motion) -> list[SegmentConfig]:
     """Return the motion of a kind, which may change speed and way."""
-    if kind in _SHORT:
+    if kind in ("stick", "short-rub"):
         motion.way = motion.rng.uniform(*SHORT_MM) * motion.friction * motion.along
-    if kind in _SLOW:
+    if kind in ("slow-slide", "slow-circle"):
         motion.speed = float(motion.rng.uniform(*SLOW_MM_S))
-    kind = (_SHORT | _SLOW).get(kind, kind)
+    kind = _CHANGED.get(kind, kind)
     if kind in ("rub", "circle", "roll", "any-roll"):
         motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
     return _DRAWN[kind](motion)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from spikingtac_paper.harness.report import Metric, Report, lines_of, rows_of, write_report
+from spikingtac_paper.harness.report import Report, lines_of, rows_of, write_report
 from spikingtac_paper.harness.run import Record, RunOptions, select_methods
 from spikingtac_paper.touch import forces, patches, slip, touches
 
@@ -43,12 +43,7 @@ PARTS = {
 METHODS: dict[str, str] = {**forces.RECORDED_METHODS}
 for _part in PARTS.values():
     METHODS |= _part.methods
-METRICS: tuple[Metric, ...] = (
-    *forces.METRICS,
-    *touches.METRICS,
-    *patches.METRICS,
-    *slip.METRICS,
-)
+METRICS = (*forces.METRICS, *touches.METRICS, *patches.METRICS, *slip.METRICS)
 
 # Cases on the first page.
 FIRST = ("force/pooled", "wrench/all", "wrench-typical/all", "wrench-noisy/all", "touches/all",

@@ -6,6 +6,7 @@ Simple models to compare with are linear ones and a plain multilayer perceptron.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.contacts import record, watch
 
 Field = NDArray[np.float64]
+Estimate = Callable[[WrenchSeries], Field]  # From a series to its wrenches (n, c).
 
 # Penalty per frame, over the variance of a displacement (of 1e-4 to 1e-2 the least errors
 # between the series of data/force).
@@ -35,80 +37,62 @@ WIDTHS, DROPOUT, EPOCHS, BATCH = (512, 256, 128), 0.2, 70, 64
 RATE, DECAY = 1e-3, 1e-4  # Its largest learning rate and the decay of its weights.
 
 
-class MeanDisplacement:
-    """Linear regression of the wrench on the markers' mean displacement and its length."""
+def mean_displacement(series: Iterable[WrenchSeries]) -> Estimate:
+    """Fit the wrench linearly to the markers' mean displacement and its length."""
 
-    def __init__(self, series: Iterable[WrenchSeries]) -> None:
-        """Learn from labelled series."""
-        taught = list(series)
-        features = np.concatenate([self._features(one) for one in taught])
-        wrench = np.concatenate([one.wrench for one in taught])
-        self._weights = np.linalg.lstsq(features, wrench, rcond=None)[0]
-
-    def estimate(self, series: WrenchSeries) -> Field:
-        """Return the wrench ``(n, c)`` of a series."""
-        return self._features(series) @ self._weights
-
-    @staticmethod
-    def _features(series: WrenchSeries) -> Field:
-        mean = series.displacement.mean(axis=1)
-        length = np.sqrt((series.displacement**2).sum(axis=2)).mean(axis=1)
+    def features(one: WrenchSeries) -> Field:
+        mean = one.displacement.mean(axis=1)
+        length = np.sqrt((one.displacement**2).sum(axis=2)).mean(axis=1)
         return np.column_stack([mean, length, np.ones(len(mean))])
 
-
-class LinearRidge:
-    """Ridge regression of the wrench on all displacements."""
-
-    def __init__(self, series: Iterable[WrenchSeries]) -> None:
-        """Learn from labelled series."""
-        rows, wrench = _stacked(series)
-        self._middle, self._level = rows.mean(axis=0), wrench.mean(axis=0)
-        away = rows - self._middle
-        penalty = RIDGE_SHARE * len(away) * away.var() * np.eye(away.shape[1])
-        self._weights = np.linalg.solve(away.T @ away + penalty, away.T @ (wrench - self._level))
-
-    def estimate(self, series: WrenchSeries) -> Field:
-        """Return the wrench ``(n, c)`` of a series."""
-        return (_stacked([series])[0] - self._middle) @ self._weights + self._level
+    taught = list(series)
+    rows, wrench = np.concatenate([features(one) for one in taught]), _stacked(taught)[1]
+    weights = np.linalg.lstsq(rows, wrench, rcond=None)[0]
+    return lambda one: features(one) @ weights
 
 
-class Perceptron:
-    """A plain multilayer perceptron on all displacements."""
+def linear_ridge(series: Iterable[WrenchSeries]) -> Estimate:
+    """Fit the wrench to all displacements by ridge regression."""
+    rows, wrench = _stacked(series)
+    middle, level = rows.mean(axis=0), wrench.mean(axis=0)
+    away = rows - middle
+    penalty = RIDGE_SHARE * len(away) * away.var() * np.eye(away.shape[1])
+    weights = np.linalg.solve(away.T @ away + penalty, away.T @ (wrench - level))
+    return lambda one: (_stacked([one])[0] - middle) @ weights + level
 
-    def __init__(self, series: Iterable[WrenchSeries]) -> None:
-        """Train on labelled series."""
-        import torch
 
-        from spikingtac_paper.training.small_networks import Schedule, fit
+def perceptron(series: Iterable[WrenchSeries]) -> Estimate:
+    """Train a plain multilayer perceptron on all displacements."""
+    import torch
 
-        rows, wrench = _stacked(series)
-        self._scale = rows.mean(axis=0), rows.std(axis=0), wrench.mean(axis=0), wrench.std(axis=0)
-        torch.manual_seed(0)
-        layers: list[torch.nn.Module] = []
-        before = rows.shape[1]
-        for width in WIDTHS:
-            layers += [torch.nn.Linear(before, width), torch.nn.ReLU(), torch.nn.Dropout(DROPOUT)]
-            before = width
-        self._network = torch.nn.Sequential(*layers, torch.nn.Linear(before, wrench.shape[1]))
-        known = torch.tensor((rows - self._scale[0]) / self._scale[1], dtype=torch.float32)
-        wanted = torch.tensor((wrench - self._scale[2]) / self._scale[3], dtype=torch.float32)
+    from spikingtac_paper.training.small_networks import Schedule, fit
 
-        def batches() -> list[torch.Tensor]:
-            return list(torch.randperm(len(known)).split(BATCH))
+    rows, wrench = _stacked(series)
+    middle, spread, level, size = (
+        rows.mean(axis=0), rows.std(axis=0), wrench.mean(axis=0), wrench.std(axis=0)
+    )  # fmt: skip
+    torch.manual_seed(0)
+    layers: list[torch.nn.Module] = []
+    for before, width in pairwise((rows.shape[1], *WIDTHS)):
+        layers += [torch.nn.Linear(before, width), torch.nn.ReLU(), torch.nn.Dropout(DROPOUT)]
+    network = torch.nn.Sequential(*layers, torch.nn.Linear(WIDTHS[-1], wrench.shape[1]))
+    known = torch.tensor((rows - middle) / spread, dtype=torch.float32)
+    wanted = torch.tensor((wrench - level) / size, dtype=torch.float32)
 
-        def loss(network: torch.nn.Module, chosen: torch.Tensor) -> torch.Tensor:
-            return (network(known[chosen]) - wanted[chosen]).square().mean()
+    def loss(network: torch.nn.Module, chosen: torch.Tensor) -> torch.Tensor:
+        return (network(known[chosen]) - wanted[chosen]).square().mean()
 
-        fit(self._network, batches, loss, Schedule(rate=RATE, decay=DECAY, epochs=EPOCHS))
+    def batches() -> list[torch.Tensor]:
+        return list(torch.randperm(len(known)).split(BATCH))
 
-    def estimate(self, series: WrenchSeries) -> Field:
-        """Return the wrench ``(n, c)`` of a series."""
-        import torch
+    fit(network, batches, loss, Schedule(rate=RATE, decay=DECAY, epochs=EPOCHS))
 
-        middle, spread, level, size = self._scale
-        rows = torch.tensor((_stacked([series])[0] - middle) / spread, dtype=torch.float32)
+    def estimate(one: WrenchSeries) -> Field:
+        seen = torch.tensor((_stacked([one])[0] - middle) / spread, dtype=torch.float32)
         with torch.no_grad():
-            return np.asarray(self._network(rows).numpy() * size + level, np.float64)
+            return np.asarray(network(seen).numpy() * size + level, np.float64)
+
+    return estimate
 
 
 def _stacked(series: Iterable[WrenchSeries]) -> tuple[Field, Field]:
@@ -119,7 +103,7 @@ def _stacked(series: Iterable[WrenchSeries]) -> tuple[Field, Field]:
 
 
 # Name -> what learns from series.
-BASELINES = {"mlp": Perceptron, "ridge": LinearRidge, "mean-displacement": MeanDisplacement}
+BASELINES = {"mlp": perceptron, "ridge": linear_ridge, "mean-displacement": mean_displacement}
 
 
 FOLDER = "force"  # Folder of the series of a real gel below that of the recordings.
@@ -151,12 +135,12 @@ TWIN_METHODS = {
     "mean-displacement": RECORDED_METHODS["mean-displacement"],
 }
 METRICS = (
-    *(Metric(f"r2_{one}", "R2", f"coefficient of determination of {one}, series not learned")
-      for one in FORCES),
-    *(Metric(f"mae_{one}_n", "N", f"mean absolute error of {one}, series not learned")
-      for one in FORCES),
-    *(Metric(f"coverage90_{one}", "1", f"share of labels of {one} in the 90 % intervals")
-      for one in FORCES),
+    *(Metric(name.format(one), unit, f"{about} of {one}, series not learned")
+      for name, unit, about in (
+          ("r2_{}", "R2", "coefficient of determination"),
+          ("mae_{}_n", "N", "mean absolute error"),
+          ("coverage90_{}", "1", "share of labels in the 90 % intervals"),
+      ) for one in FORCES),
     Metric("rms_normal", "1", "rms error of the normal force over its range in the case"),
     Metric("rms_shear", "1", "rms error of the shear forces over the larger range of the two"),
     Metric("rms_torque", "1", "rms error of the torque about the normal over its range"),
@@ -191,7 +175,7 @@ def _predicted(
         values, widths = fit_force(taught).estimate(left_out)
         return values[:, :3], widths[:, :3]
     flat = [one.in_image() for one in taught]
-    estimate = BASELINES[method](flat).estimate(left_out.in_image())
+    estimate = BASELINES[method](flat)(left_out.in_image())
     return estimate[:, :3], np.full((len(estimate), 3), np.nan)
 
 
@@ -262,12 +246,10 @@ def tracked_series(name: str, seed: int, camera: str) -> WrenchSeries:
     return WrenchSeries(t_us, source.reference_px, moved, at_frames, "px", name)
 
 
-def _estimator(
-    method: str, taught: list[WrenchSeries], reference: Field
-) -> Callable[[WrenchSeries], Field]:
+def _estimator(method: str, taught: list[WrenchSeries], reference: Field) -> Estimate:
     """Return what gives a method's wrenches ``(n, c)`` of a series."""
     if method == "mean-displacement":
-        return MeanDisplacement(taught).estimate
+        return mean_displacement(taught)
     drawn = [] if method == "labelled" else _drawn(reference)
     model = fit_force([*drawn] if method == "physics" else [*taught, *drawn])
     return lambda series: model.estimate(series)[0]

@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration import marker_pitch_px
 from spikingtac.sim import ContactConfig, MotionConfig, Scene, SceneSource, SegmentConfig
-from spikingtac.touch import (
-    SQUARE,
-    GradientOperator,
-    Patch,
-    Touch,
-    TouchDetector,
-    patch_of_cells,
-)
+from spikingtac.touch import Touch, TouchDetector
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.contacts import LONG, TESTED, record, watch
 
@@ -34,13 +25,8 @@ PLACE_MM = 4.0  # Presses lie within this distance of the middle, per axis, mm.
 WIDE_MM = 3.0  # Narrower diameter from which a patch is asked to be right, mm.
 ASKED = 0.7
 
-# Shares of the largest value from which a marker belongs to the simpler methods' regions
-# (the best of 0.2 to 0.8 on 240 other presses).
-STRAIN_SHARE, EVENT_SHARE = 0.6, 0.75
 METHODS = {
-    "patch-model": "the touched cells of the skin, from the motion of the markers around them",
-    "strained-region": "markers that are strained by a share of the largest strain",
-    "event-region": "markers about which a share of the most events fell, as GelEvent counts them",
+    "patch-model": "the touched cells of the skin, from the motion of the markers around them"
 }
 METRICS = (
     Metric("missed_presses", "presses", "presses that no touch was found for", "sum"),
@@ -56,20 +42,14 @@ class WatchedPress:
     """A press as camera and tracker see it.
 
     Attributes:
-        reference_px: ``(m, 2)`` markers at rest, px.
         touch: The touch that was found; None where there was none.
-        moved_px: ``(m, 2)`` displacements at its peak, px.
-        events: ``(m,)`` events nearest to each marker from its begin to its peak.
         cells_px: ``(n, 2)`` where the twin's cells lie in the image, px.
         touched: ``(n,)`` which of them the body touches at that peak.
         cell_px2: ``(n,)`` area of each cell, px squared.
         px_per_mm: Scale of the image.
     """
 
-    reference_px: Field
     touch: Touch | None
-    moved_px: Field
-    events: Field
     cells_px: Field
     touched: NDArray[np.bool_]
     cell_px2: Field
@@ -95,8 +75,7 @@ def patch_records(methods: list[str], seed: int, quick: bool) -> list[dict[str, 
         size = "narrow" if press.width_mm < WIDE_MM else "all"
         cases = [f"patch/{size}-{body}", f"patch/{size}"]
         cases += [f"patch/{camera}"] * (size == "all")
-        for method in methods:
-            records.append(record(method, cases, seed, patch_scores(press, REGIONS[method])))
+        records += [record(method, cases, seed, patch_scores(press)) for method in methods]
     return records
 
 
@@ -119,45 +98,20 @@ def draw_press(rng: np.random.Generator) -> tuple[str, Scene]:
 def watch_press(scene: Scene, camera: str, seed: int) -> WatchedPress:
     """Return a press seen by a camera and the tracker ``default``."""
     source = SceneSource(scene.with_camera(camera), seed)
-    reference, nearest = source.reference_px, _nearest_marker(source)
-    counts: list[tuple[int, NDArray[np.int64]]] = []
     cells: list[tuple[int, NDArray[np.uint8]]] = []
 
     def note(step: Any) -> None:
-        packet, told = step.packet, step.truth
-        near = np.bincount(nearest[packet.y, packet.x], minlength=len(reference))
-        counts.append((packet.t_end_us, near))
+        told = step.truth
         cells.extend(zip(told.contact_t_us.tolist(), told.touching_cells.copy(), strict=True))
 
-    detector, fields, touches = TouchDetector(reference), {}, []
-    for frame in watch(source, note):
-        touches.append(detector.update(frame))
-        if detector.touching:
-            fields[frame.t_us] = detector.displacement_px
-    touches.append(detector.finish())
-    touch = next((one for one in touches if one is not None), None)
-    peak_us, begin_us = (0, 0) if touch is None else (touch.peak_us, touch.begin_us)
-    events = [count for t_us, count in counts if begin_us < t_us <= peak_us]
+    detector = TouchDetector(source.reference_px)
+    touches = [detector.update(frame) for frame in watch(source, note)]
+    touch = next((one for one in (*touches, detector.finish()) if one is not None), None)
+    peak_us = 0 if touch is None else touch.peak_us
     _, bits = min(cells, key=lambda row: abs(row[0] - peak_us))
     cells_px, cell_px2 = _cells_px(source)
-    return WatchedPress(
-        reference_px=reference,
-        touch=touch,
-        moved_px=fields.get(peak_us, np.zeros_like(reference)),
-        events=np.sum(events, axis=0) if events else np.ones(len(reference)),
-        cells_px=cells_px,
-        touched=np.unpackbits(bits)[: len(cells_px)].astype(np.bool_),
-        cell_px2=cell_px2,
-        px_per_mm=scene.optics.px_per_mm,
-    )
-
-
-def _nearest_marker(source: SceneSource) -> NDArray[np.int64]:
-    """Return ``(height, width)`` which marker is the nearest of each pixel."""
-    width, height = source.size
-    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
-    away = ((pixels[:, :, None] - source.reference_px) ** 2).sum(axis=3)
-    return away.argmin(axis=2)
+    touched = np.unpackbits(bits)[: len(cells_px)].astype(np.bool_)
+    return WatchedPress(touch, cells_px, touched, cell_px2, scene.optics.px_per_mm)
 
 
 def _cells_px(source: SceneSource) -> tuple[Field, Field]:
@@ -179,59 +133,21 @@ def _cubic(places: Field) -> Field:
     return np.column_stack([x**i * y**j for i in range(4) for j in range(4 - i)])
 
 
-def _model_patch(press: WatchedPress) -> Patch:
-    touch = press.touch
-    assert touch is not None
-    return Patch(touch.place_px, touch.area_px2, touch.outline_px)
-
-
-def _strained(press: WatchedPress) -> Patch:
-    local = GradientOperator(press.reference_px).of(press.moved_px).local
-    return region_above(press.reference_px, local, STRAIN_SHARE)
-
-
-def _eventful(press: WatchedPress) -> Patch:
-    return region_above(press.reference_px, press.events, EVENT_SHARE)
-
-
-def region_above(reference_px: Field, values: Field, share: float) -> Patch:
-    """Return the markers whose value is at least a share of the largest, each with its square.
-
-    Args:
-        reference_px: ``(m, 2)`` markers at rest, px.
-        values: ``(m,)`` what is seen at each, not negative.
-        share: The share.
-    """
-    inside = values >= share * float(values.max())
-    corners = reference_px[inside, None] + marker_pitch_px(reference_px) * SQUARE
-    return patch_of_cells(corners, np.maximum(values[inside], 1e-12))
-
-
-# What each method tells of a press that was noticed.
-REGIONS: dict[str, Callable[[WatchedPress], Patch]] = {
-    "patch-model": _model_patch,
-    "strained-region": _strained,
-    "event-region": _eventful,
-}
-
-
-def patch_scores(press: WatchedPress, region: Callable[[WatchedPress], Patch]) -> dict[str, float]:
-    """Return the scores of a method on a press."""
+def patch_scores(press: WatchedPress) -> dict[str, float]:
+    """Return the scores of the patch that was told of a press."""
     # A late import: every verb's start would wait for it.
     from matplotlib.path import Path as Outline
 
     if press.touch is None or not press.touched.any():
         return {"missed_presses": 1.0}
-    told, true = region(press), press.touched
-    found = np.zeros_like(true)
-    if len(told.outline) > 2:
-        found = Outline(told.outline).contains_points(press.cells_px)
+    told, true = press.touch, press.touched
+    found = Outline(told.outline_px).contains_points(press.cells_px)
     overlap = float((found & true).sum() / (found | true).sum())
     middle = press.cells_px[true].mean(axis=0)
     return {
         "missed_presses": 0.0,
         "overlap": overlap,
         "overlap_asked": float(overlap >= ASKED),
-        "area_ratio": told.area / float(press.cell_px2[true].sum()),
-        "place_mm": float(np.hypot(*(told.place - middle))) / press.px_per_mm,
+        "area_ratio": told.area_px2 / float(press.cell_px2[true].sum()),
+        "place_mm": float(np.hypot(*(told.place_px - middle))) / press.px_per_mm,
     }

@@ -322,6 +322,5 @@ def _false(truth: Truth, stuck: Field, alarms: Sequence[int], after_us: int, sha
     count = 0
     for t_us in alarms:
         around = slice(_row(truth, t_us - BEFORE_US), _row(truth, t_us + after_us) + 1)
-        judged = bool(truth.judged[_row(truth, t_us)])
-        count += judged and float(stuck[around].min()) > share
+        count += bool(truth.judged[_row(truth, t_us)]) and float(stuck[around].min()) > share
     return float(count)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from spikingtac_paper.registry import BENCHES, choices_text, run_study, runner_of
+from spikingtac_paper.registry import BENCHES, choices_text, run_study
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,4 +35,4 @@ class Args:
 
 def run(args: Args) -> int:
     """Run the bench and print its findings."""
-    return run_study(runner_of(BENCHES, args.name, "bench"), args)
+    return run_study(BENCHES, "bench", args)

@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from spikingtac.cli import check_workers
-from spikingtac_paper.registry import EXPERIMENTS, choices_text, run_study, runner_of
+from spikingtac_paper.registry import EXPERIMENTS, choices_text, run_study
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +44,5 @@ class Args:
 
 def run(args: Args) -> int:
     """Run the experiment and print its findings."""
-    study = runner_of(EXPERIMENTS, args.name, "experiment")
     check_workers(args.workers)
-    return run_study(study, args)
+    return run_study(EXPERIMENTS, "experiment", args)

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket
 from spikingtac_paper.point_tracking.ablation import (
     ABLATION_SCENES,
-    NoHold,
     ablation_methods,
     ablation_trials,
     methods_on,
@@ -54,29 +53,3 @@ def test_every_trial_asks_the_default_and_each_variant_is_asked_somewhere() -> N
     asked = [methods_on(trial) for trial in ablation_trials(range(0, 1), ABLATION_SCENES)]
     assert all("default" in names for names in asked)
     assert {name for names in asked for name in names} == set(METHODS)
-
-
-class Blinks:
-    """Sees nothing of its second marker."""
-
-    def absorb(self, packet: EventPacket) -> None:
-        """Look away."""
-
-    def estimate(self, t_us: int) -> MarkerFrame:
-        """Return markers that are all 3 px off, the second of them held."""
-        moved = calibration().reference_px + 3.0
-        held = np.arange(9) == 1
-        return MarkerFrame(t_us, moved, moved + 1.0, 0.0 * moved, held, 1.0 - held)
-
-    def reset(self) -> None:
-        """Nothing to forget."""
-
-
-def test_without_hold_only_what_is_not_seen_goes_to_its_rest() -> None:
-    rest = calibration().reference_px
-    frame = NoHold(Blinks(), calibration()).estimate(5)
-    off_px = frame.detected_px - rest
-    assert off_px[1].tolist() == [0.0, 0.0]
-    assert np.delete(off_px, 1, axis=0) == pytest.approx(3.0)
-    assert np.delete(frame.displacement_px, 1, axis=0) == pytest.approx(4.0)
-    assert frame.position_px[1].tolist() == rest[1].tolist()

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from spikingtac.types import EventPacket
 from spikingtac_paper.harness.report import Metric, Report, interval, rows_of, write_report
 from spikingtac_paper.harness.run import Progress, RunOptions, kept, load_windows, save_windows
 from spikingtac_paper.point_tracking.experiment import PUBLISHED
-from spikingtac_paper.registry import EXPERIMENTS, runner_of
+from spikingtac_paper.registry import EXPERIMENTS, run_study
 
 METRICS = (
     Metric("return_mean_px", "px", "how far"),
@@ -98,7 +99,7 @@ def test_jobs_come_back_in_order_and_are_counted() -> None:
 
 def test_an_unknown_experiment_names_the_valid_ones() -> None:
     with pytest.raises(ConfigError, match=r"did you mean 'point-tracking'.*valid"):
-        runner_of(EXPERIMENTS, "point-trackin", "experiment")
+        run_study(EXPERIMENTS, "experiment", SimpleNamespace(name="point-trackin"))
 
 
 def test_windows_come_back_as_they_were_the_empty_ones_too(tmp_path: Path) -> None:
