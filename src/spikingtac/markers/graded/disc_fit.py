@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from spikingtac.markers.graded.appearance import RING_PX, FitWindow
+from spikingtac.markers.graded.appearance import PHASES, RING_PX, FitWindow
 from spikingtac.state_map.graded import PAD_PX, Array
 
 # Freedom of the compiler that leaves results alone: no two operations become one, none is
@@ -24,7 +24,8 @@ from spikingtac.state_map.graded import PAD_PX, Array
 # everywhere.
 SAME_BITS = {"nnan", "ninf", "nsz"}
 
-ROUNDING_PX = 0.75  # The window is centred on a whole pixel, up to half a diagonal from the marker.
+# A window's centre lies up to half a diagonal of its part of a pixel from the marker, px.
+ROUNDING_PX = 0.5 * 2.0**0.5 / PHASES
 
 MOST_GROWTH = 0.3  # Largest change of an outline, as a share of the radius.
 
@@ -48,12 +49,10 @@ LINEAR_STEP_PX, LINEAR_GROWTH_PX = 0.08, 0.05
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def _polynomial_kernel(c: Array, z: Any) -> Any:  # pragma: no cover
-    """Evaluate a polynomial of degree 11 by Estrin's scheme: Horner's waits for each product."""
+    """Evaluate a polynomial of degree 7 by Estrin's scheme: Horner's waits for each product."""
     z2 = z * z
-    z4 = z2 * z2
     low = (c[0] + c[1] * z) + z2 * (c[2] + c[3] * z)
-    low += z4 * ((c[4] + c[5] * z) + z2 * (c[6] + c[7] * z))
-    return low + z4 * z4 * ((c[8] + c[9] * z) + z2 * (c[10] + c[11] * z))
+    return low + z2 * z2 * ((c[4] + c[5] * z) + z2 * (c[6] + c[7] * z))
 
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
@@ -143,7 +142,7 @@ def outline_equations_kernel(
     return (gr * part, gb * part, gc * part), rr * part, weight / (total + 1.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _step_kernel(
     curvature: tuple[Any, Any, Any], gradient: tuple[Any, Any]
 ) -> tuple[float, float]:  # pragma: no cover - compiled
@@ -159,21 +158,22 @@ def _step_kernel(
     return step_x, step_y
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _ring_kernel(
-    window: FitWindow, m: int, outline_px: Array
-) -> tuple[Any, Any]:  # pragma: no cover - compiled
-    """Return the first pixel of the window that a disc's edge may reach, and how many follow it."""
-    within, bulge = window.within, abs(outline_px[1]) + abs(outline_px[2])
-    near = max(outline_px[0] - bulge + window.edge[m, 0] - ROUNDING_PX, 0.0) / RING_PX
-    far = max(outline_px[0] + bulge + window.edge[m, 1] + ROUNDING_PX, 0.0) / RING_PX
+    window: FitWindow, m: int, read: Array
+) -> tuple[int, Any, Any]:  # pragma: no cover - compiled
+    """Return the phase of ``read``, the first pixel of an edge there, and how many follow it."""
+    phase = (int(read[3]) % PHASES) * PHASES + int(read[2]) % PHASES
+    within, bulge = window.within[phase], abs(read[5]) + abs(read[6])
+    near = max(read[4] - bulge + window.edge[m, 0] - ROUNDING_PX, 0.0) / RING_PX
+    far = max(read[4] + bulge + window.edge[m, 1] + ROUNDING_PX, 0.0) / RING_PX
     last = within.size - 1
     first, after = within[min(int(near), last)], within[min(int(far) + 1, last)]
     # Unsigned, so that no index can be meant from the end: that would not be vectorised.
-    return np.uint64(first), np.uint64(after - first)
+    return phase, np.uint64(first), np.uint64(after - first)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _follow_kernel(
     outline_px: Array, gradient: tuple[Any, Any, Any], step: float, rest_px: float
 ) -> None:  # pragma: no cover - compiled
@@ -184,41 +184,45 @@ def _follow_kernel(
     outline_px[2] = min(max(outline_px[2] + 2.0 * step * gradient[2], -most), most)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _look_kernel(
-    padded: Array, offset: Array, ring: tuple[Any, Any], read: Array, level: Array
-) -> None:  # pragma: no cover - compiled
+    levels: tuple[Array, int, int], window: FitWindow, ring: tuple[int, Any, Any], read: Array,
+    level: Array,
+) -> None:  # pragma: no cover - compiled # fmt: skip
     """Copy the map's levels around the place of ``read``."""
-    flat, row_px, (first, count) = padded.ravel(), padded.shape[1], ring
-    middle = np.uint64((int(read[3]) + PAD_PX) * row_px + int(read[2]) + PAD_PX)
+    (flat, width, _), (phase, first, count) = levels, ring
+    column, row, offset = int(read[2]) // PHASES, int(read[3]) // PHASES, window.offset[phase]
+    middle = (row + PAD_PX) * (width + 2 * PAD_PX) + column + PAD_PX
     for j in range(count):
-        level[j] = flat[middle + np.uint64(offset[first + j])]
+        level[j] = flat[np.uint64(middle + offset[first + j])]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _read_kernel(
-    window: FitWindow, m: int, ring: tuple[Any, Any], read: Array, edge: Array
+    window: FitWindow, m: int, ring: tuple[int, Any, Any], read: Array, edge: Array
 ) -> None:  # pragma: no cover - compiled
     """Read marker m's edge at the place and with the outline of ``read``."""
     inner_px, outer_px = window.edge[m, 0], window.edge[m, 1]
-    x, y = np.float32(read[0] - read[2]), np.float32(read[1] - read[3])
+    x = np.float32(read[0] - int(read[2]) // PHASES)
+    y = np.float32(read[1] - int(read[3]) // PHASES)
     r = np.float32(read[4] + 0.5 * (inner_px + outer_px))
     outline = r, np.float32(read[5]), np.float32(read[6])
     disc = x, y, *outline, np.float32(2.0) / (outer_px - inner_px)
-    _edge_kernel(window.place_px, ring, disc, window.coefficients[m], edge)
+    _edge_kernel(window.place_px[ring[0]], ring[1:], disc, window.coefficients[m], edge)
 
 
 @njit(cache=True, nogil=True)
 def fit_disc_kernel(
-    maps: tuple[Array, Array, Array], window: FitWindow, m: int, center_px: tuple[float, float],
-    outline_px: Array, settings: tuple[int, float, float],
+    levels: tuple[Array, int, int], edges: tuple[Array, Array], window: FitWindow, m: int,
+    center_px: tuple[float, float], outline_px: Array, settings: tuple[int, float, float],
 ) -> tuple[float, float, float, float]:  # pragma: no cover - compiled # fmt: skip
     """Fit marker m's centre, and let its outline follow; return x, y, agreement and last step.
 
     Args:
-        maps: The map with its margin of PAD_PX; ``(m, 5, n)`` level, direction (x, y), the disc's
-            level and slope of every pixel of the edges as they were read; ``(m, 7)`` where that
-            was: place, column and row of the window's centre, and outline, px. The latter change.
+        levels: The flat map with its margin of PAD_PX; the sensor's width and height, px.
+        edges: ``(m, 5, n)`` level, direction (x, y), the disc's level and slope of every pixel of
+            the edges as they were read; ``(m, 7)`` where that was: place, px; its column and row
+            in parts of a pixel; outline, px. Both change.
         window: From :func:`~spikingtac.markers.graded.appearance.fit_window`.
         m: Which marker.
         center_px: Where the fit begins, px.
@@ -226,8 +230,8 @@ def fit_disc_kernel(
         settings: Gauss-Newton steps at most; share of the outline's own step that it makes, 0 for
             none and no agreement; radius at rest, px.
     """
-    padded, edge, read = maps[0], maps[1][m], maps[2][m]
-    last = padded.shape[1] - 2 * PAD_PX - 1, padded.shape[0] - 2 * PAD_PX - 1
+    edge, read = edges[0][m], edges[1][m]
+    right, bottom = PHASES * levels[1] - 1, PHASES * levels[2] - 1
     grown, unit = outline_px[0] - read[4], window.edge[m, 2]
     bent = abs(grown) + abs(outline_px[1] - read[5]) + abs(outline_px[2] - read[6])
     (x, y), seen, length = center_px, False, 0.0
@@ -236,18 +240,19 @@ def fit_disc_kernel(
         dx, dy = x - read[0], y - read[1]
         near = dx * dx + dy * dy < LINEAR_STEP_PX * LINEAR_STEP_PX and bent < LINEAR_GROWTH_PX
         if not near:
-            column = min(max(int(np.rint(x)), 0), last[0])
-            row = min(max(int(np.rint(y)), 0), last[1])
+            column = min(max(int(np.floor(PHASES * (x + 0.5))), 0), right)
+            row = min(max(int(np.floor(PHASES * (y + 0.5))), 0), bottom)
             seen = seen and bent < LINEAR_GROWTH_PX and column == read[2] and row == read[3]
             read[0], read[1], read[2], read[3] = x, y, column, row
             read[4:] = outline_px
             dx = dy = grown = bent = 0.0
-        first, count = _ring_kernel(window, m, read[4:])
+        ring = _ring_kernel(window, m, read)
+        count = ring[2]
         if not seen:
-            _look_kernel(padded, window.offset, (first, count), read, edge[0])
+            _look_kernel(levels, window, ring, read, edge[0])
             seen = True
         if not near:
-            _read_kernel(window, m, (first, count), read, edge)
+            _read_kernel(window, m, ring, read, edge)
         moved = np.float32(dx), np.float32(dy), np.float32(grown)
         step_x, step_y = _step_kernel(*center_equations_kernel(edge, count, moved, unit))
         x, y = x + step_x, y + step_y

@@ -65,10 +65,9 @@ LATE_US = 2_000
 # of ms).
 OUTLINE_PER_S = 150.0
 
-OUTLINE_US = 1_000  # Shortest time between two fits of an outline, us.
+OUTLINE_US = 2_000  # Shortest time between two fits of an outline, us (1,000 is no better).
 
-# Width of the rings beside a disc's edge in which events ask for a fit, too: a prediction may be
-# off by so much.
+# How far beyond a disc's edge events ask for a fit, too: a prediction may be off by so much.
 FARTHER_PX = 1.0
 
 MARKED_PX = 1.5  # Way after which a marker marks its pixels anew, px.
@@ -85,7 +84,7 @@ class DiscLocator(Locator):
         self._window = fit_window(appearance_of(calibration).profiles, calibration.size[0])
         within, largest_px = self._window.within, (1.0 + 3.0 * MOST_GROWTH) * radius_px.max()
         farthest = int((largest_px + self._window.edge[:, 1].max() + ROUNDING_PX) / RING_PX) + 1
-        most = within[min(farthest, within.size - 1)]
+        most = within[:, min(farthest, within.shape[1] - 1)].max()
         self._edges = np.zeros((len(radius_px), 5, most), np.float32)
         self._due = np.maximum(np.ceil(DUE_PX * events_per_px(calibration)), 1.0)
         self._marked = np.empty((calibration.size[1], calibration.size[0]), np.uint16)
@@ -112,9 +111,8 @@ class DiscLocator(Locator):
         columns = packet.x, packet.y, packet.p, packet.t
         maps = levels.memory, levels.padded, levels.signed_steps, levels.dark_markers
         markers = self._owner, self.counts, self._marked, self.pending
-        places = self.motion, self.outline_px, self._window.edge
         found, watch.until_us = absorb_discs_kernel(
-            *columns, *watch.maps, watch.until_us, *maps, *markers, *places
+            *columns, *watch.maps, watch.until_us, *maps, *markers
         )
         watch.found += found
 
@@ -136,14 +134,14 @@ class DiscLocator(Locator):
 def absorb_discs_kernel(
     x: Array, y: Array, p: Array, t: Array, hot_counts: Array, hot_windows: Array, until_us: int,
     memory: Array, padded: Array, signed_steps: Array, dark_markers: bool, owner: Array,
-    counts: Array, marked: Array, pending: Array, motions: Array, outline_px: Array, edge: Array,
+    counts: Array, marked: Array, pending: Array,
 ) -> tuple[int, int]:  # pragma: no cover - compiled # fmt: skip
     """Add each event to the map, and count it for the markers around it.
 
     Arguments are plain, since a tuple costs a microsecond: columns of the events; what
     :func:`watch_kernel` asks for; the map; who rests nearest to each pixel, and the events of their
-    cells; who marked each pixel, and the events at their edges; and the markers' motions, outlines,
-    and ends of their profiles. Returns how many pixels became hot, and the end of their window.
+    cells; who marked each pixel, and the events there. Returns how many pixels became hot, and the
+    end of their window.
     """
     keep = np.empty(x.size, np.bool_)
     _, found, until_us = watch_kernel((hot_counts, hot_windows), until_us, (x, y, t), keep)
@@ -157,11 +155,7 @@ def absorb_discs_kernel(
         counts[owner[row, column]] += 1
         m = marked[row, column]
         if m != NOBODY:
-            bulge = abs(outline_px[m, 1]) + abs(outline_px[m, 2]) + FARTHER_PX
-            inner = max(outline_px[m, 0] + edge[m, 0] - bulge, 0.0)
-            outer = outline_px[m, 0] + edge[m, 1] + bulge
-            dx, dy = column - motions[m, X], row - motions[m, Y]
-            pending[m] += inner * inner <= dx * dx + dy * dy <= outer * outer
+            pending[m] += 1
     return found, until_us
 
 
@@ -169,15 +163,18 @@ def absorb_discs_kernel(
 def mark_kernel(
     marked: Array, m: int, motions: Array, fits: Array, outline_px: Array, edge: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
-    """Mark the pixels around marker m with its number."""
-    x, y = motions[m, X], motions[m, Y]
-    fits[m, MARKED_X], fits[m, MARKED_Y] = x, y
+    """Mark the pixels around marker m with its number, and no longer those that it left."""
     outer = outline_px[m, 0] + edge[m, 1] + FARTHER_PX + MARKED_PX
     height, width = marked.shape
-    for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
-        half = np.sqrt(max(outer * outer - (row - y) ** 2, 0.0))
-        for column in range(max(0, int(np.ceil(x - half))), min(width - 1, int(x + half)) + 1):
-            marked[row, column] = m
+    for mark in (NOBODY, m):
+        if mark == m:
+            fits[m, MARKED_X], fits[m, MARKED_Y] = motions[m, X], motions[m, Y]
+        x, y = fits[m, MARKED_X], fits[m, MARKED_Y]
+        for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
+            half = np.sqrt(max(outer * outer - (row - y) ** 2, 0.0))
+            for column in range(max(0, int(np.ceil(x - half))), min(width - 1, int(x + half)) + 1):
+                if mark == m or marked[row, column] == m:
+                    marked[row, column] = mark
 
 
 @njit(cache=True, nogil=True)
@@ -194,7 +191,8 @@ def locate_discs_kernel(
     events that ask for a fit; who marked each pixel; the time, us.
     """
     fitted = 0
-    window, maps = FitWindow(offset, place_px, within, coefficients, edge), (padded, edges, read)
+    window, as_read = FitWindow(offset, place_px, within, coefficients, edge), (edges, read)
+    levels = padded.ravel(), marked.shape[1], marked.shape[0]
     for m in range(radius_px.size):
         motion, fit = motions[m], fits[m]
         if motion[AT_US] < 0.0:
@@ -215,9 +213,8 @@ def locate_discs_kernel(
             if since_us >= OUTLINE_US:
                 gain, fit[OUTLINED_US] = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * since_us), t_us
             start, settings = (motion[X], motion[Y]), (ITERATIONS, gain, radius_px[m])
-            x, y, agreement, step_px = fit_disc_kernel(
-                maps, window, m, start, outline_px[m], settings
-            )
+            disc = m, start, outline_px[m], settings
+            x, y, agreement, step_px = fit_disc_kernel(levels, as_read, window, *disc)
             fit[AGREEMENT] = agreement if gain > 0.0 else fit[AGREEMENT]
             fit[FIT_X], fit[FIT_Y], fit[FIT_US] = x, y, t_us
             pending[m] = AT_ONCE if step_px >= SMALL_STEP_PX else 0

@@ -97,7 +97,7 @@ class Locator:
         motion: ``(m, 8)`` states of the markers by the columns above.
         fits: ``(m, 8)`` what was fitted last, by the columns above.
         outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.
-        pending: ``(m,)`` events at each marker's edge since its last fit.
+        pending: ``(m,)`` events around each marker since its last fit.
         busy: Whether half of the markers or more were fitted last.
         counts: ``(m,)`` events in each marker's cell, nearest to its rest, since they were taken.
     """
@@ -117,7 +117,8 @@ class Locator:
         self.motion = resting_motion(self._start_px)
         self.fits = np.zeros((count, 8))
         self.fits[:, :FIT_US] = self._start_px
-        self.fits[:, AGREEMENT], self.fits[:, MARKED_X] = 1.0, np.inf  # pixels not yet marked
+        self.fits[:, MARKED_X : MARKED_Y + 1] = self._start_px
+        self.fits[:, AGREEMENT] = 1.0
         self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
         self.pending, self.counts = np.zeros((2, count), np.int64)
         self.busy = False

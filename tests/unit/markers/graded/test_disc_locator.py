@@ -11,7 +11,13 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.graded.appearance import painted_levels
-from spikingtac.markers.graded.disc_locator import FARTHER_PX, LATE_US, NOBODY, DiscLocator
+from spikingtac.markers.graded.disc_locator import (
+    FARTHER_PX,
+    LATE_US,
+    MARKED_PX,
+    NOBODY,
+    DiscLocator,
+)
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
     AT_ONCE,
@@ -94,7 +100,7 @@ def test_without_events_nothing_is_fitted_and_a_speed_fades() -> None:
     assert np.abs(locator.motion[:, VX]).max() < 1.0
 
 
-def test_events_count_for_the_marker_at_whose_edge_they_lie_also_far_from_its_rest() -> None:
+def test_events_count_for_the_marker_around_which_they_lie_also_far_from_its_rest() -> None:
     locator, nobody = moved_by(0.0), np.zeros(2, np.bool_)
     locator.pending[:] = 0
     locator.motion[0, X] += 18.0  # beyond the middle between the two
@@ -103,7 +109,7 @@ def test_events_count_for_the_marker_at_whose_edge_they_lie_also_far_from_its_re
     columns = np.array([30, 37, 55, 48, 77, 70], np.uint16)
     events = columns, np.full(6, 30, np.uint16), np.ones(6, np.bool_), np.arange(6)
     locator.absorb(EventPacket(*events, 0, 6, (100, 60)), HotPixelWatch(None, (100, 60)))
-    assert locator.pending.tolist() == [1, 1], "neither what it left nor the middle of a disc"
+    assert locator.pending.tolist() == [2, 2], "not what it left"
     assert locator.counts.tolist() == [3, 3]
 
 
@@ -119,8 +125,7 @@ def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
     np.testing.assert_array_equal(locator.map.padded, twin.padded)
     away_px = np.hypot(*(np.column_stack([x, y])[:, np.newaxis] - REST_PX).transpose(2, 0, 1))
     assert locator.counts.tolist() == np.bincount(away_px.argmin(axis=1), minlength=2).tolist()
-    inner, outer = (float(locator._window.edge[0, k]) + 7.0 for k in (0, 1))
-    near = (away_px >= inner - FARTHER_PX) & (away_px <= outer + FARTHER_PX)
+    near = away_px <= 7.0 + locator._window.edge[0, 1] + FARTHER_PX + MARKED_PX
     assert locator.pending.tolist() == near.sum(axis=0).tolist()
     assert {*np.unique(marked).tolist()} == {0, 1, NOBODY}
 
