@@ -19,7 +19,6 @@ WITHIN = {
     "CommandError": "viewer/server.py",
     "DamagedPieceError": "events/formats/pieces.py",
     "_MisfitError": "robot/adaptive_search.py",
-    "NoCalibrationError": "viewer/opening.py",
 }
 
 # What stands for the operating system, a map, or a fault of this package.

@@ -17,7 +17,7 @@ from spikingtac.cli.main import main
 from spikingtac.cli.verbs import guard
 from spikingtac.sim.catalog import load_scene
 from spikingtac.sim.render import simulate
-from spikingtac.viewer.opening import open_view_source
+from spikingtac.viewer.opening import open_view
 from spikingtac.viewer.session import Session
 
 
@@ -130,7 +130,7 @@ def test_recordings_are_checked_against_a_calibration(
 def test_the_page_says_it(slides: Path, foreign: Path, own: Path) -> None:
     for calibration, misfits in ((foreign, True), (own, False)):
         shown: list[bytes] = []
-        view = open_view_source(str(slides), calibration=str(calibration))
+        view = open_view(str(slides), calibration=str(calibration))
         session = Session(view, ring(shown), ring([]))
         session.step()
         session.close()

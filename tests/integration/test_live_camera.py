@@ -24,7 +24,8 @@ from spikingtac.stream.guard import ContactProcess
 from spikingtac.stream.guard_loop import stream_arrivals
 from spikingtac.stream.reader import LiveSource, open_live
 from spikingtac.tracks import Tracks
-from spikingtac.viewer.opening import open_view_or_events
+from spikingtac.viewer.calibrating import SaveTarget
+from spikingtac.viewer.opening import open_view
 from stand_ins.guarded import NotingArm, detector, stops
 from stand_ins.moving_rims import SIZE, calibration, windows
 from stand_ins.piped_camera import PipedCamera
@@ -191,7 +192,7 @@ def test_a_camera_that_stalls_stops_a_probing_arm(
 
 
 def test_a_camera_without_a_calibration_shows_its_events() -> None:
-    view = open_view_or_events("udp:127.0.0.1:0?encoding=evt2&size=320x320")
+    view = open_view("udp:127.0.0.1:0?encoding=evt2&size=320x320", save=SaveTarget())
     assert isinstance(view.source, LiveSource)  # a silent camera holds nothing up
     view.source.close()
     assert view.source.size == (320, 320)

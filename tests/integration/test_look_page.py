@@ -11,7 +11,7 @@ from selenium.webdriver.chrome.webdriver import WebDriver
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.create import create_events
 from spikingtac.viewer.calibrating import SaveTarget
-from spikingtac.viewer.opening import open_view_or_events
+from spikingtac.viewer.opening import open_view
 from spikingtac.viewer.source import ViewSource
 from stand_ins.browser import browser, found, js, wait
 from stand_ins.serving import served
@@ -37,7 +37,7 @@ def text(page: WebDriver, name: str) -> str:
 
 def test_a_recording_is_calibrated_with_the_page(slides: Path, tmp_path: Path) -> None:
     target = tmp_path / "calibration.json"
-    opener: Callable[..., ViewSource] = open_view_or_events
+    opener: Callable[..., ViewSource] = open_view
     given = {"source": str(slides), "save": SaveTarget(path=target), "rate_hz": RATE_HZ}
     with served(opener, **given) as port, browser(tmp_path / "profile", 1400, 900) as page:
         page.get(f"http://127.0.0.1:{port}/")

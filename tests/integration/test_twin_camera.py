@@ -16,7 +16,7 @@ from spikingtac.sim import catalog
 from spikingtac.sim.source import SceneSource
 from spikingtac.stream.record import RecordOptions, prepare_folder, record
 from spikingtac.types import EventPacket
-from spikingtac.viewer.opening import open_view_source
+from spikingtac.viewer.opening import open_view
 
 
 def test_it_gives_the_events_of_its_scene_as_time_passes() -> None:
@@ -52,6 +52,6 @@ def test_its_recording_reads_like_a_simulation(tmp_path: Path) -> None:
     assert truth["marker_t_us"][-1] >= recording.manifest["t_end_us"] - 10_000
     assert recording.manifest["source"] == "twin"
     assert sum(len(packet) for packet in open_events(tmp_path / "rec")) == told["events"]
-    view = open_view_source(str(tmp_path / "rec"))
+    view = open_view(str(tmp_path / "rec"))
     assert view.simulated
     assert view.calibration.grid == (8, 8)

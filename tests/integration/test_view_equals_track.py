@@ -15,7 +15,7 @@ from spikingtac.pipeline.track import track_to_file
 from spikingtac.tracks import Tracks
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer import session as module
-from spikingtac.viewer.opening import open_view_source
+from spikingtac.viewer.opening import open_view
 from spikingtac.viewer.session import Session
 from stand_ins.viewer import CirclingDots, open_circling
 
@@ -50,7 +50,7 @@ def test_a_viewed_recording_gives_the_tracks_of_a_tracked_one(
     track_to_file(open_events(folder), tmp_path / "tracked.npz", config, calibration)
 
     monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
-    session = Session(open_view_source(str(folder), preset=preset), Dropped(), Dropped())
+    session = Session(open_view(str(folder), preset=preset), Dropped(), Dropped())
     frames: dict[int, MarkerFrame] = {}
     session.record.estimate = lambda frame: frames.setdefault(frame.t_us, frame)
     while session.playing:

@@ -9,21 +9,21 @@ from functools import partial
 from typing import Any
 
 from spikingtac.viewer.access import Gate, listen
+from spikingtac.viewer.process import SessionProcess
 from spikingtac.viewer.server import PageServer, serve
-from spikingtac.viewer.show import PageOptions, SessionProcess
 from spikingtac.viewer.source import ViewSource
 
 START_S = 180.0
 
 
 def run_server(opener: Callable[..., ViewSource], given: list[dict[str, Any]], port: Any) -> None:
-    views = [partial(opener, **arguments) for arguments in given]
-    sessions = [SessionProcess(view, PageOptions(repeat=True)) for view in views]
+    views = [Factory(function=opener, arguments=arguments) for arguments in given]
+    sessions = [SessionProcess(view, repeat=True) for view in views]
     try:
         listening = listen("127.0.0.1", 0)
         port.put(listening.getsockname()[1])
         server = PageServer(sessions, Gate())
-        serve(server, listening, lambda: all(session.alive for session in sessions))
+        serve(server, listening, lambda: all(session.alive() for session in sessions))
     finally:
         for session in sessions:
             session.close()

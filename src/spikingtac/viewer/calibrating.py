@@ -24,8 +24,6 @@ from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
 from spikingtac.stream.host import Asker, Host, closed_by
 from spikingtac.types import EventPacket, MarkerFrame
 
-# Returns the events between two times, us.
-Between = Callable[[int, int], EventPacket]
 SHOWN_S = 0.25  # How often the guide's view is made anew: faster than it can be read, s.
 
 # Events of a camera that a calibration from the page takes, the latest ones: 60 MB on disk.
@@ -56,15 +54,11 @@ class GuideTracker:
 
     def __init__(self, size: tuple[int, int]) -> None:
         self.guide = CalibrationGuide(size)
+        self.state_map = self  # the map that the page may show
         self.begin_us: int | None = None
         self._seen_us = 0
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self
-
-    @property
-    def state_map(self) -> GuideTracker:
-        """The map that the page may show: this tracker's own."""
         return self
 
     @property
@@ -97,10 +91,12 @@ class SaveTarget:
     Attributes:
         path: The file.
         overwrite: Whether a file that is there may be replaced.
+        anew: Calibrate even where a calibration is known.
     """
 
     path: Path = Path("calibration.json")
     overwrite: bool = False
+    anew: bool = False
 
 
 def _calibrate(asker: Asker, open_source: Callable[[], EventSource], result: Path) -> None:
@@ -119,11 +115,11 @@ class CalibrationDesk:
         target: Where the calibration goes.
         open_whole: Opens a recording from its beginning; None for a camera, of which the events
             that the guide has seen are taken.
-        calibrated: Makes the view of the same events once there is a calibration.
+        tracked_by: Returns how a view is tracked once there is a calibration.
 
     Attributes:
         tracker: The one that guides.
-        calibrated: As given.
+        tracked_by: As given.
     """
 
     def __init__(
@@ -131,10 +127,10 @@ class CalibrationDesk:
         label: str,
         size: tuple[int, int],
         target: SaveTarget,
-        open_whole: Callable[[], EventSource] | None,
-        calibrated: Callable[[Any, Calibration], Any],
+        open_whole: Factory[EventSource] | None,
+        tracked_by: Callable[[Calibration], dict[str, Any]],
     ) -> None:
-        self.tracker, self.calibrated = GuideTracker(size), calibrated
+        self.tracker, self.tracked_by = GuideTracker(size), tracked_by
         self._label, self._target, self._open_whole = label, target, open_whole
         self._view, self._made_s = GuideView(size), 0.0
         self._host: Host | None = None
@@ -149,7 +145,9 @@ class CalibrationDesk:
         if self._host is None:
             self._tell("guide")
 
-    def calibrate(self, between: Between, begin_us: int, t_us: int) -> None:
+    def calibrate(
+        self, between: Callable[[int, int], EventPacket], begin_us: int, t_us: int
+    ) -> None:
         """Begin to calibrate from the events up to a time; does nothing while that goes on.
 
         Args:
@@ -177,10 +175,9 @@ class CalibrationDesk:
             if self._host.receive() is None:
                 return None
             found = Calibration.load(Path(self._scratch.name) / "result.json")
-        except EOFError:
-            self._tell("failed", str(closed_by(self._host, "the calibration")))
         except Exception as error:  # told by the page
-            self._tell("failed", str(error))
+            gone = isinstance(error, EOFError)
+            self._tell("failed", str(closed_by(self._host, "the calibration") if gone else error))
         else:
             found = replace(found, provenance={**found.provenance, "recording": self._label})
             self._tell("done", self._saved(found), _figures(found))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,21 +10,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spikingtac.atomic_files import replacing
-from spikingtac.errors import ConfigError, SpikingTacError
+from spikingtac.errors import ConfigError, MissingExtraError, SpikingTacError
 from spikingtac.plots.figure import PICTURE_ENDINGS, check_target
 from spikingtac.plots.moments import DPI, PANEL, SensorDrawing
-from spikingtac.ros2.messages import NS_PER_US, Layout
+from spikingtac.ros2.messages import NS_PER_US, Layout, definition, encode, header, ros_type
 from spikingtac.ros2.stream import SensorStream, StreamConfig
 from spikingtac.types import MarkerFrame
-from spikingtac.viewer.files import McapPublisher, image_message, write_mp4
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.record import EXPOSURE_US, Record, picture_of
+from spikingtac.viewer.snapshot import OFF_CODE, activity
 from spikingtac.viewer.source import EventStore, ViewSource
+from spikingtac.viewer.video import write_mp4
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 ENDINGS = (".mcap", ".mp4", ".gif", *PICTURE_ENDINGS)
+
+# Grey values of a pixel without event, and of one whose last event was ON or OFF.
+GREY, ON_GREY, OFF_GREY = 128, 255, 0
 
 # Time between two pictures, ms, and colours of a palette. GIF counts in 10 ms, and browsers slow
 # down what is below 20 ms; a video has twenty-five pictures a second, as in film.
@@ -90,7 +94,7 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
     """Track a view into a file; return the number of messages or pictures.
 
     Args:
-        view: From :func:`spikingtac.viewer.opening.open_view_source`.
+        view: From :func:`spikingtac.viewer.opening.open_view`.
         path: ``.mcap`` (ROS 2 schemas), ``.mp4``, ``.gif``, or one picture: ``.png``, ``.svg``,
             ``.pdf``.
         seconds: Length of the stretch from its beginning, s; None is all of it.
@@ -150,6 +154,46 @@ def summarize(
     return summary
 
 
+class McapPublisher:
+    """Writes messages into a file; it is a :class:`~spikingtac.ros2.stream.Publisher`.
+
+    Args:
+        path: The file.
+
+    Attributes:
+        messages: Messages written so far.
+
+    Raises:
+        MissingExtraError: The extra ``[formats]`` is not installed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            from mcap.writer import Writer
+        except ImportError as error:
+            raise MissingExtraError("MCAP needs: pip install 'spikingtac[formats]'") from error
+        self._writer = Writer(str(path))
+        self._writer.start(profile="ros2", library="spikingtac")
+        self._channels: dict[str, tuple[int, str]] = {}
+        self.messages, self.close = 0, self._writer.finish
+
+    def advertise(self, topic: str, message: str, *, state: bool = False) -> None:
+        """Announce a topic."""
+        text = definition(message).encode()
+        schema = self._writer.register_schema(ros_type(message), "ros2msg", text)
+        self._channels[topic] = self._writer.register_channel(topic, "cdr", schema), message
+
+    def publish(self, topic: str, values: Mapping[str, Any], t_ns: int) -> None:
+        """Append a message, stamped with its data time."""
+        channel, message = self._channels[topic]
+        self._writer.add_message(channel, t_ns, encode(message, values), t_ns, self.messages)
+        self.messages += 1
+
+    def readers(self, topic: str) -> int:
+        """Return 1: the file."""
+        return 1
+
+
 def export_mcap(view: ViewSource, path: Path, seconds: float | None) -> int:
     """Track a view into MCAP with ROS 2 schemas: what `ros2` publishes, and the events as images.
 
@@ -172,8 +216,17 @@ def export_mcap(view: ViewSource, path: Path, seconds: float | None) -> int:
                 # The events after the last whole step belong to the last message.
                 end_us = last_us if advanced_us < MESSAGE_US else now_us
                 stream.events(store.between(now_us - advanced_us, end_us))
-                exposed, t_ns = store.between(now_us - EXPOSURE_US, now_us), now_us * NS_PER_US
-                publisher.publish(IMAGE, image_message(exposed, t_ns), t_ns)
+                codes = activity(store.between(now_us - EXPOSURE_US, now_us))
+                grey = np.where(codes == 0, GREY, np.where(codes < OFF_CODE, ON_GREY, OFF_GREY))
+                image = {
+                    "header": header(now_us * NS_PER_US),
+                    "height": codes.shape[0],
+                    "width": codes.shape[1],
+                    "encoding": "mono8",
+                    "step": codes.shape[1],
+                    "data": grey.astype(np.uint8).tobytes(),
+                }
+                publisher.publish(IMAGE, image, now_us * NS_PER_US)
     return publisher.messages
 
 

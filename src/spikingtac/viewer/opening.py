@@ -27,24 +27,21 @@ from spikingtac.stream.reader import LiveSource, opened_camera
 from spikingtac.stream.sources import RemoteSource
 from spikingtac.touch.force.model import load_force
 from spikingtac.viewer.calibrating import CalibrationDesk, NothingToTune, SaveTarget
-from spikingtac.viewer.felt import FeltLayer
+from spikingtac.viewer.record import FeltLayer
 from spikingtac.viewer.source import SampledTruth, ViewSource
 
 CALIBRATION_NAME = "calibration.json"
+Fields = dict[str, Any]  # Attributes of a :class:`ViewSource`, and its calibration where known.
 
 
-class NoCalibrationError(CalibrationError):
-    """No calibration was named, and none lies beside the recording."""
-
-
-def open_view_source(
+def open_view(
     source: str,
     *,
     calibration: str | None = None,
     preset: str = "default",
     rate_hz: float | None = None,
     force: str | None = None,
-    **scene: Any,
+    **more: Any,
 ) -> ViewSource:
     """Open an event file, a recording folder, a camera, or a scene of the digital twin.
 
@@ -54,108 +51,37 @@ def open_view_source(
         preset: Configuration: ``default``, ``fast``, ``paper``, or a TOML file.
         rate_hz: Estimates per second; the preset's unless given.
         force: Path of a force model, to show what is felt.
-        **scene: ``seed`` and ``camera`` (a preset) of a scene.
+        **more: ``seed`` and ``camera`` (a preset) of a scene; and ``save``, a :class:`SaveTarget`,
+            where events without a calibration are shown alone, to be calibrated with the page.
 
     Raises:
         RecordingError: The recording cannot be read.
         DeviceError: There is no such camera.
-        CalibrationError: The calibration does not fit; NoCalibrationError where there is none.
+        CalibrationError: The calibration does not fit, or there is none.
         ConfigError: There is neither such a path nor such a scene, a recording has a camera, or
             the force model cannot be read or is of another sensor.
     """
-    path, named = Path(source), (scene.get("seed", 0), scene.get("camera"))
-    if is_twin(source):  # the page shows the truth that the twin knows
-        address = Address.parse(source)
-        view = _open_scene(address.target, *twin_options(address, *named))
-    elif is_stream(path):
-        if calibration is None:
-            raise NoCalibrationError(f"{source!r} is a camera; name its --calibration")
-        events = LiveSource.of(opened_camera(source, Calibration.load(calibration).size))
-        view = _events_alone(path.name, events, ends=False)
-    elif path.suffix == ".toml" or not path.exists():
-        refuse_url(path)
-        if path.suffix != ".toml" and (path.suffix or len(path.parts) > 1):
-            raise RecordingError(
-                f"there is no file or folder {source!r}; a scene is named without an ending "
-                "(spikingtac simulate --list)"
-            )
-        view = _open_scene(source, *named)
-    elif scene.get("camera") is not None:
-        raise ConfigError(f"{source!r} is a recording, --camera belongs to a scene; leave it out")
-    else:
-        view = _open_recording(path, calibration)
+    save: SaveTarget | None = more.get("save")
+    anew = save is not None and save.anew
+    found = _events(source, own=calibration is None and not anew, **more)
+    known = found.pop("calibration", None)
     if calibration is not None:
-        given = Calibration.load(calibration)
-        view = replace(view, calibration=given, calibrated_by=calibration, own_calibration=False)
-    require_same_size(view.source.size, view.calibration.size)
-    view = calibrated_view(view, view.calibration, preset=preset, rate_hz=rate_hz)
-    if force is not None:
-        layer = FeltLayer(view.calibration.reference_px, view.rate_hz, load_force(force))
-        view = replace(view, felt=layer)
-    return view
-
-
-def calibrated_view(
-    view: ViewSource, calibration: Calibration, *, preset: str, rate_hz: float | None
-) -> ViewSource:
-    """Return a view whose markers are tracked by a preset.
-
-    Args:
-        view: The events.
-        calibration: Of their sensor.
-        preset: As of :func:`open_view_source`, and so is ``rate_hz``.
-        rate_hz: Estimates per second.
-    """
-    settings = load_config(preset).with_tracking(rate_hz=rate_hz)
-    return replace(
-        view,
-        calibration=calibration,
-        own_calibration=view.own_calibration and calibration is view.calibration,
-        config=settings.tracking,
-        make_tracker=partial(make_tracker, calibration=calibration),
-        make_detector=partial(SelfCalibratingDetector, settings.contact.false_alarms_per_hour),
-        rate_hz=settings.tracking.rate_hz,
-    )
-
-
-def open_view_or_events(
-    source: str, *, look: bool = False, save: SaveTarget | None = None, **options: Any
-) -> ViewSource:
-    """Open a view; where a recording or camera has no calibration, one of its events alone.
-
-    Args:
-        source: See :func:`open_view_source`.
-        look: Show the events alone even where a calibration is known, to calibrate anew.
-        save: Where a calibration that the page makes goes.
-        **options: As there; forces are shown of a calibrated sensor only.
-    """
-    if not look:
-        try:
-            return open_view_source(source, **options)
-        except NoCalibrationError:
-            if options.get("force") is not None:
-                raise
-    live = is_stream(Path(source))
-    whole: Callable[[], EventSource] | None = None
-    if is_twin(source) or not (live or Path(source).exists()):
-        view = open_view_source(source, **options)  # its events; the truth shows how well it went
-    else:
-        events = LiveSource.of(opened_camera(source, None)) if live else open_events(source)
-        label = source if is_address(source) else Path(source).resolve().name
-        view = _events_alone(label, events, ends=not live)
-        if not live:
-            whole = partial(open_events, path=source)
-    preset = options.get("preset", "default")
-    calibrated = partial(calibrated_view, preset=preset, rate_hz=options.get("rate_hz"))
-    desk = CalibrationDesk(view.label, view.source.size, save or SaveTarget(), whole, calibrated)
-    return replace(
-        calibrated(view, _events_alone(view.label, view.source).calibration),
-        calibrated_by="",
-        config=NothingToTune(),
-        make_tracker=lambda _: desk.tracker,
-        rate_hz=view.rate_hz,
-        desk=desk,
-    )
+        known = Calibration.load(calibration)
+        found |= {"calibrated_by": calibration, "own_calibration": False}
+    tracked_by = partial(_tracked_by, preset=preset, rate_hz=rate_hz)
+    if save is not None and (anew or (known is None and force is None)):
+        return _to_calibrate(source, found, tracked_by, save)
+    if known is None:
+        raise CalibrationError(
+            f"{source!r} has no calibration, and no {CALIBRATION_NAME} lies beside it; name one "
+            "with --calibration, or make it with: spikingtac calibrate RECORDING -o "
+            f"{CALIBRATION_NAME}"
+        )
+    require_same_size(found["source"].size, known.size)
+    view = ViewSource(**found, **tracked_by(known))
+    if force is None:
+        return view
+    return replace(view, felt=FeltLayer(known.reference_px, view.rate_hz, load_force(force)))
 
 
 def open_second_view(
@@ -167,41 +93,73 @@ def open_second_view(
         beside: The first finger's recording.
         source: The other one's; the same folder again means its second sensor.
         calibration: Path of its calibration; calibration_1.json of one folder unless given.
-        **options: As of :func:`open_view_source`.
+        **options: As of :func:`open_view`.
     """
-    path, same = Path(source), is_same_folder(Path(beside), Path(source))
-    if same and not (path / name_of("events.raw", 1)).is_file():
-        raise RecordingError(f"{source!r} holds one sensor; name the other finger's recording")
+    same = is_same_folder(Path(beside), Path(source))
     if same and calibration is None:
-        own = path / name_of(CALIBRATION_NAME, 1)
-        if not own.is_file():
-            raise NoCalibrationError(
-                f"{source!r} holds no {own.name}; name the other finger's: --second-calibration"
-            )
-        calibration = str(own)
-    view = open_view_source(source, calibration=calibration, **options)
-    events, _ = open_second(Path(beside), path)
-    if not same:
-        return replace(view, source=events)
+        calibration = str(Path(source) / name_of(CALIBRATION_NAME, 1))
+    events, _ = open_second(Path(beside), Path(source))
+    view = open_view(source, calibration=calibration, **options)
     # The truth in the folder is the first sensor's.
-    return replace(view, source=events, truth=None, label=f"{view.label}, second finger")
+    second = {"truth": None, "label": f"{view.label}, second finger"} if same else {}
+    return replace(view, source=events, **second)
 
 
-def _events_alone(label: str, events: EventSource, *, ends: bool = True) -> ViewSource:
-    """Return a view of events without markers; its tracker is not chosen yet."""
-    none, size = np.empty((0, 2)), events.size
-    calibration = Calibration(reference_px=none, radius_px=none[:, 0], grid=(0, 0), size=size)
-    return ViewSource(
-        label=label,
-        source=events,
-        calibration=calibration,
-        config=None,
-        make_tracker=partial(make_tracker, calibration=calibration),
-        ends=ends,
+def _tracked_by(calibration: Calibration, *, preset: str, rate_hz: float | None) -> Fields:
+    """Return the attributes of a view whose markers are tracked by a preset."""
+    settings = load_config(preset).with_tracking(rate_hz=rate_hz)
+    return {
+        "calibration": calibration,
+        "config": settings.tracking,
+        "make_tracker": partial(make_tracker, calibration=calibration),
+        "make_detector": partial(SelfCalibratingDetector, settings.contact.false_alarms_per_hour),
+        "rate_hz": settings.tracking.rate_hz,
+    }
+
+
+def _to_calibrate(source: str, found: Fields, tracked_by: Any, save: SaveTarget) -> ViewSource:
+    """Return a view of events alone; the truth of a scene shows how well calibrating went."""
+    none, size = np.empty((0, 2)), found["source"].size
+    empty = Calibration(reference_px=none, radius_px=none[:, 0], grid=(0, 0), size=size)
+    whole: Factory[EventSource] = Factory(function=open_events, arguments={"path": source})
+    desk = CalibrationDesk(
+        found["label"], size, save, whole if found.get("ends", True) else None, tracked_by
     )
+    alone: Fields = {
+        "config": NothingToTune(),
+        "make_tracker": lambda _: desk.tracker,
+        "rate_hz": 1_000.0,
+    }
+    alone |= {"desk": desk, "calibrated_by": "", "own_calibration": False}
+    return ViewSource(**{**found, **tracked_by(empty), **alone})
 
 
-def _open_recording(path: Path, calibration: str | None) -> ViewSource:
+def _events(
+    source: str, *, own: bool, seed: int = 0, camera: str | None = None, **_: Any
+) -> Fields:
+    """Open the events; ``own`` asks for the calibration that a recording brings."""
+    path = Path(source)
+    if is_twin(source):  # the page shows the truth that the twin knows
+        address = Address.parse(source)
+        return _scene(address.target, *twin_options(address, seed, camera))
+    if is_stream(path):
+        label = source if is_address(source) else path.resolve().name
+        events = LiveSource.of(opened_camera(source, None))
+        return {"label": label, "source": events, "ends": False}
+    if path.suffix == ".toml" or not path.exists():
+        refuse_url(path)
+        if path.suffix != ".toml" and (path.suffix or len(path.parts) > 1):
+            raise RecordingError(
+                f"there is no file or folder {source!r}; a scene is named without an ending "
+                "(spikingtac simulate --list)"
+            )
+        return _scene(source, seed, camera)
+    if camera is not None:
+        raise ConfigError(f"{source!r} is a recording, --camera belongs to a scene; leave it out")
+    return _recording(path, own)
+
+
+def _recording(path: Path, own: bool) -> Fields:
     source = open_events(path)  # first: a file that is no recording needs no calibration
     folder = path if path.is_dir() else path.parent
     manifest = read_manifest(folder / MANIFEST) if path.is_dir() else {}
@@ -212,33 +170,30 @@ def _open_recording(path: Path, calibration: str | None) -> ViewSource:
             f"{str(stored)!r} lacks marker_t_us or marker_px; remove it, or simulate the scene "
             "again"
         )
-    view = replace(
-        _events_alone(path.resolve().name, source),
-        truth=SampledTruth(known["marker_t_us"].tolist(), known["marker_px"]) if known else None,
-        simulated=manifest.get("source") == "twin",
-    )
+    found: Fields = {
+        "label": path.resolve().name,
+        "source": source,
+        "truth": SampledTruth(known["marker_t_us"].tolist(), known["marker_px"]) if known else None,
+        "simulated": manifest.get("source") == "twin",
+    }
     beside = folder / CALIBRATION_NAME
-    if calibration is not None:
-        return view
-    if beside.exists():
-        return replace(view, calibration=Calibration.load(beside), calibrated_by=str(beside))
-    if "grid" in manifest and known:
+    if own and beside.exists():
+        found |= {"calibration": Calibration.load(beside), "calibrated_by": str(beside)}
+    elif own and known and "grid" in manifest:
+        told = "the twin's truth at rest"
         document = {
             "schema": CALIBRATION_SCHEMA,
             **{name: manifest.get(name) for name in ("size", "grid")},
             **{name: known.get(name) for name in ("reference_px", "radius_px")},
             "polarity": _polarity(manifest.get("contrast")),
-            "provenance": {"from": "the twin's truth at rest"},
+            "provenance": {"from": told},
         }
-        found = Calibration.from_document(document, where=str(stored))
-        return replace(view, calibration=found, calibrated_by="the twin's truth at rest")
-    raise NoCalibrationError(
-        f"there is no {CALIBRATION_NAME} beside the recording; name one with --calibration, or "
-        "make it with: spikingtac calibrate RECORDING -o calibration.json"
-    )
+        calibration = Calibration.from_document(document, where=str(stored))
+        found |= {"calibration": calibration, "calibrated_by": told}
+    return found
 
 
-def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
+def _scene(name: str, seed: int, camera: str | None) -> Fields:
     from spikingtac.sim import catalog
     from spikingtac.sim.source import SceneSource
     from spikingtac.sim.twin_camera import truthful_packets
@@ -246,14 +201,12 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
     scene = catalog.load_scene(name).with_camera(camera)
     at_rest, truth = SceneSource(scene, seed), SampledTruth()
     arguments = {"name": name, "seed": seed, "camera": camera}
-    packets = RemoteSource(
-        partial(truthful_packets, **arguments),
-        scene.size,
-        lambda rows: truth.append(*rows),
-    )
-    return replace(
-        _events_alone(Path(name).stem, packets, ends=False),
-        calibration=Calibration(
+    opened: Factory[Any] = Factory(function=truthful_packets, arguments=arguments)
+    return {
+        "label": Path(name).stem,
+        "source": RemoteSource(opened, scene.size, lambda rows: truth.append(*rows), inherit=True),
+        "ends": False,
+        "calibration": Calibration(
             reference_px=at_rest.reference_px,
             radius_px=at_rest.radius_px,
             grid=scene.skin.grid,
@@ -261,11 +214,11 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
             polarity=_polarity(scene.camera.resolve(scene.size).light.contrast),
             provenance={"from": f"the scene {name!r} at rest"},
         ),
-        calibrated_by="the scene at rest",
-        truth=truth,
-        simulated=True,
-        own_calibration=True,
-    )
+        "calibrated_by": "the scene at rest",
+        "truth": truth,
+        "simulated": True,
+        "own_calibration": True,
+    }
 
 
 def _polarity(contrast: Any) -> str:

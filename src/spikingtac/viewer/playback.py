@@ -29,9 +29,9 @@ RECENT_STEPS = 2_000  # Step times kept for the percentiles, 2 s at 1 kHz.
 # First distance between kept copies, us; tracking it again takes a fraction of it.
 FIRST_DISTANCE_US = 250_000
 
-# Most bytes of arrays in all copies, and most copies of a tracker with little state. Beyond them
-# every other copy goes, and the distance doubles. A copy of `default` holds 6 MB.
-MOST_BYTES, MOST_COPIES = 128 << 20, 64
+# Most pixels in all copies of the state: 20 copies of 320x320, of which one of `default` holds
+# 6 MB. Beyond them every other copy goes, and the distance doubles.
+MOST_PIXELS = 2_048_000
 
 
 @dataclass(slots=True)
@@ -54,6 +54,7 @@ class Playback:
         view: How they are tracked.
         position_us: Everything before this time was tracked.
         aim_us: Where :meth:`work` leads to.
+        config: Settings of the tracker.
         contacts: The contacts found so far, by time.
         steps: Estimates made so far, those of repeated stretches included.
     """
@@ -112,7 +113,7 @@ class Playback:
 
     def retune(self, config: Any) -> None:
         """Track again from the beginning with other settings, up to the present aim."""
-        self._config = config
+        self.config = config
         self._copies: list[tuple[int, _State]] = []
         self._distance_us: float = FIRST_DISTANCE_US
         self._rewind()
@@ -150,7 +151,7 @@ class Playback:
 
     def _rewind(self) -> None:
         self.position_us = self.store.t_start_us
-        self._state = _State(self.view.make_tracker(self._config), self.view.make_detector())
+        self._state = _State(self.view.make_tracker(self.config), self.view.make_detector())
 
     def _advance(self) -> bool:
         """Go on to the next estimate time or window's end; False where the source has ended."""
@@ -212,16 +213,11 @@ class Playback:
         last_us = self._copies[-1][0] if self._copies else self.store.t_start_us
         if self.position_us < last_us + self._distance_us:
             return
-        memo: dict[int, Any] = {}
         try:
-            kept = copy.deepcopy(self._state, memo)
+            self._copies.append((self.position_us, copy.deepcopy(self._state)))
         except TypeError:  # what cannot be copied (a network's session) is never kept
             self._distance_us = float("inf")
-            return
-        self._copies.append((self.position_us, kept))
-        # copy.deepcopy lists under its memo's own id every original that it made a copy of.
-        originals = memo.get(id(memo), ())
-        bytes_ = sum(item.nbytes for item in originals if isinstance(item, np.ndarray))
-        if len(self._copies) > min(MOST_COPIES, max(MOST_BYTES // max(bytes_, 1), 2)):
+        width, height = self.store.size
+        if len(self._copies) > max(MOST_PIXELS // (width * height), 2):
             self._copies = self._copies[1::2]
             self._distance_us *= 2

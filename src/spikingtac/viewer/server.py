@@ -14,7 +14,7 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from http import HTTPStatus
 from importlib import resources
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from websockets.asyncio import server as websockets
@@ -23,6 +23,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from spikingtac.viewer.access import Gate, page_headers
+from spikingtac.viewer.process import SessionProcess
 
 KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 FINGER = "finger"  # Parameter of an address that names one of two sessions.
@@ -45,16 +46,6 @@ _LOG = logging.getLogger(__name__)
 _LOG.disabled = True  # what a foreign client does wrong is nothing to the user
 
 
-class Shown(Protocol):
-    """A session whose latest frame and greeting are asked for, newer than a number."""
-
-    frame: Callable[[int], tuple[int, bytes] | None]
-    greeting: Callable[[int], tuple[int, bytes] | None]
-
-    def command(self, name: str, value: Any) -> None:
-        """Pass a page's command on."""
-
-
 class CommandError(ValueError):
     """A message from a page that is no command."""
 
@@ -69,18 +60,13 @@ def parse_command(text: str) -> tuple[str, Any]:
     Raises:
         CommandError: The text is anything else.
     """
-    if len(text) > LONGEST_COMMAND:
-        raise CommandError(f"{len(text)} characters, at most {LONGEST_COMMAND} are valid")
     try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise CommandError("no JSON") from error
-    if not isinstance(document, dict) or len(document) != 1:
-        raise CommandError("a command is a JSON object of one key")
-    ((name, value),) = document.items()
-    fits = _RULES.get(name)
-    if fits is None or not fits(value):
-        raise CommandError(f"{name!r} is unknown, or its value is out of range")
+        ((name, value),) = json.loads(text if len(text) <= LONGEST_COMMAND else "").items()
+        fits = _RULES[name](value)
+    except (ValueError, AttributeError, KeyError, TypeError, RecursionError) as error:
+        raise CommandError("no JSON object of one known key") from error
+    if not fits:
+        raise CommandError(f"the value of {name!r} is out of range")
     return name, value
 
 
@@ -89,9 +75,8 @@ def _whole(low: int, high: int) -> Callable[[Any], bool]:
 
 
 def _setting(value: Any) -> bool:
-    if not isinstance(value, list) or len(value) != 2 or not isinstance(value[0], str):
-        return False
-    return isinstance(value[1], bool | int | float | str)
+    name, setting = value
+    return isinstance(name, str) and isinstance(setting, bool | int | float | str)
 
 
 # Command -> whether a value fits it.
@@ -110,7 +95,7 @@ _RULES: dict[str, Callable[[Any], bool]] = {
 class PageFeeds:
     """The latest frame and greeting of a session, and the pages that follow it."""
 
-    def __init__(self, session: Shown) -> None:
+    def __init__(self, session: SessionProcess) -> None:
         self.session, self.pages = session, set[Page]()
         self.frame = self.greeting = (0, b"")
 
@@ -198,7 +183,7 @@ class PageServer:
         gate: Decides who may view.
     """
 
-    def __init__(self, sessions: Sequence[Shown], gate: Gate) -> None:
+    def __init__(self, sessions: Sequence[SessionProcess], gate: Gate) -> None:
         self._every, self._gate = [PageFeeds(session) for session in sessions], gate
 
     @asynccontextmanager

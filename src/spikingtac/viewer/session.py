@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from spikingtac.tuning import with_value
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.record import EXPOSURE_US, Record
-from spikingtac.viewer.snapshot import encode, greeting, images, moving
+from spikingtac.viewer.snapshot import encode, greeting, snapshot
 from spikingtac.viewer.source import EventStore, ViewSource
 
 FRAME_HZ = 60.0  # Frames offered per second; displays show no more.
@@ -34,9 +35,14 @@ STALE_S = 0.5  # Waiting this long for a live source is a standstill, s.
 class Session:
     """One view, played under the commands of its pages.
 
-    Attributes:
+    Args:
         view: What is shown.
-        playback: The tracked stream.
+        frames: Takes the frame messages.
+        greetings: Takes the greetings, JSON.
+        repeat: Begin again at the end instead of pausing there.
+
+    Attributes:
+        playback: The tracked stream, with the view.
         record: What was shown so far.
         playing: False while paused.
         speed: Seconds of the recording per second.
@@ -46,17 +52,8 @@ class Session:
     def __init__(
         self, view: ViewSource, frames: Publisher, greetings: Publisher, *, repeat: bool = False
     ) -> None:
-        """Open a view.
-
-        Args:
-            view: What is shown.
-            frames: Takes the frame messages.
-            greetings: Takes the greetings, JSON.
-            repeat: Begin again at the end instead of pausing there.
-        """
-        self.view, self._config = view, view.config
-        self._frames, self._greetings = frames, greetings
-        self.record, self._notice, self._repeat = Record(), "", repeat
+        self._frames, self._greetings, self._repeat = frames, greetings, repeat
+        self.record, self._notice = Record(), ""
         source = view.source
         # Looking at events needs no calibration.
         if len(view.calibration.reference_px) and not view.own_calibration:
@@ -66,12 +63,11 @@ class Session:
             store.extend_to(float("inf"))
         if view.desk is not None:
             view.desk.begin_anew()  # the kernels were warmed up with it
-        self.playback = Playback(store, view, self._take)
+        self._show(store, view)
         self.playing, self.speed = True, 1.0
         self._exposure_us, self._with_map = EXPOSURE_US, False
         self._playhead_us = float(store.t_start_us)
         self._shown: tuple[dict[str, Any], dict[str, NDArray[Any]]] | None = None
-        self._greeted_s = 0.0
         self.failure: Exception | None = None
         self._fault: dict[str, str] | None = None
         self._forget_fault()
@@ -79,15 +75,16 @@ class Session:
 
     def command(self, name: str, value: Any) -> None:
         """Carry out a command of a page (already parsed); a refusal becomes a notice."""
-        desk, playback = self.view.desk, self.playback
+        playback = self.playback
+        desk, config = playback.view.desk, playback.view.config
         actions: dict[str, Callable[[], object]] = {
             "play": lambda: self._play(value),
             "speed": lambda: setattr(self, "speed", float(value)),
             "seek_us": lambda: self._seek(value),
             "exposure_us": lambda: setattr(self, "_exposure_us", value),
             "map": lambda: setattr(self, "_with_map", value),
-            "set": lambda: self._retune(with_value(self._config, *value)),
-            "defaults": lambda: self._retune(self.view.config),
+            "set": lambda: self._retune(with_value(playback.config, *value)),
+            "defaults": lambda: self._retune(config),
             "reset": self._forget_fault,
         }
         if desk is not None:
@@ -128,26 +125,30 @@ class Session:
 
     def close(self) -> None:
         """End what runs by itself: the source, and a calibration that goes on."""
-        if self.view.desk is not None:
-            self.view.desk.close()
+        view = self.playback.view
+        if view.desk is not None:
+            view.desk.close()
         self.playback.store.close()
-        self.view.close()
+        view.close()
+
+    def _show(self, store: EventStore, view: ViewSource) -> None:
+        """Begin to track a view's events."""
+        self.playback, self._greeted_s = Playback(store, view, self._take), 0.0
 
     def _work(self) -> bool:
         """Track for a frame's time; True once the aim is reached or the source is lost."""
-        store = self.playback.store
-        before_s = store.waited_s
+        playback, waited_s = self.playback, self.playback.store.waited_s
         try:
-            reached = self.playback.work(WORK_SHARE / FRAME_HZ)
+            reached = playback.work(WORK_SHARE / FRAME_HZ)
         except (SpikingTacError, OSError, RuntimeError) as error:
-            if self.view.ends:
+            if playback.view.ends:
                 raise
             self.failure = error
             self._fault = {"health": "DISCONNECTED", "reason": str(error)}
-            self.playback.aim(self.playback.position_us)
+            playback.aim(playback.position_us)
             return True
         # A slow tracker, a pause or a first compilation is no silence of the sensor.
-        waited_s = store.waited_s - before_s
+        waited_s = playback.store.waited_s - waited_s
         if self._fault and waited_s > STALE_S and self._fault["health"] == "OK":
             reason = f"nothing came for {1e3 * waited_s:.1f} ms"
             self._fault = {"health": "STALE", "reason": reason}
@@ -155,30 +156,27 @@ class Session:
 
     def _forget_fault(self) -> None:
         """Clear a standstill of a live source; one that is lost stays lost."""
-        if not self.view.ends and self.failure is None:
+        if not self.playback.view.ends and self.failure is None:
             self._fault = {"health": "OK", "reason": ""}
 
     def _take(self, frame: MarkerFrame) -> None:
         """Take every estimate; the pages see some of them."""
         self.record.estimate(frame)
-        if self.view.felt is not None:
-            self.view.felt.take(frame)
+        if self.playback.view.felt is not None:
+            self.playback.view.felt.take(frame)
 
     def _adopt_calibration(self) -> None:
         """Track the markers from now on, once the page's calibration is there."""
-        desk = self.view.desk
-        found = None if desk is None else desk.poll()
-        if desk is None or found is None:
+        store, view, aim_us = self.playback.store, self.playback.view, self.playback.aim_us
+        found = None if view.desk is None else view.desk.poll()
+        if view.desk is None or found is None:
             return
-        aim_us = self.playback.aim_us
-        self.view = desk.calibrated(self.view, found)
-        self._config, self._notice = self.view.config, ""
-        self.playback = Playback(self.playback.store, self.view, self._take)
+        self._notice = ""
+        self._show(store, replace(view, **view.desk.tracked_by(found)))
         self.playback.aim(aim_us)
-        if self.view.ends:  # a recording is played again, now with its markers
+        if view.ends:  # a recording is played again, now with its markers
             self._play(True)
-            self._seek(self.playback.store.t_start_us)
-        self._greeted_s = 0.0
+            self._seek(store.t_start_us)
 
     def _play(self, playing: bool) -> None:
         if playing and self._at_end():
@@ -195,25 +193,22 @@ class Session:
         return store.ended and self._playhead_us >= store.t_end_us
 
     def _retune(self, config: Any) -> None:
-        self._config, self._notice = config, ""
+        self._notice, self._greeted_s = "", 0.0
         self.playback.aim(self.playback.position_us)
         self.playback.retune(config)
-        self._greeted_s = 0.0
 
     def _greet(self) -> None:
-        now_s, store = time.monotonic(), self.playback.store
-        if not self._greeted_s or (not store.ended and now_s - self._greeted_s > GREETING_S):
-            document = greeting(self.view, store, self._config)
-            self._greetings.publish(json.dumps(document).encode())
+        now_s = time.monotonic()
+        growing = not self.playback.store.ended and now_s - self._greeted_s > GREETING_S
+        if growing or not self._greeted_s:
+            self._greetings.publish(json.dumps(greeting(self.playback)).encode())
             self._greeted_s = now_s
 
     def _publish(self, start_us: int, reached: bool) -> None:
         playback = self.playback
         catching_up = not reached and playback.aim_us - playback.position_us > CATCHING_UP_US
         if not catching_up or self._shown is None:
-            scalars, arrays = moving(playback)
-            drawn = images(playback, self._exposure_us, self._with_map)
-            self._shown = scalars, arrays | drawn
+            self._shown = snapshot(playback, self._exposure_us, self._with_map)
         scalars, arrays = self._shown
         advanced_us = playback.position_us - start_us
         state = "OK" if reached else "CATCHING UP" if catching_up else "OVERLOAD"

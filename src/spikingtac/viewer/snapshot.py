@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from spikingtac.contact.detector import WINDOW_US
 from spikingtac.events.hot_pixels import judge_events
 from spikingtac.tuning import in_use
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket
 from spikingtac.viewer.playback import Playback
-from spikingtac.viewer.source import EventStore, ViewSource
+from spikingtac.viewer.source import EventStore
 
 # Largest frame: two packed images of 640x640, and the markers of any grid in use.
 FRAME_BYTES = 2 << 20
@@ -103,19 +103,20 @@ def encode(meta: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes
     return b"".join((PREFIX.pack(MAGIC, len(text)), text, *parts))
 
 
-def starting(view: ViewSource) -> dict[str, Any]:
-    """Return the greeting while the session still gets ready."""
-    return {
-        "label": view.label,
-        "simulated": view.simulated,
-        "starting": "getting ready; the first start on a machine compiles for some seconds",
-    }
-
-
-def greeting(view: ViewSource, store: EventStore, config: Any) -> dict[str, Any]:
+def greeting(playback: Playback) -> dict[str, Any]:
     """Return what a page needs before the first frame."""
+    view, store = playback.view, playback.store
     calibration, step = view.calibration, view_step(store.size)
     edges_us = np.linspace(store.t_start_us, max(store.t_end_us, 1), OVERVIEW_BINS + 1)
+    quality = None
+    if not len(calibration.reference_px):
+        end_us = min(store.t_end_us, store.t_start_us + JUDGED_US)
+        found = judge_events(store.between(store.t_start_us, end_us))
+        quality = {
+            "on_fraction": None if found.on_fraction is None else round(found.on_fraction, 4),
+            "noise_hz": round(found.noise_hz, 4),
+            "hot_pixels": len(found.hot_px),
+        }
     return {
         "label": view.label,
         "simulated": view.simulated,
@@ -129,23 +130,32 @@ def greeting(view: ViewSource, store: EventStore, config: Any) -> dict[str, Any]
         "rate_hz": view.rate_hz,
         "truth": view.truth is not None,
         "ends": view.ends,
-        "controls": [asdict(control) for control in in_use(config)],
+        "controls": [asdict(control) for control in in_use(playback.config)],
         "window_us": WINDOW_US,
         "overview": {
             "t_start_us": store.t_start_us,
             "t_end_us": store.t_end_us,
             "counts": _histogram(store, edges_us.astype(np.int64)).tolist(),
         },
-        "quality": None if len(calibration.reference_px) else _quality(store),
+        "quality": quality,
     }
 
 
-def moving(playback: Playback) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return the scalars and arrays of a frame, but for the images."""
+def snapshot(
+    playback: Playback, exposure_us: int, with_map: bool
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return the scalars and the arrays of a frame.
+
+    Args:
+        playback: What is shown.
+        exposure_us: Span of the events in the image, us.
+        with_map: Show the tracker's state map, where it has one.
+    """
     view, store, frame = playback.view, playback.store, playback.frame
     now_us = playback.position_us
     contacts = sorted(t_us for t_us in playback.contacts if t_us <= now_us)[-SHOWN_CONTACTS:]
     latest = playback.contacts[contacts[-1]] if contacts else None
+    displaced = 0 if frame is None else (np.hypot(*frame.displacement_px.T) >= TOUCHED_PX).sum()
     p50_us, p99_us = playback.step_percentiles_us()
     guide, guided = view.desk.shown() if view.desk else (None, {})
     last = (now_us - store.t_start_us) // WINDOW_US - 1  # the last complete window
@@ -160,14 +170,32 @@ def moving(playback: Playback) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]
         "step_p50_us": round(p50_us, 1),
         "step_p99_us": round(p99_us, 1),
         "contacts_us": contacts,
-        "in_contact": playback.in_contact or (latest is not None and _displaced(frame)),
+        "in_contact": playback.in_contact or bool(contacts and displaced >= TOUCHED_MARKERS),
         "contact": asdict(latest) if latest else None,
         "felt": view.felt.shown() if view.felt else None,
         "losses": dict(view.source.losses),
         "guide": guide,
     }
     counts = _histogram(store, store.t_start_us + windows * WINDOW_US)
-    return scalars, {"counts": counts, **_markers(view, frame), **guided}
+    image = pack(activity(store.between(now_us - exposure_us, now_us)))
+    arrays: dict[str, NDArray[Any]] = {"counts": counts, **guided, "activity": image}
+    if frame is not None and len(frame.position_px):
+        confidence = np.round(np.clip(frame.confidence, 0, 1) * FULL)
+        arrays |= {
+            "detected_px": frame.detected_px.astype(np.float32),
+            "position_px": frame.position_px.astype(np.float32),
+            "held": frame.coasted.astype(np.uint8),
+            "confidence": confidence.astype(np.uint8),
+        }
+        truth_px = view.truth.at(frame.t_us) if view.truth else None
+        if truth_px is not None:
+            arrays["truth_px"] = truth_px.astype(np.float32)
+    levels = getattr(getattr(playback.tracker, "state_map", None), "values", None)
+    if with_map and levels is not None:  # from 0 (ground) to 1 (marker)
+        step = view_step((levels.shape[1], levels.shape[0]))
+        codes = np.clip(levels[::step, ::step], 0, 1) * LEVELS + 0.5
+        arrays["map"] = pack(codes.astype(np.uint8))
+    return scalars, arrays
 
 
 def events_per_s(playback: Playback) -> float:
@@ -175,49 +203,6 @@ def events_per_s(playback: Playback) -> float:
     now_us, store = playback.position_us, playback.store
     recent_us = max(store.t_start_us, now_us - HALF_SECOND_US)
     return len(store.between(recent_us, now_us)) * 1e6 / max(now_us - recent_us, 1)
-
-
-def images(playback: Playback, exposure_us: int, with_map: bool) -> dict[str, NDArray[np.uint8]]:
-    """Return the packed images: recent events, and the tracker's state map where it shows one."""
-    now_us = playback.position_us
-    layers = {"activity": pack(activity(playback.store.between(now_us - exposure_us, now_us)))}
-    state_map = getattr(playback.tracker, "state_map", None)
-    levels = getattr(state_map, "values", None) if with_map else None
-    if levels is not None:  # from 0 (ground) to 1 (marker)
-        step = view_step((levels.shape[1], levels.shape[0]))
-        codes = np.clip(levels[::step, ::step], 0, 1) * LEVELS + 0.5
-        layers["map"] = pack(codes.astype(np.uint8))
-    return layers
-
-
-def _markers(view: ViewSource, frame: MarkerFrame | None) -> dict[str, NDArray[Any]]:
-    if frame is None or not len(frame.position_px):
-        return {}
-    arrays: dict[str, NDArray[Any]] = {
-        "detected_px": frame.detected_px.astype(np.float32),
-        "position_px": frame.position_px.astype(np.float32),
-        "held": frame.coasted.astype(np.uint8),
-        "confidence": np.round(np.clip(frame.confidence, 0, 1) * FULL).astype(np.uint8),
-    }
-    truth = view.truth.at(frame.t_us) if view.truth else None
-    return arrays if truth is None else {**arrays, "truth_px": truth.astype(np.float32)}
-
-
-def _displaced(frame: MarkerFrame | None) -> bool:
-    if frame is None:
-        return False
-    return int((np.hypot(*frame.displacement_px.T) >= TOUCHED_PX).sum()) >= TOUCHED_MARKERS
-
-
-def _quality(store: EventStore) -> dict[str, Any]:
-    """Return the figures of a recording's events, for the page."""
-    end_us = min(store.t_end_us, store.t_start_us + JUDGED_US)
-    found = judge_events(store.between(store.t_start_us, end_us))
-    return {
-        "on_fraction": None if found.on_fraction is None else round(found.on_fraction, 4),
-        "noise_hz": round(found.noise_hz, 4),
-        "hot_pixels": len(found.hot_px),
-    }
 
 
 def _histogram(store: EventStore, edges_us: NDArray[np.int64]) -> NDArray[np.uint32]:

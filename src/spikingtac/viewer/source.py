@@ -23,7 +23,7 @@ from spikingtac.types import EventPacket
 
 if TYPE_CHECKING:  # both need every kernel of the calibration and of touch
     from spikingtac.viewer.calibrating import CalibrationDesk
-    from spikingtac.viewer.felt import FeltLayer
+    from spikingtac.viewer.record import FeltLayer
 
 # How far the truth's last line is prolonged, us: one step of a simulation at 500 Hz.
 BEYOND_US = 2_000

@@ -100,17 +100,13 @@ def test_a_long_silence_can_be_visited_and_left_again() -> None:
         np.testing.assert_array_equal(tracked_to(play, t_us), seen[t_us])
 
 
-@pytest.mark.parametrize("most_bytes", [1, 1 << 20])
-def test_few_copies_are_kept_of_a_large_state(
-    most_bytes: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_few_copies_are_kept_of_a_large_state(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "FIRST_DISTANCE_US", 10_000)
-    monkeypatch.setattr(module, "MOST_BYTES", most_bytes)
+    monkeypatch.setattr(module, "MOST_PIXELS", 1)
     play = playback()
     first = tracked_to(play, 105_000).copy()
     tracked_to(play, 500_000)
-    kept = play._copies
-    assert len(kept) <= (2 if most_bytes == 1 else module.MOST_COPIES)
+    assert len(play._copies) <= 2
     np.testing.assert_array_equal(tracked_to(play, 105_000), first)
 
 

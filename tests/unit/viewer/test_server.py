@@ -15,11 +15,14 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
 from spikingtac.errors import ConfigError, DeviceError
+from spikingtac.stream.host import Factory
+from spikingtac.viewer import process as process_module
 from spikingtac.viewer import server
 from spikingtac.viewer import show as show_module
-from spikingtac.viewer.access import Gate, listen
+from spikingtac.viewer.access import Gate, PageOptions, listen
+from spikingtac.viewer.process import SessionProcess
 from spikingtac.viewer.server import UNACKNOWLEDGED, PageServer, serve
-from spikingtac.viewer.show import PageOptions, SessionProcess, show
+from spikingtac.viewer.show import show
 from stand_ins.viewer import open_circling, open_nothing
 
 pytestmark = pytest.mark.waits
@@ -119,8 +122,8 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SessionProcess]:
                 disturb(made[0].pid)
 
         monkeypatch.setattr(show_module, "SessionProcess", start)
-        options = PageOptions(port=0, browser=False, seconds=PATIENCE_S)
-        view = partial(open_circling, duration_us=300_000)
+        options = PageOptions(port=0, no_browser=True, seconds=PATIENCE_S)
+        view = Factory(function=open_circling, arguments={"duration_us": 300_000})
         with pytest.raises(DeviceError, match=failure):
             show([view], options, ready)
         return made[0]
@@ -135,7 +138,7 @@ def test_a_session_that_was_killed_is_a_failure(shown: Callable[..., SessionProc
 def test_ctrl_c_ends_a_session_that_hangs(
     shown: Callable[..., SessionProcess], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(show_module, "SHUTDOWN_S", 0.5)
+    monkeypatch.setattr(process_module, "SHUTDOWN_S", 0.5)
 
     def hang(pid: int) -> None:
         os.kill(pid, signal.SIGSTOP)
@@ -144,7 +147,7 @@ def test_ctrl_c_ends_a_session_that_hangs(
     begun_s = time.monotonic()
     session = shown(hang, "did not end")
     assert time.monotonic() - begun_s < PATIENCE_S
-    assert not session.alive
+    assert not session.alive()
 
 
 @pytest.mark.parametrize("token", ["", "secret"])
@@ -219,7 +222,7 @@ def test_a_session_that_cannot_open_says_why() -> None:
     session = SessionProcess(open_nothing)
     try:
         until_s = time.monotonic() + PATIENCE_S
-        while session.alive and time.monotonic() < until_s:
+        while session.alive() and time.monotonic() < until_s:
             time.sleep(0.02)
         with pytest.raises(FileNotFoundError, match=r"nowhere\.raw"):
             session.require_alive()

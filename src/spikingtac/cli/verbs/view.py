@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,6 +15,8 @@ from spikingtac.cli.sources import ask_for_real_time, require_live
 from spikingtac.errors import ConfigError
 from spikingtac.plots.figure import PICTURE_ENDINGS
 from spikingtac.sim.camera.config import CAMERA_NAMES
+from spikingtac.stream.host import Factory
+from spikingtac.viewer.access import PageOptions
 
 if TYPE_CHECKING:
     from spikingtac.viewer.source import ViewSource
@@ -25,21 +26,13 @@ HEADLESS_S = 10.0  # Duration of a live source with --headless where --seconds i
 
 
 @dataclass(frozen=True, kw_only=True)
-class PageArgs(WriteArgs):
+class PageArgs(WriteArgs, PageOptions):
     """Options of verbs that show a source on the page."""
 
     preset: str = "default"
     """default, fast or paper, or a TOML file."""
-    host: str = "127.0.0.1"
-    """Address to serve on; beyond loopback the printed address carries a random token."""
-    port: int = 8765
-    """Port, or 0 for any free one."""
-    no_browser: bool = False
-    """Serve the page, but open no browser."""
     headless: bool = False
     """Without a page: track a recording to its end, a camera or a scene for --seconds."""
-    seconds: float | None = None
-    """Duration, s; without end unless given (10 for a camera or a scene with --headless)."""
     picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Summary picture to write of what the page showed (.png, .svg, .pdf), or as --export."""
 
@@ -76,7 +69,6 @@ class Args(PageArgs, RealtimeArgs):
 def run(args: Args) -> int:
     """Serve the page, and print the summary at its end."""
     from spikingtac.viewer.calibrating import SaveTarget
-    from spikingtac.viewer.opening import open_view_or_events
 
     require_seconds(args.seconds)
     _check_together(args)
@@ -84,14 +76,15 @@ def run(args: Args) -> int:
     given: dict[str, Any] = {name: getattr(args, name) for name in same}
     given |= {"calibration": _text(args.calibration), "force": _text(args.force)}
     target = args.export or args.picture
+    save = SaveTarget(path=args.save_calibration, overwrite=args.overwrite, anew=args.calibrate)
     if args.second is not None:
         summary = _both_shown(given, args, args.second)
     elif target is not None and (args.export or target.suffix not in PICTURE_ENDINGS):
-        summary = _exported(given, args, target)
+        # Events alone make a picture; what else is exported holds markers.
+        alone = {"save": save} if target.suffix in PICTURE_ENDINGS else {}
+        summary = _exported(given | alone, args, target)
     else:
-        save = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
-        given |= {"look": args.calibrate, "save": save}
-        summary = _shown([partial(open_view_or_events, **given)], args)
+        summary = _shown([_opener(given | {"save": save})], args, realtime=args.realtime)
     return _report(args.source, summary, args.json)
 
 
@@ -117,37 +110,37 @@ def _text(path: Path | None) -> str | None:
     return None if path is None else str(path)
 
 
+def _opener(given: dict[str, Any]) -> Factory[ViewSource]:
+    from spikingtac.viewer.opening import open_view
+
+    return Factory(function=open_view, arguments=given)
+
+
 def _both_shown(given: dict[str, Any], args: Args, second: str) -> dict[str, Any]:
     """Show two sources side by side, each in a session of its own."""
-    from spikingtac.viewer.opening import open_second_view, open_view_source
+    from spikingtac.viewer.opening import open_second_view
 
     other = {**given, "source": second, "calibration": _text(args.second_calibration)}
-    first = partial(open_view_source, **given)
     if not (Path(args.source).exists() and Path(second).exists()):
-        return _served([first, partial(open_view_source, **other)], args)
-    beside = partial(open_second_view, **other, beside=args.source)
-    return _shown([first, beside], args)
+        return _served([_opener(given), _opener(other)], args)
+    beside = Factory(function=open_second_view, arguments={**other, "beside": args.source})
+    return _shown([_opener(given), beside], args)
 
 
 def _exported(given: dict[str, Any], args: Args, target: Path) -> dict[str, Any]:
     from spikingtac.plots.figure import check_target
     from spikingtac.viewer.export import ENDINGS, export
-    from spikingtac.viewer.opening import open_view_or_events, open_view_source
 
     if args.force is not None:
         raise ConfigError("an export shows no forces; leave out --force")
     check_target(target, ENDINGS, args.overwrite)
-    # Events alone make a picture; what else is exported holds markers.
-    opener = open_view_or_events if target.suffix in PICTURE_ENDINGS else open_view_source
     with progress(f"exporting to {target.name}"):
-        view = opener(**given)
+        view = _opener(given)()
         written = export(view, target, seconds=args.seconds)
     return {"export": str(target), "written": written, "calibration": view.calibrated_by or None}
 
 
-def _shown(
-    views: Sequence[Callable[[], ViewSource]], args: PageArgs, repeat: bool = False
-) -> dict[str, Any]:
+def _shown(views: Sequence[Factory[ViewSource]], args: PageArgs, **session: bool) -> dict[str, Any]:
     """Serve views; with --headless track a recording to its end, what is live for some time."""
     from spikingtac.plots.figure import check_target
     from spikingtac.viewer.export import summarize
@@ -155,36 +148,30 @@ def _shown(
     if args.picture is not None:
         check_target(args.picture, PICTURE_ENDINGS, args.overwrite)
     if not args.headless:
-        return _served(views, args, repeat)
-    if getattr(args, "realtime", False):  # the demo has no deadlines
-        ask_for_real_time()
-    found: list[dict[str, Any]] = []
-    for opener in views:
-        view = opener()
-        seconds = args.seconds if view.ends else args.seconds or HEADLESS_S
-        with progress(f"tracking {view.label}"):
-            found.append(summarize(view, seconds=seconds, picture=args.picture))
+        found = [_served(views, args, **session)]
+    else:
+        if session.get("realtime"):
+            ask_for_real_time()
+        found = []
+        for opener in views:
+            view = opener()
+            seconds = args.seconds if view.ends else args.seconds or HEADLESS_S
+            with progress(f"tracking {view.label}"):
+                found.append(summarize(view, seconds=seconds, picture=args.picture))
     if args.picture is not None:
         found[0]["picture"] = str(args.picture)
     return found[0] | ({"second": found[1]} if len(found) > 1 else {})
 
 
 def _served(
-    views: Sequence[Callable[[], ViewSource]], args: PageArgs, repeat: bool = False
+    views: Sequence[Factory[ViewSource]], args: PageArgs, **session: bool
 ) -> dict[str, Any]:
     """Serve the page; two cameras side by side have one also without a browser."""
-    from spikingtac.viewer.show import PageOptions, show
+    from spikingtac.viewer.show import show
 
-    options = PageOptions(
-        host=args.host,
-        port=args.port,
-        browser=not (args.no_browser or args.headless),
-        seconds=args.seconds or (HEADLESS_S if args.headless else None),
-        picture=args.picture,
-        realtime=getattr(args, "realtime", False),
-        repeat=repeat,
-    )
-    return show(views, options, remark)
+    if args.headless:
+        args = replace(args, no_browser=True, seconds=args.seconds or HEADLESS_S)
+    return show(views, args, remark, picture=args.picture, **session)
 
 
 def _report(source: str, summary: dict[str, Any], as_json: bool) -> int:
@@ -205,10 +192,7 @@ class DemoArgs(PageArgs):
 
 def demo(args: DemoArgs) -> int:
     """Simulate, track and serve, and print the summary at the end."""
-    from spikingtac.viewer.opening import open_view_or_events
-
     require_seconds(args.seconds)
     remark("simulating a finger on the skin; the first start compiles its kernels")
     given = {"source": SCENE, "preset": args.preset, "seed": args.seed}
-    opener = partial(open_view_or_events, **given)
-    return _report(SCENE, _shown([opener], args, repeat=True), args.json)
+    return _report(SCENE, _shown([_opener(given)], args, repeat=True), args.json)

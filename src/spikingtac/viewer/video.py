@@ -1,4 +1,4 @@
-"""Files of a tracked stretch: MCAP with ROS 2 schemas, and MP4 video for talks and papers.
+"""MP4 video for talks and papers.
 
 The video is AV1, free of royalties. Pillow, which is installed anyway, writes animations as AVIF,
 by libavif and libaom, both under BSD licences. Such a file is an MP4 file in all but its names
@@ -10,81 +10,14 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from spikingtac.errors import MissingExtraError
-from spikingtac.ros2.messages import definition, encode, header, ros_type
-from spikingtac.types import EventPacket
-from spikingtac.viewer.snapshot import OFF_CODE, activity
 
 if TYPE_CHECKING:
     from PIL.Image import Image
-
-# Grey values of a pixel without event, and of one whose last event was ON or OFF.
-GREY, ON_GREY, OFF_GREY = 128, 255, 0
-
-
-class McapPublisher:
-    """Writes messages into a file; it is a :class:`~spikingtac.ros2.stream.Publisher`.
-
-    Args:
-        path: The file.
-
-    Attributes:
-        messages: Messages written so far.
-
-    Raises:
-        MissingExtraError: The extra ``[formats]`` is not installed.
-    """
-
-    def __init__(self, path: Path) -> None:
-        try:
-            from mcap.writer import Writer
-        except ImportError as error:
-            raise MissingExtraError("MCAP needs: pip install 'spikingtac[formats]'") from error
-        self._writer = Writer(str(path))
-        self._writer.start(profile="ros2", library="spikingtac")
-        self._channels: dict[str, tuple[int, str]] = {}
-        self.messages = 0
-
-    def advertise(self, topic: str, message: str, *, state: bool = False) -> None:
-        """Announce a topic."""
-        text = definition(message).encode()
-        schema = self._writer.register_schema(ros_type(message), "ros2msg", text)
-        self._channels[topic] = self._writer.register_channel(topic, "cdr", schema), message
-
-    def publish(self, topic: str, values: Mapping[str, Any], t_ns: int) -> None:
-        """Append a message, stamped with its data time."""
-        channel, message = self._channels[topic]
-        self._writer.add_message(channel, t_ns, encode(message, values), t_ns, self.messages)
-        self.messages += 1
-
-    def readers(self, topic: str) -> int:
-        """Return 1: the file."""
-        return 1
-
-    def close(self) -> None:
-        """Complete the file."""
-        self._writer.finish()
-
-
-def image_message(exposed: EventPacket, t_ns: int) -> dict[str, Any]:
-    """Return events as an Image, as the page shows them: OFF dark, ON bright."""
-    codes = activity(exposed)
-    grey = np.where(codes == 0, GREY, np.where(codes < OFF_CODE, ON_GREY, OFF_GREY))
-    return {
-        "header": header(t_ns),
-        "height": codes.shape[0],
-        "width": codes.shape[1],
-        "encoding": "mono8",
-        "step": codes.shape[1],
-        "data": grey.astype(np.uint8).tobytes(),
-    }
-
 
 # Of 100, and of 10: thin lines stay sharp, and a picture of 442 px takes some milliseconds.
 QUALITY, SPEED = 80, 8
@@ -136,9 +69,8 @@ def as_video(animation: bytes) -> bytes:
     """
     video = bytearray(animation)
     boxes = list(_boxes(video, 0, len(video)))
-    # The length of the media stands behind that of the film and the track, which never end.
-    media = next(at for kind, at, _ in boxes if kind == b"mdhd")
-    (duration,) = struct.unpack_from(*_duration(video, b"mdhd", media))
+    # Box -> format and place of its duration.
+    durations: dict[bytes, tuple[str, int]] = {}
     for kind, at, end in boxes:
         if kind == b"ftyp":
             brands = (end - at - 8) // 4  # after the major brand and its version
@@ -148,24 +80,24 @@ def as_video(animation: bytes) -> bytes:
             video[at + HANDLER_AT : at + HANDLER_AT + 4] = VIDEO
         elif kind in (b"meta", b"edts"):  # the still picture; the order to play without end
             video[at - 4 : at] = b"free"
-        elif kind in (b"mvhd", b"tkhd"):
-            struct.pack_into(*_duration(video, kind, at), duration)
+        elif kind in BEFORE_DURATION:
+            wide = video[at] == 1  # version 1: dates and duration of 8 bytes
+            place = at + (12 if wide else 4) + BEFORE_DURATION[kind]
+            durations[kind] = (">Q" if wide else ">I"), place
+    # The length of the media stands behind that of the film and the track, which never end.
+    length, place = durations.pop(b"mdhd")
+    (duration,) = struct.unpack_from(length, video, place)
+    for length, place in durations.values():
+        struct.pack_into(length, video, place, duration)
     return bytes(video)
 
 
 def _boxes(file: bytearray, start: int, end: int) -> Iterator[tuple[bytes, int, int]]:
     """Yield type, begin and end of the content of each box, and of those within containers."""
     while start + HEAD <= end:
-        (length,), kind = struct.unpack_from(">I", file, start), bytes(file[start + 4 : start + 8])
+        length, kind = struct.unpack_from(">I4s", file, start)
         stop = start + length if length else end  # the last box may go to the end of the file
         yield kind, start + HEAD, stop
         if kind in CONTAINERS:
             yield from _boxes(file, start + HEAD, stop)
         start = stop
-
-
-def _duration(file: bytearray, kind: bytes, at: int) -> tuple[str, bytearray, int]:
-    """Return format, file and place of the duration in a box whose content begins at ``at``."""
-    before = BEFORE_DURATION[kind]
-    wide = file[at] == 1  # version 1: dates and duration of 8 bytes
-    return (">Q", file, at + 12 + before) if wide else (">I", file, at + 4 + before)

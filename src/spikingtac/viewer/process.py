@@ -1,0 +1,174 @@
+"""A session in a process of its own, beside the server of its page.
+
+A busy thread beside the tracking loop would stretch a step of half a millisecond to several, since
+threads share one interpreter lock. Each session therefore runs in another process than the server.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spikingtac.events.source import PacketSource
+from spikingtac.stream.host import Asker, Factory, Host, closed_by
+from spikingtac.stream.real_time import meet_deadlines
+from spikingtac.stream.ring import SharedRing
+from spikingtac.types import EventPacket
+from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.session import Session
+from spikingtac.viewer.snapshot import FRAME_BYTES, GREETING_BYTES, snapshot
+from spikingtac.viewer.source import EventStore, ViewSource
+
+# Longest wait for a session to complete its tracks, s; an idle machine needs 0.1 s.
+SHUTDOWN_S = 20.0
+LOOK_S = 0.1  # Longest wait for a word of the session, s.
+STOP = "stop"  # The last command of a session; pages cannot send it.
+STARTING = "getting ready; the first start on a machine compiles for some seconds"
+
+# Stretch of silence that is tracked first, us: long enough for a contact detector that learns
+# from the first 0.3 s.
+WARM_UP_US = 320_000
+PACKET_US = 10_000
+BUDGET_S = 600.0  # Time for the compilation of all kernels, s.
+
+
+class SessionProcess:
+    """Starts a session in a process of its own and reads its latest frames.
+
+    Args:
+        open_view: Opens what is viewed, in the session's process.
+        repeat: Begin again at the end.
+        picture: File for the summary picture, whole once :meth:`stop` has returned; or None.
+        realtime: Ask for what helps to keep deadlines.
+    """
+
+    def __init__(
+        self,
+        open_view: Factory[ViewSource],
+        *,
+        repeat: bool = False,
+        picture: Path | None = None,
+        realtime: bool = False,
+    ) -> None:
+        self._rings = [SharedRing.for_latest(size) for size in (FRAME_BYTES, GREETING_BYTES)]
+        frames, greetings = self._rings
+        # The latest message with its number, or None if there is none newer than a number.
+        self.frame, self.greeting = frames.latest, greetings.latest
+        given = {"open_view": open_view, "rings": (frames.name, greetings.name)}
+        given |= {"repeat": repeat, "picture": picture, "realtime": realtime}
+        self._host = Host(Factory(function=run_session, arguments=given), inherit=True)
+        self.alive, self.pid = self._host.alive, self._host.pid
+
+    def command(self, name: str, value: Any) -> None:
+        """Pass a command on; never waits, and loses one that the session does not take."""
+        self._host.tell((name, value))
+
+    def require_alive(self) -> None:
+        """Raise what ended the session, if it has ended: it ends only when it is told to."""
+        alive = self.alive()  # asked first: a failure is sent before the process ends
+        try:
+            self._host.receive()
+        except EOFError:
+            alive = not self._host.wait(SHUTDOWN_S)
+        if not alive:
+            raise closed_by(self._host, "the page")
+
+    def stop(self) -> dict[str, Any] | None:
+        """Stop the process, and return the summary of what was shown; None where it hangs.
+
+        Raises:
+            Exception: What the session failed with.
+        """
+        summary = None
+        if self._host.tell((STOP, None)):
+            until_s = time.monotonic() + SHUTDOWN_S
+            with suppress(EOFError):
+                while time.monotonic() < until_s:
+                    summary = self._host.receive(LOOK_S) or summary
+            self._host.wait(SHUTDOWN_S)
+        return summary
+
+    def close(self) -> None:
+        """Stop the process and release the shared memory."""
+        try:
+            with suppress(Exception):  # it was told where it mattered
+                self.stop()
+        finally:  # also where a second Ctrl-C cuts the wait short
+            for one in (self._host, *self._rings):
+                one.close()
+
+
+def run_session(
+    asker: Asker,
+    open_view: Factory[ViewSource],
+    rings: tuple[str, str],
+    repeat: bool,
+    picture: Path | None,
+    realtime: bool,
+) -> None:
+    """Open a view and play it until the asker ends it, who is told the summary.
+
+    Args:
+        asker: Sends commands, and is told of an error.
+        open_view: Opens what is viewed.
+        rings: Names of the rings for frames and greetings.
+        repeat: As of :class:`SessionProcess`, and so are the others.
+        picture: File for the summary picture, or None.
+        realtime: Ask for what helps to keep deadlines.
+
+    Raises:
+        SpikingTacError: The view could not be opened, or failed.
+    """
+    asker.grace_s = SHUTDOWN_S
+    frames, greetings = (SharedRing.attach(name) for name in rings)
+    view = open_view()
+    first = {"label": view.label, "simulated": view.simulated, "starting": STARTING}
+    greetings.publish(json.dumps(first).encode())
+    warm_up(view)
+    granted = meet_deadlines() if realtime else ""
+    session = Session(view, frames, greetings, repeat=repeat)
+    session.warn(granted)
+    try:
+        while not asker.gone.is_set():
+            # Of a dragged slider or timeline only the last position counts.
+            said = {(name, name == "set" and value[0]): value for name, value in asker.said()}
+            if (STOP, False) in said:
+                break
+            for (name, _), value in said.items():
+                session.command(name, value)
+            session.step()
+            session.rest()
+        if picture is not None:
+            session.record.save_picture(picture, session.playback)
+        asker.tell(session.record.summary(session.playback))
+    finally:
+        session.close()
+    if session.failure is not None:
+        raise session.failure
+
+
+def warm_up(view: ViewSource) -> None:
+    """Track a nearly silent stream with a tracker of the view's, and discard both.
+
+    A simulated sensor compiles its kernels in a process of its own. Compiling those of the tracker
+    meanwhile, instead of waiting for the first event, halves the time of the first start.
+    """
+    size, silence = view.source.size, []
+    for start_us in range(0, WARM_UP_US + PACKET_US, PACKET_US):
+        # Two events in each packet: kernels are compiled by what they are called with.
+        x, y = (np.full(2, side // 2, np.uint16) for side in size)
+        t_us, both = np.array([start_us, start_us + 1], np.int64), np.array([True, False])
+        silence.append(EventPacket(x, y, both, t_us, start_us, start_us + PACKET_US, size))
+    store = EventStore(PacketSource(silence, size))
+    try:
+        playback = Playback(store, view)
+        playback.aim(WARM_UP_US)
+        playback.work(BUDGET_S)
+        snapshot(playback, PACKET_US, False)
+    finally:
+        store.close()
