@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.ros2.messages import FIELD
+from spikingtac.ros2.stream import FIELD
 from spikingtac.viewer.export import MESSAGE_US, export
 from stand_ins.viewer import open_circling, positions_px, reference_px
 

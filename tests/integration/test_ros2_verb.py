@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from spikingtac.cli.main import main
-from spikingtac.ros2.messages import FIELD
+from spikingtac.ros2.stream import FIELD
 from stand_ins import ros2_subscriber
 from stand_ins.tracks import circling_tracks
 from stand_ins.viewer import record_circling

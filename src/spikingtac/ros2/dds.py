@@ -45,21 +45,21 @@ def _settings(interface: str) -> str:
     if interface == LOOPBACK:
         where = 'address="127.0.0.1" multicast="false"'
         return SETTINGS.format(where=where, peers=LOCAL_PEERS)
-    if interface in known:
-        return SETTINGS.format(where=f'name="{interface}"', peers="")
     try:
-        return SETTINGS.format(where=f'address="{ipaddress.ip_address(interface)}"', peers="")
+        at = "" if interface in known else ipaddress.ip_address(interface)
     except ValueError as error:
         raise ConfigError(
             f"{interface!r} is no network interface (valid: {', '.join(known)}, or an address of "
             "one)"
         ) from error
+    where = f'address="{at}"' if at else f'name="{interface}"'
+    return SETTINGS.format(where=where, peers="")
 
 
 class DdsPublisher:
     """Publishes messages; without a reader, a message costs no more than its bytes.
 
-    It is a :class:`~spikingtac.ros2.stream.Publisher`.
+    It is a :class:`~spikingtac.ros2.messages.Publisher`.
 
     Args:
         domain: ROS_DOMAIN_ID, 0 to 101.
@@ -101,10 +101,9 @@ class DdsPublisher:
         from cyclonedds.core import Policy, Qos
         from cyclonedds.pub import DataWriter
         from cyclonedds.topic import Topic
-        from cyclonedds.util import duration
 
         reliable, name = self._reliable, ros_type(message)
-        sure = Policy.Reliability.Reliable(duration(milliseconds=0))
+        sure = Policy.Reliability.Reliable(0)  # the time that a write may wait, ns
         qos = Qos(
             sure if state or reliable else Policy.Reliability.BestEffort,
             Policy.Durability.TransientLocal if state else Policy.Durability.Volatile,
@@ -148,22 +147,20 @@ class DdsPublisher:
 
 def _idl_struct(name: str) -> Any:
     """Return Cyclone DDS's type of a message, named as on the wire."""
-    from cyclonedds.idl import make_idl_struct
-
-    package, _, short = name.split("/")
-    fields = {field: _idl(node) for field, node in type_store().fielddefs[name][1]}
-    return make_idl_struct(f"{short}_", f"{package}::msg::dds_::{short}_", fields)
-
-
-def _idl(node: Any) -> Any:
-    from cyclonedds.idl import types
+    from cyclonedds.idl import make_idl_struct, types
     from rosbags.interfaces import Nodetype
 
-    kind, what = node
-    if kind == Nodetype.NAME:
-        return _idl_struct(what)
-    if kind == Nodetype.BASE:
-        own = {"string": str, "bool": bool} | dict.fromkeys(OCTETS, types.uint8)
-        return own[what[0]] if what[0] in own else getattr(types, what[0])
-    inner, length = _idl(what[0]), what[1]
-    return types.array[inner, length] if kind == Nodetype.ARRAY else types.sequence[inner]
+    own = {"string": str, "bool": bool} | dict.fromkeys(OCTETS, types.uint8)
+
+    def idl(node: Any) -> Any:
+        kind, what = node
+        if kind == Nodetype.NAME:
+            return _idl_struct(what)
+        if kind == Nodetype.BASE:
+            return own[what[0]] if what[0] in own else getattr(types, what[0])
+        inner, length = idl(what[0]), what[1]
+        return types.array[inner, length] if kind == Nodetype.ARRAY else types.sequence[inner]
+
+    package, _, short = name.split("/")
+    fields = {field: idl(node) for field, node in type_store().fielddefs[name][1]}
+    return make_idl_struct(f"{short}_", f"{package}::msg::dds_::{short}_", fields)

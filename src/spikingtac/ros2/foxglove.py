@@ -42,7 +42,7 @@ Refusal = Callable[[Mapping[str, str], str | None], str]
 class FoxglovePublisher:
     """Serves messages to the clients that subscribe, without waiting for slow ones.
 
-    It is a :class:`~spikingtac.ros2.stream.Publisher`; the server runs in a thread of its own.
+    It is a :class:`~spikingtac.ros2.messages.Publisher`; the server runs in a thread of its own.
 
     Args:
         listening: A bound socket, as of :func:`spikingtac.viewer.access.listen`.

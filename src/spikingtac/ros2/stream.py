@@ -8,21 +8,19 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.evt.encode import Evt3Encoder
-from spikingtac.ros2 import messages
-from spikingtac.ros2.messages import NS_PER_US, Layout
+from spikingtac.ros2.messages import NS_PER_US, Publisher, header
 from spikingtac.touch.detector import TouchDetector
 from spikingtac.touch.touch import TouchConfig
 from spikingtac.types import EventPacket, MarkerFrame
 
 US_PER_S = 1_000_000
-
 PREFIX = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")  # Absolute name of a topic.
 
 # Topic -> its message.
@@ -41,31 +39,35 @@ DIAGNOSTICS_US = US_PER_S  # Period of /diagnostics, us; ROS tools call them sta
 MOST_HZ = 10_000.0  # Fields per second that the fastest tracker makes.
 ARROWS_HZ = 30.0  # Arrows per second: what a display shows.
 
-# Frames of the rehearsal: rest, a press of 150 ms, and its release until it is told.
-REHEARSED = 600
-REHEARSED_STRAIN = 0.08  # Stretch of the skin in the rehearsal's press.
+# A marker: rest position in mm about the image's centre (px where the scale is unknown), position
+# u, v and displacement du, dv in px, and 1 where it was seen.
+FIELD = np.dtype([(name, "<f4") for name in ("x", "y", "z", "u", "v", "du", "dv", "valid")])
+FLOAT32 = 7  # Datatype code of a PointField.
+POINT_FIELDS = [
+    {"name": name, "offset": 4 * index, "datatype": FLOAT32, "count": 1}
+    for index, name in enumerate(FIELD.names or ())
+]
+MM_PER_M = 1_000.0
+DRAWN_MM_PER_PX = 0.1  # Scale of the arrows in RViz where none is known.
+LINE_LIST = 5  # Kind of a Marker: a line for each two points.
+LINE_MM = 0.08  # Width of an arrow's line, mm.
 
 
-class Publisher(Protocol):
-    """Sends messages: over DDS, to Foxglove, into a file."""
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The markers at rest, and how they are laid out.
 
-    def advertise(self, topic: str, message: str, *, state: bool = False) -> None:
-        """Announce a topic.
+    Attributes:
+        reference_px: ``(m, 2)`` rest positions, px.
+        grid: Rows and columns; their product is m. None for markers without rows, a single one.
+        px_per_mm: Scale, None where it is unknown.
+        size_px: Width and height of the image, None where they are unknown.
+    """
 
-        Args:
-            topic: Absolute name, as ``/tactile/field``.
-            message: Package and name, as ``std_msgs/Bool``.
-            state: The last message is kept for those who come later, and is sent for certain.
-        """
-        ...
-
-    def publish(self, topic: str, values: Mapping[str, Any], t_ns: int) -> None:
-        """Send a message of a time, ns, without waiting for slow readers."""
-        ...
-
-    def readers(self, topic: str) -> int:
-        """Return how many readers a topic has now."""
-        ...
+    reference_px: NDArray[np.floating]
+    grid: tuple[int, int] | None
+    px_per_mm: float | None
+    size_px: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -119,11 +121,16 @@ class SensorStream:
     ) -> None:
         self._publisher, self._layout, self._config = publisher, layout, config
         self._clock_ns, self._offset_ns = clock_ns, 0 if clock_ns is None else None
+        rest_px = np.asarray(layout.reference_px, float)
+        centre_px = (rest_px.min(axis=0) + rest_px.max(axis=0)) / 2
+        if layout.size_px is not None:
+            centre_px = (np.array(layout.size_px) - 1) / 2
+        self._rest_px = rest_px - centre_px
         self._due_us: dict[str, float] = {}
         self._touching: bool | None = None
         self._touches: TouchDetector | None = None
         with suppress(ConfigError):  # too few markers to tell a strain
-            self._touches = TouchDetector(np.asarray(layout.reference_px, float), TouchConfig())
+            self._touches = TouchDetector(rest_px, TouchConfig())
         self._encoder, self._origin_us = Evt3Encoder(), 0
         self.counts: Counter[str] = Counter()
         absent = {
@@ -158,18 +165,21 @@ class SensorStream:
         """
         stamp_ns = self._stamp_ns(frame.t_us)
         if self._due("field", frame.t_us, US_PER_S / self._config.field_hz):
-            self._send("field", messages.field_message(frame, self._layout), stamp_ns)
+            self._send("field", self._field(frame), stamp_ns)
             if wrench is not None:
-                self._send("wrench", messages.wrench_message(wrench), stamp_ns)
+                force, torque = (
+                    dict(zip("xyz", wrench[at : at + 3].tolist(), strict=False)) for at in (0, 3)
+                )
+                self._send("wrench", {"wrench": {"force": force, "torque": torque}}, stamp_ns)
         if self._touches is not None:
             self._touches.update(frame)
             if self._touches.touching != self._touching:
                 self._touching = self._touches.touching
                 self._send("contact", {"data": self._touching}, stamp_ns)
         if self._due("arrows", frame.t_us, US_PER_S / ARROWS_HZ):
-            self._send("arrows", messages.arrows_message(frame, self._layout, stamp_ns), stamp_ns)
+            self._send("arrows", self._arrows(frame, stamp_ns), stamp_ns)
         if self._due("diagnostics", frame.t_us, DIAGNOSTICS_US):
-            self._diagnose(frame, stamp_ns, figures or {})
+            self._send("diagnostics", self._diagnosis(frame, stamp_ns, figures or {}), stamp_ns)
             self._tell_camera(stamp_ns)
 
     def events(self, packet: EventPacket) -> None:
@@ -178,9 +188,73 @@ class SensorStream:
             return
         if self.counts["events"] == 0:
             self._origin_us = packet.t_start_us
-        message = messages.events_message(packet, self._encoder, self._origin_us)
-        message["seq"] = self.counts["events"]
+        # One encoder for the whole stream: its words refer to earlier ones.
+        words = self._encoder.encode(packet.t - self._origin_us, packet.x, packet.y, packet.p)
+        message = {
+            "height": packet.size[1],
+            "width": packet.size[0],
+            "seq": self.counts["events"],
+            "time_base": self._origin_us * NS_PER_US,
+            "encoding": "evt3",
+            "is_bigendian": False,
+            "events": words.astype("<u2").tobytes(),
+        }
         self._send("events", message, self._stamp_ns(int(packet.t[0])))
+
+    def _field(self, frame: MarkerFrame) -> dict[str, Any]:
+        cloud = np.zeros(len(frame.coasted), FIELD)
+        rows, columns = self._layout.grid or (1, len(cloud))
+        cloud["x"], cloud["y"] = (self._rest_px / (self._layout.px_per_mm or 1.0)).T
+        cloud["u"], cloud["v"] = frame.position_px.T
+        cloud["du"], cloud["dv"] = frame.displacement_px.T
+        cloud["valid"] = ~frame.coasted
+        return {
+            "height": rows,
+            "width": columns,
+            "fields": POINT_FIELDS,
+            "is_bigendian": False,
+            "point_step": FIELD.itemsize,
+            "row_step": FIELD.itemsize * columns,
+            "data": cloud.tobytes(),
+            "is_dense": True,
+        }
+
+    def _arrows(self, frame: MarkerFrame, stamp_ns: int) -> dict[str, Any]:
+        """Return the displacements as lines from rest to place, m."""
+        px_per_m = (self._layout.px_per_mm or 1.0 / DRAWN_MM_PER_PX) * MM_PER_M
+        rest_m = self._rest_px / px_per_m
+        ends_m = np.stack((rest_m, rest_m + frame.displacement_px / px_per_m), axis=1)
+        lines = {
+            "header": header(stamp_ns),
+            "ns": "displacement",
+            "type": LINE_LIST,
+            "pose": {"orientation": {"w": 1.0}},
+            "scale": {"x": LINE_MM / MM_PER_M},
+            "color": {"r": 1.0, "g": 0.6, "b": 0.0, "a": 1.0},
+            "points": [{"x": x, "y": y} for x, y in ends_m[~frame.coasted].reshape(-1, 2).tolist()],
+        }
+        return {"markers": [lines]}
+
+    def _diagnosis(
+        self, frame: MarkerFrame, stamp_ns: int, figures: Mapping[str, float]
+    ) -> dict[str, Any]:
+        now_ns = stamp_ns if self._clock_ns is None else self._clock_ns()
+        told = {
+            "frames": self.counts["field"],
+            "readers": self._publisher.readers(self._topics["field"]) if self._publisher else 0,
+            "behind_ms": (now_ns - stamp_ns) / 1e6,
+            **figures,
+            **frame.health.summary(),
+        }
+        coasted = int(frame.coasted.sum())
+        status = {
+            "level": 1 if coasted else 0,
+            "name": "spikingtac: tracking",
+            "message": f"{coasted} markers held" if coasted else "all markers seen",
+            "hardware_id": self._config.hardware,
+            "values": [{"key": key, "value": f"{value:g}"} for key, value in told.items()],
+        }
+        return {"status": [status]}
 
     def _tell_camera(self, stamp_ns: int) -> None:
         if self._layout.size_px is not None:
@@ -188,23 +262,9 @@ class SensorStream:
             width, height = map(int, self._layout.size_px)
             self._send("camera_info", {"width": width, "height": height}, stamp_ns)
 
-    def _diagnose(self, frame: MarkerFrame, stamp_ns: int, figures: Mapping[str, float]) -> None:
-        readers = 0 if self._publisher is None else self._publisher.readers(self._topics["field"])
-        now_ns = stamp_ns if self._clock_ns is None else self._clock_ns()
-        told = {
-            "frames": self.counts["field"],
-            "readers": readers,
-            "behind_ms": (now_ns - stamp_ns) / 1e6,
-            **figures,
-            **frame.health.summary(),
-        }
-        coasted = int(frame.coasted.sum())
-        message = messages.diagnostics_message(self._config.hardware, coasted, told)
-        self._send("diagnostics", message, stamp_ns)
-
     def _send(self, name: str, message: Mapping[str, Any], stamp_ns: int) -> None:
         if self._publisher is not None:
-            whole = message if name in PLAIN else {**message, "header": messages.header(stamp_ns)}
+            whole = message if name in PLAIN else {**message, "header": header(stamp_ns)}
             self._publisher.publish(self._topics[name], whole, stamp_ns)
         self.counts[name] += 1
 
@@ -220,18 +280,3 @@ class SensorStream:
         if self._offset_ns is None and self._clock_ns is not None:
             self._offset_ns = self._clock_ns() - t_us * NS_PER_US
         return t_us * NS_PER_US + (self._offset_ns or 0)
-
-
-def rehearse(layout: Layout) -> None:
-    """Publish a press without readers, so that nothing is left to compile at the first frame.
-
-    Without, the first frames leave late: by a second, measured on tracks of 64 markers.
-    """
-    rest_px = np.asarray(layout.reference_px, np.float64)
-    away_px = REHEARSED_STRAIN * (rest_px - rest_px.mean(axis=0))
-    none, sure = np.zeros(len(rest_px), bool), np.ones(len(rest_px))
-    stream = SensorStream(None, layout, StreamConfig(events=False))
-    for step in range(REHEARSED):
-        moved_px = away_px * (REHEARSED // 4 <= step < REHEARSED // 2)
-        place_px = rest_px + moved_px
-        stream.frame(MarkerFrame(step * 1_000, place_px, place_px, moved_px, none, sure))

@@ -13,8 +13,8 @@ from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError, MissingExtraError, SpikingTacError
 from spikingtac.plots.figure import PICTURE_ENDINGS, check_target
 from spikingtac.plots.moments import DPI, PANEL, SensorDrawing
-from spikingtac.ros2.messages import NS_PER_US, Layout, definition, encode, header, ros_type
-from spikingtac.ros2.stream import SensorStream, StreamConfig
+from spikingtac.ros2.messages import NS_PER_US, definition, encode, header, ros_type
+from spikingtac.ros2.stream import Layout, SensorStream, StreamConfig
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.record import EXPOSURE_US, Record, picture_of
@@ -155,7 +155,7 @@ def summarize(
 
 
 class McapPublisher:
-    """Writes messages into a file; it is a :class:`~spikingtac.ros2.stream.Publisher`.
+    """Writes messages into a file; it is a :class:`~spikingtac.ros2.messages.Publisher`.
 
     Args:
         path: The file.

@@ -27,8 +27,7 @@ from spikingtac.cli.main import main
 from spikingtac.cli.verbs import ros2
 from spikingtac.ros2 import messages
 from spikingtac.ros2.foxglove import BACKLOG_BYTES, FoxglovePublisher
-from spikingtac.ros2.messages import FIELD, Layout
-from spikingtac.ros2.stream import SensorStream, StreamConfig
+from spikingtac.ros2.stream import FIELD, Layout, SensorStream, StreamConfig
 from spikingtac.viewer.access import Gate, listen
 from stand_ins.tracks import circling_tracks
 

@@ -15,17 +15,9 @@ pytest.importorskip("rosbags", reason="rosbags is not installed")
 from rosbags.typesys import Stores, get_typestore
 
 from spikingtac.events import open_events
-from spikingtac.ros2.feed import Pace
-from spikingtac.ros2.messages import (
-    FIELD,
-    Layout,
-    arrows_message,
-    definition,
-    encode,
-    field_message,
-    type_store,
-)
-from spikingtac.ros2.stream import SensorStream, StreamConfig, rehearse
+from spikingtac.ros2.feed import Pace, rehearse
+from spikingtac.ros2.messages import definition, encode, type_store
+from spikingtac.ros2.stream import FIELD, Layout, SensorStream, StreamConfig
 from spikingtac.types import EventPacket, MarkerFrame
 from stand_ins.tracks import HELD_MARKER, circling_tracks
 
@@ -112,7 +104,8 @@ def test_every_frame_is_a_field_and_the_rest_is_sent_when_due(kept: Kept) -> Non
 
 def test_the_field_holds_what_was_tracked(kept: Kept) -> None:
     frame = next(TRACKS.frames())
-    message = field_message(frame, LAYOUT)
+    stream(kept).frame(frame)
+    (message,) = kept.of("/tactile/field")
     cloud = np.frombuffer(message["data"], FIELD)
     np.testing.assert_array_equal(cloud["u"], frame.position_px[:, 0].astype(np.float32))
     np.testing.assert_array_equal(cloud["dv"], frame.displacement_px[:, 1].astype(np.float32))
@@ -120,7 +113,7 @@ def test_the_field_holds_what_was_tracked(kept: Kept) -> None:
     assert not cloud["z"].any()
     assert np.flatnonzero(cloud["valid"] == 0).tolist() == [HELD_MARKER]
     assert message["row_step"] * message["height"] == len(message["data"])
-    (lines,) = arrows_message(frame, LAYOUT, 0)["markers"]  # metres, of what was seen
+    (lines,) = kept.of("/tactile/arrows")[0]["markers"]  # metres, of what was seen
     ends = np.array([[point["x"], point["y"]] for point in lines["points"]]).reshape(-1, 2, 2)
     moved_m = frame.displacement_px[~frame.coasted] / 8.0 / 1e3
     np.testing.assert_allclose(ends[:, 1] - ends[:, 0], moved_m, atol=1e-9)

@@ -20,7 +20,7 @@ from spikingtac.file_kinds import kind_of
 
 if TYPE_CHECKING:
     from spikingtac.ros2.feed import Feed
-    from spikingtac.ros2.stream import Publisher
+    from spikingtac.ros2.messages import Publisher
 
 LOOK_S = 0.01  # Time between two looks for a reader, s.
 ENDING_S = 0.1  # Time for the last messages to leave before the topics end, s.
@@ -122,8 +122,7 @@ def _refusal(
 def feed_of(args: PublishArgs) -> Feed:
     """Return the frames that are published; nothing is left to compile at the first one."""
     from spikingtac.pipeline.follow import refuse
-    from spikingtac.ros2.feed import feed_of_events, feed_of_tracks
-    from spikingtac.ros2.stream import rehearse
+    from spikingtac.ros2.feed import feed_of_events, feed_of_tracks, rehearse
     from spikingtac.stream.reader import open_live
 
     require_seconds(args.seconds)
