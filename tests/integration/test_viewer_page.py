@@ -13,8 +13,13 @@ import numpy as np
 import pytest
 from selenium.webdriver.chrome.webdriver import WebDriver
 
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.events.create import create_events
+from spikingtac.viewer.calibrating import SaveTarget
+from spikingtac.viewer.opening import open_view
 from stand_ins.browser import browser, found, js, wait
 from stand_ins.serving import served
+from stand_ins.sliding import GRID, MARKERS, SIZE, packets_of_trips, trip
 from stand_ins.viewer import open_circling, positions_px, reference_px
 
 pytestmark = pytest.mark.waits
@@ -88,28 +93,19 @@ def test_it_goes_on_drawing(page: WebDriver) -> None:
     assert late_ms[0] > 0.0
 
 
-def test_the_drawn_arrows_are_the_markers_displacements(page: WebDriver) -> None:
-    paused_at(page, 1_234_000)
-    t_us, drawn = arrows(page)
+def test_scrubbing_goes_anywhere_and_draws_the_markers_displacements(page: WebDriver) -> None:
     scale = float(found(page, "scale").get_attribute("value") or "nan")
-    moved = positions_px(t_us) - reference_px()
-    assert drawn.shape == (64, 4)
-    np.testing.assert_allclose(drawn[:, :2], reference_px(), atol=1e-3)
-    np.testing.assert_allclose(drawn[:, 2:] - drawn[:, :2], scale * moved, atol=1e-2)
-    sample = js(page, "__m.sample")
-    assert sample["t_us"] == t_us
-    chosen = int(found(page, "marker").text)
-    np.testing.assert_allclose([sample["dx"], sample["dy"]], moved[chosen], atol=1e-2)
-
-
-def test_scrubbing_goes_anywhere_and_back(page: WebDriver) -> None:
-    for t_us in (3_200_000, 400_000, 2_100_000):
-        paused_at(page, t_us)
-        shown_us, drawn = arrows(page)
+    for at_us in (3_200_000, 400_000, 1_234_000):
+        paused_at(page, at_us)
+        t_us, drawn = arrows(page)
+        moved = positions_px(t_us) - reference_px()
+        assert drawn.shape == (64, 4)
         np.testing.assert_allclose(drawn[:, :2], reference_px(), atol=1e-3)
-        moved = (drawn[:, 2:] - drawn[:, :2]) / 2
-        np.testing.assert_allclose(moved, positions_px(shown_us) - reference_px(), atol=1e-2)
-    assert found(page, "clock").text == "2.100 s"
+        np.testing.assert_allclose(drawn[:, 2:] - drawn[:, :2], scale * moved, atol=1e-2)
+    assert found(page, "clock").text == "1.234 s"
+    sample, chosen = js(page, "__m.sample"), int(found(page, "marker").text)
+    assert sample["t_us"] == t_us
+    np.testing.assert_allclose([sample["dx"], sample["dy"]], moved[chosen], atol=1e-2)
 
 
 def test_everything_has_a_name_for_screen_readers(page: WebDriver) -> None:
@@ -225,3 +221,37 @@ def test_what_is_asked_of_time_goes_to_both_fingers(
         chrome.switch_to.default_content()
         wait(chrome, f"{metas}.every((meta) => meta.t_us === 2000000)")
         keep(chrome, "viewer-pair")
+
+
+@pytest.fixture(scope="module")
+def slides(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("slides") / "slides.raw"
+    with create_events(path, SIZE) as writer:
+        for packet in packets_of_trips([trip((1, 0)), trip((0, 1))]):
+            writer.write(packet)
+    return path
+
+
+def test_a_recording_is_calibrated_with_the_page(slides: Path, tmp_path: Path) -> None:
+    target = tmp_path / "calibration.json"
+    given = {"source": str(slides), "save": SaveTarget(path=target), "rate_hz": 200.0}
+    with served(open_view, **given) as port, browser(tmp_path / "profile", 1400, 900) as page:
+        page.get(f"http://127.0.0.1:{port}/")
+        wait(page, "__m.meta?.guide?.grid && __m.meta.guide.enough > 0")
+        wait(page, "__m.meta.guide.ready")
+        assert (
+            f"{MARKERS} of {MARKERS} markers have moved enough" in found(page, "guide-count").text
+        )
+        keep(page, "guide")
+        found(page, "calibrate").click()
+        wait(page, "__m.meta.guide.state !== 'guide'")
+        assert "Calibrating" in found(page, "guide-advice").text
+        wait(page, "__m.meta.guide.state === 'done' && __m.arrows.length > 0", 120.0)
+        assert f"{MARKERS} of {MARKERS}" in found(page, "guide-result").text
+        assert f"Saved as {target.resolve()}" in found(page, "guide-more").text
+        assert len(js(page, "__m.arrows")) == MARKERS
+        assert found(page, "course").is_displayed()
+        assert found(page, "trace").is_displayed()
+        assert js(page, "__m.hello.grid") == list(GRID)
+        assert page.get_log("browser") == []
+    assert Calibration.load(target).grid == GRID

@@ -17,7 +17,7 @@ START_S = 180.0
 
 
 def run_server(opener: Callable[..., ViewSource], given: list[dict[str, Any]], port: Any) -> None:
-    views = [Factory(function=opener, arguments=arguments) for arguments in given]
+    views = [partial(opener, **arguments) for arguments in given]
     sessions = [SessionProcess(view, repeat=True) for view in views]
     try:
         listening = listen("127.0.0.1", 0)

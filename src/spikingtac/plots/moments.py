@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError
 from spikingtac.plots.figure import US_PER_S, check_target, new_figure, style_axes
-from spikingtac.plots.tracks import draw_course, draw_field, require_estimates, view_px
+from spikingtac.plots.tracks import (
+    draw_course,
+    draw_field,
+    require_estimates,
+    turn_arrows,
+    view_px,
+)
 from spikingtac.tracks import Tracks
 
 if TYPE_CHECKING:
@@ -229,9 +235,8 @@ def _pictures(tracks: Tracks, rows: list[int], theme: str, width: str) -> list[I
     upper, lower = figure.subplots(2, 1, height_ratios=(field, COURSE_HEIGHT))
     for axes in (upper, lower):
         style_axes(axes, colors)
-    moved_px = tracks.displacement_px
-    length = np.hypot(*np.moveaxis(moved_px[rows], 2, 0)).max(axis=1)
-    arrows = draw_field(upper, tracks, rows[int(length.argmax())], colors)
+    length = np.hypot(*np.moveaxis(tracks.displacement_px[rows], 2, 0)).max(axis=1)
+    arrows, gain = draw_field(upper, tracks, rows[int(length.argmax())], colors)
     draw_course(lower, tracks, colors, COURSE_POINTS)
     now = lower.axvline(0.0, color=colors.text, linewidth=0.8)
     canvas.draw()
@@ -239,8 +244,8 @@ def _pictures(tracks: Tracks, rows: list[int], theme: str, width: str) -> list[I
     shown = []
     for row in rows:
         t_s = (int(tracks.t_us[row]) - int(tracks.t_us[0])) / US_PER_S
-        arrows.point_to(moved_px[row])
-        upper.title.set_text(f"t = {t_s:.2f} s, {arrows.told}")
+        turn_arrows(arrows, tracks, row, gain)
+        upper.title.set_text(f"t = {t_s:.2f} s, arrows × {gain:.2g}")
         now.set_xdata([t_s, t_s])
         canvas.draw()
         picture = Images.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -139,33 +138,14 @@ def view_px(rest_px: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArra
     return rest_px.min(axis=0) - margin, rest_px.max(axis=0) + margin
 
 
-@dataclass(frozen=True)
-class FieldArrows:
-    """Arrows of a field, whose scale stays while they turn.
-
-    Attributes:
-        quiver: What is drawn.
-        gain: Length of an arrow over that of its displacement.
-        px_per_unit: Scale of their colours: px of displacement per unit shown.
-    """
-
-    quiver: Quiver
-    gain: float
-    px_per_unit: float
-
-    @property
-    def told(self) -> str:
-        """How much longer than the displacements they are, in words."""
-        return f"arrows × {self.gain:.2g}"
-
-    def point_to(self, displacement_px: NDArray[np.floating]) -> None:
-        """Show ``(m, 2)`` displacements, px."""
-        x, y = displacement_px.T
-        self.quiver.set_UVC(x * self.gain, y * self.gain, np.hypot(x, y) / self.px_per_unit)
+def turn_arrows(quiver: Quiver, tracks: Tracks, row: int, gain: float) -> None:
+    """Show the displacements of an estimate by the arrows of a field, ``gain`` times as long."""
+    x, y = tracks.displacement_px[row].T
+    quiver.set_UVC(gain * x, gain * y, np.hypot(x, y) / (tracks.px_per_mm or 1.0))
 
 
-def draw_field(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> FieldArrows:
-    """Draw the displacements of an estimate as arrows; return them, for an animation.
+def draw_field(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> tuple[Quiver, float]:
+    """Draw the displacements of an estimate as arrows; return them and their gain.
 
     Args:
         axes: Where to draw.
@@ -181,15 +161,14 @@ def draw_field(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> FieldArrow
         cmap=theme.magnitudes(), angles="xy", scale_units="xy", scale=1, width=0.006,
     )  # fmt: skip
     gain = ARROW_SHARE * pitch_px(rest) / longest_px
-    arrows = FieldArrows(quiver, gain, tracks.px_per_mm or 1.0)
-    arrows.point_to(moved_px)
-    quiver.set_clim(0.0, longest_px / arrows.px_per_unit)
+    turn_arrows(quiver, tracks, row, gain)
+    quiver.set_clim(0.0, longest_px / (tracks.px_per_mm or 1.0))
     axes.plot(*rest.T, ".", color=theme.soft, markersize=1.5, zorder=0)
-    tips = rest + gain * moved_px
-    _finish_field(axes, tracks, row, theme, tips)
-    axes.set_title(f"{axes.get_title()}, {arrows.told}", color=theme.text, fontsize=FONT_PT)
+    _finish_field(axes, tracks, row, theme, rest + gain * moved_px)
+    title = f"{axes.get_title()}, arrows × {gain:.2g}"
+    axes.set_title(title, color=theme.text, fontsize=FONT_PT)
     _add_scale(axes, quiver, f"displacement ({_moved(tracks)[1]})", theme)
-    return arrows
+    return quiver, gain
 
 
 def _draw_map(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:

@@ -202,7 +202,7 @@ class _Archive:
 class _CsvTable:
     """One line per time and marker, and the meta data beside it, in ``NAME.csv.json``."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, _: NDArray[np.float64]) -> None:
         self._target = WholeFile(path)
         self._file: IO[str] = self._target.open("w", encoding="utf-8", newline="")
         self._rows = csv.writer(self._file, lineterminator="\n")
@@ -237,7 +237,7 @@ def _texts(name: str, values: NDArray[Any]) -> list[Any]:
 class _ParquetTable:
     """The columns of the CSV file, with their types: for pandas, Polars, R and DuckDB."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, _: NDArray[np.float64]) -> None:
         try:
             import pyarrow
             import pyarrow.parquet
@@ -274,27 +274,25 @@ class _ParquetTable:
         self._target.abandon()
 
 
-def create_tracks(
-    path: str | Path, reference_px: NDArray[np.float64], form: str = ""
-) -> TracksWriter:
+# Ending of a file -> what writes it.
+FORMS = {".npz": _Archive, ".csv": _CsvTable, ".parquet": _ParquetTable}
+
+
+def create_tracks(path: str | Path, reference_px: NDArray[np.float64]) -> TracksWriter:
     """Return a writer of ``.npz``, or of ``.csv`` or ``.parquet`` in long form.
 
     Args:
         path: File to write.
         reference_px: ``(m, 2)`` markers at rest, px.
-        form: One of these endings; that of the path unless given.
 
     Raises:
         ConfigError: The ending is none of these, or the folder does not exist.
         MissingExtraError: ``.parquet`` needs the extra ``[parquet]``.
     """
-    target, form = Path(path), form or Path(path).suffix
+    target = Path(path)
     if not target.parent.is_dir():
         raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
-    if form not in (".npz", ".csv", ".parquet"):
+    if target.suffix not in FORMS:
         raise ConfigError(f"tracks are written as .npz, .csv or .parquet, not as {target.name!r}")
-    if form == ".npz":
-        file = _Archive(target, reference_px)
-    else:
-        file = (_CsvTable if form == ".csv" else _ParquetTable)(target)
+    file = FORMS[target.suffix](target, reference_px)
     return TracksWriter(file, len(reference_px))

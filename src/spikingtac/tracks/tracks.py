@@ -141,11 +141,13 @@ class Tracks:
             ) from error
 
     def save(self, path: str | Path) -> None:
-        """Write the tracks; see :func:`spikingtac.tracks.files.create_tracks`."""
-        self._write(path)
+        """Write ``.npz``, ``.csv`` or ``.parquet``.
 
-    def _write(self, path: str | Path, form: str = "") -> None:
-        writer = create_tracks(path, self.reference_px.astype(np.float64), form)
+        Raises:
+            ConfigError: The ending is another, or the folder does not exist.
+            MissingExtraError: ``.parquet`` needs the extra ``[parquet]``.
+        """
+        writer = create_tracks(path, self.reference_px.astype(np.float64))
         felt = self._known((SIGMA, *FORCES))
         writer.mark(self._known(TRIGGERS))
         try:
@@ -158,10 +160,10 @@ class Tracks:
 
     def frames(self) -> Iterator[MarkerFrame]:
         """Yield the estimates one by one."""
-        names = ("detected_px", "position_px", "displacement_px", "coasted", "confidence")
         for number, t_us in enumerate(self.t_us.tolist()):
-            values = {name: getattr(self, name)[number] for name in names}
-            yield MarkerFrame(t_us=t_us, health=self._health(number), **values)
+            values = {name: getattr(self, name)[number] for name in (*VECTORS, "coasted")}
+            health, confidence = self._health(number), self.confidence[number]
+            yield MarkerFrame(t_us=t_us, health=health, confidence=confidence, **values)
 
     def _health(self, number: int) -> SourceHealth:
         return SourceHealth(**{name: v[number].item() for name, v in self._known(HEALTH).items()})
@@ -256,14 +258,6 @@ class Tracks:
         each = {"held": self.coasted, "confidence": self.confidence}
         columns |= each | self._known(FORCES) | trigger_column(self.t_us, self._known(TRIGGERS))
         return pandas.DataFrame(long_columns(columns))
-
-    def to_parquet(self, path: str | Path) -> None:
-        """Write the tracks as Parquet in long form, whatever the ending; see :meth:`save`."""
-        self._write(path, ".parquet")
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the tracks as CSV in long form, whatever the ending; see :meth:`save`."""
-        self._write(path, ".csv")
 
     def plot(
         self,

@@ -127,7 +127,7 @@ class CalibrationDesk:
         label: str,
         size: tuple[int, int],
         target: SaveTarget,
-        open_whole: Factory[EventSource] | None,
+        open_whole: Callable[[], EventSource] | None,
         tracked_by: Callable[[Calibration], dict[str, Any]],
     ) -> None:
         self.tracker, self.tracked_by = GuideTracker(size), tracked_by
@@ -159,9 +159,14 @@ class CalibrationDesk:
             return
         self._scratch = tempfile.TemporaryDirectory(prefix="spikingtac-calibration-")
         folder, opened = Path(self._scratch.name), self._open_whole
-        if opened is None:
+        if opened is None:  # a camera: its latest events go into a file
             begin_us = begin_us if self.tracker.begin_us is None else self.tracker.begin_us
-            opened = _stored(between(begin_us, t_us), folder / "events.raw")
+            events, stored = between(begin_us, t_us), folder / "events.raw"
+            if (first := len(events) - MOST_EVENTS) > 0:
+                events = events.part(first, len(events), int(events.t[first]), events.t_end_us)
+            with create_events(stored, events.size) as writer:
+                writer.write(events)
+            opened = partial(open_events, path=stored)
         given = {"open_source": opened, "result": folder / "result.json"}
         self._host = Host(partial(_calibrate, **given))
         self._begun_s = time.monotonic()
@@ -178,14 +183,30 @@ class CalibrationDesk:
         except Exception as error:  # told by the page
             gone = isinstance(error, EOFError)
             self._tell("failed", str(closed_by(self._host, "the calibration") if gone else error))
+            self.close()
+            return None
+        self.close()
+        found = replace(found, provenance={**found.provenance, "recording": self._label})
+        notes, markers, path = found.provenance, len(found.radius_px), self._target.path
+        figures = {
+            "quality": notes["quality"],
+            "grid": found.rows_and_columns,
+            "polarity": found.polarity,
+            "markers": markers,
+            "measured": markers - len(notes["missing"]),
+            "missing": notes["missing"],
+            "doubtful": notes["doubtful"],
+            "explained": round(float(np.median(notes["explained"])), 3),
+            "radius_px": round(float(found.radius_px.mean()), 2),
+        }
+        try:
+            require_free(path, self._target.overwrite)
+            found.save(path)
+        except (SpikingTacError, OSError) as error:
+            self._tell("done", f"It is used here, but was not saved: {error}", figures)
         else:
-            found = replace(found, provenance={**found.provenance, "recording": self._label})
-            self._tell("done", self._saved(found), _figures(found))
-            return found
-        finally:
-            if self._state != "calibrating":
-                self.close()
-        return None
+            self._tell("done", f"Saved as {path.resolve()}", figures)
+        return found
 
     def shown(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return what the page shows of all this: scalars, and arrays by marker."""
@@ -226,37 +247,3 @@ class CalibrationDesk:
 
     def _tell(self, state: str, said: str = "", result: dict[str, Any] | None = None) -> None:
         self._state, self._said, self._result = state, said, result
-
-    def _saved(self, calibration: Calibration) -> str:
-        path = self._target.path
-        try:
-            require_free(path, self._target.overwrite)
-            calibration.save(path)
-        except (SpikingTacError, OSError) as error:
-            return f"It is used here, but was not saved: {error}"
-        return f"Saved as {path.resolve()}"
-
-
-def _stored(events: EventPacket, path: Path) -> Callable[[], EventSource]:
-    """Write the latest events into a file, and return what opens them in another process."""
-    first = max(len(events) - MOST_EVENTS, 0)
-    if first:
-        events = events.part(first, len(events), int(events.t[first]), events.t_end_us)
-    with create_events(path, events.size) as writer:
-        writer.write(events)
-    return partial(open_events, path=path)
-
-
-def _figures(calibration: Calibration) -> dict[str, Any]:
-    notes, markers = calibration.provenance, len(calibration.radius_px)
-    return {
-        "quality": notes["quality"],
-        "grid": calibration.rows_and_columns,
-        "polarity": calibration.polarity,
-        "markers": markers,
-        "measured": markers - len(notes["missing"]),
-        "missing": notes["missing"],
-        "doubtful": notes["doubtful"],
-        "explained": round(float(np.median(notes["explained"])), 3),
-        "radius_px": round(float(calibration.radius_px.mean()), 2),
-    }

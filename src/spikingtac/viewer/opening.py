@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +18,6 @@ from spikingtac.events.address import Address, is_address, is_stream
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.events.manifest import MANIFEST, TRUTH, is_same_folder, name_of, read_manifest
 from spikingtac.events.open import open_events, open_second, refuse_url
-from spikingtac.events.source import EventSource
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.sim.twin_camera import is_twin, twin_options
@@ -121,7 +119,7 @@ def _to_calibrate(source: str, found: Fields, tracked_by: Any, save: SaveTarget)
     """Return a view of events alone; the truth of a scene shows how well calibrating went."""
     none, size = np.empty((0, 2)), found["source"].size
     empty = Calibration(reference_px=none, radius_px=none[:, 0], grid=(0, 0), size=size)
-    whole: Factory[EventSource] = Factory(function=open_events, arguments={"path": source})
+    whole = partial(open_events, path=source)
     desk = CalibrationDesk(
         found["label"], size, save, whole if found.get("ends", True) else None, tracked_by
     )
@@ -200,11 +198,10 @@ def _scene(name: str, seed: int, camera: str | None) -> Fields:
 
     scene = catalog.load_scene(name).with_camera(camera)
     at_rest, truth = SceneSource(scene, seed), SampledTruth()
-    arguments = {"name": name, "seed": seed, "camera": camera}
-    opened: Factory[Any] = Factory(function=truthful_packets, arguments=arguments)
+    opened = partial(truthful_packets, name=name, seed=seed, camera=camera)
     return {
         "label": Path(name).stem,
-        "source": RemoteSource(opened, scene.size, lambda rows: truth.append(*rows), inherit=True),
+        "source": RemoteSource(opened, scene.size, lambda rows: truth.append(*rows)),
         "ends": False,
         "calibration": Calibration(
             reference_px=at_rest.reference_px,

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from spikingtac.events.source import PacketSource
-from spikingtac.stream.host import Asker, Factory, Host, closed_by
+from spikingtac.stream.host import Asker, Host, closed_by
 from spikingtac.stream.real_time import meet_deadlines
 from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket
@@ -49,7 +51,7 @@ class SessionProcess:
 
     def __init__(
         self,
-        open_view: Factory[ViewSource],
+        open_view: Callable[[], ViewSource],
         *,
         repeat: bool = False,
         picture: Path | None = None,
@@ -61,7 +63,7 @@ class SessionProcess:
         self.frame, self.greeting = frames.latest, greetings.latest
         given = {"open_view": open_view, "rings": (frames.name, greetings.name)}
         given |= {"repeat": repeat, "picture": picture, "realtime": realtime}
-        self._host = Host(Factory(function=run_session, arguments=given), inherit=True)
+        self._host = Host(partial(run_session, **given))
         self.alive, self.pid = self._host.alive, self._host.pid
 
     def command(self, name: str, value: Any) -> None:
@@ -105,7 +107,7 @@ class SessionProcess:
 
 def run_session(
     asker: Asker,
-    open_view: Factory[ViewSource],
+    open_view: Callable[[], ViewSource],
     rings: tuple[str, str],
     repeat: bool,
     picture: Path | None,

@@ -10,8 +10,8 @@ import json
 import logging
 import signal
 import socket
-from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import AbstractAsyncContextManager, suppress
 from http import HTTPStatus
 from importlib import resources
 from typing import Any
@@ -34,8 +34,7 @@ ALIVE_S = 0.05  # How often the session is polled while serving, s.
 REQUEST_S = 10.0  # Longest time from the start of a connection to a whole request, s.
 POLL_S = 0.002  # How often the ring is polled, s; a tenth of a frame's time.
 UNACKNOWLEDGED = 2  # Most frames on their way to a page; one is drawn while the next travels.
-WAKE_S = 1.0  # How often a page without frames is checked, s.
-MOST_PAGES = 32
+MOST_PAGES = 32  # Pages at a time.
 SILENT_S = 60.0  # A page that acknowledges nothing for this long is disconnected, s.
 LONGEST_COMMAND = 1024  # Characters; a page never needs more.
 SLOWEST, FASTEST = 0.01, 10.0  # Speeds of playback, relative to the recording's own time.
@@ -92,35 +91,16 @@ _RULES: dict[str, Callable[[Any], bool]] = {
 }
 
 
-class PageFeeds:
-    """The latest frame and greeting of a session, and the pages that follow it."""
-
-    def __init__(self, session: SessionProcess) -> None:
-        self.session, self.pages = session, set[Page]()
-        self.frame = self.greeting = (0, b"")
-
-    async def poll(self) -> None:
-        """Follow the session until cancelled."""
-        while True:
-            frame = self.session.frame(self.frame[0])
-            greeting = self.session.greeting(self.greeting[0])
-            self.frame, self.greeting = frame or self.frame, greeting or self.greeting
-            if frame or greeting:
-                for page in self.pages:
-                    page.wake.set()
-            await asyncio.sleep(POLL_S)
-
-
 class Page:
     """One connected page.
 
-    Attributes:
-        wake: Set when there may be something to send.
+    Args:
+        session: What it shows.
+        connection: Its socket.
     """
 
-    def __init__(self, feeds: PageFeeds, connection: websockets.ServerConnection) -> None:
-        self.wake = asyncio.Event()
-        self._feeds, self._connection = feeds, connection
+    def __init__(self, session: SessionProcess, connection: websockets.ServerConnection) -> None:
+        self._session, self._connection = session, connection
         # Frames that it has not acknowledged. One that was sent none is not silent: the first start
         # compiles for a minute on a busy machine, and a page waits for it.
         self._on_the_way = 0
@@ -128,12 +108,10 @@ class Page:
 
     async def attend(self) -> None:
         """Serve the page until it leaves, stops acknowledging, or sends no valid command."""
-        self._feeds.pages.add(self)
         tasks = [asyncio.create_task(one) for one in (self._listen(), self._serve())]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            self._feeds.pages.discard(self)
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
@@ -142,22 +120,17 @@ class Page:
     async def _serve(self) -> None:
         """Send the latest greeting and frames as fast as the page acknowledges them."""
         greeted = framed = 0
-        loop, feeds = asyncio.get_running_loop(), self._feeds
+        loop = asyncio.get_running_loop()
         while not self._on_the_way or loop.time() - self._since_s < SILENT_S:
-            if feeds.greeting[0] > greeted:
-                greeted, message = feeds.greeting
+            if found := self._session.greeting(greeted):
+                greeted, message = found
                 await self._connection.send(message.decode())
-            if self._on_the_way < UNACKNOWLEDGED and feeds.frame[0] > framed:
-                framed, message = feeds.frame
+            if self._on_the_way < UNACKNOWLEDGED and (found := self._session.frame(framed)):
+                framed, message = found
                 self._since_s = self._since_s if self._on_the_way else loop.time()
                 self._on_the_way += 1
                 await self._connection.send(message)
-                continue
-            self.wake.clear()
-            # Not wait_for: in Python 3.11 it may swallow a cancellation that meets a wake-up.
-            with suppress(TimeoutError):
-                async with asyncio.timeout(WAKE_S):
-                    await self.wake.wait()
+            await asyncio.sleep(POLL_S)
 
     async def _listen(self) -> None:
         """Take the page's commands until it leaves, or sends something else."""
@@ -165,11 +138,10 @@ class Page:
             async for message in self._connection:
                 name, value = parse_command(message if isinstance(message, str) else "")
                 if name != "ack":
-                    self._feeds.session.command(name, value)
+                    self._session.command(name, value)
                     continue
                 self._on_the_way = max(self._on_the_way - 1, 0)
                 self._since_s = asyncio.get_running_loop().time()
-                self.wake.set()
 
 
 class PageServer:
@@ -184,38 +156,38 @@ class PageServer:
     """
 
     def __init__(self, sessions: Sequence[SessionProcess], gate: Gate) -> None:
-        self._every, self._gate = [PageFeeds(session) for session in sessions], gate
+        self._sessions, self._gate, self._pages = sessions, gate, 0
 
-    @asynccontextmanager
-    async def serving(self, listening: socket.socket) -> AsyncIterator[None]:
-        """Serve while the context lasts; the socket is closed then."""
-        polling = [asyncio.create_task(feeds.poll()) for feeds in self._every]
-        options: dict[str, Any] = {"open_timeout": REQUEST_S, "close_timeout": SHUTDOWN_S}
-        options |= {"max_size": 4 * LONGEST_COMMAND, "compression": None, "server_header": None}
+    def serving(self, listening: socket.socket) -> AbstractAsyncContextManager[object]:
+        """Return a context during which pages are served; the socket is closed at its end."""
+        return websockets.serve(
+            self._attend,
+            sock=listening,
+            process_request=self._answer,
+            process_response=self._guard,
+            logger=_LOG,
+            open_timeout=REQUEST_S,
+            close_timeout=SHUTDOWN_S,
+            max_size=4 * LONGEST_COMMAND,
+            compression=None,
+            server_header=None,
+        )
+
+    async def _attend(self, connection: websockets.ServerConnection) -> None:
+        assert connection.request is not None
+        asked = _query(connection.request).get(FINGER, "0")
+        number = int(asked) if asked in map(str, range(len(self._sessions))) else 0
+        self._pages += 1
         try:
-            async with websockets.serve(
-                lambda connection: Page(self._feeds(connection.request), connection).attend(),
-                sock=listening,
-                process_request=self._answer,
-                process_response=self._guard,
-                logger=_LOG,
-                **options,
-            ):
-                yield
+            await Page(self._sessions[number], connection).attend()
         finally:
-            for task in polling:
-                task.cancel()
-            await asyncio.gather(*polling, return_exceptions=True)
-
-    def _feeds(self, request: Request | None) -> PageFeeds:
-        asked = _query(request).get(FINGER, "0") if request else "0"
-        return self._every[int(asked) if asked in map(str, range(len(self._every))) else 0]
+            self._pages -= 1
 
     def _answer(self, connection: websockets.ServerConnection, request: Request) -> Response | None:
         """Answer a request; None opens the socket."""
         headers = {key.lower(): value for key, value in request.headers.raw_items()}
         path, query = urlsplit(request.path).path, _query(request)
-        first = "pair.html" if len(self._every) > 1 and FINGER not in query else "index.html"
+        first = "pair.html" if len(self._sessions) > 1 and FINGER not in query else "index.html"
         name = path.removeprefix("/") or first
         # The scripts hold no data; the page that loads them has shown its token.
         open_to_all = bool(self._gate.token) and path != SOCKET and name != "index.html"
@@ -225,9 +197,8 @@ class PageServer:
         if refusal:
             return connection.respond(HTTPStatus.FORBIDDEN, refusal + "\n")
         if path == SOCKET:
-            full = len(self._feeds(request).pages) >= MOST_PAGES
-            busy = HTTPStatus.SERVICE_UNAVAILABLE
-            return connection.respond(busy, "too many pages are open\n") if full else None
+            busy = HTTPStatus.SERVICE_UNAVAILABLE, "too many pages are open\n"
+            return connection.respond(*busy) if self._pages >= MOST_PAGES else None
         kind = KINDS.get(name.rpartition(".")[2])
         file = resources.files("spikingtac.viewer") / "page" / name
         if kind is None or "/" in name or "\\" in name or not file.is_file():
@@ -243,7 +214,7 @@ class PageServer:
         """Give every answer the security headers, for the own name only."""
         host = Headers(request.headers.raw_items()).get_all("Host")
         known = host[0] if len(host) == 1 and not self._gate.host_refusal(host[0]) else ""
-        response.headers.update(page_headers(known, len(self._every) > 1))
+        response.headers.update(page_headers(known, len(self._sessions) > 1))
 
 
 def _query(request: Request) -> dict[str, str]:

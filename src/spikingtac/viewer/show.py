@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from spikingtac.errors import DeviceError
-from spikingtac.stream.host import Factory
 from spikingtac.viewer.access import Gate, PageOptions, listen
 from spikingtac.viewer.process import SHUTDOWN_S, SessionProcess
 from spikingtac.viewer.server import PageServer, serve
@@ -26,7 +25,7 @@ NICENESS = 5
 
 
 def show(
-    open_views: Sequence[Factory[ViewSource]],
+    open_views: Sequence[Callable[[], ViewSource]],
     options: PageOptions,
     report: Report,
     *,

@@ -105,12 +105,12 @@ def test_the_table_is_the_csv_file(tmp_path: Path) -> None:
         table = one.to_pandas()
         assert tuple(table.columns)[:10] == CSV_COLUMNS
         assert list(table.columns)[10:13] == columns
-        one.to_csv(tmp_path / "tracks.txt")
-        rows = list(csv.DictReader((tmp_path / "tracks.txt").read_text().splitlines()))
+        one.save(tmp_path / "tracks.csv")
+        rows = list(csv.DictReader((tmp_path / "tracks.csv").read_text().splitlines()))
         in_file = pandas.DataFrame(rows).astype(float)
         assert list(in_file.columns) == list(table.columns)
         np.testing.assert_allclose(table.to_numpy(float), in_file.to_numpy(), atol=6e-4)
-        assert json.loads((tmp_path / "tracks.txt.json").read_text()) == tracks.meta
+        assert json.loads((tmp_path / "tracks.csv.json").read_text()) == tracks.meta
     in_mm = circling_tracks(estimates=5, px_per_mm=15.5).to_pandas()
     assert {"displacement_x_mm", "displacement_y_mm"} <= set(in_mm.columns)
 
@@ -132,7 +132,7 @@ def test_parquet_holds_the_values_with_their_types(tmp_path: Path) -> None:
     assert table["marker"].to_pylist()[:66] == [*range(64), 0, 1]
     assert table["held"].to_pylist()[HELD_MARKER]
     assert json.loads(file.metadata.metadata[b"spikingtac"]) == tracks.meta
-    circling_tracks(estimates=0).to_parquet(tmp_path / "none.parquet")
+    circling_tracks(estimates=0).save(tmp_path / "none.parquet")
     assert pq.read_table(tmp_path / "none.parquet").num_rows == 0
 
 

@@ -15,7 +15,6 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
 from spikingtac.errors import ConfigError, DeviceError
-from spikingtac.stream.host import Factory
 from spikingtac.viewer import process as process_module
 from spikingtac.viewer import server
 from spikingtac.viewer import show as show_module
@@ -123,7 +122,7 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SessionProcess]:
 
         monkeypatch.setattr(show_module, "SessionProcess", start)
         options = PageOptions(port=0, no_browser=True, seconds=PATIENCE_S)
-        view = Factory(function=open_circling, arguments={"duration_us": 300_000})
+        view = partial(open_circling, duration_us=300_000)
         with pytest.raises(DeviceError, match=failure):
             show([view], options, ready)
         return made[0]
@@ -206,7 +205,6 @@ def test_garbage_ends_the_connection(garbage: str | bytes) -> None:
 
 def test_a_page_that_answers_nothing_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server, "SILENT_S", 3 * BRIEF_S)
-    monkeypatch.setattr(server, "WAKE_S", BRIEF_S)
 
     async def drive(feed: Feed, page: ClientConnection) -> None:
         await asyncio.sleep(8 * BRIEF_S)  # one that waits for the first start is not silent

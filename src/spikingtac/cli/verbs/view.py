@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,12 +16,12 @@ from spikingtac.cli.sources import ask_for_real_time, require_live
 from spikingtac.errors import ConfigError
 from spikingtac.plots.figure import PICTURE_ENDINGS
 from spikingtac.sim.camera.config import CAMERA_NAMES
-from spikingtac.stream.host import Factory
 from spikingtac.viewer.access import PageOptions
 
 if TYPE_CHECKING:
     from spikingtac.viewer.source import ViewSource
 
+Opener = Callable[[], "ViewSource"]  # Opens a view, in the process that shows it.
 SCENE = "demo"  # Scene of the demo.
 HEADLESS_S = 10.0  # Duration of a live source with --headless where --seconds is not given, s.
 
@@ -110,10 +111,10 @@ def _text(path: Path | None) -> str | None:
     return None if path is None else str(path)
 
 
-def _opener(given: dict[str, Any]) -> Factory[ViewSource]:
+def _opener(given: dict[str, Any]) -> Opener:
     from spikingtac.viewer.opening import open_view
 
-    return Factory(function=open_view, arguments=given)
+    return partial(open_view, **given)
 
 
 def _both_shown(given: dict[str, Any], args: Args, second: str) -> dict[str, Any]:
@@ -123,7 +124,7 @@ def _both_shown(given: dict[str, Any], args: Args, second: str) -> dict[str, Any
     other = {**given, "source": second, "calibration": _text(args.second_calibration)}
     if not (Path(args.source).exists() and Path(second).exists()):
         return _served([_opener(given), _opener(other)], args)
-    beside = Factory(function=open_second_view, arguments={**other, "beside": args.source})
+    beside = partial(open_second_view, **other, beside=args.source)
     return _shown([_opener(given), beside], args)
 
 
@@ -140,7 +141,7 @@ def _exported(given: dict[str, Any], args: Args, target: Path) -> dict[str, Any]
     return {"export": str(target), "written": written, "calibration": view.calibrated_by or None}
 
 
-def _shown(views: Sequence[Factory[ViewSource]], args: PageArgs, **session: bool) -> dict[str, Any]:
+def _shown(views: Sequence[Opener], args: PageArgs, **session: bool) -> dict[str, Any]:
     """Serve views; with --headless track a recording to its end, what is live for some time."""
     from spikingtac.plots.figure import check_target
     from spikingtac.viewer.export import summarize
@@ -163,9 +164,7 @@ def _shown(views: Sequence[Factory[ViewSource]], args: PageArgs, **session: bool
     return found[0] | ({"second": found[1]} if len(found) > 1 else {})
 
 
-def _served(
-    views: Sequence[Factory[ViewSource]], args: PageArgs, **session: bool
-) -> dict[str, Any]:
+def _served(views: Sequence[Opener], args: PageArgs, **session: bool) -> dict[str, Any]:
     """Serve the page; two cameras side by side have one also without a browser."""
     from spikingtac.viewer.show import show
 

@@ -1,22 +1,26 @@
-"""An exported file opens with independent readers, and with ours when it was cut."""
+"""An exported file opens with independent readers; a video plays in a browser."""
 
+from __future__ import annotations
+
+import base64
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import features
 
 from spikingtac.ros2.stream import FIELD
-from spikingtac.viewer.export import MESSAGE_US, export
+from spikingtac.viewer.export import MESSAGE_US, VIDEO_FRAME_MS, export
+from stand_ins.browser import browser
 from stand_ins.viewer import open_circling, positions_px, reference_px
-
-pytest.importorskip("mcap_ros2", reason="the extra [formats] is not installed")
 
 DURATION_US = 400_000
 
 
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("mcap_ros2", reason="the extra [formats] is not installed")
     path = tmp_path_factory.mktemp("export") / "circling.mcap"
     messages = export(open_circling(DURATION_US), path)
     assert messages > 3 * DURATION_US // MESSAGE_US
@@ -65,3 +69,30 @@ def test_rosbags_reads_the_same(exported: Path) -> None:
     other = read(exported, "/tactile/field")
     for mine, theirs in zip(fields, other, strict=True):
         assert bytes(mine.data) == bytes(theirs.data)  # type: ignore[attr-defined]
+
+
+PLAYED = """
+const [data, last_s, done] = arguments;
+const video = document.createElement("video");
+video.muted = true;
+video.onerror = () => done({error: video.error.message});
+video.onloadeddata = () => { video.currentTime = last_s; };
+const found = () => ({seconds: video.duration, width: video.videoWidth, at: video.currentTime});
+video.onseeked = () => done(found());
+video.src = `data:video/mp4;base64,${data}`;
+"""
+
+
+@pytest.mark.skipif(not features.check("avif"), reason="this Pillow has no AVIF")
+def test_a_browser_plays_an_exported_view(tmp_path: Path) -> None:
+    assert export(open_circling(200_000), tmp_path / "x.mp4") == 5
+    data = base64.b64encode((tmp_path / "x.mp4").read_bytes()).decode()
+    last_s = 4.5 * VIDEO_FRAME_MS / 1000
+    with browser(tmp_path / "profile") as page:
+        page.get("data:text/html,<title>a video</title>")
+        page.set_script_timeout(60)
+        found = page.execute_async_script(PLAYED, data, last_s)
+    assert "error" not in found, found
+    assert found["seconds"] == pytest.approx(5 * VIDEO_FRAME_MS / 1000)
+    assert found["width"] > 300
+    assert found["at"] == pytest.approx(last_s)
