@@ -25,8 +25,7 @@ from spikingtac.stream.reader import LiveSource, opened_camera
 from spikingtac.stream.sources import RemoteSource
 from spikingtac.touch.force.model import load_force
 from spikingtac.viewer.calibrating import CalibrationDesk, NothingToTune, SaveTarget
-from spikingtac.viewer.record import FeltLayer
-from spikingtac.viewer.source import SampledTruth, ViewSource
+from spikingtac.viewer.source import FeltLayer, SampledTruth, ViewSource
 
 CALIBRATION_NAME = "calibration.json"
 Fields = dict[str, Any]  # Attributes of a :class:`ViewSource`, and its calibration where known.

@@ -1,4 +1,4 @@
-"""What is made of every estimate: the figures and the picture of a view's end, and what is felt."""
+"""What is made of every estimate: the figures and the picture of a view's end."""
 
 from __future__ import annotations
 
@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.plots.moments import Course, Picture, save_summary
-from spikingtac.touch.force.model import ForceModel, Wrench
-from spikingtac.touch.slip.held import HeldTouchDetector
-from spikingtac.touch.vibration import Spectrum, VibrationMonitor
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.snapshot import OFF_CODE, activity, events_per_s, view_step
@@ -23,8 +20,6 @@ EXPOSURE_US = 30_000  # Events of the last two frames of an ordinary camera, as 
 # row of 64 markers holds 512 bytes, so that a record stays at some 3 MiB however long it lasts.
 MOST_ROWS = 4_096
 US_PER_S = 1e6
-SPECTRUM_EVERY_US = 100_000  # How often the spectrum is made anew: faster than it can be read, us.
-LARGEST_BINS = 250  # Bins of the spectrum that the page draws.
 
 
 class _Row(NamedTuple):
@@ -138,67 +133,3 @@ def picture_of(playback: Playback) -> Picture:
         radius_px=calibration.radius_px / step,
         t_s=(now_us - store.t_start_us) / US_PER_S,
     )
-
-
-class FeltLayer:
-    """Takes every estimate and gives the page the latest quantities of touch."""
-
-    def __init__(
-        self, reference_px: NDArray[np.float64], rate_hz: float, force: ForceModel
-    ) -> None:
-        """Begin at rest.
-
-        Args:
-            reference_px: ``(m, 2)`` markers at rest, px.
-            rate_hz: Estimates per second.
-            force: The force model of this sensor.
-
-        Raises:
-            ConfigError: The model is of another sensor.
-        """
-        force.require(reference_px, "px")
-        self._reference, self._rate_hz, self._model = reference_px, rate_hz, force
-        self._restart()
-
-    def _restart(self) -> None:
-        self._force = self._model.estimator()
-        self._touches = HeldTouchDetector(self._reference)
-        self._vibration = VibrationMonitor(self._rate_hz)
-        self._last_us, self._spectrum_us = -1, 0
-        self._wrench: Wrench | None = None
-        self._spectrum: Spectrum | None = None
-
-    def take(self, frame: MarkerFrame) -> None:
-        """Take the next estimate; an earlier one begins anew."""
-        if frame.t_us <= self._last_us:
-            self._restart()
-        self._last_us = frame.t_us
-        moved = frame.detected_px - self._reference
-        self._wrench = self._force.update(frame.t_us, moved)
-        self._touches.update(frame)
-        self._vibration.update(frame.t_us, moved)
-        if frame.t_us - self._spectrum_us >= SPECTRUM_EVERY_US:
-            self._spectrum_us = frame.t_us
-            self._spectrum = self._vibration.spectrum()
-
-    def shown(self) -> dict[str, Any]:
-        """Return what the page shows, as JSON can hold it."""
-        if self._wrench is None:
-            return {}
-        patch, line, slip = self._touches.touches.patch, self._spectrum, self._touches.slip
-
-        def rounded(values: NDArray[np.float64]) -> Any:
-            return np.round(values, 4).tolist()
-
-        return {
-            "force_n": rounded(self._wrench.force_n),
-            "half_width_n": rounded(self._wrench.half_width[:3]),
-            "place_px": None if patch is None else rounded(patch.place),
-            "outline_px": None if patch is None else rounded(patch.outline),
-            "slip": None if slip is None else slip.phase,
-            "sticking_share": None if slip is None else round(slip.sticking_share, 3),
-            "line_hz": None if line is None else line.line_hz,
-            "line_px": 0.0 if line is None else line.line_px,
-            "spectrum_hz": 0.0 if line is None else float(line.frequency_hz[1]),
-            "spectrum_px": [] if line is None else rounded(line.amplitude_px[:LARGEST_BINS]),
-        }

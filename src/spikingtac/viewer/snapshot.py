@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from spikingtac.contact.detector import WINDOW_US
 from spikingtac.events.hot_pixels import judge_events
 from spikingtac.tuning import in_use
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac.viewer.playback import Playback
-from spikingtac.viewer.source import EventStore
+from spikingtac.viewer.source import EventStore, ViewSource
 
 # Largest frame: two packed images of 640x640, and the markers of any grid in use.
 FRAME_BYTES = 2 << 20
@@ -178,24 +178,26 @@ def snapshot(
     }
     counts = _histogram(store, store.t_start_us + windows * WINDOW_US)
     image = pack(activity(store.between(now_us - exposure_us, now_us)))
-    arrays: dict[str, NDArray[Any]] = {"counts": counts, **guided, "activity": image}
-    if frame is not None and len(frame.position_px):
-        confidence = np.round(np.clip(frame.confidence, 0, 1) * FULL)
-        arrays |= {
-            "detected_px": frame.detected_px.astype(np.float32),
-            "position_px": frame.position_px.astype(np.float32),
-            "held": frame.coasted.astype(np.uint8),
-            "confidence": confidence.astype(np.uint8),
-        }
-        truth_px = view.truth.at(frame.t_us) if view.truth else None
-        if truth_px is not None:
-            arrays["truth_px"] = truth_px.astype(np.float32)
+    arrays = {"counts": counts, **_markers(view, frame), **guided, "activity": image}
     levels = getattr(getattr(playback.tracker, "state_map", None), "values", None)
     if with_map and levels is not None:  # from 0 (ground) to 1 (marker)
         step = view_step((levels.shape[1], levels.shape[0]))
         codes = np.clip(levels[::step, ::step], 0, 1) * LEVELS + 0.5
         arrays["map"] = pack(codes.astype(np.uint8))
     return scalars, arrays
+
+
+def _markers(view: ViewSource, frame: MarkerFrame | None) -> dict[str, NDArray[Any]]:
+    if frame is None or not len(frame.position_px):
+        return {}
+    truth_px = view.truth.at(frame.t_us) if view.truth else None
+    arrays: dict[str, NDArray[Any]] = {
+        "detected_px": frame.detected_px.astype(np.float32),
+        "position_px": frame.position_px.astype(np.float32),
+        "held": frame.coasted.astype(np.uint8),
+        "confidence": np.round(np.clip(frame.confidence, 0, 1) * FULL).astype(np.uint8),
+    }
+    return arrays | ({} if truth_px is None else {"truth_px": truth_px.astype(np.float32)})
 
 
 def events_per_s(playback: Playback) -> float:

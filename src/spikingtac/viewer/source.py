@@ -19,17 +19,22 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.events.source import EventSource
 from spikingtac.markers.registry import MarkerTracker
-from spikingtac.types import EventPacket
+from spikingtac.touch.force.model import ForceModel, Wrench
+from spikingtac.touch.slip.held import HeldTouchDetector
+from spikingtac.touch.vibration import Spectrum, VibrationMonitor
+from spikingtac.types import EventPacket, MarkerFrame
 
 if TYPE_CHECKING:  # both need every kernel of the calibration and of touch
     from spikingtac.viewer.calibrating import CalibrationDesk
-    from spikingtac.viewer.record import FeltLayer
 
 # How far the truth's last line is prolonged, us: one step of a simulation at 500 Hz.
 BEYOND_US = 2_000
 
 # Events that the files hold before they grow; they double, and stay sparse on disk.
 FIRST_CAPACITY = 1 << 20
+SPECTRUM_EVERY_US = 100_000  # How often the spectrum is made anew: faster than it can be read, us.
+LARGEST_BINS = 250  # Bins of the spectrum that the page draws.
+
 COLUMNS = {"x": np.uint16, "y": np.uint16, "p": np.bool_, "t": np.int64}
 
 
@@ -196,3 +201,67 @@ class EventStore:
             os.truncate(file.fileno(), capacity * np.dtype(dtype).itemsize)
             # asarray: slices of np.memmap itself cost microseconds each.
             self._columns[name] = np.asarray(np.memmap(file, dtype, mode="r+", shape=(capacity,)))
+
+
+class FeltLayer:
+    """Takes every estimate and gives the page the latest quantities of touch."""
+
+    def __init__(
+        self, reference_px: NDArray[np.float64], rate_hz: float, force: ForceModel
+    ) -> None:
+        """Begin at rest.
+
+        Args:
+            reference_px: ``(m, 2)`` markers at rest, px.
+            rate_hz: Estimates per second.
+            force: The force model of this sensor.
+
+        Raises:
+            ConfigError: The model is of another sensor.
+        """
+        force.require(reference_px, "px")
+        self._reference, self._rate_hz, self._model = reference_px, rate_hz, force
+        self._restart()
+
+    def _restart(self) -> None:
+        self._force = self._model.estimator()
+        self._touches = HeldTouchDetector(self._reference)
+        self._vibration = VibrationMonitor(self._rate_hz)
+        self._last_us, self._spectrum_us = -1, 0
+        self._wrench: Wrench | None = None
+        self._spectrum: Spectrum | None = None
+
+    def take(self, frame: MarkerFrame) -> None:
+        """Take the next estimate; an earlier one begins anew."""
+        if frame.t_us <= self._last_us:
+            self._restart()
+        self._last_us = frame.t_us
+        moved = frame.detected_px - self._reference
+        self._wrench = self._force.update(frame.t_us, moved)
+        self._touches.update(frame)
+        self._vibration.update(frame.t_us, moved)
+        if frame.t_us - self._spectrum_us >= SPECTRUM_EVERY_US:
+            self._spectrum_us = frame.t_us
+            self._spectrum = self._vibration.spectrum()
+
+    def shown(self) -> dict[str, Any]:
+        """Return what the page shows, as JSON can hold it."""
+        if self._wrench is None:
+            return {}
+        patch, line, slip = self._touches.touches.patch, self._spectrum, self._touches.slip
+
+        def rounded(values: NDArray[np.float64]) -> Any:
+            return np.round(values, 4).tolist()
+
+        return {
+            "force_n": rounded(self._wrench.force_n),
+            "half_width_n": rounded(self._wrench.half_width[:3]),
+            "place_px": None if patch is None else rounded(patch.place),
+            "outline_px": None if patch is None else rounded(patch.outline),
+            "slip": None if slip is None else slip.phase,
+            "sticking_share": None if slip is None else round(slip.sticking_share, 3),
+            "line_hz": None if line is None else line.line_hz,
+            "line_px": 0.0 if line is None else line.line_px,
+            "spectrum_hz": 0.0 if line is None else float(line.frequency_hz[1]),
+            "spectrum_px": [] if line is None else rounded(line.amplitude_px[:LARGEST_BINS]),
+        }

@@ -15,6 +15,7 @@ from spikingtac.touch.force.model import ForceModel
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer import record as module
 from spikingtac.viewer.export import steps, summarize, tracked
+from spikingtac.viewer.source import FeltLayer
 from stand_ins.viewer import open_circling
 
 
@@ -66,7 +67,7 @@ def frame(t_us: int, moved: np.ndarray) -> MarkerFrame:
 
 
 def test_a_press_shows_force_patch_and_later_a_spectrum(model: ForceModel) -> None:
-    layer = module.FeltLayer(REFERENCE, 200.0, model)
+    layer = FeltLayer(REFERENCE, 200.0, model)
     assert layer.shown() == {}
     away = (REFERENCE - REFERENCE.mean(axis=0)) / 37.0
     press = 3.0 * away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True))
@@ -85,4 +86,4 @@ def test_a_press_shows_force_patch_and_later_a_spectrum(model: ForceModel) -> No
 
 def test_a_model_of_another_sensor_is_refused(model: ForceModel) -> None:
     with pytest.raises(ConfigError, match=r"\(36, 2\) in px"):
-        module.FeltLayer(REFERENCE[:9], 200.0, model)
+        FeltLayer(REFERENCE[:9], 200.0, model)
