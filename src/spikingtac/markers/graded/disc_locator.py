@@ -87,16 +87,16 @@ class DiscLocator(Locator):
         most = within[:, min(farthest, within.shape[1] - 1)].max()
         self._edges = np.zeros((len(radius_px), 5, most), np.float32)
         self._due = np.maximum(np.ceil(DUE_PX * events_per_px(calibration)), 1.0)
-        self._marked = np.empty((calibration.size[1], calibration.size[0]), np.uint16)
+        self._owners = np.empty((calibration.size[1], calibration.size[0], 2), np.uint16)
         super().__init__(calibration, painted_map(calibration, GradedStateMap))
 
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
         super().reset()
         self._read = np.full((len(self.fits), 7), np.inf)
-        self._marked[:] = NOBODY
+        self._owners[..., 0], self._owners[..., 1] = self._owner, NOBODY
         for m in range(len(self.fits)):
-            mark_kernel(self._marked, m, self.motion, self.fits, self.outline_px, self._window.edge)
+            mark_kernel(self._owners, m, self.motion, self.fits, self.outline_px, self._window.edge)
 
     def absorb(self, packet: EventPacket, watch: HotPixelWatch) -> None:
         """Bring the map up to date, and count the events by marker, but for those of hot pixels.
@@ -110,7 +110,7 @@ class DiscLocator(Locator):
             return
         columns = packet.x, packet.y, packet.p, packet.t
         maps = levels.memory, levels.padded, levels.signed_steps, levels.dark_markers
-        markers = self._owner, self.counts, self._marked, self.pending
+        markers = self.counts, self._owners, self.pending
         found, watch.until_us = absorb_discs_kernel(
             *columns, *watch.maps, watch.until_us, *maps, *markers
         )
@@ -124,7 +124,7 @@ class DiscLocator(Locator):
             coasted: ``(m,)`` markers that are held: their motion stays.
         """
         states = self.motion, self.fits, self.outline_px, self.pending, coasted
-        markers = self._radius_px, self._due, self._marked
+        markers = self._radius_px, self._due, self._owners
         maps = self.map.padded, self._edges, self._read
         fitted = locate_discs_kernel(*maps, *self._window, *states, *markers, t_us)
         self.busy = 2 * fitted >= len(self.pending)
@@ -133,15 +133,15 @@ class DiscLocator(Locator):
 @njit(cache=True, nogil=True)
 def absorb_discs_kernel(
     x: Array, y: Array, p: Array, t: Array, hot_counts: Array, hot_windows: Array, until_us: int,
-    memory: Array, padded: Array, signed_steps: Array, dark_markers: bool, owner: Array,
-    counts: Array, marked: Array, pending: Array,
+    memory: Array, padded: Array, signed_steps: Array, dark_markers: bool, counts: Array,
+    owners: Array, pending: Array,
 ) -> tuple[int, int]:  # pragma: no cover - compiled # fmt: skip
     """Add each event to the map, and count it for the markers around it.
 
     Arguments are plain, since a tuple costs a microsecond: columns of the events; what
-    :func:`watch_kernel` asks for; the map; who rests nearest to each pixel, and the events of their
-    cells; who marked each pixel, and the events there. Returns how many pixels became hot, and the
-    end of their window.
+    :func:`watch_kernel` asks for; the map; events of the markers' cells; ``(height, width, 2)`` who
+    rests nearest to each pixel, and who stands around it; events around the markers. Returns how
+    many pixels became hot, and the end of their window.
     """
     keep = np.empty(x.size, np.bool_)
     _, found, until_us = watch_kernel((hot_counts, hot_windows), until_us, (x, y, t), keep)
@@ -152,8 +152,8 @@ def absorb_discs_kernel(
         step = signed_steps[row, column, np.uint64(p[i] != dark_markers)]
         shown = integrate_event_kernel(memory, row, column, step)
         padded[row + PAD_PX, column + PAD_PX] = shown
-        counts[owner[row, column]] += 1
-        m = marked[row, column]
+        counts[owners[row, column, 0]] += 1
+        m = owners[row, column, 1]
         if m != NOBODY:
             pending[m] += 1
     return found, until_us
@@ -161,11 +161,11 @@ def absorb_discs_kernel(
 
 @njit(cache=True, nogil=True)
 def mark_kernel(
-    marked: Array, m: int, motions: Array, fits: Array, outline_px: Array, edge: Array,
+    owners: Array, m: int, motions: Array, fits: Array, outline_px: Array, edge: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Mark the pixels around marker m with its number, and no longer those that it left."""
     outer = outline_px[m, 0] + edge[m, 1] + FARTHER_PX + MARKED_PX
-    height, width = marked.shape
+    height, width, _ = owners.shape
     for mark in (NOBODY, m):
         if mark == m:
             fits[m, MARKED_X], fits[m, MARKED_Y] = motions[m, X], motions[m, Y]
@@ -173,26 +173,26 @@ def mark_kernel(
         for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
             half = np.sqrt(max(outer * outer - (row - y) ** 2, 0.0))
             for column in range(max(0, int(np.ceil(x - half))), min(width - 1, int(x + half)) + 1):
-                if mark == m or marked[row, column] == m:
-                    marked[row, column] = mark
+                if mark == m or owners[row, column, 1] == m:
+                    owners[row, column, 1] = mark
 
 
 @njit(cache=True, nogil=True)
 def locate_discs_kernel(
     padded: Array, edges: Array, read: Array, offset: Array, place_px: Array, within: Array,
     coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,
-    pending: Array, coasted: Array, radius_px: Array, due: Array, marked: Array, t_us: int,
+    pending: Array, coasted: Array, radius_px: Array, due: Array, owners: Array, t_us: int,
 ) -> int:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that enough events ask for, bring the filters up to the present; count fits.
 
     Arguments are plain, since a tuple costs a microsecond: the map with its margin, edges as they
     were read, and where (:func:`fit_disc_kernel`); the fields of a :class:`FitWindow`; motions,
     fits, outlines, pending events, and which markers are held; ``(m,)`` radii at rest, px, and
-    events that ask for a fit; who marked each pixel; the time, us.
+    events that ask for a fit; who stands around each pixel; the time, us.
     """
     fitted = 0
     window, as_read = FitWindow(offset, place_px, within, coefficients, edge), (edges, read)
-    levels = padded.ravel(), marked.shape[1], marked.shape[0]
+    levels = padded.ravel(), owners.shape[1], owners.shape[0]
     for m in range(radius_px.size):
         motion, fit = motions[m], fits[m]
         if motion[AT_US] < 0.0:
@@ -223,5 +223,5 @@ def locate_discs_kernel(
         else:
             correct_kernel(motion, fit[FIT_X], fit[FIT_Y], dt_s)
         if max(abs(motion[X] - fit[MARKED_X]), abs(motion[Y] - fit[MARKED_Y])) > MARKED_PX:
-            mark_kernel(marked, m, motions, fits, outline_px, edge)
+            mark_kernel(owners, m, motions, fits, outline_px, edge)
     return fitted

@@ -115,7 +115,7 @@ def test_events_count_for_the_marker_around_which_they_lie_also_far_from_its_res
 
 def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
     locator, rng = moved_by(0.0), np.random.default_rng(4)
-    twin, marked = deepcopy(locator.map), locator._marked
+    twin, marked = deepcopy(locator.map), locator._owners[..., 1]
     x, y, p = rng.integers(0, 100, 500), rng.integers(0, 60, 500), rng.random(500) < 0.5
     columns = x.astype(np.uint16), y.astype(np.uint16), p, np.arange(500)
     packet = EventPacket(*columns, 0, 500, (100, 60))
