@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from spikingtac._version import package_version
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import Config, load_config
-from spikingtac.errors import CalibrationError
+from spikingtac.contact.detector import DetectorSummary, Window, packets_of
+from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.address import is_stream
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource
@@ -24,10 +25,10 @@ from spikingtac.markers.registry import MarkerTracker, TrackingConfig, make_law,
 from spikingtac.markers.smoothing import smoothed
 from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.schema import to_mapping
-from spikingtac.touch.force.model import ForceModel, Wrench
+from spikingtac.touch.force.model import ForceEstimator, ForceModel, Wrench
 from spikingtac.tracks import Tracks, TracksWriter, create_tracks
 from spikingtac.tracks.files import SIGMA
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import Contact, EventPacket, MarkerFrame
 
 PROGRESS_EVERY = 64  # Estimates between two reports of progress.
 
@@ -173,10 +174,14 @@ def _columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:
 
 def _provenance(source: FileSource | CheckedSource, config: TrackingConfig) -> dict[str, Any]:
     """Return the metadata of tracks: configuration, input, version and losses."""
+    sha256 = None  # A pipe has none.
+    if source.path.is_file():
+        with source.path.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     return {
         "config": {"tracking": to_mapping(config)},
         "input": source.path.name,
-        "input_sha256": _digest(source.path),
+        "input_sha256": sha256,
         "package_version": package_version(),
         "losses": dict(source.losses.kinds()),
     }
@@ -194,14 +199,6 @@ def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) ->
             f"{calibrated[0]}x{calibrated[1]}; calibrate this sensor: "
             "spikingtac calibrate RECORDING -o calibration.json"
         )
-
-
-def _digest(path: Path) -> str | None:
-    """Return the SHA-256 of a file; None of a pipe."""
-    if not path.is_file():
-        return None
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 class _Counts:
@@ -227,3 +224,44 @@ class _Counts:
             "force_max_n": self._largest_n or None,
             "never_observed": [int(marker) for marker in never],
         }
+
+
+class ForceLimit:
+    """Decides where the force on one sensor surely exceeds a limit: less its 90 % interval.
+
+    It tracks the markers in every window, which costs more than to count events.
+
+    Attributes:
+        in_contact: True while the force exceeds the limit.
+    """
+
+    def __init__(self, tracker: MarkerTracker, estimator: ForceEstimator, limit_n: float) -> None:
+        """Begin at the calibrated rest.
+
+        Raises:
+            ConfigError: The limit is not positive.
+        """
+        if not limit_n > 0.0:
+            raise ConfigError(f"the limit of force is {limit_n:g} N, it must be positive")
+        self._tracker, self._estimator, self._limit_n = tracker, estimator, limit_n
+        self.in_contact = False
+
+    def update(self, window: Window) -> Contact | None:
+        """Follow the markers through the next window; return a contact where the force is large."""
+        (packet,) = packets_of(window)
+        self._tracker.absorb(packet)
+        frame = self._tracker.estimate(packet.t_end_us)
+        wrench = self._estimator.update(frame.t_us, frame.displacement_px)
+        before, self.in_contact = self.in_contact, wrench.exceeds(self._limit_n)
+        begins = self.in_contact and not before
+        return Contact(frame.t_us, wrench.least_n, self._limit_n) if begins else None
+
+    def reset(self) -> None:
+        """Forget the past windows."""
+        self._tracker.reset()
+        self._estimator.reset()
+        self.in_contact = False
+
+    def summary(self) -> DetectorSummary:
+        """Return the rule."""
+        return DetectorSummary(rule=f"force, less its 90 % interval, above {self._limit_n:g} N")

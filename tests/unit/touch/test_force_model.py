@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.pipeline.force_limit import ForceLimit
+from spikingtac.pipeline.track import ForceLimit
 from spikingtac.touch.force.fit import fit_force, retarget, score_force
 from spikingtac.touch.force.model import ForceModel, Wrench, load_force
 from spikingtac.touch.network import Network, with_record

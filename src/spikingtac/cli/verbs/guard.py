@@ -150,7 +150,7 @@ def force_limit(calibration: str, quiet: str, force: str, limit_n: float) -> st.
         force: Path of the force model.
         limit_n: Force at which the arm stops, N.
     """
-    from spikingtac.pipeline.force_limit import ForceLimit
+    from spikingtac.pipeline.track import ForceLimit
 
     own, model = st.Calibration.load(calibration), st.load_force(force)
     model.require(own.reference_px, "px", "the calibration")

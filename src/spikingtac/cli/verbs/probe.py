@@ -14,7 +14,6 @@ from spikingtac.cli.messages import Table, tell
 from spikingtac.cli.verbs.probe_args import Args, ProbedHole
 from spikingtac.errors import named
 from spikingtac.events.address import is_stream
-from spikingtac.plots.figure import PICTURE_ENDINGS
 from spikingtac.schema import to_mapping
 
 if TYPE_CHECKING:
@@ -102,26 +101,16 @@ def _output_paths(args: Args) -> tuple[Path, Path] | None:
     """Return the paths of document and picture, and create their folder.
 
     Raises:
-        ConfigError: The ending is not valid, the folder cannot be created, or a file is there.
+        ConfigError: A file is named, or one of them is there already.
     """
-    output = args.output
-    if output is None:
+    folder = args.output
+    if folder is None:
         return None
-    ending = output.suffix.lower()
-    if ending == ".json":
-        paths = output, output.with_suffix(".png")
-    elif ending in PICTURE_ENDINGS:
-        paths = output.with_suffix(".json"), output
-    elif not ending or output.is_dir():
-        paths = output / "hole.json", output / "hole.png"
-    else:
-        raise st.ConfigError(
-            f"--output is {str(output)!r}; give a folder, or a file that ends in .json, "
-            f"{', '.join(PICTURE_ENDINGS)}"
-        )
-    paths[0].parent.mkdir(parents=True, exist_ok=True)
-    args.claim(*paths)
-    return paths
+    if folder.suffix and not folder.is_dir():
+        raise st.ConfigError(f"--output is {str(folder)!r}; give the name of a folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    args.claim(folder / "hole.json", folder / "hole.png")
+    return folder / "hole.json", folder / "hole.png"
 
 
 def _summary(args: Args, hole: ProbedHole, picture: HolePicture) -> dict[str, Any]:

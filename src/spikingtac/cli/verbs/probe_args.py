@@ -21,9 +21,8 @@ class Args(WriteArgs):
     protective stop.
     """
 
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FOLDER|FILE")] = None
-    """Folder for hole.json and hole.png; or a .json, .png, .svg or .pdf file, the other one is
-    written beside it. Nothing is written unless given."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")] = None
+    """Folder for hole.json and hole.png; nothing is written unless given."""
     arm: str | None = None
     """Address of a UR arm in remote control; the twin is used unless given."""
     events: Path | None = None
