@@ -48,8 +48,10 @@ def both(request: pytest.FixtureRequest) -> Both:
     free_finger = SmallMotionFinger(finger, SEED, pad, config)
     whole = SensingFinger(finger, SEED)
     skins = [skin_state(pad, config.probe, one) for one in bushing]
-    whole.settle(whole.project(skin_state(pad, config.probe, np.zeros(6))))
-    images = [whole.project(replace(skin, t_us=1000 * (k + 1))) for k, skin in enumerate(skins)]
+    optics, camera = whole.optics, whole.camera
+    rest = skin_state(pad, config.probe, np.zeros(6))
+    camera.settle(optics.project(rest), whole.history)
+    images = [optics.project(replace(skin, t_us=1000 * (k + 1))) for k, skin in enumerate(skins)]
     calibration = Calibration(
         reference_px=free_finger.image.center_px,
         radius_px=free_finger.image.radius_px,
@@ -58,7 +60,7 @@ def both(request: pytest.FixtureRequest) -> Both:
     )
     return Both(
         free_finger.sparse_camera.render_motion(bushing),
-        whole.advance(images),
+        camera.advance(images),
         calibration,
     )
 

@@ -60,7 +60,7 @@ def press_and_release(rig: Rig, reach_mm: np.ndarray) -> None:
     while rig.arm.state() is ArmState.MOVING:
         rig.wait(WAIT_S)
     rig.wait(max(1.0 - (rig.t_us - released_us) * 1e-6, 0.0))
-    rig.reset_first_contact()
+    rig.first_contact = None
 
 
 def travel_mm(

@@ -15,7 +15,7 @@ from spikingtac.sim.rig.tip_contact import (
     stiffen_by_curvature_kernel,
     update_anchors_kernel,
 )
-from spikingtac.sim.rig.walls import HexBit, HoleWall, PlaneWall, RoundBit, Wall
+from spikingtac.sim.rig.walls import Bit, HoleWall, PlaneWall, Wall
 
 Array = np.ndarray
 
@@ -110,10 +110,10 @@ WALLS = [
 
 
 @pytest.mark.parametrize("wall", WALLS, ids=["plane", "hole"])
-@pytest.mark.parametrize("bit", [RoundBit(), HexBit(heading_rad=0.3)], ids=["round", "hexagon"])
+@pytest.mark.parametrize("bit", [Bit(), Bit(heading_rad=0.3)], ids=["round", "hexagon"])
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_a_wandering_tip_is_pressed_and_remembered_alike(
-    wall: Wall, bit: RoundBit | HexBit, friction: float
+    wall: Wall, bit: Bit, friction: float
 ) -> None:
     rng, count, pressed = np.random.default_rng(2), len(bit.points_mm), 0
     fast = TipPoints(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count, np.bool_))

@@ -6,7 +6,7 @@ import numpy as np
 
 from spikingtac.errors import SearchError
 from spikingtac.robot.prober import Touched
-from spikingtac.sim.rig.walls import HexBit
+from spikingtac.sim.rig.walls import Bit
 
 BISECTIONS = 36  # 11 mm to less than a nanometre.
 
@@ -25,7 +25,7 @@ class IdealProber:
     starts: list[np.ndarray] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.corner_mm = HexBit(heading_rad=self.heading_rad).points_mm[:, :2]
+        self.corner_mm = Bit(heading_rad=self.heading_rad).points_mm[:, :2]
 
     def place_mm(self) -> np.ndarray:
         return np.array(self.center_mm)

@@ -94,13 +94,13 @@ class EventObserver:
 
     def __init__(self, mount: Mount, optics: Optics, seed: int) -> None:
         self._finger, self._mount = SensingFinger(mount.finger, seed), mount
-        self._reference = self._finger.project(at_rest(mount)).center_px
+        self._reference = self._finger.optics.project(at_rest(mount)).center_px
         self.packet: st.EventPacket | None = None
 
     def begin(self, state: SkinState) -> Seen:
         """Take the skin at the start: the tracker is calibrated where the markers stand then."""
-        image = self._finger.project(state)
-        self._finger.settle(image)
+        image = self._finger.optics.project(state)
+        self._finger.camera.settle(image, self._finger.history)
         calibration = st.Calibration(
             reference_px=image.center_px,
             radius_px=image_radius_px(image),
@@ -113,8 +113,8 @@ class EventObserver:
 
     def observe(self, state: SkinState) -> Seen:
         """Take the skin at a later time."""
-        image = self._finger.project(state)
-        self.packet = self._finger.advance([image])
+        image = self._finger.optics.project(state)
+        self.packet = self._finger.camera.advance([image])
         rest = self.packet
         for t_us in range(rest.t_start_us + ESTIMATE_US, state.t_us, ESTIMATE_US):
             part, rest = rest.split(t_us)

@@ -71,11 +71,9 @@ from .rig.ur3 import SERVO_LAG_S as SERVO_LAG_S
 from .rig.ur3 import UR3Twin as UR3Twin
 from .rig.probe import Vibration as Vibration
 from .rig.walls import Bit as Bit
-from .rig.walls import HexBit as HexBit
 from .rig.walls import HoleWall as HoleWall
 from .rig.walls import NoWall as NoWall
 from .rig.walls import PlaneWall as PlaneWall
-from .rig.walls import RoundBit as RoundBit
 from .rig.walls import Wall as Wall
 
 # Probing on the twin: calibration on a flat wall, readings of arms of different repeatability
@@ -88,7 +86,6 @@ from .rig.hole_site import CROSS as CROSS
 from .rig.hole_site import DEFAULT as DEFAULT
 from .rig.hole_site import STYLES as STYLES
 from .rig.hole_site import WALL_MM as WALL_MM
-from .rig.hole_site import detector_for as detector_for
 from .rig.hole_site import prober_for as prober_for
 from .rig.hole_site import quiet_windows as quiet_windows
 from .rig.hole_site import touch_flat_walls as touch_flat_walls

@@ -17,6 +17,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -193,7 +194,7 @@ def prepare(rig: Rig, speed_mm_s: float, rng: np.random.Generator) -> None:
     _until_at_rest(rig)
     due_us = released_us + 1e6 * (RELEASED_S - travel_time_s(speed_mm_s, way_mm))
     rig.wait(max((due_us - rig.t_us) * 1e-6, WAIT_S))
-    rig.reset_first_contact()
+    rig.first_contact = None
 
 
 def approach(
@@ -215,7 +216,7 @@ def approach(
         patience_mm: Travel of the arm after the touch at which the run ends in any case, mm.
     """
     rig.arm.move_linear(BEYOND_MM * DIRECTION, speed_mm_s)
-    arm = rig.arm.copy()
+    arm = copy(rig.arm)
     config = ApproachConfig(speed_mm_s=speed_mm_s, settle_windows=SETTLE_WINDOWS)
     before = _cruise(rig, config)
     run = ApproachRun(FirstContact(float("inf"), np.full(3, np.nan)), arm)
@@ -277,7 +278,7 @@ def stop_at(run: ApproachRun, decided_us: float) -> dict[str, float]:
     A copy of the run's arm is stopped. Positions are along the approach, mm from the true first
     touch; ``delay_us`` is the time from there.
     """
-    arm, real = run.arm.copy(), run.touch.arm_mm
+    arm, real = copy(run.arm), run.touch.arm_mm
     now_us = round(decided_us)
     arm.advance_to(now_us)
     deviation = float((arm.true_position_mm() - real) @ DIRECTION)

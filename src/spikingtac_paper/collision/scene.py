@@ -16,11 +16,11 @@ from spikingtac.sim import (
     ACCELERATION_MM_S2,
     SERVO_LAG_S,
     VIBRATION_MM,
+    Bit,
     FingerConfig,
     PlaneWall,
     Rig,
     RigConfig,
-    RoundBit,
     SensingFinger,
     SkinConfig,
     UR3Twin,
@@ -67,7 +67,7 @@ class CollisionScene:
     def make_rig(self, seed: int) -> Rig:
         """Return the whole twin, the tip :data:`NEAR_MM` before the wall."""
         way = DIRECTION
-        wall = PlaneWall(way * RoundBit().radius_mm, -way)
+        wall = PlaneWall(way * Bit().radius_mm, -way)
         finger = SensingFinger(self.finger(), seed)
         rng = np.random.default_rng(seed)
         return Rig(self.rig_config(), wall, finger, -NEAR_MM * way, rng)

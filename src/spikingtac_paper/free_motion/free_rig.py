@@ -330,7 +330,7 @@ class SmallMotionFinger(SensingFinger):
         self.camera = self.sparse_camera
         self._pad, self._probe = pad, rig.probe
         self.image = self._at(np.zeros(DEGREES_OF_FREEDOM))
-        self.settle(self.image)
+        self.camera.settle(self.image, self.history)
         steps = SLOPE_STEP * np.eye(DEGREES_OF_FREEDOM)
         pairs = [(self._at(step), self._at(-step)) for step in steps]
         self.slopes = np.stack(
@@ -340,7 +340,7 @@ class SmallMotionFinger(SensingFinger):
         self.sparse_camera.linearise(self.image, pairs, bushing_covariance(rig))
 
     def _at(self, bushing: NDArray[np.float64]) -> MarkerImage:
-        return self.project(skin_state(self._pad, self._probe, bushing))
+        return self.optics.project(skin_state(self._pad, self._probe, bushing))
 
 
 class FreeRig:

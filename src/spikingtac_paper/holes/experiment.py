@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.contact import ContactDetector
+from spikingtac.contact import ContactDetector, DetectionConfig, make_detector
 from spikingtac.errors import SearchError
 from spikingtac.geometry import TravelModel
 from spikingtac.robot import (
@@ -36,7 +36,6 @@ from spikingtac.sim import (
     Grasp,
     HoleSite,
     RecordingProber,
-    detector_for,
     flat_wall,
     prober_for,
     quiet_windows,
@@ -117,7 +116,7 @@ def run_calibration(job: HoleJob) -> Record:
         site = HoleSite(Grasp.of(job.seed), CALIBRATION_SEEDS + HOLE_SEEDS * job.seed)
         quiet = quiet_windows(site)
         save_windows(job.quiet_path, quiet)
-        detector = detector_for(site, DETECTOR, quiet)
+        detector = make_detector(DETECTOR, DetectionConfig(), [site.calibration], quiet)
         rng = np.random.default_rng([job.seed, PAST_STREAM])
         before_cross = functools.partial(_make_past_contact, site, detector, rng)
         record: Record = {"seed": job.seed}
@@ -141,7 +140,8 @@ def _searched(job: HoleJob) -> Record:
     calibration = run_calibration(replace(job, hole=None))
     trial = trial_of(job.seed, job.hole)
     site = HoleSite(Grasp.of(job.seed), HOLE_SEEDS * job.seed + job.hole)
-    detector = detector_for(site, DETECTOR, load_windows(job.quiet_path))
+    quiet = load_windows(job.quiet_path)
+    detector = make_detector(DETECTOR, DetectionConfig(), [site.calibration], quiet)
     _make_past_contact(site, detector, np.random.default_rng([job.seed, PAST_STREAM, job.hole]))
     record: Record = {"seed": job.seed, "hole": job.hole}
     for style in STYLES:

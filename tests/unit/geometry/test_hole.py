@@ -17,7 +17,7 @@ from spikingtac.geometry.travel import (
     hexagon_reach_in_hole_mm,
     hexagon_reach_mm,
 )
-from spikingtac.sim.rig.walls import HexBit
+from spikingtac.sim.rig.walls import Bit
 from stand_ins.touching import IdealProber
 
 SIGMA_MM = 0.03
@@ -101,7 +101,7 @@ def excess_at(angle: np.ndarray, heading: float) -> np.ndarray:
 
 @pytest.mark.parametrize("radius_mm", [0.7, 1.2, 5.0])
 def test_the_reach_in_a_hole_is_where_the_corners_meet_it(radius_mm: float) -> None:
-    corner = HexBit(across_flats_mm=FLATS_MM).points_mm[:, :2]
+    corner = Bit(across_mm=FLATS_MM, heading_rad=0.0).points_mm[:, :2]
     for angle in np.linspace(-4.0, 4.0, 41):
         reach = float(hexagon_reach_in_hole_mm(FLATS_MM, angle, radius_mm))
         center = (radius_mm - reach) * np.array([math.cos(angle), math.sin(angle)])

@@ -84,7 +84,8 @@ def on_twin(args: Args) -> ProbedHole:
     style, cycles = (twin.DEFAULT, 3) if args.search == "default" else (twin.CROSS, 4)
     remark("calibrating on a flat wall, then probing the hole; this takes about half a minute")
     with progress("calibrate on a flat wall, then probe") as advance:
-        detector = twin.detector_for(site, args.detector, twin.quiet_windows(site))
+        quiet, config = twin.quiet_windows(site), st.DetectionConfig()
+        detector = make_detector(args.detector, config, [site.calibration], quiet)
         plain = twin.prober_for(site, detector, style)
         on_walls = twin.RecordingProber(plain, [args.seed, CALIBRATION_STREAM])
         twin.touch_flat_walls(site, on_walls, style, cycles)
@@ -92,9 +93,8 @@ def on_twin(args: Args) -> ProbedHole:
         advance(CALIBRATED_FRACTION)
         remark("calibrated; probing the hole")
         site.set_wall(trial.wall, trial.start_mm)
-        prober = robot.ArmProber(
-            site.rig.arm, site.windows(), detector, args.probing(), free_travel=site.free_travel
-        )
+        arm, windows, free = site.rig.arm, site.rig.windows(), site.free_travel
+        prober = robot.ArmProber(arm, windows, detector, args.probing(), free_travel=free)
         in_hole = twin.RecordingProber(prober, [args.seed, SEARCH_STREAM])
         found = search(args, in_hole, travel, trial.start_mm)
     start_mm = tuple(trial.start_mm.tolist())

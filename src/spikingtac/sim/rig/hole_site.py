@@ -9,23 +9,21 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from spikingtac.arrays import FloatArray
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.contact.detector import ContactDetector, Window
-from spikingtac.contact.registry import DetectionConfig, make_detector
+from spikingtac.contact.detector import ContactDetector
 from spikingtac.errors import SearchError
 from spikingtac.geometry.travel import TravelModel, fit_travel
 from spikingtac.robot.arm import ArmState
 from spikingtac.robot.prober import ArmProber, Prober, ProbingConfig, Touched
 from spikingtac.sim.rig.probe import ProbeConfig
 from spikingtac.sim.rig.rig import FingerConfig, Rig, RigConfig, SensingFinger
-from spikingtac.sim.rig.walls import HexBit, HoleWall, NoWall, PlaneWall, Wall
+from spikingtac.sim.rig.walls import Bit, HoleWall, NoWall, PlaneWall, Wall
 from spikingtac.sim.scene import SkinConfig
 from spikingtac.types import EventPacket
 
@@ -57,35 +55,23 @@ SETTLE_WINDOWS = 100  # Windows after the start of that motion that are not used
 QUIET_SPEED_MM_S = 3.0  # Speed of the arm during the quiet windows, mm/s: that of the touches.
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Grasp:
-    """Properties of one grasp of the bit, drawn anew for each seed.
+class Grasp(NamedTuple):
+    """One grasp of the hexagonal bit, drawn anew for each seed, and the number of the sensor."""
 
-    Attributes:
-        heading_rad: Direction of one of the bit's corners, rad.
-        normal_ratio: Stiffness across the pads divided by that along them.
-        tilt_ratio: The same for rotation out of the pads' plane.
-        friction: Coefficient of friction between bit and wall.
-        serial: Number of the individual sensor.
-    """
-
-    heading_rad: float
-    normal_ratio: float
-    tilt_ratio: float
-    friction: float
+    probe: ProbeConfig
     serial: int
 
     @classmethod
     def of(cls, seed: int) -> Grasp:
         """Draw a grasp (assumed: ratios 0.8 to 1.5, friction 0.2 to 0.4, any heading)."""
         rng = np.random.default_rng([seed, 1])
-        return cls(
-            heading_rad=float(rng.uniform(0.0, np.pi / 3)),
+        probe = ProbeConfig(
+            bit=Bit(heading_rad=float(rng.uniform(0.0, np.pi / 3))),
             normal_ratio=float(rng.uniform(0.8, 1.5)),
             tilt_ratio=float(rng.uniform(0.8, 1.5)),
-            friction=float(rng.uniform(0.2, 0.4)),
-            serial=2 * seed + 1,
+            tip_friction=float(rng.uniform(0.2, 0.4)),
         )
+        return cls(probe, serial=2 * seed + 1)
 
 
 class HoleTrial(NamedTuple):
@@ -130,13 +116,7 @@ class HoleSite:
     """
 
     def __init__(self, grasp: Grasp, seed: int) -> None:
-        probe = ProbeConfig(
-            normal_ratio=grasp.normal_ratio,
-            tilt_ratio=grasp.tilt_ratio,
-            tip_friction=grasp.friction,
-            bit=HexBit(heading_rad=grasp.heading_rad),
-        )
-        config = RigConfig(probe=probe, repeatability_mm=0.0)
+        config = RigConfig(probe=grasp.probe, repeatability_mm=0.0)
         finger = SensingFinger(FingerConfig(serial=grasp.serial), seed)
         self.rig = Rig(config, NoWall(), finger, np.zeros(3), np.random.default_rng(seed))
         image = self.rig.image
@@ -147,10 +127,6 @@ class HoleSite:
             size=finger.camera.size,
         )
         self.rig.advance(WARM_UP_US)
-
-    def windows(self) -> Iterator[tuple[EventPacket, ...]]:
-        """Yield the windows of the finger without end."""
-        return self.rig.windows()
 
     def set_wall(self, wall: Wall, place_mm: FloatArray) -> None:
         """Place the probe in front of another wall; a bit that touches is released and swings."""
@@ -268,17 +244,12 @@ def touch_flat_walls(
 def prober_for(site: HoleSite, detector: ContactDetector, style: str) -> ArmProber:
     """Return a prober of the site that touches in one of the :data:`STYLES`."""
     arm, free = site.rig.arm, site.free_travel
-    return ArmProber(arm, site.windows(), detector, STYLES[style], free_travel=free)
-
-
-def detector_for(site: HoleSite, name: str, quiet: Sequence[Window]) -> ContactDetector:
-    """Return a contact detector for the site's finger."""
-    return make_detector(name, DetectionConfig(), [site.calibration], quiet)
+    return ArmProber(arm, site.rig.windows(), detector, STYLES[style], free_travel=free)
 
 
 def quiet_windows(site: HoleSite) -> list[tuple[EventPacket, ...]]:
     """Return :data:`QUIET_WINDOWS` windows of the arm that moves in free air."""
-    here, windows = site.rig.arm.true_position_mm(), site.windows()
+    here, windows = site.rig.arm.true_position_mm(), site.rig.windows()
     seconds = (QUIET_WINDOWS + 2 * SETTLE_WINDOWS) * 1e-3
     away_mm = np.array([QUIET_SPEED_MM_S * seconds, 0.0, 0.0])
     site.rig.arm.move_linear(here + away_mm, QUIET_SPEED_MM_S)

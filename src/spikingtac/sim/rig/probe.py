@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 
 from spikingtac.arrays import FloatArray
 from spikingtac.sim.gel import CREEP_FRACTIONS, CREEP_TIMES_S
-from spikingtac.sim.rig.walls import Bit, RoundBit, TipContact, Wall
+from spikingtac.sim.rig.walls import Bit, TipContact, Wall
 
 # Stiffness of translation, N/mm, and of rotation across the rod, N mm/rad (contract.md).
 K_T_N_MM, K_THETA_N_MM_RAD = 2.5, 68.0
@@ -63,7 +62,7 @@ class ProbeConfig:
     normal_ratio: float = 1.0
     tilt_ratio: float = 1.0
     tip_friction: float = 0.3
-    bit: Bit = field(default_factory=RoundBit)
+    bit: Bit = field(default_factory=Bit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,16 +115,18 @@ class Probe:
 
     def step(self, t_us: int, dt_s: float, arm_mm: FloatArray) -> ProbeState:
         """Advance by ``dt_s`` to ``t_us``, at which the arm is at ``arm_mm`` ``(3,)``."""
-        step = step_matrices(self._config, round(dt_s * 1e9))
-        creep = step.decay @ self._creep
+        springs, moved, chain = step_matrices(self._config, round(dt_s * 1e9))
+        (stiffness, damping, mass), (compliance, from_tip, tip_compliance) = springs, moved
+        decay, gain = chain
+        creep = decay @ self._creep
         momentum = self._bushing / dt_s**2 + self._rate / dt_s
-        load = step.stiffness * creep + step.damping * self._bushing / dt_s + step.mass @ momentum
-        load -= step.mass[:, :3] @ self._arm_acceleration(dt_s, arm_mm)
-        free_bushing = step.compliance @ load
-        force = self.contact.solve(arm_mm + TIP_JACOBIAN @ free_bushing, step.tip_compliance)
-        bushing = free_bushing + step.from_tip @ force
-        elastic = step.stiffness * (bushing - creep)
-        self._creep = step.decay[:, None] * self._creep + step.gain * elastic
+        load = stiffness * creep + damping * self._bushing / dt_s + mass @ momentum
+        load -= mass[:, :3] @ self._arm_acceleration(dt_s, arm_mm)
+        free_bushing = compliance @ load
+        force = self.contact.solve(arm_mm + TIP_JACOBIAN @ free_bushing, tip_compliance)
+        bushing = free_bushing + from_tip @ force
+        elastic = stiffness * (bushing - creep)
+        self._creep = decay[:, None] * self._creep + gain * elastic
         self._rate, self._bushing = (bushing - self._bushing) / dt_s, bushing
         tip_mm = arm_mm + TIP_JACOBIAN @ bushing
         pressed, free_gap = bool(force.any()), self.contact.free_gap_mm
@@ -157,27 +158,15 @@ class Probe:
         return GRIPPER_IN_BASE.T @ rate / dt_s
 
 
-class StepMatrices(NamedTuple):
-    """Matrices of a step of one length; ``(6,)`` are diagonals over the degrees of freedom.
-
-    ``gain`` ``(c, 6)`` is the contribution of the elastic force to each element of the creep chain.
-    ``from_tip`` ``(6, 3)`` and ``tip_compliance`` ``(3, 3)`` are the motions of bushing and tip per
-    force at the tip.
-    """
-
-    stiffness: FloatArray
-    damping: FloatArray
-    mass: FloatArray
-    compliance: FloatArray
-    decay: FloatArray
-    gain: FloatArray
-    from_tip: FloatArray
-    tip_compliance: FloatArray
-
-
 @functools.lru_cache(maxsize=64)
-def step_matrices(config: ProbeConfig, dt_ns: int) -> StepMatrices:
-    """Return the matrices of a step of a length in nanoseconds."""
+def step_matrices(config: ProbeConfig, dt_ns: int) -> tuple[tuple[FloatArray, ...], ...]:
+    """Return the matrices of a step of a length in nanoseconds.
+
+    Returns:
+        Stiffness and damping ``(6,)`` of the degrees of freedom, and mass ``(6, 6)``; motion of the
+        bushing per load ``(6, 6)``, of bushing ``(6, 3)`` and tip ``(3, 3)`` per force at the tip;
+        decay ``(c,)`` of the creep chain, and its gain ``(c, 6)`` per elastic force.
+    """
     dt_s = dt_ns * 1e-9
     decay = np.exp(-dt_s / CREEP_TIMES_S)
     stiffness0 = bushing_stiffness(config)
@@ -189,10 +178,8 @@ def step_matrices(config: ProbeConfig, dt_ns: int) -> StepMatrices:
     compliance = np.linalg.inv(whole).astype(np.float64)
     gain = ((1.0 - decay) * CREEP_FRACTIONS)[:, None] / stiffness0
     mobility = TIP_JACOBIAN @ compliance
-    tip_compliance = mobility @ TIP_JACOBIAN.T
-    return StepMatrices(
-        stiffness, damping, mass, compliance, decay, gain, mobility.T.copy(), tip_compliance
-    )
+    motion = compliance, mobility.T.copy(), mobility @ TIP_JACOBIAN.T
+    return (stiffness, damping, mass), motion, (decay, gain)
 
 
 def bushing_stiffness(config: ProbeConfig) -> FloatArray:

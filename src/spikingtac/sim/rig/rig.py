@@ -7,7 +7,7 @@ wall, the markers of the pad follow, and the camera returns its events.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ import numpy as np
 from spikingtac.arrays import FloatArray
 from spikingtac.sim.camera.config import CameraConfig
 from spikingtac.sim.camera.event_camera import EventCamera, ReferenceHistory
-from spikingtac.sim.optics import MarkerImage, Optics, OpticsConfig, SkinState
+from spikingtac.sim.optics import MarkerImage, Optics, OpticsConfig
 from spikingtac.sim.rig.pad import Pad
 from spikingtac.sim.rig.probe import Probe, ProbeConfig, Vibration
 from spikingtac.sim.rig.ur3 import REPEATABILITY_MM, UR3Twin
@@ -74,25 +74,15 @@ class SensingFinger:
         seed: Seed of its noise.
 
     Attributes:
+        optics: The lens.
         camera: The event camera.
+        history: Initial reference levels of its pixels.
     """
 
     def __init__(self, config: FingerConfig, seed: int) -> None:
-        self._optics = Optics(config.optics, config.serial)
+        self.optics = Optics(config.optics, config.serial)
         self.camera = EventCamera(config.camera_config, seed, config.serial, STILL_PX)
-        self._history: ReferenceHistory = config.history
-
-    def project(self, state: SkinState) -> MarkerImage:
-        """Return the image of the markers."""
-        return self._optics.project(state)
-
-    def settle(self, image: MarkerImage) -> None:
-        """Set every pixel to its steady state under an image, with the configured history."""
-        self.camera.settle(image, self._history)
-
-    def advance(self, images: Sequence[MarkerImage]) -> EventPacket:
-        """Return the events up to the last image."""
-        return self.camera.advance(images)
+        self.history: ReferenceHistory = config.history
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +101,7 @@ class RigConfig:
 
 
 class FirstContact(NamedTuple):
-    """The first contact since the last :meth:`Rig.reset_first_contact`, interpolated within a step.
+    """The first contact since :attr:`Rig.first_contact` was None, interpolated within a step.
 
     Attributes:
         t_us: Time, us (not rounded to a step).
@@ -139,7 +129,7 @@ class Rig:
         probe: The probe.
         state: True state of the probe.
         image: True image of the markers now.
-        first_contact: First contact, or None.
+        first_contact: First contact, or None; set it to None to wait for the next one.
         t_us: Present time, us.
     """
 
@@ -158,8 +148,8 @@ class Rig:
         self._finger, self._pad = finger, Pad()
         self.probe = Probe(config.probe, wall, start_mm + self._vibration.offset_mm)
         self.state = self.probe.at_rest(0)
-        self.image = finger.project(self._pad.skin(self.state))
-        finger.settle(self.image)
+        self.image = finger.optics.project(self._pad.skin(self.state))
+        finger.camera.settle(self.image, finger.history)
 
     def relocate(self, to_mm: FloatArray) -> None:
         """Move the arm, at rest, to another place at once. No time passes and no pixel changes.
@@ -179,10 +169,6 @@ class Rig:
         self.arm.relocate(to_mm)
         self.state = self.probe.relocated(self.state, shift)
 
-    def reset_first_contact(self) -> None:
-        """Forget the first contact and wait for the next one."""
-        self.first_contact = None
-
     def advance(self, dt_us: int) -> EventPacket:
         """Advance by ``dt_us`` and return the events.
 
@@ -195,9 +181,9 @@ class Rig:
         images: list[MarkerImage] = []
         while self.t_us < end_us:
             self._step(min(self._step_length_us(), end_us - self.t_us))
-            self.image = self._finger.project(self._pad.skin(self.state))
+            self.image = self._finger.optics.project(self._pad.skin(self.state))
             images.append(self.image)
-        return self._finger.advance(images)
+        return self._finger.camera.advance(images)
 
     def windows(self) -> Iterator[tuple[EventPacket]]:
         """Yield windows of 1 ms without end; each advances the whole rig."""

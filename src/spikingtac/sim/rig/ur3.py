@@ -8,7 +8,6 @@ repeatability. At 180 mm/s a perfect sensor overshoots 6.2 mm on average, 7.6 mm
 
 from __future__ import annotations
 
-import copy
 import math
 import time
 from typing import Any, NamedTuple
@@ -95,6 +94,8 @@ def plan(start_s: float, origin_mm: FloatArray, direction: FloatArray, **asked: 
 class UR3Twin:
     """The simulated arm (twin.md, section 4). Its time advances only through :meth:`advance_to`.
 
+    A copy made with :func:`copy.copy` continues independently from the present state.
+
     Args:
         start_mm: ``(3,)`` position at the start, mm.
         rng: Source of phase, lag and repeatability.
@@ -122,12 +123,6 @@ class UR3Twin:
         """Draw the lag and the error of the readings of one motion."""
         self._lag_s = self._rng.uniform(*SERVO_LAG_S)
         self._pose_error_mm = self._rng.normal(0.0, self._repeatability_mm, 3)
-
-    def copy(self) -> UR3Twin:
-        """Return an independent copy that continues from the present state."""
-        other = copy.copy(self)
-        other._segments = list(self._segments)
-        return other
 
     def advance_to(self, t_us: int) -> None:
         """Advance the time to ``t_us``, which must not be before the present time."""
@@ -226,7 +221,7 @@ class UR3Twin:
     def _brake(self, start_s: float) -> None:
         last = self._segments[-1]
         if start_s < last.start_s:
-            self._segments[-1] = Segment(start_s, last.origin_mm)
+            self._segments = [*self._segments[:-1], Segment(start_s, last.origin_mm)]
         elif start_s < last.end_s:
             distance, speed, acceleration = last.along(start_s)
             stop = Segment(start_s, last.position_mm(start_s), last.direction)
@@ -237,7 +232,7 @@ class UR3Twin:
                 asked = {**now, "current_acceleration": braking, "target_velocity": 0.0, **limits}
                 stop = plan(start_s, last.origin_mm, last.direction, **asked)
             if stop.end_s < last.end_s:
-                self._segments.append(stop)
+                self._segments = [*self._segments, stop]
 
     def _segment(self, setpoint_s: float) -> Segment:
         begun = (one for one in reversed(self._segments) if setpoint_s >= one.start_s)

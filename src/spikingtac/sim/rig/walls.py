@@ -13,7 +13,7 @@ distances, normals and curvature.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -103,44 +103,31 @@ Wall = NoWall | PlaneWall | HoleWall  # A rigid surface. All points must stay on
 
 
 @dataclass(frozen=True, kw_only=True)
-class RoundBit:
-    """A cylindrical bit; 0.375 mm is the paper's R_offset (Section V-C).
+class Bit:
+    """The end of the probe, a round or a hexagonal bit: balls of one radius around a few points.
 
     Attributes:
-        radius_mm: Its radius, mm.
+        across_mm: Diameter, or distance of opposite sides, mm (0.75 in the paper, Section V-C).
+        heading_rad: Direction of one corner of a hexagon in the base's xy-plane, rad; None for a
+            round bit. Its corners meet a concave wall; a corner or a side meets a flat one.
     """
 
-    radius_mm: float = 0.375
+    across_mm: float = 0.75
+    heading_rad: float | None = None
+
+    @property
+    def radius_mm(self) -> float:
+        """Radius around each point, mm: the paper's R_offset of a round bit, 0 of a corner."""
+        return self.across_mm / 2 if self.heading_rad is None else 0.0
 
     @property
     def points_mm(self) -> FloatArray:
         """Offsets ``(n, 3)`` of the touching points from the tip's centre, base frame, mm."""
-        return np.zeros((1, 3))
-
-
-@dataclass(frozen=True, kw_only=True)
-class HexBit:
-    """A hexagonal bit. Its corners meet a concave wall; a corner or a side meets a flat one.
-
-    Attributes:
-        across_flats_mm: Distance of opposite sides, mm (0.75 in the paper, Section V-C).
-        heading_rad: Direction of one corner in the base's xy-plane, rad.
-        radius_mm: Radius around each corner, mm; always 0.
-    """
-
-    across_flats_mm: float = 0.75
-    heading_rad: float = 0.0
-    radius_mm: float = field(default=0.0, init=False)
-
-    @property
-    def points_mm(self) -> FloatArray:
-        """The six corners."""
+        if self.heading_rad is None:
+            return np.zeros((1, 3))
         angle = self.heading_rad + np.arange(HEXAGON_CORNERS) * (2 * np.pi / HEXAGON_CORNERS)
-        corner_mm = self.across_flats_mm / 2 / np.cos(np.pi / HEXAGON_CORNERS)
+        corner_mm = self.across_mm / 2 / np.cos(np.pi / HEXAGON_CORNERS)
         return corner_mm * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(6)])
-
-
-Bit = RoundBit | HexBit  # The end of the probe: balls of one radius around a few points.
 
 
 def _unit(direction: ArrayLike) -> FloatArray:
