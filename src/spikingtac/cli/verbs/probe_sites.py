@@ -85,7 +85,7 @@ def on_twin(args: Args) -> ProbedHole:
     remark("calibrating on a flat wall, then probing the hole; this takes about half a minute")
     with progress("calibrate on a flat wall, then probe") as advance:
         quiet, config = twin.quiet_windows(site), st.DetectionConfig()
-        detector = make_detector(args.detector, config, [site.calibration], quiet)
+        detector = st.make_detector(args.detector, config, [site.calibration], quiet)
         plain = twin.prober_for(site, detector, style)
         on_walls = twin.RecordingProber(plain, [args.seed, CALIBRATION_STREAM])
         twin.touch_flat_walls(site, on_walls, style, cycles)
