@@ -94,6 +94,14 @@ def test_links_lead_somewhere() -> None:
     assert broken == []
 
 
+def test_the_paper_s_map_names_what_exists() -> None:
+    page = PROJECT / "docs" / "explanation" / "paper-map.md"
+    named = re.findall(r"`([\w/]+\.py)`", page.read_text(encoding="utf-8"))
+    assert len(named) > 10
+    roots = (PROJECT / "src" / "spikingtac", PROJECT / "tests", PROJECT)
+    assert [name for name in named if not any((root / name).is_file() for root in roots)] == []
+
+
 def test_the_readme_holds_the_two_commands() -> None:
     text = (PROJECT / "README.md").read_text(encoding="utf-8")
     first_screen = text.split("\n## ")[0]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import json
-import os
 import subprocess
 import sys
 from dataclasses import fields
@@ -65,6 +63,7 @@ def test_the_command_lists_every_verb_and_ends_quietly_without_a_reader() -> Non
         (ConfigError("unknown"), 2),
         (MissingExtraError("none"), 3),
         (FileNotFoundError(2, "No such file", "x.raw"), 1),
+        (PermissionError(13, "Permission denied", "x.raw"), 1),
         (OSError(28, "No space left on device"), 3),
         (ZeroDivisionError("a mistake of ours"), 3),
         (KeyboardInterrupt(), frame.EXIT_INTERRUPTED),
@@ -87,14 +86,10 @@ def test_errors_become_exit_codes(
         return
     assert json.loads(captured.out)["exit_code"] == code
     assert captured.err.startswith("spikingtac: error: ")
+    assert ("; you may not read" in captured.err) == isinstance(error, PermissionError)
     assert "Traceback" not in captured.err
     assert main(["info", "--debug"]) == code
     assert "Traceback" in capsys.readouterr().err
-
-
-def test_what_the_system_refuses_has_a_way_out(capsys: pytest.CaptureFixture[str]) -> None:
-    frame._report(OSError(errno.EACCES, os.strerror(errno.EACCES), "x.raw"), as_json=False)
-    assert "'x.raw': Permission denied; you may not read" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("verb", verbs())

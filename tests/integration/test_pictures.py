@@ -6,9 +6,8 @@ import runpy
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from PIL import Image, ImageChops
+from PIL import Image
 
 from spikingtac.cli.main import main
 from stand_ins.pictures import MOST_DIFFERENT_CELLS, different_cells
@@ -44,13 +43,3 @@ def test_the_animation(tmp_path: Path) -> None:
         frames = now.n_frames
     for frame in (0, frames // 2, frames - 1):
         assert different_cells(made, IMAGES / "demo.gif", frame) < MOST_DIFFERENT_CELLS, frame
-
-
-def test_another_picture_is_noticed(tmp_path: Path) -> None:
-    with Image.open(IMAGES / "truth_and_track.png") as picture:
-        rgb = picture.convert("RGB")
-    ImageChops.offset(rgb, 0, 12).save(tmp_path / "shifted.png")
-    assert different_cells(tmp_path / "shifted.png", IMAGES / "truth_and_track.png") > 0.02
-    noisy = np.asarray(rgb, int) + np.random.default_rng(0).integers(-20, 20, (*rgb.size[::-1], 3))
-    Image.fromarray(noisy.clip(0, 255).astype(np.uint8)).save(tmp_path / "noisy.png")
-    assert different_cells(tmp_path / "noisy.png", IMAGES / "truth_and_track.png") == 0.0

@@ -23,8 +23,6 @@ from spikingtac.events.create import create_events
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
-from spikingtac.events.source import PacketSource
-from spikingtac.events.windows import windows
 from spikingtac.stream.pair import live_pair
 from spikingtac.stream.record import RecordOptions, prepare_folder, record
 from spikingtac.tracks import Tracks
@@ -55,12 +53,6 @@ def send_both(sources: Sequence[CameraSource]) -> None:
             for source, shift_us in zip(sources, (0, LATER_US), strict=True):
                 for datagram in datagrams(burst(number, shift_us)):
                     out.sendto(datagram, ("127.0.0.1", source.camera.port))  # type: ignore[attr-defined]
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def two_cameras(more: str = "") -> list[CameraSource]:
@@ -189,69 +181,3 @@ def run_verb(arguments: list[str]) -> None:
     from spikingtac.cli.main import _dispatch
 
     _dispatch(arguments)
-
-
-def noise(seed: int, busy_ms: range = range(0)) -> EventPacket:
-    """0.8 s with 5 events each millisecond, and 200 where it is busy."""
-    rng = np.random.default_rng(seed)
-    counts = [200 if number in busy_ms else 5 for number in range(800)]
-    t = np.sort(np.repeat(np.arange(800), counts) * 1_000 + rng.integers(0, 1_000, sum(counts)))
-    x, y = rng.integers(0, SIZE[0], (2, len(t))).astype(np.uint16)
-    return EventPacket(x, y, x > y, t.astype(np.int64), 0, 800_000, SIZE)
-
-
-def test_align_puts_poses_on_the_sensors_clock(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with create_events(tmp_path / "left.npz", SIZE) as writer:
-        writer.write(noise(1))
-    rows = [f"{t / 1e6:.6f},{t * 1e-5},0,0" for t in range(0, 800_000, 8_000)]
-    (tmp_path / "robot.csv").write_text("t_s,x_mm,y_mm,z_mm\n" + "\n".join(rows) + "\n")
-    poses = ["--poses", tmp_path / "robot.csv", "--poses-clock", "sensor"]
-    found = asked(capsys, "align", tmp_path / "left.npz", *poses, "-o", tmp_path / "poses.npz")
-    assert found["poses"]["rows"] == 100
-    assert np.load(tmp_path / "poses.npz")["state"].shape == (100, 3)
-
-
-def test_contact_tells_a_finger_whose_pair_is_silent(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The other camera sends one datagram, and then nothing, long after the first has ended."""
-    from spikingtac.contact import recording
-
-    quiet = tmp_path / "quiet"
-    quiet.mkdir()
-    for seed, name in enumerate(("events.raw", "events_1.raw")):
-        with create_events(quiet / name, SIZE) as writer:
-            writer.write(noise(seed))
-    ports = [free_port(), free_port()]
-    find = recording.find_contacts
-    # Encoded beforehand: the encoder may have to be compiled, and the cameras' seconds run.
-    pieces = [
-        list(datagrams(piece))
-        for piece in windows(PacketSource([noise(2, range(400, 420))], SIZE), 1_000)
-    ]
-    threads: list[threading.Thread] = []
-
-    def send() -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-            begun_s = time.monotonic()
-            for number, piece in enumerate(pieces):
-                time.sleep(max(begun_s + number * 1e-3 - time.monotonic(), 0.0))
-                for port in ports if number == 0 else ports[:1]:
-                    for datagram in piece:
-                        out.sendto(datagram, ("127.0.0.1", port))
-
-    def once_it_listens(*given: Any) -> Any:
-        threads.append(threading.Thread(target=send))
-        threads[0].start()
-        return find(*given)
-
-    monkeypatch.setattr(recording, "find_contacts", once_it_listens)
-    addresses = [f"udp:127.0.0.1:{port}?encoding=evt2&size=320x320" for port in ports]
-    told = asked(
-        capsys, "contact", addresses[0] + "&seconds=3", "--second", addresses[1] + "&seconds=7",
-        "--quiet", quiet, "--detector", "event_count",
-    )  # fmt: skip
-    threads[0].join()
-    assert [round(found["t_us"], -4) for found in told["contacts"]] == [400_000]
