@@ -54,9 +54,8 @@ class V4l2Camera(Camera):
         self.size = self._words.size
         width, height = address.size("frame") or FRAME
         self._frame_bytes = width * height
-        # Read up to its mark only, in place: copying 1.6 MB takes longer than decoding its words.
-        self._frame, self._filled = memoryview(bytearray(self._frame_bytes)), 0
-        self._looked = self._behind = 0
+        # Of a frame: bytes read, its words as long as no mark came, and whether one did.
+        self._at, self._payload, self._marked = 0, bytearray(), False
         kind, self._heads, _ = WORD_FORMS[self._words.form]
         self._kind = np.dtype(kind)
         self._bits, self._mark_value = np.array(_MARKS[self._words.encoding], self._kind)
@@ -86,19 +85,14 @@ class V4l2Camera(Camera):
         if self._file is None or self._ended:
             return None
         while select.select([self._file], [], [], timeout_s)[0]:
-            # What stands behind a frame's mark is read into the frame's place, and left out.
-            room = self._frame[: self._behind] or self._frame[self._filled :][:READ_BYTES]
-            got = os.readv(self._file, [room])
-            if not got:
+            data = os.read(self._file, min(READ_BYTES, self._frame_bytes - self._at))
+            if not data:
                 return self._end()
-            if self._behind:
-                self._behind -= got
-                continue
-            self._filled += got
-            payload = self._payload()
-            if payload is not None:
-                self._behind, self._filled, self._looked = self._frame_bytes - self._filled, 0, 0
-                return self._words.feed(payload)
+            self._at = (self._at + len(data)) % self._frame_bytes
+            words = self._take(data, last=self._at == 0)
+            self._marked = self._marked and self._at > 0
+            if words is not None:
+                return self._words.feed(words)
         return self.nothing()
 
     def close(self) -> None:
@@ -119,27 +113,28 @@ class V4l2Camera(Camera):
         self._ended = True
         if self._tool is not None:
             raise CameraLostError(f"{TOOL} has ended: the device is gone, or refuses to stream")
-        self.losses.add("truncated", int(self._filled + self._behind > 0))
-        rows = self._words.feed(self._payload(final=True) or b"", final=True)
+        self.losses.add("truncated", int(self._at > 0))
+        words = self._take(b"", last=True) if self._at else None
+        rows = self._words.feed(words or b"", final=True)
         return rows if len(rows[3]) else None
 
-    def _payload(self, final: bool = False) -> memoryview | None:
-        """Return the words before the mark; all of a frame without one; None until it is whole."""
-        end = self._mark()
-        if end is not None:
-            return self._frame[:end]
-        if self._filled < self._frame_bytes and not final:
+    def _take(self, data: bytes, last: bool) -> bytes | None:
+        """Return the words of a frame once: those before its mark, or all of one without a mark."""
+        if self._marked:  # what an earlier frame left
             return None
-        self.losses.add("no_end_mark", int(self._filled > 0))
-        return self._frame[: self._filled // self._words.word_bytes * self._words.word_bytes]
-
-    def _mark(self) -> int | None:
-        """Return the offset of the mark, bytes; None where it is not among the words so far."""
-        kind, size, start = self._kind, self._words.word_bytes, self._looked
-        self._looked = self._filled // size * size
-        words = np.frombuffer(self._frame, kind, (self._looked - start) // kind.itemsize, start)
+        size, looked = self._words.word_bytes, len(self._payload)
+        self._payload += data
+        looked, end = looked // size * size, len(self._payload) // size * size
+        words = np.frombuffer(
+            self._payload, self._kind, (end - looked) // self._kind.itemsize, looked
+        )
         found = np.flatnonzero((words[self._heads] & self._bits) == self._mark_value)
-        return start + int(found[0]) * size if len(found) else None
+        if not (len(found) or last):
+            return None
+        self.losses.add("no_end_mark", int(not len(found)))
+        payload = bytes(self._payload[: looked + int(found[0]) * size if len(found) else end])
+        self._payload, self._marked = bytearray(), True
+        return payload
 
 
 def _streaming(path: Path) -> subprocess.Popen[bytes]:

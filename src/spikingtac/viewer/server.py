@@ -74,6 +74,8 @@ def _whole(low: int, high: int) -> Callable[[Any], bool]:
 
 
 def _setting(value: Any) -> bool:
+    if not isinstance(value, list):
+        return False
     name, setting = value
     return isinstance(name, str) and isinstance(setting, bool | int | float | str)
 

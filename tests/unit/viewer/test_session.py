@@ -147,16 +147,13 @@ def test_what_came_before_a_source_was_lost_can_be_looked_at(
     np.testing.assert_allclose(arrays["position_px"], positions_px(meta["estimate_us"]), atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        '{"ack": 7}', '{"play": true}', '{"speed": 0.25}', '{"speed": 2}', '{"seek_us": -5}',
-        '{"exposure_us": 30000}', '{"map": false}', '{"set": ["gain", 1.5]}',
-        '{"set": ["law", "paper"]}', '{"defaults": true}', '{"calibrate": true}',
-    ],
-)  # fmt: skip
-def test_commands_are_understood(command: str) -> None:
-    assert parse_command(command) == next(iter(json.loads(command).items()))
+def test_commands_are_understood() -> None:
+    for command in (
+        {"ack": 7}, {"play": True}, {"speed": 0.25}, {"speed": 2}, {"seek_us": -5}, {"map": False},
+        {"exposure_us": 30000}, {"set": ["gain", 1.5]}, {"set": ["law", "paper"]},
+        {"defaults": True}, {"calibrate": True},
+    ):  # fmt: skip
+        assert [parse_command(json.dumps(command))] == list(command.items())
 
 
 @pytest.mark.parametrize(
@@ -165,7 +162,8 @@ def test_commands_are_understood(command: str) -> None:
         "", "null", "[]", "{}", '{"play": 1}', '{"play": true, "ack": 1}', '{"speed": 0}',
         '{"speed": 1e9}', '{"speed": NaN}', '{"speed": true}', '{"seek_us": 1.5}',
         '{"seek_us": 1e300}', '{"exposure_us": 1}', '{"set": ["gain"]}', '{"set": ["gain", [1]]}',
-        '{"set": {"gain": 1}}', '{"exec": "x"}', "[" * 900, '{"set": ["' + "x" * 2000 + '", 1]}',
+        '{"set": {"gain": 1, "b": 2}}', '{"set": "ab"}', '{"exec": "x"}', "[" * 900,
+        '{"set": ["' + "x" * 2000 + '", 1]}',
     ],
 )  # fmt: skip
 def test_everything_else_is_refused(text: str) -> None:
