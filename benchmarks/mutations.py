@@ -54,8 +54,8 @@ class Mutation:
 MUTATIONS = (
     Mutation(
         name="evt3-vector-advance",
-        old="state[at.VECTOR_X] = column + length",
-        new="state[at.VECTOR_X] = column + 12",
+        old="state[VECTOR_X] = column + length",
+        new="state[VECTOR_X] = column + 12",
         tests=("tests/unit/events/evt/test_raw.py",),
     ),
     Mutation(

@@ -7,10 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from spikingtac.events.evt import salvage
-from spikingtac.events.evt.decoder import Columns
 from spikingtac.events.evt.encode import Evt2Encoder, Evt3Encoder, Evt21Encoder
-from spikingtac.events.evt.words import WordDecoder
+from spikingtac.events.evt.words import WordStream
+from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.records import decode_es_kernel
+from spikingtac.types import LossCounters
 
 SIZE = (320, 240)
 Events = list[tuple[int, int, int, bool]]
@@ -78,12 +79,6 @@ def as_tuples(t: NDArray, x: NDArray, y: NDArray, p: NDArray) -> Events:
     return list(zip(t.tolist(), x.tolist(), y.tolist(), p.tolist(), strict=True))
 
 
-def decoded(decoder: WordDecoder, words: NDArray) -> Events:
-    out = Columns.empty(len(words) * decoder.events_per_word, len(words))
-    n = decoder.decode(words, out)
-    return as_tuples(out.t[:n], out.x[:n], out.y[:n], out.p[:n])
-
-
 CODECS = [
     pytest.param(Evt2Encoder, twin_evt2, id="evt2"),
     pytest.param(Evt21Encoder, twin_evt21, id="evt21"),
@@ -99,7 +94,9 @@ def test_encoder_twin_and_decoder_agree(encoder, twin, n, span_us) -> None:
     columns = events(np.random.default_rng(n), n, span_us)
     words = encoder().encode(*columns)
     assert twin(words) == as_tuples(*columns)
-    assert decoded(WordDecoder(encoder.name, SIZE), words) == as_tuples(*columns)
+    losses = LossCounters()
+    x, y, p, t = WordStream(encoder.name, SIZE, losses, Triggers()).feed(words.tobytes(), True)
+    assert (as_tuples(t, x, y, p), losses) == (as_tuples(*columns), {})
 
 
 def cost_of_path(bad: list[int], path: tuple[int, ...], word: int) -> int:

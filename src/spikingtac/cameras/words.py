@@ -18,7 +18,7 @@ from spikingtac.events.evt.wire import (
     best_candidate,
     implausible_share,
 )
-from spikingtac.events.evt.words import Rows, WordDecoder, WordStream
+from spikingtac.events.evt.words import Rows, WordStream
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import LossCounters
 
@@ -84,11 +84,11 @@ class CameraWords:
         self.encoding, self.size = header.encoding, header.size
         self._order = header.byte_order or "little"
         self.form = self.encoding + (f"/{self._order}" if self.encoding == "evt21" else "")
-        decoder = WordDecoder(self.encoding, self.size, self._order, header.continuous)
-        self._stream = WordStream(decoder, losses, triggers, header.time_base_us)
+        clock = header.time_base_us, header.continuous
+        self._stream = WordStream(self.form, self.size, losses, triggers, *clock)
         self._losses = losses
         self._reached: int | None = None
-        self.word_bytes = decoder.word.itemsize
+        self.word_bytes = self._stream.word.itemsize
         warm_up(self.encoding, self.size, self._order)
 
     def feed(self, data: bytes | memoryview, final: bool = False) -> Rows:
@@ -154,5 +154,5 @@ def warm_up(encoding: str, size: tuple[int, int], order: str = "little") -> None
         size: ``(width, height)``, px.
         order: Byte order of EVT2.1 words.
     """
-    stream = WordStream(WordDecoder(encoding, size, order), LossCounters(), Triggers())
+    stream = WordStream(f"{encoding}/{order}", size, LossCounters(), Triggers())
     stream.feed(np.random.default_rng(0).bytes(NOISE_BYTES), final=True)

@@ -12,8 +12,8 @@ from .formats.file_source import FileSource as FileSource
 from .formats.file_source import ReadOptions as ReadOptions
 from .hot_pixels import HotPixelFilter as HotPixelFilter
 from .hot_pixels import hot_pixels_of as hot_pixels_of
-from .manifest import MANIFEST as MANIFEST
-from .manifest import TRUTH as TRUTH
+from .recording import MANIFEST as MANIFEST
+from .recording import TRUTH as TRUTH
 from .open import open_events as open_events
 from .recording import Recording as Recording
 from .recording import RecordingWriter as RecordingWriter

@@ -1,30 +1,25 @@
-"""Two recordings on one clock: through the host of both, or a line whose edges both timed."""
+"""Two recordings, or a recording and a robot's poses, on one clock.
+
+Clocks meet through the host of both, or in a line whose edges both cameras timed.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.clock import PPM, TimeMap, through_moments
+from spikingtac.events.clock import PPM, US_PER_S, TimeMap, through_moments
 from spikingtac.events.evt.raw import RawSource, later_parts
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource, ReadOptions
-from spikingtac.events.manifest import (
-    MANIFEST,
-    RecordedClock,
-    RetimedSource,
-    clock_beside,
-    is_same_folder,
-    name_of,
-    read_manifest,
-)
-from spikingtac.events.open import RECORDING_NAME, open_events
-from spikingtac.events.recording import RecordingWriter
+from spikingtac.events.open import is_same_folder, open_events
+from spikingtac.events.recording import RecordedClock, RecordingWriter, RetimedSource, name_of
 
 # How two clocks meet: at the host that recorded both, or in a line whose edges both cameras timed;
 # auto takes the host where the manifests know it, else the line.
@@ -33,50 +28,54 @@ By = Literal["auto", "host", "triggers"]
 # Most that the two cameras' times of one edge differ, beside their clocks, us (inputs are
 # sampled every microsecond, slow firmware stamps within 0.1 ms).
 JITTER_US = 200.0
-
-# Most that two cameras' clocks drift apart, parts per million (two crystals of 100 ppm).
-MOST_DRIFT_PPM = 200.0
+MOST_DRIFT_PPM = 200.0  # Most that two clocks drift apart (two crystals of 100 ppm), ppm.
 EDGE_US = 1.0  # Resolution of trigger times, us: the least error of one edge.
-
-# A second place that fits to this share of the best one makes the best one a guess.
-CLEARLY = 0.5
+CLEARLY = 0.5  # A second place that fits to this share of the best one makes that a guess.
 LEAST_VOTES = 2  # Like intervals at one place from which on it is more than a chance.
-
-# More than this share of one camera's edges, where both lines overlap, the other one has seen.
-LEAST_SHARED = 0.5
-
+LEAST_SHARED = 0.5  # Least share of one camera's edges that the other one has seen, too.
 MOST_FITS = 4_000_000  # Pairs of intervals that are compared; of longer lines, some intervals.
 
 # A line began while a camera recorded where its first edge comes after so many times its longest
 # interval.
 BEFORE_FIRST = 1.5
 
+# What the times of poses are: time of day, the host's monotonic clock, or the sensor's own; auto
+# tells the first two by their size.
+PoseClock = Literal["auto", "unix", "monotonic", "sensor"]
+
+UNIX_LEAST_S = 1e9  # From here on, times are times of day, s: hosts do not run so long.
+
+# Name of a time column -> its unit, us.
+TIME_COLUMNS = {"t_us": 1.0, "t_ns": 1e-3, "t_ms": 1e3, "t_s": US_PER_S, "timestamp": US_PER_S}
+
 _Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
-class SecondFinger:
-    """The other finger's events on its own clock.
+class SecondFinger(NamedTuple):
+    """The other finger's events on its own clock, and that clock where the recording knows it."""
 
-    Args:
-        first: Recording whose clock is the time base.
-        second: The other recording; the same folder again means its second sensor.
-    """
+    source: FileSource
+    clock: RecordedClock | None
 
-    def __init__(self, first: Path, second: Path) -> None:
-        if is_same_folder(first, second):
-            path = first / name_of(RECORDING_NAME, 1)
-            if not path.is_file():
-                raise RecordingError(f"{str(first)!r} holds one sensor; name the other recording")
-            self.source: FileSource = RawSource(path, ReadOptions(), later_parts(path))
-            self.clock = RecordedClock.of(read_manifest(first / name_of(MANIFEST, 1)))
-        else:
-            self.source, self.clock = open_events(second), clock_beside(second)
+    @classmethod
+    def open(cls, first: Path, second: Path) -> SecondFinger:
+        """Open a recording; the same folder again means its second sensor."""
+        if not is_same_folder(first, second):
+            return cls(open_events(second), RecordedClock.beside(second))
+        path = first / name_of("events.raw", 1)
+        if not path.is_file():
+            raise RecordingError(f"{str(first)!r} holds one sensor; name the other recording")
+        source = RawSource(path, ReadOptions(), later_parts(path))
+        return cls(source, RecordedClock.beside(first, 1))
 
 
 def map_between(
     first: Path, second: SecondFinger, by: By, channel: int | None = None
 ) -> tuple[TimeMap, float | None]:
-    """Return the map from the second clock to the first, and how far the host's is from it.
+    """Return the map from the second clock to the first.
+
+    Where it was not found by the host and the host knows one too, the second value tells how much
+    later the host's map puts the middle, us: what the cameras' transports differ by.
 
     Args:
         first: Recording whose clock is the time base.
@@ -84,16 +83,12 @@ def map_between(
         by: How the clocks meet.
         channel: Trigger input of the sync line; None for the only one that both hold.
 
-    Returns:
-        The map; and where it was not found by the host and the host knew one too, how much later
-        the host's map puts the middle, us: what the cameras' transports differ by.
-
     Raises:
         ConfigError: The host was asked for, and the manifests know none in common.
         RecordingError: A recording cannot be read, or the trigger edges do not agree.
     """
-    base = clock_beside(first)
-    by_host = None if base is None or second.clock is None else second.clock.on(base)
+    own = second.clock
+    by_host = None if own is None else own.on(RecordedClock.beside(first))
     if by == "host" and by_host is None:
         raise ConfigError(
             "these recordings know no host in common (record both with: spikingtac record); "
@@ -110,7 +105,7 @@ def map_between(
 def write_pair(
     folder: Path, first: FileSource, second: FileSource, time_map: TimeMap, fields: dict[str, Any]
 ) -> list[int]:
-    """Write both sensors' events on the first one's clock into a folder.
+    """Write both sensors' events on the first one's clock into a folder; return their numbers.
 
     Args:
         folder: It exists.
@@ -118,12 +113,6 @@ def write_pair(
         second: The other one's, on their own clock.
         time_map: From that clock to the first one's.
         fields: What the manifest says beside the map.
-
-    Returns:
-        Events of each.
-
-    Raises:
-        ConfigError: The sensors differ in size: one folder holds sensors of one size.
     """
     if first.size != second.size:
         raise ConfigError(
@@ -143,14 +132,8 @@ def write_pair(
     return counts
 
 
-@dataclass(frozen=True, slots=True)
-class SyncLine:
-    """The trigger edges of a recording.
-
-    Attributes:
-        begun_us: Time of its first event, us.
-        triggers: Its edges.
-    """
+class SyncLine(NamedTuple):
+    """The trigger edges of a recording, and the time of its first event, us."""
 
     begun_us: int
     triggers: Triggers
@@ -168,7 +151,7 @@ def through_triggers(own: SyncLine, base: SyncLine, channel: int | None = None) 
     Args:
         own: The line as the mapped clock has timed it.
         base: The line as the base clock has.
-        channel: The trigger input; None for the only one of which both hold edges.
+        channel: The trigger input; None for the only one.
 
     Raises:
         ConfigError: The channel is not in both, or several are and none was chosen.
@@ -257,3 +240,61 @@ def _fitted(own: NDArray[np.int64], base: NDArray[np.int64], pairs: _Pairs) -> T
             f"{LEAST_SHARED:.0%} are needed; is it one line, on the same channel?"
         )
     return through_moments(own[hit], nearest[hit], "triggers", EDGE_US)
+
+
+class Poses(NamedTuple):
+    """A robot's poses: ``(n,)`` times in order, us, ``(n, k)`` values, and the columns' names."""
+
+    t_us: NDArray[np.int64]
+    state: NDArray[np.float64]
+    names: tuple[str, ...]
+
+    def save(self, path: Path, time_map: TimeMap) -> None:
+        """Write ``.npz``, with the times on another clock; ``export --log`` takes it."""
+        with replacing(path) as whole, whole.open("wb") as file:
+            np.savez(file, **self._replace(t_us=time_map(self.t_us))._asdict())
+
+
+def load_poses(path: Path) -> Poses:
+    """Read a CSV with a header: one time column (``t_us``, ``t_s`` ...), and columns of numbers.
+
+    Raises:
+        RecordingError: It cannot be read as that.
+    """
+    try:
+        head, *lines = path.read_text(encoding="utf-8").splitlines()
+        names = [name.strip(' "') for name in head.split(",")]
+        (column,) = (number for number, name in enumerate(names) if name in TIME_COLUMNS)
+        values = np.loadtxt(lines or ["nan"], delimiter=",", ndmin=2, comments=None, quotechar='"')
+        if values.shape[1] != len(names) or not np.isfinite(values).all():
+            raise ValueError("a row is short, or holds no finite number")
+        t_us = np.rint(values[:, column] * TIME_COLUMNS[names.pop(column)]).astype(np.int64)
+        if (np.diff(t_us) < 0).any():
+            raise ValueError("its times run backwards; sort the rows")
+    except (OSError, ValueError) as error:
+        raise RecordingError(
+            f"{str(path)!r} is no table of poses: {error}; it needs a header with one time column "
+            f"({', '.join(TIME_COLUMNS)}) and columns of numbers, such as x_mm,y_mm,z_mm"
+        ) from error
+    return Poses(t_us, np.delete(values, column, axis=1), tuple(names))
+
+
+def map_of_poses(poses: Poses, recording: Path, clock: PoseClock) -> tuple[TimeMap, PoseClock]:
+    """Return the map from the poses' clock to the recording's, and which clock theirs is.
+
+    Raises:
+        ConfigError: The host's clock is meant, and the recording does not know it.
+    """
+    unix = poses.t_us[0] / US_PER_S > UNIX_LEAST_S
+    chosen: PoseClock = ("unix" if unix else "monotonic") if clock == "auto" else clock
+    if chosen == "sensor":
+        return TimeMap(learned_from="given"), chosen
+    known = RecordedClock.beside(recording)
+    if known is None:
+        raise ConfigError(
+            f"{str(recording)!r} does not know its host's clock, as a recording of spikingtac "
+            "record does; where the poses are on the sensor's own, say --poses-clock sensor"
+        )
+    shift_s = known.unix_minus_monotonic_s if chosen == "unix" else 0.0
+    found = known.mapping.inverse()
+    return replace(found, own_us=found.own_us + shift_s * US_PER_S), chosen

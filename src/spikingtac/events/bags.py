@@ -14,12 +14,13 @@ import struct
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 from spikingtac.events.formats.pieces import (
     CUT,
     Count,
     DamagedPieceError,
+    Form,
     Piece,
     Read,
     decompressed,
@@ -39,100 +40,41 @@ class RawMessage(NamedTuple):
 
 
 class _Bag:
-    """A file of records, some of which are chunks of others.
+    """What the records of a bag have told.
 
     Attributes:
-        MAGIC: How the file begins.
-        CHUNK: Kind of the records that hold others.
-        READ: Kinds that are read.
-        LAST: Kinds after which nothing follows that is read.
+        where: A record, for errors.
+        types_of: Type of the messages of each schema or connection.
+        channels: Topic, schema and whether the messages are CDR, of each channel or connection.
     """
 
-    MAGIC: ClassVar[bytes]
-    CHUNK: ClassVar[int]
-    READ: ClassVar[tuple[int, ...]]
-    LAST: ClassVar[tuple[int, ...]] = ()
-    mark: re.Pattern[bytes]
-
-    def __init__(self, path: Path, types: tuple[str, ...], count: Count) -> None:
-        self._path, self._types, self._count = path, types, count
-        self._where = f"{str(path)!r}: a record"
-        self._types_of: dict[bytes, str] = {}  # Type of each schema or connection.
-        self._channels: dict[bytes, tuple[str, bytes, str]] = {}  # Topic, schema and encoding.
-
-    def messages(self) -> Iterator[RawMessage]:
-        """Yield the messages; damage is counted."""
-        span = len(self.MAGIC), self._path.stat().st_size
-        with self._path.open("rb") as file:
-            read = reader_of(file)
-            for record in pieces(self, read, span, self._count):
-                if record.kind in (CUT, *self.LAST):
-                    return
-                if record.kind in self.READ:
-                    refuse_piece(self._where, record.end - record.start)
-                    yield from self._taken(read, record)
-        if self.LAST:
-            self._count("truncated")
-
-    def _taken(self, read: Read, record: Piece) -> Iterator[RawMessage]:
-        """Yield the messages in a record, which may be a chunk of records."""
-        content = read(record.start, record.end - record.start)
-        try:
-            if record.kind != self.CHUNK:
-                yield from self._content(record, content)
-                return
-            records, place = self._unpacked(record, content), 0
-            inside = reader_of(io.BytesIO(records))
-            while place < len(records):
-                inner = self.piece_at(inside, place, len(records))
-                if inner is None or inner.kind == self.CHUNK:
-                    raise DamagedPieceError("a record leads out of its chunk")
-                place = inner.end
-                yield from self._taken(inside, inner)
-        except (struct.error, DamagedPieceError, KeyError):
-            self._count("bad_record")
-
-    def piece_at(self, read: Read, place: int, end: int) -> Piece | None:
-        """Return the record that begins at a place, or None where there is none."""
-        raise NotImplementedError
-
-    def proven(self, read: Read, place: int, end: int) -> int | None:
-        """Return where the record begins to which a mark at a place belongs, or None."""
-        raise NotImplementedError
-
-    def _content(self, record: Piece, content: bytes) -> Iterator[RawMessage]:
-        """Yield the message in a record, or keep what it says of others."""
-        raise NotImplementedError
-
-    def _unpacked(self, record: Piece, content: bytes) -> bytes:
-        """Return the records in a chunk."""
-        raise NotImplementedError
+    def __init__(self, path: Path) -> None:
+        self.where = f"{str(path)!r}: a record"
+        self.types_of: dict[bytes, str] = {}
+        self.channels: dict[bytes, tuple[str, bytes, bool]] = {}
 
 
 class Mcap(_Bag):
     """An MCAP file."""
 
     MAGIC = b"\x89MCAP0\r\n"
-    SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x03, 0x04, 0x05, 0x06
-    READ = (SCHEMA, CHANNEL, MESSAGE, CHUNK)
-    LAST = (0x0F, 0x02)  # the end of the data, and the footer
+    SCHEMA, CHANNEL, MESSAGE, CHUNK = READ = 0x03, 0x04, 0x05, 0x06
+    LAST = (0x0F, 0x02)  # Ends of what is read: the end of the data, and the footer.
     HEAD, MESSAGE_HEAD, CHUNK_HEAD = map(struct.Struct, ("<BQ", "<2sIQQ", "<QQQI"))
     PROOF_RECORDS = 2  # Records in a row that have to make sense after damage.
-    mark = re.compile(rb"(?=[\x01-\x0f].{5}\x00{3})", re.DOTALL)  # shorter than 2^40 bytes
+    MARK = re.compile(rb"(?=[\x01-\x0f].{5}\x00{3})", re.DOTALL)  # shorter than 2^40 bytes
 
     def piece_at(self, read: Read, place: int, end: int) -> Piece | None:
-        """See :class:`_Bag`."""
-        head = read(place, self.HEAD.size)
+        """Return the record that begins at a place, or None where there is none."""
+        head, start = read(place, self.HEAD.size), place + self.HEAD.size
         if len(head) < self.HEAD.size:
             return None
         kind, length = self.HEAD.unpack(head)
-        start = place + self.HEAD.size
-        return (
-            Piece(kind, start, start + length) if 0 < kind < 16 and length <= end - start else None
-        )
+        fits = 0 < kind < 16 and length <= end - start
+        return Piece(kind, start, start + length) if fits else None
 
     def proven(self, read: Read, place: int, end: int) -> int | None:
-        """See :class:`_Bag`."""
+        """Return a place from which sound records follow, or None where they do not."""
         at = place
         for _ in range(self.PROOF_RECORDS):
             record = self.piece_at(read, at, end)
@@ -143,30 +85,122 @@ class Mcap(_Bag):
             at = record.end
         return place
 
-    def _content(self, record: Piece, content: bytes) -> Iterator[RawMessage]:
+    def told(self, record: Piece, content: bytes) -> tuple[bytes, bytes] | None:
+        """Return channel and data of a message; of other records, keep what they tell."""
         if record.kind == self.SCHEMA:
-            self._types_of[content[:2]] = _text(content, 2)[0]
+            self.types_of[content[:2]] = _text(content, 2)[0]
         elif record.kind == self.CHANNEL:
             topic, place = _text(content, 4)
-            self._channels[content[:2]] = topic, content[2:4], _text(content, place)[0]
+            cdr = _text(content, place)[0] != "ros1"
+            self.channels[content[:2]] = topic, content[2:4], cdr
         else:
-            number = self.MESSAGE_HEAD.unpack_from(content)[0]
-            topic, schema, encoding = self._channels.get(number, ("", b"", ""))
-            kind = self._types_of.get(schema, "")
-            if kind in self._types:
-                yield RawMessage(topic, content[self.MESSAGE_HEAD.size :], encoding != "ros1", kind)
+            return self.MESSAGE_HEAD.unpack_from(content)[0], content[self.MESSAGE_HEAD.size :]
+        return None
 
-    def _unpacked(self, record: Piece, content: bytes) -> bytes:
+    def unpacked(self, record: Piece, content: bytes) -> bytes:
+        """Return the records in a chunk."""
         _, _, size, checksum = self.CHUNK_HEAD.unpack_from(content)
         kind, place = _text(content, self.CHUNK_HEAD.size)
         (length,) = struct.unpack_from("<Q", content, place)
         stored = content[place + 8 : place + 8 + length]
         if len(stored) < length:
             raise DamagedPieceError("the chunk ends early")
-        records = decompressed(stored, kind, self._where)
+        records = decompressed(stored, kind, self.where)
         if len(records) != size or (checksum and zlib.crc32(records) != checksum):
             raise DamagedPieceError("the checksum does not fit")
         return records
+
+
+class Ros1(_Bag):
+    """A ROS 1 bag."""
+
+    MAGIC = b"#ROSBAG V2.0\n"
+    MESSAGE, CHUNK, CONNECTION = READ = 0x02, 0x05, 0x07
+    LAST = ()
+    HEADER_LIMIT_BYTES = 1 << 20  # Longest header that is believed; it holds a topic's name.
+    SEARCH_BACK_BYTES = 256  # How far before its field ``op`` a chunk's header is looked for.
+    MARK = re.compile(rb"\x04\x00\x00\x00op=\x05", re.DOTALL)  # the field that names a chunk
+
+    def piece_at(self, read: Read, place: int, end: int) -> Piece | None:
+        """Return the record that begins at a place, or None where there is none."""
+        try:
+            (length,) = struct.unpack("<I", read(place, 4))
+            if not 0 < length <= min(self.HEADER_LIMIT_BYTES, end - place - 8):
+                return None
+            fields = _fields(read(place + 4, length))
+            start = place + length + 8
+            (data_length,) = struct.unpack("<I", read(start - 4, 4))
+            record = Piece(fields[b"op"][0], start, start + data_length, fields)
+        except (struct.error, DamagedPieceError, KeyError, IndexError):
+            return None
+        return record if record.end <= end else None
+
+    def proven(self, read: Read, place: int, end: int) -> int | None:
+        """Return where the chunk begins whose header names it at a place, or None."""
+        for begin in range(place - 4, max(place - self.SEARCH_BACK_BYTES, 0) - 1, -1):
+            record = self.piece_at(read, begin, end)
+            if record is not None and record.kind == self.CHUNK:
+                return begin
+        return None
+
+    def told(self, record: Piece, content: bytes) -> tuple[bytes, bytes] | None:
+        """Return connection and data of a message; of other records, keep what they tell."""
+        connection = record.fields[b"conn"]
+        if record.kind == self.CONNECTION:
+            texts = record.fields.get(b"topic", b""), _fields(content)[b"type"]
+            topic, self.types_of[connection] = (text.decode("utf-8", "replace") for text in texts)
+            self.channels[connection] = topic, connection, False
+        return (connection, content) if record.kind == self.MESSAGE else None
+
+    def unpacked(self, record: Piece, content: bytes) -> bytes:
+        """Return the records in a chunk."""
+        kind = record.fields.get(b"compression", b"").decode("latin-1")
+        records = decompressed(content, kind, self.where)
+        if len(records) != struct.unpack("<I", record.fields[b"size"])[0]:
+            raise DamagedPieceError("the chunk holds another number of bytes than it says")
+        return records
+
+
+def messages_in(
+    bag: Mcap | Ros1, path: Path, types: tuple[str, ...], count: Count
+) -> Iterator[RawMessage]:
+    """Yield the messages of the given types; damage is counted."""
+    form, span = Form(bag.MARK, bag.piece_at, bag.proven), (len(bag.MAGIC), path.stat().st_size)
+    with path.open("rb") as file:
+        read = reader_of(file)
+        for record in pieces(form, read, span, count):
+            if record.kind in (CUT, *bag.LAST):
+                return
+            if record.kind in bag.READ:
+                refuse_piece(bag.where, record.end - record.start)
+                yield from _taken(bag, read, record, types, count)
+    if bag.LAST:
+        count("truncated")
+
+
+def _taken(
+    bag: Mcap | Ros1, read: Read, record: Piece, types: tuple[str, ...], count: Count
+) -> Iterator[RawMessage]:
+    """Yield the messages in a record, which may be a chunk of records."""
+    content = read(record.start, record.end - record.start)
+    try:
+        if record.kind != bag.CHUNK:
+            number, data = bag.told(record, content) or (b"", b"")
+            topic, schema, cdr = bag.channels.get(number, ("", b"", False))
+            kind = bag.types_of.get(schema, "")
+            if kind in types:
+                yield RawMessage(topic, data, cdr, kind)
+            return
+        records, place = bag.unpacked(record, content), 0
+        inside = reader_of(io.BytesIO(records))
+        while place < len(records):
+            inner = bag.piece_at(inside, place, len(records))
+            if inner is None or inner.kind == bag.CHUNK:
+                raise DamagedPieceError("a record leads out of its chunk")
+            place = inner.end
+            yield from _taken(bag, inside, inner, types, count)
+    except (struct.error, DamagedPieceError, KeyError):
+        count("bad_record")
 
 
 def _text(content: bytes, place: int) -> tuple[str, int]:
@@ -176,60 +210,6 @@ def _text(content: bytes, place: int) -> tuple[str, int]:
     if len(text) < length:
         raise DamagedPieceError("a text ends early")
     return text.decode("utf-8", "replace"), place + 4 + length
-
-
-class Ros1(_Bag):
-    """A ROS 1 bag."""
-
-    MAGIC = b"#ROSBAG V2.0\n"
-    MESSAGE, CHUNK, CONNECTION = 0x02, 0x05, 0x07
-    READ = (MESSAGE, CHUNK, CONNECTION)
-    LENGTH = struct.Struct("<I")
-    HEADER_LIMIT_BYTES = 1 << 20  # Longest header that is believed; it holds a topic's name.
-    SEARCH_BACK_BYTES = 256  # How far before its field ``op`` a chunk's header is looked for.
-    mark = re.compile(rb"\x04\x00\x00\x00op=\x05", re.DOTALL)  # the field that names a chunk
-
-    def piece_at(self, read: Read, place: int, end: int) -> Piece | None:
-        """See :class:`_Bag`."""
-        try:
-            (length,) = self.LENGTH.unpack(read(place, 4))
-            if not 0 < length <= min(self.HEADER_LIMIT_BYTES, end - place - 8):
-                return None
-            fields = _fields(read(place + 4, length))
-            start = place + length + 8
-            (data_length,) = self.LENGTH.unpack(read(start - 4, 4))
-            record = Piece(fields[b"op"][0], start, start + data_length, fields)
-        except (struct.error, DamagedPieceError, KeyError, IndexError):
-            return None
-        return record if record.end <= end else None
-
-    def proven(self, read: Read, place: int, end: int) -> int | None:
-        """See :class:`_Bag`."""
-        for begin in range(place - 4, max(place - self.SEARCH_BACK_BYTES, 0) - 1, -1):
-            record = self.piece_at(read, begin, end)
-            if record is not None and record.kind == self.CHUNK:
-                return begin
-        return None
-
-    def _content(self, record: Piece, content: bytes) -> Iterator[RawMessage]:
-        connection = record.fields[b"conn"]
-        if record.kind == self.CONNECTION:
-            texts = record.fields.get(b"topic", b""), _fields(content)[b"type"]
-            topic, kind = (text.decode("utf-8", "replace") for text in texts)
-            self._types_of[connection] = kind
-            self._channels[connection] = topic, connection, "ros1"
-            return
-        topic, _, _ = self._channels.get(connection, ("", b"", ""))
-        kind = self._types_of.get(connection, "")
-        if record.kind == self.MESSAGE and kind in self._types:
-            yield RawMessage(topic, content, cdr=False, kind=kind)
-
-    def _unpacked(self, record: Piece, content: bytes) -> bytes:
-        kind = record.fields.get(b"compression", b"").decode("latin-1")
-        records = decompressed(content, kind, self._where)
-        if len(records) != self.LENGTH.unpack(record.fields[b"size"])[0]:
-            raise DamagedPieceError("the chunk holds another number of bytes than it says")
-        return records
 
 
 def _fields(header: bytes) -> dict[bytes, bytes]:

@@ -19,7 +19,7 @@ from spikingtac.errors import ConfigError, nearest
 from spikingtac.events.evt.raw_writer import RawWriter
 from spikingtac.events.formats.aedat4 import EVENT, PACKET_HEAD, SIGNATURE
 from spikingtac.events.formats.array_file import ColumnFile
-from spikingtac.events.formats.codec import Blocks, EventWriter, Triggers
+from spikingtac.events.formats.codec import Blocks, EventWriter, OneFileWriter, Triggers
 from spikingtac.events.formats.hdf5 import TRIGGERS, library
 from spikingtac.plugins import with_plugins
 from spikingtac.types import EventPacket
@@ -52,55 +52,25 @@ _NODE = (
 )
 
 
-class NpzWriter(EventWriter):
+class NpzWriter(ColumnFile, EventWriter):
     """Writes event ``.npz`` files packet by packet."""
 
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
+        super().__init__(path)
         self.size = size
-        self._file = ColumnFile(path)
-        self._file.append({name: np.empty(0, dtype) for name, dtype in TYPES.items()})
-        self._file.set("size", np.array(size, np.int64))
+        self.append({name: np.empty(0, dtype) for name, dtype in TYPES.items()})
+        self.set("size", np.array(size, np.int64))
 
     def write(self, packet: EventPacket) -> None:
         """Append a packet."""
-        self._file.append({name: getattr(packet, name) for name in TYPES})
+        self.append({name: getattr(packet, name) for name in TYPES})
 
     def add_triggers(self, triggers: Triggers) -> None:
         """Append trigger edges; the file has their columns only where there are any."""
-        self._file.append(triggers.columns())
-
-    def close(self) -> None:
-        """Complete the file; further calls do nothing."""
-        self._file.close()
-
-    def abandon(self) -> None:
-        """Give up: leave what was there before."""
-        self._file.abandon()
+        self.append(triggers.columns())
 
 
-class _OneFile(EventWriter):
-    """A writer of one file that appears when it is closed."""
-
-    def __init__(self, path: str | Path, size: tuple[int, int], head: bytes) -> None:
-        self.size = size
-        self._target = WholeFile(path)
-        self._file = self._target.begin(head)
-
-    def close(self) -> None:
-        """Complete the file; further calls do nothing."""
-        if not self._file.closed:
-            self._finish()
-            self._target.commit(self._file)
-
-    def abandon(self) -> None:
-        """Give up: leave what was there before."""
-        self._target.abandon(self._file)
-
-    def _finish(self) -> None:
-        """Write what was kept back."""
-
-
-class TextWriter(_OneFile):
+class TextWriter(OneFileWriter):
     """Writes event tables: ``# size W H``, the header ``t,x,y,p``, times in us."""
 
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
@@ -112,7 +82,7 @@ class TextWriter(_OneFile):
         np.savetxt(self._file, table, "%d", ",")
 
 
-class Aedat4Writer(_OneFile):
+class Aedat4Writer(OneFileWriter):
     """Writes AEDAT4 files packet by packet, uncompressed."""
 
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
@@ -168,14 +138,13 @@ class Hdf5Writer(EventWriter):
         self._file: Any = h5py.File(self._target.partial, "w", libver=("v108", "v108"))
         self._file.attrs["geometry"] = f"{size[0]}x{size[1]}"
         self._file.attrs["version"] = "1.0"
-        self._sets = [self._made("CD/events", HDF5_EVENT), self._made(TRIGGERS, HDF5_EDGE)]
-
-    def _made(self, name: str, kind: np.dtype[Any]) -> tuple[Any, Blocks]:
-        made = self._file.create_dataset(
-            name, (0,), kind, maxshape=(None,), chunks=(STORED_ROWS,), shuffle=True,
-            compression="gzip", compression_opts=1, track_times=False,
-        )  # fmt: skip
-        return made, Blocks(kind, STORED_ROWS)
+        for name, kind in (("CD/events", HDF5_EVENT), (TRIGGERS, HDF5_EDGE)):
+            self._file.create_dataset(
+                name, (0,), kind, maxshape=(None,), chunks=(STORED_ROWS,), shuffle=True,
+                compression="gzip", compression_opts=1, track_times=False,
+            )  # fmt: skip
+        self._events = Blocks(HDF5_EVENT, STORED_ROWS)
+        self._edges = Blocks(HDF5_EDGE, STORED_ROWS)
 
     def write(self, packet: EventPacket) -> None:
         """Append a packet.
@@ -183,16 +152,17 @@ class Hdf5Writer(EventWriter):
         Raises:
             OSError: The disk is full.
         """
-        events, blocks = self._sets[0]
-        self._store(events, blocks.add(x=packet.x, y=packet.y, p=packet.p, t=packet.t))
+        rows = self._events.add(x=packet.x, y=packet.y, p=packet.p, t=packet.t)
+        self._store("CD/events", rows)
 
     def add_triggers(self, triggers: Triggers) -> None:
         """Append trigger edges."""
-        edges, blocks = self._sets[1]
-        self._store(edges, blocks.add(p=triggers.edge, t=triggers.t_us, id=triggers.channel))
+        rows = self._edges.add(p=triggers.edge, t=triggers.t_us, id=triggers.channel)
+        self._store(TRIGGERS, rows)
 
-    def _store(self, stored: Any, rows: NDArray[Any]) -> None:
+    def _store(self, name: str, rows: NDArray[Any]) -> None:
         if len(rows):
+            stored = self._file[name]
             room = shutil.disk_usage(self._target.partial.parent).free
             if room < rows.nbytes + LEAST_ROOM_BYTES:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._target.path))
@@ -204,8 +174,8 @@ class Hdf5Writer(EventWriter):
         """Complete the file; further calls do nothing."""
         if self._file:
             try:
-                for stored, blocks in self._sets:
-                    self._store(stored, blocks.rest)
+                self._store("CD/events", self._events.rest)
+                self._store(TRIGGERS, self._edges.rest)
                 self._file.close()
             except BaseException:
                 self.abandon()

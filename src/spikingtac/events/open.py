@@ -13,13 +13,18 @@ from spikingtac.events.address import Address, is_address, is_stream
 from spikingtac.events.evt.raw import RawSource, later_parts, read_header
 from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
-from spikingtac.events.manifest import name_of
+from spikingtac.events.recording import (
+    RECORDING_NAME,
+    RecordedClock,
+    RetimedSource,
+    name_of,
+    time_base_of,
+)
 from spikingtac.file_kinds import told_kind
 from spikingtac.plugins import import_place, with_plugins
 
 # Endings of what is no slip of the pen.
 FOREIGN = (".pdf", ".png", ".jpg", ".gif", ".svg", ".mp4", ".avi", ".json", ".toml", ".html", ".md")
-RECORDING_NAME = "events.raw"
 SAMPLE_BYTES = 1 << 16  # First bytes by which a file of an unknown ending is told.
 MOST_NAMED = 3  # Recordings of a folder that an error names.
 
@@ -103,22 +108,23 @@ def open_second(first: Path, second: Path, *, strict: bool = False) -> tuple[Fil
     Raises:
         RecordingError: It cannot be read.
     """
-    from spikingtac.events.manifest import RetimedSource, clock_beside, is_same_folder
-
     if is_same_folder(first, second):
         return open_events(first, strict=strict, sensor=1), True
     source = open_events(second, strict=strict)
-    base, own = clock_beside(first), clock_beside(second)
-    time_map = None if base is None or own is None else own.on(base)
+    own = RecordedClock.beside(second)
+    time_map = None if own is None else own.on(RecordedClock.beside(first))
     if time_map is None:
         return source, False
     return RetimedSource(source, time_map, ReadOptions(strict=strict)), True
 
 
+def is_same_folder(first: Path, second: Path) -> bool:
+    """Return whether two paths are one folder: then its second sensor is meant."""
+    return first.is_dir() and second.is_dir() and first.samefile(second)
+
+
 def _of_folder(folder: Path, file: Path, sensor: int, options: ReadOptions) -> FileSource:
     """Return the events of one sensor of a folder, all its parts, on the first sensor's clock."""
-    from spikingtac.events.manifest import RetimedSource, time_base_of
-
     later = later_parts(file)
     source = RawSource(file, options, later) if later else _open_file(file, options)
     time_map = time_base_of(folder, sensor)

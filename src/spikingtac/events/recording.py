@@ -1,21 +1,164 @@
-"""Recording folders: ``events.raw``, ``truth.npz`` where the truth is known, ``manifest.json``."""
+"""Recording folders: ``events.raw``, ``truth.npz`` where the truth is known, ``manifest.json``.
+
+A manifest may know the sensor's clock, by which events are put on the clock of another sensor.
+"""
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
+import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.atomic_files import write_text
 from spikingtac.errors import RecordingError
+from spikingtac.events.clock import TimeMap
 from spikingtac.events.formats.array_file import ColumnFile, load_arrays
-from spikingtac.events.formats.file_source import FileSource
-from spikingtac.events.manifest import MANIFEST, SCHEMA, TRUTH, name_of, read_manifest
+from spikingtac.events.formats.codec import Triggers
+from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.types import EventPacket, LossCounters
+
+SCHEMA = 1  # Version of the manifest that this package writes and reads.
+MANIFEST, TRUTH, RECORDING_NAME = "manifest.json", "truth.npz", "events.raw"
+
+# Hosts whose monotonic clocks began within this time are one host, s (setting the time of
+# day moves it by less, a start takes longer).
+SAME_START_S = 5.0
+
+
+def name_of(first: str, sensor: int) -> str:
+    """Return the name of a sensor's file: ``events.raw`` of the second sensor is ``events_1.raw``.
+
+    Args:
+        first: Name of the first sensor's.
+        sensor: Which one, from 0 on.
+    """
+    stem, dot, ending = first.rpartition(".")
+    return first if sensor == 0 else f"{stem}_{sensor}{dot}{ending}"
+
+
+def read_manifest(path: Path) -> dict[str, Any]:
+    """Return a manifest; empty where there is none.
+
+    Raises:
+        RecordingError: It is damaged, or of a newer schema.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise RecordingError(f"{str(path)!r} cannot be read: {error}") from error
+    found = manifest.get("schema") if isinstance(manifest, dict) else None
+    if found != SCHEMA:
+        raise RecordingError(
+            f"{str(path)!r} has schema {found!r}, this version reads {SCHEMA}; "
+            "update the package, or remove the manifest to read the events alone"
+        )
+    return manifest
+
+
+class RecordedClock(NamedTuple):
+    """A sensor's clock as a recording knows it.
+
+    Attributes:
+        mapping: The clock on the host's monotonic one.
+        unix_minus_monotonic_s: What turns that into the time of day, s.
+    """
+
+    mapping: TimeMap
+    unix_minus_monotonic_s: float
+
+    @classmethod
+    def beside(cls, path: Path, sensor: int = 0) -> Self | None:
+        """Return the clock of a recording folder, or of a file in one.
+
+        Returns:
+            None of a simulation or a converted file, which know no clock.
+
+        Raises:
+            RecordingError: Its manifest is damaged.
+        """
+        folder = path if path.is_dir() else path.parent
+        manifest = read_manifest(folder / name_of(MANIFEST, sensor))
+        try:
+            offset_s = float(manifest["host"]["unix_minus_monotonic_s"])
+            return cls(TimeMap.from_clock(manifest["clock"]), offset_s)
+        except (TypeError, KeyError, ValueError):
+            return None
+
+    def on(self, base: RecordedClock | None) -> TimeMap | None:
+        """Return the map to another clock, or None where they were not watched by one host."""
+        if base is None:
+            return None
+        apart_s = self.unix_minus_monotonic_s - base.unix_minus_monotonic_s
+        return self.mapping.then(base.mapping.inverse()) if abs(apart_s) < SAME_START_S else None
+
+
+def time_base_of(folder: Path, sensor: int) -> TimeMap | None:
+    """Return the map from a sensor's clock to that of the folder's first one.
+
+    None where the files are on one clock already, as those of a simulation are.
+    """
+    if sensor == 0:
+        return None
+    manifest = read_manifest(folder / name_of(MANIFEST, sensor))
+    if "time_base" in manifest:
+        return TimeMap.from_document(manifest["time_base"])
+    own = RecordedClock.beside(folder, sensor)  # of a recorder that was killed
+    return None if own is None else own.on(RecordedClock.beside(folder))
+
+
+class RetimedSource(FileSource):
+    """The events of a source with their times on the clock of another one.
+
+    Events from before that clock's zero have no time on it: they are dropped and counted as
+    ``before_zero``.
+
+    Args:
+        source: The events.
+        time_map: From its clock to the other one; keeps what is in order so.
+        options: As of the source.
+    """
+
+    def __init__(
+        self,
+        source: FileSource,
+        time_map: Callable[[NDArray[np.integer[Any]]], NDArray[np.int64]],
+        options: ReadOptions,
+    ) -> None:
+        self._source, self._map, self._named_size = source, time_map, source.size
+        self.checked, self.format = source.checked, source.format
+        super().__init__(source.path, options)
+        self.notes = [*source.notes]
+        if isinstance(time_map, TimeMap):
+            self.notes.append(
+                f"times are on the first sensor's clock (drift {time_map.drift_ppm:.1f} ppm, "
+                f"error {time_map.error_us:.0f} us, learned from {time_map.learned_from})"
+            )
+
+    def _columns(self) -> Iterator[Rows]:
+        self._source.losses, self._source.triggers = self.losses, Triggers()
+        for x, y, p, own_us in self._source.columns():
+            self.progress = self._source.progress
+            t = self._map(np.asarray(own_us))
+            first = int(np.searchsorted(t, 0))  # t is in order
+            self.losses.add("before_zero", first)
+            self._place_triggers()
+            yield x[first:], y[first:], p[first:], t[first:]
+        self._place_triggers()
+
+    def _place_triggers(self) -> None:
+        """Put the trigger edges met so far on the other clock, too."""
+        edges = self._source.triggers
+        if len(edges):
+            self.triggers.append(self._map(edges.t_us), edges.channel, edges.edge)
+            edges.clear()
 
 
 @dataclass(frozen=True)
@@ -39,7 +182,7 @@ class Recording:
                 newer schema.
         """
         folder = Path(path)
-        if not (folder / "events.raw").is_file():
+        if not (folder / RECORDING_NAME).is_file():
             raise RecordingError(
                 f"{str(path)!r} is no recording folder: it holds no events.raw; "
                 "open a single file with open_events"
@@ -49,10 +192,8 @@ class Recording:
     @property
     def sensors(self) -> int:
         """Number of sensors on the folder's clock."""
-        count = 1
-        while (self.path / f"events_{count}.raw").is_file():
-            count += 1
-        return count
+        names = (name_of(RECORDING_NAME, number) for number in itertools.count(1))
+        return 1 + len(list(itertools.takewhile(lambda name: (self.path / name).is_file(), names)))
 
     def events(self, sensor: int = 0, *, strict: bool = False) -> FileSource:
         """Return the events of one sensor."""
@@ -66,9 +207,8 @@ class Recording:
         Raises:
             RecordingError: The file is there but cannot be read.
         """
-        if not (self.path / TRUTH).is_file():
-            return None
-        return load_arrays(self.path / TRUTH, "ground truth")
+        path = self.path / TRUTH
+        return load_arrays(path, "ground truth") if path.is_file() else None
 
 
 class RecordingWriter:
@@ -89,10 +229,10 @@ class RecordingWriter:
         self.path = Path(path)
         self.path.mkdir(parents=True, exist_ok=True)
         self.losses = LossCounters()
-        (self.path / MANIFEST).unlink(missing_ok=True)
-        (self.path / TRUTH).unlink(missing_ok=True)
-        names = [name_of("events.raw", index) for index in range(sensors)]
-        self._writers = [RawWriter(self.path / name, size, in_place=True) for name in names]
+        for name in (MANIFEST, TRUTH):
+            (self.path / name).unlink(missing_ok=True)
+        paths = [self.path / name_of(RECORDING_NAME, index) for index in range(sensors)]
+        self._writers = [RawWriter(file, size, in_place=True) for file in paths]
         self._size, self._closed = size, False
         self._truth: ColumnFile | None = None
         self._fields: dict[str, Any] = {}
@@ -149,10 +289,9 @@ class RecordingWriter:
 
     def _close_files(self) -> None:
         self._closed = True
-        for writer in self._writers:
-            writer.close()
-        if self._truth is not None:
-            self._truth.close()
+        for file in (*self._writers, self._truth):
+            if file is not None:
+                file.close()
 
     def _truth_file(self) -> ColumnFile:
         self._truth = self._truth or ColumnFile(self.path / TRUTH)

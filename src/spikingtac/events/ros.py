@@ -18,9 +18,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spikingtac.errors import FormatError
-from spikingtac.events.bags import Mcap, RawMessage, Ros1
+from spikingtac.events.bags import Mcap, RawMessage, Ros1, messages_in
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
 from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES, Count
+from spikingtac.types import LossCounters
 
 # Encoding ``mono``: from the lowest bit, 32 bits of time (ns after the base), 16 x, 15 y, 1 p.
 MONO_EVENT = np.dtype("<u8")
@@ -79,8 +80,7 @@ class RosSource(FileSource):
     """
 
     def __init__(self, path: Path, options: ReadOptions, others: tuple[Path, ...] = ()) -> None:
-        self.format = "ROS bag"
-        self._paths = (path, *others)
+        self._paths, self.losses = (path, *others), LossCounters()
         topics = self._topics()
         if not topics:
             raise FormatError(
@@ -108,12 +108,11 @@ class RosSource(FileSource):
         return dict(sorted(found.items()))
 
     def _columns(self) -> Iterator[Rows]:
-        from spikingtac.events.evt.words import WordDecoder, WordStream
+        from spikingtac.events.evt.words import WordStream
 
         encoding, stream, start_ns, following = self._first.encoding, None, None, None
         if self.checked:
-            decoder = WordDecoder(encoding, self.size)
-            stream = WordStream(decoder, self.losses, self.triggers)
+            stream = WordStream(encoding, self.size, self.losses, self.triggers)
         for _, packet in self._packets(self._topic):
             if packet.encoding != encoding:
                 self.losses.add("unknown_message")
@@ -132,18 +131,14 @@ class RosSource(FileSource):
 
     def _packets(self, topic: str | None) -> Iterator[tuple[str, _Packet]]:
         for path in self._paths:
-            for message in messages_of(path, (*PACKETS, *ARRAYS), self._count):
+            for message in messages_of(path, (*PACKETS, *ARRAYS), self.losses.add):
                 if topic is not None and message.topic != topic:
-                    self._count("unknown_message")
+                    self.losses.add("unknown_message")
                     continue
                 try:
                     yield message.topic, _parsed(message)
                 except (struct.error, UnicodeDecodeError, IndexError, ValueError):
-                    self._count("bad_record")
-
-    def _count(self, kind: str) -> None:
-        if hasattr(self, "losses"):
-            self.losses.add(kind)
+                    self.losses.add("bad_record")
 
 
 def _parsed(message: RawMessage) -> _Packet:
@@ -221,7 +216,7 @@ def messages_of(path: Path, types: tuple[str, ...], count: Count) -> Iterator[Ra
         return _database_messages(path, types, count)
     for bag in (Mcap, Ros1):
         if start.startswith(bag.MAGIC):
-            return bag(path, types, count).messages()
+            return messages_in(bag(path), path, types, count)
     raise FormatError(
         f"{str(path)!r} begins like no bag (valid: ROS 2 sqlite3 .db3, .mcap, ROS 1 .bag)"
     )

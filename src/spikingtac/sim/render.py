@@ -11,8 +11,7 @@ import numpy as np
 
 from spikingtac.atomic_files import whole_folder
 from spikingtac.errors import ConfigError, RecordingError, require_type
-from spikingtac.events.manifest import MANIFEST
-from spikingtac.events.recording import Recording, RecordingWriter
+from spikingtac.events.recording import MANIFEST, Recording, RecordingWriter
 from spikingtac.sim.scene import LENGTH_S, LOADED, Scene
 from spikingtac.sim.source import SceneSource
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.clock import PPM, TimeMap
 from spikingtac.events.formats.file_source import ReadOptions, Rows
-from spikingtac.events.manifest import RetimedSource
+from spikingtac.events.recording import RetimedSource
 from spikingtac.stream.packets import at_once
 from spikingtac.stream.reader import POLL_S, EventReader, LiveSource
 

@@ -16,7 +16,7 @@ from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.array_file import ColumnFile
 from spikingtac.events.formats.codec import Triggers
-from spikingtac.events.manifest import MANIFEST, TRUTH, name_of, read_manifest
+from spikingtac.events.recording import MANIFEST, TRUTH, name_of, read_manifest
 from spikingtac.events.source import source_health
 from spikingtac.stream.packets import at_once, new_ring
 from spikingtac.stream.reader import EventReader

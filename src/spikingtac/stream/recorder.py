@@ -25,7 +25,7 @@ from spikingtac.events.evt.raw import RawSource, part_name
 from spikingtac.events.evt.raw_writer import RawWriter
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import ReadOptions
-from spikingtac.events.manifest import MANIFEST, SCHEMA, name_of
+from spikingtac.events.recording import MANIFEST, SCHEMA, name_of
 from spikingtac.types import EventPacket
 
 FIRST_NAME = "events.raw"

@@ -16,8 +16,8 @@ from spikingtac.contact.registry import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.events.address import Address, is_address, is_stream
 from spikingtac.events.formats.array_file import load_arrays
-from spikingtac.events.manifest import MANIFEST, TRUTH, is_same_folder, name_of, read_manifest
-from spikingtac.events.open import open_events, open_second, refuse_url
+from spikingtac.events.open import is_same_folder, open_events, open_second, refuse_url
+from spikingtac.events.recording import MANIFEST, TRUTH, name_of, read_manifest
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.sim.twin_camera import is_twin, twin_options

@@ -14,7 +14,6 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 import gc
 from spikingtac.cameras.words import warm_up
-from spikingtac.events.evt.words import WordDecoder
 from spikingtac.events.evt.words import WordStream
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.evt.encode import Evt2Encoder, Evt3Encoder, Evt21Encoder
@@ -45,8 +44,8 @@ def damaged(number):
 warm_up(encoding, SIZE)
 before = compiled()
 for number in range(24):
-    decoder, data = WordDecoder(encoding, SIZE, "little"), damaged(number)
-    stream = WordStream(decoder, LossCounters(), Triggers())
+    data = damaged(number)
+    stream = WordStream(encoding, SIZE, LossCounters(), Triggers())
     pieces = [data[first : first + 3_001] for first in range(0, len(data), 3_001)]
     for piece in pieces:
         stream.feed(piece)

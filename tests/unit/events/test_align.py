@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.align import SyncLine, through_triggers
+from spikingtac.events.align import SyncLine, load_poses, through_triggers
 from spikingtac.events.create import create_events
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import ReadOptions
-from spikingtac.events.manifest import RetimedSource, load_poses
 from spikingtac.events.open import open_events
+from spikingtac.events.recording import RetimedSource
 from spikingtac.types import EventPacket
 
 OFFSET_US, DRIFT_PPM = 4_321_000.0, 80.0

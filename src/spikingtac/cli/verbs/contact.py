@@ -26,8 +26,8 @@ from spikingtac.contact.detector import DetectorSummary
 from spikingtac.contact.recording import find_contacts, leading_quiet, paired_windows
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import is_stream
-from spikingtac.events.manifest import name_of
 from spikingtac.events.open import first_event_us
+from spikingtac.events.recording import name_of
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource

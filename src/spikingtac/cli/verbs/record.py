@@ -18,8 +18,16 @@ from spikingtac.cli.options import Output, WriteArgs, require_seconds
 from spikingtac.cli.sources import camera_address, ending_on_interrupt
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address
-from spikingtac.events.align import By, SecondFinger, map_between, write_pair
-from spikingtac.events.manifest import PoseClock, load_poses, map_of_poses, name_of
+from spikingtac.events.align import (
+    By,
+    PoseClock,
+    SecondFinger,
+    load_poses,
+    map_between,
+    map_of_poses,
+    write_pair,
+)
+from spikingtac.events.recording import name_of
 
 if TYPE_CHECKING:
     from spikingtac.stream.record import Session
@@ -191,26 +199,25 @@ def align(args: AlignArgs) -> int:
     else:
         args.claim(output)
     document: dict[str, Any] = {"output": None if args.output is None else str(args.output)}
-    placed = None
+    poses = time_map = None
     with progress("comparing clocks"):
         if args.poses is not None:
             poses = load_poses(args.poses)
             time_map, clock = map_of_poses(poses, args.first, args.poses_clock)
-            placed = poses.on(time_map)
             ends_us = [time_map.error_at_us(float(poses.t_us[end])) for end in (0, -1)]
-            told = {"rows": len(placed.t_us), "clock": clock, **time_map.summary()}
+            told = {"rows": len(poses.t_us), "clock": clock, **time_map.summary()}
             document["poses"] = told | {"error_at_end_us": max(ends_us)}
         if second is not None:
             document |= _two(args, second)
-    if placed is not None and output is not None:
-        placed.save(output)
+    if poses is not None and time_map is not None and output is not None:
+        poses.save(output, time_map)
     return tell(args.json, document, *_aligned(document))
 
 
 def _two(args: AlignArgs, second: Path) -> dict[str, Any]:
     from spikingtac.stream.record import prepare_folder
 
-    other = SecondFinger(args.first, second)
+    other = SecondFinger.open(args.first, second)
     by = args.by if args.trigger_channel is None else "triggers"
     time_map, host_later_us = map_between(args.first, other, by, args.trigger_channel)
     told: dict[str, Any] = {"time_base": time_map.summary(), "host_later_us": host_later_us}

@@ -13,7 +13,7 @@ from spikingtac import sim
 from spikingtac.cli.messages import progress, tell
 from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
-from spikingtac.events.manifest import MANIFEST
+from spikingtac.events.recording import MANIFEST
 from spikingtac.plugins import SCENE_DESIGNS, with_plugins
 from spikingtac.sim.camera.config import CAMERA_NAMES
 

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.events.evt import wire
-from spikingtac.events.evt.decoder import NONE, Integer
+from spikingtac.events.evt.decode import NONE, Integer
 from spikingtac.events.evt.wire import EVT2, EVT3
 
 VECTOR_WORDS = 3

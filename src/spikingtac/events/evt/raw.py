@@ -11,13 +11,13 @@ from typing import BinaryIO, NamedTuple
 from spikingtac.errors import FormatError, named
 from spikingtac.events.evt.wire import (
     BYTE_ORDERS,
+    CANDIDATES,
     ENCODINGS,
     FOREIGN_SHARE,
     NAMES,
     SOUND_SHARE,
     WIDEST_PX,
     best_candidate,
-    implausible_share,
 )
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
@@ -160,12 +160,11 @@ class RawSource(FileSource):
         self.notes.extend(notes)
 
     def _columns(self) -> Iterator[Rows]:
-        from spikingtac.events.evt.words import WordDecoder, WordStream
+        from spikingtac.events.evt.words import WordStream
 
-        for number, (path, header, candidate) in enumerate(self._parts):
-            encoding, _, order = candidate.partition("/")
-            decoder = WordDecoder(encoding, self.size, order or "little", header.continuous)
-            stream = WordStream(decoder, self.losses, self.triggers, header.time_base_us)
+        for number, (path, header, name) in enumerate(self._parts):
+            into = self.losses, self.triggers
+            stream = WordStream(name, self.size, *into, header.time_base_us, header.continuous)
             total = max(path.stat().st_size, 1)
             with path.open("rb") as file:
                 file.seek(header.length)
@@ -182,50 +181,35 @@ def _part(path: Path, encoding: str | None, notes: list[str]) -> _Part:
     with path.open("rb") as file:
         header = read_header(file)
         sample = file.read(SAMPLE_BYTES)
-    claimed, orders = encoding or header.encoding, BYTE_ORDERS[:2]
-    if header.byte_order:
-        orders = (header.byte_order,)
-    if claimed is None:
-        return _Part(path, header, _guessed(path, sample, header.size, notes))
-    names = tuple(f"evt21/{order}" for order in orders) if claimed == "evt21" else (claimed,)
+    claimed, names = encoding or header.encoding, CANDIDATES
+    if claimed is not None:
+        orders = (header.byte_order,) if header.byte_order else BYTE_ORDERS[:2]
+        names = tuple(f"evt21/{order}" for order in orders) if claimed == "evt21" else (claimed,)
     if not sample:
+        if claimed is None:
+            notes.append("the file holds no events")
         return _Part(path, header, names[0])
     name, share = best_candidate(sample, header.size, names)
     if claimed == "evt21" and not header.byte_order:
         notes.append(f"the header names no byte order; {name.partition('/')[2]} fits")
-    if encoding is None and share > FOREIGN_SHARE:
-        _refuse_foreign(path, sample, header.size, name)
-    return _Part(path, header, name)
-
-
-def _guessed(path: Path, sample: bytes, size: tuple[int, int] | None, notes: list[str]) -> str:
-    """Return the encoding that the words of a file without a telling header look like."""
-    if not sample:
-        notes.append("the file holds no events")
-        return "evt3"
-    name, share = best_candidate(sample, size)
-    if share > FOREIGN_SHARE:
+    if share > FOREIGN_SHARE and claimed is None:
         raise FormatError(
             f"{str(path)!r} names no encoding in its header, and its words fit none of "
             f"{', '.join(NAMES.values())}; name one if you know it (--encoding, in Python "
             "encoding=), or export the recording again with the software of its camera"
         )
-    notes.append(f"the header names no encoding; {NAMES[name.partition('/')[0]]} fits")
-    return name
-
-
-def _refuse_foreign(path: Path, sample: bytes, size: tuple[int, int] | None, claimed: str) -> None:
-    found, share = best_candidate(sample, size)
-    if found == claimed or share > SOUND_SHARE:
-        return
-    doubt = implausible_share(sample, claimed, size)
-    said, fits = _spoken(claimed), _spoken(found)
-    raise FormatError(
-        f"{str(path)!r}: the header says {said}, but the words are {fits} "
-        f"({doubt:.0%} of them make no sense as {said}); correct the header's "
-        f"'% evt' and '% format' lines, or read it with "
-        f"--encoding {found.partition('/')[0]} (in Python encoding=)"
-    )
+    if claimed is None:
+        notes.append(f"the header names no encoding; {NAMES[name.partition('/')[0]]} fits")
+    elif share > FOREIGN_SHARE and encoding is None:
+        found, other_share = best_candidate(sample, header.size)
+        if found != name and other_share <= SOUND_SHARE:
+            raise FormatError(
+                f"{str(path)!r}: the header says {_spoken(name)}, but the words are "
+                f"{_spoken(found)} ({share:.0%} of them make no sense as {_spoken(name)}); correct "
+                "the header's '% evt' and '% format' lines, or read it with "
+                f"--encoding {found.partition('/')[0]} (in Python encoding=)"
+            )
+    return _Part(path, header, name)
 
 
 def _spoken(candidate: str) -> str:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
-from spikingtac.atomic_files import WholeFile
 from spikingtac.errors import FormatError, named
 from spikingtac.events.evt.encode import ENCODERS, WordEncoder
 from spikingtac.events.evt.raw import format_header
-from spikingtac.events.formats.codec import EventWriter, Triggers
+from spikingtac.events.formats.codec import OneFileWriter, Triggers
 from spikingtac.types import EventPacket
 
 COORDINATE_LIMIT_PX = 1 << 11  # Rows and columns that the eleven bits of an address can name.
@@ -20,7 +19,7 @@ COORDINATE_LIMIT_PX = 1 << 11  # Rows and columns that the eleven bits of an add
 SILENCE_LIMIT_US = 86_400_000_000  # Longest pause between two events that is written: a day.
 
 
-class RawWriter(EventWriter):
+class RawWriter(OneFileWriter):
     """A RAW file that grows packet by packet; the same events always give the same bytes.
 
     Times beyond the counter of the wire are kept: the header names the base of the first event.
@@ -54,10 +53,8 @@ class RawWriter(EventWriter):
                 f"a sensor of {size[0]}x{size[1]} px does not fit into RAW addresses "
                 f"(at most {COORDINATE_LIMIT_PX} each); write .npz or .h5 instead"
             )
-        self.size = size
         self._encoder: WordEncoder = named(ENCODERS, encoding, "encoding")()
-        self._target = WholeFile(path, in_place)
-        self._file: IO[bytes] | None = self._target.open()
+        super().__init__(path, size, in_place=in_place)
         self._base_us: int | None = None
         self._last_us = self.written_bytes = 0
         self._waiting: list[tuple[int, int, bool]] = []
@@ -109,27 +106,16 @@ class RawWriter(EventWriter):
         Args:
             durable: Wait until it is on the disk, so that it survives the loss of power, too.
         """
-        if self._file is not None:
+        if not self._file.closed:
             self._file.flush()
             if durable:
                 os.fsync(self._file.fileno())
 
-    def close(self) -> None:
-        """Complete the file; one without events holds its header alone."""
-        if self._file is None:
-            return
+    def _finish(self) -> None:
         for trigger in self._waiting:
             self._append_trigger(*trigger)
-        if self._base_us is None:
+        if self._base_us is None:  # a file without events holds its header alone
             self._begin(0)
-        file, self._file = self._file, None
-        self._target.commit(file)
-
-    def abandon(self) -> None:
-        """Give up: leave what was there before; in place, leave what came so far."""
-        if self._file is not None:
-            self._target.abandon(self._file)
-            self._file = None
 
     def _begin(self, first_us: int) -> int:
         """Write the header, and return the base of all times, us."""
@@ -140,7 +126,7 @@ class RawWriter(EventWriter):
         return base_us
 
     def _append(self, data: bytes) -> None:
-        if self._file is None:
+        if self._file.closed:
             raise FormatError("the file is closed; open another to write more events")
         self._file.write(data)
         self.written_bytes += len(data)

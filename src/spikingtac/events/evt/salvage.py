@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.events.evt.decoder import Integer
+from spikingtac.events.evt.decode import Integer
 from spikingtac.events.formats.codec import JUMP_US
 
 # Price of leaving out a byte, in implausible words avoided; below it, words are believed.

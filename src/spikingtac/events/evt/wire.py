@@ -16,17 +16,15 @@ Flags = NDArray[np.bool_]
 TIME_HIGH = 0x8  # Type of the words that hold the upper time, in every format.
 
 EVENT_OFF, EVENT_ON, TRIGGER = 0x0, 0x1, 0xA
-IMU, OTHERS, CONTINUED = 0xD, 0xE, 0xF  # Types of EVT2 and EVT2.1.
-EVT2_PADDING = 0x99999999
 
 # Pixels that one word of EVT2.1 covers, or a base of EVT3 and its 12 + 12 + 8 vectors.
 VECTOR_WIDTH_PX = 32
 
 ADDR_Y, ADDR_X, BASE_X, VECT_12, VECT_8 = 0x0, 0x2, 0x3, 0x4, 0x5
+TIME_LOW = 0x6  # These are types of EVT3.
 
-# Types of EVT3; triggers and others have the numbers that they have in EVT2.
-TIME_LOW, CONTINUED_4, CONTINUED_12 = 0x6, 0x7, 0xF
-EVT3_PADDING = 0x9999  # Filler that some USB bridges send to complete a buffer.
+# First of the types for vendors' extensions, which begin with those of an IMU.
+VENDOR, CONTINUED_4 = 0xD, 0x7
 
 
 class WordFormat(NamedTuple):
@@ -34,30 +32,36 @@ class WordFormat(NamedTuple):
 
     Attributes:
         low_bits: Bits of the lower time.
-        high_bits: Bits of the upper time.
+        high_bits: Bits of the upper time, and below the type in a word (an upper half of EVT2.1).
+        padding: Word that completes a buffer.
+        known_types: Types that the format defines, as a bit set.
+        channels: Mask of a trigger's channel.
         far_steps: Distance of an upper time from the chunk's that is odd.
         fall_steps: Fall of the lower time between two words that is odd.
         leap_steps: Step of the upper time that is implausible within a sample.
-        known_types: Types that the format defines, as a bit set.
     """
 
     low_bits: int
     high_bits: int
+    padding: int
+    known_types: int
+    channels: int
     far_steps: int
     fall_steps: int
     leap_steps: int
-    known_types: int
 
 
-# Of EVT2 and EVT2.1: a minute is far, a second is a leap.
-EVT2 = WordFormat(6, 28, 60_000_000 >> 6, 8, 1 << 14, 0b1110_0101_0000_0011)
-
-# Four seconds are far, one is a leap.
-EVT3 = WordFormat(12, 12, 4_000_000 >> 12, 64, 1 << 8, 0b1100_0101_1111_1101)
+# Of EVT2 and EVT2.1: a minute is far, a second is a leap. Of EVT3: four seconds are far, one is a
+# leap.
+EVT2 = WordFormat(6, 28, 0x99999999, 0b1110_0101_0000_0011, 0x1F, 60_000_000 >> 6, 8, 1 << 14)
+EVT3 = WordFormat(12, 12, 0x9999, 0b1100_0101_1111_1101, 0xF, 4_000_000 >> 12, 64, 1 << 8)
 
 ENCODINGS = ("evt2", "evt21", "evt3")
 NAMES = {"evt2": "EVT2", "evt21": "EVT2.1", "evt3": "EVT3"}
 BYTE_ORDERS = ("little", "legacy", "big")  # Of EVT2.1 words; the first one is the usual one.
+
+# Type of a word, and the most events that it can stand for.
+WORDS = {"evt2": ("u4", 1), "evt21": ("u8", VECTOR_WIDTH_PX), "evt3": ("u2", 12)}
 
 # Encodings, with the byte order of EVT2.1: what a stream of words may be.
 CANDIDATES = ("evt3", "evt2", *(f"evt21/{order}" for order in BYTE_ORDERS))
@@ -90,7 +94,7 @@ class Wire:
     """How the words of an encoding lie in bytes.
 
     Args:
-        name: One of :data:`CANDIDATES`.
+        name: One of :data:`CANDIDATES`; ``evt21`` alone is in the usual byte order.
 
     Attributes:
         form: How the format divides the time.
@@ -103,9 +107,9 @@ class Wire:
         self.encoding, _, order = name.partition("/")
         self.form = EVT3 if self.encoding == "evt3" else EVT2
         mark = ">" if order == "big" else "<"
-        self.word = np.dtype(mark + {"evt2": "u4", "evt21": "u8", "evt3": "u2"}[self.encoding])
-        self.events_per_word = {"evt2": 1, "evt21": VECTOR_WIDTH_PX, "evt3": 12}[self.encoding]
-        self._half, self.upper = np.dtype(f"{mark}u4"), int(order == "little")
+        kind, self.events_per_word = WORDS[self.encoding]
+        self.word = np.dtype(mark + kind)
+        self._half, self.upper = np.dtype(f"{mark}u4"), int(order in ("", "little"))
 
     def halves(self, words: Words) -> Words:
         """Return ``(n, 2)`` halves of EVT2.1 words, as they follow each other in the bytes."""
@@ -117,44 +121,30 @@ class Wire:
 
     def view(self, words: Words, size: tuple[int, int]) -> WordView:
         """Return what each word says, on a sensor of a size, px."""
+        form, heads = self.form, self.heads(words)
+        kind, row = heads >> form.high_bits, heads & 0x7FF
+        is_high = kind == TIME_HIGH
         if self.encoding == "evt3":
-            return _view_evt3(words, size)
-        masks = self.halves(words)[:, 1 - self.upper] if self.encoding == "evt21" else None
-        return _view_evt2(self.heads(words), masks, size)
-
-
-def _view_evt2(heads: Words, masks: Words | None, size: tuple[int, int]) -> WordView:
-    kind = heads >> 28
-    is_low, is_high = kind <= EVENT_ON, kind == TIME_HIGH
-    column = (heads >> 11) & 0x7FF
-    outside = (column >= size[0]) | ((heads & 0x7FF) >= size[1])
-    if masks is not None:
-        outside |= (masks == 0) | (column % VECTOR_WIDTH_PX != 0)
-    return WordView(
-        unknown=_undefined(kind, EVT2) & (heads != EVT2_PADDING),
-        outside=is_low & outside,
-        rare=(kind == TRIGGER) | (kind >= IMU),
-        is_high=is_high,
-        is_low=is_low,
-        time=np.where(is_high, heads & 0xFFFFFFF, (heads >> 22) & 0x3F).astype(np.int64),
-    )
-
-
-def _view_evt3(words: Words, size: tuple[int, int]) -> WordView:
-    kind, address = words >> 12, words & 0x7FF
-    column = (kind == ADDR_X) | (kind == BASE_X)
-    return WordView(
-        unknown=_undefined(kind, EVT3) & (words != EVT3_PADDING),
-        outside=((kind == ADDR_Y) & (address >= size[1])) | (column & (address >= size[0])),
-        rare=(kind == TRIGGER) | (kind == CONTINUED_4) | (kind >= OTHERS),
-        is_high=kind == TIME_HIGH,
-        is_low=kind == TIME_LOW,
-        time=(words & 0xFFF).astype(np.int64),
-    )
-
-
-def _undefined(kind: Words, form: WordFormat) -> Flags:
-    return (form.known_types >> kind.astype(np.int64)) & 1 == 0
+            is_low, low = kind == TIME_LOW, heads & 0xFFF
+            column = (kind == ADDR_X) | (kind == BASE_X)
+            outside = ((kind == ADDR_Y) & (row >= size[1])) | (column & (row >= size[0]))
+        else:
+            is_low, low = kind <= EVENT_ON, (heads >> 22) & 0x3F
+            column = (heads >> 11) & 0x7FF
+            outside = (column >= size[0]) | (row >= size[1])
+            if self.encoding == "evt21":
+                masks = self.halves(words)[:, 1 - self.upper]
+                outside |= (masks == 0) | (column % VECTOR_WIDTH_PX != 0)
+            outside &= is_low
+        undefined = (form.known_types >> kind.astype(np.int64)) & 1 == 0
+        return WordView(
+            unknown=undefined & (heads != form.padding),
+            outside=outside,
+            rare=(kind == TRIGGER) | (kind == CONTINUED_4) | (kind >= VENDOR),
+            is_high=is_high,
+            is_low=is_low,
+            time=np.where(is_high, heads & ((1 << form.high_bits) - 1), low).astype(np.int64),
+        )
 
 
 def implausible_share(data: bytes, candidate: str, size: tuple[int, int] | None) -> float:
@@ -181,22 +171,11 @@ def best_candidate(
     return name, shares[name]
 
 
-class TimeWords(NamedTuple):
-    """The words of upper time in a chunk.
+def time_words(view: WordView) -> tuple[NDArray[np.int64], NDArray[np.int64], Flags]:
+    """Return the words of upper time: the index of each among the words, and what it says.
 
-    Attributes:
-        position: Index of each among the words.
-        value: What each says.
-        wrapped: Whether the lower time fell from before it to after it, so that a step is due.
+    The third array tells whether the lower time fell from before it to after it: a step is due.
     """
-
-    position: NDArray[np.int64]
-    value: NDArray[np.int64]
-    wrapped: Flags
-
-
-def time_words(view: WordView) -> TimeWords:
-    """Return the upper times."""
     clock = np.flatnonzero(view.is_low | view.is_high)
     high, low = view.is_high[clock], np.where(view.is_low[clock], view.time[clock], 0)
     # The lower time before each: that of the latest word which holds one.
@@ -205,4 +184,4 @@ def time_words(view: WordView) -> TimeWords:
     # An empty list would make floats of it where there is no time word, and compile a kernel anew.
     falls = np.append(~high[1:] & (low[1:] < before[:-1]), np.zeros(min(len(clock), 1), np.bool_))
     position = clock[high]
-    return TimeWords(position, view.time[position], falls[high])
+    return position, view.time[position], falls[high]

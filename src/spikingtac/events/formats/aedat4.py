@@ -19,6 +19,7 @@ from spikingtac.errors import FormatError
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
 from spikingtac.events.formats.pieces import (
     CUT,
+    Form,
     Piece,
     Read,
     decompressed,
@@ -66,7 +67,7 @@ class Aedat4Source(FileSource):
         named = [number for number, name in triggers if name == own]
         self._edges = named or [number for number, _ in triggers]
         mark, self._before_mark = _MARKS.get(self._compression, (b"EVTS", 16))
-        self.mark = re.compile(re.escape(mark))
+        self._form = Form(re.compile(re.escape(mark)), self._packet_at, self._proven)
         super().__init__(path, options)
 
     def _read_head(self, path: Path) -> tuple[Streams, list[tuple[int, str]]]:
@@ -88,11 +89,11 @@ class Aedat4Source(FileSource):
 
     def _columns(self) -> Iterator[Rows]:
         total = self.path.stat().st_size
-        end = min(self._table_position, total) if self._table_position > 0 else total
+        span = self._begin, min(self._table_position, total) if self._table_position > 0 else total
         where = f"{str(self.path)!r}: a packet"
         with self.path.open("rb") as file:
             read = reader_of(file)
-            for stream, start, stop, _ in pieces(self, read, (self._begin, end), self.losses.add):
+            for stream, start, stop, _ in pieces(self._form, read, span, self.losses.add):
                 self.progress = stop / total
                 cut = stream == CUT
                 start += PACKET_HEAD.size * cut
@@ -108,7 +109,7 @@ class Aedat4Source(FileSource):
                 except (struct.error, ValueError):
                     self.losses.add("bad_record", int(not cut))
 
-    def piece_at(self, read: Read, place: int, end: int) -> Piece | None:
+    def _packet_at(self, read: Read, place: int, end: int) -> Piece | None:
         """Return the packet at a place, or None where there is none."""
         head = read(place, PACKET_HEAD.size)
         if len(head) < PACKET_HEAD.size:
@@ -118,10 +119,10 @@ class Aedat4Source(FileSource):
         fits = 0 <= stream < STREAM_LIMIT and length <= end - start
         return Piece(stream, start, start + length) if fits else None
 
-    def proven(self, read: Read, place: int, end: int) -> int | None:
+    def _proven(self, read: Read, place: int, end: int) -> int | None:
         """Return where the packet of events with a mark begins, or None where there is none."""
         begin = max(place - self._before_mark, 0)
-        packet = self.piece_at(read, begin, end)
+        packet = self._packet_at(read, begin, end)
         sound = packet is not None and packet.kind == self._stream and packet.end > packet.start
         return begin if sound else None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import IO, Any
@@ -13,23 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
+from spikingtac.events.formats import columns
 from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, open_member, read_array_header
 from spikingtac.events.formats.codec import TRIGGERS
-from spikingtac.events.formats.columns import (
-    CHUNK_ROWS,
-    ROLES,
-    TABLE_WIDTHS,
-    Order,
-    TableSource,
-    order_named,
-    order_of_values,
-    rows_of,
-)
-from spikingtac.events.formats.file_source import ReadOptions, Rows
+from spikingtac.events.formats.columns import CHUNK_ROWS, ROLES, TABLE_WIDTHS, Order, Table
+from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.formats.packing import Counter
 from spikingtac.events.formats.pieces import refuse_piece
 from spikingtac.file_kinds import told_kind
-from spikingtac.types import LossCounters
 
 _SIZES = ("size", "resolution", "sensor_size")
 
@@ -40,7 +31,7 @@ OPENMV_SECONDS = 1 << 16  # The seconds are 16 bits wide: they wrap after 18 hou
 GENX320_SIZE = (320, 320)
 
 
-class ArraySource(TableSource):
+class ArraySource(columns.TableSource):
     """Events of an ``.npz`` with one array for each column, or of one array of structures or rows.
 
     Raises:
@@ -51,7 +42,6 @@ class ArraySource(TableSource):
         with path.open("rb") as file:
             self._single = file.read(6) == b"\x93NUMPY"
         self.path, self.format = path, "NPY" if self._single else "NPZ"
-        self._order: Order | None = None
         with ExitStack() as files:
             arrays = self._opened(files)
             self._members = self._event_members(arrays)
@@ -59,11 +49,7 @@ class ArraySource(TableSource):
             self._openmv = first.width == OPENMV_COLUMNS and first.type.kind == "u"
             if self._openmv:
                 self.format, self._named_size = "OpenMV NPZ", GENX320_SIZE
-            elif len(self._members) > 1:
-                self._unit = self._unit_of_columns(arrays)
-            else:
-                self._order = self._order_of(first)
-                self._unit = self._order.unit
+            self._order = self._order_of(first, arrays)
             self._named_size = self._size_in(arrays) or self._named_size
         super().__init__(path, options)
 
@@ -94,7 +80,7 @@ class ArraySource(TableSource):
 
     def _event_members(self, arrays: Callable[[str], ArrayReader]) -> list[str]:
         """Return the arrays that hold the events: four columns, or one array of rows."""
-        order = order_named(self._names)
+        order = columns.order_named(self._names)
         if order is not None:
             return [self._names[order.place[role]] for role in ROLES]
         told, rows = told_kind(self.path), []
@@ -110,35 +96,31 @@ class ArraySource(TableSource):
         )
         raise FormatError(f"{str(self.path)!r} has no columns of time, x, y and polarity; {told}")
 
-    def _unit_of_columns(self, arrays: Callable[[str], ArrayReader]) -> str | None:
-        for name in self._members:
+    def _order_of(self, first: ArrayReader, arrays: Callable[[str], ArrayReader]) -> Order:
+        """Return the order of the columns: of several arrays, or of one of structures or rows."""
+        where, names = repr(str(self.path)), first.type.names
+        for name in self._members if len(self._members) > 1 else ():
             array = arrays(name)
             if array.width or array.type.names or not array.plain:
                 raise FormatError(
-                    f"{str(self.path)!r}: column {name!r} is {array.type}; one row of numbers is "
-                    "needed"
+                    f"{where}: column {name!r} is {array.type}; one row of numbers is needed"
                 )
-        named = order_named(self._members)
-        return named and named.unit
-
-    def _order_of(self, array: ArrayReader) -> Order:
-        """Return the order of the columns of an array of structures or rows."""
-        names = array.type.names
-        if names:
-            order = order_named(names)
-            if order is None:
-                raise FormatError(
-                    f"{str(self.path)!r} holds structures of {', '.join(names)}; fields of "
-                    "time, x, y and polarity are needed"
-                )
+        if self._openmv:
+            return Order({role: index for index, role in enumerate(ROLES)})
+        if order := columns.order_named(names or self._members):
             return order
+        if names:
+            raise FormatError(
+                f"{where} holds structures of {', '.join(names)}; fields of time, x, y and "
+                "polarity are needed"
+            )
         try:
-            sample = array.read(min(array.length, CHUNK_ROWS))
+            sample = first.read(min(first.length, CHUNK_ROWS))
         except ARCHIVE_DAMAGE as error:
-            raise FormatError(f"{str(self.path)!r} is damaged: {error}") from error
+            raise FormatError(f"{where} is damaged: {error}") from error
         if not len(sample):
-            raise FormatError(f"{str(self.path)!r} holds no events: nothing was recorded into it")
-        return order_of_values([sample], repr(str(self.path)))
+            raise FormatError(f"{where} holds no events: nothing was recorded into it")
+        return columns.order_of_values([sample], where)
 
     def _size_in(self, arrays: Callable[[str], ArrayReader]) -> tuple[int, int] | None:
         for name in [name for name in _SIZES if name in self._names]:
@@ -152,40 +134,37 @@ class ArraySource(TableSource):
                 raise FormatError(f"{str(self.path)!r}: unfit size: {error}") from error
         return None
 
-    def _rows(self) -> Iterator[Rows]:
+    def _tables(self) -> Iterator[Table]:
         with ExitStack() as files:
             arrays = self._opened(files)
-            self._take_triggers(arrays)
-            pieces = self._pieces([arrays(name) for name in self._members])
-            if self._openmv:
-                yield from _openmv_rows((read[0] for read in pieces), self.losses)
-                return
-            for read in pieces:
-                x, y, p, t = rows_of(read[0], self._order.place) if self._order else read
-                yield x, y, p, t
+            if set(TRIGGERS) <= set(self._names):
+                try:
+                    edges = [arrays(name) for name in TRIGGERS]
+                    self.triggers.append(*(column.read(column.length) for column in edges))
+                except (*ARCHIVE_DAMAGE, FormatError):
+                    self.losses.add("truncated")
+            members = [arrays(name) for name in self._members]
+            lengths, seconds = [member.length for member in members], Counter(OPENMV_SECONDS)
+            self.losses.add("truncated", int(min(lengths) < max(lengths)))
+            total = min(lengths)
+            for first in range(0, total, CHUNK_ROWS):
+                try:
+                    read = [member.read(min(CHUNK_ROWS, total - first)) for member in members]
+                except ARCHIVE_DAMAGE:
+                    self.losses.add("truncated")
+                    return
+                self.progress = min(first + CHUNK_ROWS, total) / total
+                if self._openmv:
+                    yield self._openmv_columns(read[0], seconds)
+                else:
+                    yield read if len(read) > 1 else read[0]
 
-    def _pieces(self, members: list[ArrayReader]) -> Iterator[list[NDArray[Any]]]:
-        """Yield some rows of each array, as far as all of them reach."""
-        lengths = [member.length for member in members]
-        self.losses.add("truncated", int(min(lengths) < max(lengths)))
-        total = min(lengths)
-        for first in range(0, total, CHUNK_ROWS):
-            try:
-                read = [member.read(min(CHUNK_ROWS, total - first)) for member in members]
-            except ARCHIVE_DAMAGE:
-                self.losses.add("truncated")
-                return
-            self.progress = min(first + CHUNK_ROWS, total) / total
-            yield read
-
-    def _take_triggers(self, arrays: Callable[[str], ArrayReader]) -> None:
-        if not set(TRIGGERS) <= set(self._names):
-            return
-        try:
-            columns = [arrays(name) for name in TRIGGERS]
-            self.triggers.append(*(column.read(column.length) for column in columns))
-        except (*ARCHIVE_DAMAGE, FormatError):
-            self.losses.add("truncated")
+    def _openmv_columns(self, table: NDArray[Any], seconds: Counter) -> list[NDArray[Any]]:
+        """Return the columns of an OpenMV board's rows that are events; count the others."""
+        events = table[table[:, 0] <= 1].astype(np.int64)
+        self.losses.add("vendor_word", len(table) - len(events))
+        t = seconds.unwrapped(events[:, 1]) * 1_000_000 + events[:, 2] * 1_000 + events[:, 3]
+        return [events[:, 4], events[:, 5], events[:, 0] == 1, t]
 
 
 class ArrayReader:
@@ -233,13 +212,3 @@ class ArrayReader:
         if len(data) < size:
             raise EOFError("the array ends early")
         return data
-
-
-def _openmv_rows(tables: Iterable[NDArray[Any]], losses: LossCounters) -> Iterator[Rows]:
-    """Yield the columns of an OpenMV board's rows that are events; count the others."""
-    seconds = Counter(OPENMV_SECONDS)
-    for table in tables:
-        events = table[table[:, 0] <= 1].astype(np.int64)
-        losses.add("vendor_word", len(table) - len(events))
-        t = seconds.unwrapped(events[:, 1]) * 1_000_000 + events[:, 2] * 1_000 + events[:, 3]
-        yield events[:, 4], events[:, 5], events[:, 0] == 1, t

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spikingtac.atomic_files import WholeFile
 from spikingtac.types import EventPacket
 
 # Every kind that a source counts in its ``losses``, and what it means.
@@ -201,3 +203,34 @@ class EventWriter(ABC):
             self.close()
         else:
             self.abandon()
+
+
+class OneFileWriter(EventWriter):
+    """A writer of one file.
+
+    Args:
+        path: File to write; replaced if it exists.
+        size: ``(width, height)`` of the sensor, px.
+        head: How the file begins.
+        in_place: For a recorder: what came so far stands at the path, also if it is killed.
+    """
+
+    def __init__(
+        self, path: str | Path, size: tuple[int, int], head: bytes = b"", in_place: bool = False
+    ) -> None:
+        self.size = size
+        self._target = WholeFile(path, in_place)
+        self._file = self._target.begin(head)
+
+    def close(self) -> None:
+        """Complete the file; further calls do nothing."""
+        if not self._file.closed:
+            self._finish()
+            self._target.commit(self._file)
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before; in place, leave what came so far."""
+        self._target.abandon(self._file)
+
+    def _finish(self) -> None:
+        """Write what was kept back."""

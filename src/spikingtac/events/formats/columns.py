@@ -61,6 +61,8 @@ UNSORTED_SHARE, FEW_FALLS = 0.02, 3
 
 SORTED_ROWS_LIMIT = 1 << 25  # Most rows that are sorted, in memory: 33 million take 1.2 GB.
 
+# Four columns, an array ``(n, k)``, or one of structures.
+Table = list[NDArray[Any]] | NDArray[Any]
 CHUNK_ROWS = 1 << 17
 TABLE_WIDTHS = (4, 5)  # Columns of a table of numbers that may be events.
 
@@ -115,7 +117,7 @@ def order_named(names: Sequence[str]) -> Order | None:
             return None
         place[role] = index
         unit = told if role == "t" else unit
-    return Order(place=place, unit=unit) if len(place) == len(ROLES) else None
+    return Order(place, unit) if len(place) == len(ROLES) else None
 
 
 def order_of_values(samples: Iterable[NDArray[Any]], where: str) -> Order:
@@ -146,7 +148,7 @@ def order_of_values(samples: Iterable[NDArray[Any]], where: str) -> Order:
         if len({x, y, p, t}) == len(ROLES)
     ]
     if len(readings) == 1:
-        return Order(place=readings[0])
+        return Order(readings[0])
     found = "; ".join(_spoken(reading, len(columns)) for reading in readings[:4])
     reason = f"can be read in several ways: {found}" if readings else "fit no order of t, x, y, p"
     raise FormatError(
@@ -220,15 +222,15 @@ class TableSource(FileSource):
             is out of order and too long to be sorted.
     """
 
-    _unit: str | None = None
+    _order = Order({})
     _offset_us: int = 0
 
-    def _rows(self) -> Iterator[Rows]:
-        """Yield columns x, y, p and t as they stand in the file; count what is wrong."""
+    def _tables(self) -> Iterator[Table]:
+        """Yield the columns as they stand in the file, in ``_order``; count what is wrong."""
         raise NotImplementedError
 
     def _size(self) -> tuple[int, int]:
-        if self._named_size is None and not any(len(t) for _, _, _, t in self._rows()):
+        if self._named_size is None and next(self._understood(), None) is None:
             raise FormatError(f"{str(self.path)!r} holds no events: nothing was recorded into it")
         return super()._size()
 
@@ -246,34 +248,32 @@ class TableSource(FileSource):
             # A fall of 0.1 s or more in an ordered table is a restart.
             if fallen.any() and (shuffled or np.diff(t.astype(np.float64)).min() > -RESET_US):
                 self.losses.add("unsorted", int(np.count_nonzero(fallen)))
-                order = np.argsort(t, kind="stable")
-                rows = _chosen(rows, order)
+                rows = _chosen(rows, np.argsort(t, kind="stable"))
             for begin in range(0, len(t), CHUNK_ROWS):
                 yield _chosen(rows, slice(begin, begin + CHUNK_ROWS))
 
     def _joined(self, pieces: Iterator[Rows]) -> Rows:
         """Return all rows at once, as many as can be sorted in memory."""
         kept: list[Rows] = []
-        total = 0
         for rows in pieces:
-            total += len(rows[3])
-            if total > SORTED_ROWS_LIMIT:
+            kept.append(rows)
+            if sum(len(part[3]) for part in kept) > SORTED_ROWS_LIMIT:
                 raise FormatError(
                     f"{str(self.path)!r}: its rows are out of order in time, and more than "
                     f"{SORTED_ROWS_LIMIT} cannot be sorted here; sort the file by time first"
                 )
-            kept.append(rows)
         x, y, p, t = (np.concatenate(column) for column in zip(*kept, strict=True))
         return x, y, p, t
 
     def _understood(self) -> Iterator[Rows]:
         """Yield the rows with times in microseconds and polarities as booleans."""
         unit, wrapped = "", False
-        for x, y, p, t in self._rows():
+        for table in self._tables():
+            x, y, p, t = (_column(table, self._order.place[role]) for role in ROLES)
             if not len(t):
                 continue
             if not unit:
-                unit, note = (self._unit, "") if self._unit else _guessed_unit(t)
+                unit, note = (self._order.unit, "") if self._order.unit else _guessed_unit(t)
                 wrapped = _holds_wrapped(p, repr(str(self.path)))
                 if note and note not in self.notes:
                     self.notes.append(note)
@@ -289,8 +289,7 @@ def _chosen(rows: Rows, keep: Any) -> Rows:
     return x, y, p, t
 
 
-def rows_of(table: NDArray[Any], place: dict[str, int]) -> Rows:
-    """Return the columns of a table: an array ``(n, k)``, or one of structures."""
-    names = table.dtype.names
-    x, y, p, t = (table[names[place[role]]] if names else table[:, place[role]] for role in ROLES)
-    return x, y, p, t
+def _column(table: Table, index: int) -> NDArray[Any]:
+    if isinstance(table, list):
+        return table[index]
+    return table[table.dtype.names[index]] if table.dtype.names else table[:, index]

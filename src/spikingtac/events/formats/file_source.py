@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -149,25 +149,25 @@ class FileSource:
         self.triggers.clear()
         self.progress = 0.0
         self._counters = HealthMeter(self.losses)
-        packer = Packer(self.size, self._options.chunk_events)
-        check = ColumnCheck(self.size, self.losses)
-        for columns in self._columns():
-            self._refuse_damage()
-            yield from self._counted(packer.push(*(columns if self.checked else check(*columns))))
-            self._refuse_damage()
-        yield from self._counted(packer.push(*check.finish()))
-        self._refuse_damage()
-        yield from self._counted(packer.finish())
+        for packet in self._sound_packets():
+            self._counters.absorb(packet)
+            yield packet
         self.progress = 1.0
 
     def counters(self) -> SourceHealth:
         """Return what the latest iteration has met so far; the rate is the mean one."""
         return self._counters.total()
 
-    def _counted(self, packets: Iterable[EventPacket]) -> Iterator[EventPacket]:
-        for packet in packets:
-            self._counters.absorb(packet)
-            yield packet
+    def _sound_packets(self) -> Iterator[EventPacket]:
+        packer = Packer(self.size, self._options.chunk_events)
+        check = ColumnCheck(self.size, self.losses)
+        for columns in self._columns():
+            sound = columns if self.checked else check(*columns)
+            self._refuse_damage()
+            yield from packer.push(*sound)
+        yield from packer.push(*check.finish())
+        self._refuse_damage()
+        yield from packer.finish()
 
     def _refuse_damage(self) -> None:
         if not self._options.strict:

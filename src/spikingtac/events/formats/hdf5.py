@@ -17,18 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spikingtac.errors import FormatError, MissingExtraError, SpikingTacError
+from spikingtac.events.formats import columns
 from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
-from spikingtac.events.formats.columns import (
-    CHUNK_ROWS,
-    ROLES,
-    TABLE_WIDTHS,
-    Order,
-    TableSource,
-    order_named,
-    order_of_values,
-    rows_of,
-)
-from spikingtac.events.formats.file_source import ReadOptions, Rows, chosen_sensor
+from spikingtac.events.formats.columns import CHUNK_ROWS, ROLES, TABLE_WIDTHS, Order, Table
+from spikingtac.events.formats.file_source import ReadOptions, chosen_sensor
 from spikingtac.events.formats.packing import TIME_LIMIT_US
 from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES, refuse_piece
 
@@ -54,15 +46,14 @@ print(json.dumps(found, default=lambda v: str(v, "utf-8") if isinstance(v, bytes
 
 
 class _Stream(NamedTuple):
-    """The events of one camera: their group, and the place of each of ``ROLES``."""
+    """The events of one camera: their group, the places of the columns or of one table of them."""
 
     group: str
     places: tuple[str, ...]
-    order: Order | None = None  # Within a table, which ``places`` then names four times.
-    unit: str | None = None  # Of the times, where a name told it.
+    order: Order | None = None  # None where the values of a table decide it.
 
 
-class Hdf5Source(TableSource):
+class Hdf5Source(columns.TableSource):
     """Events of one camera in an HDF5 file.
 
     Raises:
@@ -78,12 +69,9 @@ class Hdf5Source(TableSource):
                 streams = _streams(file, path)
                 names = [stream.places[0].rpartition("/")[0] or "/" for stream in streams]
                 self._stream = streams[chosen_sensor(names, options.sensor, path)]
-                for place in {*self._stream.places}:
+                for place in self._stream.places:
                     _require_plain(file[place], path)
-                self._unit = self._stream.unit
-                self._order = self._stream.order
-                if self._order is None and len({*self._stream.places}) == 1:
-                    self._order = self._order_by_values(file, path)
+                self._order = self._stream.order or self._order_by_values(file, path)
                 self._named_size = _size(file, path, self._stream.group)
             except DAMAGE as error:
                 if isinstance(error, SpikingTacError):
@@ -96,13 +84,13 @@ class Hdf5Source(TableSource):
         table = file[self._stream.places[0]]
         sample = _slice(path, table, slice(0, CHUNK_ROWS))
         try:
-            return order_of_values([sample], repr(str(path)))
+            return columns.order_of_values([sample], repr(str(path)))
         except FormatError:
             if table.dtype != np.uint32 or table.shape[1] != len(ROLES):
                 raise
-            return Order(place={"t": 0, "x": 1, "y": 2, "p": 3})
+            return Order({"t": 0, "x": 1, "y": 2, "p": 3})
 
-    def _rows(self) -> Iterator[Rows]:
+    def _tables(self) -> Iterator[Table]:
         with _opened(self.path) as file:
             try:
                 sets = [file[place] for place in self._stream.places]
@@ -120,11 +108,8 @@ class Hdf5Source(TableSource):
                 rows = slice(first, min(first + CHUNK_ROWS, total))
                 self.progress = rows.stop / total
                 try:
-                    if self._order is not None:
-                        yield rows_of(_slice(self.path, sets[0], rows), self._order.place)
-                        continue
-                    x, y, p, t = (_slice(self.path, dataset, rows) for dataset in sets)
-                    yield x, y, p, t
+                    read = [_slice(self.path, dataset, rows) for dataset in sets]
+                    yield read if len(read) > 1 else read[0]
                 except DAMAGE as error:
                     if isinstance(error, MissingExtraError):
                         raise
@@ -208,16 +193,15 @@ def _streams(file: Any, path: Path) -> list[_Stream]:
 def _streams_of(group: Any, tables: dict[str, Any]) -> Iterator[_Stream]:
     shapes: dict[str, Any] = {name: item.shape or () for name, item in tables.items()}
     rows = [n for n in tables if len(shapes[n]) == 1 and tables[n].dtype.kind in "uifb"]
-    if order := order_named(rows):
+    if order := columns.order_named(rows):
         places = tuple(tables[rows[order.place[role]]].name for role in ROLES)
-        yield _Stream(group.name, places, unit=order.unit)
+        yield _Stream(group.name, places, Order({r: n for n, r in enumerate(ROLES)}, order.unit))
     for name, item in tables.items():
-        places = (item.name,) * len(ROLES)
-        if item.dtype.names and (fields := order_named(item.dtype.names)):
-            yield _Stream(group.name, places, fields, fields.unit)
+        if item.dtype.names and (fields := columns.order_named(item.dtype.names)):
+            yield _Stream(group.name, (item.name,), fields)
         wide = len(shapes[name]) == 2 and shapes[name][1] in TABLE_WIDTHS
         if wide and "event" in name.lower() and item.dtype.kind in "uif":
-            yield _Stream(group.name, places)
+            yield _Stream(group.name, (item.name,))
 
 
 def _require_plain(dataset: Any, path: Path) -> None:

@@ -9,7 +9,7 @@ import bz2
 import io
 import re
 from collections.abc import Callable, Iterator
-from typing import Any, BinaryIO, NamedTuple, Protocol
+from typing import Any, BinaryIO, NamedTuple
 
 from spikingtac.errors import FormatError, MissingExtraError
 
@@ -34,31 +34,25 @@ class Piece(NamedTuple):
     fields: dict[bytes, bytes] = {}  # noqa: RUF012  (never written to)
 
 
-class Container(Protocol):
+class Form(NamedTuple):
     """How the pieces of a format are found.
 
     Attributes:
         mark: Bytes by which a piece may be told, where reading goes on after damage.
+        piece_at: Returns the piece that begins at a place before the end, or None.
+        proven: Returns where the piece begins to which a mark at a place belongs, or None.
     """
 
     mark: re.Pattern[bytes]
-
-    def piece_at(self, read: Read, place: int, end: int) -> Piece | None:
-        """Return the piece that begins at a place, or None where there is none."""
-        ...
-
-    def proven(self, read: Read, place: int, end: int) -> int | None:
-        """Return where the piece begins to which a mark at a place belongs, or None."""
-        ...
+    piece_at: Callable[[Read, int, int], Piece | None]
+    proven: Callable[[Read, int, int], int | None]
 
 
-def pieces(
-    container: Container, read: Read, span: tuple[int, int], count: Count
-) -> Iterator[Piece]:
+def pieces(form: Form, read: Read, span: tuple[int, int], count: Count) -> Iterator[Piece]:
     """Yield the pieces of a file in order; after damage, go on where the next one is proven.
 
     Args:
-        container: The format.
+        form: The format.
         read: Reads the file.
         span: Where the first piece begins, and the length of the file, bytes.
         count: Counts ``bad_record`` where reading goes on, else ``truncated``; then the rest of the
@@ -66,9 +60,15 @@ def pieces(
     """
     place, end = span
     while place < end:
-        piece = container.piece_at(read, place, end)
+        piece = form.piece_at(read, place, end)
         if piece is None:
-            found = _after_damage(container, read, place + 1, end)
+            marks = (
+                first + match.start()
+                for first in range(place + 1, end, SEARCH_BYTES)
+                for match in form.mark.finditer(read(first, SEARCH_BYTES + MARK_BYTES))
+            )
+            proven = (form.proven(read, mark, end) for mark in marks)
+            found = next((begin for begin in proven if begin is not None), None)
             count("truncated" if found is None else "bad_record")
             if found is not None:
                 place = found
@@ -76,16 +76,6 @@ def pieces(
             piece = Piece(CUT, place, end)
         yield piece
         place = piece.end
-
-
-def _after_damage(container: Container, read: Read, place: int, end: int) -> int | None:
-    """Return where the next piece begins, or None where the rest holds no sound one."""
-    for first in range(place, end, SEARCH_BYTES):
-        for match in container.mark.finditer(read(first, SEARCH_BYTES + MARK_BYTES)):
-            found = container.proven(read, first + match.start(), end)
-            if found is not None:
-                return found
-    return None
 
 
 def reader_of(file: BinaryIO) -> Read:

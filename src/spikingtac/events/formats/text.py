@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -12,15 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
-from spikingtac.events.formats.columns import (
-    Order,
-    TableSource,
-    order_named,
-    order_of_values,
-    role_of,
-    rows_of,
-)
-from spikingtac.events.formats.file_source import ReadOptions, Rows
+from spikingtac.events.formats import columns
+from spikingtac.events.formats.columns import Order, order_named
+from spikingtac.events.formats.file_source import ReadOptions
 
 CHUNK_BYTES = 1 << 20
 
@@ -39,7 +34,7 @@ _BYTE_ORDER_MARK = "\ufeff".encode()  # What some programs begin UTF-8 with.
 _TO_BLANKS = bytes.maketrans(b',;\t|"\r', b"      ")
 
 
-class TextSource(TableSource):
+class TextSource(columns.TableSource):
     """Events of a text table.
 
     The first line, or a comment, names the columns in any order, with units of time; else their
@@ -55,9 +50,7 @@ class TextSource(TableSource):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._delimiter, self._width, self._bad = "", 0, 0
-        self._order: Order | None = None
         self._start = self._read_head(path)
-        self._unit = self._order.unit if self._order else None
         super().__init__(path, options)
 
     def _read_head(self, path: Path) -> int:
@@ -78,7 +71,7 @@ class TextSource(TableSource):
                 if any(re.match(r"[A-Za-z_µ]", word) and _number(word) is None for word in words):
                     self._order = _named(words, path)
                     continue
-                if len(words) == 2 and not comments and self._order is None:
+                if len(words) == 2 and not comments and not self._order.place:
                     whole = all(word.isdecimal() for word in words)
                     self._named_size = (int(words[0]), int(words[1])) if whole else None
                     continue
@@ -94,32 +87,28 @@ class TextSource(TableSource):
         marks = Counter(_delimiter(line.decode("utf-8", "replace")) for line in lines)
         self._delimiter = marks.most_common(1)[0][0]
         self._width = Counter(len(self._blank(line).split()) for line in lines).most_common(1)[0][0]
-        for comment in comments if self._order is None else ():
+        for comment in comments if not self._order.place else ():
             self._order = _named_in_comment(comment, self._width) or self._order
-        if self._order is None:
+        if not self._order.place:
             tables = [self._table(self._blank(sample)) for sample in samples]
             if self._width < 4 or not any(map(len, tables)):
                 raise FormatError(
                     f"{str(path)!r} is no table of events: its rows have {self._width} columns, "
                     "but time, x, y and polarity are needed"
                 )
-            self._order = order_of_values(tables, repr(str(path)))
+            self._order = columns.order_of_values(tables, repr(str(path)))
 
-    def _rows(self) -> Iterator[Rows]:
+    def _tables(self) -> Iterator[NDArray[np.float64]]:
         self._bad, tail = 0, b""
-        for data in self._chunks(self._start, CHUNK_BYTES):
-            complete, newline, tail = (tail + data).rpartition(b"\n")
+        for data in itertools.chain(self._chunks(self._start, CHUNK_BYTES), [b""]):
+            complete, newline, tail = (tail + (data or b"\n")).rpartition(b"\n")
             if not newline and len(tail) >= CHUNK_BYTES:  # no line is so long
                 self._bad, tail = self._bad + 1, b""
-            yield from self._parsed(complete)
-        yield from self._parsed(tail)
-
-    def _parsed(self, text: bytes) -> Iterator[Rows]:
-        blank = self._blank(text)
-        if blank.strip() and self._order is not None:
-            yield rows_of(self._table(blank), self._order.place)
-        self.losses.add("bad_record", self._bad)
-        self._bad = 0
+            blank = self._blank(complete)
+            if blank.strip() and self._order.place:
+                yield self._table(blank)
+            self.losses.add("bad_record", self._bad)
+            self._bad = 0
 
     def _blank(self, text: bytes) -> bytes:
         """Return text whose numbers are parted by blanks, with points as decimal marks."""
@@ -193,7 +182,7 @@ def _number(word: str) -> float | None:
 def _named(names: list[str], path: Path) -> Order:
     if order := order_named(names):
         return order
-    missing = [role for role in "txyp" if role not in {role_of(name)[0] for name in names}]
+    missing = [role for role in "txyp" if role not in {columns.role_of(name)[0] for name in names}]
     lacks = f"lacks {', '.join(missing)}" if missing else "names a column twice"
     raise FormatError(
         f"{str(path)!r}: the header {','.join(names)!r} {lacks}; wanted are columns of time, "
