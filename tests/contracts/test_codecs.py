@@ -62,15 +62,13 @@ def test_bytes_do_not_depend_on_the_cuts_or_the_clock(
 
 
 @every_format
-def test_no_events(tmp_path: Path, name: str, encoding: str | None) -> None:
+def test_no_events_and_times_beyond_the_counters(
+    tmp_path: Path, name: str, encoding: str | None
+) -> None:
     write(tmp_path / name, encoding, [])
     source = open_events(tmp_path / name)
     assert len(whole(source)) == 0
     assert source.size in (SIZE, (320, 320))
-
-
-@every_format
-def test_times_beyond_the_counters(tmp_path: Path, name: str, encoding: str | None) -> None:
     first_us = (1 << 35) + (1 << 24) + 12_345
     write(tmp_path / name, encoding, [sample(300, first_us)])
     assert_equal(whole(open_events(tmp_path / name)), sample(300, first_us))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -41,7 +41,7 @@ class Gap(NamedTuple):
     t_to_us: int
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(kw_only=True, slots=True)
 class CameraHealth:
     """State of a camera; everything is counted since it was opened unless it says recent.
 
@@ -57,15 +57,15 @@ class CameraHealth:
         losses: What was lost or mended, by kind.
     """
 
-    connected: bool
-    events: int
-    deliveries: int
-    rate_ev_s: float
-    interval_p50_ms: float | None
-    interval_p99_ms: float | None
-    reconnects: int
-    away_s: float
-    losses: dict[str, int]
+    connected: bool = True
+    events: int = 0
+    deliveries: int = 0
+    rate_ev_s: float = 0.0
+    interval_p50_ms: float | None = None
+    interval_p99_ms: float | None = None
+    reconnects: int = 0
+    away_s: float = 0.0
+    losses: dict[str, int] = field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
         """Return the figures, rounded for a report."""
@@ -90,25 +90,27 @@ class DeliveryMeter:
 
     Args:
         clock_s: A monotonic clock, s.
+
+    Attributes:
+        counts: What is counted so far.
     """
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
-        self.connected, self.away_s = True, 0.0
-        self.events = self.deliveries = self.reconnects = 0
+        self.counts = CameraHealth()
         self._clock_s, self._opened_s = clock_s, clock_s()
         self._recent: deque[tuple[float, int]] = deque(maxlen=LATEST)
 
     def delivered(self, events: int, now_s: float) -> None:
         """Count one delivery."""
-        self.events += events
-        self.deliveries += 1
+        self.counts.events += events
+        self.counts.deliveries += 1
         self._recent.append((now_s, events))
 
     def came_back(self, away_s: float) -> None:
         """Count a camera that was gone for so long, s; its deliveries begin anew."""
-        self.connected = True
-        self.reconnects += 1
-        self.away_s += away_s
+        self.counts.connected = True
+        self.counts.reconnects += 1
+        self.counts.away_s += away_s
         self._recent.clear()
 
     def health(self, losses: dict[str, int]) -> CameraHealth:
@@ -117,18 +119,10 @@ class DeliveryMeter:
         latest = tuple(self._recent)
         recent = [count for at_s, count in latest if at_s > now_s - RECENT_S]
         intervals = np.diff([at_s for at_s, _ in latest]) * 1e3
-        p50_p99 = np.percentile(intervals, (50, 99)).tolist() if len(intervals) else (None, None)
-        return CameraHealth(
-            connected=self.connected,
-            events=self.events,
-            deliveries=self.deliveries,
-            rate_ev_s=sum(recent) / min(RECENT_S, max(now_s - self._opened_s, 1e-9)),
-            interval_p50_ms=p50_p99[0],
-            interval_p99_ms=p50_p99[1],
-            reconnects=self.reconnects,
-            away_s=self.away_s,
-            losses=dict(losses),
-        )
+        p50, p99 = np.percentile(intervals, (50, 99)).tolist() if len(intervals) else (None, None)
+        rate_ev_s = sum(recent) / min(RECENT_S, max(now_s - self._opened_s, 1e-9))
+        told = {"rate_ev_s": rate_ev_s, "interval_p50_ms": p50, "interval_p99_ms": p99}
+        return replace(self.counts, losses=dict(losses), **told)
 
 
 class CameraSource(FileSource):
@@ -255,7 +249,7 @@ class CameraSource(FileSource):
     def _reconnect(self) -> Rows | None:
         """Wait for the camera; return no events, or None where the source was closed meanwhile."""
         gone_s = time.monotonic()
-        self._meter.connected = False
+        self._meter.counts.connected = False
         self.camera.close()
         while not self._closing:
             try:

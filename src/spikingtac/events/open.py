@@ -75,7 +75,6 @@ def open_events(
         return CameraSource(Address.parse(named), options)
     place = Path(path)
     if not place.is_dir():
-        refuse_url(place)
         if not place.exists():
             raise RecordingError(f"there is no file {str(place)!r}; check the path")
         return _open_file(place, options)
@@ -136,18 +135,6 @@ def first_event_us(path: str | Path) -> int | None:
     if is_stream(Path(path)):
         return None
     return next((int(packet.t[0]) for packet in open_events(path) if len(packet)), None)
-
-
-def refuse_url(path: Path) -> None:
-    """Refuse an address on the net.
-
-    Raises:
-        RecordingError: The path is one, such as ``https://host/file.raw``.
-    """
-    scheme, colon, rest = str(path).partition(":/")
-    if colon and len(scheme) > 1 and scheme.isalnum() and not path.exists():
-        address = f"{scheme}://{rest.lstrip('/')}"  # a path keeps one of its two slashes
-        raise RecordingError(f"{address!r} is an address on the net; download it, name the file")
 
 
 def _bags(folder: Path) -> list[Path]:

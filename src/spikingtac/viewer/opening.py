@@ -16,7 +16,7 @@ from spikingtac.contact.registry import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.events.address import Address, is_address, is_stream
 from spikingtac.events.formats.array_file import load_arrays
-from spikingtac.events.open import is_same_folder, open_events, open_second, refuse_url
+from spikingtac.events.open import is_same_folder, open_events, open_second
 from spikingtac.events.recording import MANIFEST, TRUTH, name_of, read_manifest
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.track import require_same_size
@@ -144,7 +144,6 @@ def _events(
         events = LiveSource.of(opened_camera(source, None))
         return {"label": label, "source": events, "ends": False}
     if path.suffix == ".toml" or not path.exists():
-        refuse_url(path)
         if path.suffix != ".toml" and (path.suffix or len(path.parts) > 1):
             raise RecordingError(
                 f"there is no file or folder {source!r}; a scene is named without an ending "

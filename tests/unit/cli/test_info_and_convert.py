@@ -43,9 +43,8 @@ def test_info_prints_the_contracts_keys(recorded: Path, capsys: pytest.CaptureFi
     assert found["anomalies"] == {}
 
 
-@pytest.mark.parametrize("name", ["b.npz", "b.csv", "b.raw"])
-def test_convert_cuts_and_flips(recorded: Path, name: str, capsys) -> None:
-    target = recorded.with_name(name)
+def test_convert_cuts_and_flips(recorded: Path, capsys) -> None:
+    target = recorded.with_name("b.csv")
     arguments = ["--from-us", "5000", "--to-us", "20100", "--flip-polarity", "--json"]
     assert main(["convert", str(recorded), str(target), *arguments]) == 0
     assert json.loads(capsys.readouterr().out)["events"] == 600

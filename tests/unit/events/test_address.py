@@ -27,7 +27,7 @@ def test_an_address_is_taken_apart_and_put_together() -> None:
 def test_files_are_no_addresses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for text in ("events.raw", "C:\\data\\a.raw", "-", "https://host/a.raw", "a"):
         assert not is_address(text)
-    with pytest.raises(RecordingError, match="address on the net"):
+    with pytest.raises(RecordingError, match="there is no file"):
         open_events("https://example.org/a.raw")
     monkeypatch.chdir(tmp_path)
     assert is_address("udp:7777")

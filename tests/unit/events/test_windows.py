@@ -30,21 +30,6 @@ def spans(found: list[EventPacket]) -> list[tuple[int, int, list[int]]]:
     return [(w.t_start_us, w.t_end_us, w.t.tolist()) for w in found]
 
 
-def test_empty_windows_are_kept() -> None:
-    found = list(windows([packet([0, 35], 0, 36)], 10))
-    assert spans(found) == [(0, 10, [0]), (10, 20, []), (20, 30, []), (30, 36, [35])]
-
-
-def test_windows_may_begin_before_or_within_the_stream() -> None:
-    stream = [packet([100, 105, 112], 100, 113)]
-    assert spans(list(windows(stream, 10, t_start_us=85))) == [
-        (85, 95, []),
-        (95, 105, [100]),
-        (105, 113, [105, 112]),
-    ]
-    assert spans(list(windows(stream, 10, t_start_us=104))) == [(104, 113, [105, 112])]
-
-
 def test_finite_edges_end_the_stream() -> None:
     found = list(cut([packet([1, 5, 9], 0, 10)], iter([2, 4, 8])))
     assert spans(found) == [(2, 4, []), (4, 8, [5])]

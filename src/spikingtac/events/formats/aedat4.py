@@ -67,7 +67,7 @@ class Aedat4Source(FileSource):
         named = [number for number, name in triggers if name == own]
         self._edges = named or [number for number, _ in triggers]
         mark, self._before_mark = _MARKS.get(self._compression, (b"EVTS", 16))
-        self._form = Form(re.compile(re.escape(mark)), self._packet_at, self._proven)
+        self._mark = re.compile(re.escape(mark))
         super().__init__(path, options)
 
     def _read_head(self, path: Path) -> tuple[Streams, list[tuple[int, str]]]:
@@ -91,9 +91,10 @@ class Aedat4Source(FileSource):
         total = self.path.stat().st_size
         span = self._begin, min(self._table_position, total) if self._table_position > 0 else total
         where = f"{str(self.path)!r}: a packet"
+        form = Form(self._mark, self._packet_at, self._proven)
         with self.path.open("rb") as file:
             read = reader_of(file)
-            for stream, start, stop, _ in pieces(self._form, read, span, self.losses.add):
+            for stream, start, stop, _ in pieces(form, read, span, self.losses.add):
                 self.progress = stop / total
                 cut = stream == CUT
                 start += PACKET_HEAD.size * cut

@@ -40,16 +40,6 @@ def test_a_lost_byte_is_noticed_within_a_dozen_words(words_after: int) -> None:
     np.testing.assert_array_equal(words[-8:], data[-16:].view(WORD))
 
 
-@pytest.mark.parametrize("odd", [1, 3])
-def test_a_few_odd_words_are_no_break(odd: int) -> None:
-    data = sound_bytes(SOUND_WORDS)
-    suspects = np.zeros(len(data) - 1, np.bool_)
-    suspects[20 : 20 + 2 * odd : 2] = True
-    words, _, breaks = aligned(data, suspects, WORD)
-    assert breaks == 0
-    np.testing.assert_array_equal(words, data.view(WORD))
-
-
 SIZE = (320, 320)
 LOST_BYTES = 8_192
 
