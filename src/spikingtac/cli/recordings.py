@@ -17,7 +17,7 @@ from spikingtac.cli.messages import Advance, Table, no_progress, progress, remar
 from spikingtac.cli.options import JsonArgs, ReadArgs, WriteArgs
 from spikingtac.cli.sources import ending_on_interrupt, for_each, open_two
 from spikingtac.errors import ConfigError
-from spikingtac.events.manifest import name_of
+from spikingtac.events.recording import name_of
 
 SHOWN = 20  # Failures that are printed; the table holds all.
 

@@ -17,7 +17,7 @@ from spikingtac.cli.options import ReadArgs
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.events.formats.codec import KINDS
 from spikingtac.events.open import RECORDING_NAME
-from spikingtac.events.recording import MANIFEST, read_manifest
+from spikingtac.events.recording import read_manifest
 from spikingtac.file_kinds import TOLD, document_of, kind_of
 from spikingtac.tracks.tracks import longest
 
