@@ -197,7 +197,7 @@ class Recording:
 
     def events(self, sensor: int = 0, *, strict: bool = False) -> FileSource:
         """Return the events of one sensor."""
-        from spikingtac.events.open import open_events
+        from spikingtac.events import open_events
 
         return open_events(self.path, sensor=sensor, strict=strict)
 
