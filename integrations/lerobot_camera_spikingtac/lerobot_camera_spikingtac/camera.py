@@ -11,7 +11,7 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 from numpy.typing import NDArray
 
 import spikingtac as st
-from lerobot_camera_spikingtac.config_camera import SpikingTacCameraConfig
+from lerobot_camera_spikingtac.config_camera import CELL_PX, RANGE_PX, SpikingTacCameraConfig
 from lerobot_camera_spikingtac.field_image import field_image
 
 START_S = 30.0  # Longest wait for the first frame, s: kernels may have to be compiled.
@@ -22,7 +22,7 @@ class SpikingTacCamera(Camera):
     """Follows a sensor in a process of its own and gives its latest field as an image.
 
     Args:
-        config: Which sensor, and how it is drawn.
+        config: Which sensor.
     """
 
     def __init__(self, config: SpikingTacCameraConfig) -> None:
@@ -153,6 +153,5 @@ class SpikingTacCamera(Camera):
         return frame
 
     def _image(self, frame: Any) -> NDArray[np.uint8]:
-        config, grid = self.config, self._calibration.grid
         moved_px, coasted = frame.displacement_px, frame.coasted
-        return field_image(moved_px, coasted, grid, config.range_px, config.cell_px)
+        return field_image(moved_px, coasted, self._calibration.grid, RANGE_PX, CELL_PX)

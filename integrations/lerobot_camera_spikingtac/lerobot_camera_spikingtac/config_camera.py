@@ -9,6 +9,8 @@ from pathlib import Path
 from lerobot.cameras.configs import CameraConfig
 
 DEFAULT_FPS = 30
+RANGE_PX = 16.0  # Displacement that is drawn as 0 or 255, px.
+CELL_PX = 8  # Width of a marker's cell in the image, px.
 
 
 @CameraConfig.register_subclass("spikingtac")
@@ -21,8 +23,6 @@ class SpikingTacCameraConfig(CameraConfig):
         calibration: The sensor's ``calibration.json``.
         preset: Tracker: ``default``, ``fast``, or a TOML file.
         rate_hz: Estimates per second; the preset's unless given.
-        range_px: Displacement that is drawn as 0 or 255, px.
-        cell_px: Width of a marker's cell in the image, px.
         force: ``force.onnx``, where forces are wanted, too.
     """
 
@@ -30,26 +30,20 @@ class SpikingTacCameraConfig(CameraConfig):
     calibration: str
     preset: str = "fast"
     rate_hz: float | None = None
-    range_px: float = 16.0
-    cell_px: int = 8
     force: str | None = None
 
     def __post_init__(self) -> None:
         """Fill in the size of the image, which the calibration's grid decides.
 
         Raises:
-            ValueError: A setting is not valid, or the size is not that of the grid.
+            ValueError: The size is not that of the grid.
         """
-        if not self.range_px > 0.0:
-            raise ValueError(f"range_px is {self.range_px}, it must be positive")
-        if self.cell_px < 1:
-            raise ValueError(f"cell_px is {self.cell_px}, it must be at least 1")
         grid = json.loads(Path(self.calibration).read_text(encoding="utf-8"))["grid"]
         rows, columns = (int(count) for count in grid)
-        size = columns * self.cell_px, rows * self.cell_px
+        size = columns * CELL_PX, rows * CELL_PX
         if (self.width or size[0], self.height or size[1]) != size:
             raise ValueError(
-                f"the image is {size[0]}x{size[1]}: {columns} by {rows} markers of {self.cell_px} "
+                f"the image is {size[0]}x{size[1]}: {columns} by {rows} markers of {CELL_PX} "
                 "px each; leave width and height out"
             )
         self.width, self.height = size
