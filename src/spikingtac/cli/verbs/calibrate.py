@@ -12,11 +12,11 @@ from typing import Annotated, Any, Literal
 import tyro
 
 import spikingtac as st
+from spikingtac import events
 from spikingtac.atomic_files import write_json
 from spikingtac.cli.messages import Advance, Table, figures, no_progress, progress, remark, tell
 from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many
 from spikingtac.cli.sources import ending_on_interrupt, fitting
-from spikingtac.events.address import is_stream
 from spikingtac.file_kinds import kind_of
 from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.reference import Method
@@ -92,7 +92,7 @@ def run(args: Args) -> int:
     config = st.CalibrationConfig(grid=_grid_shape(args.grid), **given)
     source = args.open(recording)
     seen: st.EventSource = source
-    if args.until_ready or is_stream(recording):
+    if args.until_ready or events.is_stream(recording):
         seen = st.PacketSource(_guided(source, config, args.until_ready), source.size)
     with ending_on_interrupt(source), progress(f"calibrating from {recording.name}"):
         calibration = st.calibrate(seen, config)

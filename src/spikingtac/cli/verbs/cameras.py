@@ -13,11 +13,11 @@ from typing import Annotated, NamedTuple
 
 import tyro
 
+from spikingtac import events
 from spikingtac.cameras.libraries import is_installed, plugged_in, remedy
 from spikingtac.cli.messages import Table, tell
 from spikingtac.cli.options import JsonArgs, require_seconds
 from spikingtac.cli.sources import ending_on_interrupt
-from spikingtac.events.address import Address
 from spikingtac.events.camera import KINDS
 
 EXIT_MACHINE = 3
@@ -170,11 +170,9 @@ def _delivery(address: str, seconds: float) -> Iterator[Finding]:
     Raises:
         SpikingTacError: The camera cannot be opened.
     """
-    from spikingtac.events import CameraSource, ReadOptions
-
-    given = Address.parse(address)
+    given = events.Address.parse(address)
     timed = replace(given, options={**given.options, "seconds": f"{seconds:g}"})
-    source = CameraSource(timed, ReadOptions())
+    source = events.CameraSource(timed, events.ReadOptions())
     with ending_on_interrupt(source):
         for _ in source.columns():
             pass

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
 import spikingtac as st
+from spikingtac import contact, events, stream
 from spikingtac.cli.messages import Table, counted, progress, remark, tell
 from spikingtac.cli.options import RealtimeArgs
 from spikingtac.cli.sources import (
@@ -22,15 +23,8 @@ from spikingtac.cli.sources import (
     open_two,
     require_live,
 )
-from spikingtac.contact.detector import DetectorSummary
-from spikingtac.contact.recording import find_contacts, leading_quiet, paired_windows
-from spikingtac.errors import ConfigError
-from spikingtac.events.address import is_stream
 from spikingtac.events.open import first_event_us
 from spikingtac.events.recording import name_of
-
-if TYPE_CHECKING:
-    from spikingtac.events.formats.file_source import FileSource
 
 CALIBRATION = "calibration.json"
 FALLBACK = (
@@ -104,27 +98,26 @@ def _config(args: Args) -> st.DetectionConfig:
     """Return the preset's settings with what the command line changes; refuse a mere stream."""
     if args.realtime:
         require_live([args.recording])
-    if is_stream(args.recording) and args.quiet is None:
-        raise ConfigError(
+    if events.is_stream(args.recording) and args.quiet is None:
+        raise st.ConfigError(
             f"{str(args.recording)!r} is a stream and is read once, as it comes; give a recording "
             "of the moving arm without contact to learn from: --quiet RECORDING"
         )
-    given = {"false_alarms_per_hour": args.budget, "detector": args.detector}
-    chosen = {name: one for name, one in given.items() if one is not None}
-    return replace(st.load_config(args.preset).contact, **chosen)
+    config = st.load_config(args.preset).contact
+    budget = config.false_alarms_per_hour if args.budget is None else args.budget
+    detector = args.detector or config.detector
+    return replace(config, false_alarms_per_hour=budget, detector=detector)
 
 
 def _found(
     sources: Sequence[Any], detector: st.ContactDetector, first: int
 ) -> list[dict[str, Any]]:
     """Return the contacts; those of a camera are told as they come."""
-    from spikingtac.stream import live_windows
-
-    found, live = [], is_stream(sources[0].path)
-    windows = live_windows(sources) if live and len(sources) > 1 else None
+    found, live = [], events.is_stream(sources[0].path)
+    windows = stream.live_windows(sources) if live and len(sources) > 1 else None
     bar = progress(f"finding contacts in {sources[0].path.name}")
     with ending_on_interrupt(*sources), bar as advance:
-        for one, end_us in find_contacts(sources, detector, windows, first):
+        for one, end_us in contact.find_contacts(sources, detector, windows, first):
             found.append(asdict(one) | {"end_us": end_us})
             if live:
                 remark(f"contact at {one.t_us} us")
@@ -135,25 +128,25 @@ def _found(
 def _learn(
     args: Args,
     config: st.DetectionConfig,
-    sources: Sequence[FileSource],
+    sources: Sequence[events.FileSource],
     calibrations: Sequence[st.Calibration],
 ) -> tuple[st.ContactDetector, int]:
     """Build the detector from the quiet windows; return also the first window that counts."""
     given = sources if args.quiet is None else _sources(args.quiet, args.strict)[: len(sources)]
     if len(given) < len(sources):
-        raise ConfigError(f"--quiet holds {len(given)} sensor, RECORDING holds {len(sources)}")
+        raise st.ConfigError(f"--quiet holds {len(given)} sensor, RECORDING holds {len(sources)}")
     for quiet, source in zip(given, sources, strict=False):
         if quiet.size != source.size:
-            raise ConfigError(
+            raise st.ConfigError(
                 f"--quiet is from a sensor of {quiet.size[0]}x{quiet.size[1]} px, RECORDING from "
                 f"one of {source.size[0]}x{source.size[1]} px; record both with the same sensor"
             )
-    begin, end = leading_quiet(sources) if args.quiet is None else (0, None)
-    quiet = islice(paired_windows(given), begin, end)
+    begin, end = contact.leading_quiet(sources) if args.quiet is None else (0, None)
+    quiet = islice(contact.paired_windows(given), begin, end)
     return st.make_detector(config.detector or "default", config, calibrations, quiet), begin
 
 
-def _quiet(args: Args, learned: DetectorSummary) -> dict[str, Any]:
+def _quiet(args: Args, learned: contact.DetectorSummary) -> dict[str, Any]:
     """Return the statistics of the quiet windows and the figures that they gave."""
     statistics: dict[str, Any] = {"source": "beginning" if args.quiet is None else args.quiet.name}
     if learned.quiet is not None:
@@ -163,19 +156,19 @@ def _quiet(args: Args, learned: DetectorSummary) -> dict[str, Any]:
     return statistics | dict(learned.figures)
 
 
-def _sources(path: Path, strict: bool, second: Path | None = None) -> list[FileSource]:
+def _sources(path: Path, strict: bool, second: Path | None = None) -> list[events.FileSource]:
     if second is not None:
         return open_two(path, second, strict=strict)
     sensors = 2 if (path / name_of("events.raw", 1)).is_file() else 1
     return [st.open_events(path, strict=strict, sensor=sensor) for sensor in range(sensors)]
 
 
-def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[st.Calibration]:
+def _calibrations(args: Args, sources: Sequence[events.FileSource]) -> list[st.Calibration]:
     """Return the calibrations that are given, or else lie beside each recording."""
     if args.detector == "event_count":
         return []
     if args.calibration and len(args.calibration) != len(sources):
-        raise ConfigError(
+        raise st.ConfigError(
             f"{len(args.calibration)} calibrations were given for {len(sources)} sensors; "
             "give one for each, in the sensors' order"
         )
@@ -199,8 +192,8 @@ def _table(document: dict[str, Any], recording: Path) -> Table:
         figures = "; quiet: {seconds:g} s, {mean:.2f} events/ms, variance {variance:.2f}"
         title += figures.format_map(quiet)
     rows = []
-    for contact in document["contacts"]:
-        times_us = (contact["t_us"], contact["end_us"])
+    for one in document["contacts"]:
+        times_us = (one["t_us"], one["end_us"])
         times = ["-" if t is None else f"{(t - (begin_us or 0)) / 1e3:.1f}" for t in times_us]
-        rows.append((*times, f"{contact['count']:.0f}", f"{contact['threshold']:.0f}"))
+        rows.append((*times, f"{one['count']:.0f}", f"{one['threshold']:.0f}"))
     return Table(title, ("t ms", "ends ms", "statistic", "threshold"), rows, words=0)

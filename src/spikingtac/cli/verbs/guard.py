@@ -13,12 +13,11 @@ from typing import Annotated, Any
 import tyro
 
 import spikingtac as st
-from spikingtac import contact, stream
+from spikingtac import contact, events, stream
 from spikingtac.cli.messages import remark, tell
 from spikingtac.cli.options import JsonArgs
 from spikingtac.cli.sources import checked, ended_by_sigterm, fitting
-from spikingtac.errors import ConfigError, DeviceError, named
-from spikingtac.events.address import is_stream
+from spikingtac.errors import named
 
 POLL_S = 0.02  # Time between two looks at the state of the guarding process, s.
 
@@ -77,11 +76,11 @@ def run(args: Args) -> int:
     """
     named(contact.detectors(), args.detector, "contact detector")
     if not args.budget > 0.0:
-        raise ConfigError(f"--budget is {args.budget:g}, it must be positive (false contacts/h)")
+        raise st.ConfigError(f"--budget is {args.budget:g}, it must be positive (false contacts/h)")
     if (args.force is None) != (args.limit_n is None):
-        raise ConfigError("--force and --limit-n belong together: give both, or neither")
-    if not is_stream(args.events):
-        raise ConfigError(
+        raise st.ConfigError("--force and --limit-n belong together: give both, or neither")
+    if not events.is_stream(args.events):
+        raise st.ConfigError(
             f"--events is {str(args.events)!r}, it must be a camera's named pipe or address; "
             "to find the contacts in a recording: spikingtac contact RECORDING"
         )
@@ -95,7 +94,7 @@ def run(args: Args) -> int:
         if args.limit_n is not None:
             told = f"{found['count']:.2f} N at {found['t_us']} us, the arm was stopped"
         return tell(args.json, {name: status[name] for name in names}, told)
-    raise DeviceError(failure_text(status))
+    raise st.DeviceError(failure_text(status))
 
 
 def failure_text(status: dict[str, Any]) -> str:
@@ -176,7 +175,7 @@ def _wait(process: stream.ContactProcess) -> dict[str, Any]:
         if phase in ENDED:
             return status
         if not alive:
-            raise DeviceError(
+            raise st.DeviceError(
                 "the guarding process died; the controller's own watchdog stops the arm: check both"
             )
         age_s = time.monotonic() - status["at_s"] if status else 0.0
@@ -185,7 +184,7 @@ def _wait(process: stream.ContactProcess) -> dict[str, Any]:
         if phase == "ready" and age_s > SILENCE_S:
             why = "the guarding process does not answer; see whether the arm stands"
             remark(f"{why}; ending it now")  # before the wait for its end
-            raise DeviceError(f"{why}, then start again")
+            raise st.DeviceError(f"{why}, then start again")
         follower.look(status, age_s)
         time.sleep(POLL_S)
 

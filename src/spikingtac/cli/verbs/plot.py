@@ -9,11 +9,10 @@ from typing import Annotated, Any, get_args
 import tyro
 
 import spikingtac as st
+from spikingtac import events
 from spikingtac.batch.run import write_rows
 from spikingtac.cli.messages import figures, tell
 from spikingtac.cli.options import Output, WriteArgs
-from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.file_kinds import TOLD, kind_of
 from spikingtac.plots.figure import US_PER_S, EventKind, ThemeName, WidthName, save_figure
 from spikingtac.plots.tracks import Kind, plot_comparison
@@ -63,14 +62,14 @@ def run(args: Args) -> int:
     valid = get_args(Kind if tracked else EventKind)
     if kind not in valid:
         what = "tracks" if tracked else "a recording"
-        raise ConfigError(f"--kind {kind} is not for {what} (valid: {', '.join(valid)})")
+        raise st.ConfigError(f"--kind {kind} is not for {what} (valid: {', '.join(valid)})")
     animated = output.suffix == ".gif"
     if not animated and (args.from_s is not None or args.to_s is not None or args.slow != 1.0):
-        raise ConfigError("--from-s, --to-s and --slow are for animations: -o field.gif")
+        raise st.ConfigError("--from-s, --to-s and --slow are for animations: -o field.gif")
     if animated and not tracked:
-        raise ConfigError("a .gif shows tracks; spikingtac view RECORDING --export shows events")
+        raise st.ConfigError("a .gif shows tracks; spikingtac view RECORDING --export shows events")
     if animated and (args.at_s is not None or kind not in ("course", "field")):
-        raise ConfigError("a .gif shows the field over a stretch: leave out --at-s and --kind")
+        raise st.ConfigError("a .gif shows the field over a stretch: leave out --at-s and --kind")
     args.claim(output)
     told = _of_tracks(args, output, kind) if tracked else _of_events(args, output, kind)
     document = {"output": str(output), "kind": kind, **told}
@@ -140,14 +139,14 @@ def compared(one: Path, other: Path) -> Comparison:
     """
     path = other / "truth.npz" if other.is_dir() else other
     kind = kind_of(path)
-    events = kind_of(one) in ("recording", "truth") or (one.is_file() and one.suffix != ".npz")
-    if kind == "tracks" and events:
-        raise ConfigError(f"the tracks come first: spikingtac compare {other} {one}")
+    untracked = kind_of(one) in ("recording", "truth") or (one.is_file() and one.suffix != ".npz")
+    if kind == "tracks" and untracked:
+        raise st.ConfigError(f"the tracks come first: spikingtac compare {other} {one}")
     tracks = st.Tracks.load(one)
     if kind not in ("tracks", "truth") and path.exists():
         told = f": {TOLD[kind]}" if kind else " (marker_t_us and marker_px)"
-        raise RecordingError(f"{str(path)!r} holds neither tracks nor a truth{told}")
+        raise st.RecordingError(f"{str(path)!r} holds neither tracks nor a truth{told}")
     if kind == "tracks":
         return st.compare_tracks(tracks, st.Tracks.load(path))
-    truth = load_arrays(path, "ground truth")
+    truth = events.load_arrays(path, "ground truth")
     return st.compare_with_truth(tracks, truth["marker_t_us"], truth["marker_px"])

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import spikingtac as st
+from spikingtac import events
 from spikingtac.atomic_files import write_json
 from spikingtac.cli.messages import Table, tell
 from spikingtac.cli.verbs.probe_args import Args, ProbedHole
 from spikingtac.errors import named
-from spikingtac.events.address import is_stream
 from spikingtac.schema import to_mapping
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def check(args: Args) -> None:
         raise st.ConfigError(
             "--arm needs --events and --calibration: those of the finger that holds the probe"
         )
-    if args.arm and args.events and not (args.rehearsal or is_stream(args.events)):
+    if args.arm and args.events and not (args.rehearsal or events.is_stream(args.events)):
         raise st.ConfigError(
             f"--events is {str(args.events)!r}, which is no camera's named pipe: an arm that "
             "moves by a recording feels nothing. Give the pipe, or --rehearsal if nothing can "

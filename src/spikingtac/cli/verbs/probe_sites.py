@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 import spikingtac as st
-from spikingtac import contact, robot
+from spikingtac import contact, events, robot
 from spikingtac import sim as twin
 from spikingtac.cli.messages import progress, remark
 from spikingtac.cli.sources import ended_by_sigterm
 from spikingtac.cli.verbs.probe_args import Args, ProbedHole
-from spikingtac.events.address import is_stream
 from spikingtac.geometry import Compensation
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.stream.real_time import exempt_from_collection
@@ -193,7 +192,7 @@ def listen(
     assert args.events is not None
     source = st.open_events(args.events)
     require_same_size(source.size, calibration.size)
-    if is_stream(args.events):
+    if events.is_stream(args.events):
         watched = WatchedWindows(source, watchdog)
         return iter(watched), watched
     return ((window,) for window in st.windows(source, period_us=1000)), None

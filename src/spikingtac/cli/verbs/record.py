@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 import spikingtac as st
+from spikingtac import events
 from spikingtac.cli.messages import Table, progress, remark, tell
 from spikingtac.cli.options import Output, WriteArgs, require_seconds
 from spikingtac.cli.sources import camera_address, ending_on_interrupt
-from spikingtac.errors import ConfigError
-from spikingtac.events.address import Address
 from spikingtac.events.align import (
     By,
     PoseClock,
@@ -32,7 +31,6 @@ from spikingtac.events.recording import name_of
 if TYPE_CHECKING:
     from spikingtac.stream.record import Session
 
-EXIT_MACHINE = 3
 MEV = 1e6
 MB = 1e6
 CLEAR_LINE = "\r\x1b[2K"  # Begins the line of a terminal anew.
@@ -76,18 +74,20 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Record, and print what was recorded; exit 3 where the disk refused to write."""
-    from spikingtac.events import CameraSource, ReadOptions
     from spikingtac.stream.record import RecordOptions, locked_folder, prepare_folder, record
     from spikingtac.stream.recorder import Split
 
     require_seconds(args.seconds)
     options = RecordOptions(split=Split.parse(args.split), seconds=args.seconds or math.inf)
     given = [args.source] if args.second is None else [args.source, args.second]
-    addresses = [Address.parse(camera_address(source)) for source in given]
+    addresses = [events.Address.parse(camera_address(source)) for source in given]
     remark(f"opening {' and '.join(map(str, addresses))}; Ctrl-C ends the recording")
     with ExitStack() as opened:
         opened.enter_context(locked_folder(args.output, args.overwrite))
-        sources = [CameraSource(one, ReadOptions(), when_lost="reconnect") for one in addresses]
+        sources = [
+            events.CameraSource(one, events.ReadOptions(), when_lost="reconnect")
+            for one in addresses
+        ]
         prepare_folder(args.output, args.overwrite)
         opened.enter_context(ending_on_interrupt(*sources))
         show = opened.enter_context(_screen())
@@ -105,7 +105,7 @@ def run(args: Args) -> int:
                 f"{told['events']} events are in {str(args.output)!r} and can be read, "
                 f"{told['lost_events']} were lost; make room, or choose another disk"
             )
-            return EXIT_MACHINE
+            return 3  # the machine is at fault
     return 0
 
 
@@ -190,12 +190,12 @@ def align(args: AlignArgs) -> int:
     if second is None and (args.first / name_of("events.raw", 1)).is_file():
         second = args.first
     if second is None and args.poses is None:
-        raise ConfigError("there is nothing to align: name a second recording, or --poses")
+        raise st.ConfigError("there is nothing to align: name a second recording, or --poses")
     if output is not None and second is not None:
         recorded(output, args.overwrite)
         output /= "poses.npz"
     elif output is not None and output.suffix != ".npz":
-        raise ConfigError(f"poses alone are written as .npz, not as {output.name!r}")
+        raise st.ConfigError(f"poses alone are written as .npz, not as {output.name!r}")
     else:
         args.claim(output)
     document: dict[str, Any] = {"output": None if args.output is None else str(args.output)}
@@ -226,7 +226,7 @@ def _two(args: AlignArgs, second: Path) -> dict[str, Any]:
     if args.output.exists() and any(
         path.exists() and args.output.samefile(path) for path in (args.first, second)
     ):
-        raise ConfigError("-o names a recording that is read; choose another folder")
+        raise st.ConfigError("-o names a recording that is read; choose another folder")
     prepare_folder(args.output, args.overwrite)
     first, inputs = st.open_events(args.first), [args.first.name, second.name]
     written = write_pair(args.output, first, other.source, time_map, {"inputs": inputs})
