@@ -184,18 +184,14 @@ class IndenterConfig:
     settings: dict[str, Any] = field(default_factory=dict)
 
 
-# Name -> body and its own settings. The pulp of a finger tip is a layer over bone (the middle of 20
-# to 50 kPa); its radius is that of an adult index (6 to 8 mm), the spoon that of a table.
+# The pulp of a finger tip is a layer over bone (the middle of 20 to 50 kPa).
+_PULP = {"shear_modulus_kpa": 30.0, "thickness_mm": 6.0}
+
+# Name -> body and its own settings. The finger's radius is that of an adult index (6 to 8 mm), the
+# spoon that of a table.
 INDENTERS: dict[str, tuple[type[Ellipsoid] | type[Rods] | type[Punch], dict[str, Any]]] = {
     "ball": (Ellipsoid, {}),
-    "finger": (
-        Ellipsoid,
-        {
-            "radius_x_mm": 7.0,
-            "radius_y_mm": 7.0,
-            "soft": {"shear_modulus_kpa": 30.0, "thickness_mm": 6.0},
-        },
-    ),
+    "finger": (Ellipsoid, {"radius_x_mm": 7.0, "radius_y_mm": 7.0, "soft": _PULP}),
     "spoon": (Ellipsoid, {"radius_x_mm": 15.0, "radius_y_mm": 10.0, "half_height_mm": 8.0}),
     "comb": (Rods, {}),
     "punch": (Punch, {}),

@@ -211,20 +211,15 @@ def _duration_s(segment: SegmentConfig, start: Pose) -> float:
 
 def _pose(segment: SegmentConfig, start: Pose, fraction: float) -> Pose:
     """Return the pose at a fraction, 0 to 1, of a segment's time."""
-    covered = _covered(segment, min(max(fraction, 0.0), 1.0))
+    profile, strokes = _PROFILES[segment.profile][0], 2 * (segment.repeats or 0.5)
+    along = min(max(fraction, 0.0), 1.0) * strokes
+    stroke = min(int(along), math.ceil(strokes) - 1)
+    covered = profile(along - stroke)
+    if stroke % 2:
+        covered = 1.0 - covered
     position = start.position_mm + _offset_mm(segment, start, covered)
     turn = _turn(segment, covered)
     return Pose(position, start.rotation if turn is None else turn @ start.rotation, FRAME)
-
-
-def _covered(segment: SegmentConfig, fraction: float) -> float:
-    profile = _PROFILES[segment.profile][0]
-    if segment.repeats is None:
-        return profile(fraction)
-    strokes = 2 * segment.repeats
-    stroke = min(int(fraction * strokes), strokes - 1)
-    along = profile(fraction * strokes - stroke)
-    return along if stroke % 2 == 0 else 1.0 - along
 
 
 def _offset_mm(segment: SegmentConfig, start: Pose, covered: float) -> NDArray[np.float64]:

@@ -13,9 +13,7 @@ from spikingtac.atomic_files import whole_folder
 from spikingtac.errors import ConfigError, RecordingError, require_type
 from spikingtac.events.recording import MANIFEST, Recording, RecordingWriter
 from spikingtac.sim.scene import LENGTH_S, LOADED, Scene
-from spikingtac.sim.source import SceneSource
-
-SOURCE = "twin"  # Entry ``source`` in the manifest of a simulation.
+from spikingtac.sim.source import SOURCE, SceneSource
 
 
 def simulate(
@@ -67,33 +65,15 @@ def simulate(
             if advance is not None and source.t_end_us:
                 advance(step.packet.t_end_us / source.t_end_us)
         writer.losses.update(source.losses)
-        writer.describe(**_manifest(source, events))
-    assert source.t_end_us is not None
+        told = source.manifest()
+        span = {"t_start_us": 0, "t_end_us": source.t_end_us, "events": events}
+        writer.describe(**told, **span, scene=scene.resolved())
     return {
         "folder": str(target),
-        "duration_s": source.t_end_us / 1e6,
+        "duration_s": (source.t_end_us or 0) / 1e6,
         "events": events,
         "markers": len(source.reference_px),
-        "scene_sha256": scene.digest(),
-    }
-
-
-def _manifest(source: SceneSource, events: int) -> dict[str, Any]:
-    """Return the manifest of a simulation. It holds neither date nor machine."""
-    scene = source.scene
-    camera = scene.camera.resolve(scene.size)
-    return {
-        "source": SOURCE,
-        "grid": list(scene.skin.grid),
-        "t_start_us": 0,
-        "t_end_us": source.t_end_us,
-        "events": events,
-        "seed": source.seed,
-        "contrast": camera.light.contrast,
-        "threshold_on": camera.pixel.threshold_on,
-        "threshold_off": camera.pixel.threshold_off,
-        "scene": scene.resolved(),
-        "scene_sha256": scene.digest(),
+        "scene_sha256": told["scene_sha256"],
     }
 
 

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,8 @@ def prefetch(items: Iterable[T], depth: int) -> Generator[T, None, None]:
     finally:
         worker.shutdown(cancel_futures=True)
 
+
+SOURCE = "twin"  # Entry ``source`` in the manifest of a simulation.
 
 # Longest time between two rows of the truth, us. The camera interpolates the images linearly
 # between the gel's steps. Rows fall on those steps and between them, so that linear interpolation
@@ -189,6 +191,19 @@ class SceneSource:
     def __iter__(self) -> Iterator[EventPacket]:
         for step in self._steps:
             yield step.packet
+
+    def manifest(self) -> dict[str, Any]:
+        """Return what a manifest says of a simulation; it holds neither date nor machine."""
+        camera = self.scene.camera.resolve(self.size)
+        return {
+            "source": SOURCE,
+            "grid": list(self.scene.skin.grid),
+            "seed": self.seed,
+            "contrast": camera.light.contrast,
+            "threshold_on": camera.pixel.threshold_on,
+            "threshold_off": camera.pixel.threshold_off,
+            "scene_sha256": self.scene.digest(),
+        }
 
     def steps(self) -> Generator[SceneStep, None, None]:
         """Yield the packets together with the truth over their spans."""

@@ -45,7 +45,7 @@ class TwinCamera(Camera):
         found = catalog.load_scene(scene).with_camera(camera)
         self.size = found.size
         self.scene, self.seed, self._preset = scene, seed, camera
-        self._found, self._at_rest = found, SceneSource(found, seed)
+        self._at_rest = SceneSource(found, seed)
         arguments = {"name": scene, "seed": seed, "camera": camera, "warm": True}
         self._source = RemoteSource(
             partial(truthful_packets, **arguments),
@@ -110,14 +110,7 @@ class TwinCamera(Camera):
 
     def manifest(self) -> dict[str, Any]:
         """Return what a simulation's own manifest says, so that the folder reads like one."""
-        found = self._found
-        return {
-            "source": "twin",
-            "scene_sha256": found.digest(),
-            "seed": self.seed,
-            "grid": list(found.skin.grid),
-            "contrast": found.camera.resolve(found.size).light.contrast,
-        }
+        return self._at_rest.manifest()
 
 
 def truthful_packets(

@@ -185,16 +185,10 @@ class Readout:
     """
 
     def __init__(self, config: ReadoutConfig, size: tuple[int, int], key: int) -> None:
-        cap = config.cap_mev_s
+        event_us = 0.0 if config.cap_mev_s is None else 1.0 / config.cap_mev_s
+        state = np.full(1, -np.inf), np.zeros(1, np.uint64), np.uint64(key)
+        self._arbiter = Arbiter(event_us, config.loss, *state)
         self._size, self.losses = size, LossCounters()
-        self._unlimited = cap is None and config.loss == 0
-        self._arbiter = Arbiter(
-            event_us=0.0 if cap is None else 1.0 / cap,
-            loss=config.loss,
-            free_us=np.full(1, -np.inf),
-            served=np.zeros(1, np.uint64),
-            key=np.uint64(key),
-        )
         self.reset(0)
 
     def reset(self, now_us: int) -> None:
@@ -218,7 +212,7 @@ class Readout:
         self._since_us = until_us
         ready = int(np.searchsorted(pending, until_us << KEY_SHIFT))
         self._pending = pending[ready:]
-        if self._unlimited:
+        if self._arbiter.event_us == self._arbiter.loss == 0.0:
             return pending[:ready]
         served = np.empty(ready, np.int64)
         kept, dropped, lost = arbitrate_kernel(pending[:ready], self._arbiter, served)
@@ -234,12 +228,5 @@ class Readout:
         """Return released keys as a packet of the span from ``t_start_us`` to ``t_end_us``."""
         keys = np.concatenate(parts) if parts else np.empty(0, np.int64)
         y, x = np.divmod((keys & _PIXEL_BITS) >> 1, self._size[0])
-        return EventPacket(
-            x=x.astype(np.uint16),
-            y=y.astype(np.uint16),
-            p=(keys & 1).astype(np.bool_),
-            t=keys >> KEY_SHIFT,
-            t_start_us=t_start_us,
-            t_end_us=t_end_us,
-            size=self._size,
-        )
+        place, on = (x.astype(np.uint16), y.astype(np.uint16)), (keys & 1).astype(np.bool_)
+        return EventPacket(*place, on, keys >> KEY_SHIFT, t_start_us, t_end_us, self._size)

@@ -147,13 +147,12 @@ class HoleSite:
         if self.rig.state.in_contact or self.rig.probe.contact.gap_mm(start) <= 0.0:
             return False
         contact, free_mm, heading = self.rig.probe.contact, 0.0, np.array([*direction, 0.0])
-        while free_mm < MAX_DISTANCE_MM:  # ray marching; a wall that is farther away is none
-            gap = contact.gap_mm(start + free_mm * heading)
-            if gap < MARCH_TOLERANCE_MM:
+        # Ray marching; a wall that is farther away is none.
+        while (gap := contact.gap_mm(start + free_mm * heading)) >= MARCH_TOLERANCE_MM:
+            free_mm += gap
+            if free_mm >= MAX_DISTANCE_MM:
+                free_mm = 0.0
                 break
-            free_mm += min(gap, MAX_DISTANCE_MM)
-        else:
-            free_mm = 0.0
         skipped_mm = max(free_mm - SIMULATED_APPROACH_MM, 0.0)
         self.rig.relocate(np.array([*(start_mm + skipped_mm * direction), 0.0]))
         return True

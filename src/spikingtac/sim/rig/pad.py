@@ -142,11 +142,8 @@ class Pad:
         amplitude = GRIP + FROM_BUSHING @ state.bushing
         fields = self._rest + amplitude @ _skin_fields()
         places, gradient = fields[: self._coordinates], fields[self._coordinates :]
-        force, lever = (
-            FROM_BASE @ state.force_n / PADS,
-            FROM_BASE @ (state.tip_mm - state.center_mm),
-        )
-        (x, y, z), (fx, fy, fz) = lever.tolist(), force.tolist()
+        force, lever = FROM_BASE @ state.force_n / PADS, state.tip_mm - state.center_mm
+        (x, y, z), (fx, fy, fz) = (FROM_BASE @ lever).tolist(), force.tolist()
         return SkinState(
             t_us=state.t_us,
             marker_mm=places.reshape(-1, 3),
