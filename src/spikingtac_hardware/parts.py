@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Any, Literal
 
 from spikingtac.errors import MissingExtraError
@@ -67,13 +67,16 @@ class Part:
 
 def sensor_parts(layout: Layout) -> tuple[Part, ...]:
     """Return the parts of the sensor from below to above, each in its place."""
-    return tuple(Part(name, made, solid(layout)) for name, made, solid in SENSOR)
+    solids = {
+        "screws": _screws(layout), "base": _base(layout), "lens-holder": _lens_holder(layout),
+        "led-board": _led_board(layout), "shading-plate": _plate(layout), "shell": _shell(layout),
+    } | _bought(layout) | _skin(layout)  # fmt: skip
+    return tuple(Part(name, made, solids[name]) for name, made in SENSOR.items())
 
 
 def tool_parts(layout: Layout) -> tuple[Part, ...]:
     """Return the two halves of the mould of the skin."""
-    tools = {"mould-tray": _tray, "mould-lid": _lid}
-    return tuple(Part(name, "tool", solid(layout)) for name, solid in tools.items())
+    return Part("mould-tray", "tool", _tray(layout)), Part("mould-lid", "tool", _lid(layout))
 
 
 def interferences(parts: Sequence[Part]) -> dict[tuple[str, str], float]:
@@ -113,24 +116,6 @@ def _base(layout: Layout) -> Solid:
     return solid - cylinders(head, places, -BEYOND_MM, screws.counterbore_mm)
 
 
-def _connector(layout: Layout) -> Solid:
-    """Return the connector under the camera board."""
-    width, height = layout.design.housing.cable_mm
-    place, top = (0.0, -layout.design.board.size_mm[1] / 4), layout.board_bottom_mm
-    return box((0.8 * width, 3.0), place, top - height, top)
-
-
-def _camera_board(layout: Layout) -> Solid:
-    board = layout.design.board
-    return octagon(board.size_mm, board.chamfer_mm, layout.board_bottom_mm, layout.board_top_mm)
-
-
-def _package(layout: Layout) -> Solid:
-    """Return the event sensor's package."""
-    width, depth, height = layout.design.sensor.package_mm
-    return box((width, depth), AXIS, layout.board_top_mm, layout.board_top_mm + height)
-
-
 def _lens_holder(layout: Layout) -> Solid:
     """Return the lens holder: a square box over the package with a hole for the barrel."""
     design, low, top = layout.design, layout.board_top_mm, layout.holder_top_mm
@@ -138,14 +123,6 @@ def _lens_holder(layout: Layout) -> Solid:
     room, depth = width - 2 * HOLDER_WALL_MM, low + design.sensor.package_mm[2] + FIT_GAP_MM
     solid = box((width, width), AXIS, low, top) - box((room, room), AXIS, low, depth)
     return solid - cylinders(design.lens.barrel_mm / 2, [AXIS], low, top + FIT_GAP_MM)
-
-
-def _lens(layout: Layout) -> Solid:
-    """Return the lens's barrel, with the front glass as a hollow."""
-    barrel, front = layout.design.lens.barrel_mm / 2, layout.lens_front_mm
-    low = layout.board_top_mm + layout.design.sensor.package_mm[2] + FIT_GAP_MM
-    solid = cylinders(barrel, [AXIS], low, front)
-    return solid - cylinders(barrel / 2, [AXIS], front - FRONT_GLASS_MM, front)
 
 
 def _led_board(layout: Layout) -> Solid:
@@ -156,13 +133,6 @@ def _led_board(layout: Layout) -> Solid:
     frame -= prism(square(layout.led_opening_half_mm), low - BEYOND_MM, high + BEYOND_MM)
     gap = layout.boss_radius_mm + FIT_GAP_MM
     return frame - cylinders(gap, layout.screw_places_mm, low - BEYOND_MM, high + BEYOND_MM)
-
-
-def _leds(layout: Layout) -> Solid:
-    """Return the LEDs on their board."""
-    low, top = layout.base_top_mm + layout.design.light.board_mm, layout.led_top_mm
-    bodies = [box(size, place, low, top) for place, size in layout.led_boxes_mm()]
-    return modeller().Compound(bodies)
 
 
 def _plate(layout: Layout) -> Solid:
@@ -208,14 +178,6 @@ def _tongue(layout: Layout) -> Solid:
     return ring - cylinders(gap, layout.screw_places_mm, layout.plate_top_mm, high + BEYOND_MM)
 
 
-def _inserts(layout: Layout) -> Solid:
-    """Return the four inserts as they sit in the plastic that they have melted into."""
-    one, places, low = layout.design.fasteners, layout.screw_places_mm, layout.plate_top_mm
-    high = low + one.insert_length_mm
-    body = cylinders(one.insert_hole_mm / 2, places, low, high)
-    return body - cylinders(one.thread_mm / 2, places, low, high)
-
-
 def _shell(layout: Layout) -> Solid:
     """Return the shell: ledge for the window, pillars with holes for the inserts."""
     screws, places = layout.design.fasteners, layout.screw_places_mm
@@ -231,44 +193,55 @@ def _shell(layout: Layout) -> Solid:
     return solid - cylinders(screws.insert_hole_mm / 2, places, beneath, depth)
 
 
-def _window(layout: Layout) -> Solid:
-    return prism(layout.window, layout.window_bottom_mm, layout.window_top_mm)
+def _bought(layout: Layout) -> dict[str, Solid]:
+    """Return what is bought, but for lens holder, LED board and screws."""
+    design, board, place = layout.design, layout.design.board, layout.screw_places_mm
+    low, high = layout.board_bottom_mm, layout.board_top_mm
+    width, height = design.housing.cable_mm
+    plug = box((0.8 * width, 3.0), (0.0, -board.size_mm[1] / 4), low - height, low)
+    *size, thick = design.sensor.package_mm
+    barrel, front = design.lens.barrel_mm / 2, layout.lens_front_mm
+    lens = cylinders(barrel, [AXIS], high + thick + FIT_GAP_MM, front)
+    glass = cylinders(barrel / 2, [AXIS], front - FRONT_GLASS_MM, front)
+    lamp, top = layout.base_top_mm + design.light.board_mm, layout.led_top_mm
+    screws, foot = design.fasteners, layout.plate_top_mm
+    # The inserts as they sit in the plastic that they have melted into.
+    insert, bore = (
+        cylinders(across / 2, place, foot, foot + screws.insert_length_mm)
+        for across in (screws.insert_hole_mm, screws.thread_mm)
+    )
+    return {
+        "connector": plug,
+        "camera-board": octagon(board.size_mm, board.chamfer_mm, low, high),
+        "event-sensor": box(tuple(size), AXIS, high, high + thick),
+        "lens": lens - glass,
+        "leds": modeller().Compound([box(s, at, lamp, top) for at, s in layout.led_boxes_mm()]),
+        "inserts": insert - bore,
+    }
 
 
-def _gel(layout: Layout) -> Solid:
-    return prism(layout.window, layout.window_top_mm, layout.disc_mm)
+def _skin(layout: Layout) -> dict[str, Solid]:
+    """Return window, gel, discs, and the opaque cover without the discs that lie in it."""
+    skin, disc_mm = layout.design.skin, layout.disc_mm
+    levels = (
+        layout.window_bottom_mm,
+        layout.window_top_mm,
+        disc_mm,
+        layout.design.housing.height_mm,
+    )
+    window, gel, cover = (prism(layout.window, *pair) for pair in pairwise(levels))
+    radius = skin.disc_diameter_mm / 2
+    discs = cylinders(radius, layout.disc_places_mm, disc_mm, disc_mm + PAINT_MM)
+    return {"window": window, "gel": gel, "discs": discs, "cover": cover - discs}
 
 
-def _discs(layout: Layout) -> Solid:
-    radius = layout.design.skin.disc_diameter_mm / 2
-    return cylinders(radius, layout.disc_places_mm, layout.disc_mm, layout.disc_mm + PAINT_MM)
-
-
-def _cover(layout: Layout) -> Solid:
-    """Return the opaque cover, without the discs that lie in it."""
-    solid = prism(layout.window, layout.disc_mm, layout.design.housing.height_mm)
-    return solid - _discs(layout)
-
-
-# The parts from below to above: name, kind, function.
-SENSOR: tuple[tuple[str, Made, Callable[[Layout], Solid]], ...] = (
-    ("screws", "bought", _screws),
-    ("base", "printed", _base),
-    ("connector", "bought", _connector),
-    ("camera-board", "bought", _camera_board),
-    ("event-sensor", "bought", _package),
-    ("lens-holder", "bought", _lens_holder),
-    ("lens", "bought", _lens),
-    ("led-board", "bought", _led_board),
-    ("leds", "bought", _leds),
-    ("shading-plate", "printed", _plate),
-    ("inserts", "bought", _inserts),
-    ("shell", "printed", _shell),
-    ("window", "cut", _window),
-    ("gel", "cast", _gel),
-    ("discs", "cast", _discs),
-    ("cover", "cast", _cover),
-)
+# The parts from below to above, and how each is made.
+SENSOR: dict[str, Made] = {
+    "screws": "bought", "base": "printed", "connector": "bought", "camera-board": "bought",
+    "event-sensor": "bought", "lens-holder": "bought", "lens": "bought", "led-board": "bought",
+    "leds": "bought", "shading-plate": "printed", "inserts": "bought", "shell": "printed",
+    "window": "cut", "gel": "cast", "discs": "cast", "cover": "cast",
+}  # fmt: skip
 
 
 def _tray(layout: Layout) -> Solid:

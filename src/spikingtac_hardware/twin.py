@@ -12,22 +12,7 @@ from spikingtac_hardware.layout import Layout
 from spikingtac_hardware.optics import Imaging, light_figures
 
 
-def scene_on_design(scene: Scene, name: str) -> Scene:
-    """Return a scene on the sensor of a design.
-
-    Args:
-        scene: A scene of the twin.
-        name: Name of a design, or the path of a TOML file.
-
-    Raises:
-        ConfigError: There is no such design, or it fails its checks.
-    """
-    design = load_design(name)
-    require_sound(design)
-    return scene_with_design(scene, design)
-
-
-def scene_with_design(scene: Scene, design: Design) -> Scene:
+def scene_on_design(scene: Scene, design: Design | str) -> Scene:
     """Return a scene whose sensor is that of a design: grid, gel, lens, sensor size, light.
 
     Bodies, motions, camera preset, specimen, tolerances of the discs and the gel's stiffness stay
@@ -35,14 +20,19 @@ def scene_with_design(scene: Scene, design: Design) -> Scene:
 
     Args:
         scene: A scene of the twin.
-        design: The design; it must pass its checks.
+        design: A design, its name, or the path of a TOML file.
+
+    Raises:
+        ConfigError: There is no such design, or it fails its checks.
 
     Example:
-        >>> from spikingtac_hardware.design import load_design
         >>> from spikingtac.sim import load_scene
-        >>> scene_with_design(load_scene("quiet"), load_design()).skin.pitch_mm
+        >>> scene_on_design(load_scene("quiet"), "paper-size").skin.pitch_mm
         2.4
     """
+    if isinstance(design, str):
+        design = load_design(design)
+    require_sound(design)
     layout = Layout(design)
     imaging = Imaging(layout)
     skin = design.skin

@@ -21,7 +21,7 @@ from spikingtac_hardware.figures import as_csv, bill_of_materials, build_guide, 
 from spikingtac_hardware.layout import Layout
 from spikingtac_hardware.parts import SENSOR
 
-VOLUMES = {name: 1000.0 for name, _, _ in SENSOR}
+VOLUMES = {name: 1000.0 for name in SENSOR}
 
 
 def written(folder: Path, text: str, name: str = "mine.toml") -> Path:

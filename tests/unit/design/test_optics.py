@@ -18,7 +18,7 @@ from spikingtac.sim.scene import Scene
 from spikingtac_hardware.design import Design, load_design, names
 from spikingtac_hardware.layout import Layout
 from spikingtac_hardware.optics import Imaging, illuminance_lux
-from spikingtac_hardware.twin import scene_with_design
+from spikingtac_hardware.twin import scene_on_design
 
 RADII_MM = np.array([1.0, 4.0, 8.4, 12.0])
 
@@ -76,7 +76,7 @@ def projected_px(scene: Scene, indentation_mm: float) -> np.ndarray:
 @pytest.mark.parametrize("name", names())
 def test_the_twin_images_the_discs_as_the_rays_do(name: str) -> None:
     design = load_design(name)
-    scene = scene_with_design(catalog.load_scene("quiet"), design)
+    scene = scene_on_design(catalog.load_scene("quiet"), design)
     distance_mm = np.hypot(*scene.skin.rest_mm().T)
     traced_px = imaging(design).image_px(distance_mm)
     assert np.hypot(*projected_px(scene, 0.0).T) == pytest.approx(traced_px, abs=0.2)
@@ -87,7 +87,7 @@ def test_the_twin_moves_pressed_discs_as_the_rays_do(name: str) -> None:
     """A press of 0.3 mm: rays through a thinner gel, against the twin's one distance."""
     press_mm = 0.3
     design = load_design(name)
-    scene = scene_with_design(catalog.load_scene("quiet"), design)
+    scene = scene_on_design(catalog.load_scene("quiet"), design)
     moved_px = np.hypot(*projected_px(scene, press_mm).T) - np.hypot(*projected_px(scene, 0.0).T)
     seen, distance_mm = imaging(design), np.hypot(*scene.skin.rest_mm().T)
     gel_mm = design.skin.gel_mm - press_mm
@@ -103,7 +103,7 @@ def test_the_twin_moves_pressed_discs_as_the_rays_do(name: str) -> None:
 def test_the_default_twin_follows_from_the_paper_s_size() -> None:
     """Scale within 0.2 %, discs of 7 px, a pitch of 37 px; rest positions within 1.5 px."""
     twin = catalog.load_scene("quiet")
-    ours = scene_with_design(twin, load_design())
+    ours = scene_on_design(twin, load_design())
     assert ours.optics.px_per_mm == pytest.approx(twin.optics.px_per_mm, rel=2e-3)
     assert ours.optics.discs == twin.optics.discs
     assert ours.skin == twin.skin
@@ -153,11 +153,11 @@ def test_motion_camera_specimen_and_damage_stay_the_scene_s() -> None:
     scene = catalog.load_scene("finger-presses").with_camera("noisy").with_serial(7)
     broken = replace(scene.optics, discs=replace(scene.optics.discs, broken=(60,), missing=(3,)))
     scene = replace(scene, optics=broken)
-    ours = scene_with_design(scene, load_design())
+    ours = scene_on_design(scene, load_design())
     assert (ours.contacts, ours.variation) == (scene.contacts, scene.variation)
     assert (ours.camera.preset, ours.skin.serial) == ("noisy", 7)
     assert (ours.optics.discs.broken, ours.optics.discs.missing) == ((60,), (3,))
-    other = scene_with_design(scene, load_design("gelsight-like"))
+    other = scene_on_design(scene, load_design("gelsight-like"))
     assert (other.optics.discs.broken, other.optics.discs.missing) == ((), ())
     assert other.camera.settings["light"]["contrast"] == pytest.approx(1 / 6)
 
