@@ -16,6 +16,7 @@ from scipy.optimize import linear_sum_assignment
 
 from spikingtac import Calibration
 from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.events import load_arrays
 from spikingtac.markers import smallest_spacing_px
 from spikingtac_paper.harness.report import Metric, Report, lines_of, rows_of, write_report
 from spikingtac_paper.harness.run import RunOptions, select_methods
@@ -36,25 +37,20 @@ TRUTH_ENDING = ".truth.npz"  # Of a file with the course of the markers, not the
 KEPT_HZ = 250.0
 
 
-def _trial(
-    case: str, events: str, source: str, slides_from: str | None, reference: str
-) -> RecordedTrial:
-    return RecordedTrial(
-        case=case, events=events, slides_from=slides_from, reference=reference, source=source
+# All cases, the real recording first: case, source, file, slides, truth or standing places.
+TRIALS = tuple(
+    RecordedTrial(case=case, source=source, events=events, slides_from=slides, reference=reference)
+    for case, source, events, slides, reference in (
+        ("real-presses", "recorded", "gel/real_presses.aedat4", None,
+         "gel/real_presses.reference.npz"),
+        ("sim-presses/slides", "simulated", "gel/sim_presses.raw",
+         "gel/sim_presses_bootstrap.raw", "gel/sim_presses.truth.npz"),
+        ("sim-presses/itself", "simulated", "gel/sim_presses.raw", None,
+         "gel/sim_presses.truth.npz"),
+        ("gel/slides", "v2e", "gel/gel.raw", "gel/gel_bootstrap.raw", "gel/gel.truth.npz"),
+        ("mix/slides", "v2e", "v2e/mix.raw", "v2e/bootstrap.raw", "v2e/mix.truth.npz"),
+        ("gel/itself", "v2e", "gel/gel.raw", None, "gel/gel.truth.npz"),
     )
-
-
-# All cases, the real recording first: case, file, source, slides, truth or standing places.
-TRIALS = (
-    _trial("real-presses", "gel/real_presses.aedat4", "recorded", None,
-           "gel/real_presses.reference.npz"),
-    _trial("sim-presses/slides", "gel/sim_presses.raw", "simulated",
-           "gel/sim_presses_bootstrap.raw", "gel/sim_presses.truth.npz"),
-    _trial("sim-presses/itself", "gel/sim_presses.raw", "simulated", None,
-           "gel/sim_presses.truth.npz"),
-    _trial("gel/slides", "gel/gel.raw", "v2e", "gel/gel_bootstrap.raw", "gel/gel.truth.npz"),
-    _trial("mix/slides", "v2e/mix.raw", "v2e", "v2e/bootstrap.raw", "v2e/mix.truth.npz"),
-    _trial("gel/itself", "gel/gel.raw", "v2e", None, "gel/gel.truth.npz"),
 )  # fmt: skip
 
 # Index of the first standing place that is scored: before it the reference is not good enough (it
@@ -157,27 +153,10 @@ class Plateaus:
         Raises:
             RecordingError: The file is missing, damaged, or lacks a column.
         """
-        try:
-            with np.load(path, allow_pickle=False) as archive:
-                burst_us = archive["burst_us"].astype(np.int64)
-                place_px, rest_px = archive["plateau_px"], archive["rest_px"]
-        except (OSError, ValueError, EOFError, KeyError) as error:
-            raise RecordingError(f"{str(path)!r} holds no standing places ({error})") from error
-        return cls(
-            start_us=np.append(0, burst_us[:, 1]),
-            end_us=np.append(burst_us[:, 0], -1),
-            place_px=place_px.astype(np.float64),
-            rest_px=rest_px.astype(np.float64),
-        )
-
-    def displacement_px(self) -> NDArray[np.float64]:
-        """Return ``(m, k, 2)`` displacements from rest, px."""
-        return self.place_px - self.rest_px[:, None]
-
-    @property
-    def pressed(self) -> NDArray[np.bool_]:
-        """``(k,)`` True where something presses: every second plateau, the first one is free."""
-        return np.arange(len(self.start_us)) % 2 == 1
+        found = load_arrays(path, "standing places", only=("burst_us", "plateau_px", "rest_px"))
+        first_us, last_us = found["burst_us"].astype(np.int64).T
+        places = (found[name].astype(np.float64) for name in ("plateau_px", "rest_px"))
+        return cls(np.append(0, last_us), np.append(first_us, -1), *places)
 
 
 def matched(
@@ -233,9 +212,12 @@ def plateau_scores(
     """
     own, other = _pairs(prediction, calibration, plateaus.rest_px)
     moved_px = standing_px(prediction, plateaus)[own] - calibration.reference_px[own][:, None]
-    error_px = np.linalg.norm(moved_px - plateaus.displacement_px()[other], axis=2)
-    scored = np.arange(len(plateaus.start_us)) >= FIRST_PLATEAU
-    pressed, free = scored & plateaus.pressed, scored & ~plateaus.pressed
+    true_px = plateaus.place_px - plateaus.rest_px[:, None]
+    error_px = np.linalg.norm(moved_px - true_px[other], axis=2)
+    number = np.arange(len(plateaus.start_us))
+    # Something presses at every second plateau; the first one is free.
+    scored, presses = number >= FIRST_PLATEAU, number % 2 == 1
+    pressed, free = scored & presses, scored & ~presses
     returned_px = np.linalg.norm(moved_px[:, free], axis=2)
     return {
         "pressed_mean_px": float(error_px[:, pressed].mean()),

@@ -18,7 +18,13 @@ from spikingtac_paper.collision.approach import (
     prepare,
     stop_at,
 )
-from spikingtac_paper.collision.experiment import METHODS, CollisionJob, RunSize, plan, run_job
+from spikingtac_paper.collision.experiment import (
+    METHODS,
+    QUICK,
+    CollisionJob,
+    plan,
+    run_job,
+)
 from spikingtac_paper.collision.scene import DIRECTION, SETTLE_WINDOWS, CollisionScene
 from spikingtac_paper.harness.run import RunOptions
 
@@ -76,7 +82,7 @@ def test_a_tiny_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(experiment, "QUIET_STEPS", 4_000)
     monkeypatch.setattr(experiment, "STRETCH_STEPS", 1_500)
     base = CollisionJob(folder=tmp_path, scene=SCENE, methods=tuple(METHODS))
-    approaches, stretches = plan(RunSize.of(RunOptions(output=tmp_path, quick=True)), base)
+    approaches, stretches = plan(QUICK, base)
     one = next(job for job in approaches if job.case == "typical/0.18")
     free = next(job for job in stretches if job.case == "typical/all")
     approached, stretched = run_job(one), run_job(free)

@@ -215,21 +215,14 @@ def _free_motion(job: CollisionJob) -> Record:
     listened = 0
     for packet, centers in _chunks(free, STRETCH_STEPS):
         for number, window in enumerate(windows([packet], 1000), listened):
-            if number >= LEAD_WINDOWS:
-                _listen(detectors, window, stops)
+            for name, detector in detectors.items() if number >= LEAD_WINDOWS else ():
+                if detector.update(window) is not None:
+                    stops[name] += 1
+                    detector.reset()
         listened += len(centers[0])
         beyond = np.array(_frame_sums(centers, rng)) > threshold
         stops[FRAMES] += int((np.diff(beyond.astype(np.int8), prepend=0) == 1).sum())
     return {"stops": dict(stops), "seconds": (listened - LEAD_WINDOWS) * 1e-3}
-
-
-def _listen(
-    detectors: dict[str, ContactDetector], window: EventPacket, stops: Counter[str]
-) -> None:
-    for name, detector in detectors.items():
-        if detector.update(window) is not None:
-            stops[name] += 1
-            detector.reset()
 
 
 NAME = "collision"
@@ -273,22 +266,16 @@ class RunSize:
     series: int = 940
     stretches: int = 364
 
-    @classmethod
-    def of(cls, options: RunOptions) -> RunSize:
-        """Return the size of a run; ``seeds`` sets the number of approaches at each speed."""
-        first = options.seed
-        if options.quick:
-            return cls(
-                first_seed=first, serials=1, seeds=1, fastest=4, slow=2, series=0, stretches=8
-            )
-        full = cls(first_seed=first)
-        return replace(full, seeds=options.seeds or full.seeds)
+
+QUICK = RunSize(serials=1, seeds=1, fastest=4, slow=2, series=0, stretches=8)
 
 
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the experiment, write its report, and return a summary."""
     names = select_methods(METHODS, options.methods)
-    size = RunSize.of(options)
+    size = replace(QUICK if options.quick else RunSize(), first_seed=options.seed)
+    if options.seeds and not options.quick:
+        size = replace(size, seeds=options.seeds)
     settings = {"experiment": NAME, "quick": options.quick, "methods": names, **asdict(size)}
     options.begin(settings)
     approaches, stretches = run_all(options, size, tuple(names))
@@ -371,15 +358,9 @@ def _approaches(
     preset, _, speed = case.partition("/")
     speed_mm_s, first = 1000.0 * float(speed), size.first_seed + first
     patience_mm = max(FORCED_MM, speed_mm_s * FRAMES_S)
+    base = replace(base, case=case, speed_mm_s=speed_mm_s, patience_mm=patience_mm)
     return [
-        replace(
-            base,
-            scene=scene_of(size, preset, seed),
-            case=case,
-            seed=seed,
-            speed_mm_s=speed_mm_s,
-            patience_mm=patience_mm,
-        )
+        replace(base, scene=scene_of(size, preset, seed), seed=seed)
         for seed in range(first, first + count)
     ]
 
@@ -395,13 +376,10 @@ def fast_detectors(approaches: Sequence[Record]) -> tuple[str, ...]:
     Only these take part in the series; the others would decide after its end.
     """
     slow = [one for one in approaches if one["case"] == f"{PRESETS[0]}/{SLOW}"]
-    found = slow[0]["costs_us"] if slow else {}
-    return tuple(
+    late = {
         name
-        for name in found
-        if all(
-            (outcome := one["methods"][name]) is not None
-            and outcome["deviation_mm"] < SERIES_MM / 2.0
-            for one in slow
-        )
-    )
+        for one in slow
+        for name, outcome in one["methods"].items()
+        if outcome is None or outcome["deviation_mm"] >= SERIES_MM / 2.0
+    }
+    return tuple(name for name in (slow[0]["costs_us"] if slow else ()) if name not in late)

@@ -182,8 +182,8 @@ def _mean(parts: Sequence[np.ndarray]) -> tuple[float | None, tuple[float, float
         return mean, None
     from scipy.stats import norm
 
-    half = float(norm.isf((1.0 - CONFIDENCE) / 2.0)) / len(parts)
-    half *= float(np.sqrt(sum(part.var(ddof=1) / len(part) for part in parts)))
+    variance = sum(part.var(ddof=1) / len(part) for part in parts)
+    half = float(norm.isf((1.0 - CONFIDENCE) / 2.0) * np.sqrt(variance)) / len(parts)
     return mean, (mean - half, mean + half)
 
 

@@ -148,18 +148,13 @@ def _row(
 ) -> Row:
     values = np.array([record["scores"][metric.name] for record in group])
     seeds = np.array([record["trial"]["seed"] for record in group])
-    total = values.sum() if metric.over_trials == "sum" else values.mean()
     per_seed = np.array([values[seeds == seed].mean() for seed in np.unique(seeds)])
-    return metric.row(
-        method,
-        case,
-        float(total),
-        len(values),
-        source=str(group[0]["trial"]["source"]),
-        paper=printed.get((method, metric.name)),
-        ci95=interval(per_seed) if metric.over_trials == "mean" else None,
-        seeds=len(per_seed),
-    )
+    about = {"source": str(group[0]["trial"]["source"]), "seeds": len(per_seed)}
+    about["paper"] = printed.get((method, metric.name))
+    if metric.over_trials == "sum":
+        return metric.row(method, case, float(values.sum()), len(values), **about)
+    ci95 = interval(per_seed)
+    return metric.row(method, case, float(values.mean()), len(values), ci95=ci95, **about)
 
 
 def by_name(*metrics: Metric) -> dict[str, Metric]:
@@ -220,12 +215,11 @@ def write_report(report: Report, options: RunOptions, **counts: int) -> dict[str
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     out = io.StringIO(newline="")
     columns = ("method", "case", "metric", "value", "unit", "n", "seeds", "ci95", "source", "paper")
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(columns)
+    writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
     for row in rows:
         ends = " to ".join(f"{end:.6g}" for end in row["ci95"]) if row["ci95"] else ""
-        values = {**row, "ci95": ends}
-        writer.writerow(["" if values[name] is None else values[name] for name in columns])
+        writer.writerow({**row, "ci95": ends})
     return out.getvalue()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -113,19 +114,6 @@ BASELINES: dict[str, tuple[str, Any, Callable[..., MarkerTracker], float]] = {
 }  # fmt: skip
 
 
-def _baseline(name: str) -> Method:
-    about, config, tracker, rate_hz = BASELINES[name]
-    return Method(
-        name=name,
-        about=about,
-        tracker=name,
-        rate_hz=rate_hz,
-        build=lambda calibration: tracker(config, calibration),
-        settings=to_mapping(config),
-        reads=READ_BY_BASELINES,
-    )
-
-
 def main_methods() -> dict[str, Method]:
     """Return the methods of the main table in its order; the runner adds ``truth``."""
     default = load_config("default")
@@ -137,7 +125,10 @@ def main_methods() -> dict[str, Method]:
         of_config("paper", "filter of isolated events and refreshed map, binary map, "
                            "network, blobs, k-d tree, hold, published law, 350 Hz"),
         as_published("paper-printed", "the same without filter and refresh, as printed"),
-        *map(_baseline, BASELINES),
+        *(Method(name=name, about=about, tracker=name, rate_hz=rate_hz,
+                 build=functools.partial(tracker, config), settings=to_mapping(config),
+                 reads=READ_BY_BASELINES)
+          for name, (about, config, tracker, rate_hz) in BASELINES.items()),
         *(of_config(name, f"of {plugins.origin(plugins.TRACKERS, name)}",
                     default.with_tracking(method=name)) for name in others),
     )  # fmt: skip

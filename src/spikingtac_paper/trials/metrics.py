@@ -64,9 +64,11 @@ def point_scores(
     detected_px = prediction.detected_px[:, whole].astype(np.float64)
     true_px = truth.at(prediction.t_us)
     error_px = np.linalg.norm(detected_px - true_px[:, whole], axis=2)
-    given_px = _distance_px(prediction.position_px[-1, whole], reference_px)
+    last_px = prediction.position_px[-1, whole].astype(np.float64)
     zeroed = AnchoredLaw().update(detected_px[-1], reference_px)
-    zeroed_px = _distance_px(zeroed, reference_px)
+    given_px, zeroed_px = (
+        np.linalg.norm(one - reference_px, axis=1) for one in (last_px, zeroed.astype(np.float64))
+    )
     released = error_px[prediction.t_us > truth.released_us]
     away = longest_duration_us(error_px > SUCCESS_PX, prediction.t_us)
     elsewhere = longest_duration_us(nearest_another(detected_px, true_px, whole), prediction.t_us)
@@ -118,9 +120,3 @@ def nearest_another(
         distance_px = np.linalg.norm(true_px[time] - detected_px[time, column], axis=1)
         out[time, column] = distance_px.argmin() != own[column]
     return out
-
-
-def _distance_px(
-    position_px: NDArray[np.float32] | NDArray[np.float64], reference_px: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    return np.linalg.norm(position_px.astype(np.float64) - reference_px, axis=1)

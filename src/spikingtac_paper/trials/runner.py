@@ -33,10 +33,9 @@ KEPT_HZ = 500.0
 
 
 def scores_against_truth(
-    prediction: Prediction, truth: GroundTruth | Path, calibration: Calibration, trial: Any
+    prediction: Prediction, truth: GroundTruth | Path, _calibration: Calibration, trial: Any
 ) -> dict[str, float]:
     """Return the metrics of point tracking; damaged markers are not scored."""
-    del calibration
     known = GroundTruth.load(truth) if isinstance(truth, Path) else truth
     return point_scores(prediction, known, getattr(trial, "damaged_markers", ()))
 

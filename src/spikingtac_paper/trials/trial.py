@@ -15,7 +15,7 @@ from spikingtac import Calibration, calibrate
 from spikingtac.atomic_files import replacing
 from spikingtac.config import digest, load_config
 from spikingtac.events import MANIFEST, TRUTH, open_events
-from spikingtac.sim import ContactConfig, IndenterMotion, Scene, load_scene
+from spikingtac.sim import ContactConfig, IndenterMotion, Scene, load_scene, simulate
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.run import code_digest
 from spikingtac_paper.trials.trajectories import GroundTruth
@@ -72,16 +72,13 @@ class Trial:
         Their noise is another than that of any sequence: from equal seeds it would be the same
         events, and a calibration would know them.
         """
-        return replace(
-            self,
+        return Trial(
             case="bootstrap",
             scene="bootstrap",
             seed=BOOTSTRAP_SEED,
-            loss=0.0,
-            damaged=0,
-            groups=(),
-            duration_s=None,
-            motion_s=None,
+            serial=self.serial,
+            camera=self.camera,
+            settings=self.settings,
         )
 
     def recording_key(self) -> str:
@@ -110,8 +107,6 @@ class Trial:
 
     def record(self, folder: Path) -> Path:
         """Return the folder of the recording; simulate it first if it does not exist."""
-        from spikingtac.sim import simulate
-
         target = folder / "recordings" / self.recording_key()
         if not (target / MANIFEST).is_file():
             partial = target.with_name(f"{target.name}.{os.getpid()}.partial")

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from spikingtac_paper.collision.experiment import (
+    QUICK,
     QUIET_SEED,
     STRETCH_STEPS,
     CollisionJob,
@@ -14,9 +15,8 @@ from spikingtac_paper.collision.experiment import (
     series,
 )
 from spikingtac_paper.collision.scene import CollisionScene
-from spikingtac_paper.collision.scoring import METRICS, SPEEDS, collision_rows, garwood
+from spikingtac_paper.collision.scoring import METRICS, SPEEDS, collision_rows
 from spikingtac_paper.harness.report import Row
-from spikingtac_paper.harness.run import RunOptions
 
 BASE = CollisionJob(folder=Path(), scene=CollisionScene())
 
@@ -98,14 +98,6 @@ def test_false_stops_carry_the_exact_poisson_interval() -> None:
     assert value(rows, "frame_sampling", "typical/all", "false_stops_per_hour") == 0.0
 
 
-@pytest.mark.parametrize(
-    ("events", "low", "high"), [(0, 0.0, 3.689), (1, 0.0253, 5.572), (10, 4.795, 18.39)]
-)
-def test_garwood(events: int, low: float, high: float) -> None:
-    assert garwood(events, 1.0) == pytest.approx((low, high), rel=1e-3)
-    assert garwood(events, 10.0) == pytest.approx((low / 10, high / 10), rel=1e-3)
-
-
 def test_no_seed_of_an_approach_calibrates_or_counts_false_stops() -> None:
     approaches, stretches = plan(RunSize(), BASE)
     later = series(RunSize(), BASE)
@@ -121,7 +113,7 @@ def test_no_seed_of_an_approach_calibrates_or_counts_false_stops() -> None:
 
 def test_a_quick_run_keeps_every_case() -> None:
     full = plan(RunSize(), BASE)
-    quick = plan(RunSize.of(RunOptions(output=Path(), quick=True)), BASE)
+    quick = plan(QUICK, BASE)
     for one, other in zip(quick, full, strict=True):
         assert {job.case for job in one} == {job.case for job in other}
 

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from spikingtac.errors import RecordingError
 from spikingtac.markers.laws import anchored_px
 from spikingtac_paper.trials.metrics import (
     POINT_METRICS,
@@ -87,13 +86,6 @@ def test_damaged_markers_are_not_asked_for_but_stay_as_a_place_to_be_mistaken_fo
     stolen = moving()
     stolen[:, 2] = stolen[:, 3]
     assert point_scores(said(stolen), truth(moving()), damaged=(3,))["id_swaps"] == 1.0
-
-
-def test_no_estimates_are_no_score() -> None:
-    none = np.empty((0, 4, 2), np.float32)
-    nothing = Prediction(TIMES_US[:0], none, none, REST)
-    with pytest.raises(RecordingError, match="no events"):
-        point_scores(nothing, truth())
 
 
 def test_longest_duration_against_a_plain_loop() -> None:

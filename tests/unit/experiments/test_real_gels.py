@@ -19,7 +19,6 @@ from spikingtac_paper.trials.trajectories import GroundTruth, Prediction
 
 REST_PX = np.array([[30.0, 30.0], [60.0, 30.0], [30.0, 60.0]])
 BURST_US = np.arange(1, 7)[:, None] * 1_000_000 + np.array([0, 200_000])
-T_US = np.arange(1, 7)[:, None] * 1_000_000 + np.array([0, 200_000])
 T_US = np.arange(0, 7_000_000, 10_000)
 
 
@@ -93,5 +92,5 @@ def test_errors_against_truth() -> None:
 
 def test_a_file_without_places_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", burst_us=BURST_US)
-    with pytest.raises(RecordingError, match="no standing places"):
+    with pytest.raises(RecordingError, match="read as standing places"):
         Plateaus.load(tmp_path / "a.npz")

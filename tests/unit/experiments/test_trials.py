@@ -111,17 +111,6 @@ def test_a_law_takes_the_estimates_of_its_tracker(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.usefixtures("known_sensor")
-def test_a_damaged_prediction_is_made_again(tmp_path: Path) -> None:
-    BUILT.clear()
-    job = TrialJob(trial=TRIAL, methods=("still",), table=table, folder=tmp_path)
-    run_job(job)
-    for kind in ("scores", "predictions"):
-        next((tmp_path / kind / "still").iterdir()).write_bytes(b"cut sho")
-    run_job(job)
-    assert BUILT == ["still", "still"]
-
-
 def test_keys_tell_configuration_camera_seed_and_loss_apart() -> None:
     assert table()["still"].key() != table(2.0)["still"].key()
     assert table()["still"].key() == table()["still"].key()

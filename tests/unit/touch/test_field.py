@@ -27,13 +27,6 @@ def test_an_affine_field_is_exact_at_every_marker() -> None:
     np.testing.assert_allclose(found.skew, -0.05 + 0.02, atol=1e-12)
 
 
-def test_the_strength_of_noise_is_as_foretold() -> None:
-    place, rng = grid(), np.random.default_rng(2)
-    operator = GradientOperator(place)
-    local = operator.of(rng.normal(size=(2000, len(place), 2))).local
-    assert np.sqrt((local**2).mean()) == pytest.approx(operator.noise_gain(), rel=0.03)
-
-
 @pytest.mark.parametrize("shape", [(8, 8), (2, 2), (3, 5)])
 def test_the_strength_is_that_of_the_gradients(shape: tuple[int, int]) -> None:
     rng, place = np.random.default_rng(shape[0]), grid(*shape)
@@ -91,11 +84,6 @@ def test_a_lost_marker_takes_its_neighbours_displacement() -> None:
     np.testing.assert_allclose(repaired, moved, atol=0.3)
     kept = np.delete(np.arange(64), [19, 27])
     np.testing.assert_array_equal(repaired[kept], wrong[kept])
-
-
-def test_a_press_loses_no_marker() -> None:
-    moved = press(8.0)
-    assert LostMarkers(REFERENCE).repaired(moved) is moved
 
 
 def test_a_lost_marker_is_believed_again_only_when_it_is_well_back() -> None:

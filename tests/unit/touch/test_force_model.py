@@ -53,12 +53,6 @@ def test_a_series_that_was_not_learned_is_told_well(model: ForceModel) -> None:
     assert all(0.8 < score.coverage90 < 0.99 for score in scores.values())
 
 
-def test_two_regressions_that_disagree_widen_the_interval(model: ForceModel) -> None:
-    """A contact twice as far as any that was learned is known less well."""
-    known, far = series(3), series(3, largest=2.0)
-    assert model.estimate(far)[1].max() > 1.5 * model.estimate(known)[1].max()
-
-
 def test_a_mirrored_contact_is_told_mirrored() -> None:
     """On one half of the skin alone contacts are learned, on the other they are told."""
     both = [series(1), series(2)]
@@ -284,11 +278,3 @@ def test_files_without_forces_are_refused(tmp_path: Path, text: str) -> None:
         labelled(watched(), path)
     with pytest.raises(RecordingError, match="forces"):
         labelled(watched(), tmp_path)
-
-
-def test_a_truncated_truth_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "truth.npz"
-    np.savez(path, contact_t_us=np.arange(100), force_n=np.zeros((100, 3)))
-    path.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(RecordingError, match="forces"):
-        labelled(watched(), path)

@@ -80,15 +80,6 @@ def test_the_release_of_what_was_held_at_first_is_no_touch(strength: float, seco
     assert touches(detector, watch(held_at_first(strength, 1.0), seconds)) == []
 
 
-def test_after_that_release_presses_are_found() -> None:
-    held = held_at_first(0.03, 1.0)
-    detector = TouchDetector(REFERENCE, PLACES_ONLY)
-    frames = watch(lambda t_s: held(t_s) + 4 * pulse(t_s, 2.5, 3.5), 6.0)
-    (touch,) = touches(detector, frames)
-    assert touch.begin_us == pytest.approx(2_500_000, abs=10_000)
-    assert touch.end_us == pytest.approx(3_500_000, abs=100_000)
-
-
 @pytest.mark.parametrize(("rise_s", "begin_us"), [(0.05, 50_000), (0.2, 100_000), (0.3, 110_000)])
 def test_a_press_that_begins_with_the_recording_is_one_touch(rise_s: float, begin_us: int) -> None:
     detector = TouchDetector(REFERENCE, PLACES_ONLY)
@@ -120,17 +111,6 @@ def test_only_what_begins_towards_the_calibrated_rest_is_the_way_there(
     assert back_us == [None, None, 1_000]
     assert home.was_return(off) == was_return
     assert not home.was_return(RETURN_FACTOR * off), "something pressed meanwhile"
-
-
-def test_a_held_touch_does_not_take_over_the_slips_of_a_release_that_was_none() -> None:
-    held = held_at_first(0.03, 1.0)
-    detector = HeldTouchDetector(REFERENCE, PLACES_ONLY)
-    for frame in watch(held, 2.5):
-        assert detector.update(frame) is None
-        if detector.touches.touching:
-            detector._slips = [None]  # type: ignore[list-item]
-    assert not detector.touches.touching
-    assert detector._slips == []
 
 
 def test_markers_in_mm_are_felt_with_the_settings_for_mm() -> None:

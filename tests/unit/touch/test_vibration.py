@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError
 from spikingtac.touch.vibration import Spectrum, VibrationMonitor
 
 MARKERS = 64
@@ -31,14 +30,6 @@ def test_a_line_is_found_between_the_bins(hz: float) -> None:
 
 def test_noise_is_no_line() -> None:
     assert sum(heard(0.0, 1.0, seed).line_hz is not None for seed in range(20)) == 0
-
-
-def test_a_window_that_is_not_full_says_nothing() -> None:
-    monitor = VibrationMonitor(1_000.0)
-    monitor.update(0, np.zeros((MARKERS, 2)))
-    assert monitor.spectrum() is None
-    with pytest.raises(ConfigError, match="must be positive"):
-        VibrationMonitor(0.0)
 
 
 def test_slow_frames_make_a_longer_window() -> None:
