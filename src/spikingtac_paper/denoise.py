@@ -20,6 +20,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.denoise import Denoiser, NetworkDenoiser, make_denoiser
 from spikingtac.events import BackgroundActivityFilter, open_events
 from spikingtac.markers import PROXIMITY_SHARE, blob_areas_px, find_blobs, smallest_spacing_px
@@ -144,9 +145,9 @@ class Sample(NamedTuple):
         source: ``twin`` or ``v2e``.
     """
 
-    excess_px: NDArray[np.float64]
-    centroid_px: NDArray[np.float64]
-    step_us: NDArray[np.float64]
+    excess_px: FloatArray
+    centroid_px: FloatArray
+    step_us: FloatArray
     source: str
 
 
@@ -203,13 +204,13 @@ class CleanRecording:
 
     name: str
     events: EventPacket
-    reference_px: NDArray[np.float64]
-    radius_px: NDArray[np.float64]
+    reference_px: FloatArray
+    radius_px: FloatArray
     source: str
     t_us: NDArray[np.int64]
     marker_px: NDArray[np.float32]
 
-    def true_px(self, t_us: NDArray[np.int64]) -> NDArray[np.float64]:
+    def true_px(self, t_us: NDArray[np.int64]) -> FloatArray:
         """Return the true centres ``(k, m, 2)`` at some times, px; each is that of the next row."""
         rows = np.minimum(np.searchsorted(self.t_us, t_us), len(self.t_us) - 1)
         return self.marker_px[rows].astype(np.float64)
@@ -250,9 +251,9 @@ class Centroids(NamedTuple):
     """
 
     at_us: NDArray[np.int64]
-    center_px: NDArray[np.float64]
+    center_px: FloatArray
     found: NDArray[np.bool_]
-    speed_px_s: NDArray[np.float64]
+    speed_px_s: FloatArray
 
 
 def window_us(noise_hz: float) -> int:
@@ -298,7 +299,7 @@ def score_all(recording: CleanRecording, plan: Plan, seed: int) -> Samples:
     return samples
 
 
-def distance_px(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def distance_px(one: FloatArray, other: FloatArray) -> FloatArray:
     """Return the distances ``(n, m)`` of places ``(n, m, 2)``, px."""
     offset = one - other
     return np.hypot(offset[..., 0], offset[..., 1])
@@ -311,13 +312,11 @@ class _Finder:
         self._areas_px = blob_areas_px(recording.radius_px)
         self._near_px = PROXIMITY_SHARE * smallest_spacing_px(recording.reference_px)
 
-    def find(self, state_map: NDArray[np.float32]) -> NDArray[np.float64]:
+    def find(self, state_map: NDArray[np.float32]) -> FloatArray:
         """Return the blobs' centroids ``(k, 2)``, px."""
         return find_blobs(state_map, areas_px=self._areas_px).center_px
 
-    def nearest(
-        self, blobs_px: NDArray[np.float64], to_px: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def nearest(self, blobs_px: FloatArray, to_px: FloatArray) -> FloatArray:
         """Return for each place its nearest blob ``(m, 2)``, or NaN where none is near."""
         if len(blobs_px) == 0:
             return np.full(to_px.shape, np.nan)
@@ -348,7 +347,7 @@ def measured(
     kind: MapKind,
     reference: Centroids,
     denoisers: Mapping[str, Denoiser],
-) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Measure the markers in the map of some events behind each denoiser.
 
     Args:
@@ -363,7 +362,7 @@ def measured(
         time from map to blobs ``(n,)``, us.
     """
     finder = _Finder(recording)
-    centers: dict[str, list[NDArray[np.float64]]] = {name: [] for name in denoisers}
+    centers: dict[str, list[FloatArray]] = {name: [] for name in denoisers}
     times_us: dict[str, list[float]] = {name: [] for name in denoisers}
     maps = _state_maps(recording, events, kind, reference.at_us)
     for state_map, clean_px in zip(maps, reference.center_px, strict=True):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from spikingtac import Calibration
+from spikingtac.arrays import FloatArray
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events import load_arrays
 from spikingtac.markers import smallest_spacing_px
@@ -143,8 +144,8 @@ class Plateaus:
 
     start_us: NDArray[np.int64]
     end_us: NDArray[np.int64]
-    place_px: NDArray[np.float64]
-    rest_px: NDArray[np.float64]
+    place_px: FloatArray
+    rest_px: FloatArray
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -160,7 +161,7 @@ class Plateaus:
 
 
 def matched(
-    calibrated_px: NDArray[np.float64], true_px: NDArray[np.float64]
+    calibrated_px: FloatArray, true_px: FloatArray
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return which calibrated marker is which true one, where they lie within half a pitch.
 
@@ -229,7 +230,7 @@ def plateau_scores(
     }
 
 
-def standing_px(prediction: Prediction, plateaus: Plateaus) -> NDArray[np.float64]:
+def standing_px(prediction: Prediction, plateaus: Plateaus) -> FloatArray:
     """Return ``(m, k, 2)`` median estimates over each plateau, after the gel has settled, px."""
     t_us = prediction.t_us - prediction.t_us[0]
     last_us = int(t_us[-1]) + 1
@@ -242,7 +243,7 @@ def standing_px(prediction: Prediction, plateaus: Plateaus) -> NDArray[np.float6
 
 
 def _pairs(
-    prediction: Prediction, calibration: Calibration, true_px: NDArray[np.float64]
+    prediction: Prediction, calibration: Calibration, true_px: FloatArray
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     if not len(prediction.t_us):
         raise RecordingError("the recording holds no events, so nothing was estimated")

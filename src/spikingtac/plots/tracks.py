@@ -182,7 +182,8 @@ def _draw_map(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
 
 def _draw_strain(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
     operator = GradientOperator(tracks.reference_px.astype(np.float64))
-    growth = 100.0 * operator.of(tracks.displacement_px[row].astype(np.float64)).divergence
+    slopes = operator.slopes(tracks.displacement_px[row].astype(np.float64))
+    growth = 100.0 * np.trace(slopes, axis1=1, axis2=2)
     bound = max(float(np.abs(growth).max()), 1e-9)
     _draw_squares(axes, tracks, growth, STRAIN_COLORS, (-bound, bound))
     _finish_field(axes, tracks, row, theme)

@@ -19,7 +19,7 @@ from spikingtac.arrays import FloatArray as Field
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.field import FieldGauge, GradientOperator
 from spikingtac.touch.lost_markers import LostMarkers, spread_of
-from spikingtac.touch.onset import Backlash, OnsetMemory
+from spikingtac.touch.onset import OnsetMemory
 from spikingtac.touch.patch import Patch, PatchEstimator
 from spikingtac.touch.touch import (
     END_SHARE,
@@ -100,7 +100,7 @@ class TouchDetector:
         self._patches = PatchEstimator(self._reference)
         self._gauge = FieldGauge(self._reference, self._scatter)
         self._lost = LostMarkers(self._reference)
-        self._memory = OnsetMemory(config.sees_changes)
+        self._sees_changes = config.sees_changes
         self.reset()
 
     def reset(self) -> None:
@@ -115,8 +115,7 @@ class TouchDetector:
         self._last_us: int | None = None
         self._former = -TAIL_US, 0.0  # End of the last touch, us, and its peak strength.
         self._settling: _Settling | None = None
-        self._memory.clear()
-        self._backlash = Backlash(len(self._reference))
+        self._memory = OnsetMemory(len(self._reference), self._sees_changes)
 
     @property
     def touching(self) -> bool:
@@ -155,7 +154,6 @@ class TouchDetector:
         if moved is not seen and self._open is not None:
             lost = (self._lost.lost & self._lost_before)[:, None]
             self._tracked = np.where(lost, moved, seen)
-        string = self._backlash.update(moved)
         self._first_us = frame.t_us if self._first_us is None else self._first_us
         begins = frame.t_us - self._first_us < START_US
         if begins and self._gradient.strength_of(moved) < START_STRENGTH:
@@ -163,11 +161,11 @@ class TouchDetector:
         elapsed_us = 0 if self._last_us is None else frame.t_us - self._last_us
         self._last_us = frame.t_us
         if self._open is not None:
-            better_us = self._memory.refine(frame.t_us, moved, string)
+            better_us = self._memory.refine(frame.t_us, moved)
             self._open.begin_us = self._open.begin_us if better_us is None else better_us
             return self._follow(self._open, frame.t_us, moved)
         settling = self._settle(frame.t_us, moved)
-        self._memory.add(frame.t_us, moved, string)
+        self._memory.add(frame.t_us, moved)
         strength = self._gradient.strength_of(moved - self._zero)
         if strength > self.threshold and not settling:
             begin_us, threshold = self._memory.notice(moved - self._zero), self.threshold

@@ -37,36 +37,14 @@ def straightened(reference: Field) -> Field | None:
     return middle + np.outer(away @ axes[0], axes[0])
 
 
-@dataclass(frozen=True, slots=True)
-class Gradients:
-    """The gradient of the displacement field at every marker, over ``(..., m)``.
-
-    Attributes:
-        divergence: Growth of area, d u_x / dx + d u_y / dy.
-        curl: Twice the rotation angle, d u_y / dx - d u_x / dy, rad.
-        stretch: Elongation along x less that along y, d u_x / dx - d u_y / dy.
-        skew: Shear strain, d u_x / dy + d u_y / dx.
-    """
-
-    divergence: Field
-    curl: Field
-    stretch: Field
-    skew: Field
-
-    @property
-    def local(self) -> Field:
-        """Length of the whole gradient at each marker, ``(..., m)``."""
-        return np.sqrt(self.divergence**2 + self.curl**2 + self.stretch**2 + self.skew**2)
-
-
 class GradientOperator:
     """Local least squares on the nearest markers, precomputed for one sensor.
 
     Example:
         >>> axes = np.meshgrid(np.arange(4.0), np.arange(4.0))
         >>> place = np.column_stack([axis.ravel() for axis in axes])
-        >>> GradientOperator(place).of(0.1 * place).divergence.round(6).max()
-        np.float64(0.2)
+        >>> GradientOperator(place).slopes(0.1 * place)[0].round(6).tolist()
+        [[0.1, 0.0], [0.0, 0.1]]
     """
 
     def __init__(self, reference: Field) -> None:
@@ -98,17 +76,16 @@ class GradientOperator:
             self._slopes[marker] = np.linalg.pinv(rows, LEAST_EXTENT)[1:]
             self.along[:, marker, chosen] = self._slopes[marker]
 
-    def of(self, displacement: Field) -> Gradients:
-        """Return the gradients of displacements ``(..., m, 2)``."""
-        slopes = np.matmul(self._slopes, displacement[..., self._near, :])
-        x_by_x, y_by_x = slopes[..., 0, 0], slopes[..., 0, 1]
-        x_by_y, y_by_y = slopes[..., 1, 0], slopes[..., 1, 1]
-        return Gradients(x_by_x + y_by_y, y_by_x - x_by_y, x_by_x - y_by_y, x_by_y + y_by_x)
+    def slopes(self, displacement: Field) -> Field:
+        """Return ``(m, 2, 2)`` derivatives by x and y of each of displacements ``(m, 2)``."""
+        return np.matmul(self._slopes, displacement[self._near])
 
     def strength_of(self, displacement: Field) -> float:
-        """Return the root mean square over the markers of the gradient of one field ``(m, 2)``."""
-        slopes = np.matmul(self._slopes, displacement[self._near])
-        # Divergence, curl, stretch and skew, squared and summed.
+        """Return the root mean square over the markers of the gradient of one field ``(m, 2)``.
+
+        It is the length of divergence, curl, stretch and skew together.
+        """
+        slopes = self.slopes(displacement)
         return float(np.sqrt(2.0 * (slopes * slopes).sum() / len(slopes)))
 
     def noise_gain(self) -> float:

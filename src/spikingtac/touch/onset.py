@@ -32,22 +32,6 @@ STRING_PX = 0.2
 UNSEEN_LATER_PX, UNSEEN_REVERSED_PX = 0.15, 0.25
 
 
-class Backlash:
-    """The last motion of every marker."""
-
-    def __init__(self, markers: int) -> None:
-        """Start with markers that have never moved."""
-        self._followed = np.zeros((markers, 2))
-
-    def update(self, displacement: Field) -> Field:
-        """Take in displacements ``(m, 2)`` and return the strings ``(m, 2)``, px."""
-        away = displacement - self._followed
-        length = np.sqrt((away * away).sum(axis=1, keepdims=True))
-        string = away * np.minimum(STRING_PX / np.maximum(length, STRING_PX), 1.0)
-        self._followed = displacement - string
-        return string
-
-
 def unseen_px(string: Field, pattern: Field) -> float:
     """Return how far the skin moves along a pattern ``(m, 2)`` before that is seen, px."""
     strength = (pattern * pattern).sum(axis=1)
@@ -90,9 +74,10 @@ LEAST_ROWS = 3  # Fewer frames in the rise are not fitted: frames of a slow came
 class OnsetMemory:
     """The last frames, in bounded memory, and the search for a beginning in them."""
 
-    def __init__(self, sees_changes: bool) -> None:
-        """Start empty; ``sees_changes`` as of :class:`TouchConfig`."""
+    def __init__(self, markers: int, sees_changes: bool) -> None:
+        """Start with markers that never moved; ``sees_changes`` as of :class:`TouchConfig`."""
         self._sees_changes = sees_changes
+        self._followed = np.zeros((markers, 2))  # The strings' ends.
         self._frames: deque[tuple[int, Field, Field]] = deque()
         self._noticed_us: int | None = None
         self._pattern = np.zeros((0, 2))
@@ -102,9 +87,17 @@ class OnsetMemory:
         self._frames.clear()
         self._noticed_us = None
 
-    def add(self, t_us: int, displacement: Field, string: Field) -> None:
-        """Remember a frame ``(m, 2)`` with its backlash and forget those too old."""
-        self._frames.append((t_us, displacement, string))
+    def _string(self, displacement: Field) -> Field:
+        """Return the strings ``(m, 2)`` of the next frame, px: each along the last motion."""
+        away = displacement - self._followed
+        length = np.sqrt((away * away).sum(axis=1, keepdims=True))
+        string = away * np.minimum(STRING_PX / np.maximum(length, STRING_PX), 1.0)
+        self._followed = displacement - string
+        return string
+
+    def add(self, t_us: int, displacement: Field) -> None:
+        """Remember a frame ``(m, 2)`` and forget those too old."""
+        self._frames.append((t_us, displacement, self._string(displacement)))
         while self._frames and t_us - self._frames[0][0] > HISTORY_US:
             self._frames.popleft()
 
@@ -113,8 +106,9 @@ class OnsetMemory:
         self._noticed_us, self._pattern = self._frames[-1][0], pattern
         return self._begin_us()
 
-    def refine(self, t_us: int, displacement: Field, string: Field) -> int | None:
+    def refine(self, t_us: int, displacement: Field) -> int | None:
         """Take in a frame after the notice; return a better beginning once the rise is done."""
+        string = self._string(displacement)
         if self._noticed_us is None:
             return None
         self._frames.append((t_us, displacement, string))

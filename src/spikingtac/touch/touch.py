@@ -14,7 +14,6 @@ import numpy as np
 from spikingtac.arrays import FloatArray as Field
 from spikingtac.arrays import one_line
 from spikingtac.calibration.lens import marker_pitch_px
-from spikingtac.errors import ConfigError
 from spikingtac.touch.field import FieldQuantities, GradientOperator
 from spikingtac.touch.lost_markers import spread_of
 
@@ -56,8 +55,6 @@ class Touch:
         return None if self.end_us is None else self.end_us - self.begin_us
 
 
-UNITS = ("px", "mm")
-
 # Scatter of markers of another sensor, as a share of their pitch (0.045 mm of 1.6 mm on a
 # published series at rest).
 SCATTER_SHARE = 0.03
@@ -97,10 +94,8 @@ class TouchConfig:
             unit: ``px`` or ``mm``.
 
         Raises:
-            ConfigError: Fewer than two markers, or another unit.
+            ConfigError: Fewer than two markers.
         """
-        if unit not in UNITS:
-            raise ConfigError(f"the unit of the markers is {unit!r}, valid: {', '.join(UNITS)}")
         if unit == "px":
             return cls()
         least = SCATTER_SHARE * marker_pitch_px(reference)

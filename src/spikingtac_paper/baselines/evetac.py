@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac import Calibration
+from spikingtac.arrays import FloatArray
 from spikingtac.calibration import marker_pitch_px
 from spikingtac.events import BackgroundActivityFilter, HotPixelFilter
 from spikingtac.types import EventPacket, MarkerFrame
@@ -124,7 +125,7 @@ class EvetacTracker:
         """Return to the calibrated rest positions."""
         self._filter = BackgroundActivityFilter(self._calibration.size, self._config.support_us)
         self._waiting: list[EventPacket] = []
-        self._center_px: NDArray[np.float64] = self._calibration.reference_px.astype(np.float64)
+        self._center_px: FloatArray = self._calibration.reference_px.astype(np.float64)
         self._support = np.zeros(len(self._center_px), np.int64)
 
     def _advance(self, x: NDArray[np.uint16], y: NDArray[np.uint16]) -> None:
@@ -143,9 +144,9 @@ class EvetacTracker:
 def attraction(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
-    center_px: NDArray[np.float64],
+    center_px: FloatArray,
     ring_px: tuple[float, float],
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[FloatArray, NDArray[np.int64]]:
     """Sum g = 2 (d - R d / rho) over the events in each dot's ring.
 
     Args:
@@ -167,9 +168,7 @@ def attraction(
     return pull, (inside & (dx != 0.0)).sum(axis=0) + (inside & (dy != 0.0)).sum(axis=0)
 
 
-def regularizer(
-    center_px: NDArray[np.float64], neighbour_px: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def regularizer(center_px: FloatArray, neighbour_px: FloatArray) -> FloatArray:
     """Return h_i = 4 sum_j (c_j - c_i)(|c_j - c_i|^2 - D_ij^2), times 8 / (number of neighbours).
 
     Args:

@@ -21,7 +21,6 @@ from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from spikingtac.arrays import FloatArray
@@ -142,8 +141,6 @@ class FrameSampler:
         return float(times[beyond[0]]) if len(beyond) else None
 
 
-Vector = NDArray[np.float64]
-
 # Speed of the motion back to the start, mm/s: it ends within the second after a release.
 RETREAT_MM_S = 180.0
 WAIT_S = 0.001  # Period at which a waiting loop checks its condition, s.
@@ -245,7 +242,7 @@ def approach(
     return run
 
 
-def _cruise(rig: Rig, config: ApproachConfig) -> list[Vector]:
+def _cruise(rig: Rig, config: ApproachConfig) -> list[FloatArray]:
     """Wait until the arm has cruised for ``settle_windows``; return the markers of these windows.
 
     The rule is that of :class:`~spikingtac.robot.approacher.Approacher`.

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from spikingtac import Calibration
+from spikingtac.arrays import FloatArray as Vector
 from spikingtac.config import digest
 from spikingtac.schema import to_mapping
 from spikingtac.sim import (
@@ -26,8 +27,6 @@ from spikingtac.sim import (
     UR3Twin,
 )
 from spikingtac_paper.free_motion.free_rig import FreeRig
-
-Vector = NDArray[np.float64]
 
 # Direction of the approach in the base frame: along the pads, across the rod.
 DIRECTION: Vector = np.array([1.0, 0.0, 0.0])

@@ -87,7 +87,7 @@ class SmallMotionCamera(EventCamera):
         self,
         image: MarkerImage,
         displaced: Sequence[tuple[MarkerImage, MarkerImage]],
-        sigma: NDArray[np.float64],
+        sigma: FloatArray,
     ) -> None:
         """Store how the light depends on the motion of the rod. Call it after :meth:`settle`.
 
@@ -118,9 +118,7 @@ class SmallMotionCamera(EventCamera):
         edges["lowest_level"], edges["highest_level"] = np.sort(ends, axis=0)
         self._initialise(near, edges, slope.reshape(-1, DEGREES_OF_FREEDOM)[near])
 
-    def _initialise(
-        self, near: NDArray[np.intp], edges: NDArray[Any], slopes: NDArray[np.float64]
-    ) -> None:
+    def _initialise(self, near: NDArray[np.intp], edges: NDArray[Any], slopes: FloatArray) -> None:
         chip, flat = self._sensor.chip[0], self._sensor.pixels.reshape(-1)
         flat["level"][near] = flat["target_level"][near] = self._levels(near, edges["inside_px"])
         flat["previous_intensity"] = flat["intensity"]
@@ -138,7 +136,7 @@ class SmallMotionCamera(EventCamera):
         self._previous = np.zeros((LAGS, DEGREES_OF_FREEDOM), np.float32)
         self._out = np.zeros(OUTBOX, np.int64)
 
-    def render_motion(self, bushing: NDArray[np.float64]) -> EventPacket:
+    def render_motion(self, bushing: FloatArray) -> EventPacket:
         """Return the events of a motion ``(steps, 6)`` of the rod (mm, rad), one step per ms."""
         start_us = self._t_us
         assert start_us is not None
@@ -170,7 +168,7 @@ class SmallMotionCamera(EventCamera):
         self._t_us = end_us
         return self._readout.release(end_us)
 
-    def _low_passed(self, bushing: NDArray[np.float64]) -> NDArray[np.float32]:
+    def _low_passed(self, bushing: FloatArray) -> NDArray[np.float32]:
         """Return the motion ``(filters, 6, 1 + steps)`` as photoreceptors of each speed see it."""
         out = np.empty((LAGS, DEGREES_OF_FREEDOM, 1 + len(bushing)), np.float32)
         out[..., 0] = self._previous
@@ -181,9 +179,7 @@ class SmallMotionCamera(EventCamera):
         self._previous = out[..., -1].copy()
         return out
 
-    def _levels(
-        self, pixels: NDArray[np.intp], inside_px: NDArray[np.floating[Any]]
-    ) -> NDArray[np.float64]:
+    def _levels(self, pixels: NDArray[np.intp], inside_px: NDArray[np.floating[Any]]) -> FloatArray:
         """Return the log intensity of pixels at a distance inside the edge, px."""
         chip, flat = self._sensor.chip[0], self._sensor.pixels.reshape(-1)
         record = (inside_px + chip["edge_half_width_px"]) * chip["edge_per_px"]
@@ -196,7 +192,7 @@ class SmallMotionCamera(EventCamera):
         )
 
 
-def edge_distance_px(image: MarkerImage, size: tuple[int, int]) -> NDArray[np.float64]:
+def edge_distance_px(image: MarkerImage, size: tuple[int, int]) -> FloatArray:
     """Return ``(height, width)`` how far each pixel lies inside the nearest disc's edge, px.
 
     Args:
@@ -339,7 +335,7 @@ class SmallMotionFinger(SensingFinger):
         )
         self.sparse_camera.linearise(self.image, pairs, bushing_covariance(rig))
 
-    def _at(self, bushing: NDArray[np.float64]) -> MarkerImage:
+    def _at(self, bushing: FloatArray) -> MarkerImage:
         return self.optics.project(skin_state(self._pad, self._probe, bushing))
 
 
@@ -364,7 +360,7 @@ class FreeRig:
         """The markers at rest."""
         return self._finger.image
 
-    def advance(self, steps: int) -> tuple[EventPacket, NDArray[np.float64]]:
+    def advance(self, steps: int) -> tuple[EventPacket, FloatArray]:
         """Advance by a number of milliseconds.
 
         Returns:
@@ -376,7 +372,7 @@ class FreeRig:
 
 
 @functools.lru_cache(maxsize=16)
-def bushing_covariance(config: RigConfig) -> NDArray[np.float64]:
+def bushing_covariance(config: RigConfig) -> FloatArray:
     """Return the covariance ``(6, 6)`` of a free probe's bushing under the vibration of the arm."""
     vibration = VibrationPath(config.vibration_mm, np.random.default_rng(COVARIANCE_SEED))
     bushing = FreeMotion(config.probe, vibration).advance(COVARIANCE_STEPS)

@@ -214,7 +214,7 @@ def write_report(report: Report, options: RunOptions, **counts: int) -> dict[str
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     out = io.StringIO(newline="")
-    columns = ("method", "case", "metric", "value", "unit", "n", "seeds", "ci95", "source", "paper")
+    columns = ["method", "case", "metric", "value", "unit", "n", "seeds", "ci95", "source", "paper"]
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     for row in rows:

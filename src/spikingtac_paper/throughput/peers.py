@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac import Calibration
+from spikingtac.arrays import FloatArray
 from spikingtac.config import load_config
 from spikingtac.errors import MissingExtraError
 from spikingtac.events import BackgroundActivityFilter
@@ -29,7 +30,7 @@ FLOW_WINDOW_PX = 21  # Side of Lucas-Kanade's window: a marker and its edge.
 
 FIELDS_PER_MARKER = 1.5  # trackpy's separation, in marker diameters.
 
-Locate = Callable[[NDArray[np.uint8]], NDArray[np.float64]]
+Locate = Callable[[NDArray[np.uint8]], FloatArray]
 
 
 class PeerTracker:
@@ -89,7 +90,7 @@ def opencv_tuned(calibration: Calibration) -> PeerTracker:
     params.minArea, params.maxArea = blob_areas_px(calibration.radius_px)
     detector = cv2.SimpleBlobDetector_create(params)
 
-    def locate(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+    def locate(image: NDArray[np.uint8]) -> FloatArray:
         points = detector.detect(cv2.blur(image, (BLUR_PX, BLUR_PX)))
         return np.array([point.pt for point in points], np.float64).reshape(-1, 2)
 
@@ -107,7 +108,7 @@ def trackpy_locate(calibration: Calibration) -> PeerTracker:
     radius_px = float(calibration.radius_px.mean())
     diameter = 2 * round(radius_px) + 1
 
-    def locate(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+    def locate(image: NDArray[np.uint8]) -> FloatArray:
         blurred = cv2.blur(image, (BLUR_PX, BLUR_PX))
         found = trackpy.locate(
             blurred,
@@ -128,7 +129,7 @@ def lucas_kanade(calibration: Calibration) -> PeerTracker:
     blurred = cv2.blur((painted_binary_map(calibration).values * WHITE).astype(np.uint8), (5, 5))
     state = [blurred, calibration.reference_px.astype(np.float32).reshape(-1, 1, 2)]
 
-    def locate(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+    def locate(image: NDArray[np.uint8]) -> FloatArray:
         now = cv2.blur(image, (5, 5))
         points, found, _ = cv2.calcOpticalFlowPyrLK(
             state[0], now, state[1], None, winSize=(FLOW_WINDOW_PX, FLOW_WINDOW_PX), maxLevel=1

@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac import Calibration, MarkerTracker
+from spikingtac.arrays import FloatArray
 from spikingtac.sim import EventCamera, Optics, Scene, image_radius_px, load_scene
 from spikingtac.types import EventPacket
 from spikingtac_paper.trials.trajectories import GroundTruth
@@ -91,8 +91,8 @@ class FreeRun(NamedTuple):
         error_px: Mean error against the truth, px.
     """
 
-    step_us: NDArray[np.float64]
-    estimate_us: NDArray[np.float64]
+    step_us: FloatArray
+    estimate_us: FloatArray
     error_px: float
 
 
@@ -131,7 +131,7 @@ def paced_run(
     calibration: Calibration,
     windows: Sequence[EventPacket],
     duration_s: float,
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Return the latency of each step, us, from when its window is complete to its output.
 
     The windows are repeated without end; they hold whole turns of the motion. It waits in a busy

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.sim import SceneSource, load_scene
 from spikingtac.touch import (
     SkinConfig,
@@ -25,7 +26,6 @@ from spikingtac.touch import (
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.contacts import record, watch
 
-Field = NDArray[np.float64]
 Estimate = Callable[[WrenchSeries], Field]  # From a series to its wrenches (n, c).
 
 # Penalty per frame, over the variance of a displacement (of 1e-4 to 1e-2 the least errors

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.sim import ContactConfig, MotionConfig, Scene, SceneSource, SegmentConfig
 from spikingtac.touch import Touch, TouchDetector
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.contacts import LONG, TESTED, record, watch
-
-Field = NDArray[np.float64]
 
 PRESSES, QUICK_PRESSES = 120, 12
 BODIES = (*TESTED, *LONG)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray as Field
 from spikingtac.errors import ConfigError
 from spikingtac.sim import SceneSource, Timeline
 from spikingtac.touch import SlipMonitor, TouchDetector
@@ -26,7 +27,6 @@ from spikingtac_paper.touch.contacts import (
     watch,
 )
 
-Field = NDArray[np.float64]
 Times = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 

@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import RecordingError
 from spikingtac.events import load_arrays
@@ -32,9 +33,9 @@ class GroundTruth:
     """
 
     t_us: NDArray[np.int64]
-    marker_px: NDArray[np.float64]
-    reference_px: NDArray[np.float64]
-    radius_px: NDArray[np.float64]
+    marker_px: FloatArray
+    reference_px: FloatArray
+    radius_px: FloatArray
     released_us: int
 
     @classmethod
@@ -64,7 +65,7 @@ class GroundTruth:
             released_us=_released_us(columns, int(t_us[-1])),
         )
 
-    def at(self, t_us: NDArray[np.int64]) -> NDArray[np.float64]:
+    def at(self, t_us: NDArray[np.int64]) -> FloatArray:
         """Return the true positions ``(k, m, 2)`` at some times, px; constant beyond the ends."""
         after = np.clip(np.searchsorted(self.t_us, t_us), 1, len(self.t_us) - 1)
         span_us = self.t_us[after] - self.t_us[after - 1]
@@ -99,12 +100,10 @@ class Prediction:
     t_us: NDArray[np.int64]
     detected_px: NDArray[np.float32]
     position_px: NDArray[np.float32]
-    reference_px: NDArray[np.float64]
+    reference_px: FloatArray
 
     @classmethod
-    def collect(
-        cls, frames: Iterable[MarkerFrame], reference_px: NDArray[np.float64], every: int
-    ) -> Self:
+    def collect(cls, frames: Iterable[MarkerFrame], reference_px: FloatArray, every: int) -> Self:
         """Keep every ``every``-th frame of a tracked stream, and the last one.
 
         Args:
