@@ -111,6 +111,7 @@ def test_unknown_options_are_refused_with_the_nearest(wired: Counterpart) -> Non
         ("udp:0?size", "name=value"),
         ("udp:0?seconds=-1", "number from"),
         ("udp:0?encoding=evt3&order=big", "EVT2.1"),
+        ("openmv:/dev/ttyACM0?words=3000", "power of two"),
         ("twin:no-such-scene", "no-such-scene"),
         ("twin:", "name of a scene"),
         ("pipe:missing.raw", "mkfifo"),

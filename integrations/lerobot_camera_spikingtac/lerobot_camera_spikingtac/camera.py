@@ -58,15 +58,9 @@ class SpikingTacCamera(Camera):
             raise DeviceAlreadyConnectedError(f"{config.source} is connected")
         if config.force is not None:
             self._force = st.load_force(config.force).estimator()
-        self._live, self._taken = (
-            st.live(
-                config.source,
-                calibration=self._calibration,
-                preset=config.preset,
-                rate_hz=config.rate_hz,
-            ),
-            0,
-        )
+        given = {"preset": config.preset, "rate_hz": config.rate_hz}
+        self._live = st.live(config.source, calibration=self._calibration, **given)
+        self._taken = 0
         try:
             if warmup:
                 self._next(START_S)
@@ -126,11 +120,8 @@ class SpikingTacCamera(Camera):
         return self._live
 
     def _next(self, timeout_s: float) -> Any:
-        live, deadline_s, source = (
-            self._followed(),
-            time.monotonic() + timeout_s,
-            self.config.source,
-        )
+        live, source = self._followed(), self.config.source
+        deadline_s = time.monotonic() + timeout_s
         while True:
             frame = live.latest()
             if frame is not None and frame.number > self._taken:
@@ -153,5 +144,5 @@ class SpikingTacCamera(Camera):
         return frame
 
     def _image(self, frame: Any) -> NDArray[np.uint8]:
-        moved_px, coasted = frame.displacement_px, frame.coasted
-        return field_image(moved_px, coasted, self._calibration.grid, RANGE_PX, CELL_PX)
+        look = self._calibration.grid, RANGE_PX, CELL_PX
+        return field_image(frame.displacement_px, frame.coasted, *look)

@@ -13,7 +13,7 @@ import json
 import struct
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from http import HTTPStatus
@@ -47,14 +47,15 @@ class FoxglovePublisher:
     Args:
         listening: A bound socket, as of :func:`spikingtac.viewer.access.listen`.
         refusal: Decides about each connection.
+        allowed: Web pages that may connect, by their Origin, besides those that are let in anyway.
 
     Attributes:
         port: On which it listens.
     """
 
-    def __init__(self, listening: socket, refusal: Refusal) -> None:
+    def __init__(self, listening: socket, refusal: Refusal, allowed: Sequence[str] = ()) -> None:
         self.port: int = listening.getsockname()[1]
-        self._refusal = refusal
+        self._refusal, self._allowed = refusal, allowed
         self._channels: dict[str, dict[str, Any]] = {}
         self._messages: dict[str, str] = {}
         self._states: dict[int, bytes | None] = {}  # channel -> its last message
@@ -128,6 +129,8 @@ class FoxglovePublisher:
 
     def _refuse(self, connection: ServerConnection, request: Request) -> Response | None:
         headers = {name.lower(): value for name, value in request.headers.raw_items()}
+        if headers.get("origin") in self._allowed:
+            del headers["origin"]
         token = parse_qs(urlsplit(request.path).query).get("token", [None])[0]
         why = self._refusal(headers, token)
         return connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n") if why else None

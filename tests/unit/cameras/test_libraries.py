@@ -9,7 +9,7 @@ from importlib.util import find_spec
 import pytest
 
 from spikingtac.cameras import openmv
-from spikingtac.errors import ConfigError, DeviceError, MissingExtraError
+from spikingtac.errors import DeviceError, MissingExtraError
 from spikingtac.events.address import Address
 from spikingtac.events.camera import KINDS, open_camera
 from stand_ins.camera_counterparts import with_module
@@ -68,8 +68,3 @@ def test_the_board_is_sent_our_script_with_the_transfer_asked_for() -> None:
     shipped = files("spikingtac.cameras").joinpath(openmv.SCRIPT).read_text(encoding="utf-8")
     assert board.script == shipped.replace("WORDS = 2048", "WORDS = 8192")
     compile(shipped, openmv.SCRIPT, "exec")
-
-
-def test_a_transfer_is_a_power_of_two() -> None:
-    with pytest.raises(ConfigError, match="power of two"):
-        open_camera(Address.parse("openmv:/dev/ttyACM0?words=3000"))

@@ -24,7 +24,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from spikingtac.cli.main import main
-from spikingtac.cli.verbs import ros2
+from spikingtac.cli.verbs.ros2 import FOXGLOVE_ORIGINS
 from spikingtac.ros2 import messages
 from spikingtac.ros2.foxglove import BACKLOG_BYTES, FoxglovePublisher
 from spikingtac.ros2.stream import FIELD, Layout, SensorStream, StreamConfig
@@ -37,8 +37,8 @@ FRAMES, PATIENCE_S = 100, 60.0
 
 @pytest.fixture
 def publisher() -> Iterator[FoxglovePublisher]:
-    refusal = partial(ros2._refusal, Gate().refusal, ros2.FOXGLOVE_ORIGINS)
-    with closing(FoxglovePublisher(listen("127.0.0.1", 0), refusal)) as served:
+    given = listen("127.0.0.1", 0), Gate().refusal, FOXGLOVE_ORIGINS
+    with closing(FoxglovePublisher(*given)) as served:
         yield served
 
 

@@ -14,7 +14,7 @@ from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.model import ForceModel
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer import record as module
-from spikingtac.viewer.export import steps, summarize, tracked
+from spikingtac.viewer.export import steps, tracked
 from spikingtac.viewer.source import FeltLayer
 from stand_ins.viewer import open_circling
 
@@ -44,12 +44,6 @@ def test_a_record_stays_small_and_covers_the_whole_session(
     assert summary["error_mean_px"] < 0.1
     assert summary["displacement_max_px"] > 5.0
     assert (tmp_path / "x.png").read_bytes()[1:4] == b"PNG"
-
-
-def test_a_recording_is_summarized_to_its_end() -> None:
-    summary = summarize(open_circling(300_000))
-    assert summary["played_s"] == pytest.approx(0.3, abs=0.011)
-    assert summary["estimates"] == pytest.approx(300, abs=12)
 
 
 X, Y = np.meshgrid(np.arange(6.0), np.arange(6.0))

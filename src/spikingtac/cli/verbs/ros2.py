@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -98,25 +96,12 @@ def foxglove(args: FoxgloveArgs) -> int:
     from spikingtac.viewer.access import Gate, listen
 
     feed = feed_of(args)
-    gate = Gate.for_host(args.host)
-    refusal = partial(_refusal, gate.refusal, args.allow_origin)
-    listening = listen(args.host, args.port)
-    with closing(FoxglovePublisher(listening, refusal)) as publisher:
+    gate, listening = Gate.for_host(args.host), listen(args.host, args.port)
+    with closing(FoxglovePublisher(listening, gate.refusal, args.allow_origin)) as publisher:
         token = f"/?token={gate.token}" if gate.token else ""
         address = f"ws://{args.host}:{publisher.port}{token}"
         remark(f"open {address} in Foxglove (Open connection); Ctrl-C ends")
         return publish(args, feed, publisher, field_hz=args.field_hz)
-
-
-def _refusal(
-    refusal: Callable[[Mapping[str, str], str | None], str],
-    allowed: tuple[str, ...],
-    headers: Mapping[str, str],
-    token: str | None,
-) -> str:
-    """Return why a connection is refused; the allowed pages pass as if they were our own."""
-    known = headers.get("origin") in allowed
-    return refusal({k: v for k, v in headers.items() if not (known and k == "origin")}, token)
 
 
 def feed_of(args: PublishArgs) -> Feed:
