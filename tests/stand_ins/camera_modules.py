@@ -19,33 +19,29 @@ SIZE = (320, 320)
 EVENT_DTYPE = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), (("p", "on"), "?")])
 
 
+def telling(**values: Any) -> SimpleNamespace:
+    """Return an object whose methods return these values."""
+    return SimpleNamespace(**{name: lambda value=value: value for name, value in values.items()})
+
+
 class HalDevice:
     """A device of ``metavision_hal`` whose buffers a test fills."""
 
     def __init__(self, encoding: str) -> None:
         self.buffers: deque[Any] = deque()
         self._gone = self._started = False
-        told, sensor = f"{encoding};height=320;width=320", SimpleNamespace(name="GenX320")
-        self._identity = SimpleNamespace(
-            get_serial=lambda: "00050123",
-            get_sensor_info=lambda: sensor,
-            get_current_data_encoding_format=lambda: told,
-        )
-
-    def __getattr__(self, name: str) -> Any:
-        """Return what gives a facility, by its name."""
         window = SimpleNamespace(x=8, y=16, width=300, height=280)
-        biases = {"bias_diff_on": 25, "bias_diff_off": 28}
-        facilities = {
-            "get_i_geometry": SimpleNamespace(
-                get_width=lambda: SIZE[0], get_height=lambda: SIZE[1]
+        self.facilities = telling(
+            get_i_geometry=telling(get_width=SIZE[0], get_height=SIZE[1]),
+            get_i_hw_identification=telling(
+                get_serial="00050123",
+                get_sensor_info=SimpleNamespace(name="GenX320"),
+                get_current_data_encoding_format=f"{encoding};height=320;width=320",
             ),
-            "get_i_hw_identification": self._identity,
-            "get_i_ll_biases": SimpleNamespace(get_all_biases=lambda: biases),
-            "get_i_roi": SimpleNamespace(is_enabled=lambda: True, get_windows=lambda: [window]),
-            "get_i_events_stream": self,
-        }
-        return lambda: facilities[name]
+            get_i_ll_biases=telling(get_all_biases={"bias_diff_on": 25, "bias_diff_off": 28}),
+            get_i_roi=telling(is_enabled=True, get_windows=[window]),
+            get_i_events_stream=self,
+        )
 
     def unplug(self) -> None:
         self._gone = True
@@ -67,7 +63,8 @@ class HalDevice:
 def hal_module(device: HalDevice | None) -> Any:
     """Return a module whose discovery finds the device, or none."""
     module: Any = types.ModuleType("metavision_hal")
-    module.DeviceDiscovery = SimpleNamespace(open=lambda serial: device)
+    found = device and device.facilities
+    module.DeviceDiscovery = SimpleNamespace(open=lambda serial: found)
     return module
 
 
@@ -77,13 +74,15 @@ class DriversDevice:
     def __init__(self) -> None:
         self._packets: deque[Any] = deque()
         self._gone = False
-        self.dropped = 0
+        self.properties = lambda: SimpleNamespace(width=SIZE[0], height=SIZE[1])
+        self.name = lambda: SimpleNamespace(value="Prophesee EVK4")
+        self.connection = lambda: SimpleNamespace(value="USB 3.0 SuperSpeed (5.0 Gb/s)")
+        self.serial = lambda: "00051505"
 
     def put(self, packet: EventPacket) -> None:
         events = np.empty(len(packet), EVENT_DTYPE)
-        events["t"], events["x"], events["y"], events["p"] = (
-            packet.t, packet.x, packet.y, packet.p,
-        )  # fmt: skip
+        for name in ("t", "x", "y", "p"):
+            events[name] = getattr(packet, name)
         self._packets.append(SimpleNamespace(polarity_events=events))
 
     def unplug(self) -> None:
@@ -98,21 +97,11 @@ class DriversDevice:
     def __next__(self) -> tuple[Any, Any]:
         if self._gone:
             raise RuntimeError("device disconnected")
-        if not self._packets:
-            time.sleep(0.01)
-            return SimpleNamespace(ring=None), None
-        ring = SimpleNamespace(dropped_packets=self.dropped)
-        return SimpleNamespace(ring=ring), self._packets.popleft()
-
-    def __getattr__(self, name: str) -> Any:
-        """Return what tells a property, by its name."""
-        told = {
-            "properties": SimpleNamespace(width=SIZE[0], height=SIZE[1]),
-            "name": SimpleNamespace(value="Prophesee EVK4"),
-            "connection": SimpleNamespace(value="USB 3.0 SuperSpeed (5.0 Gb/s)"),
-            "serial": "00051505",
-        }
-        return lambda: told[name]
+        if self._packets:
+            ring = SimpleNamespace(dropped_packets=0)
+            return SimpleNamespace(ring=ring), self._packets.popleft()
+        time.sleep(0.01)
+        return SimpleNamespace(ring=None), None
 
 
 def drivers_module(device: DriversDevice) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
+    from PIL.Image import Image
 
 ThemeName = Literal["light", "dark"]
 WidthName = Literal["single", "double"]
@@ -101,6 +102,13 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     target = check_target(path)
     with replacing(target) as partial:
         figure.savefig(partial, facecolor=figure.get_facecolor(), dpi=DPI)
+
+
+def save_gif(pictures: Sequence[Image], frame_ms: int, path: Path) -> None:
+    """Write pictures as an animation that is played again and again."""
+    first, *rest = pictures
+    look: dict[str, Any] = {"save_all": True, "append_images": rest, "loop": 0, "optimize": True}
+    first.save(path, "GIF", duration=frame_ms, **look)
 
 
 def check_target(

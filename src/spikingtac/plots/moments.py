@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError
-from spikingtac.plots.figure import US_PER_S, check_target, new_figure, style_axes
+from spikingtac.plots.figure import US_PER_S, check_target, new_figure, save_gif, style_axes
 from spikingtac.plots.tracks import (
     draw_course,
     draw_field,
@@ -187,12 +187,9 @@ def save_animation(
     target = check_target(path, (".gif",))
     require_estimates(tracks)
     rows = _rows(tracks, stretch_s, slow)
-    first, *rest = _pictures(tracks, rows, theme, width)
+    pictures = _pictures(tracks, rows, theme, width)
     with replacing(target) as partial:
-        first.save(
-            partial, "GIF", save_all=True, append_images=rest, duration=FRAME_MS, loop=0,
-            optimize=True,
-        )  # fmt: skip
+        save_gif(pictures, FRAME_MS, partial)
     return len(rows)
 
 

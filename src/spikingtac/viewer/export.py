@@ -11,7 +11,7 @@ import numpy as np
 
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError, MissingExtraError, SpikingTacError
-from spikingtac.plots.figure import PICTURE_ENDINGS, check_target
+from spikingtac.plots.figure import PICTURE_ENDINGS, check_target, save_gif
 from spikingtac.plots.moments import DPI, PANEL, SensorDrawing
 from spikingtac.ros2.messages import NS_PER_US, definition, encode, header, ros_type
 from spikingtac.ros2.stream import Layout, SensorStream, StreamConfig
@@ -116,8 +116,7 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
             write_mp4(pictures, VIDEO_FRAME_MS, partial)
         else:
             pictures = draw_stretch(view, GIF_FRAME_MS, GIF_COLORS, seconds)
-            options: dict[str, Any] = {"save_all": True, "append_images": pictures[1:], "loop": 0}
-            pictures[0].save(partial, duration=GIF_FRAME_MS, optimize=True, **options)
+            save_gif(pictures, GIF_FRAME_MS, partial)
         return len(pictures)
 
 

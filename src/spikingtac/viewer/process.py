@@ -44,26 +44,17 @@ class SessionProcess:
 
     Args:
         open_view: Opens what is viewed, in the session's process.
-        repeat: Begin again at the end.
-        picture: File for the summary picture, whole once :meth:`stop` has returned; or None.
-        realtime: Ask for what helps to keep deadlines.
+        **session: Options of :func:`run_session`; a picture is whole once :meth:`stop` has
+            returned.
     """
 
-    def __init__(
-        self,
-        open_view: Callable[[], ViewSource],
-        *,
-        repeat: bool = False,
-        picture: Path | None = None,
-        realtime: bool = False,
-    ) -> None:
+    def __init__(self, open_view: Callable[[], ViewSource], **session: Any) -> None:
         self._rings = [SharedRing.for_latest(size) for size in (FRAME_BYTES, GREETING_BYTES)]
         frames, greetings = self._rings
         # The latest message with its number, or None if there is none newer than a number.
         self.frame, self.greeting = frames.latest, greetings.latest
-        given = {"open_view": open_view, "rings": (frames.name, greetings.name)}
-        given |= {"repeat": repeat, "picture": picture, "realtime": realtime}
-        self._host = Host(partial(run_session, **given))
+        rings = frames.name, greetings.name
+        self._host = Host(partial(run_session, open_view=open_view, rings=rings, **session))
         self.alive, self.pid = self._host.alive, self._host.pid
 
     def command(self, name: str, value: Any) -> None:
@@ -109,9 +100,9 @@ def run_session(
     asker: Asker,
     open_view: Callable[[], ViewSource],
     rings: tuple[str, str],
-    repeat: bool,
-    picture: Path | None,
-    realtime: bool,
+    repeat: bool = False,
+    picture: Path | None = None,
+    realtime: bool = False,
 ) -> None:
     """Open a view and play it until the asker ends it, who is told the summary.
 
@@ -119,7 +110,7 @@ def run_session(
         asker: Sends commands, and is told of an error.
         open_view: Opens what is viewed.
         rings: Names of the rings for frames and greetings.
-        repeat: As of :class:`SessionProcess`, and so are the others.
+        repeat: Begin again at the end.
         picture: File for the summary picture, or None.
         realtime: Ask for what helps to keep deadlines.
 

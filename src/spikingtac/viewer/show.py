@@ -7,7 +7,6 @@ import socket
 import time
 import webbrowser
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 from spikingtac.errors import DeviceError
@@ -28,10 +27,7 @@ def show(
     open_views: Sequence[Callable[[], ViewSource]],
     options: PageOptions,
     report: Report,
-    *,
-    picture: Path | None = None,
-    repeat: bool = False,
-    realtime: bool = False,
+    **played: Any,
 ) -> dict[str, Any]:
     """Serve one view, or two side by side, until interrupted or until the time is up.
 
@@ -39,9 +35,7 @@ def show(
         open_views: Open the views, each in a session's process.
         options: How the page is served.
         report: Takes the lines for the user.
-        picture: File for the summary picture of a single view, or None.
-        repeat: Begin again at the end.
-        realtime: Whether the session asks for what helps to keep deadlines.
+        **played: Options of :func:`spikingtac.viewer.process.run_session`.
 
     Returns:
         The summary of the first view; that of another one is its ``second``.
@@ -51,8 +45,7 @@ def show(
             session was killed.
     """
     listening = listen(options.host, options.port)
-    given = {"repeat": repeat, "picture": picture, "realtime": realtime}
-    sessions = [SessionProcess(view, **given) for view in open_views]
+    sessions = [SessionProcess(view, **played) for view in open_views]
     try:
         _serve(sessions, options, report, listening)
         summaries = [session.stop() for session in sessions]

@@ -91,20 +91,26 @@ def run(args: Args) -> int:
 
 def _check_together(args: Args) -> None:
     """Refuse options that do not go together."""
+    second, export = args.second is not None, args.export is not None
+    for wrong, why in (
+        (
+            args.realtime and (second or export),
+            "--realtime takes one camera on the page; leave out --second, --export",
+        ),
+        (
+            args.calibrate and (args.calibration or args.force or export),
+            "--calibrate begins without one; leave out --calibration, --force and --export",
+        ),
+        (export and args.picture, "-o and --export write the same; give one of them"),
+        (
+            second and (export or args.picture or args.calibrate),
+            "--export, --picture and --calibrate take one finger; leave out --second",
+        ),
+    ):
+        if wrong:
+            raise ConfigError(why)
     if args.realtime:
-        if args.second is not None or args.export is not None:
-            raise ConfigError(
-                "--realtime takes one camera on the page; leave out --second, --export"
-            )
         require_live([args.source])
-    if args.calibrate and (args.calibration or args.force or args.export):
-        raise ConfigError(
-            "--calibrate begins without one; leave out --calibration, --force and --export"
-        )
-    if args.export is not None and args.picture is not None:
-        raise ConfigError("-o and --export write the same; give one of them")
-    if args.second is not None and (args.export or args.picture or args.calibrate):
-        raise ConfigError("--export, --picture and --calibrate take one finger; leave out --second")
 
 
 def _text(path: Path | None) -> str | None:
