@@ -126,7 +126,7 @@ def _row(key: str, value: Any) -> tuple[str, str]:
     known = value not in (None, [])
     if key == "px_per_mm":
         return "scale", f"{value:.5g} px/mm" if known else "not known"
-    if key in ("size", "grid") and known:
+    if key in ("size", "grid") and isinstance(value, list | tuple):
         return key, " x ".join(map(str, value))
     if key.endswith(SHARES) and known:
         return key.replace("_", " "), f"{100 * value:.4g} %"
