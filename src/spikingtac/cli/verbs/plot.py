@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import tyro
 
@@ -41,7 +41,7 @@ class Args(StyleArgs):
     output: Output = None
     """File to write: .png, .svg or .pdf; .gif animates a field of tracks, with the course below.
     tracks.png or events.png unless given."""
-    kind: Kind | EventKind | None = None
+    kind: Literal[Kind, EventKind] | None = None
     """Tracks: course (over time, the default), field (arrows), map (heat map), strain (of area).
     Events: moment (ON and OFF), rate, surface (how recent), hot pixels, overview (the default)."""
     at_s: float | None = None
@@ -70,6 +70,10 @@ def run(args: Args) -> int:
         raise st.ConfigError("a .gif shows tracks; spikingtac view RECORDING --export shows events")
     if animated and (args.at_s is not None or kind not in ("course", "field")):
         raise st.ConfigError("a .gif shows the field over a stretch: leave out --at-s and --kind")
+    if kind == "course" and args.at_s is not None:
+        raise st.ConfigError(
+            "--kind course shows all times: leave out --at-s, or choose --kind field"
+        )
     args.claim(output)
     told = _of_tracks(args, output, kind) if tracked else _of_events(args, output, kind)
     document = {"output": str(output), "kind": kind, **told}
