@@ -79,7 +79,7 @@ class ForceScore(NamedTuple):
 
 
 def fit_force(
-    series: Sequence[WrenchSeries], advance: Callable[[float], object] = lambda done: None
+    series: Sequence[WrenchSeries], advance: Callable[[float], object] | None = None
 ) -> ForceModel:
     """Learn a force model from labelled series of one sensor.
 
@@ -102,7 +102,8 @@ def fit_force(
     for memory in (False, True):
         truth, told, _ = _joined(crossed(memory, FRAMES // CHOOSING_PART)[1])
         errors.append(_relative_error(told, truth))
-        advance(len(errors) / 4)
+        if advance is not None:
+            advance(len(errors) / 4)
     memory = errors[1] < MEMORY_RATIO * errors[0]
     groups, parts = crossed(memory, FRAMES)
     record = {
