@@ -20,8 +20,8 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "README.md"
 MOST_COMMANDS = 3
 PYTHON = "st."
 
-# Run elsewhere: calibration and forces take minutes (tutorial, touch verbs), cameras and the folder that one records
-# are no part of a test, the guard has a test of its own.
+# Run elsewhere: calibration and forces take minutes (tutorial, touch verbs); cameras, and what one
+# records, are no part of a test; the guard has a test of its own.
 ELSEWHERE = {"calibrate", "cameras", "force", "guard", "record", "day"}
 LIVE = "st.live"  # Its page is run by test_docs_given.
 
