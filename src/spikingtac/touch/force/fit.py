@@ -97,8 +97,7 @@ def fit_force(
         groups = [_taught(one, radius, memory, frames // len(kept)) for one in kept]
         return groups, list(_crossed(groups, reference, radius))
 
-    # Whether a memory makes the errors of the forces between the series smaller.
-    errors = []
+    errors = []  # Of the forces between the series, without and with a memory.
     for memory in (False, True):
         truth, told, _ = _joined(crossed(memory, FRAMES // CHOOSING_PART)[1])
         errors.append(_relative_error(told, truth))
