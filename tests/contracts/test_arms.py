@@ -68,12 +68,6 @@ def place(request: pytest.FixtureRequest) -> Iterator[Workplace]:
     yield from request.param()
 
 
-def test_it_is_an_arm(place: Workplace) -> None:
-    assert isinstance(place.arm, Arm)
-    assert place.arm.state() is ArmState.IDLE
-    np.testing.assert_allclose(place.arm.speed_mm_s(), 0.0, atol=1e-9)
-
-
 def test_it_moves_in_a_straight_line_to_its_target_and_keeps_its_rotation(
     place: Workplace,
 ) -> None:
@@ -114,6 +108,7 @@ def test_a_stop_ends_the_motion_on_its_line(place: Workplace) -> None:
 
 
 def test_a_stop_at_rest_is_harmless_and_motion_goes_on_afterwards(place: Workplace) -> None:
+    assert isinstance(place.arm, Arm)
     place.arm.stop()
     place.wait_s(0.05)
     place.wait_until_idle()

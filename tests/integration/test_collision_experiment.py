@@ -9,7 +9,8 @@ import pytest
 
 from spikingtac import windows
 from spikingtac.contact.registry import DetectionConfig, make_detector
-from spikingtac.robot.approacher import ApproachConfig, Approacher
+from spikingtac.robot.approacher import ApproachConfig
+from spikingtac.robot.approacher import approach as closed_loop
 from spikingtac_paper.collision import experiment
 from spikingtac_paper.collision.approach import (
     BEYOND_MM,
@@ -57,8 +58,8 @@ def test_a_run_is_the_closed_loop(name: str, detectors, run: ApproachRun) -> Non
     rig = SCENE.make_rig(SEED)
     prepare(rig, SPEED_MM_S, np.random.default_rng(7))
     config = ApproachConfig(speed_mm_s=SPEED_MM_S, settle_windows=SETTLE_WINDOWS)
-    approacher = Approacher(rig.arm, rig.windows(), detectors[name], config)
-    found = approacher.approach(BEYOND_MM * DIRECTION)
+    target_mm = BEYOND_MM * DIRECTION
+    found = closed_loop(rig.arm, rig.windows(), detectors[name], target_mm, config)
     assert found.contact is not None
     assert rig.first_contact is not None
     assert rig.first_contact.t_us == run.touch.t_us

@@ -19,8 +19,9 @@ from spikingtac.events.create import create_events
 from spikingtac.events.evt.encode import Evt2Encoder
 from spikingtac.events.evt.raw import format_header
 from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
+from spikingtac.stream.arrivals import Arrival, stream_arrivals
 from spikingtac.stream.guard import ContactProcess
-from spikingtac.stream.guard_loop import Arrival, ContactLoop, stream_arrivals
+from spikingtac.stream.guard_loop import ContactLoop
 from spikingtac.types import EventPacket
 from stand_ins.guarded import SLOWED, NotingArm, detector, paced, stops
 from stand_ins.live import BurstDetector

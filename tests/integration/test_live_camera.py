@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import socket
 import subprocess
 import sys
-import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -16,13 +14,12 @@ import numpy as np
 import pytest
 
 from spikingtac import robot
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.events.create import create_events
 from spikingtac.robot.watchdog import WatchdogConfig
+from spikingtac.stream.arrivals import stream_arrivals
 from spikingtac.stream.guard import ContactProcess
-from spikingtac.stream.guard_loop import stream_arrivals
-from spikingtac.stream.reader import LiveSource, open_live
+from spikingtac.stream.reader import LiveSource
 from spikingtac.tracks import Tracks
 from spikingtac.viewer.calibrating import SaveTarget
 from spikingtac.viewer.opening import open_view
@@ -128,15 +125,6 @@ def test_the_page_shows_a_camera(circling: Path, tmp_path: Path) -> None:
     assert summary["displacement_max_px"] > 0.1
 
 
-def test_the_page_shows_standard_input_without_a_calibration(circling: Path) -> None:
-    words = "view", "-", "--headless", "--seconds", "1", "--port", "0", "--json"
-    done = spikingtac(*words, stdin=circling / "events.raw")
-    assert done.returncode == 0, done.stderr
-    summary = json.loads(done.stdout)
-    assert summary["played_s"] > 0.3
-    assert summary["displacement_max_px"] == 0.0
-
-
 def test_a_touch_in_a_pipe_stops_the_arm(tmp_path: Path) -> None:
     live = moving(tmp_path / "live.raw", 4000, seed=3, touch_ms=LATE_TOUCH_MS)
     PipedCamera(tmp_path / "pipe", live.read_bytes(), lasting_s=4.0, pieces=2000)
@@ -200,31 +188,3 @@ def test_a_camera_without_a_calibration_shows_its_events() -> None:
     assert view.calibration.reference_px.shape == (0, 2)
     assert view.desk is not None
     assert "spikingtac calibrate udp:" in view.desk.shown()[0]["command"]
-
-
-def test_what_a_camera_lost_reaches_the_page(circling: Path) -> None:
-    """The camera's counters come with its packets, as the page's source takes them."""
-    data = (circling / "events.raw").read_bytes()
-    port = free_port()
-    address = f"udp:127.0.0.1:{port}?encoding=evt3&size=320x320"
-    size = Calibration.load(circling / "calibration.json").size
-    address = address.replace("320x320", f"{size[0]}x{size[1]}")
-    source = open_live(address)
-    body = data[data.index(b"% end\n") + 6 :]
-    pieces = [body[at : at + 256] for at in range(0, len(body), 256)]
-
-    def twice() -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-            for piece in itertools.cycle(pieces):
-                for _ in range(2):
-                    out.sendto(piece, ("127.0.0.1", port))
-                time.sleep(0.01)
-                if done.is_set():
-                    return
-
-    done = threading.Event()
-    threading.Thread(target=twice, daemon=True).start()
-    assert len(list(itertools.islice(source, 4))) == 4
-    done.set()
-    source.close()  # type: ignore[attr-defined]
-    assert source.losses["duplicate"] > 0

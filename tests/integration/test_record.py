@@ -23,8 +23,8 @@ from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
-from spikingtac.stream.guard_loop import stream_arrivals
-from spikingtac.stream.record import RecordOptions, locked_folder, prepare_folder, record
+from spikingtac.stream.arrivals import stream_arrivals
+from spikingtac.stream.record import locked_folder, prepare_folder, record
 from spikingtac.stream.recorder import Recorder, Split
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import SIZE, datagrams, events
@@ -160,7 +160,7 @@ def test_an_unplugged_camera_comes_back_with_time_that_goes_on(
         if flaky.opened == 2:
             source.close()
 
-    told = record([source], tmp_path / "rec", RecordOptions(seconds=20.0), plug_in_again)
+    told = record([source], tmp_path / "rec", seconds=20.0, show=plug_in_again)
     assert told["losses"]["reconnected"] == 1
     assert told["delivery"]["reconnects"] == 1
     (gap,) = told["gaps"]
@@ -203,7 +203,7 @@ def test_a_slow_disk_loses_nothing_in_silence(
     monkeypatch.setattr(Recorder, "write", lambda *given: (time.sleep(0.2), write(*given))[1])
     source = CameraSource(Address.parse("steady:"), ReadOptions())
     prepare_folder(tmp_path / "rec", overwrite=False)
-    told = record([source], tmp_path / "rec", RecordOptions(room_bytes=9 * 10_000))
+    told = record([source], tmp_path / "rec", room_bytes=9 * 10_000)
     assert told["lost_events"] > 0
     assert told["events"] + told["lost_events"] == told["received_events"] == 80_000
     assert len(whole(tmp_path / "rec")) == told["events"]
@@ -224,18 +224,14 @@ def test_a_recording_is_replaced_only_by_a_camera_that_is_there(
     assert not (tmp_path / "new").exists()
 
 
-def test_what_cannot_be_recorded_says_what_to_do(tmp_path: Path) -> None:
+def test_what_cannot_be_recorded_says_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(ConfigError, match="60s"):
         Split.parse("often")
-    (tmp_path / "events.raw").write_bytes(b"old")
-    with pytest.raises(ConfigError, match="--overwrite"):
-        prepare_folder(tmp_path, overwrite=False)
-    prepare_folder(tmp_path, overwrite=True)
-    assert not (tmp_path / "events.raw").exists()
-    given = [str(COMMAND), "record", str(tmp_path / "a.raw"), "-o", str(tmp_path / "rec")]
-    done = subprocess.run(given, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert "no camera" in done.stderr
+    assert Split.parse("2GB").most_bytes == 2e9
+    assert main(["record", str(tmp_path / "a.raw"), "-o", str(tmp_path / "rec")]) == 2
+    assert "no camera" in capsys.readouterr().err
 
 
 def test_a_second_recorder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -267,7 +263,8 @@ def test_nothing_at_standard_input_is_said(tmp_path: Path) -> None:
 def test_info_shows_what_the_manifest_tells(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    recorder = Recorder(tmp_path, SIZE, about=lambda: {"losses": {"overflow": 7}})
+    recorder = Recorder(tmp_path, SIZE)
+    recorder.about = {"losses": {"overflow": 7}}
     recorder.write(events(2_000, first_us=1_000))
     recorder.close(2_000)
     path = tmp_path / "manifest.json"

@@ -14,7 +14,7 @@ from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
 from spikingtac.sim import catalog
 from spikingtac.sim.source import SceneSource
-from spikingtac.stream.record import RecordOptions, prepare_folder, record
+from spikingtac.stream.record import prepare_folder, record
 from spikingtac.types import EventPacket
 from spikingtac.viewer.opening import open_view
 
@@ -40,7 +40,7 @@ def test_it_gives_the_events_of_its_scene_as_time_passes() -> None:
 def test_its_recording_reads_like_a_simulation(tmp_path: Path) -> None:
     source = CameraSource(Address.parse("twin:quiet?seed=3"), ReadOptions())
     prepare_folder(tmp_path / "rec", overwrite=False)
-    told = record([source], tmp_path / "rec", RecordOptions(seconds=1.5))
+    told = record([source], tmp_path / "rec", seconds=1.5)
     assert told["ended"] == "seconds"
     pace = told["camera"]["pace"]
     assert pace["packets"] > 100

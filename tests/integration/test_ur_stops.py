@@ -221,14 +221,6 @@ def test_both_series_are_driven_at_their_rate(e_series: bool, rate_hz: float) ->
         np.testing.assert_allclose(arm.pose().position_mm, target, atol=0.05)
 
 
-def test_the_controller_stops_when_this_computer_dies(
-    controller: URController, arm: RemoteArm
-) -> None:
-    arm.kill()
-    assert wait_for(lambda: speed(controller) < 0.1) < 0.1 + 0.05 + SLACK_S
-    assert controller.twin.true_position_mm()[0] < 100.0 + FAR_MM - 10.0
-
-
 def test_a_protective_stop_is_seen_and_refuses_motion(
     controller: URController, arm: RemoteArm
 ) -> None:
@@ -251,19 +243,13 @@ def test_a_lost_controller_is_reported_at_once_and_found_again(
     wait_for(lambda: controller.twin.state() is ArmState.PROTECTIVE_STOP)
     controller.start_again()
     controller.twin.recover()
-    arm.reconnect()
-    wait_for(lambda: arm.state() is ArmState.IDLE)
-    target = arm.pose().position_mm + np.array([1.0, 0.0, 0.0])
-    arm.move_linear(target, 20.0)
-    wait_for(lambda: arm.state() is ArmState.IDLE)
-    np.testing.assert_allclose(arm.pose().position_mm, target, atol=0.05)
     assert arm.end() == 0
-
-
-def test_nobody_there() -> None:
-    pytest.importorskip("rtde_control", reason="the extra [robot] is not installed")
-    with pytest.raises(DeviceError, match="no UR controller answers"):
-        RemoteArm("127.255.255.1")
+    with RemoteArm(controller.host) as new:
+        wait_for(lambda: new.state() is ArmState.IDLE)
+        target = new.pose().position_mm + np.array([1.0, 0.0, 0.0])
+        new.move_linear(target, 20.0)
+        wait_for(lambda: new.state() is ArmState.IDLE)
+        np.testing.assert_allclose(new.pose().position_mm, target, atol=0.05)
 
 
 def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

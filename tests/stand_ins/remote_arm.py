@@ -61,9 +61,6 @@ class RemoteArm:
     def confirm_stop(self) -> None:
         self._call("confirm_stop")
 
-    def reconnect(self) -> None:
-        self._call("reconnect")
-
     def state(self) -> ArmState:
         return ArmState(self._call("state"))
 

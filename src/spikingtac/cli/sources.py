@@ -151,8 +151,8 @@ def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSou
     if all(live):
         options = ReadOptions(strict=strict)
         addresses = [Address.parse(camera_address(path)) for path in (first, second)]
-        one, other = (CameraSource(address, options) for address in addresses)
-        return list(live_pair(one, other, options))
+        cameras = [CameraSource(address, options) for address in addresses]
+        return list(live_pair(cameras, options))
     if any(live):
         raise ConfigError(
             f"{str(first)!r} and {str(second)!r}: one is a camera and the other a recording; give "

@@ -5,7 +5,7 @@ Contacts in recordings: find the quiet windows, and run a detector over the rest
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, islice
 
 import numpy as np
@@ -31,7 +31,7 @@ MOST_WINDOWS = 120_000  # Two minutes tell as much about a vibration of 15 Hz as
 MOST_UNSETTLED = 2000  # Most windows at the beginning that are passed over, 2 s.
 
 
-def paired_windows(sources: Sequence[EventSource]) -> Iterator[Window]:
+def paired_windows(sources: Sequence[Iterable[EventPacket]]) -> Iterator[Window]:
     """Yield the 1 ms windows of one or two sensors on one clock, as long as all of them last.
 
     Raises:
@@ -47,7 +47,7 @@ def paired_windows(sources: Sequence[EventSource]) -> Iterator[Window]:
         for begun, others in zip(first, packets, strict=True)
     ]
     for window in _aligned(streams):
-        if window[0].t_end_us - window[0].t_start_us == WINDOW_US:
+        if all(packet.t_end_us - packet.t_start_us == WINDOW_US for packet in window):
             yield window
 
 

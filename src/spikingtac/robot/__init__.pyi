@@ -18,13 +18,11 @@ from .watchdog import WatchdogThread as WatchdogThread
 from .approacher import CRUISE_TOLERANCE as CRUISE_TOLERANCE
 from .approacher import Approach as Approach
 from .approacher import ApproachConfig as ApproachConfig
-from .approacher import Approacher as Approacher
 from .approacher import approach as approach
 from .prober import ArmProber as ArmProber
 from .prober import Prober as Prober
 from .prober import ProbingConfig as ProbingConfig
 from .prober import Touched as Touched
-from .adaptive_search import AdaptiveSearch as AdaptiveSearch
 from .adaptive_search import FoundHole as FoundHole
 from .adaptive_search import hole_around as hole_around
 from .adaptive_search import probe_hole as probe_hole

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,147 +74,6 @@ class _MisfitError(SearchError):
     """The contacts make no circle, or one that is no wider than the bit."""
 
 
-class AdaptiveSearch:
-    """Searches one hole.
-
-    Args:
-        prober: Makes the touches.
-        travel: The calibration.
-        contacts: Largest number of contacts, at least 3.
-        center_sigma_mm: The search ends earlier when the standard deviation of the centre along
-            each axis is below this, mm; 0 never ends it early.
-    """
-
-    def __init__(
-        self,
-        prober: Prober,
-        travel: TravelModel,
-        contacts: int = MOST_CONTACTS,
-        center_sigma_mm: float = 0.0,
-    ) -> None:
-        self._prober, self._travel = prober, travel
-        self._contacts, self._center_sigma_mm = contacts, center_sigma_mm
-
-    def run(self, start_mm: FloatArray) -> FoundHole:
-        """Search from a place inside the hole.
-
-        Args:
-            start_mm: ``(2,)``, mm.
-
-        Raises:
-            SearchError: No wall was found, there is no room, or the contacts make no circle; the
-                arm is at rest.
-            DeviceError: Arm or sensor failed; the arm was commanded to stop.
-        """
-        start = np.asarray(start_mm, np.float64)
-        for _ in range(SEARCHES - 1):
-            with contextlib.suppress(_MisfitError):
-                return self._search(start)
-        return self._search(start)
-
-    def _search(self, start: FloatArray) -> FoundHole:
-        touches = self._chord(start)
-        across = np.array([-touches[0].direction[1], touches[0].direction[0]])
-        touches.append(self._prober.touch(_middle(*touches), across))
-        circle = self._checked(touches)
-        kept = [one for one in touches if _is_head_on(one, circle)]
-        while len(kept) < LEAST_CONTACTS or not self._is_enough(kept):
-            kept.append(self._next(touches, kept))
-            touches = [*touches, kept[-1]] if len(kept) <= LEAST_CONTACTS else kept
-            self._checked(touches)
-        return FoundHole(self._checked(kept), tuple(kept))
-
-    def circle(self, touches: Sequence[Touched]) -> Circle:
-        """Return the estimate from some contacts."""
-        return hole_around(touches, self._travel)
-
-    def _chord(self, start: FloatArray) -> list[Touched]:
-        """Touch in both directions of a line; repeat a touch that began too near the wall."""
-        ahead = np.array([math.cos(FIRST_RAD), math.sin(FIRST_RAD)])
-        one = self._prober.touch(start, ahead)
-        other = self._prober.touch(start, -ahead)
-        require_room(one, other, self._travel)
-        middle = _middle(one, other)
-        touches = [one, other]
-        for number, touch in enumerate(touches):
-            x, y = touch.direction
-            travel = float(self._travel.travel_mm(np.arctan2(y, x)))
-            if touch.run_mm - travel < RUN_UP_MM:
-                touches[number] = self._prober.touch(middle, touch.direction)
-        return touches
-
-    def _next(self, touches: list[Touched], kept: list[Touched]) -> Touched:
-        """Touch in the best direction; repeat a touch that does not fit the others."""
-        middle, direction = self.circle(touches).center_mm, self.best_direction(kept)
-        touched = self._prober.touch(middle, direction)
-        if self._objection(self.circle([*touches, touched])) is None:
-            return touched
-        return self._prober.touch(middle, direction)
-
-    def best_direction(self, touches: list[Touched]) -> FloatArray:
-        """Return the unit direction ``(2,)`` that reduces the uncertainty most.
-
-        The covariance after a contact is known beforehand for each candidate, since the information
-        of a contact depends on its direction alone. The best candidate has the least trace.
-
-        Args:
-            touches: The contacts that the estimate uses so far, head-on; may be none.
-        """
-        angle = np.arange(DIRECTIONS) * (2.0 * math.pi / DIRECTIONS)
-        inside = np.abs(np.cos(angle - AXIS_RAD)) >= math.cos(SECTOR_RAD) - 1e-9
-        angle = angle[inside]
-        unit = np.column_stack([np.cos(angle), np.sin(angle)])
-        touched = np.array([one.direction for one in touches], np.float64).reshape(-1, 2)
-        covariance = self._covariance(touched)
-        row = np.column_stack([unit, np.ones(len(unit))])
-        spread = row @ covariance
-        gain = (spread**2).sum(axis=1) / (self._travel.sigma_mm**2 + (spread * row).sum(axis=1))
-        left = float(np.trace(covariance)) - gain
-        nearest = (unit @ touched.T).max(axis=1, initial=-1.0)
-        good = left <= float(left.min()) * (1.0 + INDIFFERENCE)
-        return unit[np.flatnonzero(good)[int(nearest[good].argmin())]]
-
-    def _covariance(self, direction: FloatArray) -> FloatArray:
-        """Return the covariance ``(3, 3)`` after contacts in some directions ``(n, 2)``."""
-        known = np.diag(np.array(PRIOR_SIGMA_MM) ** -2.0)
-        row = np.column_stack([direction, np.ones(len(direction))])
-        return np.linalg.inv(known + row.T @ row / self._travel.sigma_mm**2).astype(np.float64)
-
-    def _is_enough(self, kept: list[Touched]) -> bool:
-        if len(kept) >= self._contacts:
-            return True
-        sigma = self.circle(kept).sigma_mm
-        return bool((sigma[:2] <= self._center_sigma_mm).all())
-
-    def _checked(self, touches: list[Touched]) -> Circle:
-        """Return the estimate, if it is valid.
-
-        Raises:
-            SearchError: The contacts make no circle, or one that is no wider than the bit.
-        """
-        circle = self.circle(touches)
-        if (objection := self._objection(circle)) is not None:
-            raise _MisfitError(objection)
-        return circle
-
-    def _objection(self, circle: Circle) -> str | None:
-        """Return why a circle is not valid, or None."""
-        corner_mm = self._travel.across_flats_mm / math.sqrt(3.0)
-        if circle.radius_mm < corner_mm + LEAST_CLEARANCE_MM:
-            return (
-                f"the contacts make a hole of {circle.radius_mm:.2f} mm radius, no wider than the "
-                f"bit ({corner_mm:.2f} mm): it stands on the rim or is jammed; start inside a hole"
-            )
-        worst = float(np.abs(circle.residual_mm).max())
-        if worst > MISFIT_SIGMA * self._travel.sigma_mm:
-            return (
-                f"the contacts make no circle: one lies {worst:.3f} mm off, expected are "
-                f"{self._travel.sigma_mm:.3f} mm; a false contact, a hole that is not round, or a "
-                "probe that slipped: start again, or calibrate the travel anew"
-            )
-        return None
-
-
 def probe_hole(
     prober: Prober,
     travel: TravelModel,
@@ -238,8 +97,110 @@ def probe_hole(
             at rest.
         DeviceError: Arm or sensor failed; the arm was commanded to stop.
     """
-    start = prober.place_mm() if start_mm is None else start_mm
-    return AdaptiveSearch(prober, travel, contacts, center_sigma_mm).run(start)
+    start = np.asarray(prober.place_mm() if start_mm is None else start_mm, np.float64)
+
+    def is_enough(kept: list[Touched]) -> bool:
+        if len(kept) >= contacts:
+            return True
+        sigma = hole_around(kept, travel).sigma_mm
+        return bool((sigma[:2] <= center_sigma_mm).all())
+
+    for _ in range(SEARCHES - 1):
+        with contextlib.suppress(_MisfitError):
+            return _search(prober, travel, start, is_enough)
+    return _search(prober, travel, start, is_enough)
+
+
+def _search(
+    prober: Prober,
+    travel: TravelModel,
+    start: FloatArray,
+    is_enough: Callable[[list[Touched]], bool],
+) -> FoundHole:
+    touches = _chord(prober, travel, start)
+    across = np.array([-touches[0].direction[1], touches[0].direction[0]])
+    touches.append(prober.touch(_middle(*touches), across))
+    circle = _checked(touches, travel)
+    kept = [one for one in touches if _is_head_on(one, circle)]
+    while len(kept) < LEAST_CONTACTS or not is_enough(kept):
+        # Touch in the best direction; repeat a touch that does not fit the others.
+        middle, direction = hole_around(touches, travel).center_mm, best_direction(kept, travel)
+        touched = prober.touch(middle, direction)
+        if _objection(hole_around([*touches, touched], travel), travel) is not None:
+            touched = prober.touch(middle, direction)
+        kept.append(touched)
+        touches = [*touches, touched] if len(kept) <= LEAST_CONTACTS else kept
+        _checked(touches, travel)
+    return FoundHole(_checked(kept, travel), tuple(kept))
+
+
+def _chord(prober: Prober, travel: TravelModel, start: FloatArray) -> list[Touched]:
+    """Touch in both directions of a line; repeat a touch that began too near the wall."""
+    ahead = np.array([math.cos(FIRST_RAD), math.sin(FIRST_RAD)])
+    touches = [prober.touch(start, ahead), prober.touch(start, -ahead)]
+    require_room(touches[0], touches[1], travel)
+    middle = _middle(*touches)
+    for number, touch in enumerate(touches):
+        x, y = touch.direction
+        if touch.run_mm - float(travel.travel_mm(np.arctan2(y, x))) < RUN_UP_MM:
+            touches[number] = prober.touch(middle, touch.direction)
+    return touches
+
+
+def best_direction(touches: Sequence[Touched], travel: TravelModel) -> FloatArray:
+    """Return the unit direction ``(2,)`` that reduces the uncertainty most.
+
+    The covariance after a contact is known beforehand for each candidate, since the information of
+    a contact depends on its direction alone. The best candidate has the least trace.
+
+    Args:
+        touches: The contacts that the estimate uses so far, head-on; may be none.
+        travel: The calibration.
+    """
+    angle = np.arange(DIRECTIONS) * (2.0 * math.pi / DIRECTIONS)
+    angle = angle[np.abs(np.cos(angle - AXIS_RAD)) >= math.cos(SECTOR_RAD) - 1e-9]
+    unit = np.column_stack([np.cos(angle), np.sin(angle)])
+    touched = np.array([one.direction for one in touches], np.float64).reshape(-1, 2)
+    known = np.column_stack([touched, np.ones(len(touched))])
+    information = np.diag(np.array(PRIOR_SIGMA_MM) ** -2.0) + known.T @ known / travel.sigma_mm**2
+    covariance = np.linalg.inv(information)
+    row = np.column_stack([unit, np.ones(len(unit))])
+    spread = row @ covariance
+    gain = (spread**2).sum(axis=1) / (travel.sigma_mm**2 + (spread * row).sum(axis=1))
+    left = float(np.trace(covariance)) - gain
+    nearest = (unit @ touched.T).max(axis=1, initial=-1.0)
+    good = left <= float(left.min()) * (1.0 + INDIFFERENCE)
+    return unit[np.flatnonzero(good)[int(nearest[good].argmin())]]
+
+
+def _checked(touches: list[Touched], travel: TravelModel) -> Circle:
+    """Return the estimate, if it is valid.
+
+    Raises:
+        SearchError: The contacts make no circle, or one that is no wider than the bit.
+    """
+    circle = hole_around(touches, travel)
+    if (objection := _objection(circle, travel)) is not None:
+        raise _MisfitError(objection)
+    return circle
+
+
+def _objection(circle: Circle, travel: TravelModel) -> str | None:
+    """Return why a circle is not valid, or None."""
+    corner_mm = travel.across_flats_mm / math.sqrt(3.0)
+    if circle.radius_mm < corner_mm + LEAST_CLEARANCE_MM:
+        return (
+            f"the contacts make a hole of {circle.radius_mm:.2f} mm radius, no wider than the "
+            f"bit ({corner_mm:.2f} mm): it stands on the rim or is jammed; start inside a hole"
+        )
+    worst = float(np.abs(circle.residual_mm).max())
+    if worst > MISFIT_SIGMA * travel.sigma_mm:
+        return (
+            f"the contacts make no circle: one lies {worst:.3f} mm off, expected are "
+            f"{travel.sigma_mm:.3f} mm; a false contact, a hole that is not round, or a "
+            "probe that slipped: start again, or calibrate the travel anew"
+        )
+    return None
 
 
 def hole_around(touches: Sequence[Touched], travel: TravelModel) -> Circle:

@@ -6,9 +6,9 @@ waits for the camera.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -63,105 +63,10 @@ class Approach:
     stop_mm: FloatArray
 
 
-class Approacher(Generic[W]):
-    """Moves one arm until one detector finds contact.
-
-    Args:
-        arm: The arm, at rest.
-        windows: Regular windows of its sensor or sensors; this object alone takes them.
-        detector: Is given each window while the arm moves at constant speed; None never decides.
-        config: How to approach.
-        watchdog: Checked with every window; a trip ends the approach with a DeviceError.
-    """
-
-    def __init__(
-        self,
-        arm: Arm,
-        windows: Iterable[W],
-        detector: Detector | None,
-        config: ApproachConfig,
-        watchdog: Watchdog | None = None,
-    ) -> None:
-        self._arm, self._windows, self._detector = arm, iter(windows), detector
-        self._config, self._watchdog = config, watchdog
-
-    def approach(self, target_mm: FloatArray) -> Approach:
-        """Move towards a target, stop at contact, and return once the arm is at rest.
-
-        Raises:
-            DeviceError: The watchdog tripped, the stream ended, the arm stopped by itself, or it
-                did not come to rest; the arm was commanded to stop first.
-        """
-        way = np.asarray(target_mm, np.float64) - self._arm.pose().position_mm
-        direction = way / max(float(np.linalg.norm(way)), np.finfo(float).tiny)
-        try:
-            self._arm.move_linear(target_mm, self._config.speed_mm_s)
-            contact = self._listen(direction)
-            read = self._arm.pose().position_mm if contact else None
-            self._wait()
-            if contact is not None:
-                self._arm.confirm_stop()
-        except BaseException as fault:
-            _stop_after(self._arm, fault)
-            raise
-        return Approach(contact, read, self._arm.pose().position_mm)
-
-    def wait(self, windows: int) -> None:
-        """Let time pass with the arm at rest; the detector is not used.
-
-        Raises:
-            DeviceError: As :meth:`approach`.
-        """
-        for _ in range(windows):
-            self._pull()
-
-    def _listen(self, direction: FloatArray) -> Contact | None:
-        """Return the contact, with the stop already sent, or None at the target."""
-        cruising = 0
-        for _ in range(self._config.patience_windows):
-            window = self._pull()
-            if self._detector is not None and cruising >= self._config.settle_windows:
-                contact = self._detector.update(window)
-                if contact is not None:
-                    self._arm.stop()
-                    return contact
-            speed = float(self._arm.speed_mm_s() @ direction)
-            steady = abs(speed / self._config.speed_mm_s - 1.0) <= CRUISE_TOLERANCE
-            cruising = cruising + 1 if steady else 0
-            if self._require_health() is not ArmState.MOVING:
-                return None
-        raise DeviceError(
-            f"no contact and no target within {self._config.patience_windows} windows; "
-            "raise patience_windows, or check speed and target"
-        )
-
-    def _wait(self) -> None:
-        """Let windows pass until the arm is at rest."""
-        for _ in range(self._config.patience_windows):
-            if self._require_health() is not ArmState.MOVING:
-                return
-            self._pull()
-        raise DeviceError("the arm did not come to rest; check it before anything else")
-
-    def _pull(self) -> W:
-        window = next(self._windows, None)
-        if window is None:
-            raise DeviceError("the sensor's stream ended during an approach; the arm was stopped")
-        if self._watchdog is not None:
-            self._watchdog.require_ok()
-        return window
-
-    def _require_health(self) -> ArmState:
-        state = self._arm.state()
-        if state in (ArmState.PROTECTIVE_STOP, ArmState.DISCONNECTED):
-            raise DeviceError(f"the arm stopped by itself: {state.value}")
-        return state
-
-
 def approach(
     arm: Arm,
     windows: Iterable[W],
-    detector: Detector,
+    detector: Detector | None,
     target_mm: FloatArray,
     config: ApproachConfig | None = None,
     watchdog: Watchdog | None = None,
@@ -171,17 +76,63 @@ def approach(
     Args:
         arm: The arm, at rest.
         windows: Regular windows of its sensor or sensors.
-        detector: Decides on contact; see :func:`spikingtac.make_detector`.
+        detector: Is given each window while the arm moves at constant speed; None never decides.
+            See :func:`spikingtac.make_detector`.
         target_mm: ``(3,)`` target of the tool in the robot's base frame, mm.
         config: How to approach.
         watchdog: Checked with every window; a trip ends the approach with a DeviceError.
 
     Raises:
-        DeviceError: As :meth:`Approacher.approach`.
+        DeviceError: The watchdog tripped, the stream ended, the arm stopped by itself, or it
+            did not come to rest; the arm was commanded to stop first.
     """
-    return Approacher(arm, windows, detector, config or ApproachConfig(), watchdog).approach(
-        target_mm
-    )
+    settings, stream = config or ApproachConfig(), iter(windows)
+    way = np.asarray(target_mm, np.float64) - arm.pose().position_mm
+    direction = way / max(float(np.linalg.norm(way)), np.finfo(float).tiny)
+    contact, read_mm, cruising = None, None, 0
+    try:
+        arm.move_linear(target_mm, settings.speed_mm_s)
+        for _ in range(settings.patience_windows):
+            window = next_window(stream, watchdog)
+            if contact is None and detector is not None and cruising >= settings.settle_windows:
+                contact = detector.update(window)
+                if contact is not None:
+                    arm.stop()
+                    read_mm = arm.pose().position_mm
+            if contact is None:
+                speed = float(arm.speed_mm_s() @ direction)
+                steady = abs(speed / settings.speed_mm_s - 1.0) <= CRUISE_TOLERANCE
+                cruising = cruising + 1 if steady else 0
+            state = arm.state()
+            if state in (ArmState.PROTECTIVE_STOP, ArmState.DISCONNECTED):
+                raise DeviceError(f"the arm stopped by itself: {state.value}")
+            if state is not ArmState.MOVING:
+                break
+        else:
+            raise DeviceError(
+                f"no rest at a contact or at the target within {settings.patience_windows} "
+                "windows; check the arm, speed and target, or raise patience_windows"
+            )
+        if contact is not None:
+            arm.confirm_stop()
+    except BaseException as fault:
+        _stop_after(arm, fault)
+        raise
+    return Approach(contact, read_mm, arm.pose().position_mm)
+
+
+def next_window(stream: Iterator[W], watchdog: Watchdog | None) -> W:
+    """Return the next window.
+
+    Raises:
+        DeviceError: There is none, or the watchdog has tripped.
+    """
+    window = next(stream, None)
+    if window is None:
+        raise DeviceError("the sensor's stream ended during an approach; the arm was stopped")
+    if watchdog is not None:
+        watchdog.require_ok()
+    return window
 
 
 def _stop_after(arm: Arm, fault: BaseException) -> None:

@@ -70,7 +70,7 @@ def require_room(one: Touched, other: Touched, travel: TravelModel | None = None
     room_mm = float((one.reading_mm - other.reading_mm) @ one.direction)
     least_mm = LEAST_ROOM_MM
     if travel is not None:
-        least_mm = LEAST_FREE_MM + float(_taken([one, other], travel).sum())
+        least_mm = LEAST_FREE_MM + float(_taken([one, other], travel)[1].sum())
     if room_mm < least_mm:
         raise SearchError(
             f"the probe touches on both sides within {max(room_mm, 0.0):.3f} mm of "
@@ -79,10 +79,14 @@ def require_room(one: Touched, other: Touched, travel: TravelModel | None = None
         )
 
 
-def _taken(touches: list[Touched], travel: TravelModel) -> FloatArray:
-    """Return the calibrated travel ``(n,)`` of each touch, mm."""
+def _taken(
+    touches: list[Touched], travel: TravelModel
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return direction ``(n, 2)`` and calibrated travel ``(n,)``, mm, and the walls ``(n, 2)``."""
     direction = np.array([touch.direction for touch in touches])
-    return travel.travel_mm(np.arctan2(direction[:, 1], direction[:, 0]))
+    taken_mm = travel.travel_mm(np.arctan2(direction[:, 1], direction[:, 0]))
+    reading = np.array([touch.reading_mm for touch in touches])
+    return direction, taken_mm, reading - taken_mm[:, None] * direction
 
 
 def _require_circle(touches: list[Touched], travel: TravelModel | None) -> None:
@@ -93,7 +97,7 @@ def _require_circle(touches: list[Touched], travel: TravelModel | None) -> None:
     """
     point = np.array([touch.reading_mm for touch in touches])
     if travel is not None:
-        point -= _taken(touches, travel)[:, None] * [touch.direction for touch in touches]
+        point = _taken(touches, travel)[2]
     half_x, half_y = (point[0, 0] - point[1, 0]) / 2.0, (point[2, 1] - point[3, 1]) / 2.0
     off = float(touches[2].start_mm[1] - point[2:, 1].mean())
     expected = math.sqrt(max(half_y**2 - off**2, 0.0))
@@ -126,11 +130,8 @@ def calibrated_circle(touches: list[Touched], travel: TravelModel) -> Circle:
         touches: From :func:`cross_search`.
         travel: The calibration; the bit's heading is not used, its mean reach is.
     """
-    direction = np.array([touch.direction for touch in touches])
-    reading = np.array([touch.reading_mm for touch in touches])
+    direction, size, point = _taken(touches, travel)
     angle = np.arctan2(direction[:, 1], direction[:, 0])
-    size = travel.travel_mm(angle)
-    point = reading - size[:, None] * direction
     circle, reach = _circle(point, travel.sigma_mm), Compensation()
     rows = np.column_stack([direction, np.ones(len(direction))])
     gain = np.linalg.pinv(rows).astype(np.float64)

@@ -13,10 +13,10 @@ import numpy as np
 
 from spikingtac.contact.detector import ContactDetector, Window, count_of
 from spikingtac.errors import ConfigError, DeviceError, SearchError
-from spikingtac.robot.approacher import ApproachConfig, Approacher
+from spikingtac.robot.approacher import Approach, ApproachConfig, approach, next_window
 from spikingtac.robot.arm import Arm
 from spikingtac.robot.watchdog import Watchdog
-from spikingtac.types import Contact, FloatArray
+from spikingtac.types import FloatArray
 
 # Stiffness of the grasped probe at its tip, N/mm (twin.md: at 40 mm stick-out).
 TIP_STIFFNESS_N_MM = 0.04
@@ -166,6 +166,7 @@ class ArmProber:
     watchdog: Watchdog | None = None
     free_travel: FreeTravel | None = None
     touches: int = field(default=0, init=False)
+    _heard: int = field(default=0, init=False)  # events of the present approach
 
     def place_mm(self) -> FloatArray:
         """Return where the controller says that the probe stands ``(2,)``, mm."""
@@ -176,21 +177,16 @@ class ArmProber:
         start = np.asarray(start_mm, np.float64)
         heading = np.asarray(direction, np.float64)
         heading = heading / float(np.linalg.norm(heading))
+        style = self.config.style
         if self.free_travel is None or not self.free_travel(start, heading):
             self._move(start)
-        style = self.config.style
         if not self.config.conditions:
-            found = self._meet(start, heading, style.speed_mm_s)
-            self._retreat(found)
-            return found
+            return self._meet(start, heading, style.speed_mm_s)
         apart_mm = 0.0
         for _ in range(MOST_TRIES):
             # Find the wall, press on, back off, and measure.
-            found = self._meet(start, heading, style.find_speed_mm_s)
-            self._move(found.reading_mm + style.conditioning_mm * heading, rest=False)
-            self._retreat(found)
+            found = self._meet(start, heading, style.find_speed_mm_s, style.conditioning_mm)
             measured = self._meet(start, heading, style.speed_mm_s)
-            self._retreat(measured)
             apart_mm = float((measured.reading_mm - found.reading_mm) @ heading)
             if abs(apart_mm) <= AGREE_MM:
                 return measured
@@ -200,19 +196,28 @@ class ArmProber:
             "contacts: calibrate its quiet windows anew"
         )
 
-    def _meet(self, start: FloatArray, heading: FloatArray, speed_mm_s: float) -> Touched:
-        """Approach from where the arm stands until contact."""
+    def _meet(
+        self, start: FloatArray, heading: FloatArray, speed_mm_s: float, press_mm: float = 0.0
+    ) -> Touched:
+        """Approach from where the arm stands until contact, press on, and move back."""
         self.detector.reset()
-        reach_mm, counted = self.config.reach_mm, _Counted(self.detector)
-        approacher = self._approacher(counted, speed_mm_s)
-        found = approacher.approach(self._in_space(start + reach_mm * heading))
-        if found.contact is not None and found.collision_mm is not None:
+        self._heard = 0
+        reach_mm = self.config.reach_mm
+        met = self._approach(start + reach_mm * heading, speed_mm_s, self.detector)
+        if met.contact is not None and met.collision_mm is not None:
             self.touches += 1
-            return Touched(start, heading, found.collision_mm[:2])
+            found = Touched(start, heading, met.collision_mm[:2])
+            if press_mm > 0.0:
+                self._move(found.reading_mm + press_mm * heading, rest=False)
+            # At most back to the start, which was free.
+            back_mm = min(max(found.run_mm, 0.0), self.config.style.back_off_mm)
+            self._move(found.reading_mm - back_mm * heading)
+            return found
+        heard = self._heard
         self._move(start)
-        if counted.windows > 0 and counted.events == 0:
+        if not heard:  # leak and vibration cause some events while the sensor works
             raise DeviceError(
-                f"the sensor gave no event in {counted.windows} windows of a moving arm: it is "
+                "the sensor gave no event in an approach of a moving arm: it is "
                 "dead, covered or masked; check the camera before anything else moves"
             )
         raise SearchError(
@@ -222,39 +227,25 @@ class ArmProber:
             "check the start, or raise travel_limit_mm"
         )
 
-    def _retreat(self, found: Touched) -> None:
-        """Move back along the approach, at most to its start, which was free."""
-        back_mm = min(max(found.run_mm, 0.0), self.config.style.back_off_mm)
-        self._move(found.reading_mm - back_mm * found.direction)
+    def _move(self, to_mm: FloatArray, rest: bool = True) -> None:
+        """Move without detection, and wait on request until the rod is at rest."""
+        self._approach(to_mm, self.config.style.travel_speed_mm_s, None)
+        for _ in range(REST_WINDOWS if rest else 0):
+            next_window(self.windows, self.watchdog)
 
-    def _approacher(self, detector: _Counted | None, speed_mm_s: float) -> Approacher:
+    def _approach(
+        self, to_mm: FloatArray, speed_mm_s: float, detector: ContactDetector | None
+    ) -> Approach:
         seconds = 2.0 * self.config.reach_mm / self.config.style.speed_mm_s + 1.0
-        config = ApproachConfig(
+        settings = ApproachConfig(
             speed_mm_s=speed_mm_s,
             settle_windows=SETTLE_WINDOWS,
             patience_windows=round(min(TIME_LIMIT_S, seconds) / WINDOW_S),
         )
-        return Approacher(self.arm, self.windows, detector, config, self.watchdog)
+        target_mm = np.array([*to_mm, self.arm.pose().position_mm[2]])
+        return approach(self.arm, self._counted(), detector, target_mm, settings, self.watchdog)
 
-    def _move(self, to_mm: FloatArray, rest: bool = True) -> None:
-        """Move without detection, and wait on request until the rod is at rest."""
-        mover = self._approacher(None, self.config.style.travel_speed_mm_s)
-        mover.approach(self._in_space(to_mm))
-        if rest:
-            mover.wait(REST_WINDOWS)
-
-    def _in_space(self, place_mm: FloatArray) -> FloatArray:
-        return np.array([*place_mm, self.arm.pose().position_mm[2]])
-
-
-class _Counted:
-    """A detector that counts windows and events: leak and vibration cause some while it works."""
-
-    def __init__(self, detector: ContactDetector) -> None:
-        self.windows = self.events = 0
-        self._detector = detector
-
-    def update(self, window: Window) -> Contact | None:
-        self.windows += 1
-        self.events += count_of(window)
-        return self._detector.update(window)
+    def _counted(self) -> Iterator[Window]:
+        for window in self.windows:
+            self._heard += count_of(window)
+            yield window

@@ -53,7 +53,6 @@ TWIN_ARM = "spikingtac.sim.rig.ur3"
 
 PATIENCE_S = 0.1  # Age of the last report at which the stream counts as lost, s (12 cycles of CB3).
 
-
 # Least rate at which the controller must hear from this computer, Hz; else it makes a protective
 # stop (URScript's watchdog).
 WATCHDOG_HZ = 10.0
@@ -79,7 +78,22 @@ class URArm:
 
     def __init__(self, host: str, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._host, self._clock_s = host, clock_s
-        self._open()
+        self._receive, self._control = connect(host, CONNECT_LIMIT_S)
+        self._calls = BoundedCalls(f"the controller at {host}", clock_s)
+        self._lost, self._closed, self._began = False, False, True
+        self._stamp, self._stamp_seen_s, self._commanded_s = -1.0, clock_s(), -np.inf
+        means = (
+            Means("a stop", self._stop_gently, REACT_S[0]),
+            Means("a stop script", self._stop_by_own_script, REACT_S[1]),
+            Means("a protective stop", self._stop_protectively, REACT_S[2]),
+        )
+        power_off = Means("power off", lambda: dashboard(host, "power off", CALL_LIMIT_S))
+        self._stopping = VerifiedStop(means, self._report, power_off, clock_s)
+        self._end_heartbeat = threading.Event()
+        self._heartbeat = threading.Thread(target=self._beat, name="ur-heartbeat", daemon=True)
+        self._call(lambda: self._control.setWatchdog(WATCHDOG_HZ))
+        self._heartbeat.start()
+        atexit.register(self._close_at_exit)  # ur_rtde's threads crash an interpreter that ends
 
     def pose(self) -> Pose:
         """Return the last reported pose; see :class:`~spikingtac.robot.arm.Arm`."""
@@ -146,63 +160,33 @@ class URArm:
         pending = not self._began and waited_s < START_PATIENCE_S
         return ArmState.MOVING if pending else ArmState.IDLE
 
-    def reconnect(self) -> None:
-        """Close the connection and open it again, after a loss.
-
-        Raises:
-            DeviceError: The controller does not answer.
-        """
-        self._let_go()
-        self._open()
-
     def close(self) -> None:
         """Stop, wait until the arm rests, and let go of the controller.
 
         Raises:
             DeviceError: It moves on, or nothing says that it rests.
         """
-        if not self._closed:
-            try:
-                self.stop()
-                self.confirm_stop()
-                if self._is_fresh() and self._scripted():  # its watchdog outlives the heartbeat
-                    self._call(self._control.stopScript)
-            finally:
-                self._let_go()
+        if self._closed:
+            return
+        try:
+            self.stop()
+            self.confirm_stop()
+            if self._is_fresh() and self._scripted():  # its watchdog outlives the heartbeat
+                self._call(self._control.stopScript)
+        finally:
+            self._closed = True
+            atexit.unregister(self._close_at_exit)
+            self._end_heartbeat.set()
+            self._heartbeat.join(CALL_LIMIT_S)
+            # An interpreter that ends while a native call returns to it is aborted: it is waited
+            # for.
+            hangs = not self._calls.end(DISCONNECT_S)
+            for interface in (self._control, self._receive):
+                disconnect(interface, hangs)
 
     def _close_at_exit(self) -> None:
         with contextlib.suppress(DeviceError):  # nobody is left who could be told
             self.close()
-
-    def _open(self) -> None:
-        self._receive, self._control = connect(self._host, CONNECT_LIMIT_S)
-        self._calls = BoundedCalls(f"the controller at {self._host}", self._clock_s)
-        self._lost, self._closed, self._began = False, False, True
-        self._stamp, self._stamp_seen_s = -1.0, self._clock_s()
-        self._commanded_s = -np.inf
-        means = (
-            Means("a stop", self._stop_gently, REACT_S[0]),
-            Means("a stop script", self._stop_by_own_script, REACT_S[1]),
-            Means("a protective stop", self._stop_protectively, REACT_S[2]),
-        )
-        power_off = Means("power off", lambda: dashboard(self._host, "power off", CALL_LIMIT_S))
-        self._stopping = VerifiedStop(means, self._report, power_off, self._clock_s)
-        self._end_heartbeat = threading.Event()
-        self._heartbeat = threading.Thread(target=self._beat, name="ur-heartbeat", daemon=True)
-        self._call(lambda: self._control.setWatchdog(WATCHDOG_HZ))
-        self._heartbeat.start()
-        atexit.register(self._close_at_exit)  # ur_rtde's threads crash an interpreter that ends
-
-    def _let_go(self) -> None:
-        self._closed = True
-        atexit.unregister(self._close_at_exit)
-        self._end_heartbeat.set()
-        if self._heartbeat.is_alive():
-            self._heartbeat.join(CALL_LIMIT_S)
-        # An interpreter that ends while a native call returns to it is aborted: it is waited for.
-        hangs = not self._calls.end(DISCONNECT_S)
-        for interface in (self._control, self._receive):
-            disconnect(interface, hangs)
 
     def _beat(self) -> None:
         """Keep the controller's watchdog quiet, at three times the rate that it asks for."""
@@ -257,7 +241,7 @@ class URArm:
         if not self._is_fresh():
             raise DeviceError(
                 f"no report from the controller at {self._host} for more than "
-                f"{PATIENCE_S} s; check the network, then reconnect"
+                f"{PATIENCE_S} s; check the network, then make a new one"
             )
 
     def _require_open(self) -> None:
@@ -271,7 +255,7 @@ class URArm:
         """Give the control interface a command; see :meth:`BoundedCalls.call`."""
         if self._is_lost():
             raise DeviceError(
-                f"the controller at {self._host} left a command unanswered; reconnect"
+                f"the controller at {self._host} left a command unanswered; make a new one"
             )
         return self._calls.call(command, CALL_LIMIT_S, late)
 

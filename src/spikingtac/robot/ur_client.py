@@ -13,7 +13,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from concurrent.futures import Future, wait
 from typing import Any
 
 from spikingtac.errors import DeviceError, MissingExtraError
@@ -51,16 +51,6 @@ def step_down(thread: int = 0) -> None:
             os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
 
 
-@dataclass
-class _Call:
-    command: Callable[[], Any]
-    late: Callable[[], None]
-    done: threading.Event = field(default_factory=threading.Event)
-    abandoned: bool = False
-    result: Any = None
-    error: Exception | None = None
-
-
 class BoundedCalls:
     """Runs calls in the order in which they come, each waited for within its own limit.
 
@@ -71,7 +61,8 @@ class BoundedCalls:
 
     def __init__(self, name: str, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._name, self._clock_s = name, clock_s
-        self._calls: queue.SimpleQueue[_Call | None] = queue.SimpleQueue()
+        self._calls: queue.SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]
+        self._calls = queue.SimpleQueue()
         self._begun_s: float | None = None
         self._turn = threading.Lock()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -96,17 +87,21 @@ class BoundedCalls:
         until_s = self._clock_s() + limit_s
         if not self._turn.acquire(timeout=max(limit_s, 0.0)):
             raise DeviceError(f"{self._name}: an earlier call has not returned within {limit_s} s")
+        call: Future[Any] = Future()
         try:
-            call = _Call(command, late)
-            self._calls.put(call)
-            if not self._await(call, until_s):
-                call.abandoned = True
-                raise DeviceError(f"{self._name}: no answer within {limit_s} s")
+            self._calls.put((call, command))
+            done, _ = wait([call], min(SPIN_S, max(until_s - self._clock_s(), 0.0)))
+            if not done:
+                step_down(self._thread.native_id or 0)  # ordinary work from now on
+            return call.result(max(until_s - self._clock_s(), 0.0))
+        except TimeoutError as error:
+            if not (call.cancel() or call.done()):
+                call.add_done_callback(lambda _: late())
+            raise DeviceError(f"{self._name}: no answer within {limit_s} s") from error
+        except Exception as error:  # a native client raises what it likes
+            raise DeviceError(f"{self._name}: {error}") from error
         finally:
             self._turn.release()
-        if call.error is not None:
-            raise DeviceError(f"{self._name}: {call.error}") from call.error
-        return call.result
 
     def running_s(self) -> float:
         """Return for how long the present call has run, s; 0 without one."""
@@ -119,27 +114,22 @@ class BoundedCalls:
         self._thread.join(limit_s)
         return not self._thread.is_alive()
 
-    def _await(self, call: _Call, until_s: float) -> bool:
-        """Wait for a call, which is ordinary work from a while on; return whether it was done."""
-        if call.done.wait(min(SPIN_S, max(until_s - self._clock_s(), 0.0))):
-            return True
-        step_down(self._thread.native_id or 0)
-        return call.done.wait(max(until_s - self._clock_s(), 0.0))
-
     def _run(self) -> None:
-        while (call := self._calls.get()) is not None:
-            if call.abandoned:
+        while (given := self._calls.get()) is not None:
+            call, command = given
+            if not call.set_running_or_notify_cancel():  # given up before its turn
                 continue
             step_back()
             self._begun_s = self._clock_s()
             try:
-                call.result = call.command()
-            except Exception as error:  # a native client raises what it likes
-                call.error = error
+                result, error = command(), None
+            except Exception as raised:
+                result, error = None, raised
             self._begun_s = None
-            call.done.set()
-            if call.abandoned:
-                call.late()
+            if error is None:
+                call.set_result(result)
+            else:
+                call.set_exception(error)
 
 
 # What is asked of the controller: enough for the protocol, little enough for CB3 at 125 Hz.

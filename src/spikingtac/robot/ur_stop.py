@@ -146,8 +146,7 @@ class VerifiedStop:
                 self._use(self._last_resort)
             told = f"the arm still moves at {last.speed_mm_s:.0f} mm/s"
         names = ", ".join(means.name for means in self._means)
-        refusals = "".join(f"; {refusal}" for refusal in self._refusals)
-        return f"{told} after {names}; press the emergency stop{refusals}"
+        return "; ".join([f"{told} after {names}", "press the emergency stop", *self._refusals])
 
     def _watch(self, begun_s: float, react_s: float) -> tuple[bool, Report | None]:
         """Watch one means; return whether the arm rests, and its last report since."""
@@ -204,17 +203,14 @@ def dashboard(host: str, command: str, limit_s: float) -> str:
     Raises:
         DeviceError: There is no answer within the limit.
     """
-    until_s = time.monotonic() + limit_s
     try:
         with socket.create_connection((host, DASHBOARD_PORT), limit_s) as connection:
             connection.sendall(command.encode() + b"\n")  # it need not wait for the greeting
-            _, rest = _line(connection, b"", until_s)
-            answer, _ = _line(connection, rest, until_s)
+            return _lines(connection, 2)[1]
     except OSError as error:
         raise DeviceError(
             f"the dashboard at {host}:{DASHBOARD_PORT} does not take {command!r}: {error}"
         ) from error
-    return answer
 
 
 def require_controller(host: str, limit_s: float) -> None:
@@ -237,7 +233,7 @@ def require_controller(host: str, limit_s: float) -> None:
         socket.create_connection((host, port), limit_s).close()
         port = DASHBOARD_PORT
         with socket.create_connection((host, port), limit_s) as connection:
-            _line(connection, b"", time.monotonic() + limit_s)
+            _lines(connection, 1)
     except OSError as error:
         raise DeviceError(
             f"no UR controller answers at {host}:{port}: {error}; "
@@ -245,16 +241,10 @@ def require_controller(host: str, limit_s: float) -> None:
         ) from error
 
 
-def _line(connection: socket.socket, rest: bytes, until_s: float) -> tuple[str, bytes]:
-    """Return the next line and what came after it."""
-    while b"\n" not in rest:
-        left_s = until_s - time.monotonic()
-        if left_s <= 0.0 or len(rest) > LONGEST_LINE:
-            raise TimeoutError("no whole line came in time")
-        connection.settimeout(left_s)
-        data = connection.recv(1024)
-        if not data:
-            raise ConnectionResetError("it hung up")
-        rest += data
-    line, _, rest = rest.partition(b"\n")
-    return line.decode(errors="replace").strip(), rest
+def _lines(connection: socket.socket, count: int) -> list[str]:
+    """Return the next lines; each of their pieces may take as long as the connection's limit."""
+    with connection.makefile("r", errors="replace") as stream:
+        lines = [stream.readline(LONGEST_LINE) for _ in range(count)]
+    if not lines[-1].endswith("\n"):
+        raise ConnectionResetError("it hung up, or sends no line")
+    return [line.strip() for line in lines]

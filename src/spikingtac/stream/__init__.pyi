@@ -15,8 +15,8 @@ from .packets import at_once as at_once
 from .sources import RingCamera as RingCamera
 
 # Windows of several sensors in step
-from .windows import live_windows as live_windows
+from .pair import live_windows as live_windows
 
 # The guard of an arm
 from .guard import ContactProcess as ContactProcess
-from .guard_loop import stream_arrivals as stream_arrivals
+from .arrivals import stream_arrivals as stream_arrivals

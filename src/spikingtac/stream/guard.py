@@ -8,7 +8,7 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -17,13 +17,8 @@ from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
 from spikingtac.stream import real_time
-from spikingtac.stream.guard_loop import (
-    LONGEST_REASON,
-    Arrival,
-    ContactLoop,
-    catch_up,
-    failure_words,
-)
+from spikingtac.stream.arrivals import Arrival, catch_up
+from spikingtac.stream.guard_loop import LONGEST_REASON, ContactLoop, failure_words
 from spikingtac.stream.host import Asker, Host
 from spikingtac.stream.ring import SharedRing
 
@@ -46,6 +41,8 @@ INSISTENCE_PERIOD_S = 0.002
 class ContactProcess:
     """Guards an arm in another process from its start until a contact or a fault.
 
+    Each argument travels to the process: a function of a module, or a partial of one.
+
     Args:
         arrivals: Opens the stream of windows, in the process: a camera is opened there.
         detector: Makes the detector.
@@ -63,14 +60,11 @@ class ContactProcess:
         self._ring = SharedRing.for_latest(STATUS_BYTES)
         self._seen, self._closed = 0, False
         self._last: dict[str, Any] = {}
-        given = {
-            "arrivals": arrivals,
-            "make_detector": detector,
-            "make_arm": arm,
-            "config": watchdog or WatchdogConfig(),
-            "ring_name": self._ring.name,
-        }
-        self._host = Host(partial(_guard, **given))
+        config, name = watchdog or WatchdogConfig(), self._ring.name
+        self._host = Host(
+            partial(_guard, arrivals=arrivals, make_detector=detector, make_arm=arm,
+                    config=config, ring_name=name)
+        )  # fmt: skip
 
     def status(self) -> dict[str, Any]:
         """Return the latest state without waiting; empty before the first.
@@ -114,18 +108,13 @@ class GuardStatus:
     Args:
         ring: Where the asker reads the state; it holds some of :data:`STATUS_BYTES`.
         asker_gone: Set once the process that asked for the guard has ended.
-
-    Attributes:
-        connected: Whether an arm was reached.
-        precedes: Whether the guard runs before ordinary work.
     """
 
     def __init__(self, ring: SharedRing, asker_gone: threading.Event) -> None:
         self._ring, self._asker_gone = ring, asker_gone
         self._lock = threading.Lock()  # the watchdog's thread publishes too
-        self._fields: dict[str, Any] = {}
+        self._fields: dict[str, Any] = {"connected": False, "precedes": False}
         self._due_s = 0.0
-        self.connected = self.precedes = False
 
     def check(self, loop: ContactLoop, arm: Arm, watchdog: Watchdog) -> None:
         """Look at controller and asker and publish, once in a period; to be called per window."""
@@ -138,39 +127,22 @@ class GuardStatus:
         if state in (ArmState.PROTECTIVE_STOP, ArmState.DISCONNECTED):
             watchdog.disconnected(f"the arm's controller: {state.value}")
         if watchdog.health is Health.OK:
-            self.publish("ready", report=loop.report())
-
-    def rehearse(self, loop: ContactLoop, arm: Arm) -> None:
-        """Do once what takes long the first time, and take precedence, before the watch begins.
-
-        Threads of one interpreter gain nothing from a second core, and a stall of either would
-        hold up all of them: with precedence they keep to one.
-        """
-        arm.state()
-        self.precedes = real_time.take_precedence(real_time.GUARD_PRIORITY)
-        if self.precedes:
-            real_time.keep_to_one_core()
-        json.dumps(loop.report())
+            self.publish("ready", **loop.report())
 
     def tripped(self, watchdog: Watchdog) -> None:
         """Publish a trip from whichever thread it happens in: the loop itself may hang."""
         reason, failure = watchdog.reason, failure_words(watchdog.stop_failure)
         if failure:
             reason += f"; the stop failed: {failure}"
-        self.publish("tripped", reason, {"health": watchdog.health.value, "stop_failure": failure})
+        self.publish("tripped", reason=reason, health=watchdog.health.value, stop_failure=failure)
 
-    def publish(
-        self, phase: str, reason: str = "", report: Mapping[str, Any] | None = None
-    ) -> None:
-        """Publish a phase, the loop's report so far, and why; a long ``reason`` is cut."""
+    def publish(self, phase: str, reason: str = "", **fields: Any) -> None:
+        """Publish a phase, why, and the fields so far; a long ``reason`` is cut."""
         with self._lock:
-            self._fields |= report or {}
-            reason = reason or (report or {}).get("reason", "")
             if len(reason) > LONGEST_REASON:
                 reason = reason[:LONGEST_REASON] + CUT_MARK
-            state = {**self._fields, "phase": phase, "reason": reason, "precedes": self.precedes}
-            state |= {"connected": self.connected, "at_s": time.monotonic()}
-            self._ring.publish(json.dumps(state).encode())
+            self._fields |= {**fields, "phase": phase, "reason": reason, "at_s": time.monotonic()}
+            self._ring.publish(json.dumps(self._fields).encode())
 
 
 def _guard(
@@ -193,37 +165,38 @@ def _guard(
     except Exception as error:  # the asker has no other way to learn of it
         status.publish("failed", reason=f"{type(error).__name__}: {error}")
         return
-    status.connected = True
     watchdog = Watchdog(
         config, arm.stop, time.monotonic, lambda: status.tripped(watchdog), arm.confirm_stop
     )
+    status.publish("starting", reason="the self-test", connected=True)
     rests = _obey_sigterm(watchdog)
     loop = ContactLoop(detector, watchdog, arm.stop)
     try:
         watchdog.self_test()  # a stop takes longer than the allowed silence, so it comes first
-        status.rehearse(loop, arm)
+        # What takes long the first time is done once before the watch begins.
+        json.dumps([loop.report(), arm.state().value])
+        # Threads of one interpreter gain nothing from a second core, and a stall of either would
+        # hold up all of them: with precedence they keep to one.
+        if precedes := real_time.take_precedence(real_time.GUARD_PRIORITY):
+            real_time.keep_to_one_core()
+        status.publish("starting", reason="the stream's pace", precedes=precedes)
         # Last: what piled up until here is not watched.
         loop.stream_clock = catch_up(stream, config.backlog_s)
         watchdog.arm()
         with WatchdogThread(watchdog):
             loop.guard(stream, lambda loop: status.check(loop, arm, watchdog))
-        _confirm_stop(loop, arm, watchdog, rests)
-        status.publish("ended", report=loop.report())
+        if loop.contact is not None:
+            try:
+                arm.confirm_stop()
+            except Exception as error:  # whatever the driver raises, the arm may move on
+                watchdog.stop_failed(error)
+        if watchdog.stop_failure is None:
+            rests.set()
+        status.publish("ended", **loop.report())
     except BaseException as error:
         watchdog.disconnected(f"{type(error).__name__}: {error}")
-        status.publish("failed", report=loop.report())
+        status.publish("failed", **loop.report())
         raise
-
-
-def _confirm_stop(loop: ContactLoop, arm: Arm, watchdog: Watchdog, rests: threading.Event) -> None:
-    """Tell the watchdog where the arm does not rest after a contact; note where it rests."""
-    if loop.contact is not None:
-        try:
-            arm.confirm_stop()
-        except Exception as error:  # whatever the driver raises, the arm is not known to rest
-            watchdog.stop_failed(error)
-    if watchdog.stop_failure is None:
-        rests.set()
 
 
 def _prepare(stream: Iterator[Arrival], detector: ContactDetector) -> None:

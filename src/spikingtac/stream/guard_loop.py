@@ -7,59 +7,20 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from spikingtac.cameras.words import warm_up
-from spikingtac.contact.detector import ContactDetector, Window, packets_of
-from spikingtac.errors import DeviceError
-from spikingtac.events.address import Address, is_address, is_stream
-from spikingtac.events.camera_source import CameraSource
-from spikingtac.events.evt.wire import ENCODINGS
-from spikingtac.events.formats.file_source import ReadOptions
-from spikingtac.events.open import open_events
-from spikingtac.events.windows import windows
+from spikingtac.contact.detector import ContactDetector, packets_of
 from spikingtac.robot.watchdog import Health, Watchdog
+from spikingtac.stream.arrivals import US_PER_S, Arrival
 from spikingtac.stream.clock import StreamClock
 from spikingtac.types import Contact
 
-# Longest silence that is filled with windows, us. The watchdog stops the arm far sooner; the empty
-# windows of a leap would only delay the ones after it.
-SILENCE_US = 500_000
-WARM_UP_SIZE = (320, 320)  # Size of the made-up warm-up sensor, px; kernels are alike for all.
-
-# Windows before the guard arms, and from which share of the time that they span on they came as
-# they were made, and were no pile that is read off.
-LEARNED_WINDOWS, LEAST_PACE = 50, 0.9
-CATCH_UP_S = 10.0  # Longest time in which a stream catches up with its sensor once opened, s.
-
 LONGEST_REASON = 1_000  # Largest number of characters of a reason (JSON takes up to 12 bytes each).
 RECENT_WINDOWS = 4096  # Decision times kept for the percentiles: 4 s at 1 kHz.
-US_PER_S = 1e6
-
-
-@dataclass(frozen=True, slots=True)
-class Arrival:
-    """A window and the time of its arrival.
-
-    Attributes:
-        window: The events.
-        received_s: When this machine had all of the window, on the clock of the loop, s.
-        losses: What the source has counted so far, by kind; ``time_jump`` are leaps of its clock.
-    """
-
-    window: Window
-    received_s: float
-    losses: Mapping[str, int] = field(default_factory=dict)
-
-    @property
-    def end_us(self) -> int:
-        """End of the window, on the sensor's clock, us."""
-        return packets_of(self.window)[0].t_end_us
 
 
 class ContactLoop:
@@ -85,12 +46,10 @@ class ContactLoop:
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._detector, self._watchdog, self._stop = detector, watchdog, stop
-        self.stream_clock = StreamClock()
+        self.stream_clock, self._clock_s = StreamClock(), clock_s
         self._losses: Mapping[str, int] | None = None
-        self._backlog_s = 0.0
-        self._clock_s = clock_s
+        self._windows, self._backlog_s = 0, 0.0
         self._recent_us: deque[float] = deque(maxlen=RECENT_WINDOWS)
-        self._windows = 0
         self.contact: Contact | None = None
         self._latency: dict[str, float | None] | None = None
 
@@ -138,8 +97,17 @@ class ContactLoop:
         }
 
     def _process(self, arrival: Arrival) -> None:
-        begun_s = self._clock_s()
-        self._compare_clocks(arrival, begun_s)
+        """Beat the watchdog with the backlog, decide, and stop the arm at a contact."""
+        begun_s, end_us = self._clock_s(), arrival.end_us
+        leap_s = self.stream_clock.arrive(end_us, arrival.received_s)
+        self._backlog_s = self.stream_clock.backlog_s(end_us, begun_s)
+        self._watchdog.beat(self._backlog_s)
+        known = arrival.losses if self._losses is None else self._losses
+        self._losses = arrival.losses
+        if leap_s > 0.0:
+            self._watchdog.time_jump(f"the sensor's clock leapt ahead by {leap_s:.1f} s")
+        elif arrival.losses.get("time_jump", 0) > known.get("time_jump", 0):
+            self._watchdog.time_jump("the stream reports that the sensor's clock leapt")
         contact = self._detector.update(arrival.window)
         decided_s = self._clock_s()
         if contact is not None:
@@ -149,17 +117,6 @@ class ContactLoop:
             self._latency = self._split(arrival, decided_s, self._clock_s())
         self._recent_us.append((decided_s - begun_s) * US_PER_S)
         self._windows += 1
-
-    def _compare_clocks(self, arrival: Arrival, begun_s: float) -> None:
-        """Beat the watchdog with the backlog, and report a leap of the sensor's clock."""
-        leap_s = self.stream_clock.arrive(arrival.end_us, arrival.received_s)
-        self._backlog_s = self.stream_clock.backlog_s(arrival.end_us, begun_s)
-        self._watchdog.beat(self._backlog_s)
-        known, self._losses = self._losses, arrival.losses
-        if leap_s > 0.0:
-            self._watchdog.time_jump(f"the sensor's clock leapt ahead by {leap_s:.1f} s")
-        elif known is not None and arrival.losses.get("time_jump", 0) > known.get("time_jump", 0):
-            self._watchdog.time_jump("the stream reports that the sensor's clock leapt")
 
     def _split(
         self, arrival: Arrival, decided_s: float, stopped_s: float
@@ -183,68 +140,3 @@ class ContactLoop:
 def failure_words(failure: Exception | None) -> str:
     """Return a failed stop in words; nothing where none failed."""
     return "" if failure is None else f"{type(failure).__name__}: {failure}"[:LONGEST_REASON]
-
-
-def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arrival]:
-    """Yield the regular windows of a camera's pipe as they become complete.
-
-    A :class:`~spikingtac.stream.guard.ContactProcess` takes it as
-    ``partial(stream_arrivals, path=...)``; the pipe is then opened in the
-    process that guards. A window is complete when an event after its end has come, which the
-    sensor's noise ensures. To the watchdog, a wholly silent camera is a stalled stream.
-
-    Args:
-        path: Named pipe, address of a camera, or anything that
-            :func:`~spikingtac.events.open.open_events` reads.
-        period_us: Length of a window, us.
-
-    Raises:
-        RecordingError: The stream cannot be read; FormatError where it is not RAW.
-        DeviceError: There is no such camera; CameraLostError where it is gone. It is never waited
-            for, since the watchdog has to trip.
-    """
-    if is_stream(Path(path)):
-        address = Address.parse(str(path) if is_address(path) else f"pipe:{path}")
-        if address.kind == "pipe":  # before its writer begins; its encoding is not known yet
-            for encoding in ENCODINGS:
-                warm_up(encoding, WARM_UP_SIZE)
-        source = CameraSource(address, ReadOptions(), when_lost="raise")
-    else:
-        source = open_events(path)
-    for window in windows(source, period_us, silence_limit_us=SILENCE_US):
-        yield Arrival((window,), time.monotonic(), dict(source.losses))
-
-
-def catch_up(stream: Iterator[Arrival], backlog_s: float) -> StreamClock:
-    """Read on until a stream is at its pace; what piled up while it was opened is dropped.
-
-    Args:
-        stream: Just opened.
-        backlog_s: The stream is at its pace where it lags less than half of this.
-
-    Returns:
-        How sensor time maps to host time, learned from windows at the stream's own pace.
-
-    Raises:
-        DeviceError: The stream ended, or it stays behind.
-    """
-    last: deque[Arrival] = deque(maxlen=LEARNED_WINDOWS)
-    until_s, behind_s = float("inf"), 0.0
-    for arrival in stream:
-        last.append(arrival)
-        spanned_s = (arrival.end_us - last[0].end_us) / US_PER_S
-        at_pace = arrival.received_s - last[0].received_s >= LEAST_PACE * spanned_s
-        if len(last) == LEARNED_WINDOWS and at_pace:
-            clock = StreamClock()
-            for one in last:
-                clock.arrive(one.end_us, one.received_s)
-                behind_s = clock.backlog_s(one.end_us, one.received_s)
-            if behind_s < backlog_s / 2.0:
-                return clock
-        until_s = min(until_s, arrival.received_s + CATCH_UP_S)
-        if arrival.received_s > until_s:
-            raise DeviceError(
-                f"the event stream stays {behind_s * 1e3:.0f} ms behind; "
-                "give the machine less other work, or lower the sensor's event rate"
-            )
-    raise DeviceError("the event stream ended before the guard was ready")

@@ -25,9 +25,8 @@ from spikingtac.stream.sensor import (
     NS_PER_MS,
     Finger,
     LiveFrame,
-    calibration_of,
     follow_sensor,
-    frame_bytes,
+    frame_layout,
     unpack,
 )
 from spikingtac.types import SourceHealth
@@ -108,11 +107,14 @@ class Live:
     def __init__(self, finger: Finger) -> None:
         for name in SINGLE_THREAD:
             os.environ.setdefault(name, "1")
-        self._markers = len(calibration_of(finger).reference_px)
-        self._ring = SharedRing.for_latest(frame_bytes(self._markers), SLOTS)
+        given = finger.calibration
+        known = given if isinstance(given, Calibration) else Calibration.load(given)
+        self._layout = frame_layout(len(known.reference_px))
+        self._ring = SharedRing.for_latest(self._layout.itemsize, SLOTS)
         self._frames = self._ring.reader()
-        given = {"finger": finger, "ring": self._ring.name}
-        self._host = Host(partial(follow_sensor, **given))
+        self._host = Host(
+            partial(follow_sensor, finger=finger, calibration=known, ring=self._ring.name)
+        )
         self._state: State = "starting"
         self._why, self._error = "", None
         self._clock: Mapping[str, Any] | None = None
@@ -127,26 +129,23 @@ class Live:
     def health(self) -> LiveHealth:
         """How the sensor is now."""
         self._listen()
-        told = {"state": self._state, "why": self._why, "missed": self._frames.missed}
-        frame = self.latest()
-        if frame is None:
-            return LiveHealth(**told, clock=self._clock)
-        return LiveHealth(
-            **told,
-            frames=frame.number,
-            age_ms=(time.monotonic_ns() - frame.told_ns) / NS_PER_MS,
-            behind_ms=frame.behind_ms,
-            most_behind_ms=frame.most_behind_ms,
-            coasted=int(frame.coasted.sum()),
-            lost=frame.health,
-            clock=self._clock,
-        )
+        told: dict[str, Any] = {"missed": self._frames.missed, "clock": self._clock}
+        if (frame := self.latest()) is not None:
+            told |= {
+                "frames": frame.number,
+                "age_ms": (time.monotonic_ns() - frame.told_ns) / NS_PER_MS,
+                "behind_ms": frame.behind_ms,
+                "most_behind_ms": frame.most_behind_ms,
+                "coasted": int(frame.coasted.sum()),
+                "lost": frame.health,
+            }
+        return LiveHealth(state=self._state, why=self._why, **told)
 
     def latest(self) -> LiveFrame | None:
         """Return the latest frame at once; None before the first."""
         found = self._ring.latest(self._frame.number if self._frame else 0)
         if found is not None:
-            self._frame = unpack(*found, self._markers)
+            self._frame = unpack(*found, self._layout)
         return self._frame
 
     def __iter__(self) -> Iterator[LiveFrame]:
@@ -158,7 +157,7 @@ class Live:
         while True:
             going = self._listen()  # asked first: the last frames come before the end
             for message in self._frames:
-                yield unpack(self._frames.number, message, self._markers)
+                yield unpack(self._frames.number, message, self._layout)
             if not going:
                 break
             time.sleep(LOOK_S)

@@ -7,7 +7,7 @@ import math
 import re
 import struct
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +26,7 @@ SHARED_BYTES = 32 << 20  # The same of a ring that is shared under a name.
 # the ring at most. A longer packet is cut.
 MOST_EVENTS, ROOM_PER_EVENT = 1 << 17, 64
 _HEAD = struct.Struct("<qqdIII")  # span, arrival, counts of events and edges, length of the losses
+
 # Types of the columns of a message: t, x, y, p of the events; t, channel, edge of the triggers.
 EVENTS, EDGES = (np.int64, np.uint16, np.uint16, np.bool_), (np.int64, np.uint8, np.bool_)
 SIDE_BITS = 20
@@ -90,7 +91,7 @@ class PacketWriter:
             begin_us = packet.t_start_us if first == 0 else int(packet.t[first])
             end_us = packet.t_end_us if last == len(packet) else int(packet.t[last - 1]) + 1
             part = packet.part(first, last, begin_us, end_us)
-            self._ring.publish(*self._parts(part), weight=len(part))
+            self._ring.publish(*self._message(part), weight=len(part))
 
     def write_rows(self, rows: Rows) -> None:
         """Write columns, which are in order."""
@@ -109,26 +110,26 @@ class PacketWriter:
         self._ring.close()
 
     def _counted(self) -> bytes:
-        return json.dumps(dict(self._source.losses)).encode()
+        return json.dumps(self._source.losses).encode()
 
     def _edges(self) -> Triggers:
         return getattr(self._source, "triggers", None) or Triggers()
 
-    def _parts(self, packet: EventPacket) -> list[Any]:
+    def _message(self, packet: EventPacket) -> list[Any]:
         edges = self._edges()
         new = slice(self._passed, len(edges))
         self._losses, self._passed = self._counted(), len(edges)
         received_s = getattr(self._source, "received_s", None) or time.monotonic()
         lengths = len(packet), new.stop - new.start, len(self._losses)
         head = _HEAD.pack(packet.t_start_us, packet.t_end_us, received_s, *lengths)
-        columns: list[Any] = list(
-            zip((packet.t, packet.x, packet.y, packet.p), EVENTS, strict=True)
-        )
-        if new.start < new.stop:
-            marks = (edges.t_us[new], edges.channel[new], edges.edge[new])
-            columns += zip(marks, EDGES, strict=True)
+        columns = packet.t, packet.x, packet.y, packet.p
+        marks = edges.t_us[new], edges.channel[new], edges.edge[new]
         # Views, without a copy where a column is in one piece.
-        views = [np.ascontiguousarray(column, kind).data.cast("B") for column, kind in columns]
+        views = [
+            np.ascontiguousarray(column, kind).view(np.uint8).data
+            for column, kind in zip((*columns, *marks), (*EVENTS, *EDGES), strict=True)
+            if len(column)
+        ]
         return [head, *views, self._losses]
 
 
@@ -143,7 +144,6 @@ class PacketReader:
     Attributes:
         size: ``(width, height)`` of the sensor, px; ``(0, 0)`` where the ring is not ready yet.
         losses: What the source has counted, by kind, and under ``missed`` what was missed here.
-        received_s: When the latest packet that was taken was here, on the monotonic clock, s.
     """
 
     def __init__(
@@ -151,9 +151,9 @@ class PacketReader:
     ) -> None:
         self._reader, self._late_s = ring.reader(from_now=from_now), late_s
         self.size = ring.get(NOTE) >> SIDE_BITS, ring.get(NOTE) & ((1 << SIDE_BITS) - 1)
-        self.losses, self.received_s = LossCounters(), time.monotonic()
-        self._words, self._missed_before = b"{}", 0
-        self._before: Mapping[str, int] | None = None if from_now else {}
+        self.losses = LossCounters()
+        self._counted: dict[str, int] = {}  # by the source, up to the latest packet
+        self._before: dict[str, int] | None = None if from_now else {}
 
     @property
     def lost_events(self) -> int:
@@ -165,12 +165,22 @@ class PacketReader:
         data = self._reader.next()
         if data is None:
             return None
-        found = self._delivery(data)
-        self.received_s = found.received_s
-        if time.monotonic() - found.received_s > self._late_s:
+        begin_us, end_us, received_s, events, edges, length = _HEAD.unpack_from(data)
+        place, columns = _HEAD.size, []  # the columns are views of the message
+        for kind, count in zip((*EVENTS, *EDGES), (events,) * 4 + (edges,) * 3, strict=True):
+            columns.append(np.frombuffer(data, kind, count, place))
+            place += columns[-1].nbytes
+        t, x, y, p, *marks = columns
+        triggers = Triggers()
+        triggers.append(*marks)
+        self._counted = json.loads(data[place : place + length])
+        if self._before is None:
+            self._before = self._counted
+        if time.monotonic() - received_s > self._late_s:
             self._reader.give_up()
         self._count()
-        return found
+        packet = EventPacket(x, y, p, t, begin_us, end_us, self.size, True)
+        return Delivery(packet, received_s, triggers)
 
     def give_up(self) -> None:
         """Count what waits as missed."""
@@ -178,40 +188,10 @@ class PacketReader:
         self._count()
 
     def _count(self) -> None:
-        missed = self._missed_before + self._reader.lost
-        if missed:
-            self.losses["missed"] = missed
-
-    def _delivery(self, data: bytearray) -> Delivery:
-        """Return what a message holds; its columns are views of the message."""
-        begin_us, end_us, received_s, events, edges, length = _HEAD.unpack_from(data)
-        place = _HEAD.size
-
-        def columns(count: int, kinds: Sequence[Any]) -> list[Any]:
-            nonlocal place
-            found: list[Any] = []
-            for kind in kinds:
-                found.append(np.frombuffer(data, kind, count, place))
-                place += found[-1].nbytes
-            return found
-
-        t, x, y, p = columns(events, EVENTS)
-        triggers = Triggers()
-        triggers.append(*columns(edges, EDGES))
-        self._hear(bytes(data[place : place + length]))
-        packet = EventPacket(x, y, p, t, begin_us, end_us, self.size, True)
-        return Delivery(packet, received_s, triggers)
-
-    def _hear(self, words: bytes) -> None:
-        """Take what the source has counted, where that has changed."""
-        if words == self._words:
-            return
-        self._words, told = words, json.loads(words)
-        before = self._before = told if self._before is None else self._before
         self.losses.clear()
-        for kind, count in told.items():
-            self.losses.add(kind, count - before.get(kind, 0))
-        self._missed_before = self.losses["missed"]
+        for kind, count in self._counted.items():
+            self.losses.add(kind, count - (self._before or {}).get(kind, 0))
+        self.losses.add("missed", self._reader.lost)
 
 
 def packet_of(rows: Rows, size: tuple[int, int]) -> EventPacket:

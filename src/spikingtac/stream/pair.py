@@ -1,24 +1,32 @@
-"""Two cameras that are read side by side, the second one's times on the first one's clock.
+"""Two cameras that are read side by side, on one clock and in step.
 
-Both readers begin with the first use of either: an event that waited for its reader would arrive
-late by the host's clock, through which the two cameras' clocks meet.
+Their clocks meet at the host's. A camera without events does not tell what time it is: while it
+delivers, it is waited for. Once it has been silent for a while by the host's clock, it is taken for
+empty as far as the other one has come. Events that come afterwards for that time are too late:
+they are counted, and not put where they do not belong, since events of a second in one window
+are a contact.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.contact.detector import Window
+from spikingtac.contact.recording import paired_windows
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.clock import PPM, TimeMap
-from spikingtac.events.formats.file_source import ReadOptions, Rows
+from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.recording import RetimedSource
-from spikingtac.stream.packets import at_once
-from spikingtac.stream.reader import POLL_S, EventReader, LiveSource
+from spikingtac.events.source import EventSource
+from spikingtac.stream.packets import Delivery
+from spikingtac.stream.reader import EventReader
+from spikingtac.types import EventPacket
 
 # Time between two looks at the clocks, us: milliseconds are learned in it at first, microseconds
 # later.
@@ -27,129 +35,155 @@ RENEW_US = 1_000_000
 # Bounds of the correction of the pace: time goes on, at half to twice its pace.
 SLOWEST, FASTEST = -0.5, 1.0
 
-Known = Callable[[], TimeMap | None]  # Tells what is known of a clock now.
-
-# Wait of a camera that delivers for one that is silent, s (cameras start within one).
-SILENCE_S = 2.0
+# A camera that delivered nothing for so long is silent, s (the slowest of the counterparts
+# delivers within 0.07 s in 99 % while a skin moves, see results/cameras/latency.md).
+SILENT_S = 0.1
+STARTING_S = 2.0  # The same before its first delivery, s (cameras start within one).
+LOOK_S = 0.001  # Time between two looks for events, s.
+NEVER_US = -(1 << 62)
 
 
 class LiveMap:
-    """Puts the times of one camera on the clock of another, through the host that receives both.
+    """Puts the times of a camera on a clock that it shares with others: their host's, shifted.
 
-    What is known of the clocks grows while they run. A correction is spread over a second, so that
-    times stay in order and nearly keep their intervals.
+    What is known of the camera's clock grows while it runs. A correction is spread over a second,
+    so that times stay in order and nearly keep their intervals.
 
     Args:
-        own: What is known of the camera's clock.
-        base: What is known of the other one's.
+        known: Tells how the camera's clock maps to the host's.
+        shift_us: Host time less shared time, us; empty until a camera delivers, whose own clock the
+            shared one then continues.
     """
 
-    def __init__(self, own: Known, base: Known) -> None:
-        self._own, self._base = own, base
+    def __init__(self, known: Callable[[], TimeMap | None], shift_us: list[float]) -> None:
+        self._known, self._shift_us = known, shift_us
         self._line = TimeMap()
         self._renew_us: float | None = None
 
-    @property
-    def known(self) -> TimeMap | None:
-        """The best map so far, or None before both cameras have delivered."""
-        own, base = self._own(), self._base()
-        return None if own is None or base is None else own.then(base.inverse())
-
     def __call__(self, t_us: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
-        """Return ``(n,)`` times on the other clock, us; they follow the earlier ones in order."""
-        if len(t_us) and (self._renew_us is None or int(t_us[0]) >= self._renew_us):
-            self._renew(float(t_us[0]))
+        """Return ``(n,)`` times on the shared clock, us; they follow the earlier ones in order."""
+        now_us = float(t_us[0]) if len(t_us) else 0.0
+        found = self._known()
+        if found is not None and (self._renew_us is None or now_us >= self._renew_us):
+            if not self._shift_us:
+                self._shift_us.append(found.at(now_us) - now_us)
+            aim_us = here_us = found.at(now_us) - self._shift_us[0]
+            if self._renew_us is not None:
+                here_us = self._line.at(now_us)
+            correction = min(max((aim_us - here_us) / RENEW_US, SLOWEST), FASTEST)
+            pace = found.drift_ppm * PPM + correction
+            self._line = TimeMap(own_us=now_us, base_us=here_us, drift_ppm=pace / PPM)
+            self._renew_us = now_us + RENEW_US
         return self._line(t_us)
 
-    def _renew(self, now_us: float) -> None:
-        target = self.known
-        if target is None:  # the other camera is silent yet: as good as any
-            return
-        aim_us = target.at(now_us)
-        if self._renew_us is None:
-            here_us, correction = aim_us, 0.0
-        else:
-            here_us = self._line.at(now_us)
-            correction = min(max((aim_us - here_us) / RENEW_US, SLOWEST), FASTEST)
-        drift = target.drift_ppm * PPM
-        self._line = TimeMap(own_us=now_us, base_us=here_us, drift_ppm=(drift + correction) / PPM)
-        self._renew_us = now_us + RENEW_US
 
-
-class FirstCamera(LiveSource):
-    """The camera whose clock is the time base; one that was silent at first is put on the other's.
-
-    Attributes:
-        live_map: Puts the times on the other camera's clock, or None.
-    """
-
-    live_map: LiveMap | None = None
-
-    def __init__(self, camera: CameraSource) -> None:
-        super().__init__(lambda: EventReader(at_once(camera), camera), camera.size, camera.path)
-        self.camera = camera
-        self.beside: list[FirstCamera] = [self]
-
-    @property
-    def ended(self) -> bool:
-        """True once nothing more comes from the camera."""
-        return self.start().ended
-
-    def _columns(self) -> Iterator[Rows]:
-        for source in self.beside:
-            source.start()
-        for x, y, p, t in super()._columns():
-            yield x, y, p, t if self.live_map is None else self.live_map(t)
-
-
-class OnAnotherClock(RetimedSource):
-    """A camera's events on another camera's clock.
-
-    A camera that is silent does not hold this one back: after ``SILENCE_S`` the events are given
-    out with their own times, to the end, and ``own_clock`` is counted. When the silent camera
-    begins after all, its times are put on this one's clock instead.
-
-    Attributes:
-        live_map: How the times are mapped now.
-    """
-
-    def __init__(self, source: FirstCamera, live_map: LiveMap, options: ReadOptions) -> None:
-        super().__init__(source, live_map, options)
-        self.live_map, self._camera = live_map, source
+class PairedCamera(RetimedSource):
+    """A camera whose times are on a clock that it shares with another one."""
 
     def close(self) -> None:
         """End the iteration soon."""
-        self._camera.close()
-
-    def _columns(self) -> Iterator[Rows]:
-        first, own = self._camera.beside
-        readers = [source.start() for source in (first, own)]
-        # Times that were given out cannot be corrected backwards: wait until both have delivered.
-        begun_s: float | None = None
-        while self.live_map.known is None and not any(reader.ended for reader in readers):
-            time.sleep(POLL_S)
-            if begun_s is None and readers[1].ring.weight:
-                begun_s = time.monotonic()
-            if begun_s is not None and time.monotonic() - begun_s > SILENCE_S:
-                self._map = TimeMap()
-                first.live_map = LiveMap(first.camera.clock.mapping, own.camera.clock.mapping)
-                self.losses.add("own_clock")
-                break
-        yield from super()._columns()
+        self._source.close()  # type: ignore[attr-defined]
 
 
-def live_pair(
-    first: CameraSource, second: CameraSource, options: ReadOptions
-) -> tuple[FirstCamera, OnAnotherClock]:
-    """Return two cameras such that the second one's times are on the first one's clock.
+def live_pair(cameras: Sequence[CameraSource], options: ReadOptions) -> list[PairedCamera]:
+    """Return cameras on one clock: that of whichever delivers first.
 
     Args:
-        first: Its clock is the time base.
-        second: The other one.
-        options: As of both.
+        cameras: On their own clocks.
+        options: As of the cameras.
     """
-    live_map = LiveMap(second.clock.mapping, first.clock.mapping)
-    both = FirstCamera(first), FirstCamera(second)
-    for source in both:
-        source.beside = list(both)
-    return both[0], OnAnotherClock(both[1], live_map, options)
+    shift_us: list[float] = []
+    return [PairedCamera(one, LiveMap(one.clock.mapping, shift_us), options) for one in cameras]
+
+
+class _Sensor:
+    """What was read of one sensor and was not given out yet."""
+
+    def __init__(self, source: EventSource) -> None:
+        self.source, self.reader = source, EventReader(source, source)
+        self.waiting: deque[Delivery] = deque()
+        self.last: Delivery | None = None  # given out
+        self.given_us, self.received_s = NEVER_US, time.monotonic()
+        self.ended = False
+
+    def fill(self) -> None:
+        """Take what has come.
+
+        Raises:
+            SpikingTacError: Whatever reading the camera raised.
+        """
+        missed = self.reader.lost_events
+        try:
+            while not self.ended and (found := self.reader.take()) is not None:
+                self.received_s = found.received_s
+                self.waiting.append(found)
+        except EOFError:
+            self.ended = True
+        self.source.losses.add("missed", self.reader.lost_events - missed)
+
+    def packets(
+        self, others: Sequence[_Sensor], silent_s: float, starting_s: float
+    ) -> Iterator[EventPacket]:
+        """Yield the packets; while it is silent, empty ones as far as the others have come."""
+        while True:
+            for sensor in (self, *others):
+                sensor.fill()
+            if self.waiting:
+                self.last = self.waiting.popleft()
+                packet = self.last.packet
+                late = int(packet.t.searchsorted(self.given_us))
+                self.source.losses.add("late", late)
+                begin_us = max(packet.t_start_us, self.given_us)
+                if packet.t_end_us > begin_us:
+                    self.given_us = packet.t_end_us
+                    yield packet.part(late, len(packet), begin_us, packet.t_end_us)
+            elif self.ended:
+                return
+            elif ahead := self._overtaken(others, silent_s if self.last else starting_s):
+                first_us = min(one.packet.t_start_us for one in ahead)
+                begin_us = first_us if self.given_us == NEVER_US else self.given_us
+                self.given_us = max(one.packet.t_end_us for one in ahead)
+                yield EventPacket.empty(begin_us, self.given_us, self.source.size)
+            else:
+                time.sleep(LOOK_S)
+
+    def _overtaken(self, others: Sequence[_Sensor], patience_s: float) -> list[Delivery]:
+        """Return what others delivered beyond this one's time, and that has waited long enough."""
+        until_s = time.monotonic() - patience_s
+        known = [one for other in others for one in (other.last, *other.waiting) if one]
+        if self.received_s > until_s:
+            return []
+        return [
+            one
+            for one in known
+            if one.received_s <= until_s and one.packet.t_end_us > self.given_us
+        ]
+
+
+def live_windows(
+    sources: Sequence[EventSource], silent_s: float = SILENT_S, starting_s: float = STARTING_S
+) -> Iterator[Window]:
+    """Yield the 1 ms windows of sensors that deliver as time passes, until one of them ends.
+
+    Where all deliver, the windows are those of
+    :func:`~spikingtac.contact.recording.paired_windows`, however the streams are packed.
+
+    Args:
+        sources: Cameras on one clock. Each is read in a thread of its own.
+        silent_s: A camera that delivered nothing for so long is not waited for, s.
+        starting_s: The same before its first delivery, s.
+
+    Raises:
+        RecordingError: A camera has ended without any event.
+        SpikingTacError: Whatever reading a camera raised.
+    """
+    sensors = [_Sensor(source) for source in sources]
+    given = [
+        one.packets([other for other in sensors if other is not one], silent_s, starting_s)
+        for one in sensors
+    ]
+    try:
+        yield from paired_windows(given)
+    finally:
+        for sensor in sensors:
+            sensor.reader.release()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -85,9 +85,8 @@ class EventReader(PacketReader):
 
     def close(self) -> None:
         """End the stream; what was read by then can still be taken."""
-        close = getattr(self._source, "close", None)
-        if close is not None:
-            close()
+        if hasattr(self._source, "close"):
+            self._source.close()
 
     def release(self) -> None:
         """End the stream, and give the ring back."""
@@ -109,12 +108,10 @@ class EventReader(PacketReader):
 
 
 class LiveSource(FileSource):
-    """A camera or pipe that is read beside its user.
+    """A camera or pipe that is read in a thread beside its user, from the first use on.
 
     Args:
-        begin: Begins to read; called once, with the first use.
-        size: ``(width, height)`` of the sensor, px.
-        path: What is read.
+        source: The camera or pipe.
 
     Attributes:
         received_s: When the latest events were here, on the monotonic clock, s.
@@ -122,30 +119,18 @@ class LiveSource(FileSource):
 
     checked = True
 
-    def __init__(
-        self, begin: Callable[[], EventReader], size: tuple[int, int], path: str | Path
-    ) -> None:
-        self._begin, self._reader, self._starting = begin, None, threading.Lock()
-        super().__init__(Path(path), ReadOptions(size=size))
+    def __init__(self, source: FileSource) -> None:
+        self._source, self._reader = source, None
+        super().__init__(source.path, ReadOptions(size=source.size))
         self.received_s = time.monotonic()
-
-    @classmethod
-    def of(cls, source: FileSource) -> LiveSource:
-        """Return a camera or pipe that is read beside its user from its first use on."""
-        return cls(lambda: EventReader(at_once(source), source), source.size, source.path)
-
-    def start(self) -> EventReader:
-        """Begin to read; further calls, of any thread, return the same reader."""
-        with self._starting:  # two readers of one camera would take each other's events
-            self._reader = self._reader or self._begin()
-            return self._reader
 
     def close(self) -> None:
         """End the iteration soon; what was read is still given out."""
-        self.start().close()
+        self._source.close()  # type: ignore[attr-defined]
 
     def _columns(self) -> Iterator[Rows]:
-        reader = self.start()
+        # Kept for further iterations: two readers would take each other's events.
+        reader = self._reader = self._reader or EventReader(at_once(self._source), self._source)
         for delivery in reader:
             self.losses.update(reader.losses)
             self.received_s = delivery.received_s
@@ -168,7 +153,7 @@ def open_live(path: str | Path, *, strict: bool = False, sensor: int | None = No
         SpikingTacError: As there.
     """
     source = open_events(path, strict=strict, sensor=sensor)
-    return LiveSource.of(source) if is_stream(Path(path)) else source
+    return LiveSource(source) if is_stream(Path(path)) else source
 
 
 def opened_camera(path: str, size: tuple[int, int] | None) -> FileSource:

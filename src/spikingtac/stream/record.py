@@ -7,7 +7,6 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +19,10 @@ from spikingtac.events.recording import MANIFEST, TRUTH, name_of, read_manifest
 from spikingtac.events.source import source_health
 from spikingtac.stream.packets import at_once, new_ring
 from spikingtac.stream.reader import EventReader
-from spikingtac.stream.recorder import Recorder, Split
+from spikingtac.stream.recorder import BY_SIZE, Recorder, Split
 from spikingtac.types import EventPacket
 
-ROOM_BYTES = 256 << 20  # Memory for events that wait for the disk: 9 s at 3 Mev/s.
+ROOM_BYTES = 256 << 20  # Memory for events that wait for the disk: 6 s at 3 Mev/s.
 JOINED_EVENTS = 1 << 16  # Small packets are joined up to so many events before they are encoded.
 WAIT_S = 0.02  # Longest wait for events before the recording looks at the time, s.
 DESCRIBE_S = 1.0  # Time between two looks at the camera for the manifest, s.
@@ -35,25 +34,13 @@ SENSORS = 2  # Sensors that one folder holds at most.
 LOCK = ".recording"
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecordOptions:
-    """How to record.
-
-    Attributes:
-        split: When the next file begins.
-        seconds: How long to record from when the camera is open, s.
-        room_bytes: Memory for events that wait for the disk.
-    """
-
-    split: Split = field(default_factory=Split)
-    seconds: float = math.inf
-    room_bytes: int = ROOM_BYTES
-
-
 def record(
     sources: Sequence[CameraSource],
     folder: Path,
-    options: RecordOptions | None = None,
+    *,
+    split: Split = BY_SIZE,
+    seconds: float = math.inf,
+    room_bytes: int = ROOM_BYTES,
     show: Callable[[Sequence[Session]], object] = lambda sessions: None,
 ) -> dict[str, Any]:
     """Record one or two cameras until they end, are closed, or the time is up.
@@ -61,7 +48,9 @@ def record(
     Args:
         sources: The cameras; with ``when_lost="reconnect"`` one is waited for when it is gone.
         folder: An existing folder, see :func:`prepare_folder`.
-        options: How to record.
+        split: When the next file begins.
+        seconds: How long to record from when the cameras are open, s.
+        room_bytes: Memory for events that wait for the disk.
         show: Told how they stand, a few times a second.
 
     Returns:
@@ -69,16 +58,21 @@ def record(
         ``second`` is that of the other, and ``time_base`` the map from the second clock to the
         first (None where a camera delivered nothing).
     """
-    given, shown_s = options or RecordOptions(), 0.0
     sessions: list[Session] = []
+    begun_s = shown_s = time.monotonic()
     try:
         for number, source in enumerate(sources):
-            sessions.append(Session(source, folder, given, number, len(sources)))
-        for session in sessions:
-            session.begin()
+            sessions.append(Session(source, Recorder(folder, source.size, split, number)))
+        sessions[0].fixed = {"sensors": len(sources)}
+        for session in sessions:  # both at once, since their clocks meet at the host's
+            session.begin(room_bytes)
         while any([session.step(WAIT_S / len(sessions)) for session in sessions]):
-            if time.monotonic() - shown_s >= SHOW_S:
-                shown_s = time.monotonic()
+            now_s = time.monotonic()
+            if now_s - begun_s >= seconds:
+                for session in sessions:
+                    session.end("seconds")
+            if now_s - shown_s >= SHOW_S:
+                shown_s = now_s
                 show(sessions)
     finally:
         errors = [session.close() for session in sessions]
@@ -105,113 +99,104 @@ def _noted(folder: Path, first: CameraSource, second: CameraSource) -> dict[str,
 class Session:
     """One camera, read in a thread, and its files.
 
-    Attributes:
+    Args:
         source: The camera.
-        recorder: What is on disk, and what was lost.
+        recorder: Its files.
+
+    Attributes:
+        source: As given.
+        recorder: As given: what is on disk, and what was lost.
+        fixed: What the manifest says of the folder.
+        seconds: For how long the camera has been recorded, s.
     """
 
-    def __init__(
-        self, source: CameraSource, folder: Path, options: RecordOptions, sensor: int, sensors: int
-    ) -> None:
-        self.source, self._folder, self._options = source, folder, options
-        settings = {"biases": source.camera.biases(), "roi": source.camera.roi()}
-        self._fixed = {} if sensor else {"sensors": sensors}
-        self._settings = {name: values for name, values in settings.items() if values}
-        self._begun_s = self._ended_s = self._described_s = time.monotonic()
-        self._delivered = 0
+    def __init__(self, source: CameraSource, recorder: Recorder) -> None:
+        self.source, self.recorder, self.fixed = source, recorder, {}
+        self.seconds, self._ended = 0.0, ""
+        self._begun_s = self._described_s = time.monotonic()
+        self._delivered: int | None = None
         self._error: BaseException | None = None
-        self._about: dict[str, Any] = self._described()
-        self.recorder = Recorder(folder, source.size, options.split, lambda: self._about, sensor)
+        settings = {"biases": source.camera.biases(), "roi": source.camera.roi()}
+        self._settings = {name: values for name, values in settings.items() if values}
         self._truth: ColumnFile | None = None
         if fixed := source.camera.truth():  # of a simulation; a camera knows no truth
-            self._truth = ColumnFile(folder / name_of(TRUTH, sensor))
+            self._truth = ColumnFile(recorder.beside(TRUTH))
             for name, values in fixed.items():
                 self._truth.set(name, values)
             source.camera.take_truth = self._truth.append
-        self._ring = new_ring(source.size, options.room_bytes)
-        self._going = True
         self._reader: EventReader | None = None
 
-    def begin(self) -> None:
-        """Begin to read: of two cameras both at once, since their clocks meet at the host's."""
-        self._begun_s = time.monotonic()
-        self._reader = EventReader(at_once(self.source), self.source, self._ring)
+    def begin(self, room_bytes: int) -> None:
+        """Begin to read."""
+        self._begun_s, source = time.monotonic(), self.source
+        self.recorder.about = self._about()
+        self.recorder.describe()
+        self._reader = EventReader(at_once(source), source, new_ring(source.size, room_bytes))
 
     def step(self, wait_s: float) -> bool:
         """Write what has come, after waiting if nothing has; return whether more may come."""
-        if not self._going or self._reader is None:
+        if self._reader is None:
             return False
-        try:
-            self._take(self._reader, wait_s)
-        except EOFError:
-            self._going = False
-        except Exception as error:  # raised once the files are complete
-            self._error, self._going = error, False
-        now_s = time.monotonic()
-        if now_s - self._described_s >= DESCRIBE_S:
-            self._described_s = now_s
-            self._about = self._described()
-        if self._is_over(now_s) or self.recorder.failure is not None:
-            self.source.close()
-        return self._going
-
-    def _is_over(self, now_s: float) -> bool:
-        return now_s - self._begun_s >= self._options.seconds
-
-    def close(self) -> BaseException | None:
-        """Take what has come by now, complete the files, and return what ended the camera."""
-        self.source.close()
-        while self.step(WAIT_S):
-            pass
-        self._ended_s = time.monotonic()
-        if self._reader is not None:
-            self._delivered = self._reader.ring.weight
-            self._reader.release()
-        self.source.release()
-        self._about = self._described()
-        self.recorder.close(self._delivered)
-        if self._truth is not None:
-            self._truth.close()
-        return self._error
-
-    @property
-    def seconds(self) -> float:
-        """Time since the camera was open, s."""
-        return time.monotonic() - self._begun_s
-
-    def summary(self) -> dict[str, Any]:
-        """Return what was recorded."""
-        disk = self.recorder
-        ended = "seconds" if self._is_over(self._ended_s) else self.source.ended
-        return {
-            "output": str(self._folder),
-            "ended": ended if disk.failure is None else "disk",
-            "failure": None if disk.failure is None else str(disk.failure),
-            "seconds": round(self._ended_s - self._begun_s, 3),
-            "events": disk.written_events,
-            "lost_events": disk.lost_events,
-            "bytes": disk.written_bytes,
-            "files": len(disk.parts),
-            **self._about,
-        }
-
-    def _take(self, reader: EventReader, wait_s: float) -> None:
-        """Write the packets that are there, joined up to a size."""
         packets: list[EventPacket] = []
         edges, events = Triggers(), 0
         try:
-            found = reader.take(wait_s)
+            found = self._reader.take(wait_s)
             while found is not None:
                 packets.append(found.packet)
                 events += len(found.packet)
                 edges.extend(found.triggers)
-                found = reader.take() if events < JOINED_EVENTS else None
-        finally:
-            if packets:
-                joined = packets[0] if len(packets) == 1 else EventPacket.concatenate(packets)
-                self.recorder.write(joined, edges)
+                found = self._reader.take() if events < JOINED_EVENTS else None
+        except Exception as error:  # raised once the files are complete
+            self._error = None if isinstance(error, EOFError) else error
+            self._delivered = self._reader.ring.weight
+            self._reader.release()
+            self._reader = None
+        if packets:
+            joined = packets[0] if len(packets) == 1 else EventPacket.concatenate(packets)
+            self.recorder.write(joined, edges)
+        now_s = time.monotonic()
+        self.seconds = now_s - self._begun_s
+        if now_s - self._described_s >= DESCRIBE_S:
+            self._described_s = now_s
+            self.recorder.about = self._about()
+        if self.recorder.failure is not None:
+            self.end("disk")
+        return self._reader is not None
 
-    def _described(self) -> dict[str, Any]:
+    def end(self, why: str = "") -> None:
+        """End the camera soon, and say why."""
+        if self._reader is not None:
+            self._ended = self._ended or why
+            self.source.close()
+
+    def close(self) -> BaseException | None:
+        """Take what has come by now, complete the files, and return what ended the camera."""
+        self.end()
+        while self.step(WAIT_S):
+            pass
+        self.source.release()
+        self.recorder.about = self._about()
+        self.recorder.close(self._delivered or 0)
+        if self._truth is not None:
+            self._truth.close()
+        return self._error
+
+    def summary(self) -> dict[str, Any]:
+        """Return what was recorded."""
+        disk = self.recorder
+        return {
+            "output": str(disk.folder),
+            "ended": (self._ended or self.source.ended) if disk.failure is None else "disk",
+            "failure": None if disk.failure is None else str(disk.failure),
+            "seconds": round(self.seconds, 3),
+            "events": disk.written_events,
+            "lost_events": disk.lost_events,
+            "bytes": disk.written_bytes,
+            "files": len(disk.parts),
+            **disk.about,
+        }
+
+    def _about(self) -> dict[str, Any]:
         """Return what the manifest says of the camera."""
         source, mapping = self.source, self.source.clock.mapping()
         delivery = source.health()
@@ -224,7 +209,7 @@ class Session:
             "delivery": told,
             "clock": None if mapping is None else mapping.clock_summary(),
             "gaps": [gap._asdict() for gap in source.gaps],
-            **self._fixed,
+            **self.fixed,
             **source.camera.manifest(),
             "received_events": self._delivered or told["events"],
         }

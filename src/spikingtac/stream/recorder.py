@@ -9,14 +9,14 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 import os
 import platform
 import re
 import time
-from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from spikingtac._version import package_version
 from spikingtac.atomic_files import write_text
@@ -30,7 +30,7 @@ from spikingtac.types import EventPacket
 
 FIRST_NAME = "events.raw"
 MANIFEST_S = 5.0  # Time between two manifests, s: what a killed recorder leaves is at most so old.
-RESERVE = ".reserve"
+RESERVE = ".reserve.tmp"
 
 # Space that is kept for the last manifest of a disk that runs full: one of 1,000 files fits.
 RESERVE_BYTES = 1 << 18
@@ -39,17 +39,16 @@ _SPLIT = re.compile(r"(\d+(?:\.\d+)?)(MB|GB|s|min|h)")
 _UNITS = {"MB": 10**6, "GB": 10**9, "s": US_PER_S, "min": 60 * US_PER_S, "h": 3600 * US_PER_S}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Split:
+class Split(NamedTuple):
     """When the next file begins: at a size, or after a stretch of the sensor's time.
 
     Attributes:
-        most_bytes: Size from which on the next file begins, bytes; None for any.
-        most_us: Stretch that a file covers, us; None for any.
+        most_bytes: Size from which on the next file begins, bytes.
+        most_us: Stretch that a file covers, us.
     """
 
-    most_bytes: int | None = 10**9
-    most_us: int | None = None
+    most_bytes: float = 1e9
+    most_us: float = math.inf
 
     @classmethod
     def parse(cls, text: str) -> Split:
@@ -64,9 +63,10 @@ class Split:
             raise ConfigError(
                 f"--split is {text!r}; give a size (500MB, 2GB) or a duration (60s, 10min, 1h)"
             )
-        if found[2] in ("MB", "GB"):
-            return cls(most_bytes=round(amount))
-        return cls(most_bytes=None, most_us=round(amount))
+        return cls(most_bytes=amount) if "B" in found[2] else cls(math.inf, amount)
+
+
+BY_SIZE = Split()  # Files of 1 GB.
 
 
 @dataclass(kw_only=True)
@@ -97,38 +97,34 @@ class Recorder:
         folder: An existing, empty folder.
         size: ``(width, height)`` of the sensor, px.
         split: When the next file begins.
-        about: Called for what the manifest says of the camera.
         sensor: Which sensor of the folder, from 0 on.
 
     Attributes:
+        folder: As given.
         parts: The files so far, in order.
+        about: What the manifest says of the camera.
         lost_events: Events that the disk was too slow for, or that it refused.
         failure: Why nothing more is written, or None.
     """
 
     def __init__(
-        self,
-        folder: Path,
-        size: tuple[int, int],
-        split: Split | None = None,
-        about: Callable[[], Mapping[str, Any]] = dict,
-        sensor: int = 0,
+        self, folder: Path, size: tuple[int, int], split: Split = BY_SIZE, sensor: int = 0
     ) -> None:
-        self._folder, self._size, self._split, self._about = folder, size, split or Split(), about
-        self._path, self._first_name = (
-            folder / name_of(MANIFEST, sensor),
-            name_of(FIRST_NAME, sensor),
-        )
-        self._reserve = folder / f"{RESERVE}{sensor or ''}"
+        self.folder, self._size, self._split, self._sensor = folder, size, split, sensor
+        self._reserve = self.beside(RESERVE)
         # Real bytes: a sparse file reserves nothing.
         self._reserve.write_bytes(os.urandom(RESERVE_BYTES))
         self._started, self._described_s = time.time(), time.monotonic()
         self._writer: RawWriter | None = None
         self._digest, self._edges = hashlib.sha256(), Triggers()
-        self.lost_events = 0
         self.parts: list[Part] = []
+        self.about: dict[str, Any] = {}
+        self.lost_events = 0
         self.failure: Exception | None = None
-        self._describe(False)
+
+    def beside(self, name: str) -> Path:
+        """Return where this sensor's file of a name stands."""
+        return self.folder / name_of(name, self._sensor)
 
     @property
     def written_events(self) -> int:
@@ -152,7 +148,7 @@ class Recorder:
             self._fail(error)
             self.lost_events += len(packet)
         if time.monotonic() - self._described_s >= MANIFEST_S:
-            self._describe(False)
+            self.describe()
 
     def close(self, delivered_events: int) -> None:
         """Complete files and manifest.
@@ -171,7 +167,7 @@ class Recorder:
         if changed is not None and self.failure is None:
             self.failure = RecordingError(f"{changed} was removed or changed meanwhile")
         self.lost_events = delivered_events - self.written_events
-        self._describe(self.failure is None)
+        self.describe(complete=self.failure is None)
         self._free_reserve()
 
     def _append(self, packet: EventPacket) -> None:
@@ -179,8 +175,11 @@ class Recorder:
         if not len(packet):
             return
         first_us, last_us = int(packet.t[0]), int(packet.t[-1])
-        if self._writer is not None and self._is_due(self.parts[-1], last_us):
-            self._complete()
+        if self._writer is not None:
+            part = self.parts[-1]
+            spanned_us = last_us - part.t_first_us
+            if part.bytes >= self._split.most_bytes or spanned_us >= self._split.most_us:
+                self._complete()
         writer = self._writer or self._begin(first_us)
         writer.add_triggers(self._edges)
         self._edges.clear()
@@ -190,17 +189,12 @@ class Recorder:
         part.bytes, part.t_last_us = writer.written_bytes, last_us
         part.events += len(packet)
 
-    def _is_due(self, part: Part, t_us: int) -> bool:
-        most_bytes, most_us = self._split.most_bytes, self._split.most_us
-        full = most_bytes is not None and part.bytes >= most_bytes
-        return full or (most_us is not None and t_us - part.t_first_us >= most_us)
-
     def _begin(self, first_us: int) -> RawWriter:
-        part = Part(name=part_name(self._first_name, len(self.parts)), t_first_us=first_us)
-        path, self._digest = self._folder / part.name, hashlib.sha256()
-        self._writer = RawWriter(path, self._size, in_place=True, digest=self._digest)
-        self.parts.append(part)
-        self._describe(False)
+        name = part_name(name_of(FIRST_NAME, self._sensor), len(self.parts))
+        self._digest = hashlib.sha256()
+        self._writer = RawWriter(self.folder / name, self._size, in_place=True, digest=self._digest)
+        self.parts.append(Part(name=name, t_first_us=first_us))
+        self.describe()
         return self._writer
 
     def _complete(self) -> None:
@@ -211,7 +205,7 @@ class Recorder:
         writer.close()
         part = self.parts[-1]
         part.bytes, part.sha256 = writer.written_bytes, self._digest.hexdigest()
-        self._describe(False)
+        self.describe()
 
     def _fail(self, error: Exception) -> None:
         """Close the file as it is; what reached the disk stays."""
@@ -229,7 +223,7 @@ class Recorder:
         """
         changed = None
         for part in self.parts:
-            path = self._folder / part.name
+            path = self.folder / part.name
             size = path.stat().st_size if path.is_file() else 0
             if part.sha256 is not None and size == part.bytes:
                 continue
@@ -239,7 +233,7 @@ class Recorder:
                 part.events = sum(len(packet) for packet in RawSource(path, ReadOptions()))
         return changed
 
-    def _describe(self, complete: bool) -> None:
+    def describe(self, complete: bool = False) -> None:
         """Write the manifest, whole each time, also when the disk is full."""
         self._described_s = time.monotonic()
         parts = self.parts
@@ -259,23 +253,20 @@ class Recorder:
             "written_unix_s": round(time.time(), 6),
             "package_version": package_version(),
             "host": {  # no name of a machine or a person
-                "system": platform.system(),
-                "release": platform.release(),
-                "machine": platform.machine(),
+                "system": platform.platform(),
                 "python": platform.python_version(),
-                "processors": os.cpu_count(),
                 # The clock of the mapping starts with the machine; this turns it into the time.
                 "unix_minus_monotonic_s": time.time() - time.monotonic(),
             },
-            **self._about(),
+            **self.about,
         }
         text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n"
         with contextlib.suppress(OSError):  # the events matter more, and go on
             try:
-                write_text(self._path, text)
+                write_text(self.beside(MANIFEST), text)
             except OSError:
                 self._free_reserve()
-                write_text(self._path, text)
+                write_text(self.beside(MANIFEST), text)
 
     def _free_reserve(self) -> None:
         with contextlib.suppress(OSError):

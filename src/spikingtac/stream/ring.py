@@ -28,8 +28,7 @@ SLOTS = 4
 ROOM, OLDEST, END, NEWEST, COUNT, WEIGHT, CLOSED, WRITER, NOTE = range(0, 72, 8)
 HEAD_BYTES = 128
 _NUMBER = struct.Struct("<Q")
-_MESSAGE = struct.Struct("<QQIIII")  # number, weight before, weight, length, checksum, filler
-ALIGNED = 8
+_MESSAGE = struct.Struct("<QQIII")  # number, weight before, weight, length, checksum
 
 
 class Publisher(Protocol):
@@ -74,9 +73,8 @@ class SharedRing:
         Raises:
             DeviceError: Another process writes under this name, or there is no room.
         """
-        room = -(-room_bytes // ALIGNED) * ALIGNED
         try:
-            memory = SharedMemory(name, create=True, size=HEAD_BYTES + room)
+            memory = SharedMemory(name, create=True, size=HEAD_BYTES + room_bytes)
         except FileExistsError as error:
             assert name is not None
             left = cls.attach(name)
@@ -87,27 +85,28 @@ class SharedRing:
             raise DeviceError(
                 f"another program shares its events under {name!r}; choose another name"
             ) from error
-        reserve, file = getattr(os, "posix_fallocate", None), getattr(memory, "_fd", -1)
         try:
-            if reserve is not None and file >= 0:  # a page that is missing later ends the process
-                reserve(file, 0, HEAD_BYTES + room)
+            # A page that is missing later would end the process.
+            os.posix_fallocate(memory._fd, 0, HEAD_BYTES + room_bytes)  # type: ignore[attr-defined]
+        except AttributeError:  # another system than Linux
+            pass
         except OSError as error:
             memory.close()
             memory.unlink()
             raise DeviceError(
-                f"no {room >> 20} MiB of shared memory are left ({error.strerror}); end other "
-                "programs, or make /dev/shm larger"
+                f"no {room_bytes >> 20} MiB of shared memory are left ({error.strerror}); end "
+                "other programs, or make /dev/shm larger"
             ) from error
         assert memory.buf is not None
         memory.buf[:HEAD_BYTES] = bytes(HEAD_BYTES)
         _NUMBER.pack_into(memory.buf, WRITER, os.getpid())
-        _NUMBER.pack_into(memory.buf, ROOM, room)
+        _NUMBER.pack_into(memory.buf, ROOM, room_bytes)
         return cls(memory, True)
 
     @classmethod
     def for_latest(cls, largest_bytes: int, count: int = SLOTS) -> SharedRing:
         """Make a ring for so many messages of a largest length."""
-        return cls.create(count * (largest_bytes + _MESSAGE.size + ALIGNED))
+        return cls.create(count * (largest_bytes + _MESSAGE.size))
 
     @classmethod
     def attach(cls, name: str) -> SharedRing:
@@ -137,11 +136,6 @@ class SharedRing:
         return True
 
     @property
-    def finished(self) -> bool:
-        """True once the writer has said that nothing follows."""
-        return bool(self.get(CLOSED))
-
-    @property
     def weight(self) -> int:
         """Weight of all that was published so far."""
         return self.get(WEIGHT)
@@ -159,23 +153,22 @@ class SharedRing:
 
         A reader that misses it is told its ``weight``, as events.
         """
-        length, at = sum(map(len, parts)), self.get(END)
-        need, left = _MESSAGE.size + -(-length // ALIGNED) * ALIGNED, self.room - at % self.room
-        at += left if need > left else 0
-        end = at + need
-        if need > self.room:
+        length, checksum = sum(map(len, parts)), 0
+        begin, oldest = self.get(END), self.get(OLDEST)
+        end = begin + _MESSAGE.size + length
+        if end - begin > self.room:
             return False
-        before, number = self.get(WEIGHT), self.get(COUNT) + 1
-        self._give_up(at, end)
-        place = at % self.room + HEAD_BYTES
-        body, checksum = place + _MESSAGE.size, 0
+        while end - oldest > self.room:  # given up before it is overwritten
+            oldest += _MESSAGE.size + _MESSAGE.unpack(self._read(oldest, _MESSAGE.size))[3]
+        self.put(OLDEST, oldest)
+        before, number, at = self.get(WEIGHT), self.get(COUNT) + 1, begin + _MESSAGE.size
         for part in parts:
-            self.buffer[body : body + len(part)] = part
-            checksum, body = zlib.crc32(part, checksum), body + len(part)
-        _MESSAGE.pack_into(self.buffer, place, number, before, weight, length, checksum, 0)
+            self._write(at, part)
+            checksum, at = zlib.crc32(part, checksum), at + len(part)
+        self._write(begin, _MESSAGE.pack(number, before, weight, length, checksum))
         self.put(WEIGHT, before + weight)
         self.put(COUNT, number)
-        self.put(NEWEST, at)
+        self.put(NEWEST, begin)
         self.put(END, end)
         return True
 
@@ -185,34 +178,26 @@ class SharedRing:
         Args:
             after: Number that the caller has; only a later one is returned.
         """
-        found = self.message(self.get(NEWEST)) if self.get(COUNT) > after else None
-        return None if found is None or found[0] <= after else (found[0], bytes(found[3]))
+        at = self.get(NEWEST)
+        if self.get(COUNT) <= after:
+            return None
+        number, _, _, checksum, data = self.message(at)
+        whole = self.get(OLDEST) <= at and zlib.crc32(data) == checksum
+        return (number, bytes(data)) if whole and number > after else None
 
     def reader(self, *, from_now: bool = False) -> RingReader:
         """Return a reader of all messages in order, or of those from the next one on."""
         return RingReader(self, from_now)
 
-    def message(self, at: int) -> tuple[int, int, int, bytearray] | None:
-        """Return number, weight before, weight and bytes at a place; None where there is none."""
-        left = self.room - at % self.room - _MESSAGE.size
-        if left < 0:
-            return None
-        place = at % self.room + HEAD_BYTES
-        number, before, weight, length, checksum, filler = _MESSAGE.unpack_from(self.buffer, place)
-        if filler or length > left:
-            return None
-        place += _MESSAGE.size
-        data = bytearray(self.buffer[place : place + length])
-        whole = self.get(OLDEST) <= at and zlib.crc32(data) == checksum
-        return (number, before, weight, data) if whole else None
+    def message(self, at: int) -> tuple[int, int, int, int, bytearray]:
+        """Return number, weight before, weight, checksum and bytes of the message at a place.
 
-    def after(self, at: int) -> int:
-        """Return where the message behind that of a place begins, a filler passed over."""
-        left = self.room - at % self.room
-        if left >= _MESSAGE.size:
-            head = _MESSAGE.unpack_from(self.buffer, at % self.room + HEAD_BYTES)
-            left = left if head[5] else _MESSAGE.size + -(-head[3] // ALIGNED) * ALIGNED
-        return at + left
+        They hold only where the oldest message is at this place or before it afterwards.
+        """
+        head = self._read(at, _MESSAGE.size)
+        number, before, weight, length, checksum = _MESSAGE.unpack(head)
+        data = self._read(at + _MESSAGE.size, min(length, self.room))
+        return number, before, weight, checksum, data
 
     def finish(self) -> None:
         """Say that nothing follows."""
@@ -226,14 +211,18 @@ class SharedRing:
             with suppress(FileNotFoundError):
                 self._memory.unlink()
 
-    def _give_up(self, at: int, end: int) -> None:
-        """Give up the oldest messages that a new one overwrites, before it does."""
-        former, oldest = self.get(END), self.get(OLDEST)
-        while end - oldest > self.room:
-            oldest = self.after(oldest) if oldest < former else at
-        self.put(OLDEST, oldest)
-        if at - former >= _MESSAGE.size:
-            _MESSAGE.pack_into(self.buffer, former % self.room + HEAD_BYTES, 0, 0, 0, 0, 0, 1)
+    def _read(self, at: int, length: int) -> bytearray:
+        """Return the bytes at a place, which go on at the ring's beginning."""
+        first = HEAD_BYTES + at % self.room
+        data = bytearray(self.buffer[first : min(first + length, HEAD_BYTES + self.room)])
+        data += self.buffer[HEAD_BYTES : HEAD_BYTES + length - len(data)]
+        return data
+
+    def _write(self, at: int, data: Any) -> None:
+        first = at % self.room
+        fits = min(len(data), self.room - first)
+        self.buffer[HEAD_BYTES + first : HEAD_BYTES + first + fits] = data[:fits]
+        self.buffer[HEAD_BYTES : HEAD_BYTES + len(data) - fits] = data[fits:]
 
 
 class RingReader:
@@ -257,13 +246,12 @@ class RingReader:
         """Return the next message that is there, or None."""
         ring = self._ring
         while ring.get(END) > (at := max(self._at, ring.get(OLDEST))):
-            found, following = ring.message(at), ring.after(at)
+            number, before, weight, checksum, data = ring.message(at)
             if ring.get(OLDEST) > at:  # overwritten while it was read
                 continue
-            self._at = following
-            if found is None:  # a filler, or damaged: the next number tells
+            self._at = at + _MESSAGE.size + len(data)
+            if zlib.crc32(data) != checksum:  # damaged: the next number tells
                 continue
-            number, before, weight, data = found
             self.missed += number - 1 - self.number
             self.lost += before - self._weight
             self.number, self._weight = number, before + weight

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.address import is_stream
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import FileSource
+from spikingtac.events.windows import windows
 from spikingtac.markers.registry import TrackingConfig, make_tracker
 from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.stream.clock import US_PER_S, StreamClock
@@ -31,8 +31,6 @@ CLOCK_S = 1.0  # Time between two reports of the sensor's clock, s.
 # Length of the packets in which a recording is played, us (a camera delivers as often).
 PLAY_US = 2_000
 NS_PER_US, NS_PER_MS, NS_PER_S = 1_000, 1_000_000, 1_000_000_000
-_HEAD = struct.Struct("<qqdd4qd")  # t, told, behind, most behind, health, rate
-_COLUMNS = 8  # detected, position, displacement, confidence, coasted
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -70,97 +68,90 @@ class LiveFrame(MarkerFrame):
     __repr__ = one_line
 
 
-def frame_bytes(markers: int) -> int:
-    """Return the length of a frame with so many markers, bytes."""
-    return _HEAD.size + markers * _COLUMNS * 8
+def frame_layout(markers: int) -> np.dtype[np.void]:
+    """Return the layout of a frame with so many markers in shared memory."""
+    return np.dtype([
+        ("t_us", "i8"), ("told_ns", "i8"), ("behind_ms", "f8"), ("most_behind_ms", "f8"),
+        ("counters", "i8", (4,)), ("rate_ev_s", "f8"),
+        # Detected, position, displacement, confidence, coasted.
+        ("markers", "f8", (markers, 8)),
+    ])  # fmt: skip
 
 
-def pack(frame: MarkerFrame, told_ns: int, behind_ms: tuple[float, float]) -> bytes:
-    """Return a frame as bytes; ``behind_ms`` is that of this frame, and the most so far."""
-    lost = frame.health
-    counters = lost.gaps, lost.overflows, lost.damaged, lost.reconnects
-    head = _HEAD.pack(frame.t_us, told_ns, *behind_ms, *counters, lost.rate_ev_s)
-    columns = (frame.detected_px, frame.position_px, frame.displacement_px)
-    return head + np.column_stack((*columns, frame.confidence, frame.coasted)).tobytes()
-
-
-def unpack(number: int, message: bytes | bytearray, markers: int) -> LiveFrame:
-    """Return the frame that :func:`pack` wrote."""
-    t_us, told_ns, behind_ms, most_ms, *lost = _HEAD.unpack_from(message)
-    table = np.frombuffer(message, np.float64, offset=_HEAD.size).reshape(markers, _COLUMNS)
+def unpack(number: int, message: bytes | bytearray, layout: np.dtype[np.void]) -> LiveFrame:
+    """Return the frame of a message of :func:`follow_sensor`."""
+    told = np.frombuffer(message, layout)[0]
+    table = told["markers"]
+    gaps, overflows, damaged, reconnects = told["counters"].tolist()
     return LiveFrame(
-        t_us=t_us,
+        t_us=int(told["t_us"]),
         detected_px=table[:, 0:2],
         position_px=table[:, 2:4],
         displacement_px=table[:, 4:6],
-        coasted=table[:, 7] > 0.0,
         confidence=table[:, 6],
-        health=SourceHealth(*lost),
+        coasted=table[:, 7] > 0.0,
+        health=SourceHealth(gaps, overflows, damaged, reconnects, float(told["rate_ev_s"])),
         number=number,
-        told_ns=told_ns,
-        behind_ms=behind_ms,
-        most_behind_ms=most_ms,
+        told_ns=int(told["told_ns"]),
+        behind_ms=float(told["behind_ms"]),
+        most_behind_ms=float(told["most_behind_ms"]),
     )
 
 
-def calibration_of(finger: Finger) -> Calibration:
-    """Return a sensor's calibration.
-
-    Raises:
-        CalibrationError: It cannot be read.
-    """
-    given = finger.calibration
-    return given if isinstance(given, Calibration) else Calibration.load(given)
-
-
-def follow_sensor(asker: Asker, finger: Finger, ring: str) -> None:
+def follow_sensor(asker: Asker, finger: Finger, calibration: Calibration, ring: str) -> None:
     """Follow a sensor until its source ends; the whole work of its process."""
     end_in_order()
-    calibration = calibration_of(finger)
-    _warm_up(finger.tracking, calibration)  # before time passes
-    # Read here: a thread would wait for the tracker's turns of the interpreter, and a process of
-    # its own adds 0.2 ms. What comes meanwhile waits in the system's buffers.
-    source = opened_camera(str(finger.source), calibration.size)
-    clock = _Clock(source, asker)
-    checked = CheckedSource(clock, calibration, lambda why: asker.tell(("warning", why)))
+    # Kernels are compiled, or loaded, before time passes: by two events of each polarity.
     tracker = make_tracker(finger.tracking, calibration)
-    out = SharedRing.attach(ring)
-    asker.tell(("running", ""))
-    for frame in follow(checked, tracker, finger.tracking.rate_hz):
-        behind_ms = clock.behind_ms(frame)
-        out.publish(pack(frame, time.monotonic_ns(), (behind_ms, clock.most_ms)))
-    out.close()
-    asker.tell(("ended", ""))
-
-
-def _warm_up(tracking: TrackingConfig, calibration: Calibration) -> None:
-    """Compile, or load, the kernels of a tracker by two events of each polarity."""
-    tracker = make_tracker(tracking, calibration)
     x, y = (np.full(4, side // 2, np.uint16) for side in calibration.size)
     polarity, t_us = np.array([True, False, True, False]), np.arange(4, dtype=np.int64)
     tracker.absorb(EventPacket(x, y, polarity, t_us, 0, PLAY_US, calibration.size))
     tracker.estimate(PLAY_US)
+    # Read here: a thread would wait for the tracker's turns of the interpreter, and a process of
+    # its own adds 0.2 ms. What comes meanwhile waits in the system's buffers.
+    paced = PacedSource(opened_camera(str(finger.source), calibration.size), asker)
+    checked = CheckedSource(paced, calibration, lambda why: asker.tell(("warning", why)))
+    out, layout = SharedRing.attach(ring), frame_layout(len(calibration.reference_px))
+    asker.tell(("running", ""))
+    tracker = make_tracker(finger.tracking, calibration)
+    for frame in follow(checked, tracker, finger.tracking.rate_hz):
+        lost, behind_ms = frame.health, paced.behind_ms(frame.t_us)
+        counters = lost.gaps, lost.overflows, lost.damaged, lost.reconnects
+        columns = frame.detected_px, frame.position_px, frame.displacement_px
+        table = np.column_stack((*columns, frame.confidence, frame.coasted))
+        told = frame.t_us, time.monotonic_ns(), behind_ms, paced.most_ms
+        out.publish(np.array((*told, counters, lost.rate_ev_s, table), layout).tobytes())
+    out.close()
+    asker.tell(("ended", ""))
 
 
-class _Clock:
+class PacedSource:
     """A source whose packets come when they are due, and how far behind them the work is.
 
     Of a live source that is late by :data:`LATE_S` the packets that wait are left out, and counted
     as missed: the newest ones matter more.
+
+    Args:
+        source: A camera, a pipe or a recording.
+        asker: Told the camera's clock.
+
+    Attributes:
+        most_ms: The most that the work was behind, ms.
     """
 
     def __init__(self, source: FileSource, asker: Asker) -> None:
         self._source, self._asker = source, asker
-        self.size, self.losses = source.size, source.losses
-        self._live = is_stream(source.path)
-        self._zero_ns: int | None = None
-        self._came_ns = self._told_ns = 0
-        self.most_ms = 0.0
+        self.size, self.losses, self.most_ms = source.size, source.losses, 0.0
+        self._due_ns = self._told_ns = 0  # of the latest packet; when the clock was told
+        self._zero_ns: int | None = None  # host time at which a recording's time is zero
 
     def __iter__(self) -> Iterator[EventPacket]:
-        if not self._live:
-            for packet in _short(self._source):
-                self._wait(packet.t_end_us)
+        if not is_stream(self._source.path):
+            for packet in windows(self._source, PLAY_US):
+                now_ns, end_ns = time.monotonic_ns(), packet.t_end_us * NS_PER_US
+                if self._zero_ns is None:
+                    self._zero_ns = now_ns - end_ns
+                time.sleep(max(self._zero_ns + end_ns - now_ns, 0) / NS_PER_S)
                 yield packet
             return
         clock, since = StreamClock(), (0, 0.0)  # sensor and host time of a look at the pace
@@ -174,29 +165,21 @@ class _Clock:
                     clock, behind_s = StreamClock(), 0.0
                 since = t_us, now_s
             skips = behind_s > (CAUGHT_UP_S if skips else LATE_S)
-            self._came_ns = round(getattr(self._source, "received_s", now_s) * NS_PER_S)
+            self._due_ns = round(getattr(self._source, "received_s", now_s) * NS_PER_S)
             self._tell_clock()
             if skips:
                 self.losses.add("missed", len(packet))
             else:
                 yield packet
 
-    def behind_ms(self, frame: MarkerFrame) -> float:
+    def behind_ms(self, t_us: int) -> float:
         """Return how long ago a frame was due, ms."""
-        due_ns = self._came_ns
+        due_ns = self._due_ns
         if self._zero_ns is not None:
-            due_ns = self._zero_ns + (frame.t_us + PLAY_US) * NS_PER_US
+            due_ns = self._zero_ns + (t_us + PLAY_US) * NS_PER_US
         behind_ms = max(time.monotonic_ns() - due_ns, 0) / NS_PER_MS
         self.most_ms = max(self.most_ms, behind_ms)
         return behind_ms
-
-    def _wait(self, t_us: int) -> None:
-        now_ns = time.monotonic_ns()
-        if self._zero_ns is None:
-            self._zero_ns = now_ns - t_us * NS_PER_US
-        early_ns = self._zero_ns + t_us * NS_PER_US - now_ns
-        if early_ns > 0:
-            time.sleep(early_ns * 1e-9)
 
     def _tell_clock(self) -> None:
         now_ns = time.monotonic_ns()
@@ -204,12 +187,3 @@ class _Clock:
             self._told_ns, mapping = now_ns, self._source.clock.mapping()
             if mapping is not None:
                 self._asker.tell(("clock", mapping.clock_summary()))
-
-
-def _short(source: FileSource) -> Iterator[EventPacket]:
-    """Cut packets as a camera sends them."""
-    for packet in source:
-        for start_us in range(packet.t_start_us, packet.t_end_us, PLAY_US):
-            end_us = min(start_us + PLAY_US, packet.t_end_us)
-            first, last = packet.t.searchsorted((start_us, end_us))
-            yield packet.part(int(first), int(last), start_us, end_us)

@@ -12,8 +12,8 @@ from spikingtac.events.address import Address
 from spikingtac.events.camera import Camera
 from spikingtac.events.formats.file_source import Rows
 from spikingtac.stream.host import Asker, Host, closed_by
-from spikingtac.stream.packets import NOTE, PacketReader, shared_name
-from spikingtac.stream.ring import SharedRing
+from spikingtac.stream.packets import PacketReader, shared_name
+from spikingtac.stream.ring import CLOSED, NOTE, SharedRing
 from spikingtac.types import EventPacket, LossCounters
 
 # A user that is so late goes on with the newest events, and is told what it missed, s; and the
@@ -117,13 +117,13 @@ class RingCamera(Camera):
             found = self._packets.next()
             self.published = ring.weight - self._from
             if found is not None:
-                for kind, count in self._packets.losses.items():
-                    self.losses.add(kind, count - self._told.get(kind, 0))
-                self._told = dict(self._packets.losses)
+                told, self._told = self._told, dict(self._packets.losses)
+                for kind, count in self._told.items():
+                    self.losses.add(kind, count - told.get(kind, 0))
                 self.triggers.extend(found.triggers)
                 packet = found.packet
                 return packet.x, packet.y, packet.p, packet.t
-            if not written and not ring.finished:
+            if not written and not ring.get(CLOSED):
                 raise CameraLostError(f"the process that shared {self._name!r} is gone")
             if not written:
                 return None

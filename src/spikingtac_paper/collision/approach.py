@@ -2,7 +2,7 @@
 
 The arm is position-controlled. The outcome of a method therefore follows from the time of its
 decision: a copy of the arm is stopped at that time. A test compares this with the closed loop
-(:class:`~spikingtac.robot.approacher.Approacher`): decision and overshoot are the same.
+(:func:`~spikingtac.robot.approacher.approach`): decision and overshoot are the same.
 
 The frame-based baseline is the published displacement sum at 32 fps (section V-B),
 ``D(t) = sum_i |p_i(t) - p_i,init|``. Contact is detected where it exceeds the upper bound of an
@@ -245,7 +245,7 @@ def approach(
 def _cruise(rig: Rig, config: ApproachConfig) -> list[FloatArray]:
     """Wait until the arm has cruised for ``settle_windows``; return the markers of these windows.
 
-    The rule is that of :class:`~spikingtac.robot.approacher.Approacher`.
+    The rule is that of :func:`~spikingtac.robot.approacher.approach`.
     """
     cruising, seen = 0, []
     while cruising < config.settle_windows:

@@ -20,11 +20,11 @@ from spikingtac.contact import ContactDetector, DetectionConfig, make_detector
 from spikingtac.errors import SearchError
 from spikingtac.geometry import TravelModel
 from spikingtac.robot import (
-    AdaptiveSearch,
     ArmState,
     Prober,
     Touched,
     cross_search,
+    probe_hole,
 )
 from spikingtac.sim import (
     CROSS,
@@ -166,7 +166,7 @@ def _search(
 ) -> Sequence[Touched]:
     if style == CROSS:
         return cross_search(prober, start_mm, travel)
-    return AdaptiveSearch(prober, travel, MOST_CONTACTS).run(start_mm).touches
+    return probe_hole(prober, travel, start_mm, MOST_CONTACTS).touches
 
 
 def _make_past_contact(site: HoleSite, detector: ContactDetector, rng: np.random.Generator) -> None:

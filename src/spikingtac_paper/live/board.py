@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import time
+from typing import Any
 
 import numpy as np
 
@@ -47,15 +48,12 @@ class Datagrams:
         return self._words.tobytes()
 
 
-def send(
-    port: int, rate_ev_s: float, seconds: float, burst_s: float, period_s: float, step_s: float
-) -> int:
+def send(port: int, rate_ev_s: float, seconds: float, burst_s: float, step_s: float) -> int:
     """Send events as time passes, and return how many."""
     pieces, sent, begun_s = Datagrams(), 0, time.monotonic()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         while (now_s := time.monotonic() - begun_s) < seconds:
-            periods, within_s = divmod(now_s, period_s)
-            speaking_s = periods * burst_s + min(within_s, burst_s)
+            speaking_s = now_s // 1.0 * burst_s + min(now_s % 1.0, burst_s)
             while sent * EVENTS < speaking_s * rate_ev_s:
                 leapt_s = step_s if now_s > seconds / 2 else 0.0
                 t_us = round((10.0 + time.monotonic() - begun_s + leapt_s) * US_PER_S)
@@ -65,46 +63,51 @@ def send(
     return sent * EVENTS
 
 
-class Board:
-    """The board in a process of its own.
+class Beside:
+    """A function of this module in a process of its own.
+
+    Args:
+        call: The call, as source text; it returns what JSON can hold.
+    """
+
+    def __init__(self, call: str) -> None:
+        code = f"import json, sys; from {__name__} import *; sys.stdout.write(json.dumps({call}))"
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
+        )
+
+    def result(self) -> Any:
+        """Wait for its end, and return what it returned."""
+        out, _ = self.process.communicate()
+        return json.loads(out)
+
+
+def board(
+    port: int, rate_ev_s: float, seconds: float, *, burst_s: float = 1.0, step_s: float = 0.0
+) -> Beside:
+    """Return a board that sends events now; its result is how many.
 
     Args:
         port: Where to send.
         rate_ev_s: Events per second, of the stretches in which it sends.
         seconds: For how long.
-        burst_s: Stretch of every period in which it sends, s.
-        period_s: Length of a period, s.
+        burst_s: Stretch of every second in which it sends, s.
         step_s: By how much its clock leaps in the middle, s.
     """
-
-    def __init__(
-        self,
-        port: int,
-        rate_ev_s: float,
-        seconds: float,
-        *,
-        burst_s: float = 1.0,
-        period_s: float = 1.0,
-        step_s: float = 0.0,
-    ) -> None:
-        given = (port, rate_ev_s, seconds, burst_s, period_s, step_s)
-        self._process = _started(f"send{given}")
-
-    def sent(self) -> int:
-        """Wait for its end, and return how many events it has sent."""
-        out, _ = self._process.communicate()
-        return int(out)
+    return Beside(f"send{(port, rate_ev_s, seconds, burst_s, step_s)}")
 
 
-def free_port() -> int:
-    """Return a port that nobody listens on."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+def user(name: str) -> Beside:
+    """Return a user of a shared ring that has attached; its result is that of :func:`use`."""
+    found = Beside(f"use({name!r})")
+    assert found.process.stdout is not None
+    if found.process.stdout.readline().strip() != READY:
+        raise RuntimeError(f"nothing is shared under {name!r}")
+    return found
 
 
 def use(name: str) -> dict[str, int]:
-    """Take events until their writer ends; return the counts."""
+    """Take events until their writer ends; return ``taken``, ``missed`` and ``published``."""
     camera = RingCamera.open(Address.parse(f"ring:{name}"))
     sys.stdout.write(f"{READY}\n")
     sys.stdout.flush()
@@ -115,26 +118,8 @@ def use(name: str) -> dict[str, int]:
     return {"taken": taken, "missed": camera.losses["missed"], "published": published}
 
 
-class User:
-    """A user in a process of its own.
-
-    Args:
-        name: Under which the events are shared.
-    """
-
-    def __init__(self, name: str) -> None:
-        self.process = _started(f"use({name!r})")
-        assert self.process.stdout is not None
-        if self.process.stdout.readline().strip() != READY:
-            raise RuntimeError(f"nothing is shared under {name!r}")
-
-    def counts(self) -> dict[str, int]:
-        """Wait for its end, and return ``taken``, ``missed`` and ``published`` events."""
-        out, _ = self.process.communicate()
-        return json.loads(out)
-
-
-def _started(call: str) -> subprocess.Popen[str]:
-    """Start a process that calls a function of this module, and writes what it returns."""
-    code = f"import json, sys; from {__name__} import *; sys.stdout.write(json.dumps({call}))"
-    return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+def free_port() -> int:
+    """Return a port that nobody listens on."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]

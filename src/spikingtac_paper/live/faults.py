@@ -24,7 +24,7 @@ from typing import Any
 from spikingtac.errors import DeviceError
 from spikingtac.events import Address, CameraSource, ReadOptions
 from spikingtac.stream import EventReader, at_once, new_ring
-from spikingtac_paper.live.board import EVENTS, Board, Datagrams, User, free_port
+from spikingtac_paper.live.board import EVENTS, Beside, Datagrams, board, free_port, user
 from spikingtac_paper.live.recording import (
     LOOK_S,
     RATE_EV_S,
@@ -48,45 +48,35 @@ FLOOD = 4.0  # Rate of a flood over that of the camera.
 
 def unplugged(folder: Path, seconds: float) -> Outcome:
     """A camera on a serial port is unplugged, and plugged in again after a second."""
-    port, sent = folder / "tty", 0
-
-    def plug_in() -> list[int]:
-        ends = list(pty.openpty())
-        tty.setraw(ends[1])
+    port, pieces, sent = folder / "tty", Datagrams(), 0
+    recording: Recording | None = None
+    for _ in range(2):
+        master, slave = pty.openpty()
+        tty.setraw(slave)
         port.unlink(missing_ok=True)
-        port.symlink_to(os.ttyname(ends[1]))
-        return ends
-
-    def speak(master: int, from_us: int) -> int:
-        pieces, count, begun_s = Datagrams(), 0, time.monotonic()
+        port.symlink_to(os.ttyname(slave))
+        if recording is None:
+            recording = Recording(folder / "day", f"serial:{port}?encoding=evt2")
+        time.sleep(1.0)
+        begun_s = time.monotonic()
         while (now_s := time.monotonic() - begun_s) < seconds / 2:
-            os.write(master, pieces.at(from_us + round(now_s * 1e6)))
-            count += EVENTS
+            os.write(master, pieces.at(10_000_000 + round(now_s * 1e6)))
+            sent += EVENTS
             time.sleep(EVENTS / RATE_EV_S)
         time.sleep(SETTLED_S)
-        return count
-
-    ends = plug_in()
-    recording = Recording(folder / "day", f"serial:{port}?encoding=evt2")
-    for end in (False, True):
-        sent += speak(ends[0], 10_000_000)
-        if not end:
-            for number in ends:
-                os.close(number)
-            time.sleep(1.0)
-            ends = plug_in()
-            time.sleep(1.0)
+        os.close(master)
+        os.close(slave)
+        time.sleep(1.0)
+    assert recording is not None
     told = recording.end()
-    for number in ends:
-        os.close(number)
     gap_s = sum(gap["t_to_us"] - gap["t_from_us"] for gap in told["gaps"]) / 1e6
     seen = f"{kinds_of(told)}; a gap of {gap_s:.1f} s in the manifest"
     return recorded(sent, told, seen, told["delivery"]["reconnects"] == 1)
 
 
-def _of_user(user: User, told: dict[str, Any]) -> tuple[str, bool]:
+def _of_user(one: Beside, told: dict[str, Any]) -> tuple[str, bool]:
     """Return what a user of a recorded camera's ring tells, and whether that is all."""
-    counts = user.counts()
+    counts = one.result()
     whole = counts["taken"] + counts["missed"] == counts["published"] == told["received_events"]
     return f"user: {counts['taken']} taken, {counts['missed']} missed", whole
 
@@ -95,12 +85,12 @@ def killed_user(folder: Path, seconds: float) -> Outcome:
     """One of two users of a recorded camera's ring is killed in the middle."""
     port, name = free_port(), f"killed-{os.getpid()}"
     recording = Recording(folder / "day", address(port, name))
-    users = User(name), User(name)
-    board = Board(port, RATE_EV_S, seconds)
+    users = user(name), user(name)
+    beside = board(port, RATE_EV_S, seconds)
     time.sleep(seconds / 2)
     users[0].process.kill()
     users[0].process.communicate()
-    sent = board.sent()
+    sent = beside.result()
     told = recording.end()
     seen, whole = _of_user(users[1], told)
     return recorded(sent, told, f"the recorder and the other user go on; {seen}", whole)
@@ -110,16 +100,16 @@ def paused(folder: Path, seconds: float) -> Outcome:
     """A user of a shared ring, then the process that reads the camera, is paused."""
     port, name = free_port(), f"paused-{os.getpid()}"
     recording = Recording(folder / "day", address(port, name))
-    user = User(name)
-    board = Board(port, RATE_EV_S, 2.0 * seconds + 2.0)
-    for process in (user.process, recording.process):
+    one = user(name)
+    beside = board(port, RATE_EV_S, 2.0 * seconds + 2.0)
+    for process in (one.process, recording.process):
         time.sleep(0.5)
         process.send_signal(signal.SIGSTOP)
         time.sleep(seconds)
         process.send_signal(signal.SIGCONT)
-    sent = board.sent()
+    sent = beside.result()
     told = recording.end()
-    seen, whole = _of_user(user, told)
+    seen, whole = _of_user(one, told)
     return recorded(sent, told, f"{seen}; reader: {kinds_of(told) or 'nothing lost'}", whole)
 
 
@@ -127,7 +117,7 @@ def overrun(folder: Path, seconds: float) -> Outcome:
     """A user is slower than the camera, in a small ring."""
     source = CameraSource(Address.parse(address(0)), ReadOptions())
     reader = EventReader(at_once(source), source, new_ring(source.size, SMALL_BYTES))
-    board = Board(source.camera.port, 10.0 * RATE_EV_S, seconds)  # type: ignore[attr-defined]
+    beside = board(source.camera.port, 10.0 * RATE_EV_S, seconds)  # type: ignore[attr-defined]
     threading.Timer(seconds + 2.0, source.close).start()
     taken = 0
     for delivery in reader:
@@ -138,7 +128,7 @@ def overrun(folder: Path, seconds: float) -> Outcome:
     source.release()
     reader.release()
     recovered = reader.lost_events > 0 < taken
-    return Outcome(sent=board.sent(), kept=taken, lost=lost, seen=seen, recovered=recovered)
+    return Outcome(sent=beside.result(), kept=taken, lost=lost, seen=seen, recovered=recovered)
 
 
 def disk_full(folder: Path, seconds: float) -> Outcome:
@@ -154,10 +144,10 @@ def disk_full(folder: Path, seconds: float) -> Outcome:
         raise DeviceError("a small disk needs the right to mount one")
     try:
         recording = Recording(disk, address(port))
-        board = Board(port, 2.0 * RATE_EV_S, seconds)
+        beside = board(port, 2.0 * RATE_EV_S, seconds)
         recording.process.wait(seconds + 60.0)
         told = recording.end()
-        board.sent()  # what came after the recorder's end was sent to nobody
+        beside.result()  # what came after the recorder's end was sent to nobody
     finally:
         subprocess.run(["umount", "-l", str(disk)], check=True)
     sent = told["received_events"] + lost_by_kernel(told)
@@ -178,7 +168,7 @@ def flood(folder: Path, seconds: float) -> Outcome:
 
     def meanwhile(recording: Recording, port: int) -> None:
         time.sleep(seconds / 4)
-        others.append(Board(port, FLOOD * RATE_EV_S, seconds / 4).sent())
+        others.append(board(port, FLOOD * RATE_EV_S, seconds / 4).result())
 
     sent, told = recorded_board(folder, seconds, meanwhile)
     foreign = told["losses"].get("foreign", 0)
@@ -194,7 +184,7 @@ def lockout(folder: Path, seconds: float) -> Outcome:
         for number in range(STRANGERS):
             stranger.sendto(b"" if number % 2 else b"hello" * number, ("127.0.0.1", port))
             time.sleep(0.001)
-    sent = Board(port, RATE_EV_S, seconds).sent()
+    sent = board(port, RATE_EV_S, seconds).result()
     told = recording.end()
     heard = told["losses"].get("foreign", 0) == STRANGERS and told["events"] > 0
     return recorded(sent, told, kinds_of(told), heard)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 import spikingtac as st
-from spikingtac_paper.live.board import SIZE, Board, User, free_port
+from spikingtac_paper.live.board import SIZE, board, free_port, user
 from spikingtac_paper.live.recording import Recording, address, lost_by_kernel, verb
 
 MEGA = 1e6
@@ -68,15 +68,15 @@ class _Users:
     """A view, a loop of estimates and a plain user of a shared ring."""
 
     def __init__(self, name: str, folder: Path, seconds: float) -> None:
-        path = folder / "calibration.json"
+        path, pipe = folder / "calibration.json", subprocess.PIPE
         calibration().save(path)
-        view = verb("view", f"ring:{name}", "--calibration", str(path))
-        view += ["--preset", "fast", "--rate-hz", "1000", "--headless", "--json"]
-        view += ["--seconds", str(seconds), "--no-browser", "--port", "0"]
-        pipe = subprocess.PIPE
-        self._view = subprocess.Popen(view, stdout=pipe, stderr=pipe, text=True)
+        words = (
+            f"view ring:{name} --calibration {path} --preset fast --rate-hz 1000 --headless --json "
+            f"--seconds {seconds} --no-browser --port 0"
+        )
+        self._view = subprocess.Popen(verb(*words.split()), stdout=pipe, stderr=pipe, text=True)
         self._loop = st.live(f"ring:{name}", calibration=path, preset="fast", rate_hz=1000.0)
-        self._plain = User(name)
+        self._plain = user(name)
         self._late_ms: list[float] = []
         while self._loop.health.state == "starting":
             time.sleep(0.01)
@@ -91,27 +91,26 @@ class _Users:
 
     def figures(self) -> dict[str, Any]:
         """Return what the users tell at the end."""
-        health = self._loop.health
-        counts = self._plain.counts()
+        health, counts = self._loop.health, self._plain.result()
         out, _ = self._view.communicate(timeout=120.0)
         shown = json.loads(out) if out.strip() else {"losses": {}}
         self._loop.close()
-        late = np.array(self._late_ms or [np.nan])
+        p50_ms, p99_ms = np.percentile(self._late_ms or [np.nan], (50, 99)).tolist()
         return {
             "user_unaccounted": counts["published"] - counts["taken"] - counts["missed"],
             "user_missed": counts["missed"],
             "frames_missed": health.missed,
             "loop_overflows": health.lost.overflows,
             "view_missed": shown["losses"].get("missed", 0),
-            "loop_late_p50_ms": float(np.median(late)),
-            "loop_late_p99_ms": float(np.percentile(late, 99)),
+            "loop_late_p50_ms": p50_ms,
+            "loop_late_p99_ms": p99_ms,
         }
 
 
 def run_load(load: Load, folder: Path, seconds: float) -> dict[str, Any]:
     """Run a load, and return its figures; ``unaccounted`` are events that nobody has counted."""
     ports = [free_port() for _ in range(load.sensors)]
-    names = [f"load-{os.getpid()}-{number}" for number in range(load.sensors)]
+    names = [f"load-{os.getpid()}-{port}" for port in ports]
     with ExitStack() as stack:
         recordings = [
             Recording(folder / name, address(port, name))
@@ -121,12 +120,12 @@ def run_load(load: Load, folder: Path, seconds: float) -> dict[str, Any]:
             stack.callback(one.process.kill)
         users = _Users(names[0], folder, seconds) if load.used else None
         rate_ev_s = load.mev_s * MEGA
-        boards = [Board(port, rate_ev_s, seconds, burst_s=load.burst_s) for port in ports]
+        boards = [board(port, rate_ev_s, seconds, burst_s=load.burst_s) for port in ports]
         if users is None:
             recordings[0].sleep(seconds)
         else:
             users.follow(recordings[0], seconds)
-        sent = sum(board.sent() for board in boards)
+        sent = sum(one.result() for one in boards)
         told = [one.end() for one in recordings]
         figures = {} if users is None else users.figures()
     kept, by_kernel = sum(one["readable"] for one in told), sum(map(lost_by_kernel, told))

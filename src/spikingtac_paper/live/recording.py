@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from spikingtac.events import open_events
-from spikingtac_paper.live.board import EVENTS, SIZE, Board, free_port
+from spikingtac_paper.live.board import EVENTS, SIZE, board, free_port
 
 PATIENCE_S = 120.0  # Longest wait for the verb, s: it may compile first.
 LOOK_S = 0.02
@@ -54,16 +54,16 @@ class Recording:
     def look(self) -> None:
         """Take note of the memory that it holds now."""
         with suppress(OSError):
-            for line in Path(f"/proc/{self.process.pid}/status").read_text().splitlines():
-                if line.startswith("VmRSS:"):
-                    self._most_kb = max(self._most_kb, int(line.split()[1]))
+            status = Path(f"/proc/{self.process.pid}/status").read_text()
+            found = re.search(r"VmRSS:\s+(\d+)", status)
+            self._most_kb = max(self._most_kb, int(found[1]) if found else 0)
 
     def sleep(self, seconds: float) -> None:
         """Let time pass, and look at the memory meanwhile."""
         until_s = time.monotonic() + seconds
-        while time.monotonic() < until_s:
+        while (left_s := until_s - time.monotonic()) > 0.0:
             self.look()
-            time.sleep(min(0.1, max(until_s - time.monotonic(), 0.0)))
+            time.sleep(min(0.1, left_s))
 
     def end(self, number: int = signal.SIGINT) -> dict[str, Any]:
         """End it by a signal, and return its summary with the exit code and the memory."""
@@ -153,7 +153,7 @@ def recorded_board(
     *,
     step_s: float = 0.0,
     end: int = signal.SIGINT,
-    **options: str,
+    encoding: str = "evt2",
 ) -> tuple[int, dict[str, Any]]:
     """Record a board's events, and return how many it has sent and what the recorder tells.
 
@@ -163,11 +163,11 @@ def recorded_board(
         meanwhile: Called with the recorder and the port while the board sends.
         step_s: By how much the board's clock leaps in the middle, s.
         end: Signal that ends the recorder.
-        **options: Of the address, as ``share``.
+        encoding: Of the address.
     """
     port = free_port()
-    recording = Recording(folder / "day", address(port, **options))
-    board = Board(port, RATE_EV_S, seconds, step_s=step_s)
+    recording = Recording(folder / "day", address(port, encoding=encoding))
+    beside = board(port, RATE_EV_S, seconds, step_s=step_s)
     meanwhile(recording, port)
-    sent = board.sent()
+    sent = beside.result()
     return sent, recording.end(end)

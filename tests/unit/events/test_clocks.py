@@ -85,7 +85,8 @@ def delivered(seed: int, away_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Deliver both every 2 ms with late arrivals; return mapped times and true ones, us."""
     rng = np.random.default_rng(seed)
     base, own = ClockFit(), ClockFit()
-    live = LiveMap(own.mapping, base.mapping)
+    shift_us: list[float] = []
+    lives = LiveMap(own.mapping, shift_us), LiveMap(base.mapping, shift_us)
     found, truth = [], []
     for now_s in np.arange(0.0, 20.0, 0.002):
         host_s = 500.0 + now_s
@@ -94,8 +95,9 @@ def delivered(seed: int, away_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         if now_s >= away_s:
             own.arrived(round(own_us), host_s + 3e-4 + rng.exponential(2e-3))
             events_us = np.sort(rng.integers(round(own_us) - 2_000, round(own_us) + 1, 20))
-            found.append(live(events_us))
-            truth.append(base_us + (events_us - own_us) * (1 - 80e-6))
+            found.append(lives[0](events_us))
+            there_us = lives[1](np.array([round(base_us)]))
+            truth.append(there_us + (events_us - own_us) * (1 - 80e-6))
     return np.concatenate(found), np.concatenate(truth)
 
 

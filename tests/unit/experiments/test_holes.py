@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.geometry.travel import hexagon_reach_mm
-from spikingtac.robot.adaptive_search import AdaptiveSearch
+from spikingtac.robot.adaptive_search import probe_hole
 from spikingtac.robot.cross_search import cross_search
 from spikingtac.robot.prober import Touched
 from spikingtac.sim.rig.hole_site import (
@@ -65,10 +65,9 @@ def record(seed: int, hole: int) -> dict[str, Any]:
     x, y = trial.center_mm
     prober = IdealProber(RADII_MM[hole], (x, y), HEADING_RAD, TRAVEL_MM)
     travel = travel_of(calibration(seed)[DEFAULT], 0.008)
-    search = AdaptiveSearch(prober, travel)
     touches = {
         CROSS: cross_search(prober, trial.start_mm),
-        DEFAULT: search.run(trial.start_mm).touches,
+        DEFAULT: probe_hole(prober, travel, trial.start_mm).touches,
     }
     return {"seed": seed, "hole": hole} | {
         style: {

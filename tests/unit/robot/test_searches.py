@@ -7,7 +7,7 @@ import pytest
 
 from spikingtac.errors import SearchError
 from spikingtac.geometry.travel import Compensation, TravelModel
-from spikingtac.robot.adaptive_search import AdaptiveSearch, probe_hole
+from spikingtac.robot.adaptive_search import probe_hole
 from spikingtac.robot.cross_search import calibrated_circle, cross_search, published_circle
 from spikingtac_paper.holes.scoring import REGION
 from stand_ins.touching import IdealProber
@@ -63,7 +63,7 @@ def test_no_room_is_refused() -> None:
     jammed = IdealProber(0.434, travel_mm=0.0, heading_rad=0.0)
     for run in (
         lambda: cross_search(jammed, np.zeros(2)),
-        lambda: AdaptiveSearch(jammed, travel()).run(np.zeros(2)),
+        lambda: probe_hole(jammed, travel(), np.zeros(2)),
     ):
         with pytest.raises(SearchError, match="on the rim or is"):
             run()
@@ -71,7 +71,7 @@ def test_no_room_is_refused() -> None:
 
 def test_one_false_contact_is_touched_again() -> None:
     prober = IdealProber(2.0, noise_mm=[0.0, 0.0, 0.0, 0.0, -1.2])
-    found = AdaptiveSearch(prober, travel(), contacts=6).run(np.zeros(2))
+    found = probe_hole(prober, travel(), np.zeros(2), contacts=6)
     assert (len(found.touches), len(prober.starts)) == (6, 7)
     np.testing.assert_allclose(found.circle.center_mm, 0.0, atol=3e-3)
 

@@ -1,46 +1,14 @@
-"""What a guard does with its precedence: it keeps to a core, and leaves room for others there."""
+"""A guard that is told to end stops its arm, and leaves room for others on its core."""
 
 import os
 import signal
 import socket
 import threading
-from typing import Any, cast
 
 import pytest
 
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
 from spikingtac.stream import guard as contact_process
-from spikingtac.stream import real_time
-from spikingtac.stream.guard import STATUS_BYTES, GuardStatus
-from spikingtac.stream.guard_loop import ContactLoop
-from spikingtac.stream.real_time import GUARD_PRIORITY, PRIORITY
-from spikingtac.stream.ring import SharedRing
-from stand_ins.guarded import NotingArm
-
-
-@pytest.mark.parametrize("permitted", [True, False])
-def test_the_guard_keeps_to_a_core_only_where_it_precedes(
-    monkeypatch: pytest.MonkeyPatch, permitted: bool, tmp_path: Any
-) -> None:
-    asked: list[Any] = []
-
-    def take(priority: int) -> bool:
-        asked.append(priority)
-        return permitted
-
-    monkeypatch.setattr(real_time, "take_precedence", take)
-    monkeypatch.setattr(real_time, "keep_to_one_core", lambda: asked.append("core"))
-    arm = NotingArm(str(tmp_path / "notes"))
-    watchdog = Watchdog(WatchdogConfig(), arm.stop, lambda: 0.0)
-    ring = SharedRing.for_latest(STATUS_BYTES)
-    try:
-        status = GuardStatus(ring, threading.Event())
-        status.rehearse(ContactLoop(cast(Any, None), watchdog, arm.stop), arm)
-    finally:
-        ring.close()
-    assert status.precedes == permitted
-    assert asked == [GUARD_PRIORITY, *(["core"] if permitted else [])]
-    assert GUARD_PRIORITY > PRIORITY, "a tracker on the same core must not hold it up"
 
 
 class _ProcessEndedError(Exception):

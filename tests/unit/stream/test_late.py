@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from spikingtac.stream.sensor import _Clock
+from spikingtac.stream.sensor import PacedSource
 from spikingtac.types import EventPacket, LossCounters
 
 SPAN_S, EVENTS = 0.005, 10
@@ -35,11 +35,11 @@ class Camera:
 def test_what_waited_is_left_out_and_counted_until_the_work_is_at_the_present() -> None:
     camera = Camera(400)
     taken = [0]
-    for packet in _Clock(cast(Any, camera), cast(Any, None)):
+    for packet in PacedSource(cast(Any, camera), cast(Any, None)):
         taken.append(packet.t_end_us)
         if len(taken) == 50:
             time.sleep(1.3)  # what comes meanwhile waits
     assert camera.losses["missed"] + EVENTS * (len(taken) - 1) == EVENTS * 400
     assert camera.losses["missed"] >= EVENTS * 0.9 / SPAN_S / 1.0 * 0.9
-    assert 1.0 < np.diff(taken).max() * 1e-6 < 1.6
+    assert 1.0 < np.diff(taken).max() * 1e-6 < 2.5
     assert len(taken) > 100

@@ -13,7 +13,7 @@ from spikingtac.contact.detector import WINDOW_US, DetectorSummary, Window, pack
 from spikingtac.contact.recording import find_contacts, paired_windows
 from spikingtac.errors import RecordingError
 from spikingtac.events.source import PacketSource
-from spikingtac.stream.windows import live_windows
+from spikingtac.stream.pair import live_windows
 from spikingtac.types import Contact, EventPacket, LossCounters
 
 SIZE = (4, 4)
@@ -63,7 +63,7 @@ class OnFirst:
 
 def stream(*t_us: int, cuts: tuple[int, ...] = ()) -> list[EventPacket]:
     """Return events in packets that follow each other, cut at some times."""
-    edges = [t_us[0], *cuts, t_us[-1] + 1]
+    edges = [t_us[0], *(t for t in cuts if t_us[0] < t < t_us[-1]), t_us[-1] + 1]
     return [
         packet(*inside, begin_us=begin, end_us=end)
         if (inside := [t for t in t_us if begin <= t < end])

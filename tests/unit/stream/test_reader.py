@@ -6,7 +6,6 @@ import os
 import socket
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -19,7 +18,7 @@ from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.stream.packets import new_ring
-from spikingtac.stream.reader import EventReader, LiveSource
+from spikingtac.stream.reader import EventReader
 from spikingtac.stream.sources import RemoteSource, RingCamera
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import datagrams, events
@@ -137,29 +136,18 @@ def test_another_user_takes_the_same_events_and_knows_their_losses() -> None:
     reader.release()
 
 
-def test_a_user_that_is_too_slow_is_told_what_it_missed() -> None:
+@pytest.mark.parametrize(("late", "room_bytes"), [("60", 20_000), ("0.1", 1 << 20)])
+def test_a_user_that_is_too_slow_is_told_what_it_missed(late: str, room_bytes: int) -> None:
+    """It goes on with the oldest events that are left, or where it is too late, with the newest."""
     stream = Stream(300, pause_s=0.001)
-    reader = EventReader(stream, stream, new_ring(SIZE, 20_000, NAME))
-    camera = RingCamera.open(Address.parse(f"ring:{NAME}?late=60"))
-    before = reader.ring.weight
-    while not reader.ended:
-        time.sleep(0.01)
-    taken = all_of(camera)
-    assert camera.losses["missed"] > 0
-    assert taken + camera.losses["missed"] == 30_000 - before
-    reader.release()
-
-
-def test_a_user_that_is_late_goes_on_with_the_newest_events() -> None:
-    stream = Stream(300, pause_s=0.001)
-    reader = EventReader(stream, stream, new_ring(SIZE, share=NAME))
-    camera = RingCamera.open(Address.parse(f"ring:{NAME}?late=0.1"))
+    reader = EventReader(stream, stream, new_ring(SIZE, room_bytes, NAME))
+    camera = RingCamera.open(Address.parse(f"ring:{NAME}?late={late}"))
     before = reader.ring.weight
     while not reader.ended:
         time.sleep(0.01)
     time.sleep(0.2)
     taken = all_of(camera)
-    assert 0 < taken < 1_000
+    assert 0 < taken < 2_000
     assert taken + camera.losses["missed"] == 30_000 - before
     reader.release()
 
@@ -186,14 +174,3 @@ def test_any_verbs_camera_is_shared_where_its_address_says_so() -> None:
     taken += sum(len(packet) for packet in packets)
     assert all_of(camera) >= taken > 0
     assert camera.size == (320, 320)
-
-
-def test_two_threads_that_begin_share_one_reader() -> None:
-    def begin() -> Any:
-        time.sleep(0.05)
-        return object()
-
-    source = LiveSource(begin, SIZE, "camera")
-    with ThreadPoolExecutor(2) as pool:
-        one, other = (pool.submit(source.start) for _ in range(2))
-    assert one.result() is other.result()

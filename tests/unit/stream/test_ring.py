@@ -53,7 +53,7 @@ def test_a_damaged_message_is_not_used_and_counts_as_missed(ring: SharedRing) ->
 
 
 def test_what_a_slow_reader_took_and_missed_adds_up() -> None:
-    """Messages of every length, filler at the ring's end included, in a ring of a few of them."""
+    """Messages of every length, in a ring of a few of them, across whose end some are cut."""
     rng, ring = np.random.default_rng(0), SharedRing.create(5_000)
     reader, late = ring.reader(), None
     sent, weight, got = 0, 0, 0

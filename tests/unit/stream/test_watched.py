@@ -11,7 +11,7 @@ import pytest
 from spikingtac.errors import DeviceError, RecordingError
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
-from spikingtac.stream.windows import WatchedWindows
+from spikingtac.stream.arrivals import WatchedWindows
 from spikingtac.types import EventPacket, LossCounters
 from stand_ins.moving_rims import SIZE, windows
 
@@ -138,15 +138,3 @@ def test_an_end_or_a_failure_trips_and_is_told(
             list(watched)
     until(lambda: watchdog.health is Health.DISCONNECTED)
     assert stops
-
-
-def test_a_closed_stream_is_read_no_further(watchdog: Watchdog) -> None:
-    stream = Stream(20)
-    watched = WatchedWindows(stream, watchdog)
-    stream.give(2)
-    until(lambda: stream.read == 2)
-    watched.close()
-    stream.give(18)
-    time.sleep(0.05)
-    assert stream.read == 3
-    assert watchdog.health is Health.OK

@@ -18,8 +18,8 @@ from spikingtac.cli.sources import ended_by_sigterm
 from spikingtac.cli.verbs.probe_args import Args, ProbedHole
 from spikingtac.geometry import Compensation
 from spikingtac.pipeline.track import require_same_size
+from spikingtac.stream.arrivals import WatchedWindows
 from spikingtac.stream.real_time import exempt_from_collection
-from spikingtac.stream.windows import WatchedWindows
 from spikingtac.types import FloatArray
 
 QUIET_WINDOWS = 4000  # Windows of the arm at rest from which the detector learns, 1 ms each.

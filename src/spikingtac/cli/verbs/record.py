@@ -74,11 +74,11 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Record, and print what was recorded; exit 3 where the disk refused to write."""
-    from spikingtac.stream.record import RecordOptions, locked_folder, prepare_folder, record
+    from spikingtac.stream.record import locked_folder, prepare_folder, record
     from spikingtac.stream.recorder import Split
 
     require_seconds(args.seconds)
-    options = RecordOptions(split=Split.parse(args.split), seconds=args.seconds or math.inf)
+    split, seconds = Split.parse(args.split), args.seconds or math.inf
     given = [args.source] if args.second is None else [args.source, args.second]
     addresses = [events.Address.parse(camera_address(source)) for source in given]
     remark(f"opening {' and '.join(map(str, addresses))}; Ctrl-C ends the recording")
@@ -91,7 +91,7 @@ def run(args: Args) -> int:
         prepare_folder(args.output, args.overwrite)
         opened.enter_context(ending_on_interrupt(*sources))
         show = opened.enter_context(_screen())
-        summary = record(sources, args.output, options, show)
+        summary = record(sources, args.output, split=split, seconds=seconds, show=show)
     shown: list[Table | str] = [_table(f"recording {summary['output']}", summary)]
     if "second" in summary:
         shown.append(_table("the second camera", summary["second"]))
