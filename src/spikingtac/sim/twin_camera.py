@@ -16,7 +16,7 @@ from spikingtac.events.camera import Camera
 from spikingtac.events.formats.file_source import Rows
 from spikingtac.sim import catalog
 from spikingtac.sim.camera.config import CAMERA_NAMES
-from spikingtac.stream.sources import RemoteSource
+from spikingtac.stream.host import RemoteSource
 from spikingtac.types import EventPacket
 
 Options = tuple[int, str | None]  # Seed, and camera preset; None is the scene's own.

@@ -12,7 +12,7 @@ from .sensor import LiveFrame as LiveFrame
 from .reader import EventReader as EventReader
 from .packets import new_ring as new_ring
 from .packets import at_once as at_once
-from .sources import RingCamera as RingCamera
+from .packets import RingCamera as RingCamera
 
 # Windows of several sensors in step
 from .pair import live_windows as live_windows

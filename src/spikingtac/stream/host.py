@@ -16,14 +16,18 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
 from spikingtac.errors import DeviceError, SpikingTacError
 from spikingtac.stream.real_time import ordinary_priority
+from spikingtac.types import EventPacket, LossCounters
 
+POLL_S = 0.05  # Longest wait for a simulation before it is asked whether it goes on, s.
+END_S = 0.1  # Wait for how a process has ended, s.
 TERMINATE_S = 2.0  # Wait between the request to end and the kill of a process that hangs, s.
 
 # Longest time that a process may take to complete its files once its asker is gone, s.
@@ -179,6 +183,55 @@ def closed_by(host: Host, what: str) -> DeviceError:
     """Return the error of a process that has ended without a word."""
     how = "was killed; the machine may have run out of memory" if host.killed else "ended"
     return DeviceError(f"the process of {what} {how}; start it again")
+
+
+class RemoteSource:
+    """A simulation in a process of its own; it waits for its user, and loses nothing.
+
+    It is an :class:`~spikingtac.events.source.EventSource`. A simulated sensor costs about as much
+    as a tracker; side by side in one process they would share an interpreter lock, and neither
+    would keep up.
+
+    Args:
+        opened: Opens it there: packets with side data.
+        size: ``(width, height)`` of the packets, px.
+        take_side_data: Called with each packet's side data before the packet is yielded.
+    """
+
+    def __init__(
+        self,
+        opened: Callable[[], Iterable[tuple[EventPacket, Any]]],
+        size: tuple[int, int],
+        take_side_data: Callable[[Any], None] = lambda _: None,
+    ) -> None:
+        self.size, self.losses = size, LossCounters()
+        self._take = take_side_data
+        self._host = Host(partial(_simulate, opened=opened))
+
+    def __iter__(self) -> Iterator[EventPacket]:
+        while True:
+            try:
+                told = self._host.receive(POLL_S)
+            except EOFError as error:
+                self._host.wait(END_S)
+                raise closed_by(self._host, "the events") from error
+            if told == ():
+                return
+            if told is not None:
+                packet, side_data = told
+                self._take(side_data)
+                yield packet
+
+    def close(self) -> None:
+        """Stop the other process."""
+        self._host.close()
+
+
+def _simulate(asker: Asker, opened: Callable[[], Iterable[tuple[EventPacket, Any]]]) -> None:
+    """Tell the asker each packet with its side data; it waits while the channel is full."""
+    for told in opened():
+        asker.tell(told)
+    asker.tell(())
 
 
 def _failure(error: Exception) -> _Failure:

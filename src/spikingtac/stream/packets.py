@@ -9,14 +9,16 @@ import struct
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from spikingtac.errors import ConfigError
+from spikingtac.errors import CameraLostError, ConfigError, DeviceError
+from spikingtac.events.address import Address
+from spikingtac.events.camera import Camera
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource, Rows
-from spikingtac.stream.ring import NOTE, SharedRing
+from spikingtac.stream.ring import CLOSED, NOTE, SharedRing
 from spikingtac.types import EventPacket, LossCounters
 
 ROOM_BYTES = 16 << 20  # Room for events that wait for their users: 1.3 million, 0.4 s at 3 Mev/s.
@@ -30,6 +32,11 @@ _HEAD = struct.Struct("<qqdIII")  # span, arrival, counts of events and edges, l
 # Types of the columns of a message: t, x, y, p of the events; t, channel, edge of the triggers.
 EVENTS, EDGES = (np.int64, np.uint16, np.uint16, np.bool_), (np.int64, np.uint8, np.bool_)
 SIDE_BITS = 20
+
+# A user that is so late goes on with the newest events, and is told what it missed, s; and the
+# most that an address may ask for: ``ring:NAME?late=60`` for one that records.
+LATE_S, LONGEST_LATE_S = 1.0, 3600.0
+LOOK_S = 0.0005  # Time between two looks at a ring that another process fills, s.
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
@@ -214,3 +221,73 @@ def at_once(source: FileSource) -> Iterator[EventPacket]:
     for rows in source.columns():
         if len(rows[3]):
             yield packet_of(rows, source.size)
+
+
+class RingCamera(Camera):
+    """What another process reads, from now on, as a camera: ``ring:NAME``.
+
+    Whoever reads a camera under an address with ``share=NAME`` opens its ring to others. They slow
+    neither the reader nor each other: one that is too slow is told what it missed (``missed``).
+
+    Attributes:
+        published: Events that were published since it was opened.
+    """
+
+    OPTIONS: ClassVar[tuple[str, ...]] = ("late",)
+    checked = True
+
+    def __init__(self, ring: SharedRing, name: str, late_s: float = LATE_S) -> None:
+        super().__init__()
+        self._ring: SharedRing | None = ring
+        self._name, self._packets = name, PacketReader(ring, from_now=True, late_s=late_s)
+        self.size = self._packets.size
+        self.published, self._from = 0, ring.weight
+        self._told: dict[str, int] = {}
+
+    @classmethod
+    def open(cls, address: Address) -> Self:
+        """Attach; see :meth:`Camera.open`."""
+        try:
+            ring = SharedRing.attach(shared_name(address.target))
+        except FileNotFoundError as error:
+            raise DeviceError(
+                f"nothing is shared under {address.target!r}; let its reader share it, as: "
+                f"spikingtac record 'udp:7777?share={address.target}' -o FOLDER"
+            ) from error
+        if not ring.get(NOTE) or not ring.written:
+            ring.close()
+            raise DeviceError(f"what was shared under {address.target!r} has ended; start it again")
+        return cls(ring, address.target, address.number("late", LATE_S, 1e-3, LONGEST_LATE_S))
+
+    def read(self, timeout_s: float) -> Rows | None:
+        """Return the next events; see :meth:`Camera.read`."""
+        until_s = time.monotonic() + timeout_s
+        while (ring := self._ring) is not None:
+            written = ring.written  # asked first: the last events come before the end
+            found = self._packets.next()
+            self.published = ring.weight - self._from
+            if found is not None:
+                told, self._told = self._told, dict(self._packets.losses)
+                for kind, count in self._told.items():
+                    self.losses.add(kind, count - told.get(kind, 0))
+                self.triggers.extend(found.triggers)
+                packet = found.packet
+                return packet.x, packet.y, packet.p, packet.t
+            if not written and not ring.get(CLOSED):
+                raise CameraLostError(f"the process that shared {self._name!r} is gone")
+            if not written:
+                return None
+            if time.monotonic() >= until_s:
+                return self.nothing()
+            time.sleep(LOOK_S)
+        return None
+
+    def close(self) -> None:
+        """Leave the ring."""
+        ring, self._ring = self._ring, None
+        if ring is not None:
+            ring.close()
+
+    def describe(self) -> dict[str, Any]:
+        """Return the name."""
+        return {"shared_as": self._name}

@@ -19,9 +19,9 @@ from spikingtac.markers.registry import TrackingConfig, make_tracker
 from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.stream.clock import US_PER_S, StreamClock
 from spikingtac.stream.host import Asker, end_in_order
+from spikingtac.stream.packets import LATE_S
 from spikingtac.stream.reader import opened_camera
 from spikingtac.stream.ring import SharedRing
-from spikingtac.stream.sources import LATE_S
 from spikingtac.types import EventPacket, MarkerFrame, SourceHealth
 
 # Lag at which a source that was late has caught up, and time over which its pace is looked at, s.

@@ -21,8 +21,8 @@ from spikingtac.events.recording import MANIFEST, TRUTH, name_of, read_manifest
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.sim.twin_camera import is_twin, twin_options
+from spikingtac.stream.host import RemoteSource
 from spikingtac.stream.reader import LiveSource, opened_camera
-from spikingtac.stream.sources import RemoteSource
 from spikingtac.touch.force.model import load_force
 from spikingtac.viewer.calibrating import CalibrationDesk, NothingToTune, SaveTarget
 from spikingtac.viewer.source import FeltLayer, SampledTruth, ViewSource
