@@ -64,10 +64,11 @@ def test_fingers_give_what_each_gives_alone_and_a_dead_one_harms_nobody(
         wait_until(lambda: hand.health()["killed"].frames > 0)
         os.kill(hand.fingers["killed"].process_id, signal.SIGKILL)
         wait_until(lambda: hand.health()["thumb"].state == "ended")
+        for name in ("missing", "foreign"):
+            wait_until(lambda name=name: hand.health()[name].state == "failed")
         health, latest = hand.health(), hand.latest()
     assert health["killed"].state == "killed"
     assert health["killed"].frames < len(alone)
-    assert health["missing"].state == health["foreign"].state == "failed"
     assert "no-such-file.raw" in health["missing"].why
     assert "320x240" in health["foreign"].why
     assert latest["missing"] is None
