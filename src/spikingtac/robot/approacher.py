@@ -87,8 +87,8 @@ def approach(
             did not come to rest; the arm was commanded to stop first.
     """
     settings, stream = config or ApproachConfig(), iter(windows)
-    way = np.asarray(target_mm, np.float64) - arm.pose().position_mm
-    direction = way / max(float(np.linalg.norm(way)), np.finfo(float).tiny)
+    direction = np.asarray(target_mm, np.float64) - arm.pose().position_mm
+    direction /= max(float(np.linalg.norm(direction)), np.finfo(float).tiny)
     contact, read_mm, cruising = None, None, 0
     try:
         arm.move_linear(target_mm, settings.speed_mm_s)
@@ -100,14 +100,14 @@ def approach(
                     arm.stop()
                     read_mm = arm.pose().position_mm
             if contact is None:
-                speed = float(arm.speed_mm_s() @ direction)
-                steady = abs(speed / settings.speed_mm_s - 1.0) <= CRUISE_TOLERANCE
+                pace = float(arm.speed_mm_s() @ direction) / settings.speed_mm_s
+                steady = abs(pace - 1.0) <= CRUISE_TOLERANCE
                 cruising = cruising + 1 if steady else 0
             state = arm.state()
-            if state in (ArmState.PROTECTIVE_STOP, ArmState.DISCONNECTED):
-                raise DeviceError(f"the arm stopped by itself: {state.value}")
-            if state is not ArmState.MOVING:
+            if state is ArmState.IDLE:
                 break
+            if state is not ArmState.MOVING:
+                raise DeviceError(f"the arm stopped by itself: {state.value}")
         else:
             raise DeviceError(
                 f"no rest at a contact or at the target within {settings.patience_windows} "

@@ -165,10 +165,21 @@ def _guard(
     except Exception as error:  # the asker has no other way to learn of it
         status.publish("failed", reason=f"{type(error).__name__}: {error}")
         return
+    status.publish("starting", reason="the self-test", connected=True)
+    _watch(status, stream, detector, arm, config)
+
+
+def _watch(
+    status: GuardStatus,
+    stream: Iterator[Arrival],
+    detector: ContactDetector,
+    arm: Arm,
+    config: WatchdogConfig,
+) -> None:
+    """Test the stop, catch up with the stream, and guard the arm until a contact or a fault."""
     watchdog = Watchdog(
         config, arm.stop, time.monotonic, lambda: status.tripped(watchdog), arm.confirm_stop
     )
-    status.publish("starting", reason="the self-test", connected=True)
     rests = _obey_sigterm(watchdog)
     loop = ContactLoop(detector, watchdog, arm.stop)
     try:
