@@ -109,10 +109,8 @@ def approach(
             if state is not ArmState.MOVING:
                 raise DeviceError(f"the arm stopped by itself: {state.value}")
         else:
-            raise DeviceError(
-                f"no rest at a contact or at the target within {settings.patience_windows} "
-                "windows; check the arm, speed and target, or raise patience_windows"
-            )
+            span = f"{settings.patience_windows} windows (patience_windows)"
+            raise DeviceError(f"no rest within {span}; check the arm, speed and target")
         if contact is not None:
             arm.confirm_stop()
     except BaseException as fault:
