@@ -180,7 +180,9 @@ class Watchdog:
         if silent_s > self._config.stale_s:
             self._trip(Health.STALE, f"no heartbeat for {silent_s * 1e3:.1f} ms")
         elif self._backlog_s > self._config.backlog_s:
-            self._trip(Health.OVERLOAD, f"data lag {self._backlog_s * 1e3:.1f} ms behind")
+            lag_ms, most_ms = 1e3 * self._backlog_s, 1e3 * self._config.backlog_s
+            advice = f"{most_ms:g} ms are allowed: free the computer of other work"
+            self._trip(Health.OVERLOAD, f"data lag {lag_ms:.1f} ms behind, {advice}")
 
     def _trip(self, health: Health, reason: str) -> None:
         with self._lock:
