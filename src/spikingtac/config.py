@@ -11,7 +11,6 @@ from typing import Any
 
 from spikingtac.contact.registry import DetectionConfig
 from spikingtac.errors import ConfigError, nearest
-from spikingtac.markers.calibration.calibrate import CalibrationConfig
 from spikingtac.markers.registry import TrackingConfig
 from spikingtac.schema import build, read_toml, to_mapping
 
@@ -24,12 +23,10 @@ class Config:
 
     Attributes:
         tracking: How markers are followed.
-        calibration: How their rest positions are learned.
         contact: How contacts are detected.
     """
 
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
-    calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     contact: DetectionConfig = field(default_factory=DetectionConfig)
 
     def with_tracking(self, **changes: Any) -> Config:

@@ -13,7 +13,7 @@ import numpy as np
 
 from spikingtac import Calibration, calibrate
 from spikingtac.atomic_files import replacing
-from spikingtac.config import digest, load_config
+from spikingtac.config import digest
 from spikingtac.events import MANIFEST, TRUTH, open_events
 from spikingtac.sim import ContactConfig, IndenterMotion, Scene, load_scene, simulate
 from spikingtac.types import EventPacket
@@ -256,7 +256,7 @@ def calibration_of(
     path = trial.calibration_path(folder)
     if not path.is_file():
         slides = open_events(trial.slides(folder, data))
-        calibration = calibrate(slides, load_config("default").calibration)
+        calibration = calibrate(slides)
         with replacing(path) as temporary:
             calibration.save(temporary)
     # Read it back: a run that continues sees the same rounded numbers as one that began.
