@@ -194,11 +194,6 @@ class MarkerFrame:
         """Return the same estimate with the health of the events that it rests on."""
         return replace(self, health=health)
 
-    @property
-    def held(self) -> NDArray[np.bool_]:
-        """The former name of :attr:`coasted`."""
-        return self.coasted
-
 
 @dataclass(frozen=True, slots=True)
 class Contact:
