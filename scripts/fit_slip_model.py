@@ -1,8 +1,8 @@
 """Fit the slip model to drawn contacts on the twin: ``python scripts/fit_slip_model.py WORK``.
 
-Draws the contacts of ``slip_samples.py``, keeps their features in the folder WORK, fits four
-recurrent networks and writes them as one ONNX file, which ``spikingtac.touch.slip`` runs. Needs
-torch.
+Draws contacts, watches them through camera and tracker, keeps their features in the folder WORK,
+fits four recurrent networks, and writes them as one ONNX file, which ``spikingtac.touch.slip``
+runs. Needs torch.
 """
 
 from __future__ import annotations
@@ -16,13 +16,86 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from slip_samples import SAMPLES, drawn
 
-from spikingtac.touch.slip.features import FEATURES
+from spikingtac.sim.gel import GelConfig
+from spikingtac.touch.slip.features import FEATURES, FeatureStream
+from spikingtac_paper.touch.contacts import CARRY, KINDS, VARIED_KINDS, draw_contact
+from spikingtac_paper.touch.slip import WatchedContact, watch_contact
 from spikingtac_paper.training.small_networks import Schedule, export, fit
 
 Field = NDArray[np.float64]
 Weights = dict[str, Any]
+
+# Seed of the first contact and of the first carried body; the experiment's lie below.
+FIRST_SEED, FIRST_CARRIED_SEED = 20_000, 320_000
+USUAL_GELS = (GelConfig(),)
+
+# The contract's gel, and others, in which half of the contacts are.
+GELS = 3 * USUAL_GELS + tuple(GelConfig(thickness_mm=h_mm) for h_mm in (2.0, 2.5, 4.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """Contacts that a network is fitted to.
+
+    Attributes:
+        contacts: How many.
+        carried: How many bodies are carried besides (with 60 instead of 180, 6 of 600 moves
+            began with a false alarm, with 180 none did).
+        kinds: What the contacts are drawn from.
+        gels: Their gels.
+    """
+
+    contacts: int
+    carried: int
+    kinds: tuple[str, ...]
+    gels: tuple[GelConfig, ...]
+
+
+SAMPLES = {
+    "usual": Sample(contacts=1_290, carried=180, kinds=KINDS, gels=USUAL_GELS),
+    "varied": Sample(contacts=1_900, carried=190, kinds=VARIED_KINDS, gels=GELS),
+}
+
+
+def drawn(work: Path, name: str) -> list[Path]:
+    """Return the files of a sample's features; what is not there is drawn and watched."""
+    folder, sample = work / name, SAMPLES[name]
+    folder.mkdir(parents=True, exist_ok=True)
+    contacts = [contact(folder, sample, number) for number in range(sample.contacts)]
+    return contacts + [contact(folder, sample, k, carried=True) for k in range(sample.carried)]
+
+
+def contact(folder: Path, sample: Sample, number: int, *, carried: bool = False) -> Path:
+    """Return the file of a contact's features, drawn and watched if it is not there."""
+    path = folder / f"{'carried' if carried else 'contact'}_{number:04d}.npz"
+    if not path.exists():
+        seed = (FIRST_CARRIED_SEED if carried else FIRST_SEED) + number
+        kinds = (CARRY,) if carried else sample.kinds
+        slide = draw_contact(np.random.default_rng(seed), kinds=kinds, gels=sample.gels)
+        watched = watch_contact(slide, seed)
+        np.savez(
+            path,
+            features=features_of(watched).astype(np.float32),
+            share=watched.share,
+            judged=np.isfinite(watched.share) if carried else watched.judged,
+            touching=watched.touching,
+            about=f"{slide.scene.about}, {slide.friction:.2f}, {slide.speed_mm_s:.1f} mm/s",
+        )
+        print(path, flush=True)
+    return path
+
+
+def features_of(watched: WatchedContact) -> Field:
+    """Return the features ``(n, FEATURES)`` of every frame; nan where there are none."""
+    stream = FeatureStream(watched.reference_px)
+    out = np.full((len(watched.t_us), FEATURES), np.nan)
+    for row, (t_us, moved) in enumerate(zip(watched.t_us.tolist(), watched.moved_px, strict=True)):
+        features = stream.update(t_us, moved)
+        if features is not None:
+            out[row] = features
+    return out
+
 
 OUTPUTS = 2  # The sticking share, and the probability of incipient slip.
 
@@ -99,12 +172,8 @@ def main() -> None:
     """Draw, watch, fit, write."""
     parser = argparse.ArgumentParser(description="Fit the slip model.")
     parser.add_argument("work", type=Path, help="folder for the contacts' features")
-    parser.add_argument("--draw-only", choices=tuple(SAMPLES), help="draw that sample, do not fit")
     parser.add_argument("-o", "--output", type=Path, default=Path("slip.onnx"))
     args = parser.parse_args()
-    if args.draw_only:
-        drawn(args.work, args.draw_only)
-        return
     networks = []
     for recipe in RECIPES:
         whole = [Course.read(path, recipe) for path in drawn(args.work, recipe.sample)]
