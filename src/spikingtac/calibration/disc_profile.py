@@ -12,14 +12,20 @@ distance q outside of the nominal radius is
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 
 REACH_EDGES = 6.5  # S is within 0.005 of its limits this many edge scales to both sides of the rim.
+
+# Entries of a table from -REACH_EDGES to +REACH_EDGES: the level changes by at most 0.02 between
+# two.
+TABLE_STEPS = 256
 
 # Marker over ground intensity where nothing was calibrated (the twin's presets).
 CONTRAST_DEFAULT = 6.0
@@ -83,3 +89,95 @@ def disc_profiles(calibration: Calibration) -> list[DiscProfile]:
         edge_px = np.full(count, calibration.edge_px or EDGE_DEFAULT_PX)
     pairs = zip(contrast.tolist(), edge_px.tolist(), strict=True)
     return [DiscProfile(ratio, edge) for ratio, edge in pairs]
+
+
+@dataclass(frozen=True, slots=True)
+class Discs:
+    """How each marker of a sensor looks.
+
+    Attributes:
+        radius_px: ``(m,)`` nominal radius, px.
+        edge_px: ``(m,)`` logistic scale of the edge, px.
+        contrast: ``(m,)`` intensity of the marker over that of its ground, above 1.
+    """
+
+    radius_px: NDArray[np.float64]
+    edge_px: NDArray[np.float64]
+    contrast: NDArray[np.float64]
+
+    @property
+    def looks(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
+        """Radius, edge, and levels ``(m, TABLE_STEPS)`` around the rim, for kernels."""
+        z = np.linspace(-REACH_EDGES, REACH_EDGES, TABLE_STEPS)
+        levels = [DiscProfile(float(contrast), 1.0).level(z) for contrast in self.contrast]
+        return self.radius_px, self.edge_px, np.array(levels, np.float32)
+
+    def falls(self, marker: NDArray[np.int64], z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the fall of the level, 1/px, of some markers ``z`` edge scales outside the rim."""
+        k = self.contrast[marker] - 1.0
+        cover = 1.0 / (1.0 + np.exp(z.clip(-30.0, 30.0)))
+        fall = k * cover * (1.0 - cover) / (1.0 + k * cover)
+        return fall / (self.edge_px[marker] * np.log1p(k))
+
+
+@njit(cache=True)
+def bounds_kernel(center: float, reach: float, size: int) -> tuple[int, int]:
+    """Return the first pixel and the one after the last within ``reach``, inside of the image."""
+    first = max(0, int(np.floor(center - reach)))
+    last = min(size, int(np.ceil(center + reach)) + 1)
+    return first, max(first, last)
+
+
+@njit(cache=True)
+def level_kernel(z: Any, table: NDArray[np.float32]) -> np.float32:
+    """Return the level ``z`` edge scales outside of the rim from a marker's table."""
+    place = (z + REACH_EDGES) * ((TABLE_STEPS - 1) / (2.0 * REACH_EDGES))
+    if place >= TABLE_STEPS - 1:
+        return np.float32(0.0)
+    if place <= 0.0:
+        return np.float32(1.0)
+    cell = int(place)
+    return table[cell] + np.float32(place - cell) * (table[cell + 1] - table[cell])
+
+
+@njit(cache=True)
+def draw_kernel(
+    place: tuple[NDArray[np.float64], NDArray[np.float64]],
+    looks: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]],
+    image: tuple[NDArray[np.float32], NDArray[np.int32]],
+    touched: NDArray[np.int64],
+) -> int:
+    """Draw all discs; return how many pixels were touched.
+
+    Args:
+        place: ``(m, 2)`` centres, px, and ``(m, 3)`` stretches: growth of the radius, half of how
+            much longer it is along x than along y, and the same of the diagonals, px.
+        looks: Those of :class:`Discs`.
+        image: ``(height, width)`` level and owner; the owner must be -1 everywhere before.
+        touched: Room for the indices of the touched pixels.
+    """
+    (center, stretch), (radius_px, edge_px, tables), (level, owner) = place, looks, image
+    height, width = level.shape
+    count = 0
+    for m in range(len(radius_px)):
+        radius, edge, table = radius_px[m] + stretch[m, 0], edge_px[m], tables[m]
+        reach = radius + np.hypot(stretch[m, 1], stretch[m, 2]) + REACH_EDGES * edge
+        top, bottom = bounds_kernel(center[m, 1], reach, height)
+        left, right = bounds_kernel(center[m, 0], reach, width)
+        for y in range(top, bottom):
+            for x in range(left, right):
+                dx, dy = x - center[m, 0], y - center[m, 1]
+                square = dx * dx + dy * dy
+                if square > reach * reach:
+                    continue
+                longer = stretch[m, 1] * (dx * dx - dy * dy) + stretch[m, 2] * 2.0 * dx * dy
+                rim = radius + longer / max(square, 1e-9)
+                value = level_kernel((np.sqrt(square) - rim) / edge, table)
+                if owner[y, x] < 0:
+                    touched[count] = y * width + x
+                    count += 1
+                elif value <= level[y, x]:
+                    continue
+                level[y, x] = value
+                owner[y, x] = m
+    return count

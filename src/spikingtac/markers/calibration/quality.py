@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
-from spikingtac.markers.calibration.disc_corrections import corrections
-from spikingtac.markers.calibration.expected_levels import walk
+from spikingtac.markers.calibration.corrections import (
+    Changes,
+    Evidence,
+    Model,
+    level_variance,
+    rims,
+)
 from spikingtac.markers.calibration.layout import Layout
-from spikingtac.markers.calibration.offset_memory import OffsetMemory
-from spikingtac.markers.calibration.recording import BufferedEvents
-from spikingtac.markers.calibration.refine import Refined
 
 # A marker with few events is measured when its disc explains this share of what the median disc
-# explains. (The recorded marker that hardly moves has 0.33 to 0.47; simulated ones whose
+# explains. (Ours: the recorded marker that hardly moves has 0.33 to 0.47; simulated ones whose
 # rest is known to a pixel mostly have more.)
 FEWEST_EXPLAINED_SHARE = 0.5
 
@@ -28,17 +29,21 @@ FEWEST_EVENTS, FEWEST_EVENTS_SHARE = 40.0, 0.25
 # A measured marker is doubtful when its disc explains less than this share of the median.
 DOUBTFUL_SHARE = 0.5
 
-GRID_EXPLAINED = 0.15  # Median of the explained shares below which no grid of discs was seen.
+# Median of the explained shares below which no grid of discs was seen.
+GRID_EXPLAINED = 0.15
 
-MEMORY = OffsetMemory(30.0, 1.0)  # Changes over some presses count, on rims as well.
+# Offsets are means over so many states: changes over some presses count, on rims as well.
+OFFSET_STATES = 30.0
 
 # What the median of the explained shares is called.
 WORDS = ((0.75, "very good"), (0.55, "good"), (0.35, "usable"), (0.0, "poor"))
 
 
-MOST_MISSING_SHARE = 1 / 3  # A grid of which more is missing was not found.
+# A grid of which more is missing was not found.
+MOST_MISSING_SHARE = 1 / 3
 
-MOST_NAMED = 8  # Missing markers that an error names one by one.
+# Missing markers that an error names one by one.
+MOST_NAMED = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,34 +76,31 @@ class Quality:
         return next(word for least, word in WORDS if self.median >= least)
 
 
-def level_changes(events: BufferedEvents, at: Refined) -> NDArray[np.float64]:
-    """Return ``(m, 2)`` weighted squares of the level changes around each marker.
-
-    The first is what the model leaves over, the second all changes from each pixel's mean.
-    """
+def judged(evidence: Evidence, model: Model) -> Quality:
+    """Separate the markers that a recording shows from those that it does not."""
     # Discs that keep their shape: a stretch would explain a part of whatever is there.
-    course = replace(at.course, stretch_px=None)
-    seen = walk(events, course, at.states, at.discs, at.pixel, at.recovery_s)
-    shown = course.shown(at.states)
-    alone = replace(seen, expected=np.zeros_like(seen.expected))
-    squares = [
-        corrections(levels, shown, at.discs, at.pixel, MEMORY).squares for levels in (seen, alone)
-    ]
-    return np.column_stack(squares)
+    unstretched = replace(model.paths, stretch_px=np.zeros_like(model.paths.stretch_px))
+    model = replace(model, paths=unstretched)
+    seen = evidence.seen(model)
+    change, around = Changes(seen, OFFSET_STATES, 1.0), rims(evidence, model, seen)
+    variance = level_variance(evidence, model)
+    left_over, whole = (
+        around.squares(levels, variance, len(model.on))[0]
+        for levels in (change.real - change.ideal, change.real)
+    )
+    return judge(1.0 - left_over / np.maximum(whole, 1e-9), model.events, evidence.noise)
 
 
 def judge(
-    changes: NDArray[np.float64], events: NDArray[np.float64], noise: NDArray[np.float64]
+    explained: NDArray[np.float64], events: NDArray[np.float64], noise: NDArray[np.float64]
 ) -> Quality:
     """Separate measured markers from those that the recording does not show.
 
     Args:
-        changes: ``(m, 2)`` weighted squares of the level changes around each marker: those that
-            the discs leave over, and all.
+        explained: ``(m,)`` share of the level changes around each marker that its disc explains.
         events: ``(m, 4)`` real ON and OFF events near each marker, expected ON and OFF.
         noise: ``(2,)`` ON and OFF events that come without motion.
     """
-    explained = 1.0 - changes[:, 0] / np.maximum(changes[:, 1], 1e-9)
     above = (events[:, :2] - noise).sum(axis=1)
     busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
     clear = explained >= FEWEST_EXPLAINED_SHARE * np.median(explained)
@@ -120,16 +122,6 @@ def refuse_without_grid(quality: Quality) -> None:
             "this is one, its markers hardly moved: press or slide until they move by more than "
             "their diameter; otherwise the recording shows something else"
         )
-
-
-def provenance(quality: Quality) -> dict[str, Any]:
-    """Return the quality as keys of a calibration's provenance."""
-    return {
-        "quality": quality.word,
-        "doubtful": np.flatnonzero(quality.doubtful).tolist(),
-        "explained": np.round(quality.explained, 3).tolist(),
-        "events": np.round(quality.events).astype(int).tolist(),
-    }
 
 
 def refuse_gaps(

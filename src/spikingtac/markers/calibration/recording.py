@@ -94,6 +94,11 @@ class BufferedEvents:
         """Return the same events with swapped polarities (dark markers become bright ones)."""
         return replace(self, code=self.code ^ np.uint32(1))
 
+    def backward(self) -> BufferedEvents:
+        """Return the events as they come when time runs backward."""
+        time_us = np.uint32(self.duration_us) - self.time_us[::-1]
+        return replace(self, code=self.code[::-1] ^ np.uint32(1), time_us=time_us)
+
     def supported(self) -> BufferedEvents:
         """Return the events that a neighbour supports: most of the noise is left out."""
         keep = BackgroundActivityFilter(self.size)

@@ -1,0 +1,262 @@
+"""A first model of a recording: where the tracker sees the markers, and what an event stands for.
+
+A marker that is paler than the others is seen, but steps of the others' size never erase it from
+the map, so that it seems to stand still while it sends events. It is led by its neighbours once;
+along that way its own steps show, and with them it is tracked like the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.calibration.disc_profile import REACH_EDGES, Discs
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.calibration.corrections import Evidence, Model
+from spikingtac.markers.calibration.find_markers import Overview
+from spikingtac.markers.calibration.ideal_pixels import Paths
+from spikingtac.markers.calibration.level_maps import MeanSteps
+from spikingtac.markers.calibration.recording import BufferedEvents, moving_events
+from spikingtac.markers.graded.appearance import has_rare_off, nearest_marker
+from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
+
+# Edge width and contrast from which the refinement begins.
+FIRST_EDGE_PX, FIRST_CONTRAST = 0.8, 3.3
+
+# Radius from which it begins, as a share of that of the spots, which the blur makes larger.
+FIRST_RADIUS_SHARE = 0.95
+
+# Contrast threshold of a camera at usual settings, log intensity. Only the product of steps and
+# contrast can be learnt from events, so it sets the scale of ``contrast``; a wrong one shifts
+# radii by some 0.1 px (measured).
+THRESHOLD = 0.25
+
+# Least and largest contrast that the steps may stand for.
+CONTRASTS = (1.3, 12.0)
+
+# Samples are so far apart that the markers move by this much between two, on the average. (0.2 px
+# is no better on simulated presses, and takes half as long again.)
+SAMPLE_PX = 0.5
+
+# Bounds of the samples: short recordings are sampled more finely, long ones more coarsely.
+FEWEST_SAMPLES, MOST_SAMPLES = 400, 6_000
+
+# Short recordings of so many markers that this is exceeded are not sampled more finely. (Of 1,024
+# markers, 160 samples are as good as 400.)
+FEWEST_FITS = 160_000
+
+# States that are compared, and their pixels together: each pixel of each takes some 40 bytes.
+MOST_STATES, MOST_STATE_PIXELS = 80, 12_000_000
+
+# Where in a rest it is sampled. The skin creeps in its first part; the middle one stands for the
+# rest.
+REST_SHARES = (0.35, 0.8, 0.95)
+
+# A marker with fewer full swings than this share of the others', but not so few events, was not
+# followed.
+STUCK_SHARE = 0.1
+
+LEADERS = 4  # Nearest markers whose mean motion stands for that of a marker that was not followed.
+
+# Full swings at its neighbours' counts that each marker is given beforehand (light and lens change
+# slowly over the skin), and at its marker's counts that each pixel is given.
+NEIGHBOUR_SWINGS, PIXEL_SWINGS = 10.0, 3.0
+
+FEWEST_SWINGS = 50.0  # Full swings in all below which the sensor's mean steps are kept.
+
+FEWEST_EVENTS = 0.3  # Least mean count of a full swing: a rarer event tells nothing.
+
+STEP_BOUNDS = (0.02, 1.0)  # Least and largest step.
+
+
+def first_model(view: Overview) -> tuple[Evidence, Model]:
+    """Return what a recording's model has to explain, and one to begin with."""
+    events, markers = view.events, len(view.markers.center_px)
+    index, still = choose_samples(view)
+    discs = Discs(
+        np.full(markers, FIRST_RADIUS_SHARE * view.markers.radius_px),
+        np.full(markers, FIRST_EDGE_PX),
+        np.full(markers, FIRST_CONTRAST),
+    )
+    cell = nearest_marker(view.markers.center_px, events.size).ravel().astype(np.int64)
+    noise = view.noise(reach_px(discs))
+    evidence = Evidence(events, choose_states(len(index), still, events.pixels), still, cell, noise)
+    on, off = np.full(markers, view.steps.on), np.full(markers, view.steps.off)
+    even, none = np.ones((2, events.pixels)), np.zeros(markers)
+    paths = Paths(index, *(np.zeros((len(index), markers, width)) for width in (2, 3)))
+    model = Model(paths, discs, on, off, even, none, np.zeros((markers, 4)), none)
+    model = with_steps(evidence, tracked(view, model), view)
+    stuck = _stuck(view, model, cell)
+    if stuck.any():
+        led = with_steps(evidence, _led(model, view.markers.center_px, stuck), view)
+        model = with_steps(evidence, tracked(view, led), view)
+    contrast = np.exp(THRESHOLD / np.sqrt(model.on * model.off)).clip(*CONTRASTS)
+    return evidence, replace(model, discs=replace(discs, contrast=contrast))
+
+
+def reach_px(discs: Discs) -> float:
+    """Return how far from its centre a disc's light reaches, px."""
+    return float(np.median(discs.radius_px + REACH_EDGES * discs.edge_px))
+
+
+def choose_samples(view: Overview) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return how many events come before each sample, and which samples lie in rests.
+
+    Returns:
+        ``(n,)`` numbers of events, increasing, and ``(rests, 3)`` the first, the typical and the
+        last sample of each rest.
+    """
+    events, markers = view.events, len(view.markers.center_px)
+    # Both rims of a disc that moves by a pixel sweep its diameter, one up and one down a swing.
+    diameter_px = 2.0 * view.markers.radius_px * markers
+    events_per_px = diameter_px * (1.0 / view.steps.on + 1.0 / view.steps.off)
+    fewest = min(FEWEST_SAMPLES, FEWEST_FITS // markers)
+    apart = min(int(SAMPLE_PX * events_per_px), len(events) // max(fewest, 1))
+    apart = max(apart, len(events) // MOST_SAMPLES, 1)
+    begin_us, length_us = view.rests_us[:, :1], np.diff(view.rests_us, axis=1)
+    rest = events.index_at((begin_us + length_us * np.array(REST_SHARES)).astype(np.int64))
+    index = np.unique([*range(0, len(events), apart), *rest.ravel().tolist(), len(events)])
+    return index, np.searchsorted(index, rest)
+
+
+def choose_states(samples: int, still: NDArray[np.int64], pixels: int) -> NDArray[np.int64]:
+    """Return the samples to compare: one of each rest, and others evenly in between."""
+    most = max(min(MOST_STATES, MOST_STATE_PIXELS // pixels), len(still) + 2)
+    even = np.linspace(0, samples - 1, most - len(still)).astype(np.int64)
+    if len(still):
+        apart = np.abs(even[:, np.newaxis] - still[np.newaxis, :, 1]).min(axis=1)
+        even = even[apart > 0.5 * samples / most]
+    return np.unique(np.concatenate([even, still[:, 1]]))
+
+
+def tracked(view: Overview, model: Model) -> Model:
+    """Return a model with the paths on which the tracker sees the markers.
+
+    They are the mean of both ways in time, whose errors are opposed.
+    """
+    backward = view.events.backward()
+    known = Calibration(
+        reference_px=view.markers.center_px,
+        grid=None,
+        size=view.events.size,
+        radius_px=model.discs.radius_px,
+        marker_edge_px=model.discs.edge_px,
+        marker_contrast=model.discs.contrast,
+        step_on=float(np.median(model.on)),
+        step_off=float(np.median(model.off)),
+        marker_step_on=model.on,
+        marker_step_off=model.off,
+    )
+    forth, back = (
+        _followed(events, known, at_us)
+        for events, at_us in (
+            (view.events, view.events.times_at(model.paths.index)),
+            (backward, backward.duration_us - view.events.times_at(model.paths.index[::-1])),
+        )
+    )
+    return replace(model, paths=replace(model.paths, center_px=0.5 * (forth + back[::-1])))
+
+
+def _followed(
+    events: BufferedEvents, known: Calibration, at_us: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    fit = "bands" if has_rare_off(known) else "disc"
+    tracker = GradedTracker(GradedTrackerConfig(lag_us=0.0, backlash=0.0), known, fit=fit)
+    places, begin_us = [], 0
+    for end_us in at_us.tolist():
+        tracker.absorb(events.packet(begin_us, end_us))
+        places.append(tracker.estimate(events.t_start_us + end_us).detected_px.copy())
+        begin_us = end_us
+    return np.array(places)
+
+
+def with_steps(evidence: Evidence, model: Model, view: Overview) -> Model:
+    """Return a model with what one event of each marker and of each pixel stands for.
+
+    With a and b the shares of a full swing that an ON and an OFF event stand for, the mean counts
+    of full swings are
+
+        1 = a (n_on + 1/2) + b / 2,    1 = b (n_off + 1/2) + a / 2,
+
+    since the level at which the pixel fired last lies anywhere within a step before the swing
+    begins. What falls back on the way up, and rises on the way down, is taken off: a marker that
+    turns round over a pixel, or noise near a threshold, fires pairs of events that add up to
+    nothing.
+
+    Args:
+        evidence: The recording.
+        model: Where the markers went, and how they look.
+        view: Where they rest; its mean steps are kept where too few swings were seen.
+    """
+    seen = evidence.seen(model)
+    by_marker, by_pixel = seen.marker_swings.copy(), seen.swings.copy()
+    on_per_off = np.divide(*_mean_counts(by_marker, view.steps))
+    for swings in by_marker, by_pixel:
+        swings[:, 0] -= on_per_off * swings[:, 4]
+        swings[:, 2] -= swings[:, 5] / on_per_off
+    # Each marker's counts are a little drawn to its neighbours', a Gaussian as wide as the pitch.
+    rest_px, mean = view.markers.center_px, _mean_counts(by_marker, view.steps)
+    apart = np.hypot(*(rest_px[:, np.newaxis] - rest_px[np.newaxis]).transpose(2, 0, 1))
+    pitch = float(np.median(np.sort(apart, axis=1)[:, 1])) if len(rest_px) > 1 else 1.0
+    near = np.exp(-0.5 * (apart / pitch) ** 2) @ by_marker
+    counts, single = [], []
+    for usual, column in zip(mean, (0, 2), strict=True):
+        expected = (near[:, column] + usual) / (near[:, column + 1] + 1.0)
+        known, number = by_marker[:, column], by_marker[:, column + 1]
+        counts.append((known + NEIGHBOUR_SWINGS * expected) / (number + NEIGHBOUR_SWINGS))
+        own, number = by_pixel[:, column], by_pixel[:, column + 1]
+        beforehand = PIXEL_SWINGS * counts[-1][evidence.cell]
+        single.append((own + beforehand) / (number + PIXEL_SWINGS))
+    on, off = steps_of_counts(*counts)
+    pixel = np.array(steps_of_counts(*single)) / np.array([on, off])[:, evidence.cell]
+    return replace(model, on=on, off=off, pixel=pixel, swings=by_marker[:, 1] + by_marker[:, 3])
+
+
+def steps_of_counts(
+    on: NDArray[np.floating], off: NDArray[np.floating]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the ON and OFF steps that mean counts of full swings stand for.
+
+    Args:
+        on: Mean ON events of a swing from ground to marker, any shape.
+        off: Mean OFF events of the way back, same shape.
+
+    Example:
+        >>> on, off = steps_of_counts(np.array([6.0]), np.array([6.0]))
+        >>> float(on.round(4)[0])  # 1 / (6 + 1)
+        0.1429
+    """
+    rises = np.maximum(on, FEWEST_EVENTS) + 0.5
+    falls = np.maximum(off, FEWEST_EVENTS) + 0.5
+    both = rises * falls - 0.25
+    on_step = ((falls - 0.5) / both).clip(*STEP_BOUNDS)
+    return on_step, ((rises - 0.5) / both).clip(*STEP_BOUNDS)
+
+
+def _mean_counts(by_marker: NDArray[np.float64], start: MeanSteps) -> tuple[float, float]:
+    total = by_marker.sum(axis=0)
+    if min(total[1], total[3]) < FEWEST_SWINGS:
+        # The inverse of steps_of_counts.
+        return (1.0 - 0.5 * start.off) / start.on - 0.5, (1.0 - 0.5 * start.on) / start.off - 0.5
+    return float(total[0] / total[1]), float(total[2] / total[3])
+
+
+def _stuck(view: Overview, model: Model, cell: NDArray[np.int64]) -> NDArray[np.bool_]:
+    # Pale markers: they send events, but steps of the others' size never erase them from the map.
+    moving = moving_events(view.events, view.rests_us)
+    sent = np.bincount(cell[view.events.code[moving] >> 1], minlength=len(model.on))
+    few = model.swings < STUCK_SHARE * np.median(model.swings)
+    return few & (sent > STUCK_SHARE * np.median(sent))
+
+
+def _led(model: Model, rest_px: NDArray[np.float64], stuck: NDArray[np.bool_]) -> Model:
+    # Stuck markers go where the nearest others go on the average.
+    free, center_px = np.flatnonzero(~stuck), model.paths.center_px.copy()
+    for marker in np.flatnonzero(stuck):
+        apart_px = np.hypot(*(rest_px[free] - rest_px[marker]).T)
+        leaders = free[np.argsort(apart_px, kind="stable")[:LEADERS]]
+        moved_px = (model.paths.center_px[:, leaders] - rest_px[leaders]).mean(axis=1)
+        center_px[:, marker] = rest_px[marker] + moved_px
+    return replace(model, paths=replace(model.paths, center_px=center_px))

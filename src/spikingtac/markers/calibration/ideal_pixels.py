@@ -1,0 +1,281 @@
+"""What ideal pixels fire while the markers go their way, beside what the real ones fired.
+
+Every pixel follows the logarithm of a blurred disc and fires when it has left the level of its last
+event by a step. Where that level stood when the recording began is not known, so that several ideal
+pixels, spread evenly over the possible levels, are followed for each real one. What real pixels
+fired is compared with their mean: unlike a fit to the levels themselves this is not misled by
+partial swings that give no event, and by steps that are large in one direction.
+
+A pixel swings fully when a marker covers it after it was ground, or leaves it after it was covered:
+real events of such swings are counted on the way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spikingtac.calibration.disc_profile import Discs, draw_kernel
+from spikingtac.markers.calibration.recording import BufferedEvents
+from spikingtac.state_map.two_threads import divide
+
+# Ideal pixels for each real one: their mean is within an eighth of a step of the true mean.
+PHASES = 4
+
+# Smaller changes of the level are no motion.
+STILL_LEVEL = 1e-4
+
+# A pixel is ground below the first level and marker above the second; between both it swings.
+GROUND_LEVEL, MARKER_LEVEL = 0.03, 0.95
+
+SETTLE_SAMPLES = 3  # Events that come so many samples late still count for a swing.
+
+
+@dataclass(frozen=True, slots=True)
+class Paths:
+    """Where the markers went.
+
+    Attributes:
+        index: ``(n,)`` how many events came before each sample.
+        center_px: ``(n, m, 2)`` places, px.
+        stretch_px: ``(n, m, 3)`` how the discs are stretched there
+            (:func:`~spikingtac.calibration.disc_profile.draw_kernel`), px.
+    """
+
+    index: NDArray[np.int64]
+    center_px: NDArray[np.float64]
+    stretch_px: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Real and ideal pixels at chosen samples.
+
+    Attributes:
+        measured: ``(states, pixels)`` sum of the real events' steps since the start.
+        expected: The mean sum of the ideal events' steps since the start.
+        drawn: The level that the discs show.
+        owner: The disc that covers each pixel, -1 for none.
+        events: ``(m, 4)`` events near each marker: real ON and OFF, expected ON and OFF.
+        swings: ``(pixels, 6)`` real events of the full swings of each pixel: ON events and number
+            of rises, OFF events and number of falls, OFF events of rises, ON events of falls.
+        marker_swings: ``(m, 6)`` the same sums by the marker that covered the pixel.
+    """
+
+    measured: NDArray[np.float32]
+    expected: NDArray[np.float32]
+    drawn: NDArray[np.float32]
+    owner: NDArray[np.int32]
+    events: NDArray[np.float64]
+    swings: NDArray[np.float64]
+    marker_swings: NDArray[np.float64]
+
+
+def compare(
+    events: BufferedEvents,
+    paths: Paths,
+    states: NDArray[np.int64],
+    discs: Discs,
+    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    recovery_s: float = 0.0,
+) -> Comparison:
+    """Let ideal pixels fire along the paths.
+
+    Args:
+        events: The recording, markers brighter than the ground.
+        paths: Where the markers went.
+        states: Which samples to keep, increasing, no sample twice.
+        discs: How the markers look.
+        steps: ``(pixels,)`` what an ON and an OFF event of each pixel stands for.
+        recovery_s: Time in which pixels forget light that they lost without an event, s; 0: never.
+    """
+    kept = np.zeros((3, len(states), events.pixels), np.float32)
+    owner = np.zeros((len(states), events.pixels), np.int32)
+    swings = np.zeros((events.pixels, 6))
+    at_s = 1e-6 * events.times_at(paths.index).astype(np.float64)
+    recovery = at_s, (1.0 / recovery_s if recovery_s > 0.0 else 0.0)
+    looks, width = discs.looks, events.size[0]
+
+    def compare_rows(rows: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        near, ended = np.zeros((len(discs.radius_px), 4)), np.zeros((len(discs.radius_px), 6))
+        pixels = slice(rows.start * width, rows.stop * width)
+        compare_kernel(
+            (events.code, pixels.start, width),
+            (paths.index, paths.center_px - [0.0, rows.start], paths.stretch_px, states),
+            looks,
+            (steps[0][pixels], steps[1][pixels]),
+            recovery,
+            (kept[:, :, pixels], owner[:, pixels], near, (swings[pixels], ended)),
+        )
+        near[:, 2:] /= PHASES
+        return near, ended
+
+    near, ended = map(sum, zip(*divide(events.size[1], compare_rows), strict=True))
+    return Comparison(*kept, owner, near, swings, ended)
+
+
+@njit(cache=True)
+def follow_levels_kernel(
+    which: tuple[NDArray[np.int64], NDArray[np.int32]],
+    levels: tuple[NDArray[np.float32], NDArray[np.float32]],
+    copies: tuple[NDArray[np.float32], NDArray[np.float32]],
+    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    events: NDArray[np.float64],
+    clock: tuple[NDArray[np.float64], Any, Any],
+) -> None:
+    """Let pixels' ideal copies follow their levels; add what they fire to the markers' events.
+
+    ``which`` is some pixels, and every pixel's marker; ``levels`` are those of now and of before;
+    ``copies`` is ``(pixels, PHASES)``, the level at which each copy fired last, and ``(pixels,)``
+    the mean sum of their steps. ``clock`` is when each pixel was followed last, the time of now, s,
+    and the rate at which light that was lost without an event is forgotten, 1/s. (A call for each
+    pixel counted references to all these arrays anew, and took twice the time.)
+    """
+    (chosen, marker), (now, before), (phases, sums) = which, levels, copies
+    (on_steps, off_steps), (seen_s, now_s, per_s) = steps, clock
+    for q in chosen:
+        level = now[q]
+        if abs(level - before[q]) <= STILL_LEVEL:
+            continue
+        on, off, share = on_steps[q], off_steps[q], np.float32(1.0)
+        middle = np.float32(0.5) * (level + before[q])
+        if per_s > 0.0:
+            share = np.float32(np.exp(-per_s * (now_s - seen_s[q])))
+        rises = falls = 0
+        for phase in range(PHASES):
+            last = phases[q, phase]
+            if last > middle and share < np.float32(1.0):
+                last = middle + share * (last - middle)
+            while level > last + on:
+                last += on
+                rises += 1
+            while level < last - off:
+                last -= off
+                falls += 1
+            phases[q, phase] = last
+        if rises or falls:
+            events[marker[q], 2] += rises
+            events[marker[q], 3] += falls
+            sums[q] += (np.float32(rises) * on - np.float32(falls) * off) / np.float32(PHASES)
+        before[q], seen_s[q] = level, now_s
+
+
+@njit(cache=True)
+def count_events_kernel(
+    code: NDArray[np.uint32],
+    first: int,
+    counts: NDArray[np.int32],
+    owner: NDArray[np.int32],
+    events: NDArray[np.float64],
+) -> None:
+    """Count real events by pixel, OFF and ON, and by the disc that covers it, ON and OFF.
+
+    The pixels are those of some rows; ``first`` is the number of the first of them in ``code``.
+    """
+    for i in range(len(code)):
+        q, on = np.int64(code[i] >> 1) - first, code[i] & 1
+        if q >= 0 and q < len(counts):
+            counts[q, on] += 1
+            if owner[q] >= 0:
+                events[owner[q], 1 - on] += 1
+
+
+@njit(cache=True)
+def end_swings_kernel(
+    chosen: NDArray[np.int64],
+    image: tuple[NDArray[np.float32], NDArray[np.int32], bool],
+    state: tuple[NDArray[np.int8], NDArray[np.int32], NDArray[np.int32]],
+    counts: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]],
+    out: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> None:
+    """Add the full swings that some pixels have ended to the sums of pixels and markers.
+
+    ``image`` is each pixel's level and disc, and whether only those without a disc are meant;
+    ``state`` the end at which each was last (1 ground, 2 marker, 0 none yet), samples since a swing
+    came to it (-1: none did), and its marker; ``counts`` ``(pixels, 2)`` OFF and ON events of now,
+    of the last sample at an end, and of the begin of the swing.
+    """
+    (now, whose, uncovered), (end, since, marker) = image, state
+    (count, last, begun), (by_pixel, by_marker) = counts, out
+    for q in chosen:
+        if uncovered and whose[q] >= 0:
+            continue
+        at = 2 if now[q] > MARKER_LEVEL else 1 if now[q] < GROUND_LEVEL else 0
+        if since[q] >= 0:
+            since[q] += 1
+            if at != end[q] or since[q] >= SETTLE_SAMPLES or uncovered:
+                rose = end[q] == 2
+                column, along = (0, 1) if rose else (2, 0)
+                until = last if at != end[q] else count
+                for sums in (by_pixel[q], by_marker[marker[q]]):
+                    sums[column] += until[q, along] - begun[q, along]
+                    sums[column + 1] += 1
+                    sums[4 + column // 2] += until[q, 1 - along] - begun[q, 1 - along]
+                since[q] = -1
+        if at == 2:
+            marker[q] = whose[q]
+        if at != 0:
+            if at != end[q] and end[q] != 0:
+                since[q] = 0
+                begun[q, 0], begun[q, 1] = last[q, 0], last[q, 1]
+            end[q] = at
+            last[q, 0], last[q, 1] = count[q, 0], count[q, 1]
+
+
+@njit(cache=True, nogil=True)
+def compare_kernel(
+    real: tuple[NDArray[np.uint32], int, int],
+    paths: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
+    looks: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]],
+    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    recovery: tuple[NDArray[np.float64], float],
+    out: tuple[Any, ...],
+) -> None:
+    """Walk along the samples; fill some rows of a :class:`Comparison`.
+
+    ``real`` is the codes of all events, the number of the first pixel of these rows, and their
+    width; ``recovery`` is the time of each sample, s, and the rate at which pixels recover, 1/s;
+    ``out`` is the levels ``(3, states, pixels)``, the owners, the events ``(m, 4)``, and the swings
+    by pixel and by marker.
+    """
+    (code, first, width), (at_s, per_s), (levels, owners, near, swings) = real, recovery, out
+    (index, places, stretches, states), (on, off) = paths, steps
+    shape = (levels.shape[2] // width, width)
+    image, owner = np.zeros(shape, np.float32), np.full(shape, -1, np.int32)
+    now, whose, count = image.ravel(), owner.ravel(), image.size
+    before, phases = np.zeros(count, np.float32), np.empty((count, PHASES), np.float32)
+    touched, former = np.empty(count, np.int64), np.empty(count, np.int64)
+    seen_s, last_owner = np.full(count, at_s[0]), np.full(count, -1, np.int32)
+    copies, counts = (phases, np.zeros(count, np.float32)), np.zeros((count, 2), np.int32)
+    ends = np.zeros(count, np.int8), np.full(count, -1, np.int32), np.zeros(count, np.int32)
+    counted = counts, np.zeros_like(counts), np.zeros_like(counts)
+    at, formers, kept = index[0], 0, 0
+    for sample in range(len(index)):
+        count_events_kernel(code[at : index[sample]], first, counts, last_owner, near)
+        at, clock = index[sample], (seen_s, at_s[sample], per_s)
+        place = places[sample], stretches[sample]
+        covered = touched[: draw_kernel(place, looks, (image, owner), touched)]
+        if sample == 0:  # copies spread evenly over the levels at which a pixel may have fired last
+            before[:] = now
+            for phase in range(PHASES):
+                phases[:, phase] = now + off - (on + off) * np.float32((phase + 0.5) / PHASES)
+            ends[0][:] = 1
+            for q in covered:
+                ends[0][q] = 2 if now[q] > MARKER_LEVEL else 1 if now[q] < GROUND_LEVEL else 0
+        for q in covered:
+            last_owner[q] = whose[q]
+        for some in (former[:formers], covered):  # what may be ground now, then the discs
+            follow_levels_kernel((some, last_owner), (now, before), copies, steps, near, clock)
+        end_swings_kernel(former[:formers], (now, whose, True), ends, counted, swings)
+        end_swings_kernel(covered, (now, whose, False), ends, counted, swings)
+        if kept < len(states) and states[kept] == sample:
+            levels[0, kept] = on * counts[:, 1] - off * counts[:, 0]
+            levels[1, kept], levels[2, kept], owners[kept] = copies[1], now, whose
+            kept += 1
+        former, touched, formers = touched, former, len(covered)
+        for q in former[:formers]:
+            now[q], whose[q] = 0.0, -1
