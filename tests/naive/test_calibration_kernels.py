@@ -187,7 +187,8 @@ def seen_at(
 ) -> Comparison:
     flat = [image.reshape(len(drawn), -1).astype(np.float32) for image in (measured, drawn, drawn)]
     owners = owner.reshape(len(drawn), -1).astype(np.int32)
-    return Comparison(*flat, owners, np.zeros((events, 4)), *np.zeros((2, 1, 6)))
+    none = np.zeros((events, 6))
+    return Comparison(flat[0], flat[1], flat[2], owners, none[:, :4], none, none)
 
 
 def test_offsets_are_weighted_means_over_the_states_around() -> None:

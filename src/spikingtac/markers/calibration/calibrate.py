@@ -26,7 +26,7 @@ from spikingtac.markers.calibration.find_markers import (
     SeenMarkers,
     look_over,
 )
-from spikingtac.markers.calibration.first_model import first_model
+from spikingtac.markers.calibration.first_model import first_model, tracked
 from spikingtac.markers.calibration.lattice import expected_places
 from spikingtac.markers.calibration.layout import Layout
 from spikingtac.markers.calibration.quality import (
@@ -151,6 +151,8 @@ def completed(source: EventSource, known: Calibration) -> Calibration:
 def _learned(view: Overview, config: CalibrationConfig) -> Calibration:
     evidence, model = first_model(view)
     model = with_recovery(evidence, refine(evidence, model))
+    if model.recovery_s:  # seen as what they are, such markers are tracked far better
+        model = refine(evidence, tracked(view, model))
     quality = judged(evidence, model)
     refuse_without_grid(quality)
     layout = view.markers.layout
@@ -217,9 +219,7 @@ def _appearance(model: Model, measured: NDArray[np.bool_]) -> dict[str, Any]:
     }
 
 
-def _step_maps(
-    evidence: Evidence, model: Model, measured: NDArray[np.bool_]
-) -> dict[str, NDArray[np.float32]]:
+def _step_maps(evidence: Evidence, model: Model, measured: NDArray[np.bool_]) -> dict[str, Any]:
     # Pixels without a full swing, and those of markers that were not measured, have no own step.
     maps, known = {}, measured[evidence.cell]
     for name, step, share in zip(MAPS, (model.on, model.off), model.pixel, strict=True):

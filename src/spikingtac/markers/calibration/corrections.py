@@ -129,7 +129,7 @@ class Changes:
 
     def of(self, levels: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the changes of some levels ``(states, pixels)``, or of derivatives of them."""
-        return levels - self._near @ (self._weight * levels) / self._total
+        return np.asarray(levels - self._near @ (self._weight * levels) / self._total, np.float32)
 
     def swings(self, cell: NDArray[np.int64], markers: int) -> NDArray[np.float64]:
         """Return ``(m, 2)`` sums over the full swings of each marker's pixels from state to state.
@@ -139,7 +139,7 @@ class Changes:
         weight = self.ideal / (1.0 + ((self.real - self.ideal) / RESIDUAL_LEVEL) ** 2)
         weight[self.on_rim] = 0.0
         sums = [(weight * one).sum(axis=0) for one in (self.real, self.ideal)]
-        return np.column_stack([np.bincount(cell, one, markers) for one in sums])
+        return np.array([np.bincount(cell, one, markers) for one in sums], float).T
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +163,7 @@ class Rims:
         level = levels[self.at].astype(np.float64)
         weight = robust_weight(level, variance[self.at[1]])
         sums = weight * level**2, weight
-        return np.array([np.bincount(self.marker, one, markers) for one in sums])
+        return np.array([np.bincount(self.marker, one, markers) for one in sums], float)
 
 
 def rims(evidence: Evidence, model: Model, seen: Comparison) -> Rims:
@@ -183,7 +183,7 @@ def rims(evidence: Evidence, model: Model, seen: Comparison) -> Rims:
     rim_px += stretch_px[:, 1] * ways[2] + stretch_px[:, 2] * ways[3]
     z = (rho - rim_px) / edge_px
     near = (z <= OUTSIDE_EDGES + MARGIN_PX / edge_px) & (rho >= 0.5)
-    state, pixel, marker, z = (one[near] for one in (state, pixel, marker, z))
+    state, pixel, marker, z = state[near], pixel[near], marker[near], z[near]
     fall = model.discs.falls(marker, z)
     along_x, along_y, wide, slant = (fall * way[near] for way in ways)
     return Rims((state, pixel), marker, np.array([along_x, along_y, fall, fall * z, wide, slant]))
@@ -250,4 +250,4 @@ def _solved(
         pull[:, i] += np.bincount(group, weight * one * error, groups)
         for j, other in enumerate(slopes):
             curvature[:, i, j] += np.bincount(group, weight * one * other, groups)
-    return np.linalg.solve(curvature, pull[..., np.newaxis])[..., 0]
+    return np.asarray(np.linalg.solve(curvature, pull[..., np.newaxis])[..., 0], np.float64)

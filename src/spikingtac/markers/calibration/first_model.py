@@ -148,6 +148,7 @@ def tracked(view: Overview, model: Model) -> Model:
         step_off=float(np.median(model.off)),
         marker_step_on=model.on,
         marker_step_off=model.off,
+        recovery_s=model.recovery_s or None,
     )
     forth, back = (
         _followed(events, known, at_us)
@@ -156,7 +157,8 @@ def tracked(view: Overview, model: Model) -> Model:
             (backward, backward.duration_us - view.events.times_at(model.paths.index[::-1])),
         )
     )
-    return replace(model, paths=replace(model.paths, center_px=0.5 * (forth + back[::-1])))
+    center_px, stretch_px = 0.5 * (forth + back[::-1]), np.zeros_like(model.paths.stretch_px)
+    return replace(model, paths=Paths(model.paths.index, center_px, stretch_px))
 
 
 def _followed(

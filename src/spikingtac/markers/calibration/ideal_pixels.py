@@ -114,8 +114,9 @@ def compare(
         near[:, 2:] /= PHASES
         return near, ended
 
-    near, ended = map(sum, zip(*divide(events.size[1], compare_rows), strict=True))
-    return Comparison(*kept, owner, near, swings, ended)
+    parts = divide(events.size[1], compare_rows)
+    near, ended = (np.sum([part[i] for part in parts], axis=0) for i in (0, 1))
+    return Comparison(kept[0], kept[1], kept[2], owner, near, swings, ended)
 
 
 @njit(cache=True)
