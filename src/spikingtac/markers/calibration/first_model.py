@@ -134,9 +134,8 @@ def choose_states(samples: int, still: NDArray[np.int64], pixels: int) -> NDArra
 def tracked(view: Overview, model: Model) -> Model:
     """Return a model with the paths on which the tracker sees the markers.
 
-    They are the mean of both ways in time, whose errors are opposed.
+    Where pixels recover they are the mean of both ways in time, whose errors are opposed.
     """
-    backward = view.events.backward()
     known = Calibration(
         reference_px=view.markers.center_px,
         grid=None,
@@ -150,15 +149,13 @@ def tracked(view: Overview, model: Model) -> Model:
         marker_step_off=model.off,
         recovery_s=model.recovery_s or None,
     )
-    forth, back = (
-        _followed(events, known, at_us)
-        for events, at_us in (
-            (view.events, view.events.times_at(model.paths.index)),
-            (backward, backward.duration_us - view.events.times_at(model.paths.index[::-1])),
-        )
-    )
-    center_px, stretch_px = 0.5 * (forth + back[::-1]), np.zeros_like(model.paths.stretch_px)
-    return replace(model, paths=Paths(model.paths.index, center_px, stretch_px))
+    index = model.paths.index
+    center_px = _followed(view.events, known, view.events.times_at(index))
+    if known.recovery_s is not None:
+        backward = view.events.backward()
+        at_us = backward.duration_us - view.events.times_at(index[::-1])
+        center_px = 0.5 * (center_px + _followed(backward, known, at_us)[::-1])
+    return replace(model, paths=Paths(index, center_px, np.zeros_like(model.paths.stretch_px)))
 
 
 def _followed(
