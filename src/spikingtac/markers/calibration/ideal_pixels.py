@@ -227,6 +227,23 @@ def end_swings_kernel(
             last[q, 0], last[q, 1] = count[q, 0], count[q, 1]
 
 
+@njit(cache=True)
+def begin_kernel(
+    now: NDArray[np.float32],
+    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    copies: tuple[NDArray[np.float32], NDArray[np.float32]],
+    end: NDArray[np.int8],
+) -> None:
+    """Spread each pixel's copies evenly over the levels at which it may have fired last."""
+    (on, off), (before, phases) = steps, copies
+    for q in range(len(now)):
+        before[q] = now[q]
+        end[q] = 2 if now[q] > MARKER_LEVEL else 1 if now[q] < GROUND_LEVEL else 0
+        for phase in range(PHASES):
+            share = np.float32((phase + 0.5) / PHASES)
+            phases[q, phase] = now[q] + off[q] - (on[q] + off[q]) * share
+
+
 @njit(cache=True, nogil=True)
 def compare_kernel(
     real: tuple[NDArray[np.uint32], int, int],
@@ -260,13 +277,8 @@ def compare_kernel(
         at, clock = index[sample], (seen_s, at_s[sample], per_s)
         place = places[sample], stretches[sample]
         covered = touched[: draw_kernel(place, looks, (image, owner), touched)]
-        if sample == 0:  # copies spread evenly over the levels at which a pixel may have fired last
-            before[:] = now
-            for phase in range(PHASES):
-                phases[:, phase] = now + off - (on + off) * np.float32((phase + 0.5) / PHASES)
-            ends[0][:] = 1
-            for q in covered:
-                ends[0][q] = 2 if now[q] > MARKER_LEVEL else 1 if now[q] < GROUND_LEVEL else 0
+        if sample == 0:
+            begin_kernel(now, steps, (before, phases), ends[0])
         for q in covered:
             last_owner[q] = whose[q]
         for some in (former[:formers], covered):  # what may be ground now, then the discs
