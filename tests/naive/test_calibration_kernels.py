@@ -13,6 +13,7 @@ from spikingtac.markers.calibration.corrections import (
     Evidence,
     Model,
     corrections,
+    normal_equations_kernel,
     rims,
 )
 from spikingtac.markers.calibration.first_model import steps_of_counts
@@ -147,14 +148,16 @@ def test_ideal_pixels_fire_as_plain_loops_have_it(recovery_s: float) -> None:
     kept = np.exp(-after_s / recovery_s) if recovery_s else np.ones(5)
     means, fired = plain_comparison(paths, steps, kept)
     # A level near a threshold may fall to the other side in a table.
-    apart = np.abs(seen.expected.reshape(5, *SHAPE) - np.array(means))
-    assert (apart > 0.02).mean(axis=(1, 2)).max() < 0.02
+    shown = np.array(means).reshape(5, -1)
+    apart = np.abs(seen.expected - shown[:, seen.pixel])
+    assert (apart > 0.02).mean(axis=1).max() < 0.02
+    assert np.abs(np.delete(shown, seen.pixel, axis=1)).max() < 0.02
     np.testing.assert_allclose(seen.events[:, 2:].sum(axis=0), fired, rtol=0.03)
     total = np.zeros(PIXELS)
     for code in events.code[:150].tolist():
         pixel = code >> 1
         total[pixel] += steps[0][pixel] if code & 1 else -steps[1][pixel]
-    np.testing.assert_allclose(seen.measured[3], total, atol=1e-5)
+    np.testing.assert_allclose(seen.measured[3], total[seen.pixel], atol=1e-5)
 
 
 @pytest.mark.parametrize("back", [False, True])
@@ -188,7 +191,8 @@ def seen_at(
     flat = [image.reshape(len(drawn), -1).astype(np.float32) for image in (measured, drawn, drawn)]
     owners = owner.reshape(len(drawn), -1).astype(np.int32)
     none = np.zeros((events, 6))
-    return Comparison(flat[0], flat[1], flat[2], owners, none[:, :4], none, none)
+    pixel = np.arange(owners.shape[1])
+    return Comparison(pixel, flat[0], flat[1], flat[2], owners, none[:, :4], none, none)
 
 
 def test_offsets_are_weighted_means_over_the_states_around() -> None:
@@ -219,6 +223,18 @@ def evidence_and_model(places: np.ndarray) -> tuple[Evidence, Model]:
     )
 
 
+def test_normal_equations_are_sums_over_each_group() -> None:
+    rng = np.random.default_rng(6)
+    group, slopes = rng.integers(0, 3, 50), rng.normal(size=(50, 4)).astype(np.float32)
+    error, weight = rng.uniform(0.5, 2.0, (2, 50)).astype(np.float32)
+    curvature, pull = np.tile(np.eye(4), (4, 1, 1)), np.ones((4, 4))
+    normal_equations_kernel(group, slopes, error, weight, curvature, pull)
+    for one in range(4):
+        a, w = slopes[group == one].astype(float), weight[group == one, np.newaxis]
+        np.testing.assert_allclose(curvature[one], np.eye(4) + a.T @ (w * a), rtol=1e-4)
+        np.testing.assert_allclose(pull[one], 1.0 + (w * a).T @ error[group == one], rtol=1e-4)
+
+
 # A place that moves turns the ellipse a little, which the model leaves to the next round.
 @pytest.mark.parametrize(("stretch", "rows"), [(UNSTRETCHED, range(6)), (STRETCH, range(2, 6))])
 def test_slopes_of_a_disc_equal_numbers_from_differences(stretch: np.ndarray, rows: range) -> None:
@@ -233,12 +249,12 @@ def test_slopes_of_a_disc_equal_numbers_from_differences(stretch: np.ndarray, ro
     def shown(dx: float, dy: float, growth: float, wider: float, *ellipse: float) -> np.ndarray:
         disc = Discs(np.array([5.0 + growth]), np.array([0.7 + wider]), np.array([4.0]))
         stretched = np.add(stretch[:1], [0.0, *ellipse])
-        return level(disc, np.add(PLACES[:1], [dx, dy]), stretched)[0].ravel()[around.at[1][first]]
+        return level(disc, np.add(PLACES[:1], [dx, dy]), stretched)[0].ravel()[around.at[first]]
 
     for row in rows:
         change = small * np.eye(6)[row]
         expected = (shown(*change) - shown(*-change)) / (2 * small)
-        np.testing.assert_allclose(around.slopes[row, first], expected, atol=2e-4)
+        np.testing.assert_allclose(around.slopes[first, row], expected, atol=2e-4)
 
 
 def test_corrections_undo_small_errors_although_offsets_are_unknown() -> None:

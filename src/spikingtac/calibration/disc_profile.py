@@ -112,12 +112,12 @@ class Discs:
         levels = [DiscProfile(float(contrast), 1.0).level(z) for contrast in self.contrast]
         return self.radius_px, self.edge_px, np.array(levels, np.float32)
 
-    def falls(self, marker: NDArray[np.int64], z: NDArray[np.float64]) -> NDArray[np.float64]:
+    def falls(self, marker: NDArray[np.int32], z: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the fall of the level, 1/px, of some markers ``z`` edge scales outside the rim."""
-        k = self.contrast[marker] - 1.0
+        k = self.contrast - 1.0
+        scale = (k / (self.edge_px * np.log1p(k))).astype(np.float32)[marker]
         cover = 1.0 / (1.0 + np.exp(z.clip(-30.0, 30.0)))
-        fall = k * cover * (1.0 - cover) / (1.0 + k * cover)
-        return fall / (self.edge_px[marker] * np.log1p(k))
+        return scale * cover * (1.0 - cover) / (1.0 + k.astype(np.float32)[marker] * cover)
 
 
 @njit(cache=True)

@@ -50,10 +50,9 @@ FIRST_US = 15_000_000
 # less than a fifth of it, does not tell its place.
 BEYOND_RADII = 0.5
 
-
-# Times that recovering pixels are tracked again: known as such they show the markers far better
-# (the recorded presses: 0.97 px without, 0.75 px after one).
-RETRACKED = 2
+# Rounds of the refinement after each time that recovering pixels are tracked again: known as such
+# they show the markers far better (the recorded presses: 0.97 px without, 0.72 px after two).
+RETRACKED_ROUNDS = (5, 5)
 
 # Share of a pixel's own deviation from its marker's step that the tracker is given. In few swings
 # pixels differ by where the rim stops as well as by their thresholds. (Simulated: without it the
@@ -155,8 +154,8 @@ def completed(source: EventSource, known: Calibration) -> Calibration:
 def _learned(view: Overview, config: CalibrationConfig) -> Calibration:
     evidence, model = first_model(view)
     model = with_recovery(evidence, refine(evidence, model))
-    for _ in range(RETRACKED if model.recovery_s else 0):
-        model = refine(evidence, tracked(view, model))
+    for rounds in RETRACKED_ROUNDS if model.recovery_s else ():
+        model = refine(evidence, tracked(view, model), rounds)
     quality = judged(evidence, model)
     refuse_without_grid(quality)
     layout = view.markers.layout

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import Discs
@@ -33,16 +34,13 @@ RESIDUAL_LEVEL = 0.35
 # swing: the rms of the levels that the model leaves over on simulated recordings.)
 LEVEL_VARIANCE = 0.003
 
-# Pixels tell of a disc up to so many edge widths, and this margin, outside of its rim.
-OUTSIDE_EDGES, MARGIN_PX = 3.5, 1.0
-
 # A pixel's offset is a mean over so many states around (exponential weights), in which a state at
 # which the pixel lies on a rim, where the offset cannot be told from the place, weighs this much.
 # Real pixels lose a fifth of a swing over a rest of seconds. (Of 2 to 100 states, 2 to 10 are
 # equally good on simulated and recorded presses.)
 OFFSET_STATES, RIM_WEIGHT = 4.0, 0.1
 
-# Between these levels a pixel lies on a rim.
+# Between these levels a pixel lies on a rim; below the first it shows no disc.
 RIM_LEVELS = (0.03, 0.97)
 
 
@@ -112,8 +110,8 @@ class Changes:
     """Levels less each pixel's mean over the states around.
 
     Attributes:
-        on_rim: ``(states, pixels)`` where a pixel lies on a rim.
-        real: ``(states, pixels)`` changes of the real pixels.
+        on_rim: ``(states, p)`` where a pixel lies on a rim.
+        real: ``(states, p)`` changes of the real pixels.
         ideal: Those of the ideal ones.
     """
 
@@ -122,13 +120,14 @@ class Changes:
     ) -> None:
         apart = np.abs(np.subtract.outer(*[np.arange(len(seen.drawn))] * 2))
         self.on_rim = (seen.drawn > RIM_LEVELS[0]) & (seen.drawn < RIM_LEVELS[1])
+        self._pixel = seen.pixel
         self._near = np.exp(-apart / states).astype(np.float32)
         self._weight = np.where(self.on_rim, np.float32(rim_weight), np.float32(1.0))
         self._total = self._near @ self._weight
         self.real, self.ideal = self.of(seen.measured), self.of(seen.expected)
 
     def of(self, levels: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the changes of some levels ``(states, pixels)``, or of derivatives of them."""
+        """Return the changes of some levels ``(states, p)``, or of derivatives of them."""
         return np.asarray(levels - self._near @ (self._weight * levels) / self._total, np.float32)
 
     def swings(self, cell: NDArray[np.int64], markers: int) -> NDArray[np.float64]:
@@ -139,64 +138,61 @@ class Changes:
         weight = self.ideal / (1.0 + ((self.real - self.ideal) / RESIDUAL_LEVEL) ** 2)
         weight[self.on_rim] = 0.0
         sums = [(weight * one).sum(axis=0) for one in (self.real, self.ideal)]
-        return np.array([np.bincount(cell, one, markers) for one in sums], float).T
+        return np.array([np.bincount(cell[self._pixel], one, markers) for one in sums]).T
 
 
 @dataclass(frozen=True, slots=True)
 class Rims:
-    """The pixels around each disc at each state, ``n`` in all.
+    """The pixels that show a disc at each state, ``n`` in all.
 
     Attributes:
-        at: Their states and pixels, two ``(n,)`` arrays.
+        at: ``(n,)`` their indices in flattened ``(states, p)``.
+        state: ``(n,)`` their states.
         marker: ``(n,)`` their discs.
-        slopes: ``(6, n)`` rise of the level per px of the disc's x, y, radius, edge and stretch.
+        variance: ``(n,)`` variance of their levels: even ones within a step, and the model's.
+        slopes: ``(n, 6)`` rise of the level per px of the disc's x, y, radius, edge and stretch.
     """
 
-    at: tuple[NDArray[np.int64], NDArray[np.int64]]
-    marker: NDArray[np.int64]
-    slopes: NDArray[np.float64]
+    at: NDArray[np.int64]
+    state: NDArray[np.int64]
+    marker: NDArray[np.int32]
+    variance: NDArray[np.float32]
+    slopes: NDArray[np.float32]
 
-    def squares(
-        self, levels: NDArray[np.float32], variance: NDArray[np.float64], markers: int
-    ) -> NDArray[np.float64]:
-        """Return ``(2, m)`` weighted squares of levels around each disc, and the weights."""
-        level = levels[self.at].astype(np.float64)
-        weight = robust_weight(level, variance[self.at[1]])
-        sums = weight * level**2, weight
-        return np.array([np.bincount(self.marker, one, markers) for one in sums], float)
+    def weighted(self, levels: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
+        """Return ``(n,)`` levels ``(states, p)`` of these pixels, and their Cauchy weights."""
+        level = levels.ravel()[self.at]
+        return level, 1.0 / (self.variance * (1.0 + (level / RESIDUAL_LEVEL) ** 2))
+
+    def squares(self, levels: NDArray[np.float32], markers: int) -> NDArray[np.float64]:
+        """Return ``(m,)`` sums of weighted squares of levels around each disc."""
+        level, weight = self.weighted(levels)
+        return np.bincount(self.marker, weight * level**2, markers)
 
 
 def rims(evidence: Evidence, model: Model, seen: Comparison) -> Rims:
-    """Return the pixels around each disc, nearer to its rim than to another one's."""
-    state, pixel = np.nonzero(seen.owner >= 0)
-    marker = seen.owner[state, pixel].astype(np.int64)
+    """Return the pixels that show a disc, each that of the brightest."""
+    at = np.flatnonzero(seen.drawn > RIM_LEVELS[0])
+    state, column = np.divmod(at, len(seen.pixel))
+    pixel = seen.pixel[column]
+    marker = seen.owner.ravel()[at]
     y, x = np.divmod(pixel, evidence.events.size[0])
     center_px, stretch_px = (
-        path[evidence.states][state, marker]
+        path[evidence.states].astype(np.float32)[state, marker]
         for path in (model.paths.center_px, model.paths.stretch_px)
     )
-    dx, dy = x - center_px[:, 0], y - center_px[:, 1]
-    rho, edge_px = np.hypot(dx, dy), model.discs.edge_px[marker]
-    across = np.maximum(rho, 0.5)
-    ways = dx / across, dy / across, (dx**2 - dy**2) / across**2, 2.0 * dx * dy / across**2
-    rim_px = model.discs.radius_px[marker] + stretch_px[:, 0]
-    rim_px += stretch_px[:, 1] * ways[2] + stretch_px[:, 2] * ways[3]
-    z = (rho - rim_px) / edge_px
-    near = (z <= OUTSIDE_EDGES + MARGIN_PX / edge_px) & (rho >= 0.5)
-    state, pixel, marker, z = state[near], pixel[near], marker[near], z[near]
+    dx, dy = x.astype(np.float32) - center_px[:, 0], y.astype(np.float32) - center_px[:, 1]
+    rho = np.hypot(dx, dy)
+    across = np.maximum(rho, np.float32(0.1))
+    dx, dy = dx / across, dy / across
+    wide, slant = dx * dx - dy * dy, 2.0 * dx * dy
+    rim_px = model.discs.radius_px.astype(np.float32)[marker] + stretch_px[:, 0]
+    rim_px += stretch_px[:, 1] * wide + stretch_px[:, 2] * slant
+    z = (rho - rim_px) / model.discs.edge_px.astype(np.float32)[marker]
     fall = model.discs.falls(marker, z)
-    along_x, along_y, wide, slant = (fall * way[near] for way in ways)
-    return Rims((state, pixel), marker, np.array([along_x, along_y, fall, fall * z, wide, slant]))
-
-
-def level_variance(evidence: Evidence, model: Model) -> NDArray[np.float64]:
-    """Return ``(pixels,)`` variances of the levels: even ones within a step, and the model's."""
-    return (LEVEL_VARIANCE + (model.on**2 + model.off**2) / 12.0)[evidence.cell]
-
-
-def robust_weight(error: NDArray[np.float64], variance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return Cauchy weights."""
-    return 1.0 / (variance * (1.0 + (error / RESIDUAL_LEVEL) ** 2))
+    slopes = fall[:, np.newaxis] * np.stack([dx, dy, np.ones_like(z), z, wide, slant], axis=1)
+    variance = (LEVEL_VARIANCE + (model.on**2 + model.off**2) / 12.0).astype(np.float32)
+    return Rims(at, state, marker, variance[evidence.cell[pixel]], slopes)
 
 
 def corrections(
@@ -214,40 +210,61 @@ def corrections(
     """
     around = rims(evidence, model, seen)
     markers, states, dense = len(model.on), len(evidence.states), np.zeros_like(seen.drawn)
-    shared = np.empty_like(around.slopes[:4])
-    for row, slope in zip(shared, around.slopes, strict=False):
-        dense[around.at] = slope
-        row[:] = change.of(dense)[around.at]
-    variance = level_variance(evidence, model)
-    left_over = change.real - change.ideal
-    squares, weights = around.squares(left_over, variance, markers)
-    error = left_over[around.at].astype(np.float64)
-    weight = robust_weight(error, variance[around.at[1]])
+    shared = np.empty_like(around.slopes[:, :4])
+    for column in range(4):
+        dense.ravel()[around.at] = around.slopes[:, column]
+        shared[:, column] = change.of(dense).ravel()[around.at]
+    error, weight = around.weighted(change.real - change.ideal)
+    squares = np.bincount(around.marker, weight * error**2, markers)
+    residual = np.sqrt(squares / np.maximum(np.bincount(around.marker, weight, markers), 1e-9))
     none = np.zeros((markers, 4))
     common_px = _solved(around.marker, (shared, error, weight), SHARED_PRIOR, none)
-    error = error - (common_px[around.marker].T * shared).sum(axis=0)
+    error = error - (common_px.astype(np.float32)[around.marker] * shared).sum(axis=1)
     stretch_px = model.paths.stretch_px[evidence.states].reshape(-1, 3)
     drawn_px = np.hstack([np.zeros((len(stretch_px), 2)), -stretch_px])
-    own = around.slopes[[0, 1, 2, 4, 5]], error, weight
+    own = around.slopes[:, [0, 1, 2, 4, 5]], error, weight
     prior = (PLACE_PRIOR, PLACE_PRIOR, *[STRETCH_PRIOR] * 3)
-    own_px = _solved(around.at[0] * markers + around.marker, own, prior, drawn_px)
+    own_px = _solved(around.state * markers + around.marker, own, prior, drawn_px)
     own_px = own_px.reshape(states, markers, 5)
     own_px[..., 2] -= own_px[..., 2].mean(axis=0)  # what all states grow by is the radius'
-    return common_px, own_px, np.sqrt(squares / np.maximum(weights, 1e-9))
+    return common_px, own_px, residual
 
 
 def _solved(
-    group: NDArray[np.int64],
-    rows: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+    group: NDArray[np.integer],
+    rows: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
     prior: tuple[float, ...],
     towards: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    # Weighted least squares of each group of pixels: slopes (k, n), errors, weights. Without any
+    # Weighted least squares of each group of pixels: slopes (n, k), errors, weights. Without any
     # pixel the answer is ``towards``.
-    (slopes, error, weight), groups = rows, len(towards)
-    curvature, pull = np.tile(np.diag(prior), (groups, 1, 1)), towards * prior
-    for i, one in enumerate(slopes):
-        pull[:, i] += np.bincount(group, weight * one * error, groups)
-        for j, other in enumerate(slopes):
-            curvature[:, i, j] += np.bincount(group, weight * one * other, groups)
+    curvature, pull = np.tile(np.diag(prior), (len(towards), 1, 1)), towards * prior
+    normal_equations_kernel(group, *rows, curvature, pull)
     return np.asarray(np.linalg.solve(curvature, pull[..., np.newaxis])[..., 0], np.float64)
+
+
+@njit(cache=True)
+def normal_equations_kernel(
+    group: NDArray[np.integer],
+    slopes: NDArray[np.float32],
+    error: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    curvature: NDArray[np.float64],
+    pull: NDArray[np.float64],
+) -> None:
+    """Add ``n`` weighted equations to the normal equations of their groups.
+
+    Args:
+        group: ``(n,)`` group of each.
+        slopes: ``(n, k)`` slopes by the unknowns.
+        error: ``(n,)`` what they should explain.
+        weight: ``(n,)`` inverse variances.
+        curvature: ``(groups, k, k)``.
+        pull: ``(groups, k)``.
+    """
+    for i in range(len(group)):
+        for row in range(slopes.shape[1]):
+            weighted = weight[i] * slopes[i, row]
+            pull[group[i], row] += weighted * error[i]
+            for column in range(slopes.shape[1]):
+                curvature[group[i], row, column] += weighted * slopes[i, column]

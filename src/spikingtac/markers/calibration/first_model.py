@@ -155,7 +155,7 @@ def tracked(view: Overview, model: Model) -> Model:
         backward = view.events.backward()
         at_us = backward.duration_us - view.events.times_at(index[::-1])
         center_px = 0.5 * (center_px + _followed(backward, known, at_us)[::-1])
-    return replace(model, paths=Paths(index, center_px, np.zeros_like(model.paths.stretch_px)))
+    return replace(model, paths=replace(model.paths, center_px=center_px))
 
 
 def _followed(

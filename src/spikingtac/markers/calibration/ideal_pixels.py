@@ -56,16 +56,18 @@ class Comparison:
     """Real and ideal pixels at chosen samples.
 
     Attributes:
-        measured: ``(states, pixels)`` sum of the real events' steps since the start.
+        pixel: ``(p,)`` the pixels that a disc covers at any of the samples.
+        measured: ``(states, p)`` sum of the real events' steps since the start.
         expected: The mean sum of the ideal events' steps since the start.
         drawn: The level that the discs show.
         owner: The disc that covers each pixel, -1 for none.
         events: ``(m, 4)`` events near each marker: real ON and OFF, expected ON and OFF.
-        swings: ``(pixels, 6)`` real events of the full swings of each pixel: ON events and number
+        swings: ``(pixels, 6)`` real events of the full swings of every pixel: ON events and number
             of rises, OFF events and number of falls, OFF events of rises, ON events of falls.
         marker_swings: ``(m, 6)`` the same sums by the marker that covered the pixel.
     """
 
+    pixel: NDArray[np.int64]
     measured: NDArray[np.float32]
     expected: NDArray[np.float32]
     drawn: NDArray[np.float32]
@@ -116,7 +118,10 @@ def compare(
 
     parts = divide(events.size[1], compare_rows)
     near, ended = (np.sum([part[i] for part in parts], axis=0) for i in (0, 1))
-    return Comparison(kept[0], kept[1], kept[2], owner, near, swings, ended)
+    pixel = np.flatnonzero((owner >= 0).any(axis=0))
+    measured, expected, drawn = kept.take(pixel, axis=2)
+    owner = owner.take(pixel, axis=1)
+    return Comparison(pixel, measured, expected, drawn, owner, near, swings, ended)
 
 
 @njit(cache=True)

@@ -12,13 +12,12 @@ from spikingtac.markers.calibration.corrections import (
     Changes,
     Evidence,
     Model,
-    level_variance,
     rims,
 )
 from spikingtac.markers.calibration.layout import Layout
 
 # A marker with few events is measured when its disc explains this share of what the median disc
-# explains. (Ours: the recorded marker that hardly moves has 0.33 to 0.47; simulated ones whose
+# explains. (The recorded marker that hardly moves has 0.33 to 0.47; simulated ones whose
 # rest is known to a pixel mostly have more.)
 FEWEST_EXPLAINED_SHARE = 0.5
 
@@ -26,11 +25,14 @@ FEWEST_EXPLAINED_SHARE = 0.5
 # markers that is enough in itself.
 FEWEST_EVENTS, FEWEST_EVENTS_SHARE = 40.0, 0.25
 
+# Displacement, a percentile over the states compared, from which events are those of a marker that
+# moves, px. (The recorded marker that hardly moves: 0.6 to 0.8 px, the others 1.8 px and more.)
+LEAST_MOTION_PX, MOVED_PERCENTILE = 1.0, 90.0
+
 # A measured marker is doubtful when its disc explains less than this share of the median.
 DOUBTFUL_SHARE = 0.5
 
-# Median of the explained shares below which no grid of discs was seen.
-GRID_EXPLAINED = 0.15
+GRID_EXPLAINED = 0.15  # Median of the explained shares below which no grid of discs was seen.
 
 # Offsets are means over so many states: changes over some presses count, on rims as well.
 OFFSET_STATES = 30.0
@@ -39,11 +41,9 @@ OFFSET_STATES = 30.0
 WORDS = ((0.75, "very good"), (0.55, "good"), (0.35, "usable"), (0.0, "poor"))
 
 
-# A grid of which more is missing was not found.
-MOST_MISSING_SHARE = 1 / 3
+MOST_MISSING_SHARE = 1 / 3  # A grid of which more is missing was not found.
 
-# Missing markers that an error names one by one.
-MOST_NAMED = 8
+MOST_NAMED = 8  # Missing markers that an error names one by one.
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,26 +83,16 @@ def judged(evidence: Evidence, model: Model) -> Quality:
     model = replace(model, paths=unstretched)
     seen = evidence.seen(model)
     change, around = Changes(seen, OFFSET_STATES, 1.0), rims(evidence, model, seen)
-    variance = level_variance(evidence, model)
     left_over, whole = (
-        around.squares(levels, variance, len(model.on))[0]
+        around.squares(levels, len(model.on))
         for levels in (change.real - change.ideal, change.real)
     )
-    return judge(1.0 - left_over / np.maximum(whole, 1e-9), model.events, evidence.noise)
-
-
-def judge(
-    explained: NDArray[np.float64], events: NDArray[np.float64], noise: NDArray[np.float64]
-) -> Quality:
-    """Separate measured markers from those that the recording does not show.
-
-    Args:
-        explained: ``(m,)`` share of the level changes around each marker that its disc explains.
-        events: ``(m, 4)`` real ON and OFF events near each marker, expected ON and OFF.
-        noise: ``(2,)`` ON and OFF events that come without motion.
-    """
-    above = (events[:, :2] - noise).sum(axis=1)
-    busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
+    explained = 1.0 - left_over / np.maximum(whole, 1e-9)
+    center_px = model.paths.center_px
+    displaced_px = center_px[evidence.states] - center_px[evidence.still[:, 1]].mean(axis=0)
+    moved_px = np.percentile(np.linalg.norm(displaced_px, axis=2), MOVED_PERCENTILE, axis=0)
+    above = (model.events[:, :2] - evidence.noise).sum(axis=1)
+    busy = (above >= FEWEST_EVENTS_SHARE * np.median(above)) & (moved_px >= LEAST_MOTION_PX)
     clear = explained >= FEWEST_EXPLAINED_SHARE * np.median(explained)
     measured = (above >= FEWEST_EVENTS) & (busy | clear)
     return Quality(explained.clip(-1.0, 1.0), above, measured)

@@ -35,7 +35,7 @@ LARGEST_STRETCH_PX = 1.0  # Bound of a stretch: the twin's discs, of 6.8 px, hav
 # Least and largest edge width that is believed, px. The recorded sensor has 1.3 to 2.3.
 EDGE_BOUNDS_PX = (0.3, 3.0)
 
-# Bounds of a radius, as shares of the first guess.
+# Bounds of a radius, as shares of the median radius.
 RADIUS_SHARES = (0.5, 1.6)
 
 # Least and largest step, shares of a full swing.
@@ -58,14 +58,13 @@ SENSOR_PRIOR, MARKER_PRIOR = 300.0, 50.0
 
 def refine(evidence: Evidence, model: Model, rounds: int = MOST_ROUNDS) -> Model:
     """Return a model that explains the evidence better, after so many rounds at most."""
-    first_radius_px = model.discs.radius_px
     for _ in range(rounds):
         model = evidence.at_rest(model)
         seen = evidence.seen(model)
         change = Changes(seen)
         common_px, own_px, residual = corrections(evidence, model, seen, change)
         paths = _moved(model.paths, evidence.states, common_px, own_px)
-        discs = _reshaped(model.discs, common_px, first_radius_px)
+        discs = _reshaped(model.discs, common_px)
         model = replace(model, paths=paths, discs=discs, residual=residual)
         model = _recounted(evidence, model, seen, change)
         # Medians: a marker that the recording hardly shows may never settle.
@@ -98,11 +97,9 @@ def _moved(
     )
 
 
-def _reshaped(
-    discs: Discs, common_px: NDArray[np.float64], first_radius_px: NDArray[np.float64]
-) -> Discs:
+def _reshaped(discs: Discs, common_px: NDArray[np.float64]) -> Discs:
     growth = SHAPE_GAIN * common_px[:, 2:].clip(-LARGEST_GROWTH_PX, LARGEST_GROWTH_PX)
-    low, high = (share * first_radius_px for share in RADIUS_SHARES)
+    low, high = (share * float(np.median(discs.radius_px)) for share in RADIUS_SHARES)
     radius_px = (discs.radius_px + growth[:, 0]).clip(low, high)
     return replace(
         discs, radius_px=radius_px, edge_px=(discs.edge_px + growth[:, 1]).clip(*EDGE_BOUNDS_PX)
