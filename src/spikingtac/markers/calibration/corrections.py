@@ -19,8 +19,8 @@ from spikingtac.markers.calibration.ideal_pixels import Comparison, Paths, compa
 from spikingtac.markers.calibration.recording import BufferedEvents
 
 # Added to the curvature of a place at one state, and of what all states of a disc share: shift
-# along x and y, radius, edge (1 / px^2), so that what the events hardly tell stays where it is. A
-# marker that moves has 1,000 and more.
+# along x and y, radius, edge (1 / px^2). What the events hardly tell stays where it is; radii and
+# edges are drawn to the sensor's medians. A marker that moves has 1,000 and more.
 PLACE_PRIOR, SHARED_PRIOR = 1.0, (30.0, 30.0, 100.0, 300.0)
 
 # The same for a stretch, but that draws it to none, since wide edges hardly tell it from a motion
@@ -217,8 +217,9 @@ def corrections(
     error, weight = around.weighted(change.real - change.ideal)
     squares = np.bincount(around.marker, weight * error**2, markers)
     residual = np.sqrt(squares / np.maximum(np.bincount(around.marker, weight, markers), 1e-9))
-    none = np.zeros((markers, 4))
-    common_px = _solved(around.marker, (shared, error, weight), SHARED_PRIOR, none)
+    shapes_px = np.column_stack([model.discs.radius_px, model.discs.edge_px])
+    towards_px = np.hstack([np.zeros((markers, 2)), np.median(shapes_px, axis=0) - shapes_px])
+    common_px = _solved(around.marker, (shared, error, weight), SHARED_PRIOR, towards_px)
     error = error - (common_px.astype(np.float32)[around.marker] * shared).sum(axis=1)
     stretch_px = model.paths.stretch_px[evidence.states].reshape(-1, 3)
     drawn_px = np.hstack([np.zeros((len(stretch_px), 2)), -stretch_px])

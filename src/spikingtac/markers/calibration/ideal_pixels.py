@@ -143,19 +143,20 @@ def follow_levels_kernel(
     """
     (chosen, marker), (now, before), (phases, sums) = which, levels, copies
     (on_steps, off_steps), (seen_s, now_s, per_s) = steps, clock
+    since_s, kept = 0.0, np.float32(1.0)
     for q in chosen:
         level = now[q]
         if abs(level - before[q]) <= STILL_LEVEL:
             continue
-        on, off, share = on_steps[q], off_steps[q], np.float32(1.0)
-        middle = np.float32(0.5) * (level + before[q])
-        if per_s > 0.0:
-            share = np.float32(np.exp(-per_s * (now_s - seen_s[q])))
+        on, off, middle = on_steps[q], off_steps[q], np.float32(0.5) * (level + before[q])
+        if per_s > 0.0 and now_s - seen_s[q] != since_s:  # most pixels were seen at the same time
+            since_s = now_s - seen_s[q]
+            kept = np.float32(np.exp(-per_s * since_s))
         rises = falls = 0
         for phase in range(PHASES):
             last = phases[q, phase]
-            if last > middle and share < np.float32(1.0):
-                last = middle + share * (last - middle)
+            if last > middle and kept < np.float32(1.0):
+                last = middle + kept * (last - middle)
             while level > last + on:
                 last += on
                 rises += 1

@@ -17,17 +17,13 @@ from spikingtac.markers.calibration.corrections import (
 from spikingtac.markers.calibration.layout import Layout
 
 # A marker with few events is measured when its disc explains this share of what the median disc
-# explains. (The recorded marker that hardly moves has 0.33 to 0.47; simulated ones whose
+# explains. (The recorded marker that hardly moves has 0.26 to 0.47; simulated ones whose
 # rest is known to a pixel mostly have more.)
 FEWEST_EXPLAINED_SHARE = 0.5
 
 # Events beyond the sensor's noise that a marker needs, and the share of the median over all
 # markers that is enough in itself.
 FEWEST_EVENTS, FEWEST_EVENTS_SHARE = 40.0, 0.25
-
-# Displacement, a percentile over the states compared, from which events are those of a marker that
-# moves, px. (The recorded marker that hardly moves: 0.6 to 0.8 px, the others 1.8 px and more.)
-LEAST_MOTION_PX, MOVED_PERCENTILE = 1.0, 90.0
 
 # A measured marker is doubtful when its disc explains less than this share of the median.
 DOUBTFUL_SHARE = 0.5
@@ -88,11 +84,8 @@ def judged(evidence: Evidence, model: Model) -> Quality:
         for levels in (change.real - change.ideal, change.real)
     )
     explained = 1.0 - left_over / np.maximum(whole, 1e-9)
-    center_px = model.paths.center_px
-    displaced_px = center_px[evidence.states] - center_px[evidence.still[:, 1]].mean(axis=0)
-    moved_px = np.percentile(np.linalg.norm(displaced_px, axis=2), MOVED_PERCENTILE, axis=0)
     above = (model.events[:, :2] - evidence.noise).sum(axis=1)
-    busy = (above >= FEWEST_EVENTS_SHARE * np.median(above)) & (moved_px >= LEAST_MOTION_PX)
+    busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
     clear = explained >= FEWEST_EXPLAINED_SHARE * np.median(explained)
     measured = (above >= FEWEST_EVENTS) & (busy | clear)
     return Quality(explained.clip(-1.0, 1.0), above, measured)
