@@ -112,7 +112,7 @@ class Discs:
         levels = [DiscProfile(float(contrast), 1.0).level(z) for contrast in self.contrast]
         return self.radius_px, self.edge_px, np.array(levels, np.float32)
 
-    def falls(self, marker: NDArray[np.int32], z: NDArray[np.float32]) -> NDArray[np.float32]:
+    def falls(self, marker: NDArray[np.int32], z: NDArray[np.float32]) -> NDArray[Any]:
         """Return the fall of the level, 1/px, of some markers ``z`` edge scales outside the rim."""
         k = self.contrast - 1.0
         scale = (k / (self.edge_px * np.log1p(k))).astype(np.float32)[marker]

@@ -9,6 +9,7 @@ never leaves some of its pixels stays where it was first seen, a pixel or more a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -138,7 +139,7 @@ class Changes:
         weight = self.ideal / (1.0 + ((self.real - self.ideal) / RESIDUAL_LEVEL) ** 2)
         weight[self.on_rim] = 0.0
         sums = [(weight * one).sum(axis=0) for one in (self.real, self.ideal)]
-        return np.array([np.bincount(cell[self._pixel], one, markers) for one in sums]).T
+        return np.array([np.bincount(cell[self._pixel], one, markers) for one in sums], float).T
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,9 +158,9 @@ class Rims:
     state: NDArray[np.int64]
     marker: NDArray[np.int32]
     variance: NDArray[np.float32]
-    slopes: NDArray[np.float32]
+    slopes: NDArray[Any]
 
-    def weighted(self, levels: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
+    def weighted(self, levels: NDArray[np.float32]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return ``(n,)`` levels ``(states, p)`` of these pixels, and their Cauchy weights."""
         level = levels.ravel()[self.at]
         return level, 1.0 / (self.variance * (1.0 + (level / RESIDUAL_LEVEL) ** 2))
@@ -167,7 +168,7 @@ class Rims:
     def squares(self, levels: NDArray[np.float32], markers: int) -> NDArray[np.float64]:
         """Return ``(m,)`` sums of weighted squares of levels around each disc."""
         level, weight = self.weighted(levels)
-        return np.bincount(self.marker, weight * level**2, markers)
+        return np.bincount(self.marker, weight * level**2, markers).astype(np.float64)
 
 
 def rims(evidence: Evidence, model: Model, seen: Comparison) -> Rims:
