@@ -16,18 +16,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from spikingtac.events.formats.pieces import (
-    CUT,
-    Count,
-    DamagedPieceError,
-    Form,
-    Piece,
-    Read,
-    decompressed,
-    pieces,
-    reader_of,
-    refuse_piece,
-)
+from spikingtac.events.formats import pieces
+from spikingtac.events.formats.pieces import Count, DamagedPieceError, Piece, Read
 
 
 class RawMessage(NamedTuple):
@@ -105,7 +95,7 @@ class Mcap(_Bag):
         stored = content[place + 8 : place + 8 + length]
         if len(stored) < length:
             raise DamagedPieceError("the chunk ends early")
-        records = decompressed(stored, kind, self.where)
+        records = pieces.decompressed(stored, kind, self.where)
         if len(records) != size or (checksum and zlib.crc32(records) != checksum):
             raise DamagedPieceError("the checksum does not fit")
         return records
@@ -155,7 +145,7 @@ class Ros1(_Bag):
     def unpacked(self, record: Piece, content: bytes) -> bytes:
         """Return the records in a chunk."""
         kind = record.fields.get(b"compression", b"").decode("latin-1")
-        records = decompressed(content, kind, self.where)
+        records = pieces.decompressed(content, kind, self.where)
         if len(records) != struct.unpack("<I", record.fields[b"size"])[0]:
             raise DamagedPieceError("the chunk holds another number of bytes than it says")
         return records
@@ -165,14 +155,17 @@ def messages_in(
     bag: Mcap | Ros1, path: Path, types: tuple[str, ...], count: Count
 ) -> Iterator[RawMessage]:
     """Yield the messages of the given types; damage is counted."""
-    form, span = Form(bag.MARK, bag.piece_at, bag.proven), (len(bag.MAGIC), path.stat().st_size)
+    form, span = (
+        pieces.Form(bag.MARK, bag.piece_at, bag.proven),
+        (len(bag.MAGIC), path.stat().st_size),
+    )
     with path.open("rb") as file:
-        read = reader_of(file)
-        for record in pieces(form, read, span, count):
-            if record.kind in (CUT, *bag.LAST):
+        read = pieces.reader_of(file)
+        for record in pieces.walk(form, read, span, count):
+            if record.kind in (pieces.CUT, *bag.LAST):
                 return
             if record.kind in bag.READ:
-                refuse_piece(bag.where, record.end - record.start)
+                pieces.refuse_piece(bag.where, record.end - record.start)
                 yield from _taken(bag, read, record, types, count)
     if bag.LAST:
         count("truncated")
@@ -192,7 +185,7 @@ def _taken(
                 yield RawMessage(topic, data, cdr, kind)
             return
         records, place = bag.unpacked(record, content), 0
-        inside = reader_of(io.BytesIO(records))
+        inside = pieces.reader_of(io.BytesIO(records))
         while place < len(records):
             inner = bag.piece_at(inside, place, len(records))
             if inner is None or inner.kind == bag.CHUNK:

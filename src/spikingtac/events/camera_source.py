@@ -183,14 +183,11 @@ class CameraSource(FileSource):
     def release(self) -> None:
         """Close the camera; nothing can be read afterwards."""
         self._closing = True
-        self._close()
-        self._end_sharing()
+        self._let_go()
 
-    def _close(self) -> None:
+    def _let_go(self) -> None:
         self.camera.close()
         self._take_counts()
-
-    def _end_sharing(self) -> None:
         shared, self._shared = self._shared, None
         if shared is not None:
             shared.close()
@@ -204,7 +201,7 @@ class CameraSource(FileSource):
                 yield self._shown(check.finish())
         finally:
             if self._closing or self.ended:
-                self._end_sharing()
+                self._let_go()
 
     def _shown(self, rows: Rows) -> Rows:
         if self._shared is not None:
@@ -214,19 +211,15 @@ class CameraSource(FileSource):
     def _placed_rows(self) -> Iterator[Rows]:
         begun_s = time.monotonic()
         self.ended = ""
-        try:
-            while not (self.ended or self._closing):
-                self.progress = min((time.monotonic() - begun_s) / self._seconds, 1.0)
-                rows = self._read() if self.progress < 1.0 else None
-                if rows is None:
-                    ended = "closed" if self._closing else "ended"
-                    self.ended = self.ended or ("seconds" if self.progress >= 1.0 else ended)
-                elif len(rows[3]):
-                    yield self._placed(rows)
-            self.ended = self.ended or "closed"
-        finally:
-            if self._closing or self.ended:
-                self._close()
+        while not (self.ended or self._closing):
+            self.progress = min((time.monotonic() - begun_s) / self._seconds, 1.0)
+            rows = self._read() if self.progress < 1.0 else None
+            if rows is None:
+                ended = "closed" if self._closing else "ended"
+                self.ended = self.ended or ("seconds" if self.progress >= 1.0 else ended)
+            elif len(rows[3]):
+                yield self._placed(rows)
+        self.ended = self.ended or "closed"
 
     def _read(self) -> Rows | None:
         try:

@@ -38,6 +38,11 @@ LEAST_ROOM_BYTES = 1 << 22
 STREAM = 0
 PACKET_EVENTS = 4_096  # Events in a packet; readers load a packet at once.
 
+# FlatBuffers up to their vector: place of the table, type, field table and table. The IOHeader has
+# compression and table position at their defaults; structures are aligned to eight bytes.
+_IO_HEADER = struct.pack("<I4sHHHHH2xiI", 20, b"IOHE", 10, 8, 0, 0, 4, 12, 4)
+_EVENT_PACKET = struct.pack("<I4sHHH2xiI8x", 16, b"EVTS", 6, 8, 4, 8, 12)
+
 _NODE = (
     '<dv version="2.0"><node name="outInfo" path="/mainloop/Recorder/outInfo/">'
     '<node name="0" path="/mainloop/Recorder/outInfo/0/">'
@@ -87,7 +92,8 @@ class Aedat4Writer(OneFileWriter):
 
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
         self._blocks = Blocks(EVENT, PACKET_EVENTS)
-        super().__init__(path, size, SIGNATURE + _io_header(_NODE.format(*size).encode("ascii")))
+        info = _NODE.format(*size).encode("ascii")
+        super().__init__(path, size, SIGNATURE + _flatbuffer(_IO_HEADER, len(info), info + b"\0"))
 
     def write(self, packet: EventPacket) -> None:
         """Append a packet."""
@@ -98,26 +104,15 @@ class Aedat4Writer(OneFileWriter):
 
     def _put(self, events: NDArray[Any]) -> None:
         for first in range(0, len(events), PACKET_EVENTS):
-            data = _event_packet(events[first : first + PACKET_EVENTS])
+            packet = events[first : first + PACKET_EVENTS]
+            data = _flatbuffer(_EVENT_PACKET, len(packet), packet.tobytes())
             self._file.write(PACKET_HEAD.pack(STREAM, len(data)) + data)
 
 
-def _io_header(info: bytes) -> bytes:
-    """Return the IOHeader: compression and table position at their defaults, and the XML."""
-    head = struct.pack("<I4s", 20, b"IOHE")
-    vtable = struct.pack("<HHHHH2x", 10, 8, 0, 0, 4)
-    table = struct.pack("<iI", 12, 4)
-    body = head + vtable + table + struct.pack("<I", len(info)) + info + b"\0"
+def _flatbuffer(head: bytes, count: int, content: bytes) -> bytes:
+    """Return a size-prefixed FlatBuffer with one vector, or one text, of ``count`` elements."""
+    body = head + struct.pack("<I", count) + content
     body += bytes(-len(body) % 4)
-    return struct.pack("<I", len(body)) + body
-
-
-def _event_packet(events: NDArray[Any]) -> bytes:
-    """Return an EventPacket: one vector of structures, aligned to eight bytes with the prefix."""
-    head = struct.pack("<I4s", 16, b"EVTS")
-    vtable = struct.pack("<HHH2x", 6, 8, 4)
-    table = struct.pack("<iI8x", 8, 12)
-    body = head + vtable + table + struct.pack("<I", len(events)) + events.tobytes()
     return struct.pack("<I", len(body)) + body
 
 

@@ -184,9 +184,9 @@ class Transform:
             raise ConfigError(f"rotate {self.rotate_deg} is not possible (valid: 90, 180, 270)")
         # A turn by 90 degrees is a mirrored picture of which rows and columns change places.
         if (self.flip == "x") != (self.rotate_deg in (180, 270)):
-            packet = replace(packet, x=_mirrored(packet.x, width))
+            packet = replace(packet, x=np.uint16(width - 1) - packet.x)
         if (self.flip == "y") != (self.rotate_deg in (90, 180)):
-            packet = replace(packet, y=_mirrored(packet.y, height))
+            packet = replace(packet, y=np.uint16(height - 1) - packet.y)
         if self.rotate_deg in (90, 270):
             packet = replace(packet, x=packet.y, y=packet.x, size=(height, width))
         return packet
@@ -204,7 +204,3 @@ class Transform:
         kept = packet.select(inside)
         x, y = kept.x - np.uint16(x0), kept.y - np.uint16(y0)
         return replace(kept, x=x, y=y, size=(x1 - x0, y1 - y0))
-
-
-def _mirrored(column: NDArray[np.uint16], length: int) -> NDArray[np.uint16]:
-    return (length - 1 - column.astype(np.int64)).astype(np.uint16)

@@ -9,16 +9,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from spikingtac.errors import FormatError, named
-from spikingtac.events.evt.wire import (
-    BYTE_ORDERS,
-    CANDIDATES,
-    ENCODINGS,
-    FOREIGN_SHARE,
-    NAMES,
-    SOUND_SHARE,
-    WIDEST_PX,
-    best_candidate,
-)
+from spikingtac.events.evt import wire
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
 CHUNK_BYTES = 1 << 18  # Bytes that are decoded at once.
@@ -75,9 +66,9 @@ def read_header(file: BinaryIO) -> RawHeader:
     plain = name.strip().lower().removesuffix(".0").replace(".", "")
     order = (settings.get("endianness") or fields.get("endianness") or "").lower()
     return RawHeader(
-        encoding=plain if plain in ENCODINGS else VERSIONS.get(fields.get("evt", "")),
+        encoding=plain if plain in wire.ENCODINGS else VERSIONS.get(fields.get("evt", "")),
         size=_size({key.lower(): value for key, value in fields.items()}, settings),
-        byte_order=order if order in BYTE_ORDERS else None,
+        byte_order=order if order in wire.BYTE_ORDERS else None,
         time_base_us=_number(fields.get("time_base_us")),
         fields=fields,
         length=file.tell(),
@@ -92,7 +83,7 @@ def _size(fields: dict[str, str], settings: dict[str, str]) -> tuple[int, int] |
         (fields.get("width"), fields.get("height")),
     ):
         width, height = map(_number, pair)
-        if width and height and max(width, height) <= WIDEST_PX:
+        if width and height and max(width, height) <= wire.WIDEST_PX:
             return width, height
     return None
 
@@ -150,11 +141,11 @@ class RawSource(FileSource):
 
     def __init__(self, path: Path, options: ReadOptions, others: tuple[Path, ...] = ()) -> None:
         if options.encoding is not None:
-            named(NAMES, options.encoding, "encoding")
+            named(wire.NAMES, options.encoding, "encoding")
         notes: list[str] = []
         self._parts = [_part(file, options.encoding, notes) for file in (path, *others)]
         encoding = self._parts[0].candidate.partition("/")[0]
-        self.format = NAMES[encoding] + (f" in {len(self._parts)} parts" if others else "")
+        self.format = wire.NAMES[encoding] + (f" in {len(self._parts)} parts" if others else "")
         self._named_size = self._parts[0].header.size
         super().__init__(path, options)
         self.notes.extend(notes)
@@ -181,28 +172,28 @@ def _part(path: Path, encoding: str | None, notes: list[str]) -> _Part:
     with path.open("rb") as file:
         header = read_header(file)
         sample = file.read(SAMPLE_BYTES)
-    claimed, names = encoding or header.encoding, CANDIDATES
+    claimed, names = encoding or header.encoding, wire.CANDIDATES
     if claimed is not None:
-        orders = (header.byte_order,) if header.byte_order else BYTE_ORDERS[:2]
+        orders = (header.byte_order,) if header.byte_order else wire.BYTE_ORDERS[:2]
         names = tuple(f"evt21/{order}" for order in orders) if claimed == "evt21" else (claimed,)
     if not sample:
         if claimed is None:
             notes.append("the file holds no events")
         return _Part(path, header, names[0])
-    name, share = best_candidate(sample, header.size, names)
+    name, share = wire.best_candidate(sample, header.size, names)
     if claimed == "evt21" and not header.byte_order:
         notes.append(f"the header names no byte order; {name.partition('/')[2]} fits")
-    if share > FOREIGN_SHARE and claimed is None:
+    if share > wire.FOREIGN_SHARE and claimed is None:
         raise FormatError(
             f"{str(path)!r} names no encoding in its header, and its words fit none of "
-            f"{', '.join(NAMES.values())}; name one if you know it (--encoding, in Python "
+            f"{', '.join(wire.NAMES.values())}; name one if you know it (--encoding, in Python "
             "encoding=), or export the recording again with the software of its camera"
         )
     if claimed is None:
-        notes.append(f"the header names no encoding; {NAMES[name.partition('/')[0]]} fits")
-    elif share > FOREIGN_SHARE and encoding is None:
-        found, other_share = best_candidate(sample, header.size)
-        if found != name and other_share <= SOUND_SHARE:
+        notes.append(f"the header names no encoding; {wire.NAMES[name.partition('/')[0]]} fits")
+    elif share > wire.FOREIGN_SHARE and encoding is None:
+        found, other_share = wire.best_candidate(sample, header.size)
+        if found != name and other_share <= wire.SOUND_SHARE:
             raise FormatError(
                 f"{str(path)!r}: the header says {_spoken(name)}, but the words are "
                 f"{_spoken(found)} ({share:.0%} of them make no sense as {_spoken(name)}); correct "
@@ -214,7 +205,7 @@ def _part(path: Path, encoding: str | None, notes: list[str]) -> _Part:
 
 def _spoken(candidate: str) -> str:
     encoding, _, order = candidate.partition("/")
-    return NAMES[encoding] + (f" ({order} byte order)" if order else "")
+    return wire.NAMES[encoding] + (f" ({order} byte order)" if order else "")
 
 
 def part_name(first: str, number: int) -> str:

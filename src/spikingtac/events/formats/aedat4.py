@@ -16,17 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from spikingtac.errors import FormatError
+from spikingtac.events.formats import pieces
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
-from spikingtac.events.formats.pieces import (
-    CUT,
-    Form,
-    Piece,
-    Read,
-    decompressed,
-    pieces,
-    reader_of,
-    refuse_piece,
-)
 
 SIGNATURE = b"#!AER-DAT4.0\r\n"
 EVENT = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("on", "?")], align=True)
@@ -91,18 +82,18 @@ class Aedat4Source(FileSource):
         total = self.path.stat().st_size
         span = self._begin, min(self._table_position, total) if self._table_position > 0 else total
         where = f"{str(self.path)!r}: a packet"
-        form = Form(self._mark, self._packet_at, self._proven)
+        form = pieces.Form(self._mark, self._packet_at, self._proven)
         with self.path.open("rb") as file:
-            read = reader_of(file)
-            for stream, start, stop, _ in pieces(form, read, span, self.losses.add):
+            read = pieces.reader_of(file)
+            for stream, start, stop, _ in pieces.walk(form, read, span, self.losses.add):
                 self.progress = stop / total
-                cut = stream == CUT
+                cut = stream == pieces.CUT
                 start += PACKET_HEAD.size * cut
                 if not (cut or stream in (self._stream, *self._edges)) or start >= stop:
                     continue
-                refuse_piece(where, stop - start)
+                pieces.refuse_piece(where, stop - start)
                 try:
-                    data = decompressed(read(start, stop - start), self._compression, where)
+                    data = pieces.decompressed(read(start, stop - start), self._compression, where)
                     if cut or stream == self._stream:
                         yield self._events(data, cut)
                     else:
@@ -110,7 +101,7 @@ class Aedat4Source(FileSource):
                 except (struct.error, ValueError):
                     self.losses.add("bad_record", int(not cut))
 
-    def _packet_at(self, read: Read, place: int, end: int) -> Piece | None:
+    def _packet_at(self, read: pieces.Read, place: int, end: int) -> pieces.Piece | None:
         """Return the packet at a place, or None where there is none."""
         head = read(place, PACKET_HEAD.size)
         if len(head) < PACKET_HEAD.size:
@@ -118,9 +109,9 @@ class Aedat4Source(FileSource):
         stream, length = PACKET_HEAD.unpack(head)
         start = place + PACKET_HEAD.size
         fits = 0 <= stream < STREAM_LIMIT and length <= end - start
-        return Piece(stream, start, start + length) if fits else None
+        return pieces.Piece(stream, start, start + length) if fits else None
 
-    def _proven(self, read: Read, place: int, end: int) -> int | None:
+    def _proven(self, read: pieces.Read, place: int, end: int) -> int | None:
         """Return where the packet of events with a mark begins, or None where there is none."""
         begin = max(place - self._before_mark, 0)
         packet = self._packet_at(read, begin, end)

@@ -69,6 +69,7 @@ TABLE_WIDTHS = (4, 5)  # Columns of a table of numbers that may be events.
 # What -1 becomes in unsigned numbers; of 8 and 16 bits, it may also stand for true.
 _WRAPPED = frozenset({float((1 << bits) - 1) for bits in (8, 16, 32, 64)})
 _ONLY_WRAPPED = frozenset({float((1 << bits) - 1) for bits in (32, 64)})
+_SIGNS = ({0, 1}, {-1, 1}, *({0, 1, wrapped} for wrapped in _WRAPPED))  # Values of a polarity.
 
 
 class Order(NamedTuple):
@@ -133,8 +134,10 @@ def order_of_values(samples: Iterable[NDArray[Any]], where: str) -> Order:
     parts = [part.astype(np.float64) for part in samples if len(part)]
     table = np.concatenate(parts)
     columns = range(table.shape[1])
-    coordinates = [k for k in columns if _may_be_coordinate(table[:, k])]
-    signs = [k for k in columns if _may_be_polarity(table[:, k])]
+    whole = (table == np.rint(table)) & (table >= 0) & (table < COORDINATE_LIMIT_PX)
+    coordinates = np.flatnonzero(whole.all(axis=0)).tolist()
+    values = [{*np.unique(table[: 1 << 16, k]).tolist()} for k in columns]
+    signs = [k for k in columns if any(values[k] <= pair for pair in _SIGNS)]
     times = [k for k in columns if not (k in coordinates or k in signs)]
     if not times:
         times = [k for k in columns if all((np.diff(part[:, k]) >= 0).all() for part in parts)]
@@ -155,16 +158,6 @@ def order_of_values(samples: Iterable[NDArray[Any]], where: str) -> Order:
         f"{where}: the {len(columns)} columns {reason}; name them in a first line such as t,x,y,p "
         "(wanted: whole x and y from 0 on, polarity 0 and 1 or -1 and 1, ascending time)"
     )
-
-
-def _may_be_coordinate(column: NDArray[np.float64]) -> bool:
-    whole = column == np.rint(column)
-    return bool((whole & (column >= 0) & (column < COORDINATE_LIMIT_PX)).all())
-
-
-def _may_be_polarity(column: NDArray[np.float64]) -> bool:
-    values = set(np.unique(column[: 1 << 16]).tolist())
-    return any(values <= pair for pair in ({0, 1}, {-1, 1}, *({0, 1, w} for w in _WRAPPED)))
 
 
 def _spoken(reading: dict[str, int], columns: int) -> str:

@@ -115,7 +115,10 @@ class TimeCourse:
     def _believed(self, step: int, last: int) -> int:
         """Count a step that does not come back; return by how much what follows is shifted."""
         if step > 0:
-            back = self._back(last + step)
+            back, (left_us, shift_us) = 0, self._left or (TIME_LIMIT_US, self._shift_us)
+            # A restart is undone where time is again what it was before it.
+            if -RESET_US < last + step - self._shift_us + shift_us - left_us < JUMP_US:
+                back, self._left = shift_us - self._shift_us, None
             if not back:
                 self._losses.add("time_jump", int(step >= JUMP_US))
             self._shift_us += back
@@ -126,15 +129,6 @@ class TimeCourse:
         self._shift_us -= step
         self._losses.add("time_reset")
         return -step
-
-    def _back(self, time_us: int) -> int:
-        """Return the shift that undoes a restart where time is again what it was before it."""
-        if self._left is None:
-            return 0
-        (left_us, shift_us), back = self._left, 0
-        if -RESET_US < time_us - self._shift_us + shift_us - left_us < JUMP_US:
-            back, self._left = shift_us - self._shift_us, None
-        return back
 
 
 class ColumnCheck:

@@ -48,7 +48,7 @@ class Form(NamedTuple):
     proven: Callable[[Read, int, int], int | None]
 
 
-def pieces(form: Form, read: Read, span: tuple[int, int], count: Count) -> Iterator[Piece]:
+def walk(form: Form, read: Read, span: tuple[int, int], count: Count) -> Iterator[Piece]:
     """Yield the pieces of a file in order; after damage, go on where the next one is proven.
 
     Args:
