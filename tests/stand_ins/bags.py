@@ -10,21 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.events.source import EventSource
-
 KIND = "event_camera_msgs/msg/EventPacket"
 ROS1_KIND = "event_camera_msgs/EventPacket"
-
-
-def rows(source: EventSource) -> list[tuple[int, int, int, int]]:
-    """Return the events of a source as (t, x, y, p)."""
-    return [
-        (t, x, y, int(p))
-        for packet in source
-        for t, x, y, p in zip(
-            packet.t.tolist(), packet.x.tolist(), packet.y.tolist(), packet.p.tolist(), strict=True
-        )
-    ]
 
 
 def packet_words(t_us: int) -> bytes:
@@ -85,8 +72,8 @@ def mcap_chunk(messages: list[bytes], kind: str, first: int) -> bytes:
     return _record(0x06, content + struct.pack("<Q", len(stored)) + stored)
 
 
-def ros1_bag(chunks: list[list[bytes]], kind: str, bomb: tuple[bytes, int] | None = None) -> bytes:
-    """Return a ROS 1 bag of one topic; ``bomb`` is a stored chunk and the size that it claims."""
+def ros1_bag(chunks: list[list[bytes]], kind: str) -> bytes:
+    """Return a ROS 1 bag of one topic."""
     parts = [b"#ROSBAG V2.0\n", _ros1_record({"op": b"\x03", "index_pos": bytes(8)}, b" " * 64)]
     about = _ros1_fields({"topic": b"/events", "type": ROS1_KIND.encode()})
     number = struct.pack("<I", 0)
@@ -96,8 +83,6 @@ def ros1_bag(chunks: list[list[bytes]], kind: str, bomb: tuple[bytes, int] | Non
         for data in chunk:
             records += _ros1_record({"op": b"\x02", "conn": number, "time": bytes(8)}, data)
         parts.append(_ros1_chunk(_packed(records, kind), len(records), kind))
-    if bomb is not None:
-        parts.append(_ros1_chunk(*bomb, kind))
     return b"".join(parts)
 
 

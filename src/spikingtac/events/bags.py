@@ -155,10 +155,8 @@ def messages_in(
     bag: Mcap | Ros1, path: Path, types: tuple[str, ...], count: Count
 ) -> Iterator[RawMessage]:
     """Yield the messages of the given types; damage is counted."""
-    form, span = (
-        pieces.Form(bag.MARK, bag.piece_at, bag.proven),
-        (len(bag.MAGIC), path.stat().st_size),
-    )
+    form = pieces.Form(bag.MARK, bag.piece_at, bag.proven)
+    span = len(bag.MAGIC), path.stat().st_size
     with path.open("rb") as file:
         read = pieces.reader_of(file)
         for record in pieces.walk(form, read, span, count):

@@ -16,9 +16,9 @@ from stand_ins.bags import (
     mcap_file,
     packet_words,
     ros1_bag,
-    rows,
     write_db3,
 )
+from stand_ins.random_packets import rows
 
 PER_CHUNK, CHUNKS = 5, 12
 
@@ -49,7 +49,7 @@ def test_a_flipped_bit_in_an_mcap_costs_one_chunk(tmp_path: Path, kind: str) -> 
     data[place] ^= 0x10
     (tmp_path / "a.mcap").write_bytes(data)
     source = open_events(tmp_path / "a.mcap")
-    assert rows(source) == expected(missing=4)
+    assert rows(*source) == expected(missing=4)
     assert dict(source.losses) == {"bad_record": 1, "gap": 1}
 
 
@@ -57,7 +57,7 @@ def test_a_cut_mcap_gives_what_comes_before_the_cut(tmp_path: Path) -> None:
     data = mcap_file(chunked(), "zstd")
     (tmp_path / "a.mcap").write_bytes(data[: len(data) // 2])
     source = open_events(tmp_path / "a.mcap")
-    found = rows(source)
+    found = rows(*source)
     assert found == expected()[: len(found)]
     assert 10 < len(found) < len(expected())
     assert source.losses["truncated"] == 1
@@ -69,7 +69,7 @@ def test_a_wrong_length_in_an_mcap_is_overcome(tmp_path: Path) -> None:
     data[place + 5] ^= 0x40
     (tmp_path / "a.mcap").write_bytes(data)
     source = open_events(tmp_path / "a.mcap")
-    assert rows(source) == expected(missing=4)
+    assert rows(*source) == expected(missing=4)
     assert source.losses["bad_record"] == 1
 
 
@@ -86,21 +86,21 @@ def test_a_bomb_in_an_mcap_is_refused(tmp_path: Path, kind: str) -> None:
     place = whole.index(mcap_chunk(chunked()[4], kind, first=4 * PER_CHUNK))
     (tmp_path / "a.mcap").write_bytes(whole[:place] + bomb + whole[place:])
     with pytest.raises(FormatError, match="128 MiB"):
-        rows(open_events(tmp_path / "a.mcap"))
+        rows(*open_events(tmp_path / "a.mcap"))
 
 
 @pytest.mark.parametrize("kind", ["none", "lz4", "bz2"])
 def test_ros1_bags_lose_one_chunk(tmp_path: Path, kind: str) -> None:
     whole = ros1_bag(chunked(ros1=True), kind)
     (tmp_path / "a.bag").write_bytes(whole)
-    assert rows(open_events(tmp_path / "a.bag", strict=True)) == expected()
+    assert rows(*open_events(tmp_path / "a.bag", strict=True)) == expected()
     data = bytearray(whole)
     starts = [at for at in range(len(data)) if data.startswith(b"\x04\x00\x00\x00op=\x05", at)]
     data[starts[4] + 60] ^= 0xFF
     data[starts[4] + 70] ^= 0xFF
     (tmp_path / "a.bag").write_bytes(data)
     source = open_events(tmp_path / "a.bag")
-    found = rows(source)
+    found = rows(*source)
     assert len(found) >= len(expected(missing=4)) - 1
     assert found[-PER_CHUNK:] == expected()[-PER_CHUNK:]
     assert source.losses["bad_record"] + source.losses["gap"] >= 1
@@ -112,7 +112,7 @@ def test_a_wrong_length_in_a_ros1_bag_is_overcome(tmp_path: Path) -> None:
     data[starts[4] - 23] ^= 0x40
     (tmp_path / "a.bag").write_bytes(data)
     source = open_events(tmp_path / "a.bag")
-    assert rows(source) == expected(missing=4)
+    assert rows(*source) == expected(missing=4)
     assert source.losses["bad_record"] == 1
 
 
@@ -121,7 +121,7 @@ def test_text_that_is_not_utf8_is_no_internal_error(tmp_path: Path) -> None:
     with sqlite3.connect(tmp_path / "a.db3") as base:
         base.execute("UPDATE topics SET name = CAST(X'FF2F65' AS TEXT)")
     base.close()
-    assert rows(open_events(tmp_path / "a.db3")) == expected()
+    assert rows(*open_events(tmp_path / "a.db3")) == expected()
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,25 @@
-"""Filters: equal to plain twins, and the same events however the stream is cut."""
+"""Filters equal plain twins however the stream is cut; hot pixels are told from noise and rims."""
 
 from __future__ import annotations
 
 import itertools
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.filters import BackgroundActivityFilter, Transform, time_slice
-from spikingtac.events.formats.codec import Triggers
+from spikingtac.events.hot_pixels import (
+    QUIET_SHARE,
+    WINDOW_US,
+    HotPixelFilter,
+    find_hot_pixels,
+    judge_events,
+    quiet_events,
+)
+from spikingtac.types import EventPacket
 from stand_ins.random_packets import random_packet, rows
 
 SIZE = (12, 9)
@@ -87,12 +96,74 @@ def test_a_crop_keeps_its_rectangle_and_moves_the_origin() -> None:
             Transform(crop_px=box).size(SIZE)
 
 
-def test_triggers_follow_the_time() -> None:
-    triggers = Triggers()
-    triggers.append([5, 50, 199, 200], 3, [True, False, True, False])
-    kept = Transform(from_us=50, to_us=200, shift_us=1_000).triggers(triggers)
-    assert (kept.t_us.tolist(), kept.channel.tolist(), kept.edge.tolist()) == (
-        [1_050, 1_199],
-        [3, 3],
-        [False, True],
+HOT_SIZE = (40, 30)
+
+
+def noise(count: int) -> np.ndarray:
+    return np.random.default_rng(1).integers(0, HOT_SIZE[0] * HOT_SIZE[1], count)
+
+
+def at(column: int, row: int, count: int) -> np.ndarray:
+    return np.full(count, row * HOT_SIZE[0] + column)
+
+
+def mixed(*parts: np.ndarray) -> np.ndarray:
+    return np.random.default_rng(2).permutation(np.concatenate(parts))
+
+
+def found(pixel: np.ndarray) -> set[tuple[int, int]]:
+    return {(int(column), int(row)) for column, row in find_hot_pixels(pixel, HOT_SIZE)}
+
+
+def test_hot_pixels_are_found_also_in_corners_and_side_by_side() -> None:
+    hot = {(0, 0), (39, 29), (20, 10), (21, 10)}
+    pixel = mixed(noise(600), *(at(*place, 60) for place in hot))
+    assert found(pixel) == hot
+
+
+def test_a_rim_that_moves_in_the_quietest_windows_is_not_hot() -> None:
+    rim = [at(column, row, 60) for column in range(15, 25) for row in (10, 11)]
+    assert found(mixed(noise(600), *rim)) == set()
+
+
+def test_a_pixel_that_flickers_while_a_marker_rests_is_not_hot() -> None:
+    flickering = at(20, 10, 60)
+    pixel = np.concatenate([noise(300), mixed(noise(100), flickering), noise(400)])
+    assert found(pixel) == set()
+    assert found(mixed(noise(800), flickering)) == {(20, 10)}
+
+
+def test_quiet_events_are_those_of_the_windows_with_the_fewest() -> None:
+    windows = 40
+    counts = np.full(windows, 9)
+    counts[[3, 17, 18, 30]] = (1, 2, 0, 3)
+    t_us = np.concatenate(
+        [1_000 + WINDOW_US * window + np.arange(count) for window, count in enumerate(counts)]
     )
+    index, quiet_us = quiet_events(t_us, 1_000, 1_000 + windows * WINDOW_US)
+    assert quiet_us == round(QUIET_SHARE * windows) * WINDOW_US
+    assert sorted(set(((t_us[index] - 1_000) // WINDOW_US).tolist())) == [3, 17, 30]
+    assert (np.diff(index) > 0).all()
+    assert len(index) == 6
+
+
+@pytest.mark.parametrize("noise_hz", [5.0, 40.0])
+def test_noise_and_hot_pixels_are_told_apart_beside_a_contact(noise_hz: float) -> None:
+    rng, duration_us = np.random.default_rng(3), 4_000_000
+    hot = [(5, 7), (39, 29), (20, 0)]
+    noisy = noise(round(noise_hz * HOT_SIZE[0] * HOT_SIZE[1] * duration_us / 1e6))
+    contact = rng.integers(0, HOT_SIZE[0] * HOT_SIZE[1], 400_000)
+    pixel = np.concatenate([noisy, contact, *(at(*place, 4_000) for place in hot)])
+    t = rng.integers(0, duration_us, len(pixel))
+    t[len(noisy) : len(noisy) + len(contact)] //= 2
+    order = np.argsort(t, kind="stable")
+    y, x = (column.astype(np.uint16) for column in np.divmod(pixel[order], HOT_SIZE[0]))
+    events = EventPacket(x, y, rng.random(len(x)) < 0.25, t[order], 0, duration_us, HOT_SIZE)
+    found = judge_events(events)
+    assert sorted(map(tuple, found.hot_px.tolist())) == sorted(hot)
+    # The quietest tenth of the windows is quieter than the mean by the choice.
+    assert found.noise_hz == pytest.approx(noise_hz, rel=0.3)
+    assert found.on_fraction == pytest.approx(0.25, abs=0.01)
+    kept = HotPixelFilter(found.hot_px, HOT_SIZE).kept(events)
+    assert judge_events(kept).hot_px.size == 0
+    assert HotPixelFilter(found.hot_px, HOT_SIZE).kept(kept) is kept

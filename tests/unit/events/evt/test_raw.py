@@ -1,19 +1,21 @@
-"""RAW files: headers, dispatch, time rules and each kind of damage, word by word."""
+"""RAW: headers, dispatch, time rules, each kind of damage word by word, streams as they come."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError, DamageError, FormatError
+from spikingtac.errors import ConfigError, DamageError, FormatError, RecordingError
 from spikingtac.events import create_events, open_events
 from spikingtac.events.evt.encode import Evt3Encoder
 from spikingtac.events.evt.wire import BASE_X, VECT_8, VECT_12
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.types import EventPacket
-from stand_ins.random_packets import random_packet
+from stand_ins.piped_camera import PipedCamera
+from stand_ins.random_packets import assert_equal, random_packet, whole
 
 HEAD3 = b"% evt 3.0\n% geometry 320x240\n% end\n"
 HEAD2 = b"% evt 2.0\n% geometry 320x240\n% end\n"
@@ -227,3 +229,61 @@ def test_a_long_row_needs_one_base() -> None:
     x = np.arange(10, 10 + 3 * 32, dtype=np.uint16)
     words = Evt3Encoder().encode(np.full(len(x), 5), x, np.full(len(x), 7, np.uint16), x > 0)
     assert (words >> 12).tolist()[-10:] == [BASE_X, *(3 * [VECT_12, VECT_12, VECT_8])]
+
+
+SIZE = (320, 320)
+EVENTS = 60_000
+
+
+@pytest.fixture(params=["evt2", "evt21", "evt3"])
+def stored(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    path = tmp_path / "whole.raw"
+    with create_events(path, SIZE, encoding=request.param) as writer:
+        writer.write(random_packet(3, EVENTS, SIZE, 13))
+    return path
+
+
+def without_header(data: bytes) -> bytes:
+    return data.partition(b"% end\n")[2]
+
+
+def test_a_pipe_gives_the_events_of_the_file(stored: Path, tmp_path: Path) -> None:
+    camera = PipedCamera(tmp_path / "live", stored.read_bytes())
+    source = open_events(tmp_path / "live")
+    packets = list(source)
+    camera.join()
+    assert (source.size, source.format) == (SIZE, open_events(stored).format)
+    assert_equal(EventPacket.concatenate(packets), whole(open_events(stored)))
+    ends = [packet.t_end_us for packet in packets]
+    assert ends[:-1] == [packet.t_start_us for packet in packets[1:]]
+    with pytest.raises(RecordingError, match="only once"):
+        list(source)
+
+
+def test_events_come_before_the_stream_ends(tmp_path: Path) -> None:
+    path = tmp_path / "whole.raw"
+    with create_events(path, SIZE) as writer:
+        writer.write(random_packet(3, EVENTS, SIZE, 13))
+    camera = PipedCamera(tmp_path / "live", path.read_bytes())
+    camera.pause_after(0.5)
+    source = iter(open_events(tmp_path / "live"))
+    got = 0
+    while got < 0.45 * EVENTS:
+        got += len(next(source))
+    assert camera.written < 0.6 * path.stat().st_size
+    camera.go_on.set()
+    got += sum(len(packet) for packet in source)
+    assert got == EVENTS
+
+
+def test_standard_input_is_a_stream(stored: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with stored.open("rb") as file:
+        monkeypatch.setattr(sys, "stdin", file)
+        assert_equal(whole(open_events("-")), whole(open_events(stored)))
+
+
+@pytest.mark.parametrize("head", [b"% end\n", b""])
+def test_a_stream_without_a_size_is_refused(head: bytes, stored: Path, tmp_path: Path) -> None:
+    PipedCamera(tmp_path / "live", head + without_header(stored.read_bytes()))
+    with pytest.raises(FormatError, match="names encoding and size"):
+        open_events(tmp_path / "live")
