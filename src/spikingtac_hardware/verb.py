@@ -10,11 +10,11 @@ from typing import Annotated, Any
 
 import tyro
 
-from spikingtac.cli import Table, progress, tell
+from spikingtac.cli import Table, WriteArgs, progress, tell
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(WriteArgs):
     """Compute a sensor from its parameters, check it, and write its parts and drawings.
 
     Without -o the figures and checks are printed, which needs nothing beyond the plain install.
@@ -26,12 +26,8 @@ class Args:
     """Name of a design (see --list), or the path of a TOML file."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")] = None
     """Folder to write."""
-    overwrite: bool = False
-    """Replace a design that the folder holds."""
     list: bool = False
     """Print the designs, one per line: name, two spaces, description."""
-    json: bool = False
-    """Print one JSON object."""
 
 
 def run(args: Args) -> int:

@@ -81,7 +81,7 @@ class RealtimeArgs(JsonArgs):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrackerArgs(ReadArgs):
+class TrackerArgs(JsonArgs):
     """Options of verbs that track events or read tracks."""
 
     calibration: Path | None = None

@@ -8,38 +8,40 @@ from typing import Annotated
 
 import tyro
 
-from spikingtac.cli import check_workers
+from spikingtac.cli import WriteArgs, check_workers
 from spikingtac_paper.registry import EXPERIMENTS, choices_text, run_study
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class RunArgs(WriteArgs):
+    """Options of experiments and benches."""
+
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
+    """Folder to write: new or empty, or one that was begun with the same settings (--resume)."""
+    quick: bool = False
+    """Run fewer seeds and shorter sequences: minutes instead of hours."""
+    seed: int = 0
+    """First seed."""
+    resume: bool = False
+    """Continue a run that was interrupted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args(RunArgs):
     """Run one of the paper's experiments again; write report.json, report.html and tables."""
 
     name: Annotated[
         tyro.conf.Positional[str],
         tyro.conf.arg(metavar="NAME", help=f"Experiment: {choices_text(EXPERIMENTS)}"),
     ]
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
-    """Folder to write: new or empty, or one that was begun with the same settings (--resume)."""
-    quick: bool = False
-    """Run fewer seeds and shorter sequences: minutes instead of hours."""
     ablations: bool = False
     """Run variants of the default tracker instead of the main tables (point-tracking, real)."""
-    seed: int = 0
-    """First seed."""
     seeds: int | None = None
     """Number of seeds; the experiment's own number unless given."""
     methods: tuple[str, ...] = ()
     """Names of the methods to run; all unless given."""
-    resume: bool = False
-    """Continue a run that was interrupted."""
-    overwrite: bool = False
-    """Remove the run that is in the folder, and begin anew."""
     workers: int | None = None
     """Number of processes; one for each CPU unless given."""
-    json: bool = False
-    """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:

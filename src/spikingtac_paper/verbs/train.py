@@ -8,14 +8,14 @@ from typing import Annotated, Any
 
 import tyro
 
-from spikingtac.cli import progress, tell
+from spikingtac.cli import WriteArgs, progress, tell
 from spikingtac.errors import MissingExtraError
 
 RECORDINGS = "recordings"  # Folder of a run that holds the rendered scenes.
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(WriteArgs):
     """Train the denoising network on recordings, or on scenes of the digital twin.
 
     Training needs no labels: it never opens a recording's truth.npz. The same command continues a
@@ -36,10 +36,6 @@ class Args:
     """Number of times each recording is degraded anew; the configuration's unless given."""
     device: str | None = None
     """cpu or cuda; the configuration's unless given."""
-    overwrite: bool = False
-    """Remove the run that is in the folder, and begin anew; rendered scenes stay."""
-    json: bool = False
-    """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:

@@ -12,7 +12,7 @@ import tyro
 
 import spikingtac as st
 from spikingtac.cli.messages import remark, tell, warn
-from spikingtac.cli.options import TrackerArgs, require_seconds
+from spikingtac.cli.options import ReadArgs, TrackerArgs, require_seconds
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.file_kinds import kind_of
 
@@ -28,7 +28,7 @@ FOXGLOVE_ORIGINS = ("https://app.foxglove.dev", "https://studio.foxglove.dev")
 
 
 @dataclass(frozen=True, kw_only=True)
-class PublishArgs(TrackerArgs):
+class PublishArgs(TrackerArgs, ReadArgs):
     """Options of verbs that publish a sensor."""
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]

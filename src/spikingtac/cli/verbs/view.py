@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from spikingtac.cli.messages import figures, progress, remark, tell
-from spikingtac.cli.options import RealtimeArgs, WriteArgs, require_seconds
+from spikingtac.cli.options import RealtimeArgs, TrackerArgs, WriteArgs, require_seconds
 from spikingtac.cli.sources import ask_for_real_time, require_live
 from spikingtac.errors import ConfigError
 from spikingtac.plots.figure import PICTURE_ENDINGS
@@ -39,14 +39,15 @@ class PageArgs(WriteArgs, PageOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args(PageArgs, RealtimeArgs):
-    """Show a recording, a recording folder or a scene of the twin in the browser."""
+class Args(PageArgs, RealtimeArgs, TrackerArgs):
+    """Show a recording, a recording folder or a scene of the twin in the browser.
+
+    Without --calibration, the page shows the events of a sensor, and calibrates.
+    """
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
     """Event file, recording folder, a camera (its address, a named pipe, or -), or name of a
     scene (spikingtac simulate --list)."""
-    calibration: Path | None = None
-    """calibration.json of this sensor; without any, the page shows the events and calibrates."""
     second: Annotated[str | None, tyro.conf.arg(metavar="SOURCE")] = None
     """The other finger, on the first one's clock; the same folder means its second sensor."""
     second_calibration: Path | None = None
@@ -55,8 +56,6 @@ class Args(PageArgs, RealtimeArgs):
     """Calibrate with the page, even where a calibration is known."""
     save_calibration: Path = Path("calibration.json")
     """File that a calibration made with the page is saved as."""
-    rate_hz: float | None = None
-    """Estimates per second; the preset's unless given."""
     force: Path | None = None
     """force.onnx: show force, patch, slip and vibration; make one with: spikingtac force fit."""
     seed: int = 0
