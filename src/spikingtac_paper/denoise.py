@@ -44,6 +44,7 @@ from spikingtac_paper.harness.report import (
 )
 from spikingtac_paper.harness.run import Progress, RunOptions
 from spikingtac_paper.training.dataset import US_PER_S, with_background, with_drops
+from spikingtac_paper.trials.trajectories import GroundTruth
 from spikingtac_paper.trials.trial import V2E
 
 MapKind = Literal["binary", "graded"]
@@ -195,48 +196,41 @@ class CleanRecording:
     Attributes:
         name: Name of the scene or file.
         events: All its events.
-        reference_px: ``(m, 2)`` rest positions, from which the first map is painted, px.
-        radius_px: ``(m,)`` radii of the markers, px.
+        truth: Where its markers are; the first map is painted from their rests.
         source: ``twin`` or ``v2e``.
-        t_us: ``(n,)`` times of the truth, us.
-        marker_px: ``(n, m, 2)`` true centres, px.
     """
 
     name: str
     events: EventPacket
-    reference_px: FloatArray
-    radius_px: FloatArray
+    truth: GroundTruth
     source: str
-    t_us: NDArray[np.int64]
-    marker_px: NDArray[np.float32]
 
     def true_px(self, t_us: NDArray[np.int64]) -> FloatArray:
         """Return the true centres ``(k, m, 2)`` at some times, px; each is that of the next row."""
-        rows = np.minimum(np.searchsorted(self.t_us, t_us), len(self.t_us) - 1)
-        return self.marker_px[rows].astype(np.float64)
+        rows = np.minimum(np.searchsorted(self.truth.t_us, t_us), len(self.truth.t_us) - 1)
+        return self.truth.marker_px[rows]
 
 
 def render(scene_name: str, seed: int, duration_s: float) -> CleanRecording:
     """Render one recording of the twin without noise, with its truth."""
     source = SceneSource(replace(load_scene(scene_name), camera=QUIET), seed, duration_s)
     steps = list(source.steps())
+    t_us, marker_px = (
+        np.concatenate([getattr(step.truth, name) for step in steps])
+        for name in ("marker_t_us", "marker_px")
+    )
+    known = GroundTruth(
+        t_us, marker_px.astype(np.float64), source.reference_px, source.radius_px, 0
+    )
     events = EventPacket.concatenate([step.packet for step in steps])
-    times_us = np.concatenate([step.truth.marker_t_us for step in steps])
-    marker_px = np.concatenate([step.truth.marker_px for step in steps])
-    reference_px, radius_px = source.reference_px, source.radius_px
-    return CleanRecording(scene_name, events, reference_px, radius_px, "twin", times_us, marker_px)
+    return CleanRecording(scene_name, events, known, "twin")
 
 
 def open_v2e(folder: Path, name: str = "mix") -> CleanRecording:
     """Open a v2e recording; its own noise (0.1 Hz/px) remains in it."""
     source = open_events(folder / f"{name}.raw")
     events = EventPacket.concatenate([packet for packet in source if len(packet)])
-    with np.load(folder / f"{name}.truth.npz", allow_pickle=False) as truth:
-        reference_px, radius_px = (
-            truth[key].astype(np.float64) for key in ("reference_px", "radius_px")
-        )
-        t_us, marker_px = truth["marker_t_us"], truth["marker_px"]
-    return CleanRecording(name, events, reference_px, radius_px, "v2e", t_us, marker_px)
+    return CleanRecording(name, events, GroundTruth.load(folder / f"{name}.truth.npz"), "v2e")
 
 
 class Centroids(NamedTuple):
@@ -309,8 +303,8 @@ class _Finder:
     """Blobs near the places where the markers should be."""
 
     def __init__(self, recording: CleanRecording) -> None:
-        self._areas_px = blob_areas_px(recording.radius_px)
-        self._near_px = PROXIMITY_SHARE * smallest_spacing_px(recording.reference_px)
+        self._areas_px = blob_areas_px(recording.truth.radius_px)
+        self._near_px = PROXIMITY_SHARE * smallest_spacing_px(recording.truth.reference_px)
 
     def find(self, state_map: NDArray[np.float32]) -> FloatArray:
         """Return the blobs' centroids ``(k, 2)``, px."""
@@ -329,7 +323,7 @@ def clean_centroids(recording: CleanRecording, kind: MapKind, plan: Plan) -> Cen
     """Return the centroids of the map without noise and drops."""
     events = recording.events
     at_us = np.arange(events.t_start_us + plan.first_us, events.t_end_us + 1, plan.every_us)
-    finder, center_px = _Finder(recording), recording.reference_px.astype(np.float64)
+    finder, center_px = _Finder(recording), recording.truth.reference_px.astype(np.float64)
     rows, seen = [], []
     for state_map in _state_maps(recording, events, kind, at_us):
         found = finder.nearest(finder.find(state_map), center_px)
@@ -378,7 +372,7 @@ def _state_maps(
     recording: CleanRecording, events: EventPacket, kind: MapKind, at_us: NDArray[np.int64]
 ) -> Iterator[NDArray[np.float32]]:
     """Yield the map at each moment, contiguous; the next one overwrites it."""
-    shape = (events.size, recording.reference_px, recording.radius_px)
+    shape = (events.size, recording.truth.reference_px, recording.truth.radius_px)
     state_map: StateMap = (
         BinaryStateMap(events.size, paint_binary_discs(*shape))
         if kind == "binary"

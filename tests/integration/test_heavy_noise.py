@@ -26,8 +26,8 @@ def recording():
 def errors_px(recording, config) -> tuple[np.ndarray, np.ndarray]:
     events = with_background(recording.events, NOISE_HZ, np.random.default_rng(0))
     calibration = Calibration(
-        reference_px=recording.reference_px,
-        radius_px=recording.radius_px,
+        reference_px=recording.truth.reference_px,
+        radius_px=recording.truth.radius_px,
         grid=(8, 8),
         size=events.size,
     )
@@ -44,12 +44,12 @@ def errors_px(recording, config) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("preset", ["default", "paper"])
 def test_no_marker_is_lost_at_five_hertz_a_pixel(recording, preset):
-    moved = np.ptp(recording.marker_px, axis=0).max()
+    moved = np.ptp(recording.truth.marker_px, axis=0).max()
     assert moved > 2.0, "markers that rest cannot be lost"
     error_px, held = errors_px(recording, load_config(preset))
     assert error_px.shape[1] == 64
     assert not held.any()
-    assert error_px.max() < 0.5 * smallest_spacing_px(recording.reference_px)
+    assert error_px.max() < 0.5 * smallest_spacing_px(recording.truth.reference_px)
     assert error_px.mean() < 0.5
 
 

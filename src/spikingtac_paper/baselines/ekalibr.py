@@ -110,15 +110,8 @@ class EkalibrTracker:
         match = associate(self._detected_px, center_px, self._proximity_px)
         coasted = match == UNMATCHED
         self._detected_px[~coasted] = center_px[match[~coasted]]
-        reference_px = self._calibration.reference_px
-        return MarkerFrame(
-            t_us=t_us,
-            detected_px=self._detected_px.copy(),
-            position_px=self._detected_px.copy(),
-            displacement_px=self._detected_px - reference_px,
-            coasted=coasted,
-            confidence=np.where(coasted, 0.0, 1.0),
-        )
+        given, moved = self._detected_px.copy(), self._detected_px - self._calibration.reference_px
+        return MarkerFrame(t_us, given, given, moved, coasted, np.where(coasted, 0.0, 1.0))
 
     def reset(self) -> None:
         """Return to the calibrated rest positions."""

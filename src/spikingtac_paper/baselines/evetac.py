@@ -112,14 +112,8 @@ class EvetacTracker:
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the dots after the last complete slice before ``t_us``."""
         coasted = self._support < self._config.gate
-        return MarkerFrame(
-            t_us=t_us,
-            detected_px=self._center_px.copy(),
-            position_px=self._center_px.copy(),
-            displacement_px=self._center_px - self._calibration.reference_px,
-            coasted=coasted,
-            confidence=np.where(coasted, 0.0, 1.0),
-        )
+        given, moved = self._center_px.copy(), self._center_px - self._calibration.reference_px
+        return MarkerFrame(t_us, given, given, moved, coasted, np.where(coasted, 0.0, 1.0))
 
     def reset(self) -> None:
         """Return to the calibrated rest positions."""

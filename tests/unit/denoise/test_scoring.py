@@ -17,6 +17,7 @@ from spikingtac_paper.denoise import (
 )
 from spikingtac_paper.harness.report import Row
 from spikingtac_paper.training.dataset import with_background, with_drops
+from spikingtac_paper.trials.trajectories import GroundTruth
 from stand_ins.denoiser_training import RADIUS_PX, moving_disc
 
 PLAN = Plan(first_us=50_000, every_us=50_000)
@@ -27,8 +28,9 @@ def recording() -> CleanRecording:
     clip = moving_disc()
     y, x = np.nonzero(clip.start)
     second = np.array([[x.mean(), y.mean()], [200.0, 200.0]])  # beyond the border: never found
-    truth = np.zeros(1, np.int64), np.zeros((1, 2, 2), np.float32)
-    return CleanRecording("disc", clip.events, second, np.full(2, RADIUS_PX), "twin", *truth)
+    radius = np.full(2, RADIUS_PX)
+    truth = GroundTruth(np.zeros(1, np.int64), np.zeros((1, 2, 2)), second, radius, 0)
+    return CleanRecording("disc", clip.events, truth, "twin")
 
 
 def excess(recording: CleanRecording, noise_hz: float, drop: float, kind="binary"):
