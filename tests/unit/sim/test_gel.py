@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp, trapezoid
 
-from spikingtac.errors import ConfigError, SpikingTacError
+from spikingtac.errors import SpikingTacError
 from spikingtac.sim import gel_contact
 from spikingtac.sim.gel import Gel, GelConfig
 from spikingtac.sim.indenters import (
@@ -14,7 +14,6 @@ from spikingtac.sim.indenters import (
     Ellipsoid,
     Indenter,
     IndenterConfig,
-    SoftLayer,
     make_indenter,
 )
 from spikingtac.sim.layer import GridConfig, LayerOperator, MarkerInterpolation, layer_response
@@ -250,12 +249,3 @@ def test_a_turn_about_the_normal_turns_the_shape(kind: str) -> None:
     near = turned > -0.4
     expected = np.rot90(body.heights_mm(X, Y, UPRIGHT), -1)
     np.testing.assert_allclose(turned[near], expected[near], atol=1e-6)
-
-
-def test_wrong_names_are_named() -> None:
-    with pytest.raises(ConfigError, match="did you mean 'spoon'"):
-        make_indenter(IndenterConfig(kind="spon"))
-    with pytest.raises(ConfigError, match="did you mean 'radius_mm'"):
-        make_indenter(IndenterConfig(kind="punch", settings={"radius": 2.0}))
-    with pytest.raises(ValueError, match="valid are"):
-        SoftLayer(shear_modulus_kpa=0.0, thickness_mm=1.0)

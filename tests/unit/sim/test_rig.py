@@ -186,7 +186,6 @@ def overshoots_mm(kind: type[UR3Twin], trials: int = 800) -> np.ndarray:
     ("changes", "mean_mm", "worst_mm"),
     [
         ({}, 6.2, 7.6),
-        ({"JERK_MM_S3": np.inf}, 4.7, 6.2),
         ({"CYCLE_S": 0.002, "JERK_MM_S3": np.inf}, 4.2, 5.1),
     ],
 )
