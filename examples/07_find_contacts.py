@@ -18,9 +18,10 @@ def main(packets: Iterable[st.EventPacket]) -> list[st.Contact]:
     """Print and return the contacts."""
     windows = st.windows(packets, period_us=1_000)
     quiet = st.QuietStatistics.of(islice(windows, QUIET_WINDOWS))
-    config = st.EventCountConfig.from_quiet(quiet, false_alarms_per_hour=1.0)
-    print(f"{quiet.mean:.1f} events in a quiet window; a contact has more than {config.threshold}")
-    detector = st.EventCountDetector(config)
+    detector = st.EventCountDetector.from_quiet(quiet, false_alarms_per_hour=1.0)
+    print(
+        f"{quiet.mean:.1f} events in a quiet window; a contact has more than {detector.threshold}"
+    )
     contacts = [hit for window in windows if (hit := detector.update(window))]
     for hit in contacts:
         print(f"contact at {hit.t_us / 1e6:.3f} s: {hit.count:.0f} events in a millisecond")

@@ -29,8 +29,7 @@ def main() -> list[float]:
     tracker = st.make_tracker(st.load_config("fast").tracking, calibration)
     stream = st.windows(source, period_us=1_000)
     quiet = list(islice(stream, QUIET_WINDOWS))
-    config = st.EventCountConfig.from_quiet(st.QuietStatistics.of(quiet))
-    contact = st.EventCountDetector(config)
+    contact = st.EventCountDetector.from_quiet(st.QuietStatistics.of(quiet))
     for window in quiet:
         tracker.absorb(window)
 

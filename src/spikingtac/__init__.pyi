@@ -37,7 +37,6 @@ from .stream.live import Finger as Finger
 from .types import Contact as Contact
 from .contact.detector import ContactDetector as ContactDetector
 from .contact.registry import DetectionConfig as DetectionConfig
-from .contact.registry import EventCountConfig as EventCountConfig
 from .contact.registry import EventCountDetector as EventCountDetector
 from .contact.detector import QuietStatistics as QuietStatistics
 from .contact.sequential_detector import SequentialMotionDetector as SequentialMotionDetector

@@ -96,7 +96,7 @@ def test_signed_statistics_agree(both: Both) -> None:
 
 @pytest.mark.parametrize("name", ["event_count", "default"])
 def test_rates_of_false_stops_agree(both: Both, name: str) -> None:
-    config = DetectionConfig(false_alarms_per_hour=BUDGET_PER_HOUR, release_windows=1)
+    config = DetectionConfig(false_alarms_per_hour=BUDGET_PER_HOUR)
     alarms = []
     for packet in (both.fast, both.whole):
         quiet = list(windows([both.whole], 1000))

@@ -16,7 +16,7 @@ from spikingtac.cli.main import main
 from spikingtac.cli.verbs import probe_sites as sites
 from spikingtac.cli.verbs.probe import Args
 from spikingtac.contact.detector import ContactDetector
-from spikingtac.contact.registry import EventCountConfig, EventCountDetector
+from spikingtac.contact.registry import EventCountDetector
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.sim.rig.hole_site import Grasp, HoleSite
 from spikingtac.sim.rig.walls import HoleWall, NoWall, Wall
@@ -109,7 +109,7 @@ def outside(windows: Iterator[Window], site: HoleSite) -> Iterator[Window]:
 
 
 def deaf(*built_from: object) -> ContactDetector:
-    return EventCountDetector(EventCountConfig(threshold=1e9))
+    return EventCountDetector(1e9)
 
 
 @pytest.mark.parametrize(

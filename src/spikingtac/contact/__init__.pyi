@@ -16,7 +16,6 @@ from .registry import DETECTORS as DETECTORS
 from .registry import DetectionConfig as DetectionConfig
 from .registry import detectors as detectors
 from .registry import make_detector as make_detector
-from .registry import EventCountConfig as EventCountConfig
 from .registry import EventCountDetector as EventCountDetector
 from .detector import QuietStatistics as QuietStatistics
 from .sequential_detector import SequentialMotionDetector as SequentialMotionDetector

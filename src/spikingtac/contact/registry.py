@@ -39,39 +39,17 @@ MARGIN = 3.0
 RELEASE_WINDOWS = 300
 
 
-@dataclass(frozen=True, kw_only=True)
-class EventCountConfig:
-    """The published threshold test.
+class EventCountDetector:
+    """The published threshold test on raw events per window.
 
-    The paper gives a period of 1 ms and no value of its "predefined threshold"; it is taken from
-    windows of the moving arm without contact.
+    See :class:`~spikingtac.contact.detector.ContactDetector`. The paper gives a period of 1 ms and
+    no value of its "predefined threshold"; it is taken from windows of the moving arm without
+    contact.
 
-    Attributes:
+    Args:
         threshold: A contact begins where the count exceeds it.
         release_windows: A contact ends after this many windows in a row below the threshold
             (a contact that slides or bounces is one contact).
-    """
-
-    threshold: float
-    release_windows: int = 50
-
-    def __post_init__(self) -> None:
-        if not self.threshold >= 0 or self.release_windows < 1:
-            raise ConfigError("threshold must not be negative and release_windows be at least 1")
-
-    @classmethod
-    def from_quiet(
-        cls, quiet: QuietStatistics, false_alarms_per_hour: float = 1.0
-    ) -> EventCountConfig:
-        """Return the configuration that keeps a false-alarm budget on the quiet windows."""
-        return cls(threshold=quiet.threshold(false_alarms_per_hour))
-
-
-class EventCountDetector:
-    """Counts raw events per window; see :class:`~spikingtac.contact.detector.ContactDetector`.
-
-    Args:
-        config: Threshold and release.
         quiet: The windows that the threshold was taken from, for the summary.
         least: A contact lasts while counts exceed this; the threshold unless given.
 
@@ -81,20 +59,30 @@ class EventCountDetector:
 
     def __init__(
         self,
-        config: EventCountConfig,
+        threshold: float,
+        release_windows: int = 50,
         quiet: QuietStatistics | None = None,
         least: float | None = None,
     ) -> None:
-        self.in_contact = False
-        self._config, self._statistics = config, quiet
-        self._least = config.threshold if least is None else least
+        if not threshold >= 0 or release_windows < 1:
+            raise ConfigError("threshold must not be negative and release_windows be at least 1")
+        self.in_contact, self.threshold = False, threshold
+        self._release_windows, self._statistics = release_windows, quiet
+        self._least = threshold if least is None else least
         self._quiet = 0
+
+    @classmethod
+    def from_quiet(
+        cls, quiet: QuietStatistics, false_alarms_per_hour: float = 1.0
+    ) -> EventCountDetector:
+        """Return the detector that keeps a budget of false contacts on the quiet windows."""
+        return cls(quiet.threshold(false_alarms_per_hour), quiet=quiet)
 
     def update(self, window: Window) -> Contact | None:
         """Return a contact where the count exceeds the threshold for the first time."""
-        count, threshold = count_of(window), self._config.threshold
+        count, threshold = count_of(window), self.threshold
         self._quiet = 0 if count > self._least else self._quiet + 1
-        self.in_contact = self.in_contact and self._quiet < self._config.release_windows
+        self.in_contact = self.in_contact and self._quiet < self._release_windows
         if self.in_contact or count <= threshold:
             return None
         self.in_contact = True
@@ -106,11 +94,10 @@ class EventCountDetector:
 
     def summary(self) -> DetectorSummary:
         """Return the threshold and the quiet windows that it was taken from."""
-        threshold = self._config.threshold
         return DetectorSummary(
-            rule=f"a contact is more than {threshold:g} events in a window",
+            rule=f"a contact is more than {self.threshold:g} events in a window",
             quiet=self._statistics,
-            figures={"threshold": threshold},
+            figures={"threshold": self.threshold},
         )
 
 
@@ -145,10 +132,8 @@ class SelfCalibratingDetector:
         if len(first) >= QUIET_WINDOWS:
             quiet = QuietStatistics.of(first)
             low = quiet.threshold(self._budget)
-            config = EventCountConfig(
-                threshold=max(low, MARGIN * quiet.mean), release_windows=RELEASE_WINDOWS
-            )
-            self._learned = EventCountDetector(config, quiet, low)
+            high = max(low, MARGIN * quiet.mean)
+            self._learned = EventCountDetector(high, RELEASE_WINDOWS, quiet, low)
         return None
 
     def reset(self) -> None:
@@ -173,12 +158,10 @@ class DetectionConfig:
         detector: Name of the detector; None is ``default`` where the sensors are calibrated and
             ``event_count`` otherwise.
         false_alarms_per_hour: Budget of false contacts while the arm moves freely.
-        release_windows: For ``event_count``: a contact ends after this many quiet windows in a row.
     """
 
     detector: str | None = None
     false_alarms_per_hour: float = 1.0
-    release_windows: int = 50
 
     def __post_init__(self) -> None:
         check_budget(self.false_alarms_per_hour)
@@ -193,10 +176,7 @@ DetectorBuilder = Callable[
 def _event_count(
     config: DetectionConfig, calibrations: Sequence[Calibration], quiet: Iterable[Window]
 ) -> ContactDetector:
-    statistics = QuietStatistics.of(quiet)
-    threshold = statistics.threshold(config.false_alarms_per_hour)
-    count = EventCountConfig(threshold=threshold, release_windows=config.release_windows)
-    return EventCountDetector(count, statistics)
+    return EventCountDetector.from_quiet(QuietStatistics.of(quiet), config.false_alarms_per_hour)
 
 
 def _motion(

@@ -17,7 +17,6 @@ from spikingtac.contact.detector import (
 from spikingtac.contact.registry import (
     QUIET_WINDOWS,
     RELEASE_WINDOWS,
-    EventCountConfig,
     EventCountDetector,
     SelfCalibratingDetector,
 )
@@ -39,7 +38,7 @@ def windows(counts: Iterable[int], first: int = 0) -> list[EventPacket]:
 
 
 def test_the_first_window_above_the_threshold_is_the_contact() -> None:
-    detector = EventCountDetector(EventCountConfig(threshold=5, release_windows=3))
+    detector = EventCountDetector(5, release_windows=3)
     assert isinstance(detector, ContactDetector)
     found = [detector.update(window) for window in windows([0, 5, 6, 9, 2, 7, 0, 0, 0, 8])]
     assert [contact and contact.t_us for contact in found] == [

@@ -8,7 +8,7 @@ import numpy as np
 
 from spikingtac.contact.detector import WINDOW_US
 from spikingtac.contact.recording import _aligned, find_contacts, leading_quiet
-from spikingtac.contact.registry import EventCountConfig, EventCountDetector
+from spikingtac.contact.registry import EventCountDetector
 from spikingtac.types import EventPacket
 
 SIZE = (8, 8)
@@ -52,6 +52,6 @@ def test_a_burst_at_the_start_is_neither_learned_nor_a_contact() -> None:
     begin, end = leading_quiet([source])  # type: ignore[list-item]
     assert begin == 60
     assert 540 <= end <= 640
-    detector = EventCountDetector(EventCountConfig(threshold=20))
+    detector = EventCountDetector(20)
     (found,) = find_contacts([source], detector, first=begin)  # type: ignore[list-item]
     assert found[0].t_us == 641 * WINDOW_US

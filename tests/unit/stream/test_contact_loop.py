@@ -6,7 +6,7 @@ from itertools import islice
 
 import pytest
 
-from spikingtac.contact.registry import EventCountConfig, EventCountDetector
+from spikingtac.contact.registry import EventCountDetector
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
 from spikingtac.stream.arrivals import Arrival
 from spikingtac.stream.guard_loop import ContactLoop
@@ -32,7 +32,7 @@ class Bench:
         self.watchdog.self_test()
         self.watchdog.arm()
         self.order.clear()
-        detector = EventCountDetector(EventCountConfig(threshold=40))
+        detector = EventCountDetector(40)
         self.loop = ContactLoop(detector, self.watchdog, stop, self.clock)
 
     def arrivals(self, late_s: float = 0.0, queued_s: float = 0.0) -> Iterator[Arrival]:
