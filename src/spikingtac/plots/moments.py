@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,24 +68,29 @@ class Picture:
     t_s: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class Course:
-    """The quantities over time.
+class Moment(NamedTuple):
+    """The quantities of one time.
 
     Attributes:
-        t_s: ``(n,)`` times, s.
-        displacement_px: ``(n, m)`` length of each marker's displacement, px.
-        rate_kev_s: ``(n,)`` event rate, thousands per second.
-        contacts_s: Beginnings of contacts, s.
+        t_s: The time, s.
+        rate_kev_s: Event rate, thousands per second.
+        moved_px: ``(m,)`` length of each marker's displacement, px.
+        error_px: ``(m,)`` distance of each marker from its true place, px; None without a truth.
     """
 
-    t_s: NDArray[np.floating]
-    displacement_px: NDArray[np.floating]
-    rate_kev_s: NDArray[np.floating]
-    contacts_s: tuple[float, ...] = ()
+    t_s: float
+    rate_kev_s: float
+    moved_px: NDArray[np.float32]
+    error_px: NDArray[np.float32] | None
 
 
-def save_summary(path: str | Path, title: str, picture: Picture, course: Course) -> None:
+def save_summary(
+    path: str | Path,
+    title: str,
+    picture: Picture,
+    course: Sequence[Moment],
+    contacts_s: Iterable[float],
+) -> None:
     """Write a picture of a tracked recording: the sensor at one moment beside the whole course.
 
     Args:
@@ -92,6 +98,7 @@ def save_summary(path: str | Path, title: str, picture: Picture, course: Course)
         title: One line above it.
         picture: The moment.
         course: The whole.
+        contacts_s: Beginnings of contacts, s.
     """
     from matplotlib.figure import Figure
 
@@ -99,9 +106,12 @@ def save_summary(path: str | Path, title: str, picture: Picture, course: Course)
     panels = figure.subplot_mosaic("sa;sb", width_ratios=(1.25, 1))
     SensorDrawing(panels["s"], picture)
     above, below = panels["a"], panels["b"]
-    above.plot(course.t_s, course.rate_kev_s, color=ON_COLOR, linewidth=0.9)
+    t_s = [moment.t_s for moment in course]
+    rate_kev_s = [moment.rate_kev_s for moment in course]
+    above.plot(t_s, rate_kev_s, color=ON_COLOR, linewidth=0.9)
     above.set_ylabel("events, thousands per s", color=SOFT, fontsize=8)
-    below.plot(course.t_s, course.displacement_px, color=ARROW_COLOR, linewidth=0.5, alpha=0.35)
+    moved_px = np.array([moment.moved_px for moment in course])
+    below.plot(t_s, moved_px, color=ARROW_COLOR, linewidth=0.5, alpha=0.35)
     below.set_ylabel("displacement of each marker, px", color=SOFT, fontsize=8)
     below.set_xlabel("time, s", color=SOFT, fontsize=8)
     for axes in (above, below):
@@ -110,7 +120,7 @@ def save_summary(path: str | Path, title: str, picture: Picture, course: Course)
         for spine in axes.spines.values():
             spine.set_color("#272d32")
         axes.axvline(picture.t_s, color=TEXT, linewidth=0.6)
-        for at_s in course.contacts_s:
+        for at_s in contacts_s:
             axes.axvline(at_s, color=CONTACT_COLOR, linewidth=0.7, linestyle=":")
     figure.suptitle(title, color=TEXT, fontsize=11)
     with replacing(path) as partial:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.plots.moments import Course, Picture, save_summary
+from spikingtac.plots.moments import Moment, Picture, save_summary
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.snapshot import OFF_CODE, activity, events_per_s, view_step
@@ -22,13 +21,6 @@ MOST_ROWS = 4_096
 US_PER_S = 1e6
 
 
-class _Row(NamedTuple):
-    t_s: float
-    rate_kev_s: float
-    moved_px: NDArray[np.float32]
-    error_px: NDArray[np.float32] | None
-
-
 class Record:
     """Takes every estimate of a view, and its playback's state some times a second.
 
@@ -37,7 +29,7 @@ class Record:
     """
 
     def __init__(self) -> None:
-        self._rows: list[_Row] = []
+        self._rows: list[Moment] = []
         self._taken, self._every = 0, 1
         self._played_us = 0
         self._last_us: int | None = None
@@ -71,7 +63,7 @@ class Record:
         self._taken += 1
         if self._taken % self._every == 0:
             since_s, rate_kev_s = (now_us - start_us) / US_PER_S, events_per_s(playback) / 1e3
-            self._rows.append(_Row(since_s, rate_kev_s, moved_px, error_px))
+            self._rows.append(Moment(since_s, rate_kev_s, moved_px, error_px))
         if len(self._rows) > MOST_ROWS:
             self._rows, self._every = self._rows[1::2], 2 * self._every
 
@@ -109,14 +101,9 @@ class Record:
         markers = max((len(row.moved_px) for row in self._rows), default=0)
         rows = [row for row in self._rows if len(row.moved_px) == markers]
         rows.sort(key=lambda row: row.t_s)
-        course = Course(
-            t_s=np.array([row.t_s for row in rows]),
-            displacement_px=np.array([row.moved_px for row in rows]),
-            rate_kev_s=np.array([row.rate_kev_s for row in rows]),
-            contacts_s=tuple((t_us - start_us) / US_PER_S for t_us in sorted(playback.contacts)),
-        )
+        contacts_s = [(t_us - start_us) / US_PER_S for t_us in sorted(playback.contacts)]
         title = f"{view.label}{' (simulated)' if view.simulated else ''}"
-        save_summary(path, title, self._shown[1], course)
+        save_summary(path, title, self._shown[1], rows, contacts_s)
 
 
 def picture_of(playback: Playback) -> Picture:
