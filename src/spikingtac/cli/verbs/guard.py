@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -167,7 +168,7 @@ def _wait(process: stream.ContactProcess) -> dict[str, Any]:
     Raises:
         DeviceError: The process died, or does not answer.
     """
-    follower = _Follower()
+    told: set[str] = set()
     while True:
         alive = process.alive()  # before the state: a process that has ended left its last one
         status = process.status()
@@ -185,35 +186,25 @@ def _wait(process: stream.ContactProcess) -> dict[str, Any]:
             why = "the guarding process does not answer; see whether the arm stands"
             remark(f"{why}; ending it now")  # before the wait for its end
             raise st.DeviceError(f"{why}, then start again")
-        follower.look(status, age_s)
+        for text in _news(status, age_s):
+            if text not in told:
+                told.add(text)
+                remark(text)
         time.sleep(POLL_S)
 
 
-class _Follower:
-    """Tells the user what changes: what is waited for, that the guard watches, what is lost."""
-
-    def __init__(self) -> None:
-        self._told: dict[str, int] = {}
-
-    def look(self, status: dict[str, Any], age_s: float) -> None:
-        """Tell what a state says that was not told yet."""
-        phase = status.get("phase")
-        if phase == "starting" and age_s > WAITING_S:
-            self._tell(f"waiting for {status['reason']}")
-        if phase == "tripped":
-            self._tell(f"tripped: {status['reason']}")
-        if phase != "ready":
-            return
-        self._tell("watching: the self-test has told the arm to stop; start its motion now")
-        if not status.get("precedes", False):
-            self._tell(NO_PRECEDENCE)
-        for kind, count in status.get("losses", {}).items():
-            self._tell(f"the stream: {kind} {count}", kind, count)
-        leaps = status.get("leaps", 0)
-        self._tell(f"the sensor's clock leapt ahead, {leaps} times so far", "leaps", leaps)
-
-    def _tell(self, text: str, about: str = "", count: int = 1) -> None:
-        """Tell a text once, and again where its count has grown."""
-        if count > self._told.get(about or text, 0):
-            self._told[about or text] = count
-            remark(text)
+def _news(status: dict[str, Any], age_s: float) -> Iterator[str]:
+    """Yield what a state says: what is waited for, that the guard watches, what is lost."""
+    phase = status.get("phase")
+    if phase == "starting" and age_s > WAITING_S:
+        yield f"waiting for {status['reason']}"
+    if phase == "tripped":
+        yield f"tripped: {status['reason']}"
+    if phase != "ready":
+        return
+    yield "watching: the self-test has told the arm to stop; start its motion now"
+    if not status.get("precedes", False):
+        yield NO_PRECEDENCE
+    yield from (f"the stream: {kind} {n}" for kind, n in status.get("losses", {}).items() if n)
+    if leaps := status.get("leaps", 0):
+        yield f"the sensor's clock leapt ahead, {leaps} times so far"

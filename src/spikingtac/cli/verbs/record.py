@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -90,7 +90,9 @@ def run(args: Args) -> int:
         ]
         prepare_folder(args.output, args.overwrite)
         opened.enter_context(ending_on_interrupt(*sources))
-        show = opened.enter_context(_screen())
+        if sys.stderr.isatty():
+            opened.callback(sys.stderr.write, CLEAR_LINE)
+        show = _show if sys.stderr.isatty() else lambda sessions: None
         summary = record(sources, args.output, split=split, seconds=seconds, show=show)
     shown: list[Table | str] = [_table(f"recording {summary['output']}", summary)]
     if "second" in summary:
@@ -109,16 +111,9 @@ def run(args: Args) -> int:
     return 0
 
 
-@contextmanager
-def _screen() -> Iterator[Callable[[Sequence[Session]], object]]:
-    """Yield what shows the progress: one line on stderr where it is a terminal."""
-    if not sys.stderr.isatty():
-        yield lambda shown: None
-        return
-    try:
-        yield lambda shown: sys.stderr.write(CLEAR_LINE + " | ".join(map(_line, shown)))
-    finally:
-        sys.stderr.write(CLEAR_LINE)
+def _show(sessions: Sequence[Session]) -> None:
+    """Write the progress over the line of a terminal."""
+    sys.stderr.write(CLEAR_LINE + " | ".join(map(_line, sessions)))
 
 
 def _line(session: Session) -> str:
