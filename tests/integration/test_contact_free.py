@@ -87,13 +87,6 @@ def test_count_mean_and_variance_over_mean_agree(both: Both) -> None:
     assert np.percentile(fast, 99.5) == pytest.approx(np.percentile(whole, 99.5), rel=0.04)
 
 
-def test_signed_statistics_agree(both: Both) -> None:
-    fast, whole = (per_window(one, np.where(one.p, 1.0, -1.0)) for one in (both.fast, both.whole))
-    assert fast.mean() == pytest.approx(whole.mean(), rel=0.03)
-    assert fast.std() == pytest.approx(whole.std(), rel=0.04)
-    assert both.fast.p.mean() == pytest.approx(both.whole.p.mean(), abs=0.01)
-
-
 @pytest.mark.parametrize("name", ["event_count", "default"])
 def test_rates_of_false_stops_agree(both: Both, name: str) -> None:
     config = DetectionConfig(false_alarms_per_hour=BUDGET_PER_HOUR)
@@ -120,12 +113,3 @@ def test_any_cutting_into_stretches_gives_the_same_events() -> None:
     for name in "xypt":
         joined = np.concatenate([getattr(part, name) for part in parts])
         assert np.array_equal(joined, getattr(at_once, name))
-
-
-def test_a_path_is_what_as_many_steps_give() -> None:
-    one, other = (VibrationPath(0.01, np.random.default_rng(3)) for _ in range(2))
-    for length in (1, 200):
-        path = one.path(length, 0.001)
-        assert np.allclose(path, [other.advance(0.001) for _ in range(length)], atol=1e-12)
-    still = VibrationPath(0.0, np.random.default_rng(1))
-    assert not still.path(5, 0.001).any()

@@ -109,14 +109,6 @@ def test_the_same_seed_gives_the_same_weights_and_an_interrupted_run_goes_on_to_
         assert np.allclose(value, other[name], atol=1e-6), name
 
 
-def test_another_configuration_is_not_mixed_in(trained, capsys):
-    folder, recordings, _ = trained
-    other, run = folder / "other.toml", folder / "run"
-    other.write_text(TINY.format(rounds=5))
-    assert main(["train", *recordings, "--config", str(other), "-o", str(run)]) == 2
-    assert "other settings" in capsys.readouterr().err
-
-
 def test_without_torch_the_extra_is_named(tmp_path):
     block = """
 import sys

@@ -7,15 +7,10 @@ import math
 
 import numpy as np
 import pytest
-from scipy import ndimage
 
 from spikingtac import Calibration
 from spikingtac.types import EventPacket
-from spikingtac_paper.baselines import ekalibr
 from spikingtac_paper.baselines.ekalibr import (
-    NEVER,
-    EkalibrConfig,
-    find_arcs,
     moving_circle,
     normal_flow,
     pair_arcs,
@@ -81,16 +76,6 @@ def test_normal_flow_of_a_straight_edge(velocity: tuple[float, float]) -> None:
     assert not flow[:, 0].any()
 
 
-def test_normal_flow_needs_enough_neighbours_and_leaves_outliers_out() -> None:
-    times = np.full((5, 5), NEVER)
-    times[2, 2] = times[2, 3] = 1_000
-    assert not normal_flow(times, 0).any()
-    x = np.tile(np.arange(5), (5, 1))
-    ramp = (1_000 * x + 20_000).astype(np.int64)
-    ramp[1, 1] += 5_000
-    assert normal_flow(ramp, 0)[:, 2, 2] == pytest.approx([0.001, 0.0], abs=1e-4)
-
-
 def test_moving_circle_is_recovered() -> None:
     rng = np.random.default_rng(4)
     s = rng.uniform(-1.0, 0.0, 500)
@@ -109,23 +94,6 @@ def test_moving_circle_is_recovered() -> None:
     np.testing.assert_allclose(fit[:2], truth[:2], atol=0.05)
     np.testing.assert_allclose(fit[4], truth[4], atol=0.05)
     assert residual < 0.05
-
-
-@pytest.mark.parametrize("dilate_px", [1, 3, 5])
-def test_dilation_is_the_largest_value_around(
-    dilate_px: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    image = np.random.default_rng(dilate_px).random((30, 40)) < 0.05
-    flow = np.where(image, 1.0, 0.0)[None].repeat(2, axis=0)
-    monkeypatch.setattr(ekalibr, "MIN_CLUSTER_PX", 1)
-    label, arcs = find_arcs(flow, image, EkalibrConfig(dilate_px=dilate_px))
-    grown = ndimage.maximum_filter(image, size=dilate_px)
-    expected, count = ndimage.label(grown, np.ones((3, 3)))
-    assert len(arcs) == count
-    np.testing.assert_array_equal(label, np.where(image, expected, 0))
-    for arc in arcs:
-        row, column = np.nonzero(label == arc[0])
-        np.testing.assert_allclose(arc[1:3], [column.mean(), row.mean()])
 
 
 def test_arcs_pair_along_their_motion_only() -> None:
@@ -153,18 +121,6 @@ def test_time_surface_against_its_formula() -> None:
     for i in range(300):
         expected[y[i], x[i]] = (1.0 if p[i] else -1.0) * math.exp(-(60_000 - t[i]) / 20_000)
     np.testing.assert_allclose(surface.values, 0.5 + 0.5 * expected, atol=1e-5)
-
-
-def test_a_time_surface_goes_on_for_many_time_constants() -> None:
-    zeros = np.zeros(1, np.uint16)
-    surface = TimeSurface(np.zeros((2, 2), np.float32), 1_000.0)
-    for last_us in (500, 30_000, 200_000):
-        event = EventPacket(zeros, zeros, zeros == 0, np.array([last_us - 100]), 0, last_us, (2, 2))
-        surface.absorb(event)
-        assert surface.values[0, 0] == pytest.approx(0.5 + 0.5 * math.exp(-0.1), abs=1e-5)
-        assert surface.values[1, 1] == pytest.approx(
-            0.5 - 0.5 * math.exp(-last_us / 1_000), abs=1e-5
-        )
 
 
 def test_slices_are_the_same_however_the_stream_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,6 @@ import pytest
 from spikingtac_paper.collision import approach
 from spikingtac_paper.collision.approach import (
     FrameSampler,
-    displacement_sum_px,
     exposures_us,
     measured_px,
     quiet_threshold_px,
@@ -17,11 +16,6 @@ def moving(speed_px_s: float, length_us: int) -> tuple[np.ndarray, np.ndarray]:
     times = np.arange(0, length_us + 1, 1000).astype(float)
     shift = speed_px_s * times * 1e-6
     return times, REST + np.stack([shift, 0 * shift], axis=-1)[:, None, :]
-
-
-def test_the_sum_is_the_published_one() -> None:
-    moved = REST + np.array([3.0, 4.0])
-    assert displacement_sum_px(moved[None], REST) == pytest.approx([64 * 5.0])
 
 
 def test_exposures_are_regular_half_open_and_keep_their_phase() -> None:

@@ -38,14 +38,6 @@ def test_the_truth_scores_perfectly() -> None:
     assert scores["lost_markers"] == scores["id_swaps"] == 0.0
 
 
-def test_a_method_that_says_nothing_moved_returns_perfectly_and_is_wrong() -> None:
-    still = np.tile(REST, (len(TIMES_US), 1, 1))
-    scores = point_scores(said(still), truth(moving()))
-    assert scores["return_mean_px"] == 0.0
-    assert scores["error_mean_px"] == pytest.approx(20.0 / np.pi, rel=0.01)
-    assert scores["lost_markers"] == 4.0
-
-
 def test_a_constant_offset_shows_in_each_metric_as_defined() -> None:
     off = moving() + np.array([0.6, 0.8])
     scores = point_scores(said(off), truth(moving()))
@@ -114,14 +106,6 @@ def test_nearest_another_against_all_distances() -> None:
     expected = distance.argmin(axis=2) != np.arange(4)
     assert expected.any()
     assert np.array_equal(nearest_another(detected, true_px, np.arange(4)), expected)
-
-
-def test_truth_is_read_between_its_times_and_held_at_its_ends() -> None:
-    course = np.zeros((2, 1, 2))
-    course[1] = 10.0
-    known = GroundTruth(np.array([0, 1_000]), course, np.zeros((1, 2)), np.ones(1), 0)
-    at = known.at(np.array([-5, 250, 2_000]))
-    assert at[:, 0, 0].tolist() == [0.0, 2.5, 10.0]
 
 
 def test_the_release_is_the_end_of_the_last_contact() -> None:

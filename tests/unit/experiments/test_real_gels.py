@@ -64,12 +64,6 @@ def test_a_marker_that_stays_away_is_lost(plateaus: Plateaus) -> None:
     assert scores["return_median_px"] == pytest.approx(6.0 * 2**0.5, abs=1e-4)
 
 
-def test_a_marker_that_was_not_calibrated_is_missing(plateaus: Plateaus) -> None:
-    part = prediction(0.0)
-    part = Prediction(part.t_us, part.detected_px[:, :2], part.position_px[:, :2], REST_PX[:2])
-    assert plateau_scores(part, plateaus, calibration(REST_PX[:2]))["missing_markers"] == 1
-
-
 def test_markers_are_matched_by_place_in_any_order() -> None:
     own, other = matched(REST_PX[[2, 0, 1]] + 1.0, REST_PX)
     assert dict(zip(own.tolist(), other.tolist(), strict=True)) == {0: 2, 1: 0, 2: 1}

@@ -16,9 +16,6 @@ from spikingtac_paper.harness.report import lines_of, rows_of
 from spikingtac_paper.harness.run import RunOptions
 from spikingtac_paper.touch import experiment
 from spikingtac_paper.touch.contacts import (
-    CARRY,
-    CARRY_MM,
-    CARRY_MOVES,
     HOLD,
     KINDS,
     ROUND,
@@ -42,12 +39,11 @@ from spikingtac_paper.touch.slip import (
     Truth,
     WatchedContact,
     alarms_of,
-    shift_stops,
     slip_scores,
     truth_of,
     watch_contact,
 )
-from spikingtac_paper.touch.touches import event_touches, touch_scores
+from spikingtac_paper.touch.touches import touch_scores
 
 TOUCHES = [(1_000_000, 2_000_000), (3_000_000, 4_000_000)]
 T_US = np.arange(0, 1_000_000, 1_000)
@@ -70,13 +66,6 @@ def test_each_touch_is_found_once(found: list[tuple[int, int]], missed: int, ext
     if not missed + extra:
         in_time = float(found[0][0] < 1_100_000)
         assert (scores["begin_in_time"], scores["end_in_time"]) == (in_time, in_time)
-
-
-def test_windows_above_rest_are_touches() -> None:
-    counts = np.full(100, 5)
-    counts[50:60], counts[80] = 200, 90
-    assert event_touches(counts, 10_000) == [(500_000, 600_000), (800_000, 810_000)]
-    assert event_touches(np.full(100, 5), 10_000) == []
 
 
 def series(seed: int) -> WrenchSeries:
@@ -190,16 +179,6 @@ def test_every_kind_of_contact_can_be_drawn_again(kind: str) -> None:
     assert 0.5 < Timeline(drawn[0].scene, 0).duration_s < 12.0
 
 
-def test_a_carried_body_stays_near_its_place() -> None:
-    for seed in range(5):
-        drawn = draw_contact(np.random.default_rng(seed), kinds=(CARRY,))
-        moves = [s for s in drawn.scene.contacts[0].motion.segments if s.kind == "slide"]
-        assert len(moves) == CARRY_MOVES
-        steps = np.array([[move.dx_mm, move.dy_mm] for move in moves], np.float64)
-        away = np.sqrt((np.cumsum(steps, axis=0) ** 2).sum(axis=1))
-        assert away.max() <= CARRY_MM * drawn.friction + 1e-9
-
-
 @pytest.fixture(scope="module")
 def slid() -> WatchedContact:
     """A finger that is dragged until it slips, as camera and tracker see it."""
@@ -230,15 +209,6 @@ def test_a_body_that_stands_after_a_slip_is_judged_where_it_is_held_only(
     assert held.judged[standing].all()
     assert not held.judged[slid.t_us > slid.t_us[-1] - 280_000].any(), "released"
     assert not held.slow
-
-
-def test_the_simpler_way_tells_where_a_shift_stops() -> None:
-    shift = np.interp(T_US, [0, 300_000, 600_000, 1_000_000], [0.0, 0.0, 6.0, 6.0])
-    moved = np.repeat(shift[:, None, None], 4, axis=1) * np.array([1.0, 0.0])
-    contact = draw_contact(np.random.default_rng(1))
-    watched = WatchedContact(contact, np.zeros((4, 2)), T_US, moved, ON, 0.0 * shift, ON)
-    (told_us,) = shift_stops(watched)
-    assert told_us == pytest.approx(615_000, abs=6_000)
 
 
 METHODS = ("touches", "patch-model", "slip")

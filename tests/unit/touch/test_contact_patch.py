@@ -109,14 +109,3 @@ def test_a_lattice_over_other_markers_reads_linear_fields_exactly(markers: np.nd
     read = lattice.field(markers @ slope + 1.0)
     expected = lattice.in_image(lattice.places) @ slope + 1.0
     np.testing.assert_allclose(read, expected @ lattice.rotation, atol=1e-9)
-
-
-@pytest.mark.parametrize("press", PRESSES, ids=lambda press: press[0])
-def test_a_tenth_of_a_press_is_told_within_it(press: tuple) -> None:
-    kind, settings, depth_mm, place_mm = press
-    moved, cells, touched = pressed(kind, settings, depth_mm, place_mm, GRID)
-    patch = PatchEstimator(GRID).patch(0.1 * moved)
-    np.testing.assert_allclose(patch.place, cells[touched].mean(axis=0), atol=1.0)
-    found = Outline(patch.outline).contains_points(cells)
-    assert found.sum() >= 0.15 * touched.sum()
-    assert (found & ~touched).sum() < 0.1 * touched.sum()

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from spikingtac.touch.elastic import SkinConfig, SurfaceResponse
-from spikingtac.touch.slip.features import FeatureStream
 from spikingtac.touch.slip.held import HeldTouchDetector
 from spikingtac.touch.slip.monitor import Slip, SlipMonitor
 from spikingtac.types import MarkerFrame
@@ -122,20 +121,6 @@ def test_less_evidence_suffices_where_the_field_has_stopped_following(
     assert (slip.gross_us is not None) == told
     if slip.gross_us is not None:
         assert 200_000 < slip.gross_us < 215_000
-
-
-def test_turning_sensor_and_scale_leave_the_features() -> None:
-    rng = np.random.default_rng(5)
-    pattern = rng.normal(size=REFERENCE.shape)
-    quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
-    found = []
-    for turn, scale in ((np.eye(2), 1.0), (quarter, 1.0), (np.eye(2), 0.065)):
-        stream, features = FeatureStream(scale * REFERENCE @ turn), None
-        for t_us in range(0, 200_001, 1_000):
-            features = stream.update(t_us, scale * (t_us / 1e5) * pattern @ turn)
-        found.append(features)
-    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
-    np.testing.assert_allclose(found[0], found[2], atol=1e-9)
 
 
 def test_a_model_steps_at_its_own_rate_however_often_frames_come() -> None:

@@ -50,19 +50,6 @@ def test_a_gel_that_has_crept_off_its_calibrated_rest_is_at_rest() -> None:
     assert touch.begin_us / 1e6 == pytest.approx(0.8, abs=0.010)
 
 
-def test_a_skin_that_falls_back_in_another_shape_is_no_new_touch() -> None:
-    another = np.roll(press(0.7), 1, axis=1)
-
-    def ghost(t_s: float) -> float:
-        return max(4 * pulse(t_s, 0.8, 1.9), 0.7 * (1.0 < t_s < 2.1))
-
-    def fallen(frame: MarkerFrame) -> MarkerFrame:
-        left = another * (2_100_000 <= frame.t_us < 2_250_000)
-        return dataclasses.replace(frame, detected_px=frame.detected_px + left)
-
-    assert len(touches(fallen(frame) for frame in watch(ghost, 5.0))) == 1
-
-
 @pytest.mark.parametrize(("later_s", "told"), [(0.08, 1), (0.6, 2)])
 def test_a_faint_strain_right_after_a_release_belongs_to_it(later_s: float, told: int) -> None:
     def tailed(t_s: float) -> float:

@@ -12,7 +12,6 @@ from spikingtac_paper.training.architecture import (  # noqa: E402
     make_network,
 )
 from spikingtac_paper.training.export import export_network  # noqa: E402
-from spikingtac_paper.training.train import prediction_error  # noqa: E402
 
 CONFIGS = [
     NetworkConfig(widths=(8, 16)),
@@ -53,19 +52,3 @@ def test_the_published_size_is_twenty_gmac():
             )
         )
     assert counted / 1e9 == pytest.approx(20.0, rel=0.15)
-
-
-@pytest.mark.parametrize("wrong", [{"fold": 3}, {"widths": (0, 8)}, {"base": 0}])
-def test_unfit_sizes_are_refused(wrong):
-    with pytest.raises(ValueError, match=r"valid|positive"):
-        NetworkConfig(**wrong)
-
-
-def test_the_prediction_error_is_least_at_the_expectation():
-    random = torch.Generator().manual_seed(0)
-    target = (torch.rand(1, 1, 100, 100, generator=random) < 0.3).float()
-    losses = {
-        level: float(prediction_error(torch.full_like(target, level).logit(), target))
-        for level in (0.1, 0.2, 0.3, 0.4, 0.5)
-    }
-    assert min(losses, key=lambda level: losses[level]) == 0.3

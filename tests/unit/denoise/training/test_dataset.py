@@ -6,11 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.errors import RecordingError
 from spikingtac.events.recording import RecordingWriter
 from spikingtac.types import EventPacket
 from spikingtac_paper.training import dataset
-from spikingtac_paper.training.dataset import load_clip, make_pairs, map_after
+from spikingtac_paper.training.dataset import (
+    load_clip,
+    make_pairs,
+    map_after,
+    with_background,
+    with_drops,
+)
 from stand_ins.denoiser_training import SIZE, SPAN_US, moving_disc
 
 MOMENTS = 8
@@ -75,12 +81,6 @@ def test_degradation_reaches_the_input_only(monkeypatch):
     assert set(np.unique(noisy.targets)) == set(np.unique(pairs.targets))
 
 
-def test_the_same_seed_gives_the_same_pairs():
-    one, other = (make_pairs([moving_disc()], MOMENTS, np.random.default_rng(7)) for _ in range(2))
-    assert np.array_equal(one.inputs, other.inputs)
-    assert np.array_equal(one.targets, other.targets)
-
-
 def test_the_map_after_slides_is_where_others_begin():
     clip = moving_disc()
     after = map_after(clip)
@@ -96,7 +96,27 @@ def test_an_empty_recording_is_refused(tmp_path):
         load_clip(tmp_path / "silent")
 
 
-def test_a_start_of_another_size_names_both_shapes(tmp_path):
-    folder = write_recording(tmp_path / "recording")
-    with pytest.raises(ConfigError, match=r"\(4, 4\).*\(48, 64\)"):
-        load_clip(folder, np.zeros((4, 4), np.float32))
+def test_background_has_its_rate_and_both_signs_alike():
+    silence = EventPacket.empty(0, 4_000_000, SIZE)
+    noisy = with_background(silence, 5.0, np.random.default_rng(1))
+    expected = 5.0 * SIZE[0] * SIZE[1] * 4
+    assert len(noisy) == pytest.approx(expected, abs=4 * expected**0.5)
+    assert noisy.p.mean() == pytest.approx(0.5, abs=0.01)
+    assert noisy.x.max() == SIZE[0] - 1
+    assert noisy.y.max() == SIZE[1] - 1
+
+
+def test_background_keeps_every_event_and_the_invariants():
+    events = moving_disc().events
+    noisy = with_background(events, 3.0, np.random.default_rng(1))
+    noisy.sound()
+    assert (np.diff(noisy.t) >= 0).all()
+    assert noisy.t_start_us <= noisy.t[0] <= noisy.t[-1] < noisy.t_end_us
+    there = {*zip(noisy.t.tolist(), noisy.x.tolist(), noisy.y.tolist(), strict=True)}
+    assert there >= {*zip(events.t.tolist(), events.x.tolist(), events.y.tolist(), strict=True)}
+
+
+def test_drops_have_their_share():
+    many = with_background(EventPacket.empty(0, SPAN_US, SIZE), 50.0, np.random.default_rng(1))
+    kept = with_drops(many, 0.3, np.random.default_rng(2))
+    assert len(kept) / len(many) == pytest.approx(0.7, abs=0.01)
