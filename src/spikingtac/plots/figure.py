@@ -127,14 +127,6 @@ def check_target(
     return target
 
 
-def fit_height(figure: Figure) -> None:
-    """Take away what is empty above and below: an image's aspect leaves room in its figure."""
-    figure.draw_without_rendering()
-    needed = figure.get_tightbbox().height + 2.0 * PAD_IN
-    width, height = figure.get_size_inches()
-    figure.set_size_inches(width, min(needed, height))
-
-
 def legend_above(axes: Axes, theme: Theme) -> None:
     """Name the curves above the axes, where none of them runs."""
     names = axes.get_legend_handles_labels()[1]

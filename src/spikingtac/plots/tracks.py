@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -10,9 +11,9 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError, named, require_type
 from spikingtac.plots.figure import (
     FONT_PT,
+    PAD_IN,
     US_PER_S,
     Theme,
-    fit_height,
     legend_above,
     new_figure,
     style_axes,
@@ -63,7 +64,12 @@ def plot_tracks(
             no tracks are given, but a path.
     """
     require_type(tracks, Tracks, LOADED)
-    draws = {"course": None, "field": draw_field, "map": _draw_map, "strain": _draw_strain}
+    draws = {
+        "course": None,
+        "field": draw_field,
+        "map": partial(_draw_squares, strain=False),
+        "strain": partial(_draw_squares, strain=True),
+    }
     draw = named(draws, kind, "kind of plot")
     require_estimates(tracks)
     figure, colors = new_figure(theme, width, COURSE_HEIGHT if draw is None else FIELD_HEIGHT)
@@ -74,7 +80,10 @@ def plot_tracks(
         legend_above(axes, colors)
         return figure
     draw(axes, tracks, _row(tracks, at_us), colors)
-    fit_height(figure)
+    # What is empty above and below goes: an image's aspect leaves room in its figure.
+    figure.draw_without_rendering()
+    wide_in, high_in = figure.get_size_inches()
+    figure.set_size_inches(wide_in, min(figure.get_tightbbox().height + 2.0 * PAD_IN, high_in))
     return figure
 
 
@@ -171,43 +180,31 @@ def draw_field(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> tuple[Quiv
     return quiver, gain
 
 
-def _draw_map(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
-    moved, unit = _moved(tracks)
-    length = np.hypot(*moved[row].T)
-    limits = 0.0, float(length.max())
-    _draw_squares(axes, tracks, length, theme.magnitudes(), limits)
-    _finish_field(axes, tracks, row, theme)
-    _add_scale(axes, axes.collections[0], f"displacement ({unit})", theme)
-
-
-def _draw_strain(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
-    operator = GradientOperator(tracks.reference_px.astype(np.float64))
-    slopes = operator.slopes(tracks.displacement_px[row].astype(np.float64))
-    growth = 100.0 * np.trace(slopes, axis1=1, axis2=2)
-    bound = max(float(np.abs(growth).max()), 1e-9)
-    _draw_squares(axes, tracks, growth, STRAIN_COLORS, (-bound, bound))
-    _finish_field(axes, tracks, row, theme)
-    _add_scale(axes, axes.collections[0], "growth of area (%)", theme)
-
-
-def _draw_squares(
-    axes: Axes,
-    tracks: Tracks,
-    values: NDArray[np.floating],
-    colors: object,
-    limits: tuple[float, float],
-) -> None:
-    """Draw a value at each marker, as a square as wide as markers are apart."""
+def _draw_squares(axes: Axes, tracks: Tracks, row: int, theme: Theme, *, strain: bool) -> None:
+    """Draw displacement, or growth of area, as squares as wide as markers are apart."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Rectangle
 
+    if strain:
+        operator = GradientOperator(tracks.reference_px.astype(np.float64))
+        slopes = operator.slopes(tracks.displacement_px[row].astype(np.float64))
+        values = 100.0 * np.trace(slopes, axis1=1, axis2=2)
+        bound = max(float(np.abs(values).max()), 1e-9)
+        colors, limits, label = STRAIN_COLORS, (-bound, bound), "growth of area (%)"
+    else:
+        moved, unit = _moved(tracks)
+        values = np.hypot(*moved[row].T)
+        colors, limits = theme.magnitudes(), (0.0, float(values.max()))
+        label = f"displacement ({unit})"
     pitch = pitch_px(tracks.reference_px)
     corners = (tracks.reference_px - pitch / 2).astype(float)
     squares = [Rectangle((x, y), pitch, pitch) for x, y in corners]
-    tiles = PatchCollection(squares, cmap=colors, linewidth=0)  # type: ignore[arg-type]
+    tiles = PatchCollection(squares, cmap=colors, linewidth=0)
     tiles.set_array(values)
     tiles.set_clim(*limits)
     axes.add_collection(tiles)
+    _finish_field(axes, tracks, row, theme)
+    _add_scale(axes, tiles, label, theme)
 
 
 def _finish_field(
