@@ -147,7 +147,7 @@ def test_a_fault_of_an_arm(
         return watched.site.rig.arm
 
     monkeypatch.setattr(sites, "QUIET_WINDOWS", QUIET)
-    monkeypatch.setattr(sites, "listen", lambda args, own, watchdog: (listen(args, own), None))
+    monkeypatch.setattr(sites, "listen", lambda args, own: (listen(args, own), None))
     monkeypatch.setattr(robot, "URArm", connect)
     if fault is whole:
         monkeypatch.setattr(st, "make_detector", deaf)

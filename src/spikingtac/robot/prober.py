@@ -152,7 +152,7 @@ class ArmProber:
         windows: Regular windows of the sensor.
         detector: Decides on contact.
         config: The settings of a touch.
-        watchdog: Checked with every window.
+        watchdog: Checked with every window of a touch; its self-test has passed.
         free_travel: Moves the arm through free air in place of the arm's own motion.
 
     Attributes:
@@ -173,18 +173,27 @@ class ArmProber:
         return self.arm.pose().position_mm[:2]
 
     def touch(self, start_mm: FloatArray, direction: FloatArray) -> Touched:
-        """Go, approach and back off; see :class:`Prober`."""
+        """Go, approach and back off; see :class:`Prober`. The watchdog is armed meanwhile."""
         start = np.asarray(start_mm, np.float64)
         heading = np.asarray(direction, np.float64)
         heading = heading / float(np.linalg.norm(heading))
-        style = self.config.style
+        if self.watchdog is not None:
+            self.watchdog.arm()
         if self.free_travel is None or not self.free_travel(start, heading):
             self._move(start)
-        if not self.config.conditions:
-            return self._meet(start, heading, style.speed_mm_s)
+        style = self.config.style
+        if self.config.conditions:
+            found = self._conditioned(start, heading, style)
+        else:
+            found = self._meet(start, heading, style.speed_mm_s)
+        if self.watchdog is not None:  # nobody reads the stream while the arm rests
+            self.watchdog.disarm()
+        return found
+
+    def _conditioned(self, start: FloatArray, heading: FloatArray, style: Style) -> Touched:
+        """Find the wall, press on, back off, and measure; again where both do not agree."""
         apart_mm = 0.0
         for _ in range(MOST_TRIES):
-            # Find the wall, press on, back off, and measure.
             found = self._meet(start, heading, style.find_speed_mm_s, style.conditioning_mm)
             measured = self._meet(start, heading, style.speed_mm_s)
             apart_mm = float((measured.reading_mm - found.reading_mm) @ heading)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import re
 import socket
 import time
 from collections.abc import Callable
@@ -113,8 +114,7 @@ class RobotiqGripper:
         Raises:
             DeviceError: It is not acknowledged.
         """
-        answer = self._ask(f"SET {name} {value}")
-        if answer != "ack":
+        if (answer := self._ask(f"SET {name} {value}")) != "ack":
             raise DeviceError(f"the gripper answered {answer!r} to SET {name} {value}")
 
     def get(self, name: str) -> int:
@@ -123,14 +123,14 @@ class RobotiqGripper:
         Raises:
             DeviceError: The answer is none.
         """
-        answer = self._ask(f"GET {name}").split()
-        sound = len(answer) == 2 and answer[0] == name and answer[1].isdecimal()
-        if not sound or int(answer[1]) > FULL_SCALE:
+        answer = self._ask(f"GET {name}")
+        found = re.fullmatch(rf"{name}\s+(\d{{1,3}})", answer)
+        if found is None or int(found[1]) > FULL_SCALE:
             raise DeviceError(
-                f"the gripper answered {' '.join(answer)!r} to GET {name}; valid is {name} and a "
+                f"the gripper answered {answer!r} to GET {name}; valid is {name} and a "
                 f"number up to {FULL_SCALE}"
             )
-        return int(answer[1])
+        return int(found[1])
 
     def _ask(self, line: str) -> str:
         until_s = time.monotonic() + ANSWER_S
@@ -152,13 +152,13 @@ class RobotiqGripper:
         return answer.decode(errors="replace").strip()
 
     def _until(self, done: Callable[[], bool], patience_s: float, what: str) -> None:
-        for _ in range(max(round(patience_s / POLL_S), 1)):
-            fault = self.get("FLT")
-            if fault >= FAULTS_THAT_STOP:
-                raise DeviceError(f"the gripper reports fault {fault}; see its manual")
+        until_s = time.monotonic() + patience_s
+        while (fault := self.get("FLT")) < FAULTS_THAT_STOP:
             if done():
                 return
+            if time.monotonic() > until_s:
+                with contextlib.suppress(DeviceError):
+                    self.set("GTO", 0)
+                raise DeviceError(f"the gripper did not {what} within {patience_s} s")
             time.sleep(POLL_S)
-        with contextlib.suppress(DeviceError):
-            self.set("GTO", 0)
-        raise DeviceError(f"the gripper did not {what} within {patience_s} s")
+        raise DeviceError(f"the gripper reports fault {fault}; see its manual")

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import functools
 import importlib
 import threading
 import time
@@ -45,7 +44,8 @@ START_PATIENCE_S = 0.5  # Longest wait for a commanded motion to begin, s.
 CALL_LIMIT_S = 0.5
 REST_MM_S = 0.01  # Set-point speed below which the arm rests, mm/s; set points carry no noise.
 
-# Program that makes the controller stop the arm as on a limit of force.
+# Programs that stop the arm, and that make the controller stop it as on a limit of force.
+STOP = f"def spikingtac_stop():\n  stopl({DECELERATION_M_S2})\nend\n"
 PROTECT = "def spikingtac_protect():\n  protective_stop()\nend\n"
 
 # Module of the simulated arm, which is built on this package's protocol of an arm.
@@ -119,11 +119,10 @@ class URArm:
             )
         rotation = self._receive.getActualTCPPose()[3:]
         goal = [*(target / MM_PER_M).tolist(), *rotation]
-        speed, acceleration = speed_mm_s / MM_PER_M, ACCELERATION_M_S2
+        motion = goal, speed_mm_s / MM_PER_M, ACCELERATION_M_S2, True
         self._commanded_s, self._began = self._clock_s(), False
         try:
-            begin = functools.partial(self._control.moveL, goal, speed, acceleration, True)
-            if not self._call(begin, self._stopping.begin):
+            if not self._call(lambda: self._control.moveL(*motion), self._stopping.begin):
                 raise DeviceError("the controller refused the motion; look at its teach pendant")
         except DeviceError:
             self.stop()  # it may begin yet: ur_rtde does not say whether the command was sent
@@ -137,7 +136,8 @@ class URArm:
         and at last its power is switched off, so that its brakes hold it.
         """
         self._began = True
-        self._require_open()
+        if self._closed:
+            raise DeviceError("the arm is not connected any more; make a new one")
         self._stopping.begin()
 
     def confirm_stop(self) -> None:
@@ -199,23 +199,19 @@ class URArm:
     def _stop_gently(self) -> None:
         """Give the control script a stop, or send a program where there is no script."""
         if self._is_lost() or not (self._is_fresh() and self._scripted()):
-            self._send_stop()
+            send_script(self._host, STOP, CALL_LIMIT_S)
         else:
             self._call(lambda: self._control.stopL(DECELERATION_M_S2, True))
 
     def _stop_by_own_script(self) -> None:
         """Send a program, which ends the one that runs; the controller's watchdog stops, too."""
         self._end_heartbeat.set()
-        self._send_stop()
+        send_script(self._host, STOP, CALL_LIMIT_S)
 
     def _stop_protectively(self) -> None:
         """Make a protective stop; the dashboard, which has no command for one, ends the program."""
         send_script(self._host, PROTECT, CALL_LIMIT_S)
         dashboard(self._host, "stop", CALL_LIMIT_S)
-
-    def _send_stop(self) -> None:
-        program = f"def spikingtac_stop():\n  stopl({DECELERATION_M_S2})\nend\n"
-        send_script(self._host, program, CALL_LIMIT_S)
 
     def _report(self) -> Report:
         """Return the last report, for the stop."""
@@ -237,16 +233,13 @@ class URArm:
         return now_s - self._stamp_seen_s <= PATIENCE_S
 
     def _require_stream(self) -> None:
-        self._require_open()
+        if self._closed:
+            raise DeviceError("the arm is not connected any more; make a new one")
         if not self._is_fresh():
             raise DeviceError(
                 f"no report from the controller at {self._host} for more than "
                 f"{PATIENCE_S} s; check the network, then make a new one"
             )
-
-    def _require_open(self) -> None:
-        if self._closed:
-            raise DeviceError("the arm is not connected any more; make a new one")
 
     def _scripted(self) -> bool:
         return bool(self._receive.getRobotStatus() & PROGRAM_RUNNING)

@@ -180,21 +180,16 @@ def disconnect(interface: Any, hangs: bool) -> None:
         interface: Receive or control interface.
         hangs: Whether a call into it has not returned; it is abandoned at once then.
     """
-    if not hangs and _ends(interface.disconnect, DISCONNECT_S):
-        return
-    # Freed, it would wait for its own threads, and the interpreter with it: it is never freed.
-    ctypes.pythonapi.Py_IncRef(ctypes.py_object(interface))
-
-
-def _ends(work: Callable[[], Any], limit_s: float) -> bool:
-    """Run a native call in a thread and return whether it came back in time."""
 
     def run() -> None:
         step_down()  # it may wait without letting go of the core
         with contextlib.suppress(Exception):  # whatever a broken native client raises
-            work()
+            interface.disconnect()
 
-    thread = threading.Thread(target=run, name="ur-disconnect", daemon=True)
-    thread.start()
-    thread.join(limit_s)
-    return not thread.is_alive()
+    if not hangs:
+        thread = threading.Thread(target=run, name="ur-disconnect", daemon=True)
+        thread.start()
+        thread.join(DISCONNECT_S)
+        hangs = thread.is_alive()
+    if hangs:  # freed, it would wait for its own threads, and the interpreter with it
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(interface))

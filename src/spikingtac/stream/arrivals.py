@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping
@@ -18,10 +17,10 @@ from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.evt.wire import ENCODINGS
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events
-from spikingtac.events.source import EventSource
 from spikingtac.events.windows import windows
 from spikingtac.robot.watchdog import Watchdog
 from spikingtac.stream.clock import StreamClock
+from spikingtac.stream.reader import POLL_S, EventReader
 from spikingtac.types import EventPacket
 
 # Longest silence that is filled with windows, us. The watchdog stops the arm far sooner; the empty
@@ -34,10 +33,6 @@ WARM_UP_SIZE = (320, 320)  # Size of the made-up warm-up sensor, px; kernels are
 LEARNED_WINDOWS, LEAST_PACE = 50, 0.9
 CATCH_UP_S = 10.0  # Longest time in which a stream catches up with its sensor once opened, s.
 US_PER_S = 1e6
-
-# Most packets that wait for a consumer; the backlog has stopped the arm long before.
-MOST_UNUSED = 10_000
-POLL_S = 0.05  # Longest wait of a consumer before it looks at the watchdog, s.
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,80 +120,33 @@ def catch_up(stream: Iterator[Arrival], backlog_s: float) -> StreamClock:
     raise DeviceError("the event stream ended before the guard was ready")
 
 
-class WatchedWindows:
-    """Windows of a live stream, read at once in a thread, for a consumer that is busy between them.
-
-    Each arrival is a heartbeat, whether it is used or not. The backlog is the time for which the
-    oldest unused packet has waited, or the lag of the stream where it is longer.
+def watched_windows(reader: EventReader, watchdog: Watchdog) -> Iterator[Window]:
+    """Yield the 1 ms windows of a camera, from what waits on; each packet is a heartbeat.
 
     Args:
-        source: The camera.
-        watchdog: Receives every arrival, the backlog, and the stream's end or failure.
+        reader: Reads the camera.
+        watchdog: Receives the backlog of each packet, and leaps of the sensor's clock.
+
+    Raises:
+        DeviceError: The watchdog has tripped.
+        SpikingTacError: Whatever reading the camera raised.
     """
+    for window in windows(_watched(reader, watchdog), WINDOW_US):
+        if window.t_end_us - window.t_start_us == WINDOW_US:
+            yield (window,)
 
-    def __init__(self, source: EventSource, watchdog: Watchdog) -> None:
-        self._source, self._watchdog = source, watchdog
-        self._unused: deque[tuple[EventPacket, float]] = deque(maxlen=MOST_UNUSED)
-        self._bell = threading.Event()
-        self._ended = self._skipped = False
-        self._error: BaseException | None = None
-        threading.Thread(target=self._read, name="spikingtac-watched", daemon=True).start()
 
-    def __iter__(self) -> Iterator[Window]:
-        """Yield the windows of 1 ms.
-
-        Raises:
-            DeviceError: The watchdog has tripped.
-            SpikingTacError: Whatever reading the stream raised.
-        """
-        while self._unused or not self._ended:
-            self._skipped = False
-            for window in windows(self._packets(), WINDOW_US):
-                if window.t_end_us - window.t_start_us == WINDOW_US:
-                    yield (window,)
-        if self._error is not None:
-            raise self._error
-
-    def skip(self) -> None:
-        """Drop what waits, which is of the past; the windows begin anew."""
-        self._unused.clear()
-        self._skipped = True
-
-    def close(self) -> None:
-        """Read no further."""
-        self._ended = True
-
-    def _packets(self) -> Iterator[EventPacket]:
-        while not self._skipped:
-            self._bell.clear()
-            if self._unused:
-                yield self._unused.popleft()[0]
-            elif self._ended:
-                return
-            else:
-                self._watchdog.require_ok()
-                self._bell.wait(POLL_S)
-
-    def _read(self) -> None:
-        """Take the packets as they come, and tell the watchdog of each."""
-        clock, ended = StreamClock(), "the event stream ended"
-        try:
-            for packet in self._source:
-                if self._ended:
-                    return
-                now_s = time.monotonic()
-                self._unused.append((packet, now_s))
-                self._bell.set()
-                leap_s = clock.arrive(packet.t_end_us, now_s)
-                behind_s = clock.backlog_s(packet.t_end_us, now_s)
-                with suppress(IndexError):  # the consumer has taken it meanwhile
-                    behind_s = max(behind_s, now_s - self._unused[0][1])
-                self._watchdog.beat(behind_s)
-                if leap_s > 0.0:
-                    self._watchdog.time_jump(f"the sensor's clock leapt ahead by {leap_s:.1f} s")
-        except BaseException as error:  # raised where the windows are used
-            self._error, ended = error, f"{type(error).__name__}: {error}"
-        if not self._ended:
-            self._ended = True
-            self._bell.set()
-            self._watchdog.disconnected(ended)
+def _watched(reader: EventReader, watchdog: Watchdog) -> Iterator[EventPacket]:
+    clock = StreamClock()
+    with suppress(EOFError):
+        while True:
+            found = reader.take(POLL_S)
+            if found is None:
+                watchdog.require_ok()
+                continue
+            end_us = found.packet.t_end_us
+            leap_s = clock.arrive(end_us, found.received_s)
+            watchdog.beat(clock.backlog_s(end_us, time.monotonic()))
+            if leap_s > 0.0:
+                watchdog.time_jump(f"the sensor's clock leapt ahead by {leap_s:.1f} s")
+            yield found.packet

@@ -18,7 +18,8 @@ from spikingtac.cli.sources import ended_by_sigterm
 from spikingtac.cli.verbs.probe_args import Args, ProbedHole
 from spikingtac.geometry import Compensation
 from spikingtac.pipeline.track import require_same_size
-from spikingtac.stream.arrivals import WatchedWindows
+from spikingtac.stream.arrivals import watched_windows
+from spikingtac.stream.reader import EventReader
 from spikingtac.stream.real_time import exempt_from_collection
 from spikingtac.types import FloatArray
 
@@ -127,21 +128,10 @@ def on_arm(args: Args) -> ProbedHole:
 def _search_hole(
     args: Args, calibration: st.Calibration, travel: st.TravelModel, stack: contextlib.ExitStack
 ) -> st.FoundHole:
-    """Learn from the quiet stream, connect the arm, and search under the watchdog."""
-    arms: list[robot.Arm] = []
-
-    def stop() -> None:
-        for arm in arms:
-            arm.stop()
-
-    def confirm() -> None:
-        for arm in arms:
-            arm.confirm_stop()
-
-    watchdog = robot.Watchdog(LIVE, stop, time.monotonic, confirm=confirm)
-    stream, live = listen(args, calibration, watchdog)
-    if live is not None:
-        stack.callback(live.close)
+    """Learn from the quiet stream, connect the arm, and search under a watchdog."""
+    stream, reader = listen(args, calibration)
+    if reader is not None:
+        stack.callback(reader.release)
     quiet = list(islice(stream, QUIET_WINDOWS))
     if not any(contact.count_of(window) for window in quiet):  # a working sensor has noise and leak
         raise st.DeviceError(
@@ -149,15 +139,15 @@ def _search_hole(
             "covered or masked, or the stream is empty; check the camera, nothing was moved"
         )
     detector = st.make_detector(args.detector, st.DetectionConfig(), [calibration], quiet)
-    if live is not None:
+    if reader is not None:
         exempt_from_collection()
-    arm = robot.URArm(args.arm or "")
+    arm, watchdog = robot.URArm(args.arm or ""), None
     stack.callback(arm.close)
-    arms.append(arm)
-    if live is not None:
+    if reader is not None:
+        watchdog = robot.Watchdog(LIVE, arm.stop, time.monotonic, confirm=arm.confirm_stop)
         watchdog.self_test()
-        live.skip()
-        watchdog.arm()
+        reader.give_up()  # what waits is of the past
+        stream = watched_windows(reader, watchdog)
         stack.enter_context(robot.WatchdogThread(watchdog))
     prober = robot.ArmProber(arm, stream, detector, args.probing(), watchdog)
     return search(args, prober, travel, prober.place_mm())
@@ -182,8 +172,8 @@ def close_on_probe(gripper: robot.RobotiqGripper) -> dict[str, Any]:
 
 
 def listen(
-    args: Args, calibration: st.Calibration, watchdog: robot.Watchdog
-) -> tuple[Iterator[contact.Window], WatchedWindows | None]:
+    args: Args, calibration: st.Calibration
+) -> tuple[Iterator[contact.Window], EventReader | None]:
     """Return the windows of the finger, 1 ms each, and of a camera what reads it in a thread.
 
     Raises:
@@ -192,7 +182,6 @@ def listen(
     assert args.events is not None
     source = st.open_events(args.events)
     require_same_size(source.size, calibration.size)
-    if events.is_stream(args.events):
-        watched = WatchedWindows(source, watchdog)
-        return iter(watched), watched
-    return ((window,) for window in st.windows(source, period_us=1000)), None
+    reader = EventReader(source, source) if events.is_stream(args.events) else None
+    packets = source if reader is None else (found.packet for found in reader)
+    return ((window,) for window in st.windows(packets, period_us=1000)), reader
