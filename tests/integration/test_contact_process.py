@@ -207,15 +207,6 @@ def still(controller: URController) -> bool:
     return bool(abs(controller.twin.speed_mm_s()[0]) <= REST_MM_S)
 
 
-def test_the_real_driver_stops_when_the_stream_stalls(
-    moving: Any, controller: URController
-) -> None:
-    moving(stall=2 * TOUCH)
-    until(lambda: still(controller))
-    assert len(controller.stop_times_s) >= 1
-    assert controller.twin.true_position_mm()[0] < 100.0 + 790.0
-
-
 def test_a_contact_process_that_is_told_to_end_stops_the_arm(
     moving: Any, controller: URController
 ) -> None:

@@ -47,12 +47,11 @@ def run(options: RunOptions) -> dict[str, Any]:
         key = digest({"name": name, "settings": settings, "code": code_digest()})
         path = options.output / "parts" / f"{done}.json"
         part = kept(path, key, lambda name=name: _part(name, options.quick))
-        figures: dict[str, Any] = part["figures"]
-        findings.append(f"{name}: {part['seen']}")
+        findings.append(f"{name}: {part['figures']['unaccounted']} unaccounted; {part['seen']}")
         rows += [
             Row(method="live", case=name, metric=metric, value=value, n=1,
                 unit=UNITS.get(metric, "events"), definition=DEFINITIONS[metric])
-            for metric, value in figures.items()
+            for metric, value in part["figures"].items()
         ]  # fmt: skip
         options.report_progress(done, len(names))
     report = Report(
@@ -69,16 +68,10 @@ def _part(name: str, quick: bool) -> dict[str, Any]:
     """Cause a fault, or run a load."""
     with tempfile.TemporaryDirectory() as folder:
         if name in LOADS:
-            load = LOADS[name]
-            figures = run_load(load, Path(folder), load.seconds[0 if quick else 1])
-            return {"figures": figures, "seen": f"{figures['unaccounted']} unaccounted"}
+            seconds = LOADS[name].seconds[0 if quick else 1]
+            return {"figures": run_load(LOADS[name], Path(folder), seconds), "seen": "loaded"}
         fault, short_s, long_s = FAULTS[name]
         found = fault(Path(folder), short_s if quick else long_s)
-    figures = {
-        "sent": found.sent,
-        "kept": found.kept,
-        "lost": found.lost,
-        "unaccounted": found.unaccounted,
-        "recovered": int(found.recovered),
-    }
-    return {"figures": figures, "seen": f"{found.unaccounted} unaccounted; {found.seen}"}
+    counts = {"sent": found.sent, "kept": found.kept, "lost": found.lost}
+    told = {"unaccounted": found.unaccounted, "recovered": int(found.recovered)}
+    return {"figures": counts | told, "seen": found.seen}

@@ -81,13 +81,11 @@ class _Users:
         while self._loop.health.state == "starting":
             time.sleep(0.01)
 
-    def follow(self, recording: Recording, seconds: float) -> None:
+    def follow(self, seconds: float) -> None:
         """Take every frame for some seconds."""
         until_s, frames = time.monotonic() + seconds, iter(self._loop)
         while time.monotonic() < until_s:
             self._late_ms.append(next(frames).behind_ms)
-            if len(self._late_ms) % 200 == 0:
-                recording.look()
 
     def figures(self) -> dict[str, Any]:
         """Return what the users tell at the end."""
@@ -121,10 +119,8 @@ def run_load(load: Load, folder: Path, seconds: float) -> dict[str, Any]:
         users = _Users(names[0], folder, seconds) if load.used else None
         rate_ev_s = load.mev_s * MEGA
         boards = [board(port, rate_ev_s, seconds, burst_s=load.burst_s) for port in ports]
-        if users is None:
-            recordings[0].sleep(seconds)
-        else:
-            users.follow(recordings[0], seconds)
+        if users is not None:
+            users.follow(seconds)
         sent = sum(one.result() for one in boards)
         told = [one.end() for one in recordings]
         figures = {} if users is None else users.figures()

@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,7 +38,7 @@ class Recording:
     """
 
     def __init__(self, folder: Path, address: str) -> None:
-        self.folder, self._most_kb = folder, 0
+        self.folder = folder
         found = re.match(r"udp:127.0.0.1:(\d+)", address)
         self._port = f":{int(found[1]):04X}" if found else ""
         words = verb("record", address, "-o", str(folder), "--json")
@@ -51,29 +50,18 @@ class Recording:
                 raise RuntimeError(f"no recording: {self.process.communicate()}")
             time.sleep(LOOK_S)
 
-    def look(self) -> None:
-        """Take note of the memory that it holds now."""
-        with suppress(OSError):
-            status = Path(f"/proc/{self.process.pid}/status").read_text()
-            found = re.search(r"VmRSS:\s+(\d+)", status)
-            self._most_kb = max(self._most_kb, int(found[1]) if found else 0)
-
-    def sleep(self, seconds: float) -> None:
-        """Let time pass, and look at the memory meanwhile."""
-        until_s = time.monotonic() + seconds
-        while (left_s := until_s - time.monotonic()) > 0.0:
-            self.look()
-            time.sleep(min(0.1, left_s))
-
     def end(self, number: int = signal.SIGINT) -> dict[str, Any]:
         """End it by a signal, and return its summary with the exit code and the memory."""
         self._settle()
+        peak_mb = 0.0
         if self.process.poll() is None:
+            status = Path(f"/proc/{self.process.pid}/status").read_text()
+            peak_mb = int(re.findall(r"VmHWM:\s+(\d+)", status)[0]) / 1024
             os.kill(self.process.pid, number)
         out, error = self.process.communicate(timeout=PATIENCE_S)
         told = json.loads(out) if out.strip() else {}
         readable = sum(map(len, open_events(self.folder))) if self.readable else 0
-        found = {"code": self.process.returncode, "said": error, "peak_mb": self._most_kb / 1024}
+        found = {"code": self.process.returncode, "said": error, "peak_mb": peak_mb}
         return {**told, **found, "readable": readable}
 
     def _settle(self) -> None:

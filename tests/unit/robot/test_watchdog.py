@@ -94,21 +94,6 @@ def test_the_self_test_proves_that_the_arm_takes_a_stop(bench: Bench) -> None:
         bench.watchdog.arm()
 
 
-def test_a_failed_stop_is_tried_again(bench: Bench) -> None:
-    watchdog = bench.armed()
-    bench.broken = True
-    bench.now_s += 1.0
-    assert watchdog.check() is Health.STALE
-    assert isinstance(watchdog.stop_failure, DeviceError)
-    watchdog.check()
-    assert bench.stops == 2
-    bench.broken = False
-    watchdog.check()
-    watchdog.check()
-    assert bench.stops == 3
-    assert watchdog.stop_failure is None
-
-
 def test_its_thread_catches_a_loop_that_hangs() -> None:
     stopped = threading.Event()
     watchdog = Watchdog(WatchdogConfig(stale_s=0.05), stopped.set, time.monotonic)
