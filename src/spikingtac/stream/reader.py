@@ -126,7 +126,8 @@ class LiveSource(FileSource):
 
     def close(self) -> None:
         """End the iteration soon; what was read is still given out."""
-        self._source.close()  # type: ignore[attr-defined]
+        source: Any = self._source
+        source.release() if self._reader is None else source.close()
 
     def _columns(self) -> Iterator[Rows]:
         # Kept for further iterations: two readers would take each other's events.
