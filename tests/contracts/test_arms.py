@@ -86,15 +86,6 @@ def test_it_moves_in_a_straight_line_to_its_target_and_keeps_its_rotation(
     np.testing.assert_allclose(end.rotation, start.rotation, atol=1e-6)
 
 
-def test_it_reports_its_speed_while_it_cruises(place: Workplace) -> None:
-    place.arm.move_linear(place.arm.pose().position_mm + np.array([FAR_MM, 0.0, 0.0]), 40.0)
-    place.wait_until(lambda: place.arm.speed_mm_s()[0] > 39.0)
-    place.wait_s(0.1)
-    np.testing.assert_allclose(place.arm.speed_mm_s(), [40.0, 0.0, 0.0], atol=1.0)
-    place.arm.stop()
-    place.wait_until_idle()
-
-
 def test_a_stop_ends_the_motion_on_its_line(place: Workplace) -> None:
     start = place.arm.pose().position_mm
     place.arm.move_linear(start + np.array([0.0, 0.0, FAR_MM]), 100.0)

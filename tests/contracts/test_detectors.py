@@ -102,16 +102,6 @@ def test_any_cutting_into_packets_gives_the_same_contacts(name: str, length_us: 
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_copy_goes_on_by_itself(name: str) -> None:
-    detector = build(name)
-    for window in touched()[: TOUCH + 1]:
-        detector.update(window)
-    other = copy.deepcopy(detector)
-    rest = touched()[TOUCH + 1 :]
-    assert found(detector, rest) == found(other, rest)
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_two_sensors_make_one_decision(name: str) -> None:
     pairs = tuple(zip(quiet(), windows(3000, seed=4), strict=True))
     detector = make_detector(name, DetectionConfig(), [calibration()] * 2, pairs)
