@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -71,7 +70,7 @@ class NetworkDenoiser:
     def __init__(self, path: str | Path) -> None:
         content = _read_checked(Path(path))
         self._session = _open_session(content, str(path))
-        self._info = _checked_metadata(self._session, str(path))
+        self._blocks, self._quantum = _checked_metadata(self._session, str(path))
         self._buffers: _BlockBuffers | None = None
 
     def clean(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -87,40 +86,38 @@ class NetworkDenoiser:
             raise ConfigError(
                 f"a state map has the shape (height, width), this one has {state_map.shape}"
             )
-        if self._info.quantum is None:
+        if self._quantum is None:
             return self._cleaned(state_map)
         if self._buffers is None or self._buffers.out.shape != state_map.shape:
-            self._buffers = _BlockBuffers(self._session, self._info, state_map.shape)
+            of = self._session, self._blocks, self._quantum
+            self._buffers = _BlockBuffers(*of, state_map.shape)
         return self._buffers.run(state_map)
 
     def _cleaned(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
         """Run a float graph: map, and smoothed map less one half, as channels first."""
-        about = self._info.fold, self._info.multiple_px
-        given = {INPUT: fold_blocks(state_map, *about)[np.newaxis]}
+        given = {INPUT: fold_blocks(state_map, *self._blocks)[np.newaxis]}
         if len(self._session.get_inputs()) == 2:
             smooth = np.empty_like(state_map, order="C")
             sums = np.empty(state_map.shape[1] + 2 * SMOOTH_REACH, np.float32)
             smooth_kernel(np.ascontiguousarray(state_map), smooth, sums)
             evidence = smooth / np.float32(SMOOTH_SUM) - np.float32(0.5)
-            given[EVIDENCE] = fold_blocks(evidence, *about)[np.newaxis]
+            given[EVIDENCE] = fold_blocks(evidence, *self._blocks)[np.newaxis]
         (answer,) = self._session.run([OUTPUT], given)
         return np.ascontiguousarray(unfold_blocks(answer[0], state_map.shape))
-
-
-@dataclass(frozen=True, slots=True)
-class _NetworkInfo:
-    fold: int
-    multiple_px: int
-    quantum: tuple[float, float] | None
 
 
 class _BlockBuffers:
     """Buffers of an int8 graph: bytes with channels last in and out; the evidence is added here."""
 
-    def __init__(self, session: Any, about: _NetworkInfo, size: tuple[int, int]) -> None:
-        assert about.quantum is not None
-        self._session, self._quantum, fold = session, about.quantum, about.fold
-        pixels, rows, columns = folded_shape(size, fold, about.multiple_px)
+    def __init__(
+        self,
+        session: Any,
+        blocks: tuple[int, int],
+        quantum: tuple[float, float],
+        size: tuple[int, int],
+    ) -> None:
+        self._session, self._quantum, fold = session, quantum, blocks[0]
+        pixels, rows, columns = folded_shape(size, *blocks)
         padded, word = (rows * fold, columns * fold), WORDS[fold]
         self._levels, self._change = (np.zeros(padded, np.uint8) for _ in range(2))
         self._blocks = np.zeros((rows, columns, pixels), np.uint8)
@@ -202,7 +199,10 @@ def _open_session(content: bytes, where: str) -> Any:
         ) from error
 
 
-def _checked_metadata(session: Any, where: str) -> _NetworkInfo:
+def _checked_metadata(
+    session: Any, where: str
+) -> tuple[tuple[int, int], tuple[float, float] | None]:
+    """Return side and multiple of the blocks, px, and of an int8 graph its step and zero."""
     about = session.get_modelmeta().custom_metadata_map
     names = [item.name for item in (*session.get_inputs(), *session.get_outputs())]
     known = ([INPUT, OUTPUT], [INPUT, EVIDENCE, OUTPUT], [BLOCKS, ANSWER])
@@ -219,4 +219,4 @@ def _checked_metadata(session: Any, where: str) -> _NetworkInfo:
             f"{where!r} takes {channels} channels, but blocks of {fold}x{fold} px have {fold**2}"
         )
     quantum = (float(about[LOGIT_STEP]), float(about[LOGIT_ZERO])) if in_blocks else None
-    return _NetworkInfo(fold, multiple_px, quantum)
+    return (fold, multiple_px), quantum
