@@ -14,7 +14,6 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.cli.verbs import guard
 from spikingtac.sim.catalog import load_scene
 from spikingtac.sim.render import simulate
 from spikingtac.viewer.opening import open_view
@@ -91,16 +90,6 @@ def test_it_is_told_while_it_is_published(
     assert main([*line, "--calibration", str(foreign), "--strict"]) == 1
     assert "calibrate this sensor: spikingtac calibrate" in capsys.readouterr().err
     assert main([*line, "--calibration", str(own), "--strict"]) == 0
-
-
-def test_a_guard_tells_it_when_it_learns(
-    slides: Path, own: Path, foreign: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    given = {"name": "event_count", "quiet": str(slides), "budget": 1.0}
-    guard.learnt_detector(calibration=str(own), **given)
-    assert capsys.readouterr().err == ""
-    guard.learnt_detector(calibration=str(foreign), **given)
-    assert "warning: the recording does not fit the calibration" in capsys.readouterr().err
 
 
 def test_recordings_are_checked_against_a_calibration(

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from spikingtac.config import load_config
-from spikingtac.events.windows import windows
 from spikingtac.markers.graded.appearance import profile_tables
 from spikingtac.markers.graded.bands import (
     MODEL_VARIANCE,
@@ -169,18 +168,3 @@ def test_presses_of_a_sensor_with_rare_off_events_are_followed(packet: EventPack
 def test_any_cutting_gives_the_same_tracks(packet: EventPacket) -> None:
     bands = TrackingConfig(method="bands")
     np.testing.assert_array_equal(errors_px(packet, bands), errors_px(packet, bands, cuts=37))
-
-
-def test_a_reset_forgets_everything_but_the_calibration(packet: EventPacket) -> None:
-    tracker = make_tracker(TrackingConfig(method="bands"), rare_off_calibration())
-
-    def course() -> np.ndarray:
-        placed = []
-        for window in windows([packet], 5_000):
-            tracker.absorb(window)
-            placed.append(tracker.estimate(window.t_end_us).detected_px)
-        return np.array(placed)
-
-    first = course()
-    tracker.reset()
-    np.testing.assert_array_equal(course(), first)

@@ -7,7 +7,6 @@ import pytest
 from scipy import ndimage
 
 from spikingtac.markers.blobs import find_blobs
-from spikingtac.state_map.binary import paint_binary_discs, paint_discs
 
 EVERYTHING = 0.0, 1e9  # Areas, px.
 
@@ -61,20 +60,6 @@ def test_spirals_and_combs_join() -> None:
     checkers = (np.indices((9, 9)).sum(axis=0) % 2).astype(np.float32)
     assert_equal_to_twin(checkers, 0.5)
     assert len(find_blobs(checkers, areas_px=EVERYTHING)) == 1, "corners connect"
-
-
-def test_discs_are_found_below_a_fraction_of_a_pixel() -> None:
-    rng = np.random.default_rng(3)
-    centers = np.stack(np.meshgrid(np.arange(20, 300, 37.0), np.arange(20, 300, 37.0)), -1)
-    centers = centers.reshape(-1, 2) + rng.uniform(-0.5, 0.5, (64, 2))
-    radius = np.full(64, 7.0)
-    binary = find_blobs(paint_binary_discs((320, 320), centers, radius))
-    graded = find_blobs(paint_discs((320, 320), centers, radius), 0.01)
-    for blobs, worst_px in ((binary, 0.2), (graded, 0.02)):
-        assert len(blobs) == 64
-        offset = np.linalg.norm(blobs.center_px[:, None] - centers[None], axis=2)
-        assert offset.min(axis=0).max() < worst_px
-        assert not blobs.cut.any()
 
 
 def test_area_limits_and_cut_markers() -> None:

@@ -132,17 +132,6 @@ def test_any_cut_into_packets_gives_the_same() -> None:
     assert (found.speed_sum_px_s == whole.speed_sum_px_s).all()
 
 
-def test_dark_markers_mirror_white_ones() -> None:
-    """Swapping light and dark swaps polarities and sides of the edge, and nothing else."""
-    packet, track = example(3, False)
-    mirrored = EventPacket(packet.x, packet.y, ~packet.p, packet.t, 0, 1_000_000, SIZE)
-    white = observe_crossings([packet], track, SIZE)
-    other = marker_track(track.t_us, track.center_px, track.radius_px, True)
-    dark = observe_crossings([mirrored], other, SIZE)
-    assert (white.count.sum(axis=3) == dark.count[::-1].sum(axis=3)).all()
-    assert white.count.sum() > 300
-
-
 @pytest.mark.parametrize("samples", [0, 1, 2, 5])
 def test_short_tracks_and_silence_give_nothing(samples: int) -> None:
     packet, track = example(4, False, events=200)

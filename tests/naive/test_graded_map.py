@@ -1,4 +1,4 @@
-"""The graded map's kernel against a plain loop."""
+"""The kernels of the graded and of the binary map against plain loops."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
+from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket
 
@@ -67,3 +68,16 @@ def test_unfit_steps_and_sizes_are_refused() -> None:
         GradedStateMap(start, np.ones((2, 2), np.float32))
     with pytest.raises(ConfigError, match="4x4"):
         GradedStateMap(start).absorb(EventPacket.empty(0, 1, (4, 4)))
+
+
+@pytest.mark.parametrize("events", [0, 1, 2, 500])
+@pytest.mark.parametrize("dark", [False, True])
+def test_painting_equals_its_twin(events: int, dark: bool) -> None:
+    start = (np.random.default_rng(events).random((SIZE[1], SIZE[0])) < 0.3).astype(np.float32)
+    packet, expected = random_packet(events, events), start.copy()
+    state_map = BinaryStateMap(SIZE, start, dark_markers=dark)
+    state_map.absorb(packet)
+    for x, y, p in zip(packet.x, packet.y, packet.p, strict=True):
+        expected[y, x] = float(bool(p) ^ dark)
+    np.testing.assert_array_equal(state_map.values, expected)
+    assert state_map.values.dtype == np.float32

@@ -85,25 +85,6 @@ def test_loops_wholly_inside_the_window_leave_nothing(
     np.testing.assert_allclose(run(law, closed(points))[-1], start, atol=1e-9)
 
 
-@settings(max_examples=50, deadline=None)
-@given(y=st.lists(st.floats(-30.0, 30.0), min_size=2, max_size=6), x=st.floats(4.0, 20.0))
-def test_loops_wholly_outside_the_window_leave_nothing(y: list[float], x: float) -> None:
-    points = [(x + abs(value), value) for value in y]
-    law = PaperLaw()
-    start = run(law, np.array([points[0]]))[-1]
-    np.testing.assert_allclose(run(law, closed(points))[-1], start, atol=1e-9)
-
-
-@settings(max_examples=50, deadline=None)
-@given(
-    path=st.lists(st.tuples(st.floats(-40, 40), st.floats(-40, 40)), min_size=1, max_size=30),
-)
-def test_a_gain_of_one_is_the_identity(path: list[tuple[float, float]]) -> None:
-    law = PaperLaw(PaperLawConfig(gamma=1.0))
-    np.testing.assert_allclose(run(law, np.array(path)), np.array(path), atol=1e-9)
-    np.testing.assert_array_equal(run(OutputLaw(), np.array(path)), REST + np.array(path) - REST)
-
-
 def test_the_window_belongs_to_the_outside() -> None:
     assert run(PaperLaw(), np.array([[4.0, 0.0]]))[-1, 0] == pytest.approx(4.0)
     assert run(PaperLaw(), np.array([[3.999, 0.0]]))[-1, 0] == pytest.approx(0.7 * 3.999)

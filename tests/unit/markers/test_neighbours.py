@@ -75,20 +75,6 @@ def test_shrinkage_keeps_contacts_and_rigid_motion() -> None:
     np.testing.assert_allclose(moved_px, pressed_px[7], atol=0.01)
 
 
-def test_shrinkage_of_errors() -> None:
-    """Errors on a smooth field shrink by a third, and nothing is changed without noise."""
-    rng = np.random.default_rng(5)
-    neighbours = Neighbourhood(GRID_PX)
-    true_px = GRID_PX * 1.02
-    found_px = true_px + rng.normal(0.0, 0.07, (50, *GRID_PX.shape))
-    noise_px = np.full(len(GRID_PX), 0.14)
-    shrunk_px = np.array([shrunk(neighbours, one_px, noise_px) for one_px in found_px])
-    before_px, after_px = np.abs(found_px - true_px).mean(), np.abs(shrunk_px - true_px).mean()
-    assert after_px < 0.75 * before_px
-    unchanged_px = shrunk(neighbours, found_px[0], np.zeros(len(GRID_PX)))
-    np.testing.assert_allclose(unchanged_px, found_px[0], atol=1e-6)
-
-
 def test_markers_on_a_line_and_alone() -> None:
     line = np.stack([np.arange(6) * 20.0, np.zeros(6)], axis=1)
     stretched = line * 1.1

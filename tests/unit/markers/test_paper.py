@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from spikingtac.markers.paper import (
     BlobTracker,
     BlobTrackerConfig,
     painted_binary_map,
-    smallest_spacing_px,
 )
 from spikingtac.types import EventPacket
 from stand_ins.ideal_events import ideal_events
@@ -46,11 +44,6 @@ def loop_path() -> np.ndarray:
     angle = np.linspace(0.0, 4.0 * np.pi, STEPS * 5)
     offset = 5.0 * np.stack([1.0 - np.cos(angle), np.sin(angle)], axis=1)
     return REST_PX[np.newaxis] + offset[:, np.newaxis, :]
-
-
-@cache
-def short_trip() -> EventPacket:
-    return ideal_events(loop_path()[:60], RADIUS_PX, SIZE)
 
 
 @pytest.fixture(scope="module")
@@ -118,13 +111,6 @@ def test_a_refreshed_map_forgets_its_noise_and_no_marker() -> None:
     left = np.count_nonzero(state_map.values != painted_binary_map(calibration()).values)
     assert left < 0.1 * np.count_nonzero(noise)
     assert set(np.unique(state_map.values)) == {0.0, 1.0}
-
-
-def test_a_single_marker_has_no_neighbours() -> None:
-    assert smallest_spacing_px(REST_PX[:1]) == np.inf
-    assert smallest_spacing_px(REST_PX) == pytest.approx(33.0)
-    alone = BlobTracker(PLAIN, calibration(rest_px=REST_PX[:1]), Median3())
-    assert not alone.estimate(0).coasted.any()
 
 
 @pytest.mark.parametrize(

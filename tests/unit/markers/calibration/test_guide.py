@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView, coverage
+from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
 from spikingtac.types import EventPacket
 from stand_ins.sliding import GRID, MARKERS, RADIUS_PX, SIZE, packets_of_trips, resting_px, trip
 
@@ -32,13 +32,6 @@ def test_slides_by_more_than_a_diameter_are_enough(wide: list[EventPacket]) -> N
     assert view.ready
     assert view.advice() == ["All 12 markers have moved enough: calibrate now."]
     assert "grid 3x4, 12 of 12 markers moved enough" in view.progress_line()
-
-
-def test_dark_markers_are_recognized(wide: list[EventPacket]) -> None:
-    dark = [EventPacket(p.x, p.y, ~p.p, p.t, p.t_start_us, p.t_end_us, SIZE) for p in wide]
-    view = seen(dark)
-    assert view.grid == GRID
-    assert view.enough.all()
 
 
 def test_any_packets_give_the_same(wide: list[EventPacket]) -> None:
@@ -73,10 +66,3 @@ def test_noise_alone_is_no_grid() -> None:
     assert quiet.grid is None
     assert quiet.advice()[0].startswith("Slide a flat object or a finger over all")
     assert not quiet.ready
-
-
-def test_coverage_is_told_by_quarters() -> None:
-    seen = np.zeros((9, 9), bool)
-    seen[:, 5:] = True  # the right half of a disc in the middle
-    shares = coverage(seen, np.array([[4.0, 4.0]]), 3.0)[0, 1:]
-    np.testing.assert_allclose(shares, [1.0, 0.0, 1 / 3, 1 / 3])

@@ -116,14 +116,6 @@ def test_free_markers_have_no_rows() -> None:
     assert sorted(layout.point.tolist()) == list(range(23))
 
 
-def test_another_shape_than_asked_for_is_proposed() -> None:
-    layout = find_layout(lattice(8, 8), SIZE, (7, 8))
-    assert layout.shape == (7, 8)
-    assert layout.fits == (8, 8)
-    assert len(layout.stray) == 8
-    assert find_layout(lattice(7, 8), SIZE, (7, 8)).fits is None
-
-
 def test_a_known_size_is_placed_where_it_fits() -> None:
     points = np.delete(lattice(8, 8), np.arange(7), axis=0)
     grid = find_layout(points, SIZE, (8, 8))

@@ -58,11 +58,6 @@ def test_motion_between_two_rests(packet_us: int) -> None:
     assert watch.rests == 2
 
 
-def test_a_short_pause_is_no_rest() -> None:
-    watch, _ = fed((1.0, 2_000), (1.0, 200_000), (0.06, 2_000), (1.0, 200_000), packet_us=5_000)
-    assert watch.rests == 1
-
-
 def test_an_hour_of_silence_costs_nothing() -> None:
     watch = RestWatch()
     watch.absorb(packet(0, 1_000_000, 100_000))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from spikingtac.markers.calibration.reference import displaced_before, reference
 
@@ -48,17 +47,6 @@ def test_a_skin_that_slides_leave_spread_is_told_by_the_rest_before_them() -> No
     np.testing.assert_allclose(found, PLACES, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_slides_without_a_rest_before_them_tell_no_spread(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    ways_px = np.array([[6.0, 0.1], [-5.9, 0.2], [0.1, 6.0], [-0.2, -6.1]])[:, np.newaxis]
-    displaced = ways_px + 0.0 * PLACES
-    places = PLACES + rng.normal(0.0, 0.05, (4, *PLACES.shape))
-    lengths_s = rng.uniform(0.2, 1.0, 4).tolist()
-    found = reference(places, rests(lengths_s, SECOND_US), displaced, "rest-mean")
-    assert np.abs(found - PLACES).max() < 0.2
-
-
 def test_a_first_rest_that_is_wrong_does_not_outvote_the_others() -> None:
     outward = (PLACES - PLACES.mean(axis=0)) * 0.2
     displaced = np.array([0.0 * PLACES, *[outward] * 6])
@@ -74,12 +62,6 @@ def test_slides_to_and_fro_cancel_and_outweigh_one_bad_first_rest() -> None:
     places = np.array([first, *(PLACES + ways)])
     found = reference(places, rests([0.5] + [0.3] * 12), none(13), "rest-mean")
     assert np.abs(found - PLACES).mean() < 0.5 * np.abs(first - PLACES).mean()
-
-
-def test_long_rests_count_more() -> None:
-    apart = np.array([PLACES, PLACES + 0.1, PLACES + 1.0])
-    found = reference(apart, rests([3.0, 4.0, 0.3]), none(3), "rest-mean")
-    assert np.abs(found - (PLACES + 0.05)).max() < 0.05
 
 
 def test_the_displacement_before_a_rest_is_the_mean_since_the_rest_before() -> None:
@@ -99,9 +81,3 @@ def test_the_bounding_box_is_the_papers() -> None:
     apart = np.array([PLACES, PLACES + 1.0, PLACES + 0.2])
     found = reference(apart, rests([1.0, 1.0, 1.0]), none(3), "bounding-box")
     np.testing.assert_allclose(found, PLACES + 0.5)
-
-
-@pytest.mark.parametrize("count", [1, 2])
-def test_few_rests_are_enough(count: int) -> None:
-    found = reference(np.array([PLACES] * count), rests([0.3] * count), none(count), "rest-mean")
-    np.testing.assert_allclose(found, PLACES)

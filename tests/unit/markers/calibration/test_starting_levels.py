@@ -42,10 +42,6 @@ def test_what_a_disc_never_leaves_is_covered(amplitude_px: float) -> None:
     assert not covered[away > RADIUS_PX + 1.0].any()
 
 
-def test_a_disc_that_leaves_all_of_its_pixels_leaves_no_doubt() -> None:
-    assert not starts(discs_moved(24.0, [CENTER])).any()
-
-
 def test_ground_that_discs_enclose_is_no_marker(monkeypatch: pytest.MonkeyPatch) -> None:
     """Four discs close in on ground that none of them reaches: all around it brightens."""
     around = [(CENTER[0] + 23.5 * x, CENTER[1] + 23.5 * y) for x, y in WAYS]

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.calibration.disc_profile import CONTRAST_DEFAULT, EDGE_DEFAULT_PX
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import (
     appearance_of,
@@ -23,14 +22,6 @@ PLAIN = Calibration(
     grid=(1, 2),
     size=(80, 40),
 )
-
-
-def test_a_minimal_calibration_looks_usual() -> None:
-    appearance = appearance_of(PLAIN)
-    assert [profile.contrast for profile in appearance.profiles] == [CONTRAST_DEFAULT] * 2
-    assert [profile.edge_px for profile in appearance.profiles] == [EDGE_DEFAULT_PX] * 2
-    np.testing.assert_array_equal(appearance.step_on, STEP_DEFAULT)
-    np.testing.assert_array_equal(appearance.step_off, STEP_DEFAULT)
 
 
 def test_a_markers_own_values_come_before_the_sensors() -> None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.markers.graded.appearance import MOST_CROSSING_PX, crossing_px
+from spikingtac.markers.graded.appearance import crossing_px
 from spikingtac.markers.graded.corrections import (
     LEAP_PX,
     LONG_PLAY,
@@ -166,18 +165,6 @@ def test_a_lone_difference_shrinks_and_a_runaway_is_outside() -> None:
     assert np.flatnonzero(outside).tolist() == [marker]
     left = given[marker, 0] - sensor.reference_px[marker, 0]
     assert left == pytest.approx(neighbours.bound_px[marker])
-
-
-def test_a_crossing_grows_with_step_and_width_and_is_bounded() -> None:
-    sensor = replace(calibration(), step_on=0.05, step_off=0.05)
-    small = crossing_px(sensor)
-    assert (small > 0.0).all()
-    larger = crossing_px(replace(sensor, step_on=0.075, step_off=0.075))
-    np.testing.assert_allclose(larger, 1.5 * small)
-    narrow, wide = (crossing_px(replace(sensor, edge_px=edge_px)) for edge_px in (0.6, 0.9))
-    np.testing.assert_allclose(wide, 1.5 * narrow, rtol=0.02)
-    pale = replace(sensor, step_on=0.9, step_off=0.9, edge_px=2.0)
-    assert (crossing_px(pale) == MOST_CROSSING_PX).all()
 
 
 @pytest.mark.parametrize("name", ["backlash", "shrink", "leak_per_s"])

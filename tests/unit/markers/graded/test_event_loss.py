@@ -6,7 +6,7 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded import event_loss as events_kept
 from spikingtac.markers.graded.appearance import EXTRA_EVENTS
-from spikingtac.markers.graded.event_loss import FIRST_SHARE, EventLoss
+from spikingtac.markers.graded.event_loss import EventLoss
 
 STEP = 1.0 / 7.0  # Six events of a full swing, and one step of dead band: 1 / (6 + 1).
 SIZE = (320, 40)
@@ -61,21 +61,6 @@ def test_a_whole_stream_is_found_whole(moving: int) -> None:
 def test_the_share_that_arrives_is_found(kept: float, moving: int) -> None:
     """Also where one marker moves and nine rest: a touch moves few."""
     assert watched(kept, moving).share == pytest.approx(kept, abs=0.04)
-
-
-def test_the_doubt_shrinks_when_the_share_is_known() -> None:
-    assert EventLoss(CALIBRATION).doubt == 1.0
-    assert not EventLoss(CALIBRATION).judged
-    doubts = [watched(kept).doubt for kept in (1.0, 0.7, 0.3)]
-    np.testing.assert_allclose(doubts, [0.0, 0.45, 1.0], atol=0.06)
-
-
-def test_silence_and_standing_still_say_nothing() -> None:
-    watch = EventLoss(CALIBRATION)
-    for _ in range(5_000):
-        assert watch.update(motion(REFERENCE_PX), NONE, 1e-3) is None
-    assert watch.update(motion(REFERENCE_PX, 300.0), NONE, 0.0) is None
-    assert watch.share == FIRST_SHARE
 
 
 def test_snaps_creep_and_far_markers_are_not_asked() -> None:

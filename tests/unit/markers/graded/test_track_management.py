@@ -148,17 +148,6 @@ def test_a_runaway_is_noticed_by_its_neighbours() -> None:
     np.testing.assert_allclose(manager.position_px[CENTRE], REST_PX[CENTRE], atol=0.2)
 
 
-def test_confidence_falls_while_a_marker_is_held_or_outside_and_comes_back() -> None:
-    manager = lost()
-    outside = np.arange(COUNT) == CORNER
-    for _ in range(300):
-        confidence = manager.confidence(AGREED, outside, DT_S)
-    assert (confidence[[CENTRE, CORNER]] < 0.06).all()
-    assert (np.delete(confidence, [CENTRE, CORNER]) == 1.0).all()
-    manager.coasted[:] = False
-    assert (manager.confidence(AGREED, outside & False, DT_S) == 1.0).all()
-
-
 @pytest.mark.parametrize("share", [1.0, 0.5])
 @pytest.mark.parametrize("gone", [(CENTRE,), (CENTRE, 13), (6, 18)])
 def test_markers_that_are_gone_are_found(gone: tuple[int, ...], share: float) -> None:
@@ -194,16 +183,6 @@ def test_those_that_send_or_need_not_are_left_alone() -> None:
     assert not heard(moving(4.0), np.zeros(COUNT), steps=1_000).silent.any(), "creep"
 
 
-def test_a_marker_that_sends_again_is_heard() -> None:
-    manager, velocity = TrackManager(CALIBRATION), moving(60.0)
-    for sends, expected in ((0, True), (1, False)):
-        events = (EVENTS_PER_PX * 60.0 * DT_S).astype(np.int64)
-        events[CENTRE] *= sends
-        for _ in range(150):
-            listen(manager, velocity, events)
-        assert manager.silent[CENTRE] == expected
-
-
 def test_held_neighbours_do_not_keep_each_other_silent() -> None:
     """All four in the middle were held: none of their neighbours' motion asked for events."""
     manager, velocity = TrackManager(CALIBRATION), moving(60.0)
@@ -213,11 +192,6 @@ def test_held_neighbours_do_not_keep_each_other_silent() -> None:
     for _ in range(150):
         listen(manager, velocity, (EVENTS_PER_PX * 60.0 * DT_S).astype(np.int64))
     assert not manager.silent.any()
-
-
-def test_a_snap_is_no_silence() -> None:
-    """It overruns the readout: its events are missing or late."""
-    assert not heard(moving(2_000.0), np.zeros(COUNT) + 1e-9, steps=8).silent.any()
 
 
 def test_the_kernel_does_what_its_plain_twin_does() -> None:
