@@ -12,7 +12,9 @@ real events of such swings are counted on the way.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise, starmap
 from typing import Any
 
 import numpy as np
@@ -21,13 +23,13 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import Discs, draw_kernel
 from spikingtac.markers.calibration.recording import BufferedEvents
-from spikingtac.state_map.two_threads import divide
 
 # Ideal pixels for each real one: their mean is within an eighth of a step of the true mean.
 PHASES = 4
 
-# Smaller changes of the level are no motion.
-STILL_LEVEL = 1e-4
+STILL_LEVEL = 1e-4  # Smaller changes of the level are no motion.
+
+THREADS, PARTS = 2, 4  # Threads that walk, and parts of the image: few, each draws all discs.
 
 # A pixel is ground below the first level and marker above the second; between both it swings.
 GROUND_LEVEL, MARKER_LEVEL = 0.03, 0.95
@@ -116,7 +118,9 @@ def compare(
         near[:, 2:] /= PHASES
         return near, ended
 
-    parts = divide(events.size[1], compare_rows)
+    edges = [events.size[1] * part // PARTS for part in range(PARTS + 1)]
+    with ThreadPoolExecutor(THREADS) as pool:
+        parts = list(pool.map(compare_rows, starmap(slice, pairwise(edges))))
     near, ended = (np.sum([part[i] for part in parts], axis=0) for i in (0, 1))
     pixel = np.flatnonzero((owner >= 0).any(axis=0))
     measured, expected, drawn = kept.take(pixel, axis=2)
