@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -131,36 +132,24 @@ class Calibration:
         write_text(path, json.dumps(document, indent=1) + "\n")
 
     def _document(self) -> dict[str, Any]:
-        document: dict[str, Any] = {
+        def known(names: Iterable[str], packed: Callable[[Any], Any]) -> dict[str, Any]:
+            values = {name: getattr(self, name) for name in names}
+            return {name: packed(value) for name, value in values.items() if value is not None}
+
+        return {
             "schema": CALIBRATION_SCHEMA,
             "size": list(self.size),
             "grid": self.rows_and_columns,
             "polarity": self.polarity,
+            **known(NUMBERS, lambda value: round(float(value), 6)),
+            **known(["hysteresis"], str),
+            **known(["lens"], Lens.document),
+            **known([HOT_PIXELS, MEASURED], np.ndarray.tolist),
+            **known(["reference_px", "radius_px"], lambda values: np.round(values, 4).tolist()),
+            **known(MARKER_NUMBERS, lambda values: np.round(values, 5).tolist()),
+            **known(MAPS, pack_map),
+            "provenance": self.provenance,
         }
-        for name in NUMBERS:
-            value = getattr(self, name)
-            if value is not None:
-                document[name] = round(float(value), 6)
-        if self.hysteresis is not None:
-            document["hysteresis"] = self.hysteresis
-        if self.lens is not None:
-            document["lens"] = self.lens.document()
-        if self.hot_px is not None:
-            document[HOT_PIXELS] = self.hot_px.tolist()
-        document["reference_px"] = np.round(self.reference_px, 4).tolist()
-        document["radius_px"] = np.round(self.radius_px, 4).tolist()
-        for name in MARKER_NUMBERS:
-            values = getattr(self, name)
-            if values is not None:
-                document[name] = np.round(values, 5).tolist()
-        if self.marker_measured is not None:
-            document[MEASURED] = [bool(value) for value in self.marker_measured]
-        for name in MAPS:
-            values = getattr(self, name)
-            if values is not None:
-                document[name] = pack_map(values)
-        document["provenance"] = self.provenance
-        return document
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

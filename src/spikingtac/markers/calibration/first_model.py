@@ -81,7 +81,7 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
         np.full(markers, FIRST_CONTRAST),
     )
     cell = nearest_marker(view.markers.center_px, events.size).ravel().astype(np.int64)
-    noise = view.noise(reach_px(discs))
+    noise = view.noise(float(discs.radius_px[0]) + REACH_EDGES * FIRST_EDGE_PX)
     evidence = Evidence(events, choose_states(len(index), still, events.pixels), still, cell, noise)
     on, off = np.full(markers, view.steps.on), np.full(markers, view.steps.off)
     even, none = np.ones((2, events.pixels)), np.zeros(markers)
@@ -94,11 +94,6 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
         model = with_steps(evidence, tracked(view, led), view)
     contrast = np.exp(THRESHOLD / np.sqrt(model.on * model.off)).clip(*CONTRASTS)
     return evidence, replace(model, discs=replace(discs, contrast=contrast))
-
-
-def reach_px(discs: Discs) -> float:
-    """Return how far from its centre a disc's light reaches, px."""
-    return float(np.median(discs.radius_px + REACH_EDGES * discs.edge_px))
 
 
 def choose_samples(view: Overview) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

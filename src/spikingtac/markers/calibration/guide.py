@@ -190,10 +190,6 @@ class GuideView:
         rested = self.rests >= FEWEST_RESTS
         return len(self.place_px) > 0 and rested and bool((~self.enough).sum() <= few)
 
-    def way_of(self, marker: int) -> str:
-        """Return which way a marker should go next: left, right, up or down."""
-        return WAYS[int(np.argmin(self.sides[marker]))]
-
     def advice(self) -> list[str]:
         """Return what to do next, the most pressing first; never empty."""
         if not len(self.place_px):

@@ -224,8 +224,14 @@ def starting_levels(
     code = events.code[moving_events(events, rests_us)]
     sent = np.bincount(code >> 1, minlength=events.pixels).reshape(events.shape)
     smooth = ndimage.gaussian_filter(sent.astype(np.float32), SMOOTH_PX)
-    fires = smooth > max(FEWEST_EVENTS, OVER_NOISE * _noise(events, len(code), rests_us))
-    dark, bright = _first_levels(events, steps)
+    # The events of noise that a pixel sends while the skin moves, from its rests.
+    silence_us = max(float(np.diff(rests_us, axis=1).sum()), 1.0)
+    noise = (len(events) - len(code)) / events.pixels * (events.duration_us / silence_us - 1.0)
+    fires = smooth > max(FEWEST_EVENTS, OVER_NOISE * noise)
+    # Levels of a map that ended dark, and of a bright one: they differ where a pixel never swings.
+    dark, bright = np.zeros(events.shape, np.float32), np.ones(events.shape, np.float32)
+    for level in dark, bright:
+        _undo(level.ravel(), events.code, steps)
     undecided, lit = bright - dark > UNDECIDED, dark + bright > 1.0
     enclosed = np.asarray(ndimage.binary_fill_holes(fires), bool) & ~fires
     silent = np.zeros(events.shape, np.int32)
@@ -247,26 +253,6 @@ def starting_levels(
 def _widened(span: slice) -> slice:
     """Return the rows or columns of some pixels and of the rim around them."""
     return slice(max(span.start - RIM_PX, 0), span.stop + RIM_PX)
-
-
-def _noise(events: BufferedEvents, moving: int, rests_us: NDArray[np.int64]) -> float:
-    """Return the events of noise that a pixel sends while the skin moves, from its rests."""
-    silence_us = float(np.diff(rests_us, axis=1).sum())
-    per_us = (len(events) - moving) / max(silence_us, 1.0) / events.pixels
-    return per_us * max(events.duration_us - silence_us, 0.0)
-
-
-def _first_levels(
-    events: BufferedEvents, steps: MeanSteps
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the levels when the recording begins, of a map that ended dark, and of a bright one.
-
-    They differ where a pixel never swings.
-    """
-    dark, bright = np.zeros(events.pixels, np.float32), np.ones(events.pixels, np.float32)
-    for level in dark, bright:
-        _undo(level, events.code, steps)
-    return dark.reshape(events.shape), bright.reshape(events.shape)
 
 
 def _darkening(

@@ -122,12 +122,8 @@ def refuse_gaps(
         CalibrationError: More are missing; names them and says where to touch.
     """
     most = int(MOST_MISSING_SHARE * len(layout.point)) if allowed is None else allowed
-    if len(missing) > most:
-        raise CalibrationError(missing_markers_text(layout, size, missing))
-
-
-def missing_markers_text(layout: Layout, size: tuple[int, int], missing: NDArray[np.int64]) -> str:
-    """Say which markers of a layout are missing, where they should be, and where to touch."""
+    if len(missing) <= most:
+        return
     place = layout.expected_px
     named = [
         f"{marker_name(index, layout.shape)} "
@@ -137,7 +133,7 @@ def missing_markers_text(layout: Layout, size: tuple[int, int], missing: NDArray
     more = len(missing) - len(named)
     regions = sorted({region(place[index], size) for index in missing})
     shape = "free layout" if layout.shape is None else "{}x{} grid".format(*layout.shape)
-    return (
+    raise CalibrationError(
         f"{len(missing)} of {len(place)} markers of the {shape} were not "
         f"found: {'; '.join(named)}{f'; and {more} more' if more else ''}. Press or slide on the "
         f"{' and the '.join(regions)} of the skin, until the markers there move by more than their "

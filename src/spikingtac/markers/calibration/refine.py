@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.disc_profile import Discs
 from spikingtac.markers.calibration.corrections import Changes, Evidence, Model, corrections
 from spikingtac.markers.calibration.ideal_pixels import Comparison, Paths
 
@@ -64,7 +63,11 @@ def refine(evidence: Evidence, model: Model, rounds: int = MOST_ROUNDS) -> Model
         change = Changes(seen)
         common_px, own_px, residual = corrections(evidence, model, seen, change)
         paths = _moved(model.paths, evidence.states, common_px, own_px)
-        discs = _reshaped(model.discs, common_px)
+        growth = SHAPE_GAIN * common_px[:, 2:].clip(-LARGEST_GROWTH_PX, LARGEST_GROWTH_PX)
+        radius_px, edge_px = model.discs.radius_px, model.discs.edge_px + growth[:, 1]
+        bounds_px = np.multiply(RADIUS_SHARES, np.median(radius_px))
+        radius_px = (radius_px + growth[:, 0]).clip(*bounds_px)
+        discs = replace(model.discs, radius_px=radius_px, edge_px=edge_px.clip(*EDGE_BOUNDS_PX))
         model = replace(model, paths=paths, discs=discs, residual=residual)
         model = _recounted(evidence, model, seen, change)
         # Medians: a marker that the recording hardly shows may never settle.
@@ -94,15 +97,6 @@ def _moved(
         paths,
         center_px=paths.center_px + between[..., :2],
         stretch_px=stretch_px.clip(-LARGEST_STRETCH_PX, LARGEST_STRETCH_PX),
-    )
-
-
-def _reshaped(discs: Discs, common_px: NDArray[np.float64]) -> Discs:
-    growth = SHAPE_GAIN * common_px[:, 2:].clip(-LARGEST_GROWTH_PX, LARGEST_GROWTH_PX)
-    low, high = (share * float(np.median(discs.radius_px)) for share in RADIUS_SHARES)
-    radius_px = (discs.radius_px + growth[:, 0]).clip(low, high)
-    return replace(
-        discs, radius_px=radius_px, edge_px=(discs.edge_px + growth[:, 1]).clip(*EDGE_BOUNDS_PX)
     )
 
 
