@@ -6,8 +6,7 @@ pixels, spread evenly over the possible levels, are followed for each real one. 
 fired is compared with their mean: unlike a fit to the levels themselves this is not misled by
 partial swings that give no event, and by steps that are large in one direction.
 
-A pixel swings fully when a marker covers it after it was ground, or leaves it after it was covered:
-real events of such swings are counted on the way.
+A pixel swings fully from ground to marker or back: real events of such swings are counted.
 """
 
 from __future__ import annotations
@@ -24,8 +23,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.disc_profile import Discs, draw_kernel
 from spikingtac.markers.calibration.recording import BufferedEvents
 
-# Ideal pixels for each real one: their mean is within an eighth of a step of the true mean.
-PHASES = 4
+PHASES = 4  # Ideal pixels for each real one: their mean is within an eighth of a step of the true.
 
 STILL_LEVEL = 1e-4  # Smaller changes of the level are no motion.
 
@@ -44,8 +42,7 @@ class Paths:
     Attributes:
         index: ``(n,)`` how many events came before each sample.
         center_px: ``(n, m, 2)`` places, px.
-        stretch_px: ``(n, m, 3)`` how the discs are stretched there
-            (:func:`~spikingtac.calibration.disc_profile.draw_kernel`), px.
+        stretch_px: ``(n, m, 3)`` how the discs are stretched there, as ``draw_kernel`` has it, px.
     """
 
     index: NDArray[np.int64]
@@ -100,8 +97,7 @@ def compare(
     kept = np.zeros((3, len(states), events.pixels), np.float32)
     owner = np.zeros((len(states), events.pixels), np.int32)
     swings = np.zeros((events.pixels, 6))
-    at_s = 1e-6 * events.times_at(paths.index).astype(np.float64)
-    recovery = at_s, (1.0 / recovery_s if recovery_s > 0.0 else 0.0)
+    recovery = 1e-6 * events.times_at(paths.index), 1.0 / recovery_s if recovery_s > 0.0 else 0.0
     looks, width = discs.looks, events.size[0]
 
     def compare_rows(rows: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -121,11 +117,11 @@ def compare(
     edges = [events.size[1] * part // PARTS for part in range(PARTS + 1)]
     with ThreadPoolExecutor(THREADS) as pool:
         parts = list(pool.map(compare_rows, starmap(slice, pairwise(edges))))
-    near, ended = (np.sum([part[i] for part in parts], axis=0) for i in (0, 1))
+    near, ended = (np.sum(some, axis=0) for some in zip(*parts, strict=True))
     pixel = np.flatnonzero((owner >= 0).any(axis=0))
-    measured, expected, drawn = kept.take(pixel, axis=2)
-    owner = owner.take(pixel, axis=1)
-    return Comparison(pixel, measured, expected, drawn, owner, near, swings, ended)
+    return Comparison(
+        pixel, *kept.take(pixel, axis=2), owner.take(pixel, axis=1), near, swings, ended
+    )
 
 
 @njit(cache=True)
