@@ -88,7 +88,7 @@ def test_the_stream_looks_at_the_changes_and_motions_of_the_last_spans() -> None
     before = [moved[199 - span // 1_000] for span in (*slip.SPANS_US, *slip.MOTION_SPANS_US)]
     changes = np.array([plain_summary(one) for one in before[:4]])
     motions = np.array([plain_summary(moved[-1] - one) for one in before[4:]])
-    shape, changed = slip.shape_features(now, changes, np.array(slip.SPANS_US) / 1e6)
+    shape, changed = slip.shape_features(now, changes)
     own = slip.motion_features(motions, now, np.array(slip.MOTION_SPANS_US) / 1e6)
     expected = np.concatenate([shape, changed.ravel(), own.ravel()])
     np.testing.assert_allclose(found, expected.clip(-6.0, 6.0), rtol=1e-8)

@@ -120,13 +120,17 @@ def _direction(shift: Field) -> Field:
     return np.where(length > 0.0, shift / np.where(length > 0.0, length, 1.0), [1.0, 0.0])
 
 
-def shape_features(now: Field, before: Field, spans_s: Field) -> tuple[Field, Field]:
+def _speeds(size: Field) -> Field:
+    """Return the logarithms of the speeds of changes over the spans, from their sizes ``(s,)``."""
+    return np.log(size / (np.array(SPANS_US) / US_PER_S * USUAL_SPEED) + LEAST_SPEED)
+
+
+def shape_features(now: Field, before: Field) -> tuple[Field, Field]:
     """Return the features ``(SHAPE_FEATURES,)`` of a field's shape and those of its changes.
 
     Args:
         now: ``(SIZE,)`` summary of the field.
         before: ``(s, SIZE)`` summaries of the fields at the beginnings of the spans.
-        spans_s: ``(s,)`` lengths of the spans, s.
     """
     shifts, growths, turns, _, _ = _parts(now)
     lengths = np.hypot(shifts[:, 0], shifts[:, 1])
@@ -145,7 +149,7 @@ def shape_features(now: Field, before: Field, spans_s: Field) -> tuple[Field, Fi
     noisy = size + CHANGE_SCATTER
     changes = np.column_stack(
         [
-            np.log(size / (spans_s * USUAL_SPEED) + LEAST_SPEED),
+            _speeds(size),
             shifts @ along / noisy[:, None],
             np.abs(shifts[:, MIDDLE, 1] * x - shifts[:, MIDDLE, 0] * y) / noisy,
             growths[:, MIDDLE] / noisy,
@@ -222,11 +226,15 @@ class FeatureStream:
         self._summaries: list[Field | None] = []
         self.known, self.still, self.slowing = False, True, 0.0
 
-    def update(self, t_us: int, displacement: Field, wanted: bool = True) -> Field | None:
-        """Take in displacements ``(m, 2)`` from the rest and return their features.
+    def update(
+        self, t_us: int, displacement: Field, wanted: bool = True, due: bool = True
+    ) -> Field | None:
+        """Take in displacements ``(m, 2)`` from the rest and return their features, if due.
+
+        What :attr:`still` and :attr:`slowing` say follows every frame that is wanted.
 
         Returns:
-            ``(FEATURES,)``, or None for the first frame and after a gap, or where not wanted.
+            ``(FEATURES,)``, or None for the first frame and after a gap.
         """
         if self._times and not 0 < t_us - self._times[-1] <= LONGEST_GAP_US:
             self.reset()
@@ -237,27 +245,31 @@ class FeatureStream:
         # The longest span begins at the first frame that is kept.
         while len(self._times) > 1 and self._times[1] <= t_us - SPANS_US[-1]:
             del self._times[0], self._moved[0], self._summaries[0]
-        return self._features(t_us) if wanted and self.known else None
+        return self._features(t_us, due) if wanted and self.known else None
 
-    def _features(self, t_us: int) -> Field:
-        spans_us, count = (*SPANS_US, *MOTION_SPANS_US), len(SPANS_US)
-        starts = [max(bisect_right(self._times, t_us - span) - 1, 0) for span in spans_us]
+    def _features(self, t_us: int, due: bool) -> Field | None:
+        ends_us = t_us - np.array((*SPANS_US, *MOTION_SPANS_US))
+        starts = [max(bisect_right(self._times, end_us) - 1, 0) for end_us in ends_us.tolist()]
+        spans, motions = starts[: len(SPANS_US)], starts[len(SPANS_US) :] if due else []
         # Most spans begin with a frame that was summarised when it came.
-        missing = [k for k in dict.fromkeys(starts[:count]) if self._summaries[k] is None]
+        missing = [k for k in dict.fromkeys(spans) if self._summaries[k] is None]
         last = self._moved[-1]
-        moved = [last - self._moved[k] for k in starts[count:]] + [self._moved[k] for k in missing]
+        moved = [*(last - self._moved[k] for k in motions), *(self._moved[k] for k in missing)]
         now, *rows = summaries(self._places, np.array([last, *moved]))
-        self._summaries[-1], own = now, np.array(rows[: len(MOTION_SPANS_US)])
-        for k, row in zip(missing, rows[len(own) :], strict=True):
+        self._summaries[-1] = now
+        for k, row in zip(missing, rows[len(motions) :], strict=True):
             self._summaries[k] = row
-        before = np.array([self._summaries[k] for k in starts[:count]])
-        shape, changes = shape_features(now, before, np.array(SPANS_US) / US_PER_S)
-        elapsed_us = t_us - np.array([self._times[k] for k in starts[count:]])
-        motions = motion_features(own, now, np.maximum(elapsed_us, 1) / US_PER_S)
-        _, short, middle, long = np.minimum(changes[:, 0], LARGEST).tolist()
+        before = np.array([self._summaries[k] for k in spans])
         # Shifts, growths and turns over the longest span; the centre's place is no motion.
         change = float(((now - before[-1])[: 4 * _K] ** 2).sum())
+        _, short, middle, long = np.minimum(_speeds(_parts(now - before)[4]), LARGEST).tolist()
         self.still = middle < log(PAUSED + LEAST_SPEED) or change < len(WIDTHS) * STILL**2
         self.slowing = short - long
-        features = np.concatenate([shape, changes.ravel(), motions.ravel()])
+        if not due:
+            return None
+        shape, changes = shape_features(now, before)
+        elapsed_us = t_us - np.array([self._times[k] for k in motions])
+        elapsed_s = np.maximum(elapsed_us, 1) / US_PER_S
+        own = motion_features(np.array(rows[: len(motions)]), now, elapsed_s)
+        features = np.concatenate([shape, changes.ravel(), own.ravel()])
         return features.clip(-LARGEST, LARGEST)

@@ -150,29 +150,30 @@ class SlipMonitor:
                 unit of the reference.
             touching: Whether something touches (:class:`TouchDetector`).
         """
-        features = self._features.update(t_us, displacement, touching)
+        due = self._next_us is None or t_us >= self._next_us
+        features = self._features.update(t_us, displacement, touching, due)
         self.tells = self._features.known
         if not touching:
             self._touched_us = None
         elif self._touched_us is None:
             self._touched_us = t_us
-        if features is None or self._touched_us is None:
+        if not self.tells or self._touched_us is None:
             self._leave()
             return self.finish(t_us)
-        self._follow(t_us, features)
+        if features is not None:
+            self._follow(t_us, features)
         if t_us - self._touched_us < SETTLE_US:
             self.state = None
             return None
         return self._told(t_us, *self._estimate)
 
     def _follow(self, t_us: int, features: Field) -> None:
-        """Take in the features ``(FEATURES,)`` of a frame: the networks step at their own rate."""
-        next_us = t_us if self._next_us is None else self._next_us
-        if t_us >= next_us:
-            told, self._hidden = self._network(features[None], self._hidden)
-            share, incipient = told.tolist()
-            self._estimate, next_us = (share, incipient), max(next_us + self._step_us, t_us)
-        self._next_us = next_us
+        """Take in the features ``(FEATURES,)`` that are due: networks step at their own rate."""
+        told, self._hidden = self._network(features[None], self._hidden)
+        share, incipient = told.tolist()
+        self._estimate = share, incipient
+        due_us = t_us if self._next_us is None else self._next_us
+        self._next_us = max(due_us + self._step_us, t_us)
 
     def finish(self, t_us: int) -> Slip | None:
         """Return the open slip as one that ends at a time, us, and forget it."""
