@@ -4,8 +4,6 @@ The public names stand in ``__init__.pyi`` and are imported when they are first 
 ``import spikingtac`` costs a few milliseconds and loads neither NumPy nor Numba nor SciPy.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import lazy_loader

@@ -1,7 +1,5 @@
 """The version of the installed package."""
 
-from __future__ import annotations
-
 
 def package_version() -> str:
     """Return the version of the installed package."""

@@ -1,7 +1,5 @@
 """Array types that many modules use, and how objects that hold arrays are printed."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

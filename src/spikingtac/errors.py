@@ -4,8 +4,6 @@ The command line maps them to exit codes: 1 the input is at fault, 2 the argumen
 3 the machine is.
 """
 
-from __future__ import annotations
-
 import difflib
 import os
 from collections.abc import Iterable, Mapping

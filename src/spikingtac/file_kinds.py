@@ -1,7 +1,5 @@
 """What a file of this package holds, for the verb info, and for errors where another was needed."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from pathlib import Path

@@ -5,8 +5,6 @@ where it can write to neither: in a container with another user, say. It reads t
 it is first imported.
 """
 
-from __future__ import annotations
-
 import os
 import stat
 from contextlib import suppress

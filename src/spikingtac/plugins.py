@@ -5,8 +5,6 @@ named wherever one of this package's own can. The how-to pages ``add-a-tracker.m
 ``add-a-detector.md``, ``add-a-format.md`` and ``add-a-camera.md`` show each kind.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from importlib import import_module, metadata

@@ -1,7 +1,5 @@
 """Strict TOML for frozen dataclasses: unknown keys are refused with the nearest valid name."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import json

@@ -7,8 +7,6 @@ A field joins the panel by saying what range makes sense, where it is defined::
 ``choices`` instead of ``range`` makes a list. Nested dataclasses become groups; names are dotted.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """Which recordings are meant, and which file each result goes to."""
 
-from __future__ import annotations
-
 import glob
 import os
 import zipfile

@@ -1,7 +1,5 @@
 """Work on many recordings: each failure is a row of the table, and a run can be resumed."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Worker processes of this machine, each with a task of its own."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

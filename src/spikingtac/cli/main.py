@@ -6,8 +6,6 @@ name is the verb, its value a module with ``Args`` and ``run(args)``, and the fi
 module's docstring is its line of help.
 """
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import errno

@@ -1,7 +1,5 @@
 """Output of the verbs: results on stdout, as tables or as JSON; progress and remarks on stderr."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """Tracks as a data set in a folder that is whole: which folder, and a Zarr store."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

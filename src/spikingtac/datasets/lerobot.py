@@ -5,8 +5,6 @@ Episodes follow each other in one file, one row group each; ``meta`` holds ``inf
 ``stats.json``, ``tasks.parquet`` and one row for each episode.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path

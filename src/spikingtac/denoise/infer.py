@@ -3,8 +3,6 @@
 onnxruntime is imported when a network is opened. Neither torch nor onnx is needed.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from importlib import resources

@@ -6,8 +6,6 @@ One driver cuts the stream at the estimate times, so that estimates never depend
 were packed. Times are data times; nothing here reads a clock.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterable, Iterator, MutableMapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """From a recording to tracks: in memory, or to a file of any length."""
 
-from __future__ import annotations
-
 import hashlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
