@@ -23,7 +23,7 @@ PYTHON = "st."
 # Run elsewhere: calibration and forces take minutes (tutorial, touch verbs); cameras, and what one
 # records, are no part of a test; the guard has a test of its own.
 ELSEWHERE = {"calibrate", "cameras", "force", "guard", "record", "day"}
-LIVE = "st.live"  # Its page is run by test_docs_given.
+LIVE = "st.live"  # Its page is run by test_docs.
 
 
 def tasks() -> dict[str, list[str]]:

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import spikingtac as st
+from spikingtac import events
 from spikingtac.cli.messages import remark, warn
 from spikingtac.errors import ConfigError
-from spikingtac.events.address import Address, is_address, is_stream
+from spikingtac.events.address import is_address, is_stream
 
 if TYPE_CHECKING:
-    from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.events.source import EventSource
     from spikingtac.pipeline.follow import CheckedSource
 
 EXIT_TERMINATED = 143  # 128 + SIGTERM, what a shell reports of a program that was terminated.
@@ -91,7 +90,7 @@ def ask_for_real_time() -> None:
     remark(meet_deadlines())
 
 
-def fitting(path: Path, source: EventSource) -> st.Calibration:
+def fitting(path: Path, source: st.EventSource) -> st.Calibration:
     """Return the calibration of a source's sensor.
 
     Raises:
@@ -104,7 +103,7 @@ def fitting(path: Path, source: EventSource) -> st.Calibration:
     return calibration
 
 
-def checked(source: EventSource, calibration: st.Calibration, strict: bool) -> CheckedSource:
+def checked(source: st.EventSource, calibration: st.Calibration, strict: bool) -> CheckedSource:
     """Return a source that warns once, or raises, where its events contradict the calibration."""
     from spikingtac.pipeline.follow import CheckedSource, refuse
 
@@ -132,7 +131,7 @@ def camera_address(source: Path) -> str:
     )
 
 
-def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSource]:
+def open_two(first: Path, second: Path, *, strict: bool = False) -> list[events.FileSource]:
     """Open two fingers, the second one with its times on the first one's clock.
 
     Cameras meet on the host's clock while they deliver; recordings of cameras bring their clocks in
@@ -142,16 +141,14 @@ def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSou
         ConfigError: One is a camera and the other a recording.
         SpikingTacError: As of :func:`~spikingtac.events.open.open_events`.
     """
-    from spikingtac.events.camera_source import CameraSource
-    from spikingtac.events.formats.file_source import ReadOptions
-    from spikingtac.events.open import open_events, open_second
+    from spikingtac.events.open import open_second
     from spikingtac.stream.pair import live_pair
 
     live = [is_stream(first), is_stream(second)]
     if all(live):
-        options = ReadOptions(strict=strict)
-        addresses = [Address.parse(camera_address(path)) for path in (first, second)]
-        cameras = [CameraSource(address, options) for address in addresses]
+        options = events.ReadOptions(strict=strict)
+        addresses = [events.Address.parse(camera_address(path)) for path in (first, second)]
+        cameras = [events.CameraSource(address, options) for address in addresses]
         return list(live_pair(cameras, options))
     if any(live):
         raise ConfigError(
@@ -164,11 +161,11 @@ def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSou
             f"{first.name} and {second.name} know no common clock; their times are taken as they "
             f"are. To find it by what both felt: spikingtac align {first} {second} -o PAIR"
         )
-    return [open_events(first, strict=strict), source]
+    return [st.open_events(first, strict=strict), source]
 
 
 def for_each(
-    work: Callable[[int, FileSource], Result], sources: Sequence[FileSource]
+    work: Callable[[int, events.FileSource], Result], sources: Sequence[events.FileSource]
 ) -> list[Result]:
     """Do the work on both sources: at once for cameras, which do not wait, else one by one."""
     if not all(hasattr(source, "close") for source in sources):

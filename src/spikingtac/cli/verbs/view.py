@@ -14,7 +14,7 @@ from spikingtac.cli.messages import figures, progress, remark, tell
 from spikingtac.cli.options import RealtimeArgs, TrackerArgs, WriteArgs, require_seconds
 from spikingtac.cli.sources import ask_for_real_time, require_live
 from spikingtac.errors import ConfigError
-from spikingtac.plots.figure import PICTURE_ENDINGS
+from spikingtac.plots.figure import PICTURE_ENDINGS, check_target
 from spikingtac.sim.camera.config import CAMERA_NAMES
 from spikingtac.viewer.access import PageOptions
 
@@ -134,7 +134,6 @@ def _both_shown(given: dict[str, Any], args: Args, second: str) -> dict[str, Any
 
 
 def _exported(given: dict[str, Any], args: Args, target: Path) -> dict[str, Any]:
-    from spikingtac.plots.figure import check_target
     from spikingtac.viewer.export import ENDINGS, export
 
     if args.force is not None:
@@ -148,7 +147,6 @@ def _exported(given: dict[str, Any], args: Args, target: Path) -> dict[str, Any]
 
 def _shown(views: Sequence[Opener], args: PageArgs, **session: bool) -> dict[str, Any]:
     """Serve views; with --headless track a recording to its end, what is live for some time."""
-    from spikingtac.plots.figure import check_target
     from spikingtac.viewer.export import summarize
 
     if args.picture is not None:
