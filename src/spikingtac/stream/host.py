@@ -27,7 +27,7 @@ from spikingtac.stream.real_time import ordinary_priority
 from spikingtac.types import EventPacket, LossCounters
 
 POLL_S = 0.05  # Longest wait for a simulation before it is asked whether it goes on, s.
-END_S = 0.1  # Wait for how a process has ended, s.
+END_S = 1.0  # Longest wait for how a process has ended, s.
 TERMINATE_S = 2.0  # Wait between the request to end and the kill of a process that hangs, s.
 
 # Longest time that a process may take to complete its files once its asker is gone, s.
@@ -181,6 +181,7 @@ def end_in_order() -> None:
 
 def closed_by(host: Host, what: str) -> DeviceError:
     """Return the error of a process that has ended without a word."""
+    host.wait(END_S)
     how = "was killed; the machine may have run out of memory" if host.killed else "ended"
     return DeviceError(f"the process of {what} {how}; start it again")
 
@@ -213,7 +214,6 @@ class RemoteSource:
             try:
                 told = self._host.receive(POLL_S)
             except EOFError as error:
-                self._host.wait(END_S)
                 raise closed_by(self._host, "the events") from error
             if told == ():
                 return

@@ -34,7 +34,6 @@ from spikingtac.types import SourceHealth
 State = Literal["starting", "running", "ended", "failed", "killed"]
 SLOTS = 2048  # Frames that a reader may be behind: 2 s at 1 kHz.
 LOOK_S = 0.0002  # Time between two looks for the next frame, s.
-END_S = 1.0  # Wait for how a process has ended, s.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,7 +194,6 @@ class Live:
                 else:
                     self._state = word
         except EOFError:
-            self._host.wait(END_S)
             self._fail("killed", closed_by(self._host, "the sensor"))
         except Exception as error:
             self._fail("failed", error)

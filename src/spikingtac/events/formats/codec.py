@@ -33,7 +33,6 @@ KINDS: dict[str, str] = {
     "vendor_word": "words for vendor extensions (others, continued); skipped, no loss",
     "unknown_message": "messages of an encoding or type that is not read",
     "before_zero": "events from before the zero of another clock that they were put on; dropped",
-    "own_clock": "the other camera of a pair was silent: times are this one's own; no loss",
     "overflow": "buffers that overran: datagrams, packets or events were dropped on their way",
     "missed": "events that came in time, but that this user was too slow for",
     "duplicate": "datagrams that came twice; the second one was dropped",
@@ -49,7 +48,7 @@ KINDS: dict[str, str] = {
 
 # Kinds that lose nothing; ``strict`` does not refuse them.
 HARMLESS = frozenset({
-    "trigger", "padding", "vendor_word", "duplicate", "before_zero", "own_clock", "other_data",
+    "trigger", "padding", "vendor_word", "duplicate", "before_zero", "other_data",
     "hot_pixels",
 })  # fmt: skip
 
