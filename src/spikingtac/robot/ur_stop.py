@@ -204,13 +204,20 @@ def dashboard(host: str, command: str, limit_s: float) -> str:
         DeviceError: There is no answer within the limit.
     """
     try:
-        with socket.create_connection((host, DASHBOARD_PORT), limit_s) as connection:
+        with (
+            socket.create_connection((host, DASHBOARD_PORT), limit_s) as connection,
+            connection.makefile("r", errors="replace") as lines,
+        ):
             connection.sendall(command.encode() + b"\n")  # it need not wait for the greeting
-            return _lines(connection, 2)[1]
+            lines.readline(LONGEST_LINE)
+            answer = lines.readline(LONGEST_LINE)
+            if not answer.endswith("\n"):
+                raise ConnectionResetError("it hung up, or sends no line")
     except OSError as error:
         raise DeviceError(
             f"the dashboard at {host}:{DASHBOARD_PORT} does not take {command!r}: {error}"
         ) from error
+    return answer.strip()
 
 
 def require_controller(host: str, limit_s: float) -> None:
@@ -222,29 +229,15 @@ def require_controller(host: str, limit_s: float) -> None:
     Raises:
         DeviceError: A port does not answer within the limit.
     """
-    port = RTDE_PORT
-    try:
-        with socket.create_connection((host, port), limit_s) as connection:
-            connection.settimeout(limit_s)
-            connection.sendall(ASK_PROTOCOL_2)
-            if not connection.recv(1):
-                raise ConnectionResetError("it hung up")
-        port = SCRIPT_PORT
-        socket.create_connection((host, port), limit_s).close()
-        port = DASHBOARD_PORT
-        with socket.create_connection((host, port), limit_s) as connection:
-            _lines(connection, 1)
-    except OSError as error:
-        raise DeviceError(
-            f"no UR controller answers at {host}:{port}: {error}; "
-            "check address, power and that remote control is on"
-        ) from error
-
-
-def _lines(connection: socket.socket, count: int) -> list[str]:
-    """Return the next lines; each of their pieces may take as long as the connection's limit."""
-    with connection.makefile("r", errors="replace") as stream:
-        lines = [stream.readline(LONGEST_LINE) for _ in range(count)]
-    if not lines[-1].endswith("\n"):
-        raise ConnectionResetError("it hung up, or sends no line")
-    return [line.strip() for line in lines]
+    # The script port says nothing of use; the dashboard greets.
+    for port, question in ((RTDE_PORT, ASK_PROTOCOL_2), (SCRIPT_PORT, None), (DASHBOARD_PORT, b"")):
+        try:
+            with socket.create_connection((host, port), limit_s) as connection:
+                connection.sendall(question or b"")
+                if question is not None and not connection.recv(1):
+                    raise ConnectionResetError("it hung up")
+        except OSError as error:
+            raise DeviceError(
+                f"no UR controller answers at {host}:{port}: {error}; "
+                "check address, power and that remote control is on"
+            ) from error
