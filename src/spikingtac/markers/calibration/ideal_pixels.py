@@ -97,7 +97,7 @@ def compare(
     kept = np.zeros((3, len(states), events.pixels), np.float32)
     owner = np.zeros((len(states), events.pixels), np.int32)
     swings = np.zeros((events.pixels, 6))
-    recovery = 1e-6 * events.times_at(paths.index), 1.0 / recovery_s if recovery_s > 0.0 else 0.0
+    at_s = np.multiply(events.times_at(paths.index), 1e-6)
     looks, width = discs.looks, events.size[0]
 
     def compare_rows(rows: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -108,7 +108,7 @@ def compare(
             (paths.index, paths.center_px - [0.0, rows.start], paths.stretch_px, states),
             looks,
             (steps[0][pixels], steps[1][pixels]),
-            recovery,
+            (at_s, 1.0 / recovery_s if recovery_s > 0.0 else 0.0),
             (kept[:, :, pixels], owner[:, pixels], near, (swings[pixels], ended)),
         )
         near[:, 2:] /= PHASES
@@ -119,9 +119,9 @@ def compare(
         parts = list(pool.map(compare_rows, starmap(slice, pairwise(edges))))
     near, ended = (np.sum(some, axis=0) for some in zip(*parts, strict=True))
     pixel = np.flatnonzero((owner >= 0).any(axis=0))
-    return Comparison(
-        pixel, *kept.take(pixel, axis=2), owner.take(pixel, axis=1), near, swings, ended
-    )
+    measured, expected, drawn = kept.take(pixel, axis=2)
+    owner = owner.take(pixel, axis=1)
+    return Comparison(pixel, measured, expected, drawn, owner, near, swings, ended)
 
 
 @njit(cache=True)
