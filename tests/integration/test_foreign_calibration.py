@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -78,18 +77,6 @@ def test_it_is_told_and_strict_refuses_it_but_not_the_own_one(
         if verb != "touch":
             assert (found["calibration_misfit"] is not None) == misfits
         assert misfits or "does not fit" not in said.err
-
-
-def test_it_is_told_while_it_is_published(
-    slides: Path, own: Path, foreign: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("cyclonedds", reason="the extra [ros2] is not installed")
-    line = ["ros2", str(slides), "--domain", str(1 + os.getpid() % 100), "--rate-hz", "50"]
-    assert main([*line, "--calibration", str(foreign)]) == 0
-    assert "warning: the recording does not fit the calibration" in capsys.readouterr().err
-    assert main([*line, "--calibration", str(foreign), "--strict"]) == 1
-    assert "calibrate this sensor: spikingtac calibrate" in capsys.readouterr().err
-    assert main([*line, "--calibration", str(own), "--strict"]) == 0
 
 
 def test_recordings_are_checked_against_a_calibration(

@@ -130,11 +130,3 @@ def test_any_cut_into_packets_gives_the_same() -> None:
     found = observe_crossings(parts, track, SIZE)
     assert (found.count == whole.count).all()
     assert (found.speed_sum_px_s == whole.speed_sum_px_s).all()
-
-
-@pytest.mark.parametrize("samples", [0, 1, 2, 5])
-def test_short_tracks_and_silence_give_nothing(samples: int) -> None:
-    packet, track = example(4, False, events=200)
-    short = marker_track(track.t_us[:samples], track.center_px[:samples], track.radius_px)
-    assert observe_crossings([packet], short, SIZE).count.sum() == 0
-    assert observe_crossings([EventPacket.empty(0, 9, SIZE)], track, SIZE).count.sum() == 0

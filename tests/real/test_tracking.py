@@ -15,7 +15,6 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.events.filters import time_slice
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.markers.blobs import find_blobs
@@ -109,14 +108,6 @@ def test_a_third_of_the_events_may_be_lost(data_dir: Path) -> None:
     assert outcome.mean_px < 0.165
     assert outcome.lost() == 0
     assert outcome.swaps() == 0
-
-
-def test_the_papers_preset_runs_with_its_bias(data_dir: Path) -> None:
-    folder = data_dir / "v2e"
-    half = time_slice(open_events(folder / "mix.raw"), to_us=HALF_OF_MIX_US)
-    outcome = Outcome(folder, "paper", half)
-    assert 0.5 < outcome.mean_px < 1.0, "the bias of the last-polarity map: neither gone nor grown"
-    assert outcome.lost() == 0
 
 
 def test_the_graded_map_finds_the_rotating_dot_in_every_window(data_dir: Path) -> None:

@@ -40,13 +40,11 @@ class Blobs:
     Attributes:
         center_px: ``(n, 2)`` centroids (x, y), weighted with the map's values, px.
         area_px: ``(n,)`` number of pixels at or above the threshold.
-        mass: ``(n,)`` sum of the map over those pixels.
         cut: ``(n,)`` True where the blob touches the border: its centroid is biased inwards.
     """
 
     center_px: NDArray[np.float64]
     area_px: NDArray[np.float64]
-    mass: NDArray[np.float64]
     cut: NDArray[np.bool_]
 
     def __len__(self) -> int:
@@ -79,7 +77,7 @@ def find_blobs(
     sums = sums_kernel(state_map, state_map >= np.float32(threshold))
     sums = sums[(sums[:, AREA] >= areas_px[0]) & (sums[:, AREA] <= areas_px[1])]
     center_px = sums[:, MOMENT_X : MOMENT_Y + 1] / sums[:, MASS : MASS + 1]
-    return Blobs(center_px, sums[:, AREA], sums[:, MASS], sums[:, AT_BORDER] > 0.0)
+    return Blobs(center_px, sums[:, AREA], sums[:, AT_BORDER] > 0.0)
 
 
 def associate(

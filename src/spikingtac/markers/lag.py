@@ -86,13 +86,11 @@ class LagEstimate:
     Attributes:
         lag_us: Delay behind the true motion, us.
         uncertainty_us: One standard deviation, us.
-        white_us: The photoreceptor's time constant at the marker's light, us.
         samples: Events that were used.
     """
 
     lag_us: float
     uncertainty_us: float
-    white_us: float
     samples: int
 
 
@@ -155,17 +153,15 @@ def estimate_lag(
     if min(np.count_nonzero(statistics.facing == side) for side in (-1, 1)) < LEAST_RUNGS:
         return None
     fits = 1e6 * np.array([_fit_s(statistics, edge, current) for current in dark])
-    lag_us, white_us, _ = fits.mean(axis=0).tolist()
-    error_us = float(np.sqrt((fits[:, 2] ** 2).mean() + fits[:, 0].var() + FLOOR_US**2))
+    lag_us, spread_us = fits.T
+    error_us = float(np.sqrt((spread_us**2).mean() + lag_us.var() + FLOOR_US**2))
     if not error_us < LARGEST_ERROR_US:
         return None
-    return LagEstimate(max(0.0, lag_us), error_us, white_us, int(statistics.count.sum()))
+    return LagEstimate(max(0.0, float(lag_us.mean())), error_us, int(statistics.count.sum()))
 
 
-def _fit_s(
-    statistics: CrossingStatistics, edge: DiscProfile, dark: float
-) -> tuple[float, float, float]:
-    """Return (lag, tau_white, uncertainty of the lag) for one dark current, s."""
+def _fit_s(statistics: CrossingStatistics, edge: DiscProfile, dark: float) -> tuple[float, float]:
+    """Return the lag and its uncertainty for one dark current, s."""
     white_s = TRIED_US * 1e-6
     # The rungs' levels come from their resting places, which the overshoot shifts a little.
     at_rest_px = statistics.resting_px
@@ -179,8 +175,7 @@ def _fit_s(
     weight /= weight.sum()
     lag_s = solved[rungs]
     mean_s = float(weight @ lag_s)
-    deviation_s = float(np.sqrt(weight @ (lag_s - mean_s) ** 2 + variance))
-    return mean_s, float(weight @ white_s), deviation_s
+    return mean_s, float(np.sqrt(weight @ (lag_s - mean_s) ** 2 + variance))
 
 
 def _solve(

@@ -60,16 +60,6 @@ def test_displacements_at_the_rim_are_right_where_one_scale_is_wrong(tilt: float
     np.testing.assert_allclose(moved_mm, np.broadcast_to([0.3, -0.2], moved_mm.shape), atol=0.012)
 
 
-def test_its_axes_are_those_of_the_image_whatever_way_the_grid_lies() -> None:
-    turn = np.radians(7.0)
-    turned = skin_mm() @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    lens = fit_lens(imaged_px(turned), GRID, SIZE, PITCH_MM)
-    middle = np.array([[159.5, 159.5], [160.5, 159.5], [159.5, 160.5]])
-    along_x, along_y = np.diff(lens.to_mm(middle)[[0, 1, 0, 2]], axis=0)[[0, 2]]
-    np.testing.assert_allclose(along_x, [1 / 15.5, 0.0], atol=2e-4)
-    np.testing.assert_allclose(along_y, [0.0, 1 / 15.5], atol=2e-4)
-
-
 @pytest.mark.parametrize(
     ("grid", "noise_px", "why"),
     [((2, 8), 0.05, "do not show a lens"), ((3, 3), 0.05, "do not show"), ((8, 8), 4.0, "rim")],

@@ -135,13 +135,6 @@ def test_noise_before_the_motion_is_forgotten(recording: EventPacket) -> None:
     assert judged(calibration(1.5), noise, later).foreign
 
 
-def test_a_marker_that_was_never_measured_is_not_asked(recording: EventPacket) -> None:
-    away = calibration(1.5)
-    nothing = replace(away, marker_measured=np.zeros(20, np.bool_))
-    check = judged(nothing, recording)
-    assert (check.contradiction, check.ended) == (0.0, True)
-
-
 def test_a_checked_source_tells_once_and_passes_everything_on(recording: EventPacket) -> None:
     told: list[str] = []
     source = PacketSource(cut(recording, 5_000), SIZE)

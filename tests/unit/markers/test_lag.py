@@ -78,7 +78,6 @@ def test_its_own_model_is_solved(white_us: float, skew_us: float) -> None:
     assert estimate is not None
     # The table's interpolation and the bins' middles leave 1 %.
     assert estimate.lag_us == pytest.approx(lag_us, abs=3 * estimate.uncertainty_us + 0.01 * lag_us)
-    assert estimate.white_us == pytest.approx(white_us, rel=0.15)
     assert estimate.uncertainty_us < 0.08 * lag_us + 100.0
     assert estimate.samples == crossings.count.sum()
 

@@ -14,7 +14,6 @@ from spikingtac.markers.paper import (
     painted_binary_map,
 )
 from spikingtac.types import EventPacket
-from stand_ins.ideal_events import ideal_events
 
 SIZE = (150, 120)
 GRID = (3, 4)
@@ -22,7 +21,6 @@ RADIUS_PX = 6.0
 REST_PX = np.stack(np.meshgrid(np.arange(20, 140, 33.0), np.arange(20, 110, 33.0)), -1)
 REST_PX = REST_PX.reshape(-1, 2)
 PLAIN = BlobTrackerConfig(support_us=0, refresh_us=0)
-STEPS = 60  # Estimates over the path; five steps of 1 ms each.
 
 
 def calibration(polarity: str = "white", rest_px: np.ndarray = REST_PX) -> Calibration:
@@ -33,36 +31,6 @@ def calibration(polarity: str = "white", rest_px: np.ndarray = REST_PX) -> Calib
         size=SIZE,
         polarity=polarity,
     )
-
-
-def tracker(polarity: str = "white") -> BlobTracker:
-    return BlobTracker(PLAIN, calibration(polarity), Median3())
-
-
-def loop_path() -> np.ndarray:
-    """Two turns of a circle of 10 px, begun at rest."""
-    angle = np.linspace(0.0, 4.0 * np.pi, STEPS * 5)
-    offset = 5.0 * np.stack([1.0 - np.cos(angle), np.sin(angle)], axis=1)
-    return REST_PX[np.newaxis] + offset[:, np.newaxis, :]
-
-
-@pytest.fixture(scope="module")
-def moving() -> tuple[EventPacket, np.ndarray]:
-    path = loop_path()
-    return ideal_events(path, RADIUS_PX, SIZE), path
-
-
-def test_dark_markers_are_the_same_with_swapped_polarity(
-    moving: tuple[EventPacket, np.ndarray],
-) -> None:
-    packet, _ = moving
-    swapped = EventPacket(
-        packet.x, packet.y, ~packet.p, packet.t, packet.t_start_us, packet.t_end_us, SIZE
-    )
-    white, dark = tracker(), tracker("dark")
-    white.absorb(packet)
-    dark.absorb(swapped)
-    np.testing.assert_array_equal(white.estimate(1).detected_px, dark.estimate(1).detected_px)
 
 
 def test_a_vanished_marker_is_held_and_comes_back() -> None:

@@ -102,7 +102,6 @@ class Overview:
         steps: What an event stands for on the average.
         rests_us: ``(rests, 2)`` when the skin rested, us since the start.
         unloaded: ``bool[rests]`` at which of them nothing touched it.
-        maps: ``(rests, height, width)`` levels 0 to 1.
         markers: Where the markers are.
     """
 
@@ -111,7 +110,6 @@ class Overview:
     steps: MeanSteps
     rests_us: NDArray[np.int64]
     unloaded: NDArray[np.bool_]
-    maps: NDArray[np.float32]
     markers: SeenMarkers
 
     def noise(self, reach_px: float) -> NDArray[np.float64]:
@@ -178,7 +176,7 @@ def _overview(
     markers = known or see_markers(level.astype(np.float32), config)
     if polarity == "dark":
         events, steps = events.inverted(), steps.inverted()
-    return Overview(events, polarity, steps, spans_us, unloaded, views[polarity], markers)
+    return Overview(events, polarity, steps, spans_us, unloaded, markers)
 
 
 def lit_share(maps: NDArray[np.float32]) -> float:

@@ -56,12 +56,3 @@ def test_motion_between_two_rests(packet_us: int) -> None:
     watch, resting = fed((1.0, 2_000), (1.0, 200_000), (1.0, 2_000), packet_us=packet_us)
     assert resting == [True, False, True]
     assert watch.rests == 2
-
-
-def test_an_hour_of_silence_costs_nothing() -> None:
-    watch = RestWatch()
-    watch.absorb(packet(0, 1_000_000, 100_000))
-    watch.absorb(EventPacket.empty(1_000_000, 3_600_000_000, SIZE))
-    assert watch.resting
-    watch.absorb(packet(3_600_000_000, 3_601_000_000, 100_000))
-    assert not watch.resting

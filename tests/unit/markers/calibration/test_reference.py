@@ -55,15 +55,6 @@ def test_a_first_rest_that_is_wrong_does_not_outvote_the_others() -> None:
     assert np.abs(found - PLACES).max() < 0.1 * np.abs(0.1 * outward).max()
 
 
-def test_slides_to_and_fro_cancel_and_outweigh_one_bad_first_rest() -> None:
-    rng = np.random.default_rng(1)
-    ways = np.array([[0.2, 0.0], [-0.2, 0.0], [0.0, 0.2], [0.0, -0.2]] * 3)[:, np.newaxis]
-    first = PLACES + rng.normal(0.0, 0.1, PLACES.shape)
-    places = np.array([first, *(PLACES + ways)])
-    found = reference(places, rests([0.5] + [0.3] * 12), none(13), "rest-mean")
-    assert np.abs(found - PLACES).mean() < 0.5 * np.abs(first - PLACES).mean()
-
-
 def test_the_displacement_before_a_rest_is_the_mean_since_the_rest_before() -> None:
     spans_us = np.array([[0, 100], [200, 300], [400, 500]])
     at_us = np.arange(0, 500, 10)

@@ -20,7 +20,6 @@ from spikingtac.markers.graded.disc_locator import (
 )
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
-    AT_ONCE,
     MEASUREMENT_SIGMA_PX,
     START_VELOCITY_PX_S,
     VX,
@@ -128,16 +127,6 @@ def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
     near = away_px <= 7.0 + locator._window.edge[0, 1] + FARTHER_PX + MARKED_PX
     assert locator.pending.tolist() == near.sum(axis=0).tolist()
     assert {*np.unique(marked).tolist()} == {0, 1, NOBODY}
-
-
-def test_a_fit_that_has_not_converged_goes_on_at_once() -> None:
-    locator = DiscLocator(CALIBRATION)
-    locator.map.values[:] = moved_by(5.0).map.values
-    for t_us in range(0, 9_000, 1_000):
-        if t_us == 0:
-            locator.pending[:] = AT_ONCE
-        locator.locate(t_us, np.zeros(2, np.bool_))
-    np.testing.assert_allclose(locator.fits[:, :2], REST_PX + np.array([5.0, 0.0]), atol=0.1)
 
 
 def test_a_held_marker_stays_where_it_is_put_and_loses_its_speed() -> None:

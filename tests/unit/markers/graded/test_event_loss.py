@@ -72,16 +72,6 @@ def test_snaps_creep_and_far_markers_are_not_asked() -> None:
             assert watch.update(motion(position_px, velocity), NONE, 1e-3) is None
 
 
-def test_a_turn_says_nothing_until_the_marker_is_under_way() -> None:
-    watch = EventLoss(CALIBRATION)
-    position, velocity = REFERENCE_PX.copy(), np.tile([SPEED_PX_S, 0.0], (10, 1))
-    for step in range(2_000):
-        if step % 4 == 0:
-            velocity *= -1.0
-        position += 1e-3 * velocity
-        assert watch.update(motion(position, velocity), NONE, 1e-3) is None
-
-
 def test_the_kernel_does_what_its_plain_twin_does() -> None:
     rng = np.random.default_rng(3)
     counts = rng.poisson(50.0, 10)

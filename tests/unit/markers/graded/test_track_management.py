@@ -161,16 +161,6 @@ def test_markers_that_are_gone_are_found(gone: tuple[int, ...], share: float) ->
     assert np.flatnonzero(manager.coasted).tolist() == sorted(gone), "at once, and not found"
 
 
-def test_a_silent_marker_at_the_border_is_unsure_and_not_held() -> None:
-    """Motion dies away towards it: a resting corner beside moving neighbours is no lost one."""
-    sent = np.ones(COUNT)
-    sent[CORNER] = 0.0
-    manager = heard(moving(60.0), sent)
-    assert not manager.silent.any()
-    confidence = manager.confidence(AGREED, np.zeros(COUNT, np.bool_), DT_S)
-    assert np.flatnonzero(confidence < 0.5).tolist() == [CORNER]
-
-
 def test_those_that_send_or_need_not_are_left_alone() -> None:
     half = np.ones(COUNT)
     half[CENTRE] = 0.55
