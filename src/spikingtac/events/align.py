@@ -168,7 +168,12 @@ def through_triggers(own: SyncLine, base: SyncLine, channel: int | None = None) 
                 "the trigger edges agree at no place or at several, as a regular line's do; start "
                 "the line after both recordings, or send edges at odd moments"
             )
-        pairs = _from_the_first(mine, theirs)
+        # The edges pair from the first one on, as long as their intervals are alike.
+        both = min(len(mine), len(theirs))
+        gaps, others = np.diff(mine[:both]), np.diff(theirs[:both])
+        alike = np.append(np.abs(gaps - others) <= _reach_us(gaps), False)
+        number = np.arange(int(alike.argmin()) + 1)
+        pairs = number, number
     return _fitted(mine, theirs, pairs)
 
 
@@ -210,15 +215,6 @@ def _alike(own: NDArray[np.int64], base: NDArray[np.int64]) -> _Pairs | None:
     near = (shifts >= start) & (shifts <= start + width)
     first, second = first[near], second[near]
     return np.concatenate([first, first + 1]), np.concatenate([second, second + 1])
-
-
-def _from_the_first(own: NDArray[np.int64], base: NDArray[np.int64]) -> _Pairs:
-    """Return the edges in pairs from the first one on, as long as their intervals are alike."""
-    both = min(len(own), len(base))
-    gaps, others = np.diff(own[:both]), np.diff(base[:both])
-    alike = np.append(np.abs(gaps - others) <= _reach_us(gaps), False)
-    number = np.arange(int(alike.argmin()) + 1)
-    return number, number
 
 
 def _reach_us(span_us: Any) -> Any:

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -32,13 +32,6 @@ RETRY_S = 0.25  # Time between two attempts to open a camera that is gone, s (US
 LONGEST_S = 1e7  # Largest value of the option ``seconds``.
 RECENT_S = 2.0  # Time over which the rate is averaged, s.
 LATEST = 1 << 15  # Deliveries whose intervals are reported: the latest 30 s at 1 kHz.
-
-
-class Gap(NamedTuple):
-    """A stretch of sensor time without a camera, us."""
-
-    t_from_us: int
-    t_to_us: int
 
 
 @dataclass(kw_only=True, slots=True)
@@ -142,7 +135,7 @@ class CameraSource(FileSource):
         ended: Why the iteration ended: ``closed``, ``seconds``, ``ended`` (by itself) or ``lost``;
             empty before.
         clock: Learns how the sensor's clock maps to the host's.
-        gaps: Stretches for which the camera was gone.
+        gaps: Stretches of sensor time for which the camera was gone, us, for the manifest.
         received_s: When the latest packets' events were at hand, on the monotonic clock, s.
 
     Raises:
@@ -166,7 +159,7 @@ class CameraSource(FileSource):
         self.ended = ""
         self.received_s = time.monotonic()
         self.clock = ClockFit()
-        self.gaps: list[Gap] = []
+        self.gaps: list[dict[str, int]] = []
         self._meter = DeliveryMeter()
         self._closing = self._resumed = False
         self._offset_us = 0
@@ -275,10 +268,9 @@ class CameraSource(FileSource):
         """Return the columns with times that go on after a reconnect."""
         x, y, p, t = rows
         if self._resumed:
-            away_us = round((self.received_s - self._last_s) * US_PER_S)
-            self._offset_us = self._last_us + away_us - int(t[0])
-            self._resumed = False
-            self.gaps.append(Gap(self._last_us, self._last_us + away_us))
+            until_us = self._last_us + round((self.received_s - self._last_s) * US_PER_S)
+            self._offset_us, self._resumed = until_us - int(t[0]), False
+            self.gaps.append({"t_from_us": self._last_us, "t_to_us": until_us})
             self.clock.forget()
         if self._offset_us:
             t = t.astype(np.int64) + self._offset_us

@@ -241,13 +241,11 @@ class EventQuality:
     """Figures of a stretch of events.
 
     Attributes:
-        rate_hz: Events per second.
         on_fraction: Fraction of ON events; None without events.
         noise_hz: Events per pixel and second in the quietest windows, hot pixels left out.
         hot_px: ``(h, 2)`` columns and rows of hot pixels.
     """
 
-    rate_hz: float
     on_fraction: float | None
     noise_hz: float
     hot_px: NDArray[np.int64]
@@ -259,7 +257,6 @@ def judge_events(events: EventPacket) -> EventQuality:
     Noise is judged in the quietest tenth of the windows of 10 ms; a sensor that never rests
     therefore shows more noise than it has.
     """
-    duration_us = max(events.t_end_us - events.t_start_us, 1)
     quiet, quiet_us = quiet_events(events.t, events.t_start_us, events.t_end_us)
     width, height = events.size
     pixel = events.y[quiet].astype(np.int64) * width + events.x[quiet]
@@ -267,7 +264,6 @@ def judge_events(events: EventPacket) -> EventQuality:
     hot = hot_mask(hot_px, events.size).ravel()[pixel]
     usual = width * height - len(hot_px)
     return EventQuality(
-        rate_hz=len(events) * US_PER_S / duration_us,
         on_fraction=float(events.p.mean()) if len(events) else None,
         noise_hz=np.count_nonzero(~hot) * US_PER_S / quiet_us / usual if usual else 0.0,
         hot_px=hot_px,

@@ -208,7 +208,7 @@ class Session:
             "health": source_health(delivery.losses, delivery.rate_ev_s).summary(),
             "delivery": told,
             "clock": None if mapping is None else mapping.clock_summary(),
-            "gaps": [gap._asdict() for gap in source.gaps],
+            "gaps": source.gaps,
             **self.fixed,
             **source.camera.manifest(),
             "received_events": self._delivered or told["events"],

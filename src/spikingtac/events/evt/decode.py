@@ -59,7 +59,7 @@ Columns = tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.bool_], State
 
 def new_columns(events: int, words: int) -> Columns:
     """Return buffers for at most so many events, and a trigger for each word."""
-    x, y = np.empty((2, events), np.uint16)
+    x, y = np.empty(events, np.uint16), np.empty(events, np.uint16)
     p, t = np.empty(events, np.bool_), np.empty(events, np.int64)
     return x, y, p, t, np.empty((words, 3), np.int64)
 
