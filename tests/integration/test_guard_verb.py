@@ -38,7 +38,7 @@ TOUCH = 300  # Window at which something happens: 1.5 s after the stream was ope
 
 @pytest.fixture
 def words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    monkeypatch.setattr(guard, "is_stream", lambda path: True)
+    monkeypatch.setattr(guard.events, "is_stream", lambda path: True)
     files = ["--events", "pipe", "--calibration", "finger.json", "--quiet", "quiet.raw"]
     return ["guard", "--arm", "192.0.2.1", *files, "--json"]
 
