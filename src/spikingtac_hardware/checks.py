@@ -242,7 +242,9 @@ def _image(layout: Layout, imaging: Imaging) -> Iterator[Check]:
         yield f"field.{axis}", f"the sensor sees of the skin along {axis}", seen, wanted
     angle = imaging.corner_angle_deg
     yield "lens.angle", "the farthest ray leaves the axis by", angle, lens.half_angle_deg, "degrees"
-    across = math.hypot(*design.sensor_mm)
+    across = math.hypot(
+        *(count * design.sensor.pixel_um / 1000.0 for count in design.sensor.pixels)
+    )
     text = "across the sensor's corners the image circle is"
     yield "lens.circle", text, lens.image_circle_mm, across
     press = skin.deepest_press_mm

@@ -70,12 +70,6 @@ class Design:
         return _checked(merged(self.values, tables), "design")
 
     @property
-    def sensor_mm(self) -> tuple[float, float]:
-        """``(width, height)`` of the pixels' area, mm."""
-        width, height = self.sensor.pixels
-        return width * self.sensor.pixel_um / 1000.0, height * self.sensor.pixel_um / 1000.0
-
-    @property
     def lens_k1(self) -> float:
         """Brown's first radial coefficient in the tangent of the view angle, in air."""
         return self.lens.distortion / math.tan(math.radians(self.lens.distortion_angle_deg)) ** 2

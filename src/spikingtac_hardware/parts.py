@@ -182,9 +182,10 @@ def _shell(layout: Layout) -> Solid:
     """Return the shell: ledge for the window, pillars with holes for the inserts."""
     screws, places = layout.design.fasteners, layout.screw_places_mm
     low, ledge, top = layout.plate_top_mm, layout.ledge_bottom_mm, layout.shell_top_mm
-    beneath, slope = low - BEYOND_MM, ledge - layout.slope_mm
+    beneath, slope, cad = low - BEYOND_MM, ledge - layout.slope_mm, modeller()
     room = prism(layout.cavity, beneath, slope)
-    room += funnel(layout.cavity, slope, layout.opening, ledge)
+    ends = cad.Pos(0, 0, slope) * face(layout.cavity), cad.Pos(0, 0, ledge) * face(layout.opening)
+    room += cad.loft(list(ends))
     pillars = cylinders(layout.pillar_radius_mm, places, beneath, layout.pillar_top_mm)
     solid = prism(layout.outer, low, top) - (room - pillars)
     solid -= prism(layout.opening, ledge - BEYOND_MM / 2, top)
@@ -312,12 +313,6 @@ def face(outline: Outline) -> Solid:
     if outline.kind == "round":
         return cad.Circle(outline.half_mm[0])
     return cad.RectangleRounded(*outline.size_mm, min(outline.radius_mm, *outline.half_mm) * 0.999)
-
-
-def funnel(low: Outline, low_mm: float, high: Outline, high_mm: float) -> Solid:
-    """Return the solid between an outline at one height and another one above it."""
-    cad = modeller()
-    return cad.loft([cad.Pos(0, 0, low_mm) * face(low), cad.Pos(0, 0, high_mm) * face(high)])
 
 
 def cylinders(radius_mm: float, places: Places, low_mm: float, high_mm: float) -> Solid:
