@@ -1,7 +1,5 @@
 """Whether a design can be built and works: every check with its figure, its limit and a reason."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The figures of a design, its bill of materials, and the build guide with both."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

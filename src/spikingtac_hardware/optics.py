@@ -9,8 +9,6 @@ light, window and gel are taken as air of their reduced thickness. Light that wa
 back is left out, so that the real skin is brighter.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 All lengths are mm. Solids need the extra ``[design]``.
 """
 
-from __future__ import annotations
-
 import importlib
 import math
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """Scenes of the twin on the sensor of a design."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from spikingtac.schema import merged

@@ -1,7 +1,5 @@
 """Compute a sensor from its parameters, check it, and write its parts and drawings."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass

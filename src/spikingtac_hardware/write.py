@@ -3,8 +3,6 @@
 Solids and meshes are read again after they are written.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """The twin as a camera: its scene's events as time passes, with the truth beside them."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

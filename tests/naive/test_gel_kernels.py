@@ -1,7 +1,5 @@
 """The gel's kernels against plain programs that find the same solutions in another way."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import nnls

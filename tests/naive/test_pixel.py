@@ -1,7 +1,5 @@
 """The event camera's kernels against plain programs that follow the same physics another way."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """The twin's camera against v2e, an independent simulator, on the motions of its recordings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

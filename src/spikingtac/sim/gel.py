@@ -8,8 +8,6 @@ The model is a layer of shear modulus mu and thickness h, bonded to the window o
 markers move with its free surface (the black skin is part of the layer).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

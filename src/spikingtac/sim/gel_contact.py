@@ -4,8 +4,6 @@ The grid is fixed to the skin, so that a cell is a piece of material. The body m
 displaced place. A body that drags or turns a sticking patch therefore stays on the same cells.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

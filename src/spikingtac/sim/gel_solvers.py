@@ -16,8 +16,6 @@ Kalker, "Three-Dimensional Elastic Bodies in Rolling Contact", 1990, section 4.3
 disc sticks; a cell on the rim slips along its own traction.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

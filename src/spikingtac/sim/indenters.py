@@ -5,8 +5,6 @@ zero at the deepest point and negative elsewhere. A soft body has a compliance i
 of the gel: an incompressible layer on a rigid core.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ right, y down, z into the layer (towards the camera), so that pressure and inden
 All responses are for unit shear modulus; multiply by the compliance 1/mu.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ indenter's deepest point: positive inside the gel, negative above it. Every segm
 at rest.
 """
 
-from __future__ import annotations
-
 import bisect
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The skin, its painted discs, and the lens: from markers in mm to ellipses on the sensor in px."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

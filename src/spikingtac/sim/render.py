@@ -1,7 +1,5 @@
 """Render a scene into a recording folder with events, truth and manifest."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The contacts of a scene for one seed: their variation, and which body is where at a time."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The digital twin as a camera: a scene's events as real time passes, in a process of their own."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from functools import partial

@@ -1,7 +1,5 @@
 """Designs from TOML, their checks, figures and bill, and the verb without the modeller."""
 
-from __future__ import annotations
-
 import csv
 import importlib
 import io

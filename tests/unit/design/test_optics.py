@@ -1,7 +1,5 @@
 """Optics and light of a design, and the twin's scenes on it."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Solids, files and pictures; they need build123d, which the extra ``[design]`` brings."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache

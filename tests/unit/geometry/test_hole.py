@@ -1,7 +1,5 @@
 """Circles, travel and holes: exact without noise, honest with it, steady for bad contacts."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The simulated event camera: bytes, rates, laws of events, random numbers, readout, presets."""
 
-from __future__ import annotations
-
 import copy
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The gel against closed forms: Hertz, Cattaneo and Mindlin, the layer; and its bodies."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_bvp, trapezoid

@@ -1,7 +1,5 @@
 """The rig: vibration, pads, grasped probe, clock, and the arm."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator, Sequence
 

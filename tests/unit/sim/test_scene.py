@@ -1,7 +1,5 @@
 """Scenes: files, motions, variation by the seed, and the thread that works ahead."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Settings of the simulated event camera, with one table for each physical part, and presets."""
 
-from __future__ import annotations
-
 import importlib.resources
 import os
 from collections.abc import Sequence

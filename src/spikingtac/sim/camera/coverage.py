@@ -1,7 +1,5 @@
 """Markers on the sensor: what they cover, and how their motion between two images is planned."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The simulated event camera. It turns images of moving markers into events."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal
 

@@ -15,8 +15,6 @@ operand is an unsigned 64-bit integer, because Numba converts a mix of signed an
 to float, which ruins such a generator without an error.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

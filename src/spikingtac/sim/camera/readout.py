@@ -4,8 +4,6 @@ Background: Poisson events over the whole array, and hot pixels. Readout: order 
 of the arbiter, and random loss.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

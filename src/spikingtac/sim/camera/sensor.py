@@ -1,7 +1,5 @@
 """One individual sensor: light on its pixels, mismatch, lookup tables and initial state."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -10,8 +10,6 @@ centre of the patch. Modes: translation along x, y, z; rotation in the plane, ``
 the two tilts, ``(0, 0, x)`` and ``(0, 0, y)``.
 """
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -8,8 +8,6 @@ Frames: the gripper's (x along pad A's image x, y along the rod towards the tip,
 pad A to pad B) for the bushing; the robot's base for arm, tip, wall and force. Units N, mm, s.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass, field, replace
 

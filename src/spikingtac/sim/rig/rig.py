@@ -4,8 +4,6 @@ Each call that advances the rig moves all parts: the arm continues its motion, t
 wall, the markers of the pad follow, and the camera returns its events.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field

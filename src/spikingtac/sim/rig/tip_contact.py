@@ -1,7 +1,5 @@
 """Kernels of :mod:`spikingtac.sim.rig.walls`: the touching points of a tip, solved in turn."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ ruckig), and a reported pose that is up to one cycle old and repeats only within
 repeatability. At 180 mm/s a perfect sensor overshoots 6.2 mm on average, 7.6 mm at most.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any, NamedTuple

@@ -11,8 +11,6 @@ short fixed-point iteration on the direction (slip). Any :class:`Wall` can be us
 distances, normals and curvature.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
