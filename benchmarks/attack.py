@@ -61,10 +61,10 @@ from stand_ins.hostile_files import (  # noqa: E402
     KINDS,
     RAW_KINDS,
     mutated,
+    outcome,
     seed_file,
 )
 from stand_ins.moving_rims import windows  # noqa: E402
-from stand_ins.reading import outcome  # noqa: E402
 from stand_ins.ur_controller import EVERYTHING, URController  # noqa: E402
 
 TIME_LIMIT_S = 30.0

@@ -8,14 +8,15 @@ takes over what rests on unchanged files alone, since compiling everything takes
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+
+import grimp
 
 DIGEST_LENGTH = 16  # Hexadecimal digits of a folder's name: 64 bits.
 
@@ -49,22 +50,28 @@ def prepare_cache(root: Path, sources: Path) -> Path:
 
 
 def closure_digests(sources: Path) -> dict[str, str]:
-    """Return a digest of each file with kernels, and of all files of the package that it imports.
+    """Return a digest of each file with kernels, and of all files of the packages that it imports.
 
-    The files that those import count too, and so do imports within functions.
+    The files that those import count too, and so do imports within functions and for annotations:
+    a kernel is compiled for the tuples that it is given.
 
     Returns:
         Path of the file, the package included -> digest, as hexadecimal digits.
     """
-    paths = {_module_name(path, sources): path for path in sorted(sources.rglob("*.py"))}
-    texts = {module: path.read_text(encoding="utf-8") for module, path in paths.items()}
-    imports: dict[str, set[str]] = {}
+    packages = [path.parent.name for path in sources.glob("*/__init__.py")]
+    graph = grimp.build_graph(*packages, cache_dir=None)
+    texts: dict[str, str] = {}
+    names: dict[str, str] = {}
+    for path in sorted(sources.rglob("*.py")):
+        parts = path.relative_to(sources).with_suffix("").parts
+        module = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        texts[module] = path.read_text(encoding="utf-8")
+        if COMPILER in texts[module]:
+            names[module] = path.relative_to(sources).as_posix()
+    closures = {module: {module, *graph.find_upstream_modules(module)} for module in names}
     return {
-        path.relative_to(sources).as_posix(): _digest(
-            texts[name] for name in _closure(module, texts, imports)
-        )
-        for module, path in paths.items()
-        if COMPILER in texts[module]
+        name: _digest(texts[one] for one in sorted(closures[module]))
+        for module, name in names.items()
     }
 
 
@@ -99,36 +106,6 @@ def _cache_key(source: Path) -> tuple[str, str]:
     Files of equal key are dropped together, which costs time, not truth.
     """
     return source.parent.name, source.stem
-
-
-def _module_name(path: Path, sources: Path) -> str:
-    parts = path.relative_to(sources).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-def _closure(module: str, texts: Mapping[str, str], imports: dict[str, set[str]]) -> list[str]:
-    """Return a module and all that it imports, in order of their names; fill in ``imports``."""
-    reached, waiting = {module}, [module]
-    while waiting:
-        name = waiting.pop()
-        if name not in imports:
-            imports[name] = set(_imports(texts[name])).intersection(texts)
-        waiting += imports[name] - reached
-        reached |= imports[name]
-    return sorted(reached)
-
-
-def _imports(text: str) -> Iterator[str]:
-    """Yield what a file imports: modules, and names that may be modules.
-
-    Imports for annotations count: a kernel is compiled for the tuples that it is given, too.
-    """
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
 def _digest(words: Iterable[str]) -> str:

@@ -48,11 +48,3 @@ def test_errors_are_defined_in_one_place() -> None:
         if isinstance(node, ast.ClassDef) and node.name.endswith("Error")
     }
     assert {name: where for name, where in defined.items() if where != "errors.py"} == WITHIN
-
-
-def test_ours_descend_from_one_base_and_tell_who_is_at_fault() -> None:
-    for name in OURS:
-        error = getattr(errors, name)
-        assert issubclass(error, errors.SpikingTacError)
-        assert error.exit_code in (1, 2, 3)
-    assert issubclass(errors.ConfigError, ValueError), "a setting may be an argument in code"

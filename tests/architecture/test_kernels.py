@@ -13,6 +13,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from numba_cache import prepare_cache
 from stand_ins.source_trees import FILES, PACKAGE, text_of, tree_of
 
@@ -81,8 +83,11 @@ def twice(sources: Path, cache: Path) -> int:
     return int(done.stdout)
 
 
-def test_a_changed_kernel_reaches_the_callers_of_other_files(tmp_path: Path) -> None:
+def test_a_changed_kernel_reaches_the_callers_of_other_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sources, root = package(tmp_path), tmp_path / "cache"
+    monkeypatch.syspath_prepend(sources.parent)
     before = prepare_cache(root, sources.parent)
     assert twice(sources, before) == 2
     assert len(list(before.glob("*/*.nbc"))) == 3

@@ -62,9 +62,6 @@ def test_no_link_of_the_front_page_is_relative_on_an_index() -> None:
     files = {found for target in targets for found in OUR_FILES.findall(target)}
     assert "docs/images/demo.png" in files
     assert [name for name in sorted(files) if not (PROJECT / name).exists()] == []
-
-
-def test_pictures_lead_to_the_files_and_not_to_pages_about_them() -> None:
     pictures = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", described())
     assert pictures
     assert all("raw.githubusercontent.com" in target for target in pictures)

@@ -7,19 +7,16 @@ import json
 from dataclasses import replace
 from functools import cache
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from spikingtac import plugins
 from spikingtac.contact.detector import ContactDetector, QuietStatistics, Window
 from spikingtac.contact.registry import DetectionConfig, detectors, make_detector
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.windows import windows as cut_windows
 from spikingtac.types import Contact, EventPacket
 from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows
-from stand_ins.plugin_package import install
 
 # Those of this package, and of every installed package that registers one.
 NAMES = sorted(detectors())
@@ -151,24 +148,6 @@ def test_unknown_names_and_missing_calibrations_are_explained() -> None:
         make_detector("default", DetectionConfig(), [], quiet())
     with pytest.raises(ConfigError, match="hold 2 sensors, the detector was built for 1"):
         build("default").update((touched()[0], touched()[0]))
-
-
-def test_a_detector_of_another_package_is_made_by_its_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    points = {"count": "my_parts:build_detector", "default": "my_parts:build_detector"}
-    install(tmp_path, {plugins.DETECTORS: points | {"gone": "my_parts:NoSuchThing"}})
-    monkeypatch.syspath_prepend(tmp_path)
-    made = make_detector("count", DetectionConfig(), [], islice(quiet(), 200))
-    assert made.summary().figures == {"threshold": 200}
-    assert (
-        "scales_ms"
-        in make_detector("default", DetectionConfig(), [calibration()], quiet()).summary().figures
-    )
-    with pytest.raises(ConfigError, match="my-parts"):
-        make_detector("gone", DetectionConfig(), [], quiet())
-    with pytest.raises(ConfigError, match=r"valid: event_count, default, count, gone"):
-        make_detector("unheard-of", DetectionConfig(), [], quiet())
 
 
 def test_another_sensor_is_refused_not_indexed() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -9,62 +10,117 @@ import pytest
 
 import spikingtac as st
 from spikingtac import plugins
+from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.errors import ConfigError, FormatError
 from spikingtac_paper.trials.methods import main_methods
-from stand_ins.plugin_package import install
+from stand_ins.moving_rims import calibration, windows
 
-CALIBRATION = st.Calibration(
-    reference_px=np.array([[20.0, 20.0], [50.0, 20.0]]),
-    radius_px=np.full(2, 7.0),
-    grid=(1, 2),
-    size=(70, 40),
-)
+MODULE = '''
+import numpy as np
+
+from spikingtac.contact.registry import EventCountConfig, EventCountDetector
+from spikingtac.events.formats.arrays import ArraySource
+from spikingtac.events.create import NpzWriter
+from spikingtac.types import MarkerFrame
 
 
-def packet() -> st.EventPacket:
-    t_us = np.arange(5, dtype=np.int64)
-    x, y = np.full(5, 3, np.uint16), np.full(5, 4, np.uint16)
-    return st.EventPacket(x, y, t_us % 2 == 0, t_us, 0, 5, (70, 40))
+class StillTracker:
+    """Says that no marker ever moves."""
+
+    def __init__(self, calibration):
+        self._reference_px = calibration.reference_px
+
+    def absorb(self, packet):
+        pass
+
+    def estimate(self, t_us):
+        rest_px, none = self._reference_px, np.zeros(len(self._reference_px))
+        return MarkerFrame(t_us, rest_px, rest_px, np.zeros_like(rest_px), none > 0, none)
+
+    def reset(self):
+        pass
+
+
+def build_tracker(config, calibration, law):
+    return StillTracker(calibration)
+
+
+def build_detector(config, calibrations, quiet):
+    return EventCountDetector(EventCountConfig(threshold=len(list(quiet))))
+
+
+class MineSource(ArraySource):
+    """Reads .mine files."""
+
+    format = "MINE"
+'''
+
+# Group -> name -> object.
+POINTS = {
+    plugins.TRACKERS: {"still": "my_parts:build_tracker", "disc": "my_parts:build_tracker"},
+    plugins.READERS: {"mine": "my_parts:MineSource"},
+    plugins.WRITERS: {"mine": "my_parts:NpzWriter", "gone": "my_parts:NoSuchThing"},
+    plugins.DETECTORS: {
+        "count": "my_parts:build_detector",
+        "default": "my_parts:build_detector",
+        "gone": "my_parts:NoSuchThing",
+    },
+}
 
 
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    points = {
-        plugins.TRACKERS: {"still": "my_parts:build_tracker", "disc": "my_parts:build_tracker"},
-        plugins.READERS: {"mine": "my_parts:MineSource"},
-        plugins.WRITERS: {"mine": "my_parts:NpzWriter", "gone": "my_parts:NoSuchThing"},
-    }
-    install(tmp_path, points)
+    """A package as a third party would install it: a module beside a dist-info."""
+    (tmp_path / "my_parts.py").write_text(MODULE, encoding="utf-8")
+    info = tmp_path / "my_parts-1.2.dist-info"
+    info.mkdir()
+    metadata = "Metadata-Version: 2.1\nName: my-parts\nVersion: 1.2\n"
+    (info / "METADATA").write_text(metadata, encoding="utf-8")
+    lines: list[str] = []
+    for group, entries in POINTS.items():
+        lines += [f"[{group}]", *(f"{name} = {value}" for name, value in entries.items())]
+    (info / "entry_points.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     return tmp_path
 
 
 @pytest.mark.usefixtures("package")
-def test_an_experiment_compares_it() -> None:
+def test_an_experiment_compares_a_tracker() -> None:
     method = main_methods()["still"]
     assert "my-parts 1.2" in method.about
     assert method.key() != main_methods()["default"].key()
 
 
 def test_a_format_is_written_and_read(package: Path) -> None:
+    t_us, place = np.arange(5, dtype=np.int64), np.full(5, 3, np.uint16)
     with st.create_events(package / "a.mine", (70, 40)) as writer:
-        writer.write(packet())
+        writer.write(st.EventPacket(place, place, t_us % 2 == 0, t_us, 0, 5, (70, 40)))
     # Written as NPZ, whose signature picks the reader before the ending does.
     assert sum(len(part) for part in st.open_events(package / "a.mine")) == 5
     (package / "b.mine").write_bytes(b"something else")
     with pytest.raises(st.SpikingTacError):
         list(st.open_events(package / "b.mine"))
-
-
-def test_what_cannot_be_loaded_is_named(package: Path) -> None:
     with pytest.raises(ConfigError, match="my-parts"):
         st.create_events(package / "a.gone", (70, 40))
+
+
+@pytest.mark.usefixtures("package")
+def test_a_detector_is_made_by_its_name() -> None:
+    quiet, config = list(windows(1_000, seed=1)), DetectionConfig()
+    made = make_detector("count", config, [], islice(quiet, 200))
+    assert made.summary().figures == {"threshold": 200}
+    own = make_detector("default", config, [calibration()], quiet)
+    assert "scales_ms" in own.summary().figures
+    with pytest.raises(ConfigError, match="my-parts"):
+        make_detector("gone", config, [], quiet)
+    with pytest.raises(ConfigError, match=r"valid: event_count, default, count, gone"):
+        make_detector("unheard-of", config, [], quiet)
 
 
 def test_an_unknown_name_lists_what_there_is(tmp_path: Path) -> None:
     config = st.load_config("default").with_tracking(method="unheard-of")
     with pytest.raises(ConfigError, match="disc, bands, blobs"):
-        st.make_tracker(config.tracking, CALIBRATION)
+        st.make_tracker(config.tracking, calibration())
     (tmp_path / "a.mine").write_bytes(b"?")
     with pytest.raises(FormatError, match="mine"):
         st.open_events(tmp_path / "a.mine")

@@ -1,7 +1,5 @@
 """At 5 Hz/px of background the whole pipeline keeps every marker of the twin."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -51,10 +49,3 @@ def test_no_marker_is_lost_at_five_hertz_a_pixel(recording, preset):
     assert not held.any()
     assert error_px.max() < 0.5 * smallest_spacing_px(recording.truth.reference_px)
     assert error_px.mean() < 0.5
-
-
-def test_a_map_of_last_polarities_that_is_never_refreshed_loses_markers(recording):
-    config = load_config("paper")
-    kept = replace(config.tracking.blobs, refresh_us=0)
-    _, held = errors_px(recording, config.with_tracking(blobs=kept))
-    assert held[-1].any()

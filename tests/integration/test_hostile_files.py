@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stand_ins.hostile_files import FILE_NAMES, KINDS, mutated, seed_file
-from stand_ins.reading import outcome
+from stand_ins.hostile_files import FILE_NAMES, KINDS, mutated, outcome, seed_file
 
 MUTANTS = 25
 

@@ -241,9 +241,9 @@ def test_a_lost_controller_is_reported_at_once_and_found_again(
         arm.confirm_stop()
     assert time.monotonic() - start_s < 0.2 + SLACK_S
     wait_for(lambda: controller.twin.state() is ArmState.PROTECTIVE_STOP)
+    assert arm.end() == 0
     controller.start_again()
     controller.twin.recover()
-    assert arm.end() == 0
     with RemoteArm(controller.host) as new:
         wait_for(lambda: new.state() is ArmState.IDLE)
         target = new.pose().position_mm + np.array([1.0, 0.0, 0.0])

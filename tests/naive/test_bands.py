@@ -16,9 +16,8 @@ from spikingtac.markers.graded.bands import (
     normal_equations_kernel,
     solve_kernel,
 )
-from spikingtac.markers.registry import TrackingConfig, make_tracker
+from spikingtac.markers.registry import MarkerTracker, make_tracker
 from spikingtac.pipeline.follow import follow
-from spikingtac.state_map.bands import END_SHARE, THRESHOLD_MISMATCH, BandStateMap
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket
 from stand_ins.rare_off import (
@@ -36,36 +35,6 @@ from stand_ins.rare_off import (
 )
 
 TURN = 7
-
-
-def random_packet(seed: int, count: int) -> EventPacket:
-    rng = np.random.default_rng(seed)
-    columns = (rng.integers(0, side, count).astype(np.uint16) for side in (9, 7))
-    return EventPacket(*columns, rng.random(count) < 0.5, np.zeros(count, np.int64), 0, 1, (9, 7))
-
-
-@pytest.mark.parametrize("dark", [False, True])
-def test_the_map_equals_its_twin_however_it_is_cut(dark: bool) -> None:
-    rng = np.random.default_rng(1)
-    start, on, off = (rng.uniform(0.05, 0.4, (7, 9)).astype(np.float32) for _ in range(3))
-    state_map = BandStateMap(start, on, off, dark_markers=dark)
-    packet = random_packet(2, 600)
-    memory = start + 0.5 * (off.astype(float) - on)
-    variance, fired = (on + off.astype(float)) ** 2 / 12.0, np.zeros((7, 9))
-    for x, y, p in zip(packet.x, packet.y, packet.p, strict=True):
-        step = on[y, x] if p != dark else -off[y, x]
-        low, high = END_SHARE * off[y, x], 1.0 - END_SHARE * on[y, x]
-        memory[y, x] = min(max(memory[y, x] + step, low), high)
-        variance[y, x] += (THRESHOLD_MISMATCH * step) ** 2
-        fired[y, x] = state_map.turn
-    for first, last in ((0, 1), (1, 1), (1, 333), (333, 600)):
-        state_map.absorb(packet.part(first, last, 0, 1))
-    np.testing.assert_allclose(state_map.memory, memory, atol=1e-5)
-    np.testing.assert_allclose(state_map.variance, variance, rtol=1e-4)
-    np.testing.assert_array_equal(state_map.fired, fired)
-    state_map.reset()
-    np.testing.assert_array_equal(state_map.values, start)
-    assert not state_map.fired.any()
 
 
 def random_maps(seed: int) -> tuple[np.ndarray, ...]:
@@ -136,35 +105,30 @@ def test_levels_are_corrected_by_their_gain_and_never_beyond_their_band() -> Non
     assert 0.5 < agreement < 1.0
 
 
-@pytest.fixture(scope="module")
-def packet() -> EventPacket:
-    return rare_off_events()
+def course(
+    tracker: MarkerTracker, packet: EventPacket, cuts: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return times, us, and places, px, that a tracker finds in a stream of so many packets."""
+    edges = np.linspace(0, packet.t_end_us, cuts + 1).astype(int).tolist()
+    index = np.searchsorted(packet.t, edges).tolist()
+    spans = zip(index, index[1:], edges, edges[1:], strict=False)
+    frames = list(follow([packet.part(*span) for span in spans], tracker, 1_000.0))
+    places_px = np.array([frame.detected_px for frame in frames])
+    return np.array([frame.t_us for frame in frames]), places_px
 
 
-def errors_px(packet: EventPacket, preset: TrackingConfig, cuts: int = 1) -> np.ndarray:
-    edges = np.linspace(0, packet.t_end_us, cuts + 1).astype(np.int64)
-    index = np.searchsorted(packet.t, edges)
-    parts = [
-        packet.part(int(index[k]), int(index[k + 1]), int(edges[k]), int(edges[k + 1]))
-        for k in range(cuts)
-    ]
-    frames = list(follow(parts, make_tracker(preset, rare_off_calibration()), 1_000.0))
-    at = np.array([frame.t_us for frame in frames]) // PERIOD_US - 1
-    true_px = presses_px()[at.clip(0)]
-    return np.linalg.norm([frame.detected_px for frame in frames] - true_px, axis=2)
-
-
-def test_presses_of_a_sensor_with_rare_off_events_are_followed(packet: EventPacket) -> None:
-    preset = load_config("default").tracking
+def test_presses_of_a_sensor_with_rare_off_events_are_followed_however_they_are_cut() -> None:
+    packet, preset = rare_off_events(), load_config("default").tracking
     bands, graded = (
-        errors_px(packet, preset),
-        errors_px(packet, replace(preset, rare_off_method="")),
+        make_tracker(config, rare_off_calibration())
+        for config in (preset, replace(preset, rare_off_method=""))
     )
-    assert bands.mean() < 0.25
-    assert bands.max() < 1.0
-    assert bands.mean() < 0.7 * graded.mean()
-
-
-def test_any_cutting_gives_the_same_tracks(packet: EventPacket) -> None:
-    bands = TrackingConfig(method="bands")
-    np.testing.assert_array_equal(errors_px(packet, bands), errors_px(packet, bands, cuts=37))
+    t_us, found_px = course(bands, packet)
+    true_px = presses_px()[(t_us // PERIOD_US - 1).clip(0)]
+    error_px = np.linalg.norm(found_px - true_px, axis=2)
+    assert error_px.mean() < 0.25
+    assert error_px.max() < 1.0
+    other_px = np.linalg.norm(course(graded, packet)[1] - true_px, axis=2)
+    assert error_px.mean() < 0.7 * other_px.mean()
+    bands.reset()
+    np.testing.assert_array_equal(course(bands, packet, cuts=37)[1], found_px)

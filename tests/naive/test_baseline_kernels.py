@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
 import pytest
 
-from spikingtac import Calibration
 from spikingtac.types import EventPacket
 from spikingtac_paper.baselines.ekalibr import (
     moving_circle,
     normal_flow,
-    pair_arcs,
 )
 from spikingtac_paper.baselines.evetac import (
     TURN_RATIO,
-    EvetacConfig,
-    EvetacTracker,
     attraction,
     regularizer,
 )
@@ -96,19 +91,6 @@ def test_moving_circle_is_recovered() -> None:
     assert residual < 0.05
 
 
-def test_arcs_pair_along_their_motion_only() -> None:
-    behind = np.array([[1.0, 10.0, 10.0, 1.0, 0.0]])
-    for place, flow, found in (
-        ((22.0, 10.0), (1.0, 0.1), [[0, 0]]),
-        ((22.0, 10.0), (0.0, 1.0), []),
-        ((10.0, 22.0), (1.0, 0.0), []),
-        ((40.0, 10.0), (1.0, 0.0), []),
-    ):
-        before = np.array([[1.0, *place, *flow]])
-        assert pair_arcs(behind, before, 21.0).tolist() == found
-    assert len(pair_arcs(np.empty((0, 5)), behind, 21.0)) == 0
-
-
 def test_time_surface_against_its_formula() -> None:
     rng = np.random.default_rng(8)
     t = np.sort(rng.integers(0, 50_000, 300))
@@ -121,22 +103,3 @@ def test_time_surface_against_its_formula() -> None:
     for i in range(300):
         expected[y[i], x[i]] = (1.0 if p[i] else -1.0) * math.exp(-(60_000 - t[i]) / 20_000)
     np.testing.assert_allclose(surface.values, 0.5 + 0.5 * expected, atol=1e-5)
-
-
-def test_slices_are_the_same_however_the_stream_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(9)
-    t = np.sort(rng.integers(0, 20_000, 200))
-    x = np.arange(200, dtype=np.uint16)
-    whole = EventPacket(x, 0 * x, x > 0, t, 0, 25_000, (200, 4))
-    got: list[list[int]] = []
-    monkeypatch.setattr(EvetacTracker, "_advance", lambda _, x, y: got.append(x.tolist()))
-    calibration = Calibration(
-        reference_px=np.ones((2, 2)), radius_px=np.ones(2), grid=(1, 2), size=(200, 4)
-    )
-    tracker = EvetacTracker(EvetacConfig(), calibration)
-    monkeypatch.setattr(tracker, "_filter", lambda packet: packet)
-    edges = [0, *np.sort(rng.integers(0, 25_000, 30)).tolist(), 25_000]
-    for start, end in itertools.pairwise(edges):
-        first, last = np.searchsorted(t, (start, end))
-        tracker.absorb(whole.part(first, last, start, end))
-    assert got == [x[t // 1_000 == k].tolist() for k in np.unique(t // 1_000)]

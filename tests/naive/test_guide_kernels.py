@@ -47,20 +47,6 @@ def test_levels_are_those_of_a_plain_loop(spread_us: int) -> None:
         np.testing.assert_array_equal(found, expected)
 
 
-def test_a_slow_rise_is_noise() -> None:
-    levels = StreamedLevels((2, 1))
-    for second in range(8):
-        one = np.zeros(1, np.uint16)
-        levels.absorb(
-            EventPacket(
-                one, one, np.ones(1, bool), np.array([second * 600_000], np.int64),
-                second * 600_000, (second + 1) * 600_000, (2, 1),
-            )
-        )  # fmt: skip
-    assert levels.level[0, 0, 0] == 1.0
-    assert not levels.swung.any()
-
-
 def test_steps_are_learned_from_swings() -> None:
     """Pixels go up by eight ON events and down by four OFF ones, again and again."""
     width = 50

@@ -71,9 +71,7 @@ def plain(events: EventPacket, known: set[tuple[int, int]]) -> tuple[list[int], 
 
 def kept_by(watch: HotPixelWatch, events: EventPacket, cut: int) -> list[int]:
     """Return the times of the events that are kept of packets of so many events."""
-    parts = [
-        events.select(np.arange(i, min(i + cut, len(events)))) for i in range(0, len(events), cut)
-    ]
+    parts = (events.select(slice(i, i + cut)) for i in range(0, len(events), cut))
     return [int(t) for part in parts for t in watch.kept(part).t]
 
 
@@ -101,26 +99,17 @@ def test_any_packing_finds_what_plain_counts_find(seed: int) -> None:
         assert watch.hot.sum() == found + 1
 
 
-def pressed() -> EventPacket:
-    """Return five times three presses; a pixel beside a rim becomes hot after a second."""
-    once, span_us, end_us = rare_off_events(), 1_500_000, 7_500_000
+def test_the_mask_of_a_tracker_depends_on_no_packing_and_a_reset_forgets_it() -> None:
+    """Five times three presses; a pixel beside a rim becomes hot after a second."""
+    once, end_us, ends = rare_off_events(), 7_500_000, []
     x, y = (np.tile(column, 5).astype(int) for column in (once.x, once.y))
-    t = np.concatenate([once.t + span_us * k for k in range(5)])
+    t = np.concatenate([once.t + 1_500_000 * k for k in range(5)])
     hot = sending(*(REST_PX[0] + [RADIUS_PX + 2, 0]).astype(int), 400.0, (1.0, end_us / 1e6))
-    columns = np.column_stack([x, y, t]), hot
-    return packet(*np.concatenate(columns).T, PRESSED_SIZE)
-
-
-@pytest.mark.parametrize("fit", ["disc", "bands"])
-def test_the_mask_depends_on_no_packing_and_a_reset_forgets_it(fit: str) -> None:
-    whole = pressed()
-    ends: list[np.ndarray] = []
+    whole = packet(*np.concatenate([np.column_stack([x, y, t]), hot]).T, PRESSED_SIZE)
     for pieces in (1, 50):
-        tracker = GradedTracker(GradedTrackerConfig(), rare_off_calibration(), fit=fit)
+        tracker = GradedTracker(GradedTrackerConfig(), rare_off_calibration(), fit="disc")
         rest = whole
-        for at_us in (
-            np.linspace(whole.t_start_us, whole.t_end_us, pieces + 1)[1:-1].astype(int).tolist()
-        ):
+        for at_us in np.linspace(whole.t_start_us, end_us, pieces + 1)[1:-1].astype(int).tolist():
             first, rest = rest.split(at_us)
             tracker.absorb(first)
         tracker.absorb(rest)

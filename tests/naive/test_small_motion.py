@@ -8,7 +8,6 @@ import pytest
 from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig
 from spikingtac.sim.camera.pixels import KEY_SHIFT
 from spikingtac.sim.camera.sensor import make_sensor, settle_sensor
-from spikingtac_paper.free_motion.free_rig import lag_coefficients
 from spikingtac_paper.free_motion.small_motion import (
     EDGE_DTYPE,
     EdgePixels,
@@ -154,17 +153,3 @@ def test_sway_equals_visiting_every_pixel_in_every_step() -> None:
         for (t_us, on), (plain_us, plain_on) in zip(found, plain[index], strict=True):
             assert on == plain_on
             assert t_us == pytest.approx(plain_us, abs=5)
-
-
-def test_low_pass_follows_a_ramp_with_its_lag() -> None:
-    from scipy.signal import lfilter
-
-    b, a = lag_coefficients(400.0, STEP_US)
-    ramp = np.arange(1, 200, dtype=float)
-    seen = lfilter(b, a, ramp)
-    assert seen[-1] == pytest.approx(ramp[-1] - 0.4, abs=1e-9)
-    fine = np.arange(1, 2001) * 1e-3
-    level = 0.0
-    for value in fine:
-        level += (value - level) * (1.0 - math.exp(-1.0 / 400.0))
-    assert lfilter(b, a, [1.0, 2.0])[-1] == pytest.approx(level, abs=3e-3)

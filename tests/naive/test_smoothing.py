@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
-import pytest
 
-from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
     AT_US,
@@ -16,12 +12,10 @@ from spikingtac.markers.graded.motion import (
     predict_kernel,
     resting_motion,
 )
-from spikingtac.markers.laws import OutputLaw
 from spikingtac.markers.smoothing import (
     LOST_PX,
     place_sigma_px,
     smooth_places,
-    smoothed,
     state_of,
 )
 from spikingtac.types import MarkerFrame
@@ -102,8 +96,3 @@ def test_a_deviation_is_largest_where_dead_bands_hide_a_motion_and_grows_with_th
     assert still < far < 0.06 < half < 0.15
     fast = place_sigma_px(way_px[2:], np.array([[1.0, 0.0]]))[0]
     assert fast[0] > fast[1] + 0.03
-
-
-def test_a_tracker_without_a_filter_is_refused() -> None:
-    with pytest.raises(ConfigError, match="smooth with the preset default or fast"):
-        next(smoothed([], SimpleNamespace(), OutputLaw()))  # type: ignore[arg-type]

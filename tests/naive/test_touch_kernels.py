@@ -92,12 +92,3 @@ def test_the_stream_looks_at_the_changes_and_motions_of_the_last_spans() -> None
     own = slip.motion_features(motions, now, np.array(slip.MOTION_SPANS_US) / 1e6)
     expected = np.concatenate([shape, changed.ravel(), own.ravel()])
     np.testing.assert_allclose(found, expected.clip(-6.0, 6.0), rtol=1e-8)
-
-
-def test_a_field_at_rest_has_features() -> None:
-    stream = slip.FeatureStream(PLACES)
-    stream.update(0, np.zeros(PLACES.shape))
-    found = stream.update(1_000, np.zeros(PLACES.shape))
-    assert found is not None
-    assert np.isfinite(found).all()
-    assert stream.still

@@ -15,12 +15,15 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
+from spikingtac.denoise.classical import Box7, Denoiser, Median3
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.markers.blobs import find_blobs
 from spikingtac.markers.calibration.calibrate import calibrate
-from spikingtac.markers.registry import make_tracker
+from spikingtac.markers.paper import PAPER_RATE_HZ, BlobTracker, BlobTrackerConfig
+from spikingtac.markers.registry import MarkerTracker, make_tracker
 from spikingtac.pipeline.follow import follow
+from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket
 
@@ -29,13 +32,14 @@ RATE_HZ = 1_000.0
 # A marker counts as lost when it is off by more than 5 px for more than 50 ms.
 LOST_PX, LOST_FRAMES = 5.0, 50
 
-# Enough for a bias; the whole recording is tracked like that in test_published_front_end.py.
-HALF_OF_MIX_US = 4_500_000
-
 
 @cache
 def calibration(folder: Path) -> Calibration:
     return calibrate(open_events(folder / "bootstrap.raw"))
+
+
+def tracker_of(folder: Path, preset: str) -> MarkerTracker:
+    return make_tracker(load_config(preset).tracking, calibration(folder))
 
 
 def true_positions(truth: dict[str, np.ndarray], t_us: np.ndarray) -> np.ndarray:
@@ -46,11 +50,12 @@ def true_positions(truth: dict[str, np.ndarray], t_us: np.ndarray) -> np.ndarray
 
 
 class Outcome:
-    """How a preset did on mix.raw."""
+    """How a tracker did on mix.raw."""
 
-    def __init__(self, folder: Path, preset: str, packets: Iterable[EventPacket]) -> None:
-        tracker = make_tracker(load_config(preset).tracking, calibration(folder))
-        frames = list(follow(packets, tracker, RATE_HZ))
+    def __init__(
+        self, folder: Path, tracker: MarkerTracker, packets: Iterable[EventPacket], rate_hz: float
+    ) -> None:
+        frames = list(follow(packets, tracker, rate_hz))
         t_us = np.array([frame.t_us for frame in frames])
         self.detected_px = np.array([frame.detected_px for frame in frames])
         self.coasted = np.array([frame.coasted for frame in frames])
@@ -58,7 +63,7 @@ class Outcome:
         self.error_px = np.linalg.norm(self.detected_px - self.truth_px, axis=2)
         self.mean_px = float(self.error_px.mean())
         self.p95_px = float(np.percentile(self.error_px, 95))
-        print(f"{preset}: mean {self.mean_px:.3f} px, p95 {self.p95_px:.3f} px (v2e, simulated)")
+        print(f"mean {self.mean_px:.3f} px, p95 {self.p95_px:.3f} px (v2e, simulated)")
 
     def lost(self) -> int:
         off = self.error_px > LOST_PX
@@ -92,7 +97,7 @@ def test_calibration_from_an_empty_map(data_dir: Path) -> None:
 )
 def test_mix_is_tracked(data_dir: Path, preset: str, mean_px: float, p95_px: float) -> None:
     folder = data_dir / "v2e"
-    outcome = Outcome(folder, preset, open_events(folder / "mix.raw"))
+    outcome = Outcome(folder, tracker_of(folder, preset), open_events(folder / "mix.raw"), RATE_HZ)
     assert outcome.mean_px < mean_px
     assert outcome.p95_px < p95_px
     assert outcome.lost() == 0
@@ -104,25 +109,53 @@ def test_a_third_of_the_events_may_be_lost(data_dir: Path) -> None:
     folder = data_dir / "v2e"
     rng, whole = np.random.default_rng(11), open_events(folder / "mix.raw")
     kept = (packet.select(rng.random(len(packet)) >= 0.3) for packet in whole)
-    outcome = Outcome(folder, "default", kept)
+    outcome = Outcome(folder, tracker_of(folder, "default"), kept, RATE_HZ)
     assert outcome.mean_px < 0.165
     assert outcome.lost() == 0
     assert outcome.swaps() == 0
 
 
-def test_the_graded_map_finds_the_rotating_dot_in_every_window(data_dir: Path) -> None:
-    """A real sensor; nothing is known of it, so that the map begins empty with a nominal step."""
+@pytest.mark.parametrize("denoiser", [Median3(), Box7()], ids=["median3", "box7"])
+def test_the_published_front_end_has_its_bias(data_dir: Path, denoiser: Denoiser) -> None:
+    """It runs as the paper's does, about a pixel behind the truth in motion."""
+    folder = data_dir / "v2e"
+    truth = dict(np.load(folder / "bootstrap.truth.npz"))
+    known = Calibration(
+        reference_px=truth["reference_px"].astype(np.float64),
+        radius_px=truth["radius_px"].astype(np.float64),
+        grid=(8, 8),
+        size=(320, 320),
+    )
+    tracker = BlobTracker(BlobTrackerConfig(support_us=0, refresh_us=0), known, denoiser)
+    outcome = Outcome(folder, tracker, open_events(folder / "mix.raw"), PAPER_RATE_HZ)
+    assert outcome.error_px.shape[1] == 64
+    assert 0.7 < outcome.mean_px < 1.25, "the bias of the last-polarity map: neither gone nor grown"
+    assert outcome.p95_px < 2.0
+    assert np.median(outcome.error_px[-PAPER_RATE_HZ:], axis=0).max() < 5.0, "no marker is lost"
+    assert outcome.coasted.mean() < 0.001
+
+
+@pytest.mark.parametrize("graded", [False, True])
+def test_the_rotating_dot_is_found_in_every_window(data_dir: Path, graded: bool) -> None:
+    """A real sensor, a real dot that moves 13 px per ms: it is whole after three to four windows.
+
+    It is dark, so polarities swap. The graded map begins empty with a nominal step.
+    """
     source = open_events(data_dir / "real" / "evt2_rotating_dot.raw")
-    width, height = source.size
-    state_map = GradedStateMap(np.zeros((height, width), np.float32), 0.3, 0.3, dark_markers=True)
+    empty = np.zeros(source.size[::-1], np.float32)
+    state_map = (
+        GradedStateMap(empty, 0.3, 0.3, dark_markers=True)
+        if graded
+        else BinaryStateMap(source.size, dark_markers=True)
+    )
     centers = []
     for index, window in enumerate(windows(source, 1_000)):
         state_map.absorb(window)
-        if index < 5:
-            continue
-        blobs = find_blobs(state_map.values, areas_px=(200.0, 2_000.0))
-        assert len(blobs) == 1, f"window {index}"
-        centers.append(blobs.center_px[0])
+        level = state_map.values if graded else Median3().clean(state_map.values)
+        blobs = find_blobs(level, areas_px=(200.0, 2_000.0))
+        if index >= 5:
+            assert len(blobs) == 1, f"window {index}"
+            centers.append(blobs.center_px[0])
     points = np.array(centers)
     design = np.column_stack([2.0 * points, np.ones(len(points))])
     solved, *_ = np.linalg.lstsq(design, (points**2).sum(axis=1), rcond=None)

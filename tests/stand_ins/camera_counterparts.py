@@ -30,6 +30,7 @@ from spikingtac.events.evt.raw import format_header
 from spikingtac.types import EventPacket
 from stand_ins.camera_modules import DriversDevice, HalDevice, drivers_module, hal_module
 from stand_ins.openmv_board import OpenMvBoard
+from stand_ins.random_packets import packet_of
 
 SIZE = (320, 320)
 
@@ -48,9 +49,9 @@ END_MARKS = {
 def events(count: int = 3_000, first_us: int = 1_000, seed: int = 0) -> EventPacket:
     """Return events at 1 Mev/s without order in place."""
     rng = np.random.default_rng(seed)
-    t = np.sort(rng.integers(first_us, first_us + count, count)).astype(np.int64)
-    x, y = (rng.integers(0, side, count).astype(np.uint16) for side in SIZE)
-    return EventPacket(x, y, rng.random(count) < 0.5, t, first_us, int(t[-1]) + 1, SIZE)
+    t = np.sort(rng.integers(first_us, first_us + count, count))
+    x, y = (rng.integers(0, side, count) for side in SIZE)
+    return packet_of(t, x, y, rng.random(count) < 0.5, SIZE)
 
 
 def words_of(packet: EventPacket, encoding: str) -> bytes:
@@ -174,6 +175,7 @@ DV_WRITER = """
 import sys
 import dv_processing as dv
 import numpy as np
+from stand_ins.random_packets import packet_of
 stream = dv.io.Stream.EventStream(0, "events", "TWIN_320", (320, 320))
 writer = dv.io.NetworkWriter("127.0.0.1", int(sys.argv[1]), stream)
 print("listening", flush=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from spikingtac.state_map.binary import paint_binary_discs
-from spikingtac.types import EventPacket
 from spikingtac_paper.training.dataset import Clip
+from stand_ins.random_packets import packet_of
 
 SIZE = (64, 48)
 RADIUS_PX = 7.0
@@ -28,10 +28,7 @@ def moving_disc(seed: int = 0) -> Clip:
             t = np.full(len(x), move * SPAN_US // (MOVES + 1) + 100 * repeat)
             rows.append(np.stack([t, x, y, after[y, x] > 0.5]))
         before = after
-    t, x, y, p = np.concatenate(rows, axis=1).astype(np.int64)
-    events = EventPacket(
-        x.astype(np.uint16), y.astype(np.uint16), p.astype(bool), t, 0, SPAN_US, SIZE
-    )
+    events = packet_of(*np.concatenate(rows, axis=1), SIZE, (0, SPAN_US))
     return Clip(f"disc-{seed}", events, start)
 
 

@@ -1,16 +1,20 @@
-"""Event files of every format, and what random damage makes of them."""
+"""Event files of every format, what random damage makes of them, and how they are read."""
 
 from __future__ import annotations
 
 import gzip
 import struct
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
-from spikingtac.events import create_events
+from spikingtac.errors import SpikingTacError
+from spikingtac.events import create_events, open_events
+from spikingtac.events.windows import windows
 from spikingtac.types import EventPacket
 from stand_ins.bags import cdr, mcap_file, packet_words, ros1_bag, write_db3
+from stand_ins.random_packets import random_packet
 
 SIZE = (320, 320)
 SEED_EVENTS = 4_000
@@ -21,6 +25,9 @@ CONTAINERS = (
 KINDS = (*RAW_KINDS, *CONTAINERS)
 
 FILE_NAMES = {kind: "a.raw" for kind in RAW_KINDS} | {kind: f"a.{kind}" for kind in CONTAINERS}
+
+WINDOW_US = 10_000
+MOST_WINDOWS = 1_000_000  # Windows that are looked at: damaged times may claim days of silences.
 
 # Numbers that lengths and times are replaced by.
 ODD_NUMBERS = (0, 1, 0x7F, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 1 << 59, (1 << 64) - 1)
@@ -82,12 +89,35 @@ def mutated(data: bytes, rng: np.random.Generator) -> bytes:
     return bytes(out)
 
 
+def outcome(path: Path) -> str:
+    """Return ``read`` or ``refused`` for a file; anything else that happens is an error.
+
+    Raises:
+        AssertionError: A packet breaks what packets promise.
+        Exception: Whatever else the reader raised that is no error of this package.
+    """
+    try:
+        source = open_events(path)
+        end_us = None
+        for packet in source:
+            assert end_us in (None, packet.t_start_us), "spans with gaps"
+            end_us = packet.t_end_us
+            assert len(packet.x) == len(packet.y) == len(packet.p) == len(packet.t)
+            if len(packet):
+                assert packet.t[0] >= packet.t_start_us, "an event before its packet"
+                assert packet.t[-1] < packet.t_end_us, "an event after its packet"
+                assert (np.diff(packet.t) >= 0).all(), "time goes back"
+                assert packet.x.max() < source.size[0], "a column beyond the sensor"
+                assert packet.y.max() < source.size[1], "a row beyond the sensor"
+        for _ in islice(windows(source, WINDOW_US), MOST_WINDOWS):
+            pass
+    except SpikingTacError as error:
+        return "refused" if str(error) else "an error without words"
+    return "read"
+
+
 def _events() -> EventPacket:
-    rng = np.random.default_rng(5)
-    t = np.cumsum(rng.integers(0, 50, SEED_EVENTS)).astype(np.int64)
-    x = rng.integers(0, SIZE[0], SEED_EVENTS).astype(np.uint16)
-    y = rng.integers(0, SIZE[1], SEED_EVENTS).astype(np.uint16)
-    return EventPacket(x, y, rng.random(SEED_EVENTS) < 0.5, t, 0, int(t[-1]) + 1, SIZE)
+    return random_packet(5, SEED_EVENTS, SIZE, steps_us=50)
 
 
 def _write(path: Path, encoding: str | None) -> None:

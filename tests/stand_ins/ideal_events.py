@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import packet_of
 
 CONTRAST = 6.0
 THRESHOLD = 0.25
@@ -46,6 +47,4 @@ def ideal_events(
         columns.append(np.repeat(fired, times, axis=1))
     x, y, p, t = np.concatenate(columns, axis=1)
     end_us = len(path_px) * step_us
-    return EventPacket(
-        x.astype(np.uint16), y.astype(np.uint16), p > 0, t.astype(np.int64), 0, end_us, size
-    )
+    return packet_of(t, x, y, p, size, (0, end_us))

@@ -12,6 +12,7 @@ from spikingtac.contact.detector import (
 )
 from spikingtac.events.source import PacketSource
 from spikingtac.types import Contact, EventPacket, MarkerFrame
+from stand_ins.random_packets import packet_of
 
 SIZE = (32, 24)
 
@@ -19,20 +20,10 @@ SIZE = (32, 24)
 def random_packets(seed: int, packets: int, per_packet: int = 40) -> list[EventPacket]:
     rng = np.random.default_rng(seed)
     made = []
-    for index in range(packets):
-        start_us = 5_000 + index * 10_000
-        n = int(rng.integers(0, per_packet))
-        made.append(
-            EventPacket(
-                rng.integers(0, SIZE[0], n).astype(np.uint16),
-                rng.integers(0, SIZE[1], n).astype(np.uint16),
-                rng.integers(0, 2, n).astype(bool),
-                np.sort(rng.integers(start_us, start_us + 10_000, n)).astype(np.int64),
-                start_us,
-                start_us + 10_000,
-                SIZE,
-            )
-        )
+    for start_us in range(5_000, 5_000 + packets * 10_000, 10_000):
+        n, span_us = int(rng.integers(0, per_packet)), (start_us, start_us + 10_000)
+        x, y, p = (rng.integers(0, below, n) for below in (*SIZE, 2))
+        made.append(packet_of(np.sort(rng.integers(*span_us, n)), x, y, p, SIZE, span_us))
     return made
 
 

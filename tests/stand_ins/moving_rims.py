@@ -8,6 +8,7 @@ import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import packet_of
 
 SIZE = (130, 130)
 RADIUS_PX = 7.0
@@ -50,7 +51,5 @@ def windows(
             p.append(bool(normal @ velocity > 0.0))
         start = PERIOD_US * number
         t = np.sort(rng.integers(start, start + PERIOD_US, len(x)))
-        yield EventPacket(
-            np.array(x, np.uint16), np.array(y, np.uint16), np.array(p, np.bool_),
-            t.astype(np.int64), start, start + PERIOD_US, SIZE,
-        )  # fmt: skip
+        span_us = start, start + PERIOD_US
+        yield packet_of(t, np.array(x), np.array(y), np.array(p), SIZE, span_us)

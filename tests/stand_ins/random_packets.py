@@ -13,12 +13,17 @@ Rows = list[tuple[int, int, int, bool]]
 
 
 def packet_of(
-    t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, size: tuple[int, int]
+    t: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    p: np.ndarray,
+    size: tuple[int, int],
+    span_us: tuple[int, int] | None = None,
 ) -> EventPacket:
-    """Return a packet from its first event to its last."""
-    span_us = (int(t[0]), int(t[-1]) + 1) if len(t) else (0, 0)
-    address = x.astype(np.uint16), y.astype(np.uint16)
-    return EventPacket(*address, p.astype(np.bool_), t.astype(np.int64), *span_us, size)
+    """Return a packet over a span, or from its first event to its last."""
+    x, y = x.astype(np.uint16), y.astype(np.uint16)
+    span_us = span_us or ((int(t[0]), int(t[-1]) + 1) if len(t) else (0, 0))
+    return EventPacket(x, y, p.astype(np.bool_), t.astype(np.int64), *span_us, size)
 
 
 def random_packet(

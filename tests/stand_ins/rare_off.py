@@ -9,6 +9,7 @@ import numpy as np
 from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import packet_of
 
 SIZE = (96, 64)
 REST_PX = np.array([[24.0, 20.0], [62.0, 20.0], [24.0, 46.0], [62.0, 46.0]])
@@ -54,9 +55,7 @@ def rare_off_events(seed: int = 1) -> EventPacket:
     order = np.argsort(t_us, kind="stable")
     y, x = np.divmod(pixels[order], SIZE[0])
     end_us = len(presses_px()) * PERIOD_US
-    return EventPacket(
-        x.astype(np.uint16), y.astype(np.uint16), rises[order], t_us[order], 0, end_us, SIZE
-    )
+    return packet_of(t_us[order], x, y, rises[order], SIZE, (0, end_us))
 
 
 def rare_off_calibration() -> Calibration:

@@ -1,78 +1,75 @@
-"""An arm driver in a process of its own, spoken to in lines of JSON over its standard streams.
+"""An arm driver in a process of its own.
 
-ur_rtde is native code that a wrong answer of a controller can crash; a test must survive that. Run
-as a script, this file is the process: it drives one URArm.
+ur_rtde is native code that a wrong answer of a controller can crash; a test must survive that.
 """
 
 from __future__ import annotations
 
-import itertools
-import json
-import subprocess
-import sys
+import contextlib
+import multiprocessing
 import time
-from pathlib import Path
+from functools import partial
 from typing import Any
 
-import numpy as np
+from spikingtac.errors import SpikingTacError
+from spikingtac.robot import ur
 
-from spikingtac import errors
-from spikingtac.robot.arm import ArmState
-from spikingtac.types import Pose
+METHODS = ("pose", "speed_mm_s", "move_linear", "stop", "confirm_stop", "state", "close")
 
-ANSWER = "answer: "
+
+def drive(pipe: Any, host: str, constants: dict[str, Any]) -> None:
+    """Open an arm and call its methods as told, until the pipe is closed."""
+    for name, value in constants.items():
+        setattr(ur, name.upper(), value)
+    try:
+        arm = ur.URArm(host)
+    except SpikingTacError as error:
+        pipe.send(error)
+        return
+    time.sleep(0.05)
+    pipe.send(None)
+    with contextlib.suppress(EOFError):
+        while True:
+            name, arguments = pipe.recv()
+            try:
+                pipe.send(getattr(arm, name)(*arguments))
+            except SpikingTacError as error:
+                pipe.send(error)
 
 
 class RemoteArm:
-    """A URArm in another process; see :class:`spikingtac.robot.arm.Arm`."""
+    """A URArm in another process, with the methods of :class:`spikingtac.robot.arm.Arm`.
 
-    def __init__(self, host: str, **config: Any) -> None:
-        command = [sys.executable, str(Path(__file__)), host, json.dumps(config)]
-        self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-            text=True,
-        )  # fmt: skip
+    Args:
+        host: The controller's address.
+        constants: What replaces constants of :mod:`spikingtac.robot.ur`.
+    """
+
+    def __init__(self, host: str, **constants: Any) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, there = context.Pipe()
+        self._process = context.Process(target=drive, args=(there, host, constants), daemon=True)
+        self._process.start()
+        there.close()
+        for name in METHODS:
+            setattr(self, name, partial(self._call, name))
         try:
-            self._read()
-        except errors.SpikingTacError:
-            self.end()
+            self._answer()
+        except SpikingTacError:
+            self.kill()
             raise
 
     def __enter__(self) -> RemoteArm:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        if self._process.returncode is None:
-            self.kill()
+        self.kill()
 
-    def pose(self) -> Pose:
-        position, rotation = self._call("pose")
-        return Pose(np.array(position), np.array(rotation))
-
-    def speed_mm_s(self) -> np.ndarray:
-        return np.array(self._call("speed_mm_s"))
-
-    def move_linear(self, target_mm: np.ndarray, speed_mm_s: float) -> None:
-        self._call("move_linear", np.asarray(target_mm).tolist(), speed_mm_s)
-
-    def stop(self) -> None:
-        self._call("stop")
-
-    def confirm_stop(self) -> None:
-        self._call("confirm_stop")
-
-    def state(self) -> ArmState:
-        return ArmState(self._call("state"))
-
-    def close(self) -> None:
-        self._call("close")
-
-    def end(self) -> int:
+    def end(self) -> int | None:
         """End the process and return its exit code."""
-        for stream in (self._process.stdin, self._process.stdout):
-            if stream is not None:
-                stream.close()
-        return self._process.wait(20.0)
+        self._pipe.close()
+        self._process.join(20.0)
+        return self._process.exitcode
 
     def kill(self) -> None:
         """End the process at once, as when this computer dies."""
@@ -80,57 +77,11 @@ class RemoteArm:
         self.end()
 
     def _call(self, name: str, *arguments: Any) -> Any:
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps([name, *arguments]) + "\n")
-        self._process.stdin.flush()
-        return self._read()
+        self._pipe.send((name, arguments))
+        return self._answer()
 
-    def _read(self) -> Any:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:  # ur_rtde prints there too
-            if line.startswith(ANSWER):
-                # ur_rtde may go on in the same line, from another thread.
-                (kind, value), _ = json.JSONDecoder().raw_decode(line[len(ANSWER) :])
-                if kind != "done":
-                    raise getattr(errors, kind)(value)
-                return value
-        raise RuntimeError(f"the driver's process ended with {self._process.wait(20.0)}")
-
-
-def main() -> None:
-    """Drive one arm as told on the standard input."""
-    from spikingtac.robot import ur
-
-    arm = None
-
-    def serve(name: str, *arguments: Any) -> Any:
-        nonlocal arm
-        if arm is None:
-            for constant, value in json.loads(sys.argv[2]).items():
-                setattr(ur, constant.upper(), value)
-            arm = ur.URArm(sys.argv[1])
-            time.sleep(0.05)
-            return None
-        value = getattr(arm, name)(*arguments)
-        if isinstance(value, Pose):
-            return [value.position_mm.tolist(), value.rotation.tolist()]
-        if isinstance(value, ArmState):
-            return value.value
-        return value.tolist() if isinstance(value, np.ndarray) else value
-
-    def answer(kind: str, value: Any) -> None:
-        print("\n" + ANSWER + json.dumps([kind, value]), flush=True)
-
-    for line in itertools.chain(['["open"]'], sys.stdin):
-        _reply(serve, answer, line)
-
-
-def _reply(serve: Any, answer: Any, line: str) -> None:
-    try:
-        answer("done", serve(*json.loads(line)))
-    except errors.SpikingTacError as error:
-        answer(type(error).__name__, str(error))
-
-
-if __name__ == "__main__":
-    main()
+    def _answer(self) -> Any:
+        answer = self._pipe.recv()  # an EOFError: the driver's process has ended
+        if isinstance(answer, Exception):
+            raise answer
+        return answer

@@ -8,6 +8,7 @@ import numpy as np
 
 from spikingtac.types import EventPacket
 from stand_ins.ideal_events import ideal_events
+from stand_ins.random_packets import packet_of
 
 SIZE, GRID, PITCH_PX, RADIUS_PX = (182, 144), (3, 4), 38.0, 7.0
 MARKERS = GRID[0] * GRID[1]
@@ -37,12 +38,14 @@ def packets_of_trips(trips: list[np.ndarray], noise_hz: float = 0.2) -> list[Eve
     t = events.t + (1 + events.t // (STEPS * STEP_US)) * REST_US
     end_us = len(path) * STEP_US + (len(trips) + 1) * REST_US
     count = rng.poisson(noise_hz * SIZE[0] * SIZE[1] * end_us / 1e6)
-    x = np.append(events.x, rng.integers(0, SIZE[0], count)).astype(np.uint16)
-    y = np.append(events.y, rng.integers(0, SIZE[1], count)).astype(np.uint16)
+    x, y = (
+        np.append(known, rng.integers(0, side, count))
+        for known, side in zip((events.x, events.y), SIZE, strict=True)
+    )
     p = np.append(events.p, rng.random(count) < 0.5)
     t = np.append(t, rng.integers(0, end_us, count))
     order = np.argsort(t, kind="stable")
-    whole = EventPacket(x[order], y[order], p[order], t[order], 0, end_us, SIZE)
+    whole = packet_of(*(column[order] for column in (t, x, y, p)), SIZE, (0, end_us))
     edges = np.append(np.arange(0, end_us, 20_000), end_us)
     cuts = np.searchsorted(whole.t, edges)
     spans = zip(cuts, cuts[1:], edges, edges[1:], strict=False)

@@ -15,6 +15,7 @@ from spikingtac.events.source import EventSource
 from spikingtac.types import Contact, EventPacket, LossCounters, MarkerFrame
 from spikingtac.viewer.source import SampledTruth, ViewSource
 from stand_ins.live import BurstDetector
+from stand_ins.random_packets import packet_of
 
 SIZE = (320, 320)
 GRID = (8, 8)
@@ -63,15 +64,7 @@ class CirclingDots(EventSource):
                 y = np.append(y, rng.integers(0, SIZE[1], self._noise))
                 p = np.append(p, rng.random(self._noise) < 0.5)
             t = np.sort(rng.integers(start_us, start_us + PACKET_US, len(x)))
-            yield EventPacket(
-                x.astype(np.uint16),
-                y.astype(np.uint16),
-                p,
-                t.astype(np.int64),
-                start_us,
-                start_us + PACKET_US,
-                SIZE,
-            )
+            yield packet_of(t, x, y, p, SIZE, (start_us, start_us + PACKET_US))
 
 
 @dataclass(frozen=True, kw_only=True)
