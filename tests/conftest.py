@@ -48,27 +48,10 @@ def pytest_xdist_auto_num_workers() -> int:
 FOLDERS = ("naive", "real", "integration")
 
 
-WAITING_SHARE = 0.5  # Part of all files that the last one of those that wait comes after.
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the files that take longest first, and spread those that wait among them.
-
-    Each file's tests keep their order. Where two files wait at once, a core does nothing.
-    """
-    folders = [*FOLDERS, *sorted({_folder(item) for item in items}.difference(FOLDERS))]
-    items.sort(key=lambda item: folders.index(_folder(item)))
-    waits = {item.path: item.get_closest_marker("waits") is not None for item in items}
-    place: dict[Path, float] = {}
-    for some, end in ((False, 1.0), (True, WAITING_SHARE)):
-        files = [path for path, waiting in waits.items() if waiting == some]
-        place |= {path: end * k / len(files) for k, path in enumerate(files)}
-    items.sort(key=lambda item: place[item.path])
-
-
-def _folder(item: pytest.Item) -> str:
-    tests = PROJECT / "tests"
-    return item.path.relative_to(tests).parts[0] if tests in item.path.parents else ""
+    """Put the folders that take longest first; each file's tests keep their order."""
+    first = {PROJECT / "tests" / name: place for place, name in enumerate(FOLDERS)}
+    items.sort(key=lambda item: first.get(item.path.parent, len(FOLDERS)))
 
 
 @pytest.fixture(scope="session")

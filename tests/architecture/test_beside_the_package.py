@@ -7,7 +7,7 @@ be noticed by the first person who runs one.
 import ast
 import importlib
 import re
-from collections.abc import Iterator
+import sys
 from pathlib import Path
 
 import pytest
@@ -24,38 +24,28 @@ PROGRAMS = sorted(
 OWN = ("spikingtac", "stand_ins")
 
 
-def own_imports(tree: ast.AST) -> Iterator[tuple[str, list[str]]]:
-    """Yield each module of ours that a program imports, and the names that it takes from it."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            if node.module.split(".")[0] in OWN:
-                yield node.module, [name.name for name in node.names]
-        elif isinstance(node, ast.Import):
-            yield from ((n.name, []) for n in node.names if n.name.split(".")[0] in OWN)
-
-
-def missing_from(module_name: str, names: list[str]) -> list[str]:
-    if not is_module(module_name):
-        return [module_name]
-    module = importlib.import_module(module_name)
-    absent = [name for name in names if not hasattr(module, name)]
-    return [f"{module_name}.{name}" for name in absent if not is_module(f"{module_name}.{name}")]
-
-
-def is_module(name: str) -> bool:
-    """Return whether there is such a module; skip the test if a library of an extra is not."""
-    try:
-        return importlib.import_module(name) is not None
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.split(".")[0] in OWN:
-            return False
-        pytest.skip(f"{name} needs {error.name}")
+def missing(node: ast.ImportFrom) -> list[str]:
+    """Return what an import names in vain; skip the test if a library of an extra is absent."""
+    absent = []
+    for name in ("", *(f".{alias.name}" for alias in node.names)):
+        try:
+            importlib.import_module(f"{node.module}{name}")
+        except ModuleNotFoundError as error:
+            if error.name is not None and error.name.split(".")[0] not in OWN:
+                pytest.skip(f"{node.module} needs {error.name}")
+            module = sys.modules.get(node.module or "")
+            absent += [] if hasattr(module, name[1:] or "__name__") else [f"{node.module}{name}"]
+    return absent
 
 
 @pytest.mark.parametrize("path", PROGRAMS, ids=lambda path: path.name)
 def test_a_program_imports_only_what_exists(path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    assert [name for found in own_imports(tree) for name in missing_from(*found)] == []
+    found = [
+        node
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in OWN
+    ]
+    assert [name for node in found for name in missing(node)] == []
 
 
 EXAMPLES = [path for path in PROGRAMS if path.parent.name == "examples"]

@@ -102,14 +102,6 @@ def test_touches_of_many_tracks_and_events_of_many_files(
         assert rows[name]["events"] == len(before)
 
 
-def wait_for_lines(journal: Path, lines: int, process: subprocess.Popen[bytes]) -> None:
-    deadline = time.monotonic() + 120
-    while not journal.is_file() or journal.read_bytes().count(b"\n") < lines:
-        assert process.poll() is None, "it ended before its time"
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
 @pytest.mark.usefixtures("jobs_here")  # of what goes on: the interrupted run is a program
 def test_an_interrupted_run_goes_on_where_it_was(
@@ -121,7 +113,11 @@ def test_an_interrupted_run_goes_on_where_it_was(
     given[1:2] = [str(day / "recordings" / "0.raw"), str(day / "recordings" / "1.raw"), str(pipe)]
     command = [sys.executable, "-m", "spikingtac", *given]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    wait_for_lines(tmp_path / "out" / "journal.jsonl", 2, process)
+    journal, deadline_s = tmp_path / "out" / "journal.jsonl", time.monotonic() + 120
+    while not journal.is_file() or journal.read_bytes().count(b"\n") < 2:
+        assert process.poll() is None, "it ended before its time"
+        assert time.monotonic() < deadline_s
+        time.sleep(0.02)
     process.send_signal(signal.SIGINT)
     error = process.communicate(timeout=60)[1].decode()
     pipe.unlink()

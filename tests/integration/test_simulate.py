@@ -127,7 +127,6 @@ def test_the_command_lists_scenes_and_writes_a_recording(tmp_path, capsys):
     arguments = ["quiet", "-o", str(tmp_path / "q"), "--duration-s", "0.1", "--camera", "noisy"]
     assert main(["simulate", *arguments, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["scene"] == "quiet"
-    assert document["duration_s"] == 0.1
+    assert (document["scene"], document["duration_s"]) == ("quiet", 0.1)
     assert document["events"] > 1000  # 1.2 Hz for each of 102,400 pixels
     assert (tmp_path / "q" / "truth.npz").exists()

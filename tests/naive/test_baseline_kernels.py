@@ -10,7 +10,6 @@ import pytest
 from spikingtac.types import EventPacket
 from spikingtac_paper.baselines.ekalibr import (
     moving_circle,
-    normal_flow,
 )
 from spikingtac_paper.baselines.evetac import (
     TURN_RATIO,
@@ -57,18 +56,6 @@ def test_regularizer() -> None:
             total += 4.0 * offset * (offset @ offset - distance[i, j] ** 2)
         np.testing.assert_allclose(told[i], 8.0 / len(near) * total, rtol=1e-9)
     np.testing.assert_allclose(regularizer(rest, distance), 0.0, atol=1e-6)
-
-
-@pytest.mark.parametrize("velocity", [(0.002, 0.0), (0.0, -0.001), (0.001, 0.001)])
-def test_normal_flow_of_a_straight_edge(velocity: tuple[float, float]) -> None:
-    """An edge that passes at v fires at t = n . x / |v| and its normal flow is v."""
-    v = np.array(velocity)
-    y, x = np.mgrid[:12, :12]
-    times = ((x * v[0] + y * v[1]) / (v @ v)).round().astype(np.int64)
-    flow = normal_flow(times, int(times.min()))
-    expected = np.broadcast_to(v[:, None, None], (2, 10, 10))
-    np.testing.assert_allclose(flow[:, 1:-1, 1:-1], expected, rtol=0.01, atol=1e-5)
-    assert not flow[:, 0].any()
 
 
 def test_moving_circle_is_recovered() -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from scipy.sparse.csgraph import connected_components
 from scipy.special import ndtr
 
 from spikingtac.sim.camera.config import BackgroundConfig, CameraConfig, LightConfig, PixelConfig
@@ -213,8 +214,7 @@ def test_the_plan_groups_markers_as_a_graph_search_does(seed):
     after["x"][moving] += rng.uniform(-3, 3, moving.sum())
     plan = np.zeros(12, SWEEP_PLAN_DTYPE)
     plan_sweep_kernel(before, after, 2.0, 4000.0, (1000.0, 0.001), plan)
-    boxes = [(box["x_first"], box["x_last"], box["y_first"], box["y_last"]) for box in plan]
-    expected = plain_groups(boxes, moving)
+    expected = plain_groups(plan, moving)
     assert plan["leader"].tolist() == expected
     for first in set(expected) - {-1}:
         chain, k = [], first
@@ -226,26 +226,15 @@ def test_the_plan_groups_markers_as_a_graph_search_does(seed):
         assert plan["steps"][first] == max(4, math.ceil(travel_px / 0.1 - 1e-9))
 
 
-def plain_groups(boxes, moving) -> list[int]:
+def plain_groups(plan: np.ndarray, moving: np.ndarray) -> list[int]:
     """Return each marker's lowest companion through overlapping boxes, -1 where nothing moves."""
-    leader = [-1] * len(boxes)
-    for start in range(len(boxes)):
-        group, edge = {start}, [start]
-        while edge:
-            here = edge.pop()
-            for other in set(range(len(boxes))) - group:
-                if boxes_meet(boxes[here], boxes[other]):
-                    group.add(other)
-                    edge.append(other)
-        if any(moving[member] for member in group):
-            leader[start] = min(group)
-    return leader
-
-
-def boxes_meet(one, two) -> bool:
-    (al, ar, at, ab), (bl, br, bt, bb) = one, two
-    empty = ar < al or br < bl
-    return not empty and al <= br and bl <= ar and at <= bb and bt <= ab
+    meet = (plan["x_last"] >= plan["x_first"])[:, None] & np.ones(len(plan), bool)
+    for axis in "xy":
+        first, last = plan[f"{axis}_first"], plan[f"{axis}_last"]
+        meet &= (first[:, None] <= last) & (first <= last[:, None])
+    label = connected_components(meet & meet.T, directed=False)[1]
+    groups = [np.flatnonzero(label == one) for one in label]
+    return [int(group[0]) if moving[group].any() else -1 for group in groups]
 
 
 def test_the_background_is_poisson_in_time_and_even_in_space():

@@ -13,10 +13,8 @@ from spikingtac_paper.free_motion.small_motion import (
     EdgePixels,
     edge_distance_kernel,
     edge_level_kernel,
-    idle_steps_kernel,
     make_timing_wheel,
     small_motion_kernel,
-    update_band_kernel,
 )
 
 STEP_US = 1000.0
@@ -39,27 +37,6 @@ def rims_of(count: int, rng: np.random.Generator) -> EdgePixels:
     record = np.arange(count, dtype=np.int32)
     record[::5] = -1
     return EdgePixels(edges, record)
-
-
-def test_a_pixel_does_not_fire_within_its_band() -> None:
-    sensor, rng = sensor_of(200), np.random.default_rng(2)
-    chip, span_us = sensor.chip[0], 64 * STEP_US
-    banded = 0
-    for px in sensor.pixels[0]:
-        edge = np.zeros(1, EDGE_DTYPE)[0]
-        inside = rng.uniform(-2.0, 2.0)
-        px["level"] = edge_level_kernel(px, chip, inside)
-        update_band_kernel(px, edge, chip, inside, span_us)
-        if edge["band_until_us"] < 0.0:
-            continue
-        banded += 1
-        for end in (edge["band_low_px"], edge["band_high_px"]):
-            moved = edge_level_kernel(px, chip, end) - px["level"]
-            assert (
-                px["difference"] + moved + px["leak_per_us"] * span_us < px["threshold_on"] + 1e-5
-            )
-            assert px["difference"] + moved > -px["threshold_off"] - 1e-5
-    assert banded > 100
 
 
 def plain_events(
@@ -94,29 +71,6 @@ def plain_events(
                 dead_us = at_us + chip["refractory_us"]
             level = target
     return every
-
-
-def test_stay_is_the_first_step_outside_of_the_band() -> None:
-    rng = np.random.default_rng(5)
-    edge_pixels, steps = rims_of(300, rng), 70
-    motion = (0.02 * rng.normal(size=(2, 6, 1 + steps)).cumsum(axis=2)).astype(np.float32)
-    edge_pixels.edges["filter_index"] = rng.integers(0, 2, 300)
-    edge_pixels.edges["band_until_us"] = 2e6 + STEP_US * rng.integers(-2, 2 * steps, 300)
-    edge_pixels.edges["band_until_us"][::7] = -np.inf
-    edge_pixels.edges["band_low_px"] = edge_pixels.edges["inside_px"] - rng.uniform(0.0, 1.0, 300)
-    edge_pixels.edges["band_high_px"] = edge_pixels.edges["inside_px"] + rng.uniform(0.0, 1.0, 300)
-    found = set()
-    for edge in edge_pixels.edges:
-        first, plain = int(rng.integers(1, steps + 2)), 0
-        for step in range(first, steps + 1):
-            inside = edge_distance_kernel(edge, motion, step)
-            banded = 2e6 + step * STEP_US <= edge["band_until_us"]
-            if not (banded and edge["band_low_px"] < inside < edge["band_high_px"]):
-                break
-            plain += 1
-        assert idle_steps_kernel(edge, motion, first, 2e6, STEP_US) == plain
-        found.add(plain)
-    assert {0, 1, 16, 17} <= found
 
 
 def test_sway_equals_visiting_every_pixel_in_every_step() -> None:

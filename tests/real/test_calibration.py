@@ -25,15 +25,6 @@ CORNER_PX = (138, 144)  # Two borders of the sensor, and four by four of its fiv
 GEL_CORNER_PX = (160, 160)  # Four by four of the eight by eight markers of v2e's gel.
 
 
-def errors_px(found: Calibration, truth: Path) -> np.ndarray:
-    places = np.load(truth)["reference_px"]
-    return np.hypot(*(found.reference_px - places[in_corner(places)]).T)
-
-
-def in_corner(places: np.ndarray) -> np.ndarray:
-    return (places < CORNER_PX).all(axis=1)
-
-
 def tracked(
     recording: Path, size: tuple[int, int], known: Calibration, rate_hz: float = 500.0
 ) -> dict[str, float]:
@@ -48,7 +39,9 @@ def tracked(
 
 def test_a_simulated_sensor_with_rare_off_events_from_its_presses_alone(data_dir: Path) -> None:
     found = calibrated(data_dir / "gel" / "sim_presses.raw", CORNER_PX)
-    error_px = errors_px(found, data_dir / "gel" / "sim_presses.truth.npz")
+    places = np.load(data_dir / "gel" / "sim_presses.truth.npz")["reference_px"]
+    inside = (places < CORNER_PX).all(axis=1)
+    error_px = np.hypot(*(found.reference_px - places[inside]).T)
     assert (found.grid, found.polarity) == ((4, 4), "white")
     assert found.marker_measured is not None
     assert found.marker_measured.all()
