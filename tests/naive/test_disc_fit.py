@@ -196,7 +196,7 @@ def test_a_ring_holds_every_pixel_of_the_edge(outline: tuple[float, float, float
     inner_px, outer_px = (float(end) for end in WINDOW.edge[0, :2])
     parts = np.floor(PHASES * (np.array([x, y]) + 0.5))
     read = np.array([x, y, *parts, *outline])
-    phase, first, count = (int(n) for n in disc_fit._ring_kernel(WINDOW, 0, read))
+    phase, first, count = (int(n) for n in disc_fit._ring_kernel(WINDOW, 0, read, 999))
     column, row = WINDOW.place_px[phase].astype(float)
     distance = np.hypot(column + 40.0 - x, row + 30.0 - y)
     bulge = abs(outline[1]) + abs(outline[2])

@@ -160,9 +160,12 @@ def _step_kernel(
 
 @njit(cache=True, nogil=True, forceinline=True)
 def _ring_kernel(
-    window: FitWindow, m: int, read: Array
+    window: FitWindow, m: int, read: Array, most: int
 ) -> tuple[int, Any, Any]:  # pragma: no cover - compiled
-    """Return the phase of ``read``, the first pixel of an edge there, and how many follow it."""
+    """Return the phase of ``read``, the first pixel of an edge there, and how many follow it.
+
+    There are ``most`` at most: of an outline that grew larger the farthest are not read.
+    """
     phase = (int(read[3]) % PHASES) * PHASES + int(read[2]) % PHASES
     within, bulge = window.within[phase], abs(read[5]) + abs(read[6])
     near = max(read[4] - bulge + window.edge[m, 0] - ROUNDING_PX, 0.0) / RING_PX
@@ -170,7 +173,7 @@ def _ring_kernel(
     last = within.size - 1
     first, after = within[min(int(near), last)], within[min(int(far) + 1, last)]
     # Unsigned, so that no index can be meant from the end: that would not be vectorised.
-    return phase, np.uint64(first), np.uint64(after - first)
+    return phase, np.uint64(first), np.uint64(min(after - first, most))
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -246,7 +249,7 @@ def fit_disc_kernel(
             read[0], read[1], read[2], read[3] = x, y, column, row
             read[4:] = outline_px
             dx = dy = grown = bent = 0.0
-        ring = _ring_kernel(window, m, read)
+        ring = _ring_kernel(window, m, read, edge.shape[1])
         count = ring[2]
         if not seen:
             _look_kernel(levels, window, ring, read, edge[0])

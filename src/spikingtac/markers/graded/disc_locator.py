@@ -7,6 +7,8 @@ around its disc where it stands.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -14,7 +16,6 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelWatch, watch_kernel
 from spikingtac.markers.graded.appearance import (
-    RING_PX,
     FitWindow,
     appearance_of,
     events_per_px,
@@ -22,8 +23,6 @@ from spikingtac.markers.graded.appearance import (
     painted_map,
 )
 from spikingtac.markers.graded.disc_fit import (
-    MOST_GROWTH,
-    ROUNDING_PX,
     SMALL_STEP_PX,
     fit_disc_kernel,
 )
@@ -72,6 +71,14 @@ FARTHER_PX = 1.0
 
 MARKED_PX = 1.5  # Way after which a marker marks its pixels anew, px.
 
+# Room for the pixels of an edge, over those of its resting disc as far as they are read.
+ROOM = 1.5
+
+LARGE = 256  # Markers of a skin from which on two threads share the fits.
+
+# One for all trackers of the process, begun when it is first needed.
+SECOND_THREAD = ThreadPoolExecutor(1, "spikingtac-fits")
+
 NOBODY = np.iinfo(np.uint16).max  # Mark of a pixel that belongs to no marker.
 
 
@@ -82,10 +89,8 @@ class DiscLocator(Locator):
         """Choose the pixels and the profiles for a sensor's markers."""
         radius_px = calibration.radius_px
         self._window = fit_window(appearance_of(calibration).profiles, calibration.size[0])
-        within, largest_px = self._window.within, (1.0 + 3.0 * MOST_GROWTH) * radius_px.max()
-        farthest = int((largest_px + self._window.edge[:, 1].max() + ROUNDING_PX) / RING_PX) + 1
-        most = within[:, min(farthest, within.shape[1] - 1)].max()
-        self._edges = np.zeros((len(radius_px), 5, most), np.float32)
+        reach_px = radius_px.max() + self._window.edge[:, 1].max()
+        self._edges = np.zeros((len(radius_px), 5, int(ROOM * np.pi * reach_px**2)), np.float32)
         self._due = np.maximum(np.ceil(DUE_PX * events_per_px(calibration)), 1.0)
         self._owners = np.empty((calibration.size[1], calibration.size[0], 2), np.uint16)
         super().__init__(calibration, painted_map(calibration, GradedStateMap))
@@ -125,9 +130,21 @@ class DiscLocator(Locator):
         """
         states = self.motion, self.fits, self.outline_px, self.pending, coasted
         markers = self._radius_px, self._due, self._owners
-        maps = self.map.padded, self._edges, self._read
-        fitted = locate_discs_kernel(*maps, *self._window, *states, *markers, t_us)
-        self.busy = 2 * fitted >= len(self.pending)
+        maps, count = (self.map.padded, self._edges, self._read), len(self.pending)
+
+        def fit(first: int, after: int, alone: bool) -> int:
+            place = first, after, alone, t_us
+            return locate_discs_kernel(*maps, *self._window, *states, *markers, *place)
+
+        if count < LARGE:
+            fitted = fit(0, count, True)
+        else:
+            beside = SECOND_THREAD.submit(fit, count // 2, count, False)
+            fitted = fit(0, count // 2, False)
+            # On a busy machine the other thread may get no turn for milliseconds.
+            fitted += fit(count // 2, count, False) if beside.cancel() else beside.result()
+            mark_moved_kernel(self._owners, *states[:3], self._window.edge)
+        self.busy = 2 * fitted >= count
 
 
 @njit(cache=True, nogil=True)
@@ -178,22 +195,34 @@ def mark_kernel(
 
 
 @njit(cache=True, nogil=True)
+def mark_moved_kernel(
+    owners: Array, motions: Array, fits: Array, outline_px: Array, edge: Array
+) -> None:  # pragma: no cover - compiled
+    """Mark the pixels around each marker that went MARKED_PX since they were marked."""
+    for m in range(len(fits)):
+        motion, fit = motions[m], fits[m]
+        if max(abs(motion[X] - fit[MARKED_X]), abs(motion[Y] - fit[MARKED_Y])) > MARKED_PX:
+            mark_kernel(owners, m, motions, fits, outline_px, edge)
+
+
+@njit(cache=True, nogil=True)
 def locate_discs_kernel(
     padded: Array, edges: Array, read: Array, offset: Array, place_px: Array, within: Array,
     coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,
-    pending: Array, coasted: Array, radius_px: Array, due: Array, owners: Array, t_us: int,
+    pending: Array, coasted: Array, radius_px: Array, due: Array, owners: Array, first: int,
+    after: int, alone: bool, t_us: int,
 ) -> int:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that enough events ask for, bring the filters up to the present; count fits.
 
     Arguments are plain, since a tuple costs a microsecond: the map with its margin, edges as they
     were read, and where (:func:`fit_disc_kernel`); the fields of a :class:`FitWindow`; motions,
-    fits, outlines, pending events, and which markers are held; ``(m,)`` radii at rest, px, and
-    events that ask for a fit; who stands around each pixel; the time, us.
+    fits, outlines, pending events, who is held; radii at rest, px, and events that ask for a fit;
+    who stands around each pixel; the first marker and the one after the last; whether these are
+    all, which are marked then; the time, us.
     """
-    fitted = 0
+    fitted, levels = 0, (padded.ravel(), owners.shape[1], owners.shape[0])
     window, as_read = FitWindow(offset, place_px, within, coefficients, edge), (edges, read)
-    levels = padded.ravel(), owners.shape[1], owners.shape[0]
-    for m in range(radius_px.size):
+    for m in range(first, after):
         motion, fit = motions[m], fits[m]
         if motion[AT_US] < 0.0:
             motion[AT_US] = fit[FIT_US] = fit[OUTLINED_US] = t_us
@@ -212,16 +241,16 @@ def locate_discs_kernel(
             gain, since_us = 0.0, t_us - fit[OUTLINED_US]
             if since_us >= OUTLINE_US:
                 gain, fit[OUTLINED_US] = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * since_us), t_us
-            start, settings = (motion[X], motion[Y]), (ITERATIONS, gain, radius_px[m])
-            disc = m, start, outline_px[m], settings
-            x, y, agreement, step_px = fit_disc_kernel(levels, as_read, window, *disc)
-            fit[AGREEMENT] = agreement if gain > 0.0 else fit[AGREEMENT]
+            settings = ITERATIONS, gain, radius_px[m]
+            place = m, (motion[X], motion[Y]), outline_px[m], settings
+            x, y, agreement, step_px = fit_disc_kernel(levels, as_read, window, *place)
             fit[FIT_X], fit[FIT_Y], fit[FIT_US] = x, y, t_us
+            fit[AGREEMENT] = agreement if gain > 0.0 else fit[AGREEMENT]
             pending[m] = AT_ONCE if step_px >= SMALL_STEP_PX else 0
         if coasted[m]:
             motion[VX] = motion[VY] = 0.0
         else:
             correct_kernel(motion, fit[FIT_X], fit[FIT_Y], dt_s)
-        if max(abs(motion[X] - fit[MARKED_X]), abs(motion[Y] - fit[MARKED_Y])) > MARKED_PX:
-            mark_kernel(owners, m, motions, fits, outline_px, edge)
+    if alone:
+        mark_moved_kernel(owners, motions, fits, outline_px, edge)
     return fitted
