@@ -18,7 +18,7 @@ from stand_ins.moving_rims import calibration, windows
 MODULE = '''
 import numpy as np
 
-from spikingtac.contact.registry import EventCountConfig, EventCountDetector
+from spikingtac.contact.registry import EventCountDetector
 from spikingtac.events.formats.arrays import ArraySource
 from spikingtac.events.create import NpzWriter
 from spikingtac.types import MarkerFrame
@@ -46,7 +46,7 @@ def build_tracker(config, calibration, law):
 
 
 def build_detector(config, calibrations, quiet):
-    return EventCountDetector(EventCountConfig(threshold=len(list(quiet))))
+    return EventCountDetector(len(list(quiet)))
 
 
 class MineSource(ArraySource):
