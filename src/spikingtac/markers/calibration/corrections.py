@@ -22,7 +22,7 @@ from spikingtac.markers.calibration.recording import BufferedEvents
 # Added to the curvature of a place at one state, and of what all states of a disc share: shift
 # along x and y, radius, edge (1 / px^2). What the events hardly tell stays where it is; radii and
 # edges are drawn to the sensor's medians. A marker that moves has 1,000 and more.
-PLACE_PRIOR, SHARED_PRIOR = 1.0, (30.0, 30.0, 100.0, 300.0)
+PLACE_PRIOR, SHARED_PRIOR = 1.0, (30.0, 30.0, 300.0, 900.0)
 
 # The same for a stretch, but that draws it to none, since wide edges hardly tell it from a motion
 # (1 / px^2; not drawn, rests of a sensor like the recorded one err by half as much again).
