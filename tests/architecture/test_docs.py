@@ -99,7 +99,7 @@ def test_the_readme_holds_the_two_commands() -> None:
         "python3 -m venv .venv && .venv/bin/pip install -e '.[dev]' && .venv/bin/python -m pytest",
     ):
         assert command in first_screen
-    assert "no relation to its authors" in first_screen
+    assert "without relation to its authors" in first_screen
 
 
 def test_the_reference_pages_are_those_of_the_code() -> None:
