@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from dataclasses import replace
 from functools import cache
@@ -159,13 +160,14 @@ def test_what_is_given_out_belongs_to_the_caller(name: str) -> None:
     packet = events()
     tracker.absorb(between(packet, 0, PERIOD_US))
     frame = tracker.estimate(PERIOD_US)
-    kept = frame.detected_px.copy(), frame.coasted.copy()
-    frame.position_px[:] = np.nan
+    kept = copy.deepcopy(frame)
     tracker.absorb(between(packet, PERIOD_US, 2 * PERIOD_US))
     later = tracker.estimate(2 * PERIOD_US)
-    np.testing.assert_array_equal(frame.detected_px, kept[0])
-    np.testing.assert_array_equal(frame.coasted, kept[1])
-    assert np.isfinite(later.position_px).all()
+    for name in ("detected_px", "position_px", "displacement_px", "coasted"):
+        np.testing.assert_array_equal(getattr(frame, name), getattr(kept, name))
+    for one in (frame, later):
+        one.detected_px[:] = one.position_px[:] = np.nan
+    assert np.isfinite(tracker.estimate(2 * PERIOD_US + 1).position_px).all()
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -139,13 +139,10 @@ def test_an_interrupted_run_goes_on_where_it_was(
         (["track", "a.raw", "b.raw", "--calibration", "c.json", "-o", "x.npz"], "-o results"),
         (["track", "a.raw", "--calibration", "c.json", "-o", "x", "--workers", "0"], "at least 1"),
         (["track", "--calibration", "c.json"], "name a recording"),
-        (["touch"], "name a recording"),
-        (["export", "--to", "zarr", "-o", "x"], "name a recording"),
         (["convert", "a.raw"], "-o FOLDER --to npz"),
         (["convert", "a.raw", "b.raw", "-o", "x"], "--to npz"),
         (["convert", "a.raw", "b.raw", "-o", "x", "--to", "nzp"], "did you mean"),
         (["convert", "a.raw", "-o", "x", "--to", "npz", "--encoding", "evt2"], "--to raw"),
-        (["touch", "a.npz", "b.npz"], "-o results"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_written(

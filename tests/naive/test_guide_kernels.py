@@ -8,10 +8,8 @@ import pytest
 from spikingtac.markers.calibration.guide import (
     SLOWEST_SWING_US,
     SWUNG_LEVEL,
-    StreamedLevels,
     levels_kernel,
 )
-from spikingtac.types import EventPacket
 
 PIXELS = 6
 
@@ -45,21 +43,3 @@ def test_levels_are_those_of_a_plain_loop(spread_us: int) -> None:
     levels_kernel(code, t_us, np.array([0.3, 0.2], np.float32), maps)
     for found, expected in zip(maps, plain(code, t_us, 0.3, 0.2), strict=True):
         np.testing.assert_array_equal(found, expected)
-
-
-def test_steps_are_learned_from_swings() -> None:
-    """Pixels go up by eight ON events and down by four OFF ones, again and again."""
-    width = 50
-    levels = StreamedLevels((width, 1))
-    swing = np.concatenate([np.ones(8, bool), np.zeros(4, bool)])
-    p = np.tile(swing, 20)
-    for x in range(width):
-        t = np.arange(len(p), dtype=np.int64) * 1_000 + x * 1_000_000
-        column = np.full(len(p), x, np.uint16)
-        packet = EventPacket(
-            column, np.zeros_like(column), p, t, int(t[0]), int(t[-1]) + 1, (width, 1)
-        )
-        levels.absorb(packet)
-    levels.refresh()
-    assert levels.steps.on == pytest.approx(1 / 8.5, rel=0.15)
-    assert levels.steps.off == pytest.approx(2 * levels.steps.on, rel=0.15)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.cli.main import main
 from spikingtac.config import load_config
 from spikingtac.errors import CalibrationError
 from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration.calibrate import calibrate
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
+from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket
 from spikingtac_paper.real_gels import truth_scores
 from spikingtac_paper.trials.trajectories import GroundTruth, Prediction
@@ -111,3 +114,21 @@ def test_a_recording_twice_as_long_is_calibrated_as_well(data_dir: Path) -> None
 def test_what_is_no_marker_sensor_is_refused(data_dir: Path, name: str) -> None:
     with pytest.raises(CalibrationError, match="no grid of markers"):
         calibrated(data_dir / "real" / name)
+
+
+def test_the_four_recorded_presses_are_the_touches(
+    data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording, tracks = data_dir / "gel" / "real_presses.aedat4", tmp_path / "tracks.npz"
+    calibrated(recording).save(tmp_path / "calibration.json")
+    given = ["--calibration", str(tmp_path / "calibration.json"), "-o", str(tracks)]
+    assert main(["track", str(recording), *given]) == 0
+    capsys.readouterr()
+    assert main(["touch", str(tracks), "--json", "-o", str(tmp_path / "touches.csv")]) == 0
+    touches = json.loads(capsys.readouterr().out)["touches"]
+    with np.load(data_dir / "gel" / "real_presses.reference.npz") as known:
+        bursts_us = known["burst_us"] + int(Tracks.load(tracks).t_us[0])
+    assert len(touches) == 4
+    for touch, press_us, release_us in zip(touches, bursts_us[::2], bursts_us[1::2], strict=True):
+        assert abs(touch["begin_us"] - press_us[0]) < 100_000
+        assert release_us[0] - 100_000 < touch["end_us"] < release_us[1] + 100_000

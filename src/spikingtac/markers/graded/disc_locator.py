@@ -98,6 +98,7 @@ class DiscLocator(Locator):
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
         super().reset()
+        self._edges[:] = 0.0
         self._read = np.full((len(self.fits), 7), np.inf)
         self._owners[..., 0], self._owners[..., 1] = self._owner, NOBODY
         for m in range(len(self.fits)):
