@@ -175,7 +175,6 @@ DV_WRITER = """
 import sys
 import dv_processing as dv
 import numpy as np
-from stand_ins.random_packets import packet_of
 stream = dv.io.Stream.EventStream(0, "events", "TWIN_320", (320, 320))
 writer = dv.io.NetworkWriter("127.0.0.1", int(sys.argv[1]), stream)
 print("listening", flush=True)
