@@ -8,7 +8,6 @@ The pages hold what ``--help`` and the docstrings say, so that they can be read 
 
 from __future__ import annotations
 
-import ast
 import dataclasses
 import inspect
 import re
@@ -20,8 +19,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import docstring_parser
+
 import spikingtac
 from spikingtac.cli.main import function_of, verbs
+from spikingtac.cli.options import about
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "reference"
 CLI_HEAD = """\
@@ -66,8 +68,7 @@ def cli_page() -> str:
         "\n".join(sorted(shared.values())) + "\n",
     ]
     for verb, rows in tables.items():
-        arguments = function_of(verb)[1]
-        parts.append(f"## {verb}\n\n{textwrap.dedent(inspect.getdoc(arguments) or '').strip()}\n")
+        parts.append(f"## {verb}\n\n{about(function_of(verb)[1])}\n")
         own = [row for row in rows if row not in shared.values()]
         if own:
             parts.append("\n".join(own) + "\n")
@@ -118,13 +119,18 @@ def _row(arguments: type, field: dataclasses.Field[Any]) -> str:
         metavar = [one.metavar for one in settings if one.metavar]
         names = [metavar[0] if metavar else field.name.upper()]
     helps = [one.help for one in settings if isinstance(one.help, str)]
-    about = helps[0] if helps else _attribute_docs(arguments).get(field.name, "")
+    told = helps or [
+        param.description
+        for kind in arguments.__mro__[:-1]
+        for param in docstring_parser.parse_from_object(kind).params
+        if param.arg_name == field.name
+    ]
     shown = (
         " ".join(f"`{name}`" for name in names)
         if positional
         else ", ".join(f"`{name}`" for name in names)
     )
-    return f"- {shown}{_default(field)}: {' '.join(about.split())}"
+    return f"- {shown}{_default(field)}: {' '.join(told[0].split())}"
 
 
 def _default(field: dataclasses.Field[Any]) -> str:
@@ -134,20 +140,6 @@ def _default(field: dataclasses.Field[Any]) -> str:
     if value is dataclasses.MISSING or value is None or value is False or value in ((), ""):
         return ""
     return f" (`{value}`)"
-
-
-def _attribute_docs(arguments: type) -> dict[str, str]:
-    """Return the strings below the fields of a dataclass and of what it inherits from."""
-    found: dict[str, str] = {}
-    for kind in reversed(arguments.__mro__[:-1]):
-        body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
-        assert isinstance(body, ast.ClassDef)
-        for field, text in zip(body.body, body.body[1:], strict=False):
-            named = isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
-            told = isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
-            if named and told:
-                found[field.target.id] = str(text.value.value)
-    return found
 
 
 def _signature(name: str, value: Any) -> str:

@@ -18,14 +18,16 @@ class Args(WriteArgs):
     Without -o the figures and checks are printed, which needs nothing beyond the plain install.
     With -o the parts (STEP, STL, DXF), drawings, pictures, bill of materials and build guide are
     written, which needs: pip install 'spikingtac[design]'. No sensor was built from them yet.
+
+    Attributes:
+        design: Name of a design (see --list), or the path of a TOML file.
+        output: Folder to write.
+        list: Print the designs, one per line: name, two spaces, description.
     """
 
     design: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="DESIGN")] = "paper-size"
-    """Name of a design (see --list), or the path of a TOML file."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")] = None
-    """Folder to write."""
     list: bool = False
-    """Print the designs, one per line: name, two spaces, description."""
 
 
 def run(args: Args) -> int:

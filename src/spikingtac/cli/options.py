@@ -25,18 +25,24 @@ HELP = frozenset(("-h", "--help"))
 
 @dataclass(frozen=True, kw_only=True)
 class JsonArgs:
-    """The option of every verb."""
+    """The option of every verb.
+
+    Attributes:
+        json: Print one JSON object on stdout.
+    """
 
     json: bool = False
-    """Print one JSON object on stdout."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class WriteArgs(JsonArgs):
-    """Options of verbs that write."""
+    """Options of verbs that write.
+
+    Attributes:
+        overwrite: Replace what is already there.
+    """
 
     overwrite: bool = False
-    """Replace what is already there."""
 
     def claim(self, *paths: Path | None) -> None:
         """Refuse files to write that are there already, before anything is computed.
@@ -51,12 +57,16 @@ class WriteArgs(JsonArgs):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadArgs(JsonArgs):
-    """Options of verbs that read events."""
+    """Options of verbs that read events.
+
+    Attributes:
+        sensor: Sensor to read of a folder (1 reads events_1.raw), or of a file with several
+            cameras.
+        strict: Refuse damage and another sensor's calibration, instead of a repair or a warning.
+    """
 
     sensor: int | None = None
-    """Sensor to read of a folder (1 reads events_1.raw), or of a file with several cameras."""
     strict: bool = False
-    """Refuse damage and another sensor's calibration, instead of a repair or a warning."""
 
     def open(self, source: Any, **options: Any) -> Any:
         """Return the source of events at a path; what is open already is returned as it is.
@@ -74,22 +84,29 @@ class ReadArgs(JsonArgs):
 
 @dataclass(frozen=True, kw_only=True)
 class RealtimeArgs(JsonArgs):
-    """The option of verbs that may have deadlines."""
+    """The option of verbs that may have deadlines.
+
+    Attributes:
+        realtime: For a camera: lock memory, collect no garbage, and run before other work where
+            permitted.
+    """
 
     realtime: bool = False
-    """For a camera: lock memory, collect no garbage, and run before other work where permitted."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackerArgs(JsonArgs):
-    """Options of verbs that track events or read tracks."""
+    """Options of verbs that track events or read tracks.
+
+    Attributes:
+        calibration: calibration.json of this sensor; make one with: spikingtac calibrate.
+        preset: Tracker: default (accurate), fast (10 kHz) or paper (as published), or a TOML file.
+        rate_hz: Estimates per second; the preset's unless given.
+    """
 
     calibration: Path | None = None
-    """calibration.json of this sensor; make one with: spikingtac calibrate."""
     preset: str = "default"
-    """Tracker: default (accurate), fast (10 kHz) or paper (as published), or a TOML file."""
     rate_hz: float | None = None
-    """Estimates per second; the preset's unless given."""
 
     def needed_calibration(self) -> Path:
         """Return the calibration.
@@ -135,10 +152,15 @@ def for_help(arguments: type) -> type:
     return type(arguments.__name__, (arguments,), {**names, "__module__": arguments.__module__})
 
 
+def about(arguments: type) -> str:
+    """Return what a verb's docstring says before the list of its options."""
+    return inspect.cleandoc(arguments.__doc__ or "").partition("\n\nAttributes:")[0]
+
+
 def description(arguments: type) -> str:
-    """Return a verb's docstring, wrapped to the terminal: the parser does not wrap it."""
+    """Return a verb's text, wrapped to the terminal: the parser does not wrap it."""
     width = max(shutil.get_terminal_size().columns, NARROWEST)
-    paragraphs = inspect.cleandoc(arguments.__doc__ or "").split("\n\n")
+    paragraphs = about(arguments).split("\n\n")
     # The parser joins lines that begin with a letter.
     indented = {"width": width, "initial_indent": " ", "subsequent_indent": " "}
     return "\n\n".join(textwrap.fill(" ".join(one.split()), **indented) for one in paragraphs)

@@ -27,22 +27,28 @@ APART = frozenset(("json", "overwrite", "workers", "resume", "output"))
 
 @dataclass(frozen=True, kw_only=True)
 class ManyArgs(WriteArgs, ReadArgs):
-    """Options of verbs that take many recordings."""
+    """Options of verbs that take many recordings.
+
+    Attributes:
+        workers: Many recordings: worker processes; one for every CPU unless given.
+        resume: Many recordings: go on with the run in the folder.
+    """
 
     workers: int | None = None
-    """Many recordings: worker processes; one for every CPU unless given."""
     resume: bool = False
-    """Many recordings: go on with the run in the folder."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SecondArgs(JsonArgs):
-    """Options of verbs that take two fingers."""
+    """Options of verbs that take two fingers.
+
+    Attributes:
+        second: The other finger: its recording or camera, put on the first one's clock.
+        second_calibration: calibration.json of the other finger.
+    """
 
     second: Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")] = None
-    """The other finger: its recording or camera, put on the first one's clock."""
     second_calibration: Path | None = None
-    """calibration.json of the other finger."""
 
 
 class Work(NamedTuple):

@@ -25,16 +25,19 @@ _HOST = re.compile(r"[A-Za-z0-9.\-]+(:\d+)?|\[[0-9A-Fa-f:.]+\](:\d+)?")
 
 @dataclass(frozen=True, kw_only=True)
 class PageOptions:
-    """How a page is served."""
+    """How a page is served.
+
+    Attributes:
+        host: Address to serve on; beyond loopback the printed address carries a random token.
+        port: Port, or 0 for any free one.
+        no_browser: Serve the page, but open no browser.
+        seconds: Duration, s; without end unless given (10 for a camera or a scene with --headless).
+    """
 
     host: str = "127.0.0.1"
-    """Address to serve on; beyond loopback the printed address carries a random token."""
     port: int = 8765
-    """Port, or 0 for any free one."""
     no_browser: bool = False
-    """Serve the page, but open no browser."""
     seconds: float | None = None
-    """Duration, s; without end unless given (10 for a camera or a scene with --headless)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -14,34 +14,42 @@ from spikingtac_paper.registry import EXPERIMENTS, choices_text, run_study
 
 @dataclass(frozen=True, kw_only=True)
 class RunArgs(WriteArgs):
-    """Options of experiments and benches."""
+    """Options of experiments and benches.
+
+    Attributes:
+        output: Folder to write: new or empty, or one that was begun with the same settings
+            (--resume).
+        quick: Run fewer seeds and shorter sequences: minutes instead of hours.
+        seed: First seed.
+        resume: Continue a run that was interrupted.
+    """
 
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
-    """Folder to write: new or empty, or one that was begun with the same settings (--resume)."""
     quick: bool = False
-    """Run fewer seeds and shorter sequences: minutes instead of hours."""
     seed: int = 0
-    """First seed."""
     resume: bool = False
-    """Continue a run that was interrupted."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Args(RunArgs):
-    """Run one of the paper's experiments again; write report.json, report.html and tables."""
+    """Run one of the paper's experiments again; write report.json, report.html and tables.
+
+    Attributes:
+        ablations: Run variants of the default tracker instead of the main tables (point-tracking,
+            real).
+        seeds: Number of seeds; the experiment's own number unless given.
+        methods: Names of the methods to run; all unless given.
+        workers: Number of processes; one for each CPU unless given.
+    """
 
     name: Annotated[
         tyro.conf.Positional[str],
         tyro.conf.arg(metavar="NAME", help=f"Experiment: {choices_text(EXPERIMENTS)}"),
     ]
     ablations: bool = False
-    """Run variants of the default tracker instead of the main tables (point-tracking, real)."""
     seeds: int | None = None
-    """Number of seeds; the experiment's own number unless given."""
     methods: tuple[str, ...] = ()
-    """Names of the methods to run; all unless given."""
     workers: int | None = None
-    """Number of processes; one for each CPU unless given."""
 
 
 def run(args: Args) -> int:

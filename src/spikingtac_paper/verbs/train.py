@@ -20,22 +20,26 @@ class Args(WriteArgs):
 
     Training needs no labels: it never opens a recording's truth.npz. The same command continues a
     run that was interrupted.
+
+    Attributes:
+        recordings: Recording folders or event files of one sensor; the configuration's scenes
+            unless given.
+        output: Folder of the run: log.jsonl, weights.safetensors, lean.onnx, lean-int8.onnx.
+        config: lean (the shipped network) or evflownet (as the paper names it), or a TOML file.
+        bootstrap: Recording of slides that shows every marker: its last map is the first map of the
+            others.
+        seed: Seed of weights, degradations and crops; the configuration's unless given.
+        rounds: Number of times each recording is degraded anew; the configuration's unless given.
+        device: cpu or cuda; the configuration's unless given.
     """
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
-    """Recording folders or event files of one sensor; the configuration's scenes unless given."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")] = Path("training")
-    """Folder of the run: log.jsonl, weights.safetensors, lean.onnx, lean-int8.onnx."""
     config: str = "lean"
-    """lean (the shipped network) or evflownet (as the paper names it), or a TOML file."""
     bootstrap: Path | None = None
-    """Recording of slides that shows every marker: its last map is the first map of the others."""
     seed: int | None = None
-    """Seed of weights, degradations and crops; the configuration's unless given."""
     rounds: int | None = None
-    """Number of times each recording is degraded anew; the configuration's unless given."""
     device: str | None = None
-    """cpu or cuda; the configuration's unless given."""
 
 
 def run(args: Args) -> int:

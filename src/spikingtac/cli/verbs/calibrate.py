@@ -42,36 +42,40 @@ class Args(ManyArgs):
     A calibration.json in the place of the recording, with --pitch-mm: set its scale afterwards.
     With --check, whether recordings come from the sensor of a calibration; many go into a folder:
     spikingtac calibrate --check left_finger.json DAY -o DAY_checked --workers 4
+
+    Attributes:
+        recordings: Event file, recording folder, or a camera: its address, a named pipe, or -; or a
+            calibration, to set its scale. With --check also several, a folder of recordings or a
+            pattern such as 'day/*.raw'.
+        check: Write no calibration: say whether the recordings fit this one.
+        output: File to write; with --check the folder for many.
+        grid: Size of the grid, as 8x8; found by itself unless given.
+        layout: Rows and columns, every second row shifted, or no rows; auto tells the first two
+            apart.
+        pitch_mm: Distance of neighbouring markers on the skin, mm; gives px_per_mm.
+        lens: With --pitch-mm, on a flat skin: fit the lens's distortion and the camera's tilt.
+        polarity: White markers on dark ground, or dark on light; found by itself unless given.
+        method: How the reference is computed from the rests; bounding-box is the published one.
+        allow_missing: Largest number of missing markers, which the others place; a third unless
+            given.
+        plot: Picture to write: the markers as circles, good and doubtful ones in different colours.
+        until_ready: End a camera by itself once every marker has moved enough and the skin rests.
     """
 
     recordings: Annotated[
         tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="RECORDING")
     ]
-    """Event file, recording folder, or a camera: its address, a named pipe, or -; or a calibration,
-    to set its scale. With --check also several, a folder of recordings or a pattern such as
-    'day/*.raw'."""
     check: Annotated[Path | None, tyro.conf.arg(metavar="CALIBRATION")] = None
-    """Write no calibration: say whether the recordings fit this one."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("calibration.json")
-    """File to write; with --check the folder for many."""
     grid: Annotated[str | None, tyro.conf.arg(metavar="ROWSxCOLUMNS")] = None
-    """Size of the grid, as 8x8; found by itself unless given."""
     layout: LayoutKind = "auto"
-    """Rows and columns, every second row shifted, or no rows; auto tells the first two apart."""
     pitch_mm: float | None = None
-    """Distance of neighbouring markers on the skin, mm; gives px_per_mm."""
     lens: bool = False
-    """With --pitch-mm, on a flat skin: fit the lens's distortion and the camera's tilt."""
     polarity: Literal["auto"] | Polarity = "auto"
-    """White markers on dark ground, or dark on light; found by itself unless given."""
     method: Method = "rest-mean"
-    """How the reference is computed from the rests; bounding-box is the published one."""
     allow_missing: int | None = None
-    """Largest number of missing markers, which the others place; a third unless given."""
     plot: Path | None = None
-    """Picture to write: the markers as circles, good and doubtful ones in different colours."""
     until_ready: bool = False
-    """End a camera by itself once every marker has moved enough and the skin rests."""
 
 
 def run(args: Args) -> int:

@@ -87,12 +87,14 @@ class DoctorArgs(JsonArgs):
     """Check this machine: Python, libraries, extras, kernel cache, CPU governor, socket buffer.
 
     With the address of a camera, also measure how it delivers.
+
+    Attributes:
+        source: Address of a camera to listen to, as openmv:/dev/ttyACM0.
+        seconds: How long to listen to it, s.
     """
 
     source: Annotated[tyro.conf.Positional[str | None], tyro.conf.arg(metavar="[SOURCE]")] = None
-    """Address of a camera to listen to, as openmv:/dev/ttyACM0."""
     seconds: float = 3.0
-    """How long to listen to it, s."""
 
 
 class Finding(NamedTuple):

@@ -41,26 +41,28 @@ class Args(RealtimeArgs):
     or from a recording of the moving arm that is given with --quiet. The default detector uses
     the rims of the markers and needs a calibration of each sensor; without one, raw events are
     counted.
+
+    Attributes:
+        recording: Event file, or recording folder of one or two sensors (events.raw, events_1.raw);
+            a camera's address, a named pipe or - for events as they come, with --quiet.
+        second: The other finger: its recording or camera, put on the first one's clock.
+        calibration: calibration.json of each sensor; those beside the recording unless given.
+        quiet: Recording of the moving arm without contact; the beginning of RECORDING unless given.
+        preset: Settings of the detectors: a preset, or a TOML file with a table [contact].
+        detector: default (signed evidence), event_count (as published), or another package's;
+            default where there is a calibration, otherwise event_count, unless given.
+        budget: Allowed false contacts per hour of free motion; the preset's (1) unless given.
+        strict: Refuse damage and another sensor's calibration, instead of a repair or a warning.
     """
 
     recording: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING")]
-    """Event file, or recording folder of one or two sensors (events.raw, events_1.raw); a
-    camera's address, a named pipe or - for events as they come, with --quiet."""
     second: Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")] = None
-    """The other finger: its recording or camera, put on the first one's clock."""
     calibration: tuple[Path, ...] = ()
-    """calibration.json of each sensor; those beside the recording unless given."""
     quiet: Path | None = None
-    """Recording of the moving arm without contact; the beginning of RECORDING unless given."""
     preset: str = "default"
-    """Settings of the detectors: a preset, or a TOML file with a table [contact]."""
     detector: str | None = None
-    """default (signed evidence), event_count (as published), or another
-    package's; default where there is a calibration, otherwise event_count, unless given."""
     budget: float | None = None
-    """Allowed false contacts per hour of free motion; the preset's (1) unless given."""
     strict: bool = False
-    """Refuse damage and another sensor's calibration, instead of a repair or a warning."""
 
 
 def run(args: Args) -> int:

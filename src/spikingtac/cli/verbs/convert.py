@@ -27,36 +27,39 @@ class Args(ManyArgs):
 
     Many files (with -o) go into a folder, with a table of all results:
     spikingtac convert DAY -o DAY_npz --to npz --workers 4
+
+    Attributes:
+        files: Event file, recording folder, or camera to read (its address, a named pipe, or -),
+            and the file to write: .raw, .npz, .csv, .h5 or .aedat4. With -o, all of them are read:
+            files, folders of recordings, patterns such as 'day/*.raw'.
+        output: Many files: the folder to write.
+        to: Many files: the format to write.
+        from_us: First microsecond to keep.
+        to_us: First microsecond after the part to keep.
+        flip_polarity: Exchange ON and OFF, so that dark markers read as white ones.
+        size: Size of the sensor, px, whatever the file says of it.
+        crop: Part to keep, px: first column and row, those after the last; its corner is the
+            origin.
+        flip: Mirror what --crop keeps: x exchanges left and right, y top and bottom.
+        rotate: Turn the picture clockwise after that, degrees.
+        shift_us: Add to all times, us; --from-us and --to-us are times before it.
+        hot_pixels: Keep or leave out the events of pixels that send all the time.
+        encoding: Encoding of a .raw file; EVT3 unless given.
     """
 
     files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="IN [OUT]")]
-    """Event file, recording folder, or camera to read (its address, a named pipe, or -), and the
-    file to write: .raw, .npz, .csv, .h5 or .aedat4. With -o, all of them are read: files,
-    folders of recordings, patterns such as 'day/*.raw'."""
     output: Output = None
-    """Many files: the folder to write."""
     to: Annotated[str | None, tyro.conf.arg(metavar="raw|npz|csv|h5|aedat4")] = None
-    """Many files: the format to write."""
     from_us: int | None = None
-    """First microsecond to keep."""
     to_us: int | None = None
-    """First microsecond after the part to keep."""
     flip_polarity: bool = False
-    """Exchange ON and OFF, so that dark markers read as white ones."""
     size: Annotated[tuple[int, int] | None, tyro.conf.arg(metavar="W H")] = None
-    """Size of the sensor, px, whatever the file says of it."""
     crop: Annotated[tuple[int, int, int, int] | None, tyro.conf.arg(metavar="X0 Y0 X1 Y1")] = None
-    """Part to keep, px: first column and row, those after the last; its corner is the origin."""
     flip: Literal["x", "y"] | None = None
-    """Mirror what --crop keeps: x exchanges left and right, y top and bottom."""
     rotate: Literal[90, 180, 270] | None = None
-    """Turn the picture clockwise after that, degrees."""
     shift_us: int = 0
-    """Add to all times, us; --from-us and --to-us are times before it."""
     hot_pixels: Literal["keep", "drop"] = "keep"
-    """Keep or leave out the events of pixels that send all the time."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
-    """Encoding of a .raw file; EVT3 unless given."""
 
 
 def run(args: Args) -> int:
@@ -195,21 +198,23 @@ class ExportArgs(WriteArgs):
 
     A LeRobot data set has one episode for each recording, with the last values before each frame,
     of the tracks and of a robot's log. A Zarr store has the arrays of tracks.npz at full rate.
+
+    Attributes:
+        sources: tracks.npz, several, folders of them, or patterns such as 'day/*.npz'.
+        to: Form of the data set.
+        output: Folder to write.
+        fps: LeRobot: frames per second.
+        task: LeRobot: what is done in the recordings, in words.
+        log: LeRobot: a robot's log for each recording: .npz with t_us on the clock of the tracks,
+            and state (n, k), action (n, k) or both.
     """
 
     sources: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="TRACKS...")]
-    """tracks.npz, several, folders of them, or patterns such as 'day/*.npz'."""
     to: Literal["lerobot", "zarr"]
-    """Form of the data set."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Folder to write."""
     fps: int = 30
-    """LeRobot: frames per second."""
     task: str = "touch"
-    """LeRobot: what is done in the recordings, in words."""
     log: tuple[Path, ...] = ()
-    """LeRobot: a robot's log for each recording: .npz with t_us on the clock of the tracks, and
-    state (n, k), action (n, k) or both."""
 
 
 def export(args: ExportArgs) -> int:

@@ -39,31 +39,38 @@ class Args(WriteArgs):
     Each file is one series with its own zero: tracks of this package, or arrays t_us,
     reference_mm (m, 3), displacement_mm (n, m, 3). It holds a wrench (n, 6) in N and Nm, or the
     forces come from a file of their own.
+
+    Attributes:
+        action: fit makes a model, check compares one with the wrenches of a file, apply adds
+            forces.
+        files: Series of one sensor; for apply one file of tracks.
+        wrench: Forces of each file that holds none: truth.npz, a simulation's folder, or a sensor's
+            CSV (t_us or t_s, fx, fy, fz, mx, my, mz). Its clock is aligned by itself.
+        force: check, apply: the model.
+        output: fit: the model, force.onnx unless given; apply: tracks with force_n and
+            force_sigma_n.
+        base: fit: a model of another sensor, which is fitted to this one by the presses in the
+            files.
+        shear_modulus_kpa: fit: the skin's shear modulus, kPa; contacts are drawn from its
+            equations.
+        thickness_mm: With --shear-modulus-kpa: the skin's thickness, mm.
+        camera_distance_mm: With --shear-modulus-kpa: from lens to skin, mm; perspective is
+            neglected unless given.
+        calibration: With --shear-modulus-kpa: calibration.json with a scale (made with --pitch-mm).
     """
 
     action: Annotated[
         tyro.conf.Positional[Literal["fit", "check", "apply"]], tyro.conf.arg(metavar="DO")
     ]
-    """fit makes a model, check compares one with the wrenches of a file, apply adds forces."""
     files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="FILES")] = ()
-    """Series of one sensor; for apply one file of tracks."""
     wrench: tuple[Path, ...] = ()
-    """Forces of each file that holds none: truth.npz, a simulation's folder, or a sensor's CSV
-    (t_us or t_s, fx, fy, fz, mx, my, mz). Its clock is aligned by itself."""
     force: Path = MODEL
-    """check, apply: the model."""
     output: Output = None
-    """fit: the model, force.onnx unless given; apply: tracks with force_n and force_sigma_n."""
     base: Annotated[Path | None, tyro.conf.arg(aliases=["--from"])] = None
-    """fit: a model of another sensor, which is fitted to this one by the presses in the files."""
     shear_modulus_kpa: float | None = None
-    """fit: the skin's shear modulus, kPa; contacts are drawn from its equations."""
     thickness_mm: float = 3.0
-    """With --shear-modulus-kpa: the skin's thickness, mm."""
     camera_distance_mm: float | None = None
-    """With --shear-modulus-kpa: from lens to skin, mm; perspective is neglected unless given."""
     calibration: Path | None = None
-    """With --shear-modulus-kpa: calibration.json with a scale (made with --pitch-mm)."""
 
 
 def run(args: Args) -> int:

@@ -46,24 +46,26 @@ class Args(JsonArgs):
 
     Another program moves the arm. The arm is also stopped when the stream ends, stalls or lags
     behind. This is not a safety function: it does not replace the robot's protective stop.
+
+    Attributes:
+        arm: Address of the UR arm, or twin: for a simulated one.
+        events: The finger's camera: its address, or a named pipe with RAW events.
+        calibration: calibration.json of that finger.
+        quiet: Recording of the moving arm without contact, from which the detector learns.
+        detector: Contact detector: default (signed, sequential) or event_count (as published).
+        budget: Accepted number of false contacts per hour of free motion.
+        force: force.onnx of that finger, for --limit-n.
+        limit_n: Stop where the force surely exceeds this, N, instead of at the first contact.
     """
 
     arm: str
-    """Address of the UR arm, or twin: for a simulated one."""
     events: Path
-    """The finger's camera: its address, or a named pipe with RAW events."""
     calibration: Path
-    """calibration.json of that finger."""
     quiet: Path
-    """Recording of the moving arm without contact, from which the detector learns."""
     detector: Annotated[str, tyro.conf.arg(metavar="default|event_count")] = "default"
-    """Contact detector: default (signed, sequential) or event_count (as published)."""
     budget: float = 1.0
-    """Accepted number of false contacts per hour of free motion."""
     force: Path | None = None
-    """force.onnx of that finger, for --limit-n."""
     limit_n: float | None = None
-    """Stop where the force surely exceeds this, N, instead of at the first contact."""
 
 
 def run(args: Args) -> int:

@@ -27,12 +27,16 @@ US_PER_S = 1_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Args(ReadArgs):
-    """Print the content of an event file, of a recording folder, or of any file of this package."""
+    """Print the content of an event file, of a recording folder, or of any file of this package.
+
+    Attributes:
+        file: Event file, recording folder, camera (address, named pipe, -), or a file of this
+            package.
+        encoding: Encoding of a RAW file; it overrides the header.
+    """
 
     file: tyro.conf.Positional[Path]
-    """Event file, recording folder, camera (address, named pipe, -), or a file of this package."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
-    """Encoding of a RAW file; it overrides the header."""
 
 
 def run(args: Args) -> int:

@@ -21,12 +21,15 @@ from spikingtac.tracks.comparison import Comparison
 
 @dataclass(frozen=True, kw_only=True)
 class StyleArgs(WriteArgs):
-    """How a figure looks."""
+    """How a figure looks.
+
+    Attributes:
+        theme: Colours: light for paper, dark for screens.
+        width: Width of one column of a paper (3.5 inches) or of two (7.16 inches).
+    """
 
     theme: ThemeName = "light"
-    """Colours: light for paper, dark for screens."""
     width: WidthName = "single"
-    """Width of one column of a paper (3.5 inches) or of two (7.16 inches)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,24 +37,27 @@ class Args(StyleArgs):
     """Draw tracks, or the events of any recording; a recording needs no calibration.
 
     Lengths are in mm where the calibration knew the pitch (calibrate --pitch-mm), otherwise in px.
+
+    Attributes:
+        source: tracks.npz; or an event file or a recording folder.
+        output: File to write: .png, .svg or .pdf; .gif animates a field of tracks, with the course
+            below. tracks.png or events.png unless given.
+        kind: Tracks: course (over time, the default), field (arrows), map (heat map), strain (of
+            area). Events: moment (ON and OFF), rate, surface (how recent), hot pixels, overview
+            (the default).
+        at_s: Time since the start, s; that of the largest displacement or rate unless given.
+        from_s: Begin of an animation, s; a second before the largest displacement unless given.
+        to_s: End of an animation, s; a second after the largest displacement unless given.
+        slow: Slow-motion factor of an animation: at 2 it lasts twice as long as what it shows.
     """
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRACKS|RECORDING")]
-    """tracks.npz; or an event file or a recording folder."""
     output: Output = None
-    """File to write: .png, .svg or .pdf; .gif animates a field of tracks, with the course below.
-    tracks.png or events.png unless given."""
     kind: Literal[Kind, EventKind] | None = None
-    """Tracks: course (over time, the default), field (arrows), map (heat map), strain (of area).
-    Events: moment (ON and OFF), rate, surface (how recent), hot pixels, overview (the default)."""
     at_s: float | None = None
-    """Time since the start, s; that of the largest displacement or rate unless given."""
     from_s: float | None = None
-    """Begin of an animation, s; a second before the largest displacement unless given."""
     to_s: float | None = None
-    """End of an animation, s; a second after the largest displacement unless given."""
     slow: float = 1.0
-    """Slow-motion factor of an animation: at 2 it lasts twice as long as what it shows."""
 
 
 def run(args: Args) -> int:
@@ -107,16 +113,19 @@ def _of_tracks(args: Args, output: Path, kind: str) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class CompareArgs(StyleArgs):
-    """Compare two tracks of a recording, or tracks with the truth of a simulated one."""
+    """Compare two tracks of a recording, or tracks with the truth of a simulated one.
+
+    Attributes:
+        one: tracks.npz; the distances are computed at its times.
+        other: Other tracks.npz, a truth.npz, or a recording folder that holds one.
+        output: Figure to write (.png, .svg, .pdf): the distance over time and by marker.
+        table: CSV file to write: the distance of each marker.
+    """
 
     one: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRACKS")]
-    """tracks.npz; the distances are computed at its times."""
     other: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OTHER")]
-    """Other tracks.npz, a truth.npz, or a recording folder that holds one."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o", "--plot"], metavar="FIGURE")] = None
-    """Figure to write (.png, .svg, .pdf): the distance over time and by marker."""
     table: Path | None = None
-    """CSV file to write: the distance of each marker."""
 
 
 def compare(args: CompareArgs) -> int:

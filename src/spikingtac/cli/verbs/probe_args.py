@@ -19,43 +19,49 @@ class Args(WriteArgs):
 
     The probe must stand in the hole. This is not a safety function: it does not replace the robot's
     protective stop.
+
+    Attributes:
+        output: Folder for hole.json and hole.png; nothing is written unless given.
+        arm: Address of a UR arm in remote control; the twin is used unless given.
+        events: With --arm: the finger's camera, a named pipe; a recording only with --rehearsal.
+        rehearsal: With --arm: allow --events to be a recording. The arm then moves by what was felt
+            earlier, and feels nothing: no contact stops it.
+        calibration: With --arm: calibration.json of that finger.
+        gripper: With --arm: close its Robotiq gripper on the probe before the search, and report
+            the grip.
+        release: With --gripper: open the gripper after the search.
+        travel_mm: With --arm: delta_crit, the tip's travel from touch to decision, mm, from a known
+            wall.
+        travel_sigma_mm: With --arm: standard deviation of this travel from touch to touch, mm.
+        radius_mm: On the twin: true radius of the hole, mm.
+        seed: On the twin: seed of everything random.
+        search: default (adaptive) or cross4 (the paper's four contacts).
+        contacts: Largest number of contacts of the adaptive search.
+        center_sigma_mm: The adaptive search ends at this standard deviation of the centre along
+            each axis, mm.
+        travel_limit_mm: Largest travel of one approach, mm; a hole must be smaller.
+        force_limit_n: Largest force of the tip, N, even if no wall is detected; it limits the
+            travel.
+        detector: Contact detector: default (signed, sequential) or event_count (as published).
     """
 
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")] = None
-    """Folder for hole.json and hole.png; nothing is written unless given."""
     arm: str | None = None
-    """Address of a UR arm in remote control; the twin is used unless given."""
     events: Path | None = None
-    """With --arm: the finger's camera, a named pipe; a recording only with --rehearsal."""
     rehearsal: bool = False
-    """With --arm: allow --events to be a recording. The arm then moves by what was felt earlier,
-    and feels nothing: no contact stops it."""
     calibration: Path | None = None
-    """With --arm: calibration.json of that finger."""
     gripper: bool = False
-    """With --arm: close its Robotiq gripper on the probe before the search, and report the grip."""
     release: bool = False
-    """With --gripper: open the gripper after the search."""
     travel_mm: float = 0.12
-    """With --arm: delta_crit, the tip's travel from touch to decision, mm, from a known wall."""
     travel_sigma_mm: float = 0.03
-    """With --arm: standard deviation of this travel from touch to touch, mm."""
     radius_mm: float = 2.0
-    """On the twin: true radius of the hole, mm."""
     seed: int = 0
-    """On the twin: seed of everything random."""
     search: Literal["default", "cross4"] = "default"
-    """default (adaptive) or cross4 (the paper's four contacts)."""
     contacts: int = 12
-    """Largest number of contacts of the adaptive search."""
     center_sigma_mm: float = 0.0
-    """The adaptive search ends at this standard deviation of the centre along each axis, mm."""
     travel_limit_mm: float = 11.0
-    """Largest travel of one approach, mm; a hole must be smaller."""
     force_limit_n: float = 0.5
-    """Largest force of the tip, N, even if no wall is detected; it limits the travel."""
     detector: Annotated[str, tyro.conf.arg(metavar="default|event_count")] = "default"
-    """Contact detector: default (signed, sequential) or event_count (as published)."""
 
     def probing(self) -> st.ProbingConfig:
         """Return how the search touches."""

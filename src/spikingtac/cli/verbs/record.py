@@ -58,18 +58,20 @@ class Args(WriteArgs):
     after a crash, a full disk or an unplugged cable. A camera that is unplugged is waited for.
     Other programs see the events meanwhile where its address says so: udp:7777?share=press, then
     spikingtac view ring:press.
+
+    Attributes:
+        source: Address of a camera (spikingtac cameras lists them), a named pipe, or -.
+        second: The other finger's camera: events_1.raw, manifest_1.json, on the first one's clock.
+        output: Folder to write: events.raw (EVT3), later files events.0001.raw ..., manifest.json.
+        seconds: Length, s; until Ctrl-C unless given.
+        split: When the next file begins: a size (500MB, 2GB) or a duration (60s, 10min, 1h).
     """
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
-    """Address of a camera (spikingtac cameras lists them), a named pipe, or -."""
     second: Annotated[Path | None, tyro.conf.arg(metavar="SOURCE")] = None
-    """The other finger's camera: events_1.raw, manifest_1.json, on the first one's clock."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
-    """Folder to write: events.raw (EVT3), later files events.0001.raw ..., manifest.json."""
     seconds: float | None = None
-    """Length, s; until Ctrl-C unless given."""
     split: Annotated[str, tyro.conf.arg(metavar="SIZE|TIME")] = "1GB"
-    """When the next file begins: a size (500MB, 2GB) or a duration (60s, 10min, 1h)."""
 
 
 def run(args: Args) -> int:
@@ -159,22 +161,28 @@ class AlignArgs(WriteArgs):
 
     Two recordings go into a folder that every verb reads as two sensors: events.raw, events_1.raw,
     poses.npz. Without a second recording, the poses alone are written: -o poses.npz.
+
+    Attributes:
+        first: Recording whose clock is the time base; a folder of two sensors holds the second one,
+            too.
+        second: Recording of the other finger.
+        output: Folder to write, or poses.npz; nothing is written unless given.
+        by: What aligns the clocks: host (one recorded both), triggers (both timed one line), or
+            auto.
+        trigger_channel: Trigger input of that line, where both recordings hold several; it means
+            --by triggers.
+        poses: CSV of a robot's poses: a header with t_us, t_ms, t_s or timestamp; columns of
+            numbers.
+        poses_clock: Clock of their times: unix (time of day), monotonic (of the host), or sensor.
     """
 
     first: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FIRST")]
-    """Recording whose clock is the time base; a folder of two sensors holds the second one, too."""
     second: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="SECOND")] = None
-    """Recording of the other finger."""
     output: Output = None
-    """Folder to write, or poses.npz; nothing is written unless given."""
     by: By = "auto"
-    """What aligns the clocks: host (one recorded both), triggers (both timed one line), or auto."""
     trigger_channel: int | None = None
-    """Trigger input of that line, where both recordings hold several; it means --by triggers."""
     poses: Path | None = None
-    """CSV of a robot's poses: a header with t_us, t_ms, t_s or timestamp; columns of numbers."""
     poses_clock: PoseClock = "auto"
-    """Clock of their times: unix (time of day), monotonic (of the host), or sensor."""
 
 
 def align(args: AlignArgs) -> int:

@@ -29,16 +29,20 @@ FOXGLOVE_ORIGINS = ("https://app.foxglove.dev", "https://studio.foxglove.dev")
 
 @dataclass(frozen=True, kw_only=True)
 class PublishArgs(TrackerArgs, ReadArgs):
-    """Options of verbs that publish a sensor."""
+    """Options of verbs that publish a sensor.
+
+    Attributes:
+        source: A camera's address, event file or recording folder, with --calibration; or
+            tracks.npz.
+        force: Force model: publish the wrench, too; make one with: spikingtac force fit.
+        wait_s: Longest wait for a first reader of the field before the first frame, s.
+        seconds: Duration, s; without end unless given.
+    """
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
-    """A camera's address, event file or recording folder, with --calibration; or tracks.npz."""
     force: Path | None = None
-    """Force model: publish the wrench, too; make one with: spikingtac force fit."""
     wait_s: float = 0.0
-    """Longest wait for a first reader of the field before the first frame, s."""
     seconds: float | None = None
-    """Duration, s; without end unless given."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,16 +51,18 @@ class Args(PublishArgs):
 
     Cameras are published as they send, recordings and tracks at the speed of their recording.
     Nothing leaves this machine unless --interface says so.
+
+    Attributes:
+        prefix: Begins the name of every topic: /tactile/field, ...
+        domain: ROS_DOMAIN_ID.
+        interface: Network interface to publish on; lo is this machine alone.
+        reliable: Resend what readers missed, instead of the best effort that is usual for sensors.
     """
 
     prefix: str = "/tactile"
-    """Begins the name of every topic: /tactile/field, ..."""
     domain: int = 0
-    """ROS_DOMAIN_ID."""
     interface: str = "lo"
-    """Network interface to publish on; lo is this machine alone."""
     reliable: bool = False
-    """Resend what readers missed, instead of the best effort that is usual for sensors."""
 
 
 def run(args: Args) -> int:
@@ -78,16 +84,19 @@ class FoxgloveArgs(PublishArgs):
 
     Cameras are shown as they send, recordings and tracks at the speed of their recording. The
     server listens on this machine alone unless --host says otherwise.
+
+    Attributes:
+        field_hz: Fields and wrenches that are shown per second, at most every frame.
+        host: Address to serve on. Beyond this machine a random token is needed, which is printed.
+        port: Port, or 0 for any free one.
+        allow_origin: Web pages that may connect, by their Origin; those of the Foxglove app unless
+            given.
     """
 
     field_hz: float = 100.0
-    """Fields and wrenches that are shown per second, at most every frame."""
     host: str = "127.0.0.1"
-    """Address to serve on. Beyond this machine a random token is needed, which is printed."""
     port: int = 8766
-    """Port, or 0 for any free one."""
     allow_origin: tuple[str, ...] = FOXGLOVE_ORIGINS
-    """Web pages that may connect, by their Origin; those of the Foxglove app unless given."""
 
 
 def foxglove(args: FoxgloveArgs) -> int:

@@ -23,24 +23,28 @@ class Args(WriteArgs):
     """Render a scene of the digital twin into a recording folder with ground truth.
 
     The scene is one of --list, or a TOML file of your own.
+
+    Attributes:
+        scene: Name of a scene, or the path of a TOML file.
+        output: Folder to write: events.raw, truth.npz, manifest.json.
+        seed: Seed of the motions' variations and of the camera's noise; equal seeds give equal
+            bytes.
+        duration_s: Length, s; a shorter one cuts the scene, a longer one repeats its contacts.
+        camera: Camera preset; the scene's own (typical) unless given.
+        serial: Serial number of the sensor, which sets its tolerances; the scene's own unless
+            given.
+        design: Put the scene on the sensor of a design: a name (see design --list), or a TOML file.
+        list: Print the scenes, one per line: name, two spaces, description.
     """
 
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")] = ""
-    """Name of a scene, or the path of a TOML file."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")] = None
-    """Folder to write: events.raw, truth.npz, manifest.json."""
     seed: int = 0
-    """Seed of the motions' variations and of the camera's noise; equal seeds give equal bytes."""
     duration_s: float | None = None
-    """Length, s; a shorter one cuts the scene, a longer one repeats its contacts."""
     camera: Annotated[str | None, tyro.conf.arg(metavar="|".join(CAMERA_NAMES))] = None
-    """Camera preset; the scene's own (typical) unless given."""
     serial: int | None = None
-    """Serial number of the sensor, which sets its tolerances; the scene's own unless given."""
     design: Annotated[str | None, tyro.conf.arg(metavar="DESIGN")] = None
-    """Put the scene on the sensor of a design: a name (see design --list), or a TOML file."""
     list: bool = False
-    """Print the scenes, one per line: name, two spaces, description."""
 
 
 def run(args: Args) -> int:

@@ -39,15 +39,20 @@ class Args(ManyArgs, TrackerArgs, SecondArgs):
 
     Of many recordings, the lists go into a folder, with a table of all results:
     spikingtac touch DAY --calibration C -o DAY_touches --workers 4
+
+    Attributes:
+        sources: Event file, recording folder or camera, with --calibration; or tracks.npz, or
+            arrays t_us, reference_mm, displacement_mm. Several, folders of them, patterns such as
+            'day/*.raw'.
+        vibration: Report the strongest line of vibration in every second, from the markers' mean
+            motion.
+        output: CSV file to write, a line for each touch; a folder for many; touches_1.csv of
+            --second.
     """
 
     sources: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="SOURCE...")]
-    """Event file, recording folder or camera, with --calibration; or tracks.npz, or arrays t_us,
-    reference_mm, displacement_mm. Several, folders of them, patterns such as 'day/*.raw'."""
     vibration: bool = False
-    """Report the strongest line of vibration in every second, from the markers' mean motion."""
     output: Output = None
-    """CSV file to write, a line for each touch; a folder for many; touches_1.csv of --second."""
 
 
 class Skin(NamedTuple):
@@ -64,11 +69,6 @@ class Skin(NamedTuple):
     unit: str
     scale: SkinScale | None
     rate_hz: float
-
-    def scales(self) -> dict[str, SkinScale]:
-        """Return the units in which lengths are told, each with the scale that leads there."""
-        own = {"px": SkinScale(1.0)} if self.unit == "px" else {}
-        return own | ({} if self.scale is None else {"mm": self.scale})
 
 
 def run(args: Args) -> int:
@@ -126,13 +126,12 @@ WORK = Work("touch", touch_one, touch_summary, touch_shown, ".csv", check_many, 
 
 def _listed(args: Args, frames: Iterable[st.MarkerFrame], skin: Skin) -> dict[str, Any]:
     """Return the touches as rows."""
-    detector = touch.HeldTouchDetector(
-        skin.reference, touch.TouchConfig.for_unit(skin.reference, skin.unit)
-    )
+    config = touch.TouchConfig.for_unit(skin.reference, skin.unit)
+    detector = touch.HeldTouchDetector(skin.reference, config)
     monitor = touch.VibrationMonitor(skin.rate_hz, VIBRATION_WINDOW_S) if args.vibration else None
     found, lines, first_us, asked_us = [], [], None, 0
-    for frame in frames:
-        if first_us is None:
+    for number, frame in enumerate(frames):
+        if not number:
             first_us = asked_us = frame.t_us
         if (held := detector.update(frame)) is not None:
             found.append(held)
@@ -202,8 +201,8 @@ def _touch_row(held: st.HeldTouch, skin: Skin) -> Row:
     found, field = held.touch, held.touch.field
     row: Row = {name: getattr(found, name) for name in TIMES}
     row["peak_strength"] = round(found.peak_strength, 6)
-    told = {}
-    for name, scale in skin.scales().items():
+    told, scales = {}, {"px": SkinScale(1.0)} if skin.unit == "px" else {}
+    for name, scale in (scales | ({"mm": skin.scale} if skin.scale else {})).items():
         local = scale.mm_per_px(found.place_px)
         row |= {
             f"place_{name}": scale.to_mm(found.place_px).round(4).tolist(),

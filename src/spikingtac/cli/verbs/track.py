@@ -23,24 +23,28 @@ class Args(ManyArgs, TrackerArgs, SecondArgs, RealtimeArgs):
 
     Many recordings (several paths, a folder, a quoted pattern) go into a folder, with a table of
     all results: spikingtac track DAY --calibration C -o DAY_tracks --workers 4
+
+    Attributes:
+        recordings: Event files, recording folders, folders of them, patterns such as 'day/*.raw';
+            or a camera: its address, a named pipe, or -.
+        output: File to write: .npz, .csv, .parquet; tracks.npz unless given, tracks_1.npz of
+            --second. A folder for many.
+        polarity: White markers on dark ground, or dark on light; the calibration's unless given.
+        hysteresis: Law of the output position; the calibration's or the preset's unless given.
+        smooth: For a file: smooth backward in time, and write the places' standard deviations,
+            sigma_px.
+        force: force.onnx: estimate the wrench of every frame, too; make one with: spikingtac force
+            fit.
     """
 
     recordings: Annotated[
         tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="RECORDING...")
     ]
-    """Event files, recording folders, folders of them, patterns such as 'day/*.raw'; or a camera:
-    its address, a named pipe, or -."""
     output: Output = None
-    """File to write: .npz, .csv, .parquet; tracks.npz unless given, tracks_1.npz of --second. A
-    folder for many."""
     polarity: Polarity | None = None
-    """White markers on dark ground, or dark on light; the calibration's unless given."""
     hysteresis: LawName | None = None
-    """Law of the output position; the calibration's or the preset's unless given."""
     smooth: bool = False
-    """For a file: smooth backward in time, and write the places' standard deviations, sigma_px."""
     force: Path | None = None
-    """force.onnx: estimate the wrench of every frame, too; make one with: spikingtac force fit."""
 
     def settings(self) -> tuple[st.Config, st.Calibration]:
         """Return how markers are followed, and the sensor's calibration, as the options say."""
