@@ -11,7 +11,7 @@ from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
 from spikingtac.events.address import Address, is_address, is_stream
 from spikingtac.events.evt.raw import RawSource, later_parts, read_header
-from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
+from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, UTF16_MARKS
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
 from spikingtac.events.recording import (
     RECORDING_NAME,
@@ -169,6 +169,8 @@ def _kind_by_signature(path: Path, start: bytes) -> str | None:
     for kind, (_, _, signatures) in _KINDS.items():
         if start.startswith(signatures):
             return kind
+    if start.startswith(UTF16_MARKS) and b"\0" in start[2:4]:
+        return "packed"
     if start.startswith(b"PK\x03\x04"):
         try:
             with zipfile.ZipFile(path) as archive:

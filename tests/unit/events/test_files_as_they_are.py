@@ -49,6 +49,7 @@ def table(order: str = "txyp", mark: str = ",", head: str = "", **changes: Any) 
 
 
 SIGNS = np.where(P, 1, -1)
+WORDS = np.where(P, "ON", "OFF")
 SECONDS = np.array([f"{t / 1e6:.6f}" for t in T])
 TEXTS: dict[str, str] = {
     "x,y,p,t without a header": table("xypt"),
@@ -71,6 +72,11 @@ TEXTS: dict[str, str] = {
     "%geometry": table("xypt", head="%geometry:346,260\n"),
     "size in a comment": table(head="# size 346 260\n# by hand\n"),
     "CRLF": table(head="t,x,y,p\n").replace("\n", "\r\n"),
+    "polarity as words": table(head="addr_x,addr_y,t,polarity\n", order="xytp", p=WORDS),
+    "polarity as signs alone": table(mark=" ", p=np.where(P, "+", "-")),
+    "a label of words": table("txypl", head="t,x,y,p,label\n", l=np.where(P, "slow press", "tap")),
+    "a label without a header": table("txlyp", ";", l="b", p=np.where(P, "on", "off")),
+    "UTF-16": table(head="t,x,y,p\n"),
     "nanoseconds since 1970": table(t=T * 1_000 + 1_700_000_000 * 10**9),
     "seconds since 1970": table(t=[f"{1_700_000_000 + t / 1e6:.6f}" for t in T]),
 }
@@ -78,7 +84,8 @@ TEXTS: dict[str, str] = {
 
 @pytest.mark.parametrize("form", TEXTS)
 def test_text(tmp_path: Path, form: str) -> None:
-    (tmp_path / "a.csv").write_text(TEXTS[form], encoding="utf-8", newline="")
+    encoding = "utf-16" if form == "UTF-16" else "utf-8"
+    (tmp_path / "a.csv").write_text(TEXTS[form], encoding=encoding, newline="")
     since = 1_700_000_000_000_000 if "1970" in form else 0
     source = assert_read(tmp_path / "a.csv", since)
     assert source.size == SIZE

@@ -5,6 +5,7 @@ NumPy archives are written column by column at constant memory.
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import math
 import shutil
@@ -25,6 +26,8 @@ from spikingtac.atomic_files import replacing
 from spikingtac.errors import FormatError, RecordingError
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES, refuse_piece
+
+UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # How a text in UTF-16 begins.
 
 # What zipfile and NumPy's header parser raise on damaged archives.
 ARCHIVE_DAMAGE = (
@@ -185,7 +188,7 @@ def open_packed(path: Path, opener: Callable[[Path], FileSource]) -> FileSource:
     """Return the source of the recording inside an archive.
 
     Args:
-        path: A ``.gz`` of one file, or a ``.zip`` that holds one file.
+        path: A ``.gz`` of one file, a ``.zip`` that holds one file, or a text in UTF-16.
         opener: Opens the unpacked file.
 
     Raises:
@@ -212,6 +215,11 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
     """Return the unpacked file, and what ended it early."""
     packed = path.stat().st_size
     try:
+        with path.open("rb") as file:
+            if file.read(2) in UTF16_MARKS:
+                file.seek(0)
+                recoded: Any = codecs.EncodedFile(file, "utf-8", "utf-16")
+                return _copied(recoded, folder / path.name, packed, path)
         if not zipfile.is_zipfile(path):
             inner = folder / (path.stem if path.suffix.lower() in (".gz", ".gzip") else path.name)
             with gzip.open(path) as content:

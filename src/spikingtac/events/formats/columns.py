@@ -41,10 +41,10 @@ _NAMES = {
 }
 _ROLE_OF = {name: role for role, names in _NAMES.items() for name in names}
 _NAME = re.compile(
-    r"(?P<name>[a-zµμ][\w.µμ]*?)(?:_(?P<px>px|pixel|pixels|coord|address))?"
+    r"(?P<name>[a-zµμ][\w.µμ]*?)(?:_(?:px|pixels?|coord|addr|address))?"
     r"(?:[\s_/]*[\[({<]\s*(?P<unit>[^\])}>]*)[\])}>])?"
 )
-_PREFIX = re.compile(r"^(events?|ev|dvs|cd)[._/]")
+_PREFIX = re.compile(r"^(events?|ev|dvs|cd|addr|address)[._/]")
 
 # Whole numbers beyond are nanoseconds since 1970: as microseconds, they lie 3,000 years ahead.
 NANOSECOND_TIMES = 1e17

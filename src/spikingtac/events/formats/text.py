@@ -27,10 +27,12 @@ NUMBER_LIMIT = 1e19  # Numbers beyond are damage.
 # What may part words; a comma comes last, since it may be the decimal mark beside another one.
 _DELIMITERS = ";\t|,"
 
-_TRUTH = {"true": "1", "false": "0"}  # Words that are values, beside numbers.
+# Words of a polarity -> its number.
+_WORDS = {"true": "1", "on": "1", "+": "1", "false": "0", "off": "0", "-": "0"}
 _SIZE = re.compile(r"(?:size|geometry|resolution)\W{1,3}(\d+)\s*[x,;\s]\s*(\d+)", re.IGNORECASE)
 _WIDTH_HEIGHT = re.compile(r"width\W{1,3}(\d+).*?height\W{1,3}(\d+)", re.IGNORECASE)
 _BYTE_ORDER_MARK = "\ufeff".encode()  # What some programs begin UTF-8 with.
+_IN_LABEL = re.compile(rb"(?<=[A-Za-z]) +(?=\w)")  # Blanks between the words of a label.
 _TO_BLANKS = bytes.maketrans(b',;\t|"\r', b"      ")
 
 
@@ -40,7 +42,8 @@ class TextSource(columns.TableSource):
     The first line, or a comment, names the columns in any order, with units of time; else their
     values tell the order (:mod:`spikingtac.events.formats.columns`). The size stands in a comment
     (``# size W H``, ``%geometry:W,H``) or in a first line of two numbers. Lines that do not parse,
-    or have another number of columns than most, are counted as ``bad_record``.
+    or have another number of columns than most, are counted as ``bad_record``. A polarity may be
+    a word such as ON; other columns of words are left out.
 
     Raises:
         FormatError: The columns cannot be told, or one is missing.
@@ -50,6 +53,7 @@ class TextSource(columns.TableSource):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._delimiter, self._width, self._bad = "", 0, 0
+        self._labels: set[int] = set()  # columns of words
         self._start = self._read_head(path)
         super().__init__(path, options)
 
@@ -68,7 +72,9 @@ class TextSource(columns.TableSource):
                         self._named_size = int(size[1]), int(size[2])
                     continue
                 words = _split(text)
-                if any(re.match(r"[A-Za-z_µ]", word) and _number(word) is None for word in words):
+                unread = [word for word in words if _number(word) is None]
+                few = len(words) - len(unread) < len(columns.ROLES)
+                if few and any(re.match(r"[A-Za-z_µ]", word) for word in unread):
                     self._order = _named(words, path)
                     continue
                 if len(words) == 2 and not comments and not self._order.place:
@@ -86,17 +92,25 @@ class TextSource(columns.TableSource):
         lines = samples[0].splitlines()
         marks = Counter(_delimiter(line.decode("utf-8", "replace")) for line in lines)
         self._delimiter = marks.most_common(1)[0][0]
-        self._width = Counter(len(self._blank(line).split()) for line in lines).most_common(1)[0][0]
+        rows = [self._blank(line).decode("utf-8", "replace").split() for line in lines]
+        self._width = Counter(map(len, rows)).most_common(1)[0][0]
+        whole = [[_number(word) for word in row] for row in rows if len(row) == self._width]
+        named = self._order.place.values()
+        for index, column in enumerate(zip(*whole, strict=True)):
+            if index not in named and column.count(None) > len(column) // 2:
+                self._labels.add(index)
         for comment in comments if not self._order.place else ():
             self._order = _named_in_comment(comment, self._width) or self._order
         if not self._order.place:
             tables = [self._table(self._blank(sample)) for sample in samples]
-            if self._width < 4 or not any(map(len, tables)):
+            kept = [index for index in range(self._width) if index not in self._labels]
+            if len(kept) < len(columns.ROLES) or not any(map(len, tables)):
                 raise FormatError(
                     f"{str(path)!r} is no table of events: its rows have {self._width} columns, "
                     "but time, x, y and polarity are needed"
                 )
-            self._order = columns.order_of_values(tables, repr(str(path)))
+            found = columns.order_of_values([table[:, kept] for table in tables], repr(str(path)))
+            self._order = Order({role: kept[index] for role, index in found.place.items()})
 
     def _tables(self) -> Iterator[NDArray[np.float64]]:
         self._bad, tail = 0, b""
@@ -114,6 +128,8 @@ class TextSource(columns.TableSource):
         """Return text whose numbers are parted by blanks, with points as decimal marks."""
         if self._delimiter in (";", "\t"):
             text = text.replace(b",", b".")
+        if self._delimiter != " ":
+            text = _IN_LABEL.sub(b"_", text)
         return text.translate(_TO_BLANKS)
 
     def _table(self, text: bytes) -> NDArray[np.float64]:
@@ -125,7 +141,10 @@ class TextSource(columns.TableSource):
         except (ValueError, UserWarning):
             lines = [line.split() for line in text.decode("utf-8", "replace").splitlines()]
             lines = [words for words in lines if words and words[0][0] not in "#%"]
-            rows = [[_number(word) for word in words] for words in lines]
+            rows = [
+                [0.0 if k in self._labels else _number(word) for k, word in enumerate(words)]
+                for words in lines
+            ]
             rows = [row for row in rows if len(row) == self._width and None not in row]
             self._bad += len(lines) - len(rows)
             table = np.array(rows, np.float64).reshape(len(rows), self._width)
@@ -174,7 +193,7 @@ def _split(line: str) -> list[str]:
 
 def _number(word: str) -> float | None:
     try:
-        return float(_TRUTH.get(word.lower(), word).replace(",", "."))
+        return float(_WORDS.get(word.lower(), word).replace(",", "."))
     except ValueError:
         return None
 
