@@ -54,7 +54,6 @@ from spikingtac.stream.arrivals import Arrival  # noqa: E402
 from spikingtac.stream.guard import ContactProcess  # noqa: E402
 from spikingtac.stream.real_time import exempt_from_collection, take_precedence  # noqa: E402
 from spikingtac.types import Contact, EventPacket  # noqa: E402
-from stand_ins.guarded import LEAP_US  # noqa: E402
 from stand_ins.hostile_files import (  # noqa: E402
     CONTAINERS,
     FILE_NAMES,
@@ -68,6 +67,7 @@ from stand_ins.moving_rims import windows  # noqa: E402
 from stand_ins.ur_controller import EVERYTHING, URController  # noqa: E402
 
 TIME_LIMIT_S = 30.0
+LEAP_US = 600_000_000  # A leap of a sensor's clock, ten minutes, us.
 MEMORY_LIMIT_MB = 512
 GRACE_S = 10.0  # A process that does not heed its own alarm is killed so much later.
 

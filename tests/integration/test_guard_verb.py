@@ -19,7 +19,7 @@ from spikingtac.events.create import create_events
 from spikingtac.events.evt.encode import Evt2Encoder
 from spikingtac.events.evt.raw import format_header
 from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
-from spikingtac.stream.arrivals import Arrival, stream_arrivals
+from spikingtac.stream.arrivals import stream_arrivals
 from spikingtac.stream.guard import ContactProcess
 from spikingtac.stream.guard_loop import ContactLoop
 from spikingtac.types import EventPacket
@@ -147,18 +147,6 @@ def quiet_loop() -> ContactLoop:
     detector = BurstDetector()
     detector.update = lambda window: None  # type: ignore[method-assign]
     return ContactLoop(detector, watchdog, lambda: None)
-
-
-def test_a_small_leap_ahead_is_counted_and_told() -> None:
-    loop = quiet_loop()
-    for number, window in enumerate(windows(1_000, seed=0)):
-        ahead_s = 0.3 if number >= 500 else 0.0
-        loop._process(Arrival((window,), 5.0 + window.t_end_us / 1e6 - ahead_s))
-    assert loop.report()["leaps"] == 1
-    ready = {**loop.report(), "phase": "ready", "precedes": True}
-    assert any("leapt ahead" in text for text in guard._news(ready, 0.0))
-    waiting = guard._news({"phase": "starting", "reason": "events"}, guard.WAITING_S + 0.1)
-    assert list(waiting) == ["waiting for events"]
 
 
 def events_of(from_s: float, seed: int) -> bytes:

@@ -253,13 +253,6 @@ def test_standard_input_needs_no_end_of_its_header(ending: bytes, tmp_path: Path
     assert json.loads(done.stdout)["events"] == 2_000
 
 
-def test_nothing_at_standard_input_is_said(tmp_path: Path) -> None:
-    given = [str(COMMAND), "record", "-", "-o", str(tmp_path / "rec")]
-    done = subprocess.run(given, stdin=subprocess.DEVNULL, capture_output=True, timeout=PATIENCE_S)
-    assert done.returncode == 1
-    assert b"ended before a RAW header" in done.stderr
-
-
 def test_info_shows_what_the_manifest_tells(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

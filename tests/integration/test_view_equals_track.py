@@ -22,13 +22,6 @@ from stand_ins.viewer import CirclingDots, open_circling
 QUIET_US = 4_321  # The first event comes this long after the start of the stream, off every grid.
 
 
-class Dropped:
-    """A publisher whose messages nobody reads."""
-
-    def publish(self, message: bytes) -> bool:
-        return True
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording that begins with silence, and its calibration."""
@@ -50,7 +43,7 @@ def test_a_viewed_recording_gives_the_tracks_of_a_tracked_one(
     track_to_file(open_events(folder), tmp_path / "tracked.npz", config, calibration)
 
     monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
-    session = Session(open_view(str(folder), preset=preset), Dropped(), Dropped())
+    session = Session(open_view(str(folder), preset=preset), bool, bool)
     frames: dict[int, MarkerFrame] = {}
     session.record.estimate = lambda frame: frames.setdefault(frame.t_us, frame)
     while session.playing:

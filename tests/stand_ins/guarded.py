@@ -7,13 +7,13 @@ import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from spikingtac.contact.detector import ContactDetector
-from spikingtac.contact.registry import DetectionConfig, make_detector
+from spikingtac.contact.registry import DetectionConfig, EventCountDetector, make_detector
 from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.stream.arrivals import Arrival
@@ -22,14 +22,12 @@ from stand_ins.moving_rims import PERIOD_US, calibration, windows
 
 NEVER = 1 << 30
 SLOWED = 5  # Host time and sensor time of a window, in periods of the detector.
-LEAP_US = 600_000_000
 
 
-def slowed(window: EventPacket, shift_us: int = 0) -> EventPacket:
-    """Return a window whose time runs slower, so that a busy machine keeps up, and later."""
-    begin_us, end_us = (SLOWED * t + shift_us for t in (window.t_start_us, window.t_end_us))
-    times_us = SLOWED * window.t + shift_us
-    return replace(window, t=times_us, t_start_us=begin_us, t_end_us=end_us)
+def slowed(window: EventPacket) -> EventPacket:
+    """Return a window whose time runs slower, so that a busy machine keeps up."""
+    begin_us, end_us = (SLOWED * t for t in (window.t_start_us, window.t_end_us))
+    return replace(window, t=SLOWED * window.t, t_start_us=begin_us, t_end_us=end_us)
 
 
 class NotingArm:
@@ -86,29 +84,20 @@ def detector() -> ContactDetector:
     return make_detector("default", DetectionConfig(), [calibration()], windows(1000, seed=1))
 
 
-@cache
-def _counting() -> ContactDetector:
-    return make_detector("event_count", DetectionConfig(), [calibration()], windows(1000, seed=1))
-
-
-def as_it_is(detector: ContactDetector) -> ContactDetector:
-    return detector
-
-
 def watching(stream: Mapping[str, int]) -> Callable[[], ContactDetector]:
-    """Return the detector for a stream of :func:`paced`: one that has learned where none touches.
+    """Return the detector for a stream of :func:`paced`: one that hears nothing where none touches.
 
     What stalls, ends, breaks or leaps is noticed by whoever watches the stream, not by a detector.
     """
     if "touch" in stream:
         return detector
-    return partial(as_it_is, detector=_counting())
+    return partial(EventCountDetector, 1e9)
 
 
 def paced(
-    touch: int = NEVER, stall: int = NEVER, end: int = NEVER, fault: int = NEVER, leap: int = NEVER
+    touch: int = NEVER, stall: int = NEVER, end: int = NEVER, fault: int = NEVER
 ) -> Iterator[Arrival]:
-    """Yield windows of 5 ms in real time; touch, stall, end, break or leap at a window."""
+    """Yield windows of 5 ms in real time; touch, stall, end or break at a window."""
 
     def speed(number: int) -> tuple[float, float]:
         return (0.1, 0.0) if number >= touch else (0.0, 0.0)
@@ -124,7 +113,7 @@ def paced(
         (window,) = windows(1, seed=number, speed=speed, first=number)
         due_s += SLOWED * PERIOD_US * 1e-6
         time.sleep(max(due_s - time.monotonic(), 0.0))
-        yield Arrival(slowed(window, LEAP_US if number >= leap else 0), time.monotonic())
+        yield Arrival(slowed(window), time.monotonic())
 
 
 BEGUN_MM_S = 10.0  # Speed above which the arm has begun to move, mm/s.

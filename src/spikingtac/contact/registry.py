@@ -173,20 +173,15 @@ DetectorBuilder = Callable[
 ]
 
 
-def _event_count(
-    config: DetectionConfig, calibrations: Sequence[Calibration], quiet: Iterable[Window]
-) -> ContactDetector:
-    return EventCountDetector.from_quiet(QuietStatistics.of(quiet), config.false_alarms_per_hour)
-
-
-def _motion(
-    config: DetectionConfig, calibrations: Sequence[Calibration], quiet: Iterable[Window]
-) -> ContactDetector:
-    return SequentialMotionDetector.from_quiet(calibrations, quiet, config.false_alarms_per_hour)
-
-
 # Name -> builder of the detectors of this package, as reports name them.
-DETECTORS: dict[str, DetectorBuilder] = {"event_count": _event_count, "default": _motion}
+DETECTORS: dict[str, DetectorBuilder] = {
+    "event_count": lambda config, _, quiet: EventCountDetector.from_quiet(
+        QuietStatistics.of(quiet), config.false_alarms_per_hour
+    ),
+    "default": lambda config, calibrations, quiet: SequentialMotionDetector.from_quiet(
+        calibrations, quiet, config.false_alarms_per_hour
+    ),
+}
 
 
 def detectors() -> Mapping[str, DetectorBuilder]:

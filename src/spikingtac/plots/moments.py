@@ -103,18 +103,21 @@ def save_summary(
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=DPI, facecolor=PANEL, layout="constrained")
-    panels = figure.subplot_mosaic("sa;sb", width_ratios=(1.25, 1))
-    SensorDrawing(panels["s"], picture)
-    above, below = panels["a"], panels["b"]
+    # Events alone have no displacement.
+    layout = "sa;sb" if len(picture.reference_px) else "sa"
+    sensor, above, *below = figure.subplot_mosaic(layout, width_ratios=(1.25, 1)).values()
+    SensorDrawing(sensor, picture)
     t_s = [moment.t_s for moment in course]
     rate_kev_s = [moment.rate_kev_s for moment in course]
     above.plot(t_s, rate_kev_s, color=ON_COLOR, linewidth=0.9)
     above.set_ylabel("events, thousands per s", color=SOFT, fontsize=8)
-    moved_px = np.array([moment.moved_px for moment in course])
-    below.plot(t_s, moved_px, color=ARROW_COLOR, linewidth=0.5, alpha=0.35)
-    below.set_ylabel("displacement of each marker, px", color=SOFT, fontsize=8)
-    below.set_xlabel("time, s", color=SOFT, fontsize=8)
-    for axes in (above, below):
+    for axes in below:
+        moved_px = np.array([moment.moved_px for moment in course])
+        axes.plot(t_s, moved_px, color=ARROW_COLOR, linewidth=0.5, alpha=0.35)
+        axes.set_ylabel("displacement of each marker, px", color=SOFT, fontsize=8)
+    courses = [above, *below]
+    courses[-1].set_xlabel("time, s", color=SOFT, fontsize=8)
+    for axes in courses:
         axes.set_facecolor(GROUND)
         axes.tick_params(colors=SOFT, labelsize=7)
         for spine in axes.spines.values():
@@ -161,7 +164,8 @@ class SensorDrawing:
         """Draw another moment of the same sensor."""
         self._events.set_data(picture.image)
         self._arrows.set_UVC(*self._moved(picture).T)
-        label = f"t = {picture.t_s:.3f} s, arrows × {ARROW_SCALE:g}"
+        label = f"t = {picture.t_s:.3f} s"
+        label += f", arrows × {ARROW_SCALE:g}" if len(picture.reference_px) else ""
         self._axes.set_xlabel(label, color=SOFT, fontsize=8)
 
     def _moved(self, picture: Picture) -> NDArray[np.floating]:

@@ -73,11 +73,6 @@ class ProbingConfig:
         if not self.reach_mm > 0.0:
             raise ConfigError("travel_limit_mm and force_limit_n must be above 0")
 
-    @classmethod
-    def conditioned(cls) -> ProbingConfig:
-        """Return the conditioned touch: find, press on, back off, and touch again."""
-        return cls(conditions=True)
-
     @property
     def style(self) -> Style:
         """Speeds and lengths of the touch."""
@@ -181,21 +176,18 @@ class ArmProber:
             self.watchdog.arm()
         if self.free_travel is None or not self.free_travel(start, heading):
             self._move(start)
-        style = self.config.style
-        if self.config.conditions:
-            found = self._conditioned(start, heading, style)
-        else:
-            found = self._meet(start, heading, style.speed_mm_s)
+        take = self._conditioned if self.config.conditions else self._meet
+        found = take(start, heading)
         if self.watchdog is not None:  # nobody reads the stream while the arm rests
             self.watchdog.disarm()
         return found
 
-    def _conditioned(self, start: FloatArray, heading: FloatArray, style: Style) -> Touched:
+    def _conditioned(self, start: FloatArray, heading: FloatArray) -> Touched:
         """Find the wall, press on, back off, and measure; again where both do not agree."""
-        apart_mm = 0.0
+        apart_mm, style = 0.0, self.config.style
         for _ in range(MOST_TRIES):
             found = self._meet(start, heading, style.find_speed_mm_s, style.conditioning_mm)
-            measured = self._meet(start, heading, style.speed_mm_s)
+            measured = self._meet(start, heading)
             apart_mm = float((measured.reading_mm - found.reading_mm) @ heading)
             if abs(apart_mm) <= AGREE_MM:
                 return measured
@@ -206,12 +198,19 @@ class ArmProber:
         )
 
     def _meet(
-        self, start: FloatArray, heading: FloatArray, speed_mm_s: float, press_mm: float = 0.0
+        self, start: FloatArray, heading: FloatArray, speed_mm_s: float = 0.0, press_mm: float = 0.0
     ) -> Touched:
-        """Approach from where the arm stands until contact, press on, and move back."""
+        """Approach from where the arm stands until contact, press on, and move back.
+
+        Args:
+            start: ``(2,)`` where the touch began, mm.
+            heading: ``(2,)`` unit vector.
+            speed_mm_s: Speed, mm/s; that of the touch that counts unless given.
+            press_mm: How far to press on, mm.
+        """
         self.detector.reset()
-        self._heard = 0
-        reach_mm = self.config.reach_mm
+        self._heard, reach_mm = 0, self.config.reach_mm
+        speed_mm_s = speed_mm_s or self.config.style.speed_mm_s
         met = self._approach(start + reach_mm * heading, speed_mm_s, self.detector)
         if met.contact is not None and met.collision_mm is not None:
             self.touches += 1

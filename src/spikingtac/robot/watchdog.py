@@ -151,8 +151,11 @@ class Watchdog:
             raise DeviceError(f"the watchdog's self-test could not stop the arm: {failure}")
         self._proven = True
 
-    def arm(self) -> None:
-        """Start watching.
+    def arm(self, patience_s: float = 0.0) -> None:
+        """Start watching, or go on with another patience.
+
+        Args:
+            patience_s: How much longer than ``stale_s`` a silence may last, s.
 
         Raises:
             DeviceError: It is tripped, or :meth:`self_test` was not passed since the last reset.
@@ -164,7 +167,7 @@ class Watchdog:
         if not self._proven:
             raise DeviceError("run the watchdog's self_test before arming it")
         self._beat_s, self._backlog_s = self._clock_s(), 0.0
-        self.armed = True
+        self._patience_s, self.armed = patience_s, True
 
     def disarm(self) -> None:
         """Stop watching; a trip stays."""
@@ -177,7 +180,7 @@ class Watchdog:
 
     def _judge(self) -> None:
         silent_s = self._clock_s() - self._beat_s
-        if silent_s > self._config.stale_s:
+        if silent_s > self._config.stale_s + self._patience_s:
             self._trip(Health.STALE, f"no heartbeat for {silent_s * 1e3:.1f} ms")
         elif self._backlog_s > self._config.backlog_s:
             lag_ms, most_ms = 1e3 * self._backlog_s, 1e3 * self._config.backlog_s
@@ -210,6 +213,7 @@ class Watchdog:
 
     def _clear(self) -> None:
         self.health, self.reason, self.armed = Health.OK, "", False
+        self._patience_s = 0.0
         self.stop_failure: Exception | None = None
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -85,12 +85,15 @@ def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arriva
         yield Arrival((window,), time.monotonic(), dict(source.losses))
 
 
-def catch_up(stream: Iterator[Arrival], backlog_s: float) -> StreamClock:
+def catch_up(
+    stream: Iterator[Arrival], backlog_s: float, heard: Callable[[], object]
+) -> StreamClock:
     """Read on until a stream is at its pace; what piled up while it was opened is dropped.
 
     Args:
         stream: Just opened.
         backlog_s: The stream is at its pace where it lags less than half of this.
+        heard: Called with every window.
 
     Returns:
         How sensor time maps to host time, learned from windows at the stream's own pace.
@@ -101,6 +104,7 @@ def catch_up(stream: Iterator[Arrival], backlog_s: float) -> StreamClock:
     last: deque[Arrival] = deque(maxlen=LEARNED_WINDOWS)
     until_s, behind_s = float("inf"), 0.0
     for arrival in stream:
+        heard()
         last.append(arrival)
         spanned_s = (arrival.end_us - last[0].end_us) / US_PER_S
         at_pace = arrival.received_s - last[0].received_s >= LEAST_PACE * spanned_s

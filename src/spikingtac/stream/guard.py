@@ -29,6 +29,9 @@ STATUS_PERIOD_S = 0.02
 CUT_MARK = "... (cut)"  # End of a reason that was too long for the status.
 SHUTDOWN_S = 5.0
 
+# Longest silence of a stream that the guard still catches up with, beyond the watchdog's own, s.
+CATCHING_UP_S = 1.0
+
 # Time for which a guard that has to end stops an arm that moves on again and again; less than
 # :data:`SHUTDOWN_S`, after which its parent ends it.
 INSISTENCE_S = 4.0
@@ -48,6 +51,10 @@ class ContactProcess:
         detector: Makes the detector.
         arm: Makes the arm's driver: the stop command passes through no other process.
         watchdog: When the stream counts as lost.
+
+    Attributes:
+        alive: Returns whether the process runs.
+        kill: Ends it at once; the robot's own watchdog then has to stop the arm.
     """
 
     def __init__(
@@ -65,6 +72,7 @@ class ContactProcess:
             partial(_guard, arrivals=arrivals, make_detector=detector, make_arm=arm,
                     config=config, ring_name=name)
         )  # fmt: skip
+        self.alive, self.kill = self._host.alive, self._host.kill
 
     def status(self) -> dict[str, Any]:
         """Return the latest state without waiting; empty before the first.
@@ -82,14 +90,6 @@ class ContactProcess:
             self._seen, message = found
             self._last = json.loads(message)
         return self._last
-
-    def alive(self) -> bool:
-        """Return whether the process runs."""
-        return self._host.alive()
-
-    def kill(self) -> None:
-        """End the process at once; the robot's own watchdog then has to stop the arm."""
-        self._host.kill()
 
     def close(self) -> None:
         """Let the process stop the arm and end, if it still runs, and release the shared memory.
@@ -191,10 +191,11 @@ def _watch(
         if precedes := real_time.take_precedence(real_time.GUARD_PRIORITY):
             real_time.keep_to_one_core()
         status.publish("starting", reason="the stream's pace", precedes=precedes)
-        # Last: what piled up until here is not watched.
-        loop.stream_clock = catch_up(stream, config.backlog_s)
-        watchdog.arm()
+        watchdog.arm(CATCHING_UP_S)  # a camera that stalls now is no longer waited for
         with WatchdogThread(watchdog):
+            # Last: what piled up until here is no lag.
+            loop.stream_clock = catch_up(stream, config.backlog_s, watchdog.beat)
+            watchdog.arm()
             loop.guard(stream, lambda loop: status.check(loop, arm, watchdog))
         if loop.contact is not None:
             try:

@@ -68,8 +68,9 @@ class ContactLoop:
             self._process(arrival)
             after_window(self)
             if self.contact is not None or self._watchdog.check() is not Health.OK:
-                return self.report()
-        self._watchdog.disconnected("the event stream ended")
+                break
+        else:
+            self._watchdog.disconnected("the event stream ended")
         return self.report()
 
     def report(self) -> dict[str, Any]:

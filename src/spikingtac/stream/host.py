@@ -45,6 +45,9 @@ class Host:
     Args:
         work: A function of a module with its arguments, as ``functools.partial`` holds them; it is
             called there with an :class:`Asker`.
+
+    Attributes:
+        pid: The process's id.
     """
 
     def __init__(self, work: Callable[[Asker], object]) -> None:
@@ -57,6 +60,7 @@ class Host:
             pass_fds=(number,),
             env={**os.environ, "PYTHONPATH": paths},
         )
+        self.pid = self._process.pid
         theirs.close()
         try:
             self._channel.send(work)
@@ -65,11 +69,6 @@ class Host:
         except BaseException:
             self.close()
             raise
-
-    @property
-    def pid(self) -> int:
-        """The process's id."""
-        return self._process.pid
 
     @property
     def killed(self) -> bool:

@@ -162,11 +162,6 @@ class PacketReader:
         self._counted: dict[str, int] = {}  # by the source, up to the latest packet
         self._before: dict[str, int] | None = None if from_now else {}
 
-    @property
-    def lost_events(self) -> int:
-        """Events that this user was too slow for."""
-        return self._reader.lost
-
     def next(self) -> Delivery | None:
         """Return the next packet that is there, or None."""
         data = self._reader.next()

@@ -112,14 +112,14 @@ class _Sensor:
         Raises:
             SpikingTacError: Whatever reading the camera raised.
         """
-        missed = self.reader.lost_events
+        missed = self.reader.losses["missed"]
         try:
             while not self.ended and (found := self.reader.take()) is not None:
                 self.received_s = found.received_s
                 self.waiting.append(found)
         except EOFError:
             self.ended = True
-        self.source.losses.add("missed", self.reader.lost_events - missed)
+        self.source.losses.add("missed", self.reader.losses["missed"] - missed)
 
     def packets(
         self, others: Sequence[_Sensor], silent_s: float, starting_s: float
@@ -151,12 +151,11 @@ class _Sensor:
         """Return what others delivered beyond this one's time, and that has waited long enough."""
         until_s = time.monotonic() - patience_s
         known = [one for other in others for one in (other.last, *other.waiting) if one]
-        if self.received_s > until_s:
-            return []
         return [
             one
             for one in known
-            if one.received_s <= until_s and one.packet.t_end_us > self.given_us
+            if max(self.received_s, one.received_s) <= until_s
+            and one.packet.t_end_us > self.given_us
         ]
 
 

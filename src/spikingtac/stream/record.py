@@ -19,7 +19,7 @@ from spikingtac.events.recording import MANIFEST, TRUTH, name_of, read_manifest
 from spikingtac.events.source import source_health
 from spikingtac.stream.packets import at_once, new_ring
 from spikingtac.stream.reader import EventReader
-from spikingtac.stream.recorder import BY_SIZE, Recorder, Split
+from spikingtac.stream.recorder import BY_SIZE, US_PER_S, Recorder, Split
 from spikingtac.types import EventPacket
 
 ROOM_BYTES = 256 << 20  # Memory for events that wait for the disk: 6 s at 3 Mev/s.
@@ -184,11 +184,13 @@ class Session:
     def summary(self) -> dict[str, Any]:
         """Return what was recorded."""
         disk = self.recorder
+        filled = [part for part in disk.parts if part.events]
+        span_us = filled[-1].t_last_us + 1 - filled[0].t_first_us if filled else 0
         return {
             "output": str(disk.folder),
             "ended": (self._ended or self.source.ended) if disk.failure is None else "disk",
             "failure": None if disk.failure is None else str(disk.failure),
-            "seconds": round(self.seconds, 3),
+            "seconds": round(span_us / US_PER_S, 3),  # of the recording's own time
             "events": disk.written_events,
             "lost_events": disk.lost_events,
             "bytes": disk.written_bytes,

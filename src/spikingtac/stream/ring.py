@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
-from typing import Any, Protocol
+from typing import Any
 
 from spikingtac.errors import DeviceError
 
@@ -29,14 +29,6 @@ ROOM, OLDEST, END, NEWEST, COUNT, WEIGHT, CLOSED, WRITER, NOTE = range(0, 72, 8)
 HEAD_BYTES = 128
 _NUMBER = struct.Struct("<Q")
 _MESSAGE = struct.Struct("<QQIII")  # number, weight before, weight, length, checksum
-
-
-class Publisher(Protocol):
-    """Takes the latest message; the loop that publishes never waits for it."""
-
-    def publish(self, message: bytes, /) -> bool:
-        """Offer a message; False where it was too large and was not taken."""
-        ...
 
 
 class SharedRing:

@@ -30,7 +30,6 @@ SHOWN_S = 0.25  # How often the guide's view is made anew: faster than it can be
 # Contacts of ten seconds are a tenth of it.
 MOST_EVENTS = 20_000_000
 FULL = 255  # A share of 1 as a byte.
-WAYS = ("", "left", "right", "up", "down")  # Codes of the way that a marker should go.
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,11 +229,12 @@ class CalibrationDesk:
         }
         if self._state == "done" or not len(view.place_px):
             return scalars, {}
-        ways = [0 if done else WAYS.index(view.way_of(i)) for i, done in enumerate(view.enough)]
+        # Which way each marker should go: 0 is none, then left, right, up and down.
+        ways = np.where(view.enough, 0, 1 + view.sides.argmin(axis=1))
         return scalars, {
             "guide_px": view.place_px.astype(np.float32),
             "guide_share": np.round(view.share * FULL).astype(np.uint8),
-            "guide_way": np.array(ways, np.uint8),
+            "guide_way": ways.astype(np.uint8),
         }
 
     def close(self) -> None:

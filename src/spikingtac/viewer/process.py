@@ -124,7 +124,7 @@ def run_session(
     greetings.publish(json.dumps(first).encode())
     warm_up(view)
     granted = meet_deadlines() if realtime else ""
-    session = Session(view, frames, greetings, repeat=repeat)
+    session = Session(view, frames.publish, greetings.publish, repeat=repeat)
     session.warn(granted)
     try:
         while not asker.gone.is_set():

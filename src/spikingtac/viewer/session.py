@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.pipeline.follow import CheckedSource
-from spikingtac.stream.ring import Publisher
 from spikingtac.tuning import with_value
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.playback import Playback
@@ -20,6 +19,7 @@ from spikingtac.viewer.record import EXPOSURE_US, Record
 from spikingtac.viewer.snapshot import encode, greeting, snapshot
 from spikingtac.viewer.source import EventStore, ViewSource
 
+Publish = Callable[[bytes], bool]  # Offers a message to whoever looks; never waits.
 FRAME_HZ = 60.0  # Frames offered per second; displays show no more.
 
 # Share of a frame's time that tracking may take before the frame is published anyway.
@@ -37,8 +37,8 @@ class Session:
 
     Args:
         view: What is shown.
-        frames: Takes the frame messages.
-        greetings: Takes the greetings, JSON.
+        publish: Takes a frame message; returns False where it is too large.
+        greet: Takes a greeting, JSON.
         repeat: Begin again at the end instead of pausing there.
 
     Attributes:
@@ -50,9 +50,9 @@ class Session:
     """
 
     def __init__(
-        self, view: ViewSource, frames: Publisher, greetings: Publisher, *, repeat: bool = False
+        self, view: ViewSource, publish: Publish, greet: Publish, *, repeat: bool = False
     ) -> None:
-        self._frames, self._greetings, self._repeat = frames, greetings, repeat
+        self._send_frame, self._send_greeting, self._repeat = publish, greet, repeat
         self.record, self._notice = Record(), ""
         source = view.source
         # Looking at events needs no calibration.
@@ -201,7 +201,7 @@ class Session:
         now_s = time.monotonic()
         growing = not self.playback.store.ended and now_s - self._greeted_s > GREETING_S
         if growing or not self._greeted_s:
-            self._greetings.publish(json.dumps(greeting(self.playback)).encode())
+            self._send_greeting(json.dumps(greeting(self.playback)).encode())
             self._greeted_s = now_s
 
     def _publish(self, start_us: int, reached: bool) -> None:
@@ -222,5 +222,5 @@ class Session:
             "watchdog": self._fault,
             "notice": self._notice,
         }
-        if not self._frames.publish(encode({**scalars, **status}, arrays)):
+        if not self._send_frame(encode({**scalars, **status}, arrays)):
             raise ValueError("a frame is larger than the ring's slots")

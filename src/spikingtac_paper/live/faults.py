@@ -123,11 +123,12 @@ def overrun(folder: Path, seconds: float) -> Outcome:
     for delivery in reader:
         taken += len(delivery.packet)
         time.sleep(len(delivery.packet) / RATE_EV_S)
-    lost = reader.lost_events + source.losses["overflow"] * EVENTS
-    seen = f"missed {reader.lost_events}, overflow {source.losses['overflow']}"
+    missed = reader.losses["missed"]
+    lost = missed + source.losses["overflow"] * EVENTS
+    seen = f"missed {missed}, overflow {source.losses['overflow']}"
     source.release()
     reader.release()
-    recovered = reader.lost_events > 0 < taken
+    recovered = missed > 0 < taken
     return Outcome(sent=beside.result(), kept=taken, lost=lost, seen=seen, recovered=recovered)
 
 

@@ -59,6 +59,16 @@ def test_silence_of_the_transport_trips_once_and_latches(bench: Bench) -> None:
     assert not watchdog.armed
 
 
+def test_a_patience_lasts_until_it_is_armed_again(bench: Bench) -> None:
+    watchdog = bench.armed()
+    watchdog.arm(1.0)
+    bench.now_s += 1.039
+    assert watchdog.check() is Health.OK
+    watchdog.arm()
+    bench.now_s += 0.041
+    assert watchdog.check() is Health.STALE
+
+
 def test_lag_behind_the_newest_data_is_an_overload(bench: Bench) -> None:
     watchdog = bench.armed()
     watchdog.beat(backlog_s=0.004)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import islice
 
 import pytest
 
@@ -70,17 +69,6 @@ def test_a_queue_that_grows_is_an_overload() -> None:
     assert report["health"] == Health.OVERLOAD.value
     assert report["windows"] == 51 + 20  # once it has lasted for 20 ms
     assert bench.order == ["stop"]
-
-
-def test_the_end_of_the_stream_stops_the_arm() -> None:
-    bench = Bench()
-    report = bench.loop.guard(islice(bench.arrivals(), 30))
-    assert (report["health"], report["reason"]) == (
-        Health.DISCONNECTED.value,
-        "the event stream ended",
-    )
-    assert bench.order == ["stop"]
-    assert report["contact"] is None
 
 
 def test_a_leap_of_the_sensors_clock_trips_whatever_fills_it() -> None:

@@ -8,17 +8,16 @@ import threading
 import pytest
 
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
-from spikingtac.stream import guard as contact_process
+from spikingtac.stream import guard
+
+INSISTENCE_S = 0.2
 
 
-class _ProcessEndedError(Exception):
-    """The process has ended."""
-
-
-def test_stopping_again_and_again_leaves_the_core_to_others(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("rests", [False, True])
+def test_a_guard_that_is_told_to_end_stops_again_with_pauses_unless_its_arm_rests(
+    rests: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Another guard on the core was starved for 4 s: every stop failed at once, without a pause."""
+    """Every stop fails at once: without a pause, another guard on the core starved for 4 s."""
     orders: list[None] = []
 
     def stop() -> None:
@@ -26,34 +25,19 @@ def test_stopping_again_and_again_leaves_the_core_to_others(
         raise ConnectionError("nobody there")
 
     def leave(code: int) -> None:
-        raise _ProcessEndedError(code)
+        raise InterruptedError(code)
 
-    period_s, insistence_s = contact_process.INSISTENCE_PERIOD_S, 0.2
-    monkeypatch.setattr(contact_process, "INSISTENCE_S", insistence_s)
+    monkeypatch.setattr(guard, "INSISTENCE_S", INSISTENCE_S)
     monkeypatch.setattr(os, "_exit", leave)
+    watchdog, ended = Watchdog(WatchdogConfig(), stop, lambda: 0.0), threading.Event()
     told, teller = socket.socketpair()
     with told, teller:
         teller.send(bytes([signal.SIGTERM]))
-        watchdog = Watchdog(WatchdogConfig(), stop, lambda: 0.0)
-        with pytest.raises(_ProcessEndedError):
-            contact_process._brake(watchdog, told, threading.Event())
-    assert 2 <= len(orders) <= insistence_s / period_s + 2
-
-
-def test_a_guard_that_has_ended_with_its_arm_at_rest_stops_no_more(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The arm's driver was closed by then, and refused the stop again and again for 4 s."""
-
-    def stop() -> None:
-        raise AssertionError("the arm is not connected any more")
-
-    monkeypatch.setattr(os, "_exit", lambda code: pytest.fail("it was to let go of the arm first"))
-    told, teller = socket.socketpair()
-    rests = threading.Event()
-    rests.set()
-    with told, teller:
-        teller.send(bytes([signal.SIGTERM]))
-        watchdog = Watchdog(WatchdogConfig(), stop, lambda: 0.0)
-        contact_process._brake(watchdog, told, rests)
-    assert watchdog.health is Health.OK
+        if rests:  # the arm's driver is closed by then
+            ended.set()
+            guard._brake(watchdog, told, ended)
+            assert (watchdog.health, orders) == (Health.OK, [])
+            return
+        with pytest.raises(InterruptedError):
+            guard._brake(watchdog, told, ended)
+    assert 2 <= len(orders) <= INSISTENCE_S / guard.INSISTENCE_PERIOD_S + 2

@@ -109,11 +109,3 @@ def test_any_stretch_equals_the_source(capacity: int, monkeypatch: pytest.Monkey
             np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[inside])
         assert (part.t_start_us, part.t_end_us, part.size) == (start_us, end_us, SIZE)
     store.close()
-
-
-def test_a_source_is_pulled_no_further_than_needed() -> None:
-    store = EventStore(random_source(1, 20))
-    assert store.extend_to(12_000)
-    assert store.t_end_us == 15_000
-    assert not store.extend_to(10**9)
-    assert store.ended

@@ -35,7 +35,8 @@ Opened = tuple[Session, Kept, Kept]
 
 @contextmanager
 def session_of(view: ViewSource) -> Iterator[Opened]:
-    session = Session(view, frames := Kept(), greetings := Kept())
+    frames, greetings = Kept(), Kept()
+    session = Session(view, frames.publish, greetings.publish)
     yield session, frames, greetings
     session.close()
 

@@ -74,7 +74,10 @@ def run(args: Args) -> int:
     _check_together(args)
     same = ("source", "preset", "rate_hz", "seed", "camera")
     given: dict[str, Any] = {name: getattr(args, name) for name in same}
-    given |= {"calibration": _text(args.calibration), "force": _text(args.force)}
+    given |= {
+        name: path and str(path)
+        for name, path in (("calibration", args.calibration), ("force", args.force))
+    }
     target = args.export or args.picture
     save = SaveTarget(path=args.save_calibration, overwrite=args.overwrite, anew=args.calibrate)
     if args.second is not None:
@@ -112,10 +115,6 @@ def _check_together(args: Args) -> None:
         require_live([args.source])
 
 
-def _text(path: Path | None) -> str | None:
-    return None if path is None else str(path)
-
-
 def _opener(given: dict[str, Any]) -> Opener:
     from spikingtac.viewer.opening import open_view
 
@@ -126,7 +125,8 @@ def _both_shown(given: dict[str, Any], args: Args, second: str) -> dict[str, Any
     """Show two sources side by side, each in a session of its own."""
     from spikingtac.viewer.opening import open_second_view
 
-    other = {**given, "source": second, "calibration": _text(args.second_calibration)}
+    path = args.second_calibration
+    other = {**given, "source": second, "calibration": path and str(path)}
     if not (Path(args.source).exists() and Path(second).exists()):
         return _served([_opener(given), _opener(other)], args)
     beside = partial(open_second_view, **other, beside=args.source)
@@ -178,6 +178,9 @@ def _served(views: Sequence[Opener], args: PageArgs, **session: bool) -> dict[st
 
 def _report(source: str, summary: dict[str, Any], as_json: bool) -> int:
     shown = summary | {"calibration": summary.get("calibration") or "none"}
+    if "written" in summary:
+        unit = "messages" if summary["export"].endswith(".mcap") else "frames"
+        shown["written"] = f"{summary['written']} {unit}"
     return tell(as_json, {"source": source, **summary}, figures(f"summary of {source}", shown))
 
 

@@ -41,7 +41,8 @@ SIGMAS_MM = {"rep028": 0.028, "rep008": 0.008}
 PLANNING_MM = SIGMAS_MM["rep028"]  # Repeatability of the readings on which the searches plan, mm.
 CORNER_MM = 0.75 / math.sqrt(3.0)  # Largest radius of the hexagonal bit, 0.75 mm across flats, mm.
 CROSS, DEFAULT = "cross", "default"
-STYLES = {CROSS: ProbingConfig(), DEFAULT: ProbingConfig.conditioned()}  # How each search touches.
+# How each search touches.
+STYLES = {CROSS: ProbingConfig(), DEFAULT: ProbingConfig(conditions=True)}
 
 # Directions of the calibration, degrees: those of the cross, and twelve evenly over the sector of
 # the adaptive search, which are enough to fit travel and heading.
