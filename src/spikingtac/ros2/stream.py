@@ -17,7 +17,6 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.evt.encode import Evt3Encoder
 from spikingtac.ros2.messages import NS_PER_US, Publisher, header
 from spikingtac.touch.detector import TouchDetector
-from spikingtac.touch.touch import TouchConfig
 from spikingtac.types import EventPacket, MarkerFrame
 
 US_PER_S = 1_000_000
@@ -130,7 +129,7 @@ class SensorStream:
         self._touching: bool | None = None
         self._touches: TouchDetector | None = None
         with suppress(ConfigError):  # too few markers to tell a strain
-            self._touches = TouchDetector(rest_px, TouchConfig())
+            self._touches = TouchDetector(rest_px)
         self._encoder, self._origin_us = Evt3Encoder(), 0
         self.counts: Counter[str] = Counter()
         absent = {

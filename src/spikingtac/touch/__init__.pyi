@@ -10,7 +10,6 @@ from .slip.monitor import Slip as Slip
 from .slip.monitor import SlipState as SlipState
 from .detector import TouchDetector as TouchDetector
 from .touch import Touch as Touch
-from .touch import TouchConfig as TouchConfig
 
 # The displacement field
 from .field import FieldGauge as FieldGauge

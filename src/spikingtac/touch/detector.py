@@ -27,10 +27,15 @@ from spikingtac.touch.touch import (
     OpenTouch,
     Release,
     Touch,
-    TouchConfig,
     spreads,
 )
 from spikingtac.types import MarkerFrame
+
+# Scatter of a marker of an event camera that is no touch, px (twenty times the scatter of the
+# tracker ``default`` on the twin at rest; its steps are smaller), and of one of another sensor, as
+# a share of the pitch (0.045 mm of 1.6 mm on a published series at rest). The threshold of a touch
+# is the gradient's strength of markers that scatter so.
+SCATTER_PX, SCATTER_SHARE = 0.2, 0.03
 
 # Share of the peak's spread below which the skin is released, whatever few markers say.
 SPREAD_SHARE = 0.1
@@ -81,26 +86,28 @@ class TouchDetector:
         >>> touches = [t for f in frames if (t := detector.update(f))]  # doctest: +SKIP
     """
 
-    def __init__(self, reference_px: Field, config: TouchConfig | None = None) -> None:
+    def __init__(self, reference_px: Field, unit: str = "px") -> None:
         """Start at rest.
 
         Args:
-            reference_px: ``(m, 2)`` markers at rest, px; mm with the settings for mm.
-            config: Which sensor; an event camera in px unless given.
+            reference_px: ``(m, 2)`` markers at rest, in that unit.
+            unit: ``px`` for markers that an event camera sees, which sees no motion's beginning
+                that follows another; ``mm`` for a sensor that sees places. Every length of the
+                touches is in it.
 
         Raises:
             ConfigError: Too few markers.
         """
         self._reference = np.asarray(reference_px, np.float64)
-        config = config or TouchConfig()
-        self._scatter = config.least_displacement_px
-        self._common = COMMON_SHARE / marker_pitch_px(self._reference)
+        pitch = marker_pitch_px(self._reference)
+        self._scatter = SCATTER_PX if unit == "px" else SCATTER_SHARE * pitch
+        self._common = COMMON_SHARE / pitch
         self._gradient = GradientOperator(self._reference)
         self._floor = self._scatter * self._gradient.noise_gain() / np.sqrt(2)
         self._patches = PatchEstimator(self._reference)
         self._gauge = FieldGauge(self._reference, self._scatter)
         self._lost = LostMarkers(self._reference)
-        self._sees_changes = config.sees_changes
+        self._sees_changes = unit == "px"
         self.reset()
 
     def reset(self) -> None:

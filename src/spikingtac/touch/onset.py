@@ -75,7 +75,7 @@ class OnsetMemory:
     """The last frames, in bounded memory, and the search for a beginning in them."""
 
     def __init__(self, markers: int, sees_changes: bool) -> None:
-        """Start with markers that never moved; ``sees_changes`` as of :class:`TouchConfig`."""
+        """Start with markers that never moved; ``sees_changes`` of an event camera."""
         self._sees_changes = sees_changes
         self._followed = np.zeros((markers, 2))  # The strings' ends.
         self._frames: deque[tuple[int, Field, Field]] = deque()

@@ -1,4 +1,4 @@
-"""One touch, the settings of its detector, what is measured at its peak, and when it is over.
+"""One touch, what is measured at its peak, and when it is over.
 
 A recording that begins touched takes the touched skin for its rest, since a gel that has crept
 looks alike. Its release then looks like a touch, and one that never ends.
@@ -13,7 +13,6 @@ import numpy as np
 
 from spikingtac.arrays import FloatArray as Field
 from spikingtac.arrays import one_line
-from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.field import FieldQuantities, GradientOperator
 from spikingtac.touch.lost_markers import spread_of
 
@@ -34,7 +33,7 @@ class Touch:
         area_px2: Area of that patch, px squared.
         outline_px: ``(k, 2)`` its convex outline, px.
         field: Shear, torsion, divergence, curl and strain of the whole field at the peak, with the
-            deviations of markers that scatter by ``TouchConfig.least_displacement_px``.
+            deviations of markers that scatter as the detector expects.
     """
 
     begin_us: int
@@ -53,53 +52,6 @@ class Touch:
     def duration_us(self) -> int | None:
         """Time from begin to end, us; None where the end was not seen."""
         return None if self.end_us is None else self.end_us - self.begin_us
-
-
-# Scatter of markers of another sensor, as a share of their pitch (0.045 mm of 1.6 mm on a
-# published series at rest).
-SCATTER_SHARE = 0.03
-
-
-@dataclass(frozen=True, kw_only=True)
-class TouchConfig:
-    """Which sensor's markers are watched; as they stand, those of an event camera, in px.
-
-    Attributes:
-        least_displacement_px: Scatter of a marker that is no touch, px; the threshold is the
-            gradient's strength of markers that scatter so (0.2 px is twenty times the scatter of
-            the tracker ``default`` on the twin at rest; its steps are smaller).
-        sees_changes: Whether the camera sees changes only, and not the beginning of a motion that
-            follows another.
-    """
-
-    least_displacement_px: float = 0.2
-    sees_changes: bool = True
-
-    def __post_init__(self) -> None:
-        if not self.least_displacement_px > 0:
-            raise ValueError(
-                f"least_displacement_px is {self.least_displacement_px}, it must be positive"
-            )
-
-    @classmethod
-    def for_unit(cls, reference: Field, unit: str) -> TouchConfig:
-        """Return the settings for markers whose places are in a unit.
-
-        Those in px are taken to be seen by an event camera, those in mm by a sensor that sees
-        places and not changes. With the settings for mm every length is in mm, that of
-        ``least_displacement_px`` and those of the touches, too.
-
-        Args:
-            reference: ``(m, 2)`` markers at rest, in that unit.
-            unit: ``px`` or ``mm``.
-
-        Raises:
-            ConfigError: Fewer than two markers.
-        """
-        if unit == "px":
-            return cls()
-        least = SCATTER_SHARE * marker_pitch_px(reference)
-        return cls(least_displacement_px=least, sees_changes=False)
 
 
 # A touch moves so many markers, against the median of all, by this share of the one that moves

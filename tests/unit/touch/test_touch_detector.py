@@ -6,13 +6,18 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from spikingtac.touch.detector import START_STRENGTH, TouchDetector
-from spikingtac.touch.touch import Touch, TouchConfig
+from spikingtac.touch.detector import SCATTER_PX, START_STRENGTH, TouchDetector
+from spikingtac.touch.touch import Touch
 from spikingtac.types import MarkerFrame
 from stand_ins.pressed_skin import CENTER, PITCH_PX, REFERENCE, press, pulse, watch
 from stand_ins.pressed_skin import touches as found_touches
 
-PLACES_ONLY = TouchConfig(sees_changes=False)
+PLACES_ONLY = "mm"  # Sensors that see places and not changes.
+
+
+@pytest.fixture(autouse=True)
+def scatter_of_an_event_camera(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("spikingtac.touch.detector.SCATTER_SHARE", SCATTER_PX / PITCH_PX)
 
 
 def touches(frames: Iterator[MarkerFrame]) -> list[Touch]:

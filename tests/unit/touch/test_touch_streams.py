@@ -6,11 +6,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from spikingtac.touch.detector import TouchDetector
+from spikingtac.touch.detector import SCATTER_PX, TouchDetector
 from spikingtac.touch.field import GradientOperator, straightened
 from spikingtac.touch.patch import SquareLattice
 from spikingtac.touch.slip.held import HeldTouchDetector
-from spikingtac.touch.touch import RETURN_FACTOR, STILL_US, CalibratedRest, TouchConfig
+from spikingtac.touch.touch import RETURN_FACTOR, STILL_US, CalibratedRest
 from spikingtac.types import MarkerFrame
 from stand_ins.pressed_skin import (
     CENTER,
@@ -25,7 +25,7 @@ from stand_ins.pressed_skin import (
 
 MM_PER_PX = 0.065
 ROW = np.column_stack([PITCH_PX * np.arange(10.0), np.full(10, 80.0)])
-PLACES_ONLY = TouchConfig(sees_changes=False)
+PLACES_ONLY = "mm"  # Sensors that see places and not changes.
 
 
 def one_press(t_s: float) -> float:
@@ -81,7 +81,10 @@ def test_the_release_of_what_was_held_at_first_is_no_touch(strength: float, seco
 
 
 @pytest.mark.parametrize(("rise_s", "begin_us"), [(0.05, 50_000), (0.2, 100_000), (0.3, 110_000)])
-def test_a_press_that_begins_with_the_recording_is_one_touch(rise_s: float, begin_us: int) -> None:
+def test_a_press_that_begins_with_the_recording_is_one_touch(
+    rise_s: float, begin_us: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("spikingtac.touch.detector.SCATTER_SHARE", SCATTER_PX / PITCH_PX)
     detector = TouchDetector(REFERENCE, PLACES_ONLY)
     (touch,) = touches(detector, watch(lambda t_s: 4 * pulse(t_s, 0.0, 1.5, rise_s), 4.0))
     assert touch.begin_us <= begin_us
@@ -116,10 +119,10 @@ def test_only_what_begins_towards_the_calibrated_rest_is_the_way_there(
 def test_markers_in_mm_are_felt_with_the_settings_for_mm() -> None:
     """With those for px the press of 4 px is 0.26 mm, and lost among what px may scatter."""
     reference = MM_PER_PX * REFERENCE
-    for config, found in ((TouchConfig(), 0), (TouchConfig.for_unit(reference, "mm"), 1)):
+    for unit, found in (("px", 0), ("mm", 1)):
         frames = watch(one_press, 3.0)
         small = (dataclasses.replace(f, detected_px=MM_PER_PX * f.detected_px) for f in frames)
-        told = touches(TouchDetector(reference, config), small)
+        told = touches(TouchDetector(reference, unit), small)
         assert len(told) == found
     assert told[0].begin_us == pytest.approx(800_000, abs=30_000)
     assert told[0].peak_displacement_px == pytest.approx(

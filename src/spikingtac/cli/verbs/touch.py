@@ -126,8 +126,7 @@ WORK = Work("touch", touch_one, touch_summary, touch_shown, ".csv", check_many, 
 
 def _listed(args: Args, frames: Iterable[st.MarkerFrame], skin: Skin) -> dict[str, Any]:
     """Return the touches as rows."""
-    config = touch.TouchConfig.for_unit(skin.reference, skin.unit)
-    detector = touch.HeldTouchDetector(skin.reference, config)
+    detector = touch.HeldTouchDetector(skin.reference, skin.unit)
     monitor = touch.VibrationMonitor(skin.rate_hz, VIBRATION_WINDOW_S) if args.vibration else None
     found, lines, first_us, asked_us = [], [], None, 0
     for number, frame in enumerate(frames):

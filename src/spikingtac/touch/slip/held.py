@@ -9,7 +9,7 @@ import numpy as np
 from spikingtac.arrays import FloatArray as Field
 from spikingtac.touch.detector import TouchDetector
 from spikingtac.touch.slip.monitor import Slip, SlipMonitor, SlipState
-from spikingtac.touch.touch import Touch, TouchConfig
+from spikingtac.touch.touch import Touch
 from spikingtac.tracks import Tracks
 from spikingtac.types import MarkerFrame
 
@@ -40,18 +40,17 @@ class HeldTouchDetector:
         touches: The detector of touches within.
     """
 
-    def __init__(self, reference: Field, config: TouchConfig | None = None) -> None:
+    def __init__(self, reference: Field, unit: str = "px") -> None:
         """Start at rest.
 
         Args:
-            reference: ``(m, 2)`` markers at rest, px; mm with the settings for mm.
-            config: When touches begin and end; as of an event camera in px unless given, for mm
-                ``TouchConfig.for_unit(reference, "mm")``.
+            reference: ``(m, 2)`` markers at rest, in that unit.
+            unit: As of :class:`~spikingtac.touch.detector.TouchDetector`.
 
         Raises:
             ConfigError: Too few markers.
         """
-        self.touches = TouchDetector(reference, config)
+        self.touches = TouchDetector(reference, unit)
         self._monitor = SlipMonitor(reference)
         self.reset()
 
@@ -100,12 +99,11 @@ class HeldTouchDetector:
         return held
 
 
-def find_touches(tracks: Tracks, config: TouchConfig | None = None) -> list[HeldTouch]:
+def find_touches(tracks: Tracks) -> list[HeldTouch]:
     """Return the touches of a recording that was tracked, each with its slips.
 
     Args:
         tracks: Of one sensor.
-        config: When touches begin and end.
 
     Raises:
         ConfigError: Too few markers.
@@ -114,11 +112,11 @@ def find_touches(tracks: Tracks, config: TouchConfig | None = None) -> list[Held
         >>> for held in find_touches(tracks):  # doctest: +SKIP
         ...     print(held.touch.begin_us, held.touch.place_px)
     """
-    detector = HeldTouchDetector(tracks.reference_px.astype(np.float64), config)
+    detector = HeldTouchDetector(tracks.reference_px.astype(np.float64))
     found = [detector.update(frame) for frame in tracks.frames()]
     return [held for held in (*found, detector.finish()) if held is not None]
 
 
-def find_slip(tracks: Tracks, config: TouchConfig | None = None) -> list[Slip]:
+def find_slip(tracks: Tracks) -> list[Slip]:
     """Return the slips of a recording that was tracked, in order; see :func:`find_touches`."""
-    return [slip for held in find_touches(tracks, config) for slip in held.slips or ()]
+    return [slip for held in find_touches(tracks) for slip in held.slips or ()]
