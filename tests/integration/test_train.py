@@ -17,7 +17,6 @@ rounds = {rounds}
 steps = 3
 batch = 4
 crop_px = 32
-threads = 1
 moments = 3
 [network]
 widths = [4, 4]

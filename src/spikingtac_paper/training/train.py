@@ -12,6 +12,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import resources
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,13 @@ HELD_OUT_SEED = 1 << 20  # Second seed of the held-out pairs; no round has this 
 
 # Rounds between two evaluations of the held-out loss, which take as long as a dozen steps.
 HELD_OUT_EVERY = 5
+
+# Scenes of the twin that are rendered where no recordings are given: slides, whose last map is the
+# first of the others; motions, each with some seeds; and one whose loss is logged only.
+BOOTSTRAP, HELD_OUT = "bootstrap", "train-torsion"
+SCENES = ("train-presses", "train-slides", "train-circles", "train-drag", "train-rubs")
+SCENE_SEEDS = (1, 2)
+THREADS = 1  # Threads of the CPU; equal seeds give equal weights with one.
 CONFIG_FILE, LOG_FILE = "config.json", "log.jsonl"
 STATE_FILE, WEIGHTS_FILE = "state.safetensors", "weights.safetensors"
 
@@ -52,10 +60,6 @@ class TrainConfig:
     """Settings of a training run.
 
     Attributes:
-        scenes: Scenes of the digital twin to render and train on, if no recordings are given.
-        seeds: Seeds of each scene.
-        held_out: Scene without training pairs, whose loss is logged.
-        bootstrap: Scene whose slides give the initial map of the others.
         moments: Number of moments of each recording in one round.
         network: Size of the network.
         seed: Seed of weights, degradations and crops.
@@ -64,14 +68,9 @@ class TrainConfig:
         batch: Crops in each step.
         crop_px: Side of a crop, px; a multiple of the network's.
         learning_rate: Initial learning rate; it decreases to zero along half a cosine.
-        threads: Number of CPU threads.
         device: ``cpu`` or ``cuda``.
     """
 
-    scenes: tuple[str, ...] = ()
-    seeds: tuple[int, ...] = (1, 2)
-    held_out: str = ""
-    bootstrap: str = ""
     moments: int = 32
     network: NetworkConfig = field(default_factory=NetworkConfig)
     seed: int = 1
@@ -80,15 +79,11 @@ class TrainConfig:
     batch: int = 24
     crop_px: int = 160
     learning_rate: float = 2e-3
-    threads: int = 2
     device: str = "cpu"
 
     def __post_init__(self) -> None:
-        counts = (self.moments, self.rounds, self.steps, self.batch, self.threads)
-        if min(counts) < 1 or self.seed < 0:
-            raise ValueError(
-                "moments, rounds, steps, batch and threads must be positive, seed not negative"
-            )
+        if min(self.moments, self.rounds, self.steps, self.batch) < 1 or self.seed < 0:
+            raise ValueError("moments, rounds, steps and batch must be positive, seed not negative")
         if self.crop_px < 1 or self.crop_px % self.network.multiple_px:
             raise ValueError(
                 f"crop_px is {self.crop_px}, it must be a multiple of {self.network.multiple_px}"
@@ -124,31 +119,19 @@ def load_training_config(name: str, **changes: Any) -> TrainConfig:
         raise ConfigError(str(error)) from error
 
 
-def from_scenes(
-    config: TrainConfig, record: Callable[[str, int], Path], advance: Advance
-) -> TrainingSet:
-    """Read the recordings of a configuration's scenes.
+def from_scenes(record: Callable[[str, int], Path], advance: Advance) -> TrainingSet:
+    """Read the recordings of :data:`SCENES`.
 
     Args:
-        config: Names and seeds of the scenes, of the held-out one and of the slides.
         record: Returns the recording of a scene and a seed; it renders the scene first if needed.
         advance: Is called with the fraction that is done, 0 to 1.
-
-    Raises:
-        ConfigError: A scene does not exist.
     """
-    first_seed, clips, start = config.seeds[0], [], None
-    jobs = [(config.bootstrap, first_seed)] * bool(config.bootstrap)
-    jobs += [(name, seed) for name in config.scenes for seed in config.seeds]
-    jobs += [(config.held_out, first_seed)] * bool(config.held_out)
-    for number, job in enumerate(jobs, 1):
-        clip = load_clip(record(*job), start)
-        if number == 1 and config.bootstrap:
-            start = map_after(clip)
-        else:
-            clips.append(clip)
-        advance(number / len(jobs))
-    return (clips[:-1], clips[-1:]) if config.held_out else (clips, [])
+    jobs = [*product(SCENES, SCENE_SEEDS), (HELD_OUT, SCENE_SEEDS[0])]
+    start, clips = map_after(load_clip(record(BOOTSTRAP, SCENE_SEEDS[0]))), []
+    for number, job in enumerate(jobs, 2):
+        clips.append(load_clip(record(*job), start))
+        advance(number / (len(jobs) + 1))
+    return clips[:-1], clips[-1:]
 
 
 def from_recordings(
@@ -254,7 +237,7 @@ def forget_run(folder: Path) -> None:
 
 class _Run:
     def __init__(self, config: TrainConfig, folder: Path) -> None:
-        torch.set_num_threads(config.threads)
+        torch.set_num_threads(THREADS)
         torch.manual_seed(config.seed)
         self.config, self.folder = config, folder
         self.network = make_network(config.network).to(config.device)
@@ -362,7 +345,7 @@ def _whole_blocks(pairs: Pairs, config: TrainConfig) -> Pairs:
 
 def _check(clips: Sequence[Clip], config: TrainConfig) -> None:
     if not clips:
-        raise ConfigError("there is no recording to train on; give recordings, or name scenes")
+        raise ConfigError("there is no recording to train on; give recordings")
     sizes = {clip.events.size for clip in clips}
     if len(sizes) > 1:
         raise ConfigError(f"the recordings differ in size: {sorted(sizes)}; train on one sensor")

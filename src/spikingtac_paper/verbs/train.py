@@ -22,7 +22,7 @@ class Args(WriteArgs):
     run that was interrupted.
 
     Attributes:
-        recordings: Recording folders or event files of one sensor; the configuration's scenes
+        recordings: Recording folders or event files of one sensor; scenes of the twin
             unless given.
         output: Folder of the run: log.jsonl, weights.safetensors, lean.onnx, lean-int8.onnx.
         config: lean (the shipped network) or evflownet (as the paper names it), or a TOML file.
@@ -54,7 +54,7 @@ def run(args: Args) -> int:
         if args.recordings:
             recordings = session.from_recordings(args.recordings, args.bootstrap)
         else:
-            recordings = session.from_scenes(config, _recorder(args.output), advance)
+            recordings = session.from_scenes(_recorder(args.output), advance)
     with progress("training") as advance:
         summary: dict[str, Any] = session.train_and_export(config, recordings, args.output, advance)
     told = f"loss {summary['loss']:.4f} after {summary['rounds']} rounds: {summary['int8']}"
