@@ -7,7 +7,11 @@ from __future__ import annotations
 
 import re
 import sys
+from contextlib import suppress
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 PROJECT = "spikingtac"
 
@@ -28,26 +32,17 @@ def main() -> int:
 
 
 def collect(name: str, extras: set[str], found: dict[str, Distribution]) -> None:
-    """Add what a package needs, and what that needs."""
-    try:
-        needed = distribution(name).requires or []
-    except PackageNotFoundError:
-        return
-    for requirement in needed:
-        wanted = re.match(r"[A-Za-z0-9._-]+", requirement)
-        asked = re.findall(r"extra\s*==\s*['\"]([^'\"]+)", requirement)
-        if wanted is None or (asked and not extras & set(asked)):
-            continue
-        key = re.sub(r"[-_.]+", "-", wanted.group()).lower()
-        inner = re.match(r"[A-Za-z0-9._-]+\[([^\]]*)\]", requirement)
-        if key == PROJECT and inner:
-            collect(PROJECT, set(inner.group(1).replace(" ", "").split(",")), found)
-        elif key not in found:
-            try:
+    """Add what a package needs, with these extras of it, and what that needs."""
+    for text in distribution(name).requires or []:
+        needed = Requirement(text)
+        key, marker = canonicalize_name(needed.name), needed.marker
+        asked = marker is None or any(marker.evaluate({"extra": one}) for one in ("", *extras))
+        if asked and key == PROJECT:
+            collect(PROJECT, needed.extras, found)
+        elif asked and key not in found:
+            with suppress(PackageNotFoundError):  # not installed
                 found[key] = distribution(key)
-            except PackageNotFoundError:
-                continue
-            collect(key, set(), found)
+                collect(key, needed.extras, found)
 
 
 def licence_of(installed: Distribution) -> str:
