@@ -81,8 +81,7 @@ class Mcap(_Bag):
             self.types_of[content[:2]] = _text(content, 2)[0]
         elif record.kind == self.CHANNEL:
             topic, place = _text(content, 4)
-            cdr = _text(content, place)[0] != "ros1"
-            self.channels[content[:2]] = topic, content[2:4], cdr
+            self.channels[content[:2]] = topic, content[2:4], (_text(content, place)[0] != "ros1")
         else:
             return self.MESSAGE_HEAD.unpack_from(content)[0], content[self.MESSAGE_HEAD.size :]
         return None

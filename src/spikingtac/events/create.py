@@ -147,8 +147,7 @@ class Hdf5Writer(EventWriter):
         Raises:
             OSError: The disk is full.
         """
-        rows = self._events.add(x=packet.x, y=packet.y, p=packet.p, t=packet.t)
-        self._store("CD/events", rows)
+        self._store("CD/events", self._events.add(x=packet.x, y=packet.y, p=packet.p, t=packet.t))
 
     def add_triggers(self, triggers: Triggers) -> None:
         """Append trigger edges."""
@@ -158,8 +157,7 @@ class Hdf5Writer(EventWriter):
     def _store(self, name: str, rows: NDArray[Any]) -> None:
         if len(rows):
             stored = self._file[name]
-            room = shutil.disk_usage(self._target.partial.parent).free
-            if room < rows.nbytes + LEAST_ROOM_BYTES:
+            if shutil.disk_usage(self._target.partial.parent).free < rows.nbytes + LEAST_ROOM_BYTES:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._target.path))
             length = len(stored)
             stored.resize((length + len(rows),))

@@ -170,8 +170,7 @@ def _parsed(message: RawMessage) -> _Packet:
     sequence, base_ns = number("Q"), number("Q")
     encoding = block(number("I")).rstrip(b"\0").decode("ascii")
     number("B")  # byte order of the sender; the encodings are little-endian
-    events = block(number("I"))
-    return _Packet((width, height), sequence, base_ns, encoding, events, order, cdr)
+    return _Packet((width, height), sequence, base_ns, encoding, block(number("I")), order, cdr)
 
 
 def _mono_events(packet: _Packet, start_ns: int) -> Rows:
@@ -230,14 +229,13 @@ def _database_messages(path: Path, types: tuple[str, ...], count: Count) -> Iter
         database.execute("PRAGMA trusted_schema = OFF")
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, PIECE_LIMIT_BYTES)
         _require_tables(database, path)
-        rows = database.execute(
+        for topic, kind, data in database.execute(
             "SELECT topics.name, topics.type, messages.data FROM messages "
             "JOIN topics ON messages.topic_id = topics.id "
             f"WHERE topics.type IN ({','.join('?' * len(types))}) "
             "ORDER BY messages.timestamp, messages.id",
             types,
-        )
-        for topic, kind, data in rows:
+        ):
             if isinstance(data, bytes) and isinstance(topic, bytes):
                 name, told = topic.decode("utf-8", "replace"), bytes(kind).decode("latin-1")
                 yield RawMessage(name, data, cdr=True, kind=told)

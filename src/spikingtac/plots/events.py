@@ -174,8 +174,7 @@ def _draw_surface(axes: Axes, figures: EventFigures, theme: Theme) -> None:
 
 
 def _draw_hot(axes: Axes, figures: EventFigures, theme: Theme) -> None:
-    counted = np.ma.masked_equal(figures.counts, 0)
-    axes.imshow(np.log10(1.0 + counted), cmap=theme.magnitudes())
+    axes.imshow(np.log10(1.0 + np.ma.masked_equal(figures.counts, 0)), cmap=theme.magnitudes())
     axes.plot(*figures.hot_px.T, "o", mfc="none", color=theme.second, markersize=5)
     found = f"{len(figures.hot_px)} hot pixels" if len(figures.hot_px) != 1 else "1 hot pixel"
     axes.set(title=f"events per pixel (log)\n{found}", xlabel="x (px)", ylabel="y (px)")

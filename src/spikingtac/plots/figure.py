@@ -129,11 +129,10 @@ def check_target(
 
 def legend_above(axes: Axes, theme: Theme) -> None:
     """Name the curves above the axes, where none of them runs."""
-    names = axes.get_legend_handles_labels()[1]
     axes.legend(
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
-        ncols=len(names),
+        ncols=len(axes.get_legend_handles_labels()[1]),
         borderpad=0.0,
         fontsize=FONT_PT - 1,
         frameon=False,

@@ -108,8 +108,7 @@ def save_summary(
     sensor, above, *below = figure.subplot_mosaic(layout, width_ratios=(1.25, 1)).values()
     SensorDrawing(sensor, picture)
     t_s = [moment.t_s for moment in course]
-    rate_kev_s = [moment.rate_kev_s for moment in course]
-    above.plot(t_s, rate_kev_s, color=ON_COLOR, linewidth=0.9)
+    above.plot(t_s, [moment.rate_kev_s for moment in course], color=ON_COLOR, linewidth=0.9)
     above.set_ylabel("events, thousands per s", color=SOFT, fontsize=8)
     for axes in below:
         moved_px = np.array([moment.moved_px for moment in course])

@@ -174,8 +174,7 @@ def draw_field(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> tuple[Quiv
     quiver.set_clim(0.0, longest_px / (tracks.px_per_mm or 1.0))
     axes.plot(*rest.T, ".", color=theme.soft, markersize=1.5, zorder=0)
     _finish_field(axes, tracks, row, theme, rest + gain * moved_px)
-    title = f"{axes.get_title()}, arrows × {gain:.2g}"
-    axes.set_title(title, color=theme.text, fontsize=FONT_PT)
+    axes.set_title(f"{axes.get_title()}, arrows × {gain:.2g}", color=theme.text, fontsize=FONT_PT)
     _add_scale(axes, quiver, f"displacement ({_moved(tracks)[1]})", theme)
     return quiver, gain
 
@@ -264,8 +263,7 @@ def plot_comparison(
         along, of_each = (np.percentile(comparison.distance_px, percentile, axis=n) for n in (1, 0))
         over_time.plot(t_s, along, color=color, linewidth=0.8, label=label)
         by_marker.plot(of_each, ".", color=color, markersize=3)
-    end_s = max(t_s[-1], 1e-6)
-    over_time.set(xlabel="time (s)", xlim=(t_s[0], end_s))
+    over_time.set(xlabel="time (s)", xlim=(t_s[0], max(t_s[-1], 1e-6)))
     by_marker.set(xlabel="marker")
     for axes in (over_time, by_marker):
         axes.set(ylabel=f"{comparison.word} (px)", ylim=(0, None))

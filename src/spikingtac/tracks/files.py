@@ -294,5 +294,4 @@ def create_tracks(path: str | Path, reference_px: NDArray[np.float64]) -> Tracks
         raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
     if target.suffix not in FORMS:
         raise ConfigError(f"tracks are written as .npz, .csv or .parquet, not as {target.name!r}")
-    file = FORMS[target.suffix](target, reference_px)
-    return TracksWriter(file, len(reference_px))
+    return TracksWriter(FORMS[target.suffix](target, reference_px), len(reference_px))

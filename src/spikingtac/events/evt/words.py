@@ -113,8 +113,7 @@ class WordStream(Wire):
         if misaligned:
             words, end, breaks = salvage.aligned(buffer, self._suspects(buffer), self.word)
             self._losses.add("resynchronised", breaks)
-            unknown = self.view(words, self._size).unknown
-            words, blocks = salvage.without_garbage(words, unknown)
+            words, blocks = salvage.without_garbage(words, self.view(words, self._size).unknown)
             self._losses.add("garbage", blocks)
         self._losses.add("time_glitch", self._mend_times(words))
         return words, end

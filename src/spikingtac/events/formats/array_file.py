@@ -178,8 +178,7 @@ def _begun(
     info.create_system = 3  # Unix, on every system
     info.external_attr = 0o600 << 16
     member = archive.open(info, "w", force_zip64=True)
-    described = np.lib.format.dtype_to_descr(dtype)
-    header = {"descr": described, "fortran_order": False, "shape": shape}
+    header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
     np.lib.format.write_array_header_1_0(member, header)
     return member
 

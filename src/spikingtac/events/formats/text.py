@@ -212,5 +212,4 @@ def _named(names: list[str], path: Path) -> Order:
 def _named_in_comment(comment: str, columns: int) -> Order | None:
     """Return the order that a comment names, such as ``# timestamp x y polarity``."""
     text = re.sub(r"^[#%!\s]*(?:\w+\s*:)?", "", comment)
-    words = re.findall(r"[A-Za-zµ][\w.]*\s*(?:[\[({][^\])}]*[\])}])?", text)
-    return order_named(words[:columns])
+    return order_named(re.findall(r"[A-Za-zµ][\w.]*\s*(?:[\[({][^\])}]*[\])}])?", text)[:columns])
