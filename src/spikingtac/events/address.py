@@ -3,8 +3,6 @@
 ``openmv:/dev/ttyACM0``, ``udp:7777?encoding=evt2&size=320x320``, ``dv://127.0.0.1:7777``, ``nd:``.
 """
 
-from __future__ import annotations
-
 import re
 import stat
 from collections.abc import Iterable, Mapping

@@ -6,8 +6,6 @@ In both, messages lie in chunks, which may be compressed. Both are read record b
 chunk is left out, and what follows it is read.
 """
 
-from __future__ import annotations
-
 import io
 import re
 import struct

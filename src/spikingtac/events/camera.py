@@ -5,8 +5,6 @@ Opening, counting, reconnecting and packing are the same for all and stand in
 Other packages register kinds under the entry point group ``spikingtac.cameras``.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple, Self

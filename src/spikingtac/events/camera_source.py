@@ -1,7 +1,5 @@
 """A camera as a source of packets: counted, timed, and on request reconnected."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Iterator

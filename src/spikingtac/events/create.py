@@ -1,7 +1,5 @@
 """Create event files: the ending picks the format."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

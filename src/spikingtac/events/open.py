@@ -1,7 +1,5 @@
 """Open event files, recording folders and cameras: content picks the reader, then ending."""
 
-from __future__ import annotations
-
 import io
 import re
 import zipfile

@@ -3,8 +3,6 @@
 A manifest may know the sensor's clock, by which events are put on the clock of another sensor.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -92,7 +90,7 @@ class RecordedClock(NamedTuple):
         except (TypeError, KeyError, ValueError):
             return None
 
-    def on(self, base: RecordedClock | None) -> TimeMap | None:
+    def on(self, base: Self | None) -> TimeMap | None:
         """Return the map to another clock, or None where they were not watched by one host."""
         if base is None:
             return None

@@ -9,8 +9,6 @@ version 2: five bytes an event, seven bits of time since the last one and the po
 and row, counted from the bottom. The byte 0xFF adds 127 us, 0xFE fills.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Iterator

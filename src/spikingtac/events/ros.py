@@ -6,8 +6,6 @@ ros2idl) are read as well. Source: ``event_camera_msgs/EventPacket`` (words of a
 sqlite3 only plain tables are read, nothing that the file would compute.
 """
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ Sources count what they lost by kind (``codec.KINDS``); whoever acts on a stream
 Everything here goes by the times of the events, so the packing of a stream does not matter.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Protocol, runtime_checkable

@@ -5,8 +5,6 @@ was set) is not silent for hours, and filling the leap would never end: beyond t
 and estimates go on where the next event is. Sources count such leaps as ``time_jump``.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Iterator
 

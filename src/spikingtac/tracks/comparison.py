@@ -1,7 +1,5 @@
 """Two tracks of the same markers, or tracks and a truth: how far they are apart."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -3,8 +3,6 @@
 Archives hold one row for each time, tables one for each time and marker.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Mapping, Sequence
@@ -135,55 +133,6 @@ def trigger_column(
     return {"trigger": np.ma.MaskedArray(channel.astype(np.int16)[passed - 1], mask=none)}
 
 
-class TracksWriter:
-    """Takes frames one by one, and writes them at constant memory.
-
-    Args:
-        file: Takes the columns.
-        markers: How many markers each frame has.
-
-    Attributes:
-        marks_rows: Whether trigger edges mark the rows, and must be told before them.
-    """
-
-    def __init__(self, file: _Archive | _CsvTable | _ParquetTable, markers: int) -> None:
-        self._file, self._markers = file, markers
-        self.marks_rows = not isinstance(file, _Archive)
-        self._frames: list[tuple[MarkerFrame, Columns]] = []
-        self._triggers: Columns = {}
-        self._last_us: int | None = None
-
-    def write(self, frame: MarkerFrame, measured: Columns | None = None) -> None:
-        """Append a frame, and what else was measured then: the same names with every frame."""
-        self._frames.append((frame, measured or {}))
-        if len(self._frames) == FRAMES_PER_CHUNK:
-            self._flush()
-
-    def mark(self, triggers: Columns) -> None:
-        """Tell the trigger edges by their keys in a file: where rows are marked, first."""
-        self._triggers = triggers
-
-    def close(self, meta: Mapping[str, Any]) -> None:
-        """Complete the file with what is known at the end; only then it appears."""
-        if self._frames or self._last_us is None:  # also where no frame came
-            self._flush()
-        self._file.close(meta, self._triggers)
-
-    def abandon(self) -> None:
-        """Give up: leave what was there before."""
-        self._file.abandon()
-
-    def _flush(self) -> None:
-        frames, self._frames = self._frames, []
-        columns = stacked([frame for frame, _ in frames], self._markers)
-        for name in frames[0][1] if frames else ():
-            columns[name] = np.stack([row[name] for _, row in frames]).astype(np.float32)
-        if self.marks_rows and frames:
-            columns |= trigger_column(columns["t_us"], self._triggers, self._last_us)
-        self._file.append(columns)
-        self._last_us = frames[-1][0].t_us if frames else None
-
-
 class _Archive:
     """``tracks.npz``; equal frames give equal bytes."""
 
@@ -272,6 +221,55 @@ class _ParquetTable:
         if self._file is not None:
             self._file.close()
         self._target.abandon()
+
+
+class TracksWriter:
+    """Takes frames one by one, and writes them at constant memory.
+
+    Args:
+        file: Takes the columns.
+        markers: How many markers each frame has.
+
+    Attributes:
+        marks_rows: Whether trigger edges mark the rows, and must be told before them.
+    """
+
+    def __init__(self, file: _Archive | _CsvTable | _ParquetTable, markers: int) -> None:
+        self._file, self._markers = file, markers
+        self.marks_rows = not isinstance(file, _Archive)
+        self._frames: list[tuple[MarkerFrame, Columns]] = []
+        self._triggers: Columns = {}
+        self._last_us: int | None = None
+
+    def write(self, frame: MarkerFrame, measured: Columns | None = None) -> None:
+        """Append a frame, and what else was measured then: the same names with every frame."""
+        self._frames.append((frame, measured or {}))
+        if len(self._frames) == FRAMES_PER_CHUNK:
+            self._flush()
+
+    def mark(self, triggers: Columns) -> None:
+        """Tell the trigger edges by their keys in a file: where rows are marked, first."""
+        self._triggers = triggers
+
+    def close(self, meta: Mapping[str, Any]) -> None:
+        """Complete the file with what is known at the end; only then it appears."""
+        if self._frames or self._last_us is None:  # also where no frame came
+            self._flush()
+        self._file.close(meta, self._triggers)
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._file.abandon()
+
+    def _flush(self) -> None:
+        frames, self._frames = self._frames, []
+        columns = stacked([frame for frame, _ in frames], self._markers)
+        for name in frames[0][1] if frames else ():
+            columns[name] = np.stack([row[name] for _, row in frames]).astype(np.float32)
+        if self.marks_rows and frames:
+            columns |= trigger_column(columns["t_us"], self._triggers, self._last_us)
+        self._file.append(columns)
+        self._last_us = frames[-1][0].t_us if frames else None
 
 
 # Ending of a file -> what writes it.

@@ -1,7 +1,5 @@
 """Prophesee RAW files: a text header, then words of EVT2, EVT2.1 or EVT3."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field

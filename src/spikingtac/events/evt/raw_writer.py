@@ -1,7 +1,5 @@
 """Writes Prophesee RAW files in EVT2, EVT2.1 or EVT3, packet by packet."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

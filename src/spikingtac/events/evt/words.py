@@ -1,7 +1,5 @@
 """From bytes to events: carry over what is incomplete, decode, and mend only where it is needed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

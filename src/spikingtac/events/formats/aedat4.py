@@ -5,8 +5,6 @@ packets, each a size-prefixed FlatBuffer. The few bytes of FlatBuffers that are 
 here by hand.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 import xml.etree.ElementTree as ElementTree

@@ -3,8 +3,6 @@
 NumPy archives are written column by column at constant memory.
 """
 
-from __future__ import annotations
-
 import codecs
 import gzip
 import math

@@ -1,7 +1,5 @@
 """NumPy files of events: columns, structured rows or tables in ``.npz`` and ``.npy``."""
 
-from __future__ import annotations
-
 import math
 import zipfile
 from collections.abc import Callable, Iterator
@@ -29,6 +27,53 @@ _SIZES = ("size", "resolution", "sensor_size")
 OPENMV_COLUMNS = 6
 OPENMV_SECONDS = 1 << 16  # The seconds are 16 bits wide: they wrap after 18 hours.
 GENX320_SIZE = (320, 320)
+
+
+class ArrayReader:
+    """Reads the rows of one array in order.
+
+    Attributes:
+        length: Number of rows.
+        width: Columns of a table; 0 for a single row of numbers or structures.
+        type: Type of a number or structure.
+        plain: Whether it is a row or table of numbers or structures.
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file, self._whole, self._at = file, None, 0
+        shape, by_column, self.type = read_array_header(file)
+        across = len(shape) == 2 and shape[0] in TABLE_WIDTHS and shape[1] > shape[0]
+        self.length = int(shape[across]) if shape else 0
+        self.width = int(shape[not across]) if len(shape) == 2 else 0
+        self.plain = len(shape) in (1, 2) and (self.type.kind in "uifb" or bool(self.type.names))
+        self._row_bytes = self.type.itemsize * max(self.width, 1)
+        if self.plain and len(shape) == 2 and by_column != across:
+            size = math.prod(shape) * self.type.itemsize
+            refuse_piece("a table by columns", size)
+            self._whole = np.frombuffer(self._exactly(size), self.type).reshape(self.width, -1).T
+
+    def read(self, count: int) -> NDArray[Any]:
+        """Return the next ``count`` rows; raises EOFError where the array ends before."""
+        if self._whole is not None:
+            rows = self._whole[self._at : self._at + count]
+            self._at += count
+            return rows
+        values = np.frombuffer(self._exactly(count * self._row_bytes), self.type)
+        values = values.reshape(count, self.width) if self.width else values
+        if self.type.kind == "f":
+            return np.nan_to_num(values.astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0)
+        return values
+
+    def holds_rows(self, name: str) -> bool:
+        """Return whether an array of this name is a table of events, or of structures."""
+        wide = self.width in TABLE_WIDTHS or (name == "events" and self.width == OPENMV_COLUMNS)
+        return self.plain and (wide or bool(self.type.names))
+
+    def _exactly(self, size: int) -> bytes:
+        data = self._file.read(size)
+        if len(data) < size:
+            raise EOFError("the array ends early")
+        return data
 
 
 class ArraySource(columns.TableSource):
@@ -165,50 +210,3 @@ class ArraySource(columns.TableSource):
         self.losses.add("vendor_word", len(table) - len(events))
         t = seconds.unwrapped(events[:, 1]) * 1_000_000 + events[:, 2] * 1_000 + events[:, 3]
         return [events[:, 4], events[:, 5], events[:, 0] == 1, t]
-
-
-class ArrayReader:
-    """Reads the rows of one array in order.
-
-    Attributes:
-        length: Number of rows.
-        width: Columns of a table; 0 for a single row of numbers or structures.
-        type: Type of a number or structure.
-        plain: Whether it is a row or table of numbers or structures.
-    """
-
-    def __init__(self, file: IO[bytes]) -> None:
-        self._file, self._whole, self._at = file, None, 0
-        shape, by_column, self.type = read_array_header(file)
-        across = len(shape) == 2 and shape[0] in TABLE_WIDTHS and shape[1] > shape[0]
-        self.length = int(shape[across]) if shape else 0
-        self.width = int(shape[not across]) if len(shape) == 2 else 0
-        self.plain = len(shape) in (1, 2) and (self.type.kind in "uifb" or bool(self.type.names))
-        self._row_bytes = self.type.itemsize * max(self.width, 1)
-        if self.plain and len(shape) == 2 and by_column != across:
-            size = math.prod(shape) * self.type.itemsize
-            refuse_piece("a table by columns", size)
-            self._whole = np.frombuffer(self._exactly(size), self.type).reshape(self.width, -1).T
-
-    def read(self, count: int) -> NDArray[Any]:
-        """Return the next ``count`` rows; raises EOFError where the array ends before."""
-        if self._whole is not None:
-            rows = self._whole[self._at : self._at + count]
-            self._at += count
-            return rows
-        values = np.frombuffer(self._exactly(count * self._row_bytes), self.type)
-        values = values.reshape(count, self.width) if self.width else values
-        if self.type.kind == "f":
-            return np.nan_to_num(values.astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0)
-        return values
-
-    def holds_rows(self, name: str) -> bool:
-        """Return whether an array of this name is a table of events, or of structures."""
-        wide = self.width in TABLE_WIDTHS or (name == "events" and self.width == OPENMV_COLUMNS)
-        return self.plain and (wide or bool(self.type.names))
-
-    def _exactly(self, size: int) -> bytes:
-        data = self._file.read(size)
-        if len(data) < size:
-            raise EOFError("the array ends early")
-        return data

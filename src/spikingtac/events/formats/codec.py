@@ -1,7 +1,5 @@
 """What every codec shares: the writer's base, triggers, and the kinds of damage."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
@@ -105,7 +103,7 @@ class Triggers:
         rows["t_us"], rows["channel"], rows["edge"] = t_us, channel, edge
         self._parts.append(rows)
 
-    def extend(self, others: Triggers) -> None:
+    def extend(self, others: Self) -> None:
         """Append the edges of another collection."""
         self._parts.extend(others._parts)
 
@@ -113,9 +111,9 @@ class Triggers:
         """Forget all edges."""
         self._parts.clear()
 
-    def select(self, keep: NDArray[Any] | slice) -> Triggers:
+    def select(self, keep: NDArray[Any] | slice) -> Self:
         """Return the edges that a mask, an index array or a slice keeps."""
-        chosen = Triggers()
+        chosen = type(self)()
         chosen._parts.append(self.rows[keep])
         return chosen
 

@@ -5,8 +5,6 @@ from 0 on, y right behind x; time never falls, or holds what no coordinate can b
 be read in two ways is refused.
 """
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """The part that all files have in common: iterate again, count, cut into packets, be strict."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

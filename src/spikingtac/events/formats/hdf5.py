@@ -4,8 +4,6 @@ A truncated file cannot be read at all: record RAW, archive HDF5. Links are not 
 are weighed against the stored bytes.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -5,8 +5,6 @@ them. A restart falls and does not come back: it goes on from the last event. A 
 does not come back is believed and counted, since a stream may pause.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

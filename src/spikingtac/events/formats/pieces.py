@@ -3,8 +3,6 @@
 AEDAT4, MCAP and ROS 1 bags are such files. What a piece claims is believed up to a limit only.
 """
 
-from __future__ import annotations
-
 import bz2
 import io
 import re

@@ -1,7 +1,5 @@
 """Event tables as text: by comma, semicolon, tab, bar or blanks, with or without a header."""
 
-from __future__ import annotations
-
 import io
 import itertools
 import re
