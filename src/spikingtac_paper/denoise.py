@@ -7,8 +7,6 @@ so the reference is exact: the centroid in the same map without noise, event los
 filter. Errors of the state map itself therefore do not count.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace

@@ -1,7 +1,5 @@
 """The experiments and the benches by name; each module is imported when it is run."""
 
-from __future__ import annotations
-
 import importlib
 import os
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """The JSON of a calibration: one schema, with the plausible range of every field."""
 
-from __future__ import annotations
-
 import base64
 import zlib
 from typing import Any

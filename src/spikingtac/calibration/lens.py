@@ -5,8 +5,6 @@ is the place relative to the image's centre over half of its diagonal; then a ho
 the skin.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from typing import Any, Self
 

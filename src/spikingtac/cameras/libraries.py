@@ -1,7 +1,5 @@
 """Makers' libraries: imported with an error that says what brings them, read alike, and listed."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import time

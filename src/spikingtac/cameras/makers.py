@@ -5,8 +5,6 @@
 the sensor can send; ``neuromorphic-drivers`` EVK3 HD, EVK4, DVXplorer and DAVIS346, no GenX320.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterable
 from pathlib import Path

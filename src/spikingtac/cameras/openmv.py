@@ -5,8 +5,6 @@ EVT2 words, 4 bytes an event, in transfers of a fixed number of words: at a low 
 takes long to fill, at a high one small transfers limit the rate. ``words`` sets the number.
 """
 
-from __future__ import annotations
-
 import contextlib
 import sys
 import time

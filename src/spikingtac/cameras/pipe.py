@@ -1,7 +1,5 @@
 """Words that come as a stream of bytes: RAW from a pipe, bare words from a serial port."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

@@ -5,8 +5,6 @@ leap of the time words, so that loss is told where it can be known (the kernel's
 that overran this socket, datagrams that came twice or late).
 """
 
-from __future__ import annotations
-
 import select
 import socket
 import struct

@@ -6,8 +6,6 @@ device is read by ``v4l2-ctl`` (v4l-utils), as the maker shows it; a dump that i
 ``--stream-to`` is read as a file.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import select

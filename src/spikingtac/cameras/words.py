@@ -1,7 +1,5 @@
 """EVT words as cameras send them: which encoding and size, and their decoding."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

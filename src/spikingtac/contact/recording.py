@@ -3,8 +3,6 @@
 Contacts in recordings: find the quiet windows, and run a detector over the rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, islice
 

@@ -4,8 +4,6 @@ Public names are listed in ``__init__.pyi`` and imported when they are first use
 ``windows`` stays in ``spikingtac.events.windows``, since the module's name would hide it.
 """
 
-from __future__ import annotations
-
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

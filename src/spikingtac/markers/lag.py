@@ -24,8 +24,6 @@ An edge hardly shows B: it is a prior, and its spread is part of the uncertainty
 depend on light at all (a bus, a driver's clock) stays unseen and has to be measured otherwise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

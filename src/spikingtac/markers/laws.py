@@ -11,8 +11,6 @@ identity, so that in between it is steeper than 1, and some small true displacem
 falsified: by 0.59 px at worst. Therefore the truthful estimate is the default.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

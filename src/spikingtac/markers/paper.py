@@ -6,8 +6,6 @@ gather. The error against truth is dominated by the bias of the last-polarity ma
 (:mod:`spikingtac.state_map.binary`), which no later stage can see: about 1 px in motion.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

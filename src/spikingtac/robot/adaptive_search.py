@@ -7,8 +7,6 @@ outside of the calibrated directions. Such a chord only locates the hole; the es
 it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Callable, Sequence

@@ -4,8 +4,6 @@ The loop takes one window after another. On the twin this lets simulated time pa
 waits for the camera.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar

@@ -4,8 +4,6 @@ Lengths are mm, speeds mm/s, in the robot's base frame; positions are those of t
 point, which stands at the tip of the probe at rest.
 """
 
-from __future__ import annotations
-
 import enum
 from typing import Protocol, runtime_checkable
 

@@ -1,7 +1,5 @@
 """The published search: four contacts along the axes, two formulas (Section V-C)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

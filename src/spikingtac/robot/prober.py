@@ -3,8 +3,6 @@
 All motions are in a plane: the probe stands in a hole and moves in x and y at constant height.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol

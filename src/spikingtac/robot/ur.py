@@ -6,8 +6,6 @@ itself when this computer sends nothing (URScript's watchdog, action "stop"), a 
 the arm's reported speed, and no call waits without limit.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import importlib

@@ -4,8 +4,6 @@ A client that waits for a silent controller cannot be interrupted. What can be d
 for it, to start nothing else in it, and to know for how long it has hung.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os

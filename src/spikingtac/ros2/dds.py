@@ -5,8 +5,6 @@ the structure of the types as rmw_cyclonedds makes them (``dyntype.cpp``: final,
 bytes as uint8); ``typehash=RIHS01_...;`` in USER_DATA as rmw_dds_common writes it since Iron.
 """
 
-from __future__ import annotations
-
 import ipaddress
 import socket
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Where the frames that are published come from: tracks on disk, or events and a tracker."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 What a mapping leaves out is zero or empty. Type names are short, as ``std_msgs/Bool``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import cache
 from typing import Any, Protocol

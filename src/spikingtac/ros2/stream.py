@@ -1,7 +1,5 @@
 """What is published of a sensor: which topics, how often, and with which times."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections import Counter

@@ -1,7 +1,5 @@
 """Windows of a live stream as they arrive: for an arm's guard, and under a watchdog."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping

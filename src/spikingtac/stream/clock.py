@@ -4,8 +4,6 @@ Sensor and host share no clock. The fastest transport so far maps one to the oth
 later than it lags behind. The map may drift, since no two crystals run alike.
 """
 
-from __future__ import annotations
-
 from collections import deque
 
 US_PER_S = 1e6

@@ -1,7 +1,5 @@
 """Packets of events as messages of a ring, each with its arrival, its trigger edges and losses."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -4,8 +4,6 @@ Whoever is busy leaves no camera unread: the reader goes on, and a user that was
 how many events it has missed.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 import weakref

@@ -1,7 +1,5 @@
 """What lets a process run when it has to: precedence, a core, memory that stays, no collection."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import os

@@ -1,7 +1,5 @@
 """The process that follows one sensor: events in, frames into shared memory."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field

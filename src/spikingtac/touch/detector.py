@@ -9,8 +9,6 @@ This detector tells touches apart and measures them. To stop a robot use
 :mod:`spikingtac.contact`, which decides from raw events within a millisecond.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -12,8 +12,6 @@ wavenumbers (a Hankel transform); a disc of pressure smooths it. The layer has n
 nearer to the rim of a real skin than its thickness move less than this says.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

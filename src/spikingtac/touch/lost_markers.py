@@ -5,8 +5,6 @@ than a light touch does. An elastic skin moves neighbours alike: a marker that d
 median of its neighbourhood by far more than these differ among themselves is not believed.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from spikingtac.arrays import FloatArray as Field

@@ -5,8 +5,6 @@ what its numbers mean. The networks are trained with PyTorch beside the package
 (``spikingtac_paper.training.small_networks``); here they only run.
 """
 
-from __future__ import annotations
-
 import importlib.resources
 import json
 from collections.abc import Mapping

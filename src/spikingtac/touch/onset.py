@@ -11,8 +11,6 @@ point on a short slack string: the string lies along the marker's
 last motion.
 """
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

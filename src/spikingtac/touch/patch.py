@@ -1,7 +1,5 @@
 """The touched part of the skin: its centre, area and outline, told by a small network."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 

@@ -4,8 +4,6 @@ A recording that begins touched takes the touched skin for its rest, since a gel
 looks alike. Its release then looks like a touch, and one that never ends.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 

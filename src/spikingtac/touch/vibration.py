@@ -1,7 +1,5 @@
 """Vibration of the skin: spectrum of the markers' mean motion, and its strongest line, if any."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 

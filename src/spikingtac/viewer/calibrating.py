@@ -1,7 +1,5 @@
 """Calibrating a sensor with the page: the guide, the result, and where it is saved."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Callable

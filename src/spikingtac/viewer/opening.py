@@ -1,7 +1,5 @@
 """Open what a user names: an event file, a recording folder, a camera, or a scene."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

@@ -4,8 +4,6 @@ A busy thread beside the tracking loop would stretch a step of half a millisecon
 threads share one interpreter lock. Each session therefore runs in another process than the server.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What is made of every estimate: the figures and the picture of a view's end."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

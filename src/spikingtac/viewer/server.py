@@ -3,8 +3,6 @@
 Every page gets the latest frame that it can take; none slows another or the session.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import logging

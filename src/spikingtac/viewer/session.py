@@ -1,7 +1,5 @@
 """The loop that plays, tracks and publishes; it runs in a process of its own."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable

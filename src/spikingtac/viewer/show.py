@@ -1,7 +1,5 @@
 """Serve the page of views that run in processes of their own; return what was shown at the end."""
 
-from __future__ import annotations
-
 import os
 import socket
 import time

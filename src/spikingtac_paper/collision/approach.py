@@ -11,8 +11,6 @@ measurement of a camera with a global shutter and without exposure time, plus a 
 noise. This favours the baseline.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import Counter

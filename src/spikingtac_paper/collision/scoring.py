@@ -1,7 +1,5 @@
 """From the records of approaches and free motions to the rows of the collision report."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

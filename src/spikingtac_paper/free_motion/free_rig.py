@@ -11,8 +11,6 @@ background, dead times, latencies and readout are those of
 :class:`~spikingtac.sim.event_camera.EventCamera`.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence

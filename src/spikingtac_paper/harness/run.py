@@ -1,7 +1,5 @@
 """The run of an experiment or a bench: its options, its worker pool, its records on disk."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import json

@@ -5,8 +5,6 @@ all touches before. Both searches of a hole are therefore made once, and every m
 repeatabilities of the arm are evaluated on their touches.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 from collections.abc import Sequence

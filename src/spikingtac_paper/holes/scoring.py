@@ -1,7 +1,5 @@
 """From the touches of the hole experiment to estimates, errors and rows of the report."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@
 docs/reference/live-faults.md with the figures of this machine.
 """
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import Any

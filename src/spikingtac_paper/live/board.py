@@ -4,8 +4,6 @@ With a fixed number for each datagram, a count of dropped datagrams is a count o
 user of a shared ring takes events beside, in a process of its own, and tells what it missed.
 """
 
-from __future__ import annotations
-
 import json
 import socket
 import subprocess

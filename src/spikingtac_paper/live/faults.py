@@ -3,8 +3,6 @@
 The suite runs the short forms, ``spikingtac bench live`` the long ones.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import pty

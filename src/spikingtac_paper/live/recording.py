@@ -1,7 +1,5 @@
 """``spikingtac record`` of a board's events, run as a user runs it, and what it tells."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """The cases of the point-tracking experiment, and their trials."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from spikingtac.sim import TRAJECTORIES

@@ -1,7 +1,5 @@
 """Section V-A: point tracking on ten contact trajectories, with baselines and ground truth."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

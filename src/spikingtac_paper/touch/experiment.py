@@ -1,7 +1,5 @@
 """What is felt, beside simpler methods and what others print: forces, wrenches, touches."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -3,8 +3,6 @@
 Simple models to compare with are linear ones and a plain multilayer perceptron.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from itertools import pairwise
 from pathlib import Path

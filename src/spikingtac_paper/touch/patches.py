@@ -1,7 +1,5 @@
 """Contact patches on the twin, from events: presses of bodies at places that were not learned."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Slip on the twin, from events: contacts, frictions and a body that were not learned."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any

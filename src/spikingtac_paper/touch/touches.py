@@ -1,7 +1,5 @@
 """Touches on the twin, from events: found, split, invented, and when."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

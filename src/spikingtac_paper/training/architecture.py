@@ -9,8 +9,6 @@ al., "EV-FlowNet", RSS 2018, doi:10.15607/RSS.2018.XIV.062). It needs 20 GMAC fo
 The conversion to blocks is outside of the network (:mod:`spikingtac.denoise.blocks`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

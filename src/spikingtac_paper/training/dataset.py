@@ -5,8 +5,6 @@ through :func:`spikingtac.events.open.open_events`, and nothing else. Each round
 recording anew, so that no pair occurs twice.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -10,8 +10,6 @@ The ranges of the int8 network are measured on state maps of recordings
 (:func:`spikingtac_paper.training.dataset.make_pairs`), never on truth.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import itertools

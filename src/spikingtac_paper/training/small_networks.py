@@ -3,8 +3,6 @@
 :mod:`spikingtac.touch.network` runs what is exported here.
 """
 
-from __future__ import annotations
-
 import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -6,8 +6,6 @@ so that a resumed run gives the same weights as an uninterrupted one. The ``trut
 recording is never opened.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace

@@ -5,8 +5,6 @@ method that never moves its markers scores well in them. The metrics against gro
 have this defect; the report shows both.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

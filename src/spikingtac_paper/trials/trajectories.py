@@ -1,7 +1,5 @@
 """Trajectories of the markers of one recording: the true ones, and a method's estimates."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path

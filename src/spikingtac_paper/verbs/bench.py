@@ -1,7 +1,5 @@
 """Measure how fast this machine tracks, beside tuned peers on the same stream."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Run one of the paper's experiments again: every method, every case, one report."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """Train the denoising network on recordings, without labels."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any

@@ -5,8 +5,6 @@ refine one model of places, discs and steps until ideal pixels fire what the rea
 how much of the recording it explains. Slides are motion like any other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

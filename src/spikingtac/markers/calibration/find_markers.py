@@ -1,7 +1,5 @@
 """Find the markers in maps of the skin at rest: discs of equal size, in rows or free."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -5,8 +5,6 @@ the map, so that it seems to stand still while it sends events. It is led by its
 along that way its own steps show, and with them it is tracked like the others.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

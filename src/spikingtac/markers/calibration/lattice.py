@@ -6,8 +6,6 @@ and barrel distortion need no model; a smooth model over all labels then throws 
 fit and says where a missing marker should be.
 """
 
-from __future__ import annotations
-
 import heapq
 import itertools
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 The paper has 8x8 and does not say how its markers are told apart.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass, field, replace
 

@@ -1,7 +1,5 @@
 """How well a calibration explains its recording: per marker, in words, and as a refusal."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

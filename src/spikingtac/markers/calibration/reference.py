@@ -9,8 +9,6 @@ are taken off, and what is left is averaged: the place at one rest alone may be 
 where edges are wide.
 """
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

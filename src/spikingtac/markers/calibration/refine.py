@@ -5,8 +5,6 @@ paths (:mod:`.ideal_pixels`). What is left over moves each disc and changes its 
 Gauss-Newton step (:mod:`.corrections`); then the ideal pixels walk again.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -11,8 +11,6 @@ exponential. The pixels are sorted by their distance from the central one, so th
 annulus lie beside each other, and one window serves markers of every size.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple, TypeVar

@@ -8,8 +8,6 @@ steps grow when events are lost (:mod:`spikingtac.markers.graded.event_loss`), a
 towards the fitted discs (:mod:`spikingtac.markers.graded.map_leak`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -4,8 +4,6 @@ Whatever is judged is judged between the series: each is predicted from the othe
 is only one, each of its parts from the rest). The intervals hold 90 % of the errors made there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 

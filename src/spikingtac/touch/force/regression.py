@@ -12,8 +12,6 @@ Processes for Machine Learning", MIT Press 2006, section 8.3.1), whose kernel ad
 Gaussian of shape and amplitude; it interpolates well. Half their difference is the spread.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -11,8 +11,6 @@ the contact's centre (C. Cattaneo 1938; R. D. Mindlin, "Compliance of elastic bo
 J. Appl. Mech. 16, 1949).
 """
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from math import log
 

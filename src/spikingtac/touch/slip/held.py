@@ -1,7 +1,5 @@
 """Touches with their slips, from one stream of marker frames."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Slip from a stream of displacement fields: incipient first, then gross."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from math import log
 from typing import Literal
