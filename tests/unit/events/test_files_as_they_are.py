@@ -111,6 +111,7 @@ def test_rows_out_of_order_are_sorted_and_counted(tmp_path: Path, mark: str) -> 
         ("t,x,y\n1,2,3\n", "lacks p"),
         ("t,x,y,p,time\n1,2,3,1,5\n", "twice"),
         ("1,2,3\n4,5,6\n", "columns, but time, x, y and polarity are needed"),
+        ("t,x,y,p\n1,2,3\n4,5,6\n", "columns, but time, x, y and polarity are needed"),
         ("t,x,y,p\n", "holds no events"),
         ("0,1,2,1\n1,2,3,0\n", r"several ways: x,y,t,p; t,x,y,p"),
         ("1.5,2.5,3.5,1\n2.5,4.5,6.5,0\n", "fit no order"),

@@ -12,12 +12,9 @@ from hypothesis import strategies as st
 from spikingtac.errors import ConfigError
 from spikingtac.events.filters import BackgroundActivityFilter, Transform, time_slice
 from spikingtac.events.hot_pixels import (
-    QUIET_SHARE,
-    WINDOW_US,
     HotPixelFilter,
     find_hot_pixels,
     judge_events,
-    quiet_events,
 )
 from spikingtac.types import EventPacket
 from stand_ins.random_packets import random_packet, rows
@@ -131,20 +128,6 @@ def test_a_pixel_that_flickers_while_a_marker_rests_is_not_hot() -> None:
     pixel = np.concatenate([noise(300), mixed(noise(100), flickering), noise(400)])
     assert found(pixel) == set()
     assert found(mixed(noise(800), flickering)) == {(20, 10)}
-
-
-def test_quiet_events_are_those_of_the_windows_with_the_fewest() -> None:
-    windows = 40
-    counts = np.full(windows, 9)
-    counts[[3, 17, 18, 30]] = (1, 2, 0, 3)
-    t_us = np.concatenate(
-        [1_000 + WINDOW_US * window + np.arange(count) for window, count in enumerate(counts)]
-    )
-    index, quiet_us = quiet_events(t_us, 1_000, 1_000 + windows * WINDOW_US)
-    assert quiet_us == round(QUIET_SHARE * windows) * WINDOW_US
-    assert sorted(set(((t_us[index] - 1_000) // WINDOW_US).tolist())) == [3, 17, 30]
-    assert (np.diff(index) > 0).all()
-    assert len(index) == 6
 
 
 @pytest.mark.parametrize("noise_hz", [5.0, 40.0])

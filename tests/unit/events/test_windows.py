@@ -146,44 +146,26 @@ def mended(times: list[int], chunk: int = 1 << 20) -> tuple[list[int], dict[str,
     return found + time.tolist(), dict(losses)
 
 
-def test_a_lone_far_time_is_flattened_wherever_the_chunks_end() -> None:
-    times = [0, 10, 20, 1 << 59, 30, 40]
-    for chunk in range(1, 7):
-        assert mended(times, chunk) == ([0, 10, 20, 20, 30, 40], {"time_glitch": 1})
+ZEROS = [*range(5 * S, 5 * S + 100), *[5 * S + 99] * 1_000, *range(5 * S + 200, 5 * S + 300)]
+SLOW = [step * 300_000 for step in range(20_000)]
+SILENT = [step * 3 * S for step in range(100)]
+# Name -> times, what becomes of them, what is counted, and the chunks that they come in.
+COURSES = {
+    "lone": ([0, 10, 1 << 59, 30], [0, 10, 10, 30], {"time_glitch": 1}, range(1, 5)),
+    "zeros": ([*ZEROS[:100], *[0] * 1_000, *ZEROS[1_100:]], ZEROS, {"time_glitch": 1_000}, [150]),
+    "restart": ([5 * S, 3, 4, 90], [5 * S, 5 * S, 5 * S + 1, 5 * S + 87], {"time_reset": 1}, [9]),
+    "first": ([1 << 58, *range(100, 200)], [100, *range(100, 200)], {"time_glitch": 1}, [999]),
+    "slow": (SLOW, SLOW, {}, [1 << 20]),
+    "held": ([*SLOW, SLOW[-1] - 50], [*SLOW, SLOW[-1]], {"time_backwards": 1}, [1 << 20]),
+    "silences": (SILENT, SILENT, {"time_jump": 99}, [10, 1 << 20]),
+}
 
 
-def test_a_block_of_zeros_moves_nothing_that_follows() -> None:
-    times = [*range(5 * S, 5 * S + 100), *[0] * 1_000, *range(5 * S + 200, 5 * S + 300)]
-    for chunk in (1 << 20, 150):
-        found, losses = mended(times, chunk)
-        assert found[:100] + found[1_100:] == times[:100] + times[1_100:]
-        assert losses == {"time_glitch": 1_000}
-
-
-def test_a_restart_goes_on_from_the_last_event() -> None:
-    times = [5 * S, 5 * S + 10, 3, 4, 90]
-    assert mended(times) == (
-        [5 * S, 5 * S + 10, 5 * S + 10, 5 * S + 11, 5 * S + 97],
-        {"time_reset": 1},
-    )
-
-
-def test_wrong_first_times_do_not_move_the_rest() -> None:
-    times = [1 << 58, *range(100, 200)]
-    assert mended(times) == ([100, *range(100, 200)], {"time_glitch": 1})
-
-
-def test_slow_events_are_no_leaps() -> None:
-    times = [step * 300_000 for step in range(20_000)]
-    assert mended(times) == (times, {})
-    fallen = [*times, times[-1] - 50]
-    assert mended(fallen) == ([*times, times[-1]], {"time_backwards": 1})
-
-
-def test_many_silences_are_kept() -> None:
-    times = [step * 3 * S for step in range(100)]
-    for chunk in (1 << 20, 10):
-        assert mended(times, chunk) == (times, {"time_jump": 99})
+@pytest.mark.parametrize("name", COURSES)
+def test_time_goes_on_after_whatever_breaks_its_course(name: str) -> None:
+    times, expected, losses, chunks = COURSES[name]
+    for chunk in chunks:
+        assert mended(times, chunk) == (expected, losses)
 
 
 @given(

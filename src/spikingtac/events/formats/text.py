@@ -99,14 +99,16 @@ class TextSource(columns.TableSource):
                 self._labels.add(index)
         for comment in comments if not self._order.place else ():
             self._order = _named_in_comment(comment, self._width) or self._order
-        if not self._order.place:
-            tables = [self._table(self._blank(sample)) for sample in samples]
-            kept = [index for index in range(self._width) if index not in self._labels]
-            if len(kept) < len(columns.ROLES) or not any(map(len, tables)):
-                raise FormatError(
-                    f"{str(path)!r} is no table of events: its rows have {self._width} columns, "
-                    "but time, x, y and polarity are needed"
-                )
+        place = self._order.place
+        tables = [] if place else [self._table(self._blank(sample)) for sample in samples]
+        kept = [index for index in range(self._width) if index not in self._labels]
+        told = len(kept) >= len(columns.ROLES) and any(map(len, tables))
+        if not (max(place.values()) < self._width if place else told):
+            raise FormatError(
+                f"{str(path)!r} is no table of events: its rows have {self._width} columns, "
+                "but time, x, y and polarity are needed"
+            )
+        if not place:
             found = columns.order_of_values([table[:, kept] for table in tables], repr(str(path)))
             self._order = Order({role: kept[index] for role, index in found.place.items()})
 
