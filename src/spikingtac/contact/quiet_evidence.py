@@ -247,15 +247,11 @@ def _whitening(sums: Vector, quiet: QuietEvidence, windows: int) -> Vector:
     joined[rows, on] = 1.0 / (variance[on] + windows * bias**2)
     expected = joined @ (windows * covariance + np.diag(drift)) @ joined.T
     half = np.linalg.inv(np.linalg.cholesky(expected)) @ joined
-    return _inflated(half, sums, windows)
-
-
-def _inflated(whiten: Vector, sums: Vector, windows: int) -> Vector:
-    """Shrink the directions in which the quiet sums vary more than expected, because of bursts."""
+    # Directions in which the quiet sums vary more than expected, because of bursts, are shrunk.
     stride = max(windows // 4, 1)
-    spread = (sums[windows::stride] - sums[:-windows:stride]) @ whiten.T
+    spread = (sums[windows::stride] - sums[:-windows:stride]) @ half.T
     value, axes = np.linalg.eigh(spread.T @ spread / max(len(spread), 1))
-    return (axes / np.sqrt(np.maximum(value, 1.0))).T @ whiten
+    return (axes / np.sqrt(np.maximum(value, 1.0))).T @ half
 
 
 def _leak_bias(quiet: QuietEvidence) -> Vector:

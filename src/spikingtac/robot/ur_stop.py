@@ -79,6 +79,9 @@ class VerifiedStop:
         report: Returns the arm's last report.
         last_resort: Used where an arm is seen to move after all means; not waited for.
         clock_s: A monotonic clock, s; that of the reports.
+
+    Attributes:
+        running: Whether a stop is being watched; a motion that begins now would be stopped.
     """
 
     def __init__(
@@ -94,18 +97,13 @@ class VerifiedStop:
         self._thread: threading.Thread | None = None
         self._failure: str | None = None
         self._refusals: list[str] = []
-        self._running = False
-
-    @property
-    def running(self) -> bool:
-        """Return whether a stop is being watched; a motion that begins now would be stopped."""
-        return self._running
+        self.running = False
 
     def begin(self) -> None:
         """Begin to stop and return at once; a stop that is under way goes on."""
         with self._lock:
-            if not self._running:
-                self._running = True
+            if not self.running:
+                self.running = True
                 self._thread = threading.Thread(target=self._run, name="verified-stop", daemon=True)
                 self._thread.start()
 
@@ -128,7 +126,7 @@ class VerifiedStop:
             self._failure = f"the arm's reports cannot be read: {error}; press the emergency stop"
         finally:
             with self._lock:
-                self._running = False
+                self.running = False
 
     def _outcome(self) -> str | None:
         """Use one means after the other; return what failed, or None."""

@@ -65,8 +65,7 @@ class ContactProcess:
         watchdog: WatchdogConfig | None = None,
     ) -> None:
         self._ring = SharedRing.for_latest(STATUS_BYTES)
-        self._seen, self._closed = 0, False
-        self._last: dict[str, Any] = {}
+        self._seen, self._last = 0, dict[str, Any]()
         config, name = watchdog or WatchdogConfig(), self._ring.name
         self._host = Host(
             partial(_guard, arrivals=arrivals, make_detector=detector, make_arm=arm,
@@ -96,10 +95,8 @@ class ContactProcess:
 
         Harmless when repeated.
         """
-        if not self._closed:
-            self._closed = True
-            self._host.close(SHUTDOWN_S)
-            self._ring.close()
+        self._host.close(SHUTDOWN_S)
+        self._ring.close()
 
 
 class GuardStatus:

@@ -17,7 +17,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
@@ -34,9 +33,12 @@ TERMINATE_S = 2.0  # Wait between the request to end and the kill of a process t
 LONGEST_GRACE_S = 30.0
 
 
-@dataclass(frozen=True, slots=True)
 class _Failure:
-    error: Exception
+    """An error as it can be sent to another process."""
+
+    def __init__(self, error: Exception) -> None:
+        sendable = isinstance(error, SpikingTacError | OSError)
+        self.error = error if sendable else RuntimeError(f"{type(error).__name__}: {error}")
 
 
 class Host:
@@ -233,12 +235,6 @@ def _simulate(asker: Asker, opened: Callable[[], Iterable[tuple[EventPacket, Any
     asker.tell(())
 
 
-def _failure(error: Exception) -> _Failure:
-    """Return an error as it can be sent to another process."""
-    sendable = isinstance(error, SpikingTacError | OSError)
-    return _Failure(error if sendable else RuntimeError(f"{type(error).__name__}: {error}"))
-
-
 def serve(number: int) -> None:
     """Do the work that arrives at an inherited channel; the whole life of a hosted process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the asker's matter
@@ -248,13 +244,13 @@ def serve(number: int) -> None:
     except EOFError:
         return
     except Exception as error:  # its module cannot be imported here
-        channel.send(_failure(error))
+        channel.send(_Failure(error))
         raise SystemExit(1) from error
     asker = Asker(channel)
     try:
         work(asker)
     except Exception as error:  # raised by the asker
-        asker.tell(_failure(error))
+        asker.tell(_Failure(error))
         raise SystemExit(1) from error
 
 

@@ -34,6 +34,9 @@ _MESSAGE = struct.Struct("<QQIII")  # number, weight before, weight, length, che
 class SharedRing:
     """One writer, any number of readers in any process.
 
+    Attributes:
+        name: Under which other processes attach.
+
     Example:
         >>> ring = SharedRing.create(1024)
         >>> other = SharedRing.attach(ring.name)
@@ -51,6 +54,7 @@ class SharedRing:
     def __init__(self, memory: SharedMemory, owner: bool) -> None:
         assert memory.buf is not None
         self._memory, self._owner, self.buffer = memory, owner, memory.buf
+        self.name = memory.name
         self.room = self.get(ROOM)
 
     @classmethod
@@ -110,11 +114,6 @@ class SharedRing:
             return cls(SharedMemory(name=name), False)
         finally:
             resource_tracker.register = register
-
-    @property
-    def name(self) -> str:
-        """The name under which other processes attach."""
-        return self._memory.name
 
     @property
     def written(self) -> bool:

@@ -35,7 +35,7 @@ MOST_PIXELS = 2_048_000
 
 
 @dataclass(slots=True)
-class _State:
+class State:
     """What depends on everything before the position."""
 
     tracker: MarkerTracker
@@ -57,6 +57,7 @@ class Playback:
         config: Settings of the tracker.
         contacts: The contacts found so far, by time.
         steps: Estimates made so far, those of repeated stretches included.
+        state: Tracker and contact detector, as they stand at the position.
     """
 
     def __init__(
@@ -86,19 +87,9 @@ class Playback:
         self.retune(view.config)
 
     @property
-    def tracker(self) -> MarkerTracker:
-        """The tracker, as it stands at the position."""
-        return self._state.tracker
-
-    @property
     def frame(self) -> MarkerFrame | None:
         """The estimate at the last estimate time, or None before the first."""
-        return self._state.frame
-
-    @property
-    def in_contact(self) -> bool:
-        """Whether the contact detector reports a contact at the position."""
-        return self._state.detector is not None and self._state.detector.in_contact
+        return self.state.frame
 
     def aim(self, t_us: int) -> None:
         """Set where to go, before or after the position."""
@@ -107,14 +98,14 @@ class Playback:
             return
         before = [kept for kept in self._copies if kept[0] <= self.aim_us]
         if before:
-            self.position_us, self._state = copy.deepcopy(before[-1])
+            self.position_us, self.state = copy.deepcopy(before[-1])
         else:  # the later copies stay valid: the same events give the same states
             self._rewind()
 
     def retune(self, config: Any) -> None:
         """Track again from the beginning with other settings, up to the present aim."""
         self.config = config
-        self._copies: list[tuple[int, _State]] = []
+        self._copies: list[tuple[int, State]] = []
         self._distance_us: float = FIRST_DISTANCE_US
         self._rewind()
 
@@ -151,11 +142,11 @@ class Playback:
 
     def _rewind(self) -> None:
         self.position_us = self.store.t_start_us
-        self._state = _State(self.view.make_tracker(self.config), self.view.make_detector())
+        self.state = State(self.view.make_tracker(self.config), self.view.make_detector())
 
     def _advance(self) -> bool:
         """Go on to the next estimate time or window's end; False where the source has ended."""
-        store, state = self.store, self._state
+        store, state = self.store, self.state
         windows = (self.position_us - store.t_start_us) // WINDOW_US + 1
         window_us = store.t_start_us + windows * WINDOW_US
         if store.first_event_us is None:
@@ -188,12 +179,12 @@ class Playback:
         return True
 
     def _track(self, start_us: int, edge_us: int, estimate: bool) -> None:
-        tracker, packet = self._state.tracker, self.store.between(start_us, edge_us)
+        tracker, packet = self.state.tracker, self.store.between(start_us, edge_us)
         begun_s = time.perf_counter()
         if start_us < edge_us:
             tracker.absorb(packet)
         if estimate:
-            self._state.frame = tracker.estimate(edge_us).with_health(self._health(edge_us))
+            self.state.frame = tracker.estimate(edge_us).with_health(self._health(edge_us))
         self._spent_s += time.perf_counter() - begun_s
         if estimate:
             self._step_s.append(self._spent_s)
@@ -214,7 +205,7 @@ class Playback:
         if self.position_us < last_us + self._distance_us:
             return
         try:
-            self._copies.append((self.position_us, copy.deepcopy(self._state)))
+            self._copies.append((self.position_us, copy.deepcopy(self.state)))
         except TypeError:  # what cannot be copied (a network's session) is never kept
             self._distance_us = float("inf")
         width, height = self.store.size

@@ -152,7 +152,7 @@ def snapshot(
         with_map: Show the tracker's state map, where it has one.
     """
     view, store, frame = playback.view, playback.store, playback.frame
-    now_us = playback.position_us
+    now_us, state = playback.position_us, playback.state
     contacts = sorted(t_us for t_us in playback.contacts if t_us <= now_us)[-SHOWN_CONTACTS:]
     latest = playback.contacts[contacts[-1]] if contacts else None
     displaced = 0 if frame is None else (np.hypot(*frame.displacement_px.T) >= TOUCHED_PX).sum()
@@ -170,7 +170,8 @@ def snapshot(
         "step_p50_us": round(p50_us, 1),
         "step_p99_us": round(p99_us, 1),
         "contacts_us": contacts,
-        "in_contact": playback.in_contact or bool(contacts and displaced >= TOUCHED_MARKERS),
+        "in_contact": getattr(state.detector, "in_contact", False)
+        or bool(contacts and displaced >= TOUCHED_MARKERS),
         "contact": asdict(latest) if latest else None,
         "felt": view.felt.shown() if view.felt else None,
         "losses": dict(view.source.losses),
@@ -179,7 +180,7 @@ def snapshot(
     counts = _histogram(store, store.t_start_us + windows * WINDOW_US)
     image = pack(activity(store.between(now_us - exposure_us, now_us)))
     arrays = {"counts": counts, **_markers(view, frame), **guided, "activity": image}
-    levels = getattr(getattr(playback.tracker, "state_map", None), "values", None)
+    levels = getattr(getattr(state.tracker, "state_map", None), "values", None)
     if with_map and levels is not None:  # from 0 (ground) to 1 (marker)
         step = view_step((levels.shape[1], levels.shape[0]))
         codes = np.clip(levels[::step, ::step], 0, 1) * LEVELS + 0.5
