@@ -44,8 +44,7 @@ class DvCamera(LibraryCamera):
             camera.about["serial"] = str(camera._device.getSerialNumber())
         camera.about["library"] = f"dv-processing {library.__version__}"
         if not camera._device.isEventStreamAvailable():
-            model = camera.about["model"]
-            raise DeviceError(f"{model!r} sends no events; choose its event stream")
+            raise DeviceError(f"{camera.about['model']!r} sends no events; choose its event stream")
         width, height = camera._device.getEventResolution()
         camera.size = int(width), int(height)
         return camera
@@ -112,8 +111,7 @@ class PropheseeCamera(LibraryCamera):
                 f"{', '.join(ENCODINGS)}"
             )
         sensor = str(identity.get_sensor_info().name)
-        legacy = told == "EVT21" and sensor.startswith(LEGACY_SENSORS)
-        order = "legacy" if legacy else "little"
+        order = "legacy" if told == "EVT21" and sensor.startswith(LEGACY_SENSORS) else "little"
         words = RawHeader(encoding=ENCODINGS[told], size=self.size, byte_order=order)
         self._words = CameraWords(words, self.losses, self.triggers)
         self.about = {"model": sensor, "serial": str(identity.get_serial())}

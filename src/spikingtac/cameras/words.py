@@ -57,8 +57,7 @@ def header_of(address: Address, encoding: str = "evt2") -> RawHeader:
     order = address.text("order", "little", BYTE_ORDERS)
     if "order" in address.options and encoding != "evt21":
         raise ConfigError(f"{str(address)!r}: order is of EVT2.1 words; leave it out")
-    size = address.size("size") or GENX320_SIZE
-    return RawHeader(encoding=encoding, size=size, byte_order=order)
+    return RawHeader(encoding=encoding, size=address.size("size") or GENX320_SIZE, byte_order=order)
 
 
 class CameraWords:

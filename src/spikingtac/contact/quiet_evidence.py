@@ -195,8 +195,7 @@ def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
             "the quiet windows do not tell motions apart: too few events lie on the markers' rims, "
             "or markers share one place; check the calibration, and record the moving arm"
         ) from error
-    untested = ScaleTest(windows, whiten, mean, np.full(len(windows), np.inf))
-    replayed = ScaleSums(untested)
+    replayed = ScaleSums(ScaleTest(windows, whiten, mean, np.full(len(windows), np.inf)))
     amplitude = np.sqrt([replayed.add(window).copy() for window in quiet.evidence])
     per_window = alarms_per_hour * quiet.period_s / SECONDS_PER_HOUR / len(windows)
     floor = float(chdtri(whiten.shape[1], per_window))  # chi squared, inverse survival
@@ -205,8 +204,7 @@ def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
     for scale, length in enumerate(windows):
         block = max(memory, int(length))
         known = amplitude[int(length) - 1 :, scale]
-        found = tail_threshold(known, block, per_window * block)
-        threshold.append(max(found**2, floor))
+        threshold.append(max(tail_threshold(known, block, per_window * block) ** 2, floor))
     raised = _at_least_shorter(np.array(threshold), whiten)
     if not np.isfinite(raised).all():
         raise CalibrationError(

@@ -100,8 +100,7 @@ def probe_hole(
     def is_enough(kept: list[Touched]) -> bool:
         if len(kept) >= contacts:
             return True
-        sigma = hole_around(kept, travel).sigma_mm
-        return bool((sigma[:2] <= center_sigma_mm).all())
+        return bool((hole_around(kept, travel).sigma_mm[:2] <= center_sigma_mm).all())
 
     for _ in range(SEARCHES - 1):
         with contextlib.suppress(_MisfitError):

@@ -99,8 +99,7 @@ def approach(
                     read_mm = arm.pose().position_mm
             if contact is None:
                 pace = float(arm.speed_mm_s() @ direction) / settings.speed_mm_s
-                steady = abs(pace - 1.0) <= CRUISE_TOLERANCE
-                cruising = cruising + 1 if steady else 0
+                cruising = cruising + 1 if abs(pace - 1.0) <= CRUISE_TOLERANCE else 0
             state = arm.state()
             if state is ArmState.IDLE:
                 break

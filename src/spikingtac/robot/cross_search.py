@@ -160,5 +160,4 @@ def _circle(point: FloatArray, sigma_mm: float) -> Circle:
     center = np.array([point[:2, 0].mean(), point[2:, 1].mean()])
     distance = np.linalg.norm(point - center, axis=1)
     radius = float(distance.mean())
-    covariance = np.diag([0.5, 0.5, 0.25]) * sigma_mm**2
-    return Circle(center, radius, covariance, distance - radius)
+    return Circle(center, radius, np.diag([0.5, 0.5, 0.25]) * sigma_mm**2, distance - radius)

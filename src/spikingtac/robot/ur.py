@@ -115,8 +115,7 @@ class URArm:
                 f"the arm cannot start a motion: it is in state {state.value!r}; "
                 "stop it, or clear its fault, and wait until it is idle"
             )
-        rotation = self._receive.getActualTCPPose()[3:]
-        goal = [*(target / MM_PER_M).tolist(), *rotation]
+        goal = [*(target / MM_PER_M).tolist(), *self._receive.getActualTCPPose()[3:]]
         motion = goal, speed_mm_s / MM_PER_M, ACCELERATION_M_S2, True
         self._commanded_s, self._began = self._clock_s(), False
         try:

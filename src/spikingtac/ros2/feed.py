@@ -96,8 +96,7 @@ def feed_of_tracks(
             )
         grid, size = calibration.grid, calibration.size
     layout = Layout(rest_px, grid and (int(grid[0]), int(grid[1])), tracks.px_per_mm, size)
-    has_wrench = wrenches is not None or force is not None
-    return Feed(layout=layout, has_wrench=has_wrench, frames=frames)
+    return Feed(layout=layout, has_wrench=wrenches is not None or force is not None, frames=frames)
 
 
 def feed_of_events(
@@ -139,8 +138,7 @@ def feed_of_events(
             stream.events(EventPacket.concatenate(kept))
 
     def frames(stream: SensorStream, pace: Pace) -> Iterator[Felt]:
-        packets = published(stream, pace)
-        yield from felt(follow(packets, tracker, tracking.rate_hz, events.losses))
+        yield from felt(follow(published(stream, pace), tracker, tracking.rate_hz, events.losses))
 
     layout = Layout(rest_px, calibration.grid, calibration.px_per_mm, calibration.size)
     return Feed(layout=layout, source=events, has_wrench=force is not None, frames=frames)

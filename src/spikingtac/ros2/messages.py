@@ -123,5 +123,4 @@ def _value(node: Any, value: Any) -> Any:
 
 def header(t_ns: int) -> dict[str, Any]:
     """Return a header with a time, ns."""
-    stamp = {"sec": t_ns // NS_PER_S, "nanosec": t_ns % NS_PER_S}
-    return {"stamp": stamp, "frame_id": FRAME_ID}
+    return {"stamp": {"sec": t_ns // NS_PER_S, "nanosec": t_ns % NS_PER_S}, "frame_id": FRAME_ID}

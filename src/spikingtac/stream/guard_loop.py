@@ -129,10 +129,9 @@ class ContactLoop:
         ``decision_us`` holds any queue before the loop. ``stop_us`` ends as the arm's stop returns.
         """
         times_us = np.concatenate([packet.t for packet in packets_of(arrival.window)])
-        lag_s = self.stream_clock.lag_s(arrival.end_us, arrival.received_s)
         return {
             "window_us": float(arrival.end_us - times_us.mean()) if len(times_us) else None,
-            "transport_us": lag_s * US_PER_S,
+            "transport_us": self.stream_clock.lag_s(arrival.end_us, arrival.received_s) * US_PER_S,
             "decision_us": (decided_s - arrival.received_s) * US_PER_S,
             "stop_us": (stopped_s - decided_s) * US_PER_S,
         }

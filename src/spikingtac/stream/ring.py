@@ -185,8 +185,7 @@ class SharedRing:
 
         They hold only where the oldest message is at this place or before it afterwards.
         """
-        head = self._read(at, _MESSAGE.size)
-        number, before, weight, length, checksum = _MESSAGE.unpack(head)
+        number, before, weight, length, checksum = _MESSAGE.unpack(self._read(at, _MESSAGE.size))
         data = self._read(at + _MESSAGE.size, min(length, self.room))
         return number, before, weight, checksum, data
 

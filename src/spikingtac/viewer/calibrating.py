@@ -164,8 +164,7 @@ class CalibrationDesk:
             with create_events(stored, events.size) as writer:
                 writer.write(events)
             opened = partial(open_events, path=stored)
-        given = {"open_source": opened, "result": folder / "result.json"}
-        self._host = Host(partial(_calibrate, **given))
+        self._host = Host(partial(_calibrate, open_source=opened, result=folder / "result.json"))
         self._begun_s = time.monotonic()
         self._tell("calibrating")
 
@@ -228,11 +227,10 @@ class CalibrationDesk:
         if self._state == "done" or not len(view.place_px):
             return scalars, {}
         # Which way each marker should go: 0 is none, then left, right, up and down.
-        ways = np.where(view.enough, 0, 1 + view.sides.argmin(axis=1))
         return scalars, {
             "guide_px": view.place_px.astype(np.float32),
             "guide_share": np.round(view.share * FULL).astype(np.uint8),
-            "guide_way": ways.astype(np.uint8),
+            "guide_way": np.where(view.enough, 0, 1 + view.sides.argmin(axis=1)).astype(np.uint8),
         }
 
     def close(self) -> None:

@@ -139,8 +139,7 @@ def _events(
         return _scene(address.target, *twin_options(address, seed, camera))
     if is_stream(path):
         label = source if is_address(source) else path.resolve().name
-        events = LiveSource(opened_camera(source, None))
-        return {"label": label, "source": events, "ends": False}
+        return {"label": label, "source": LiveSource(opened_camera(source, None)), "ends": False}
     if path.suffix == ".toml" or not path.exists():
         if path.suffix != ".toml" and (path.suffix or len(path.parts) > 1):
             raise RecordingError(

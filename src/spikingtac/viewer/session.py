@@ -148,8 +148,7 @@ class Session:
         # A slow tracker, a pause or a first compilation is no silence of the sensor.
         waited_s = playback.store.waited_s - waited_s
         if self._fault and waited_s > STALE_S and self._fault["health"] == "OK":
-            reason = f"nothing came for {1e3 * waited_s:.1f} ms"
-            self._fault = {"health": "STALE", "reason": reason}
+            self._fault = {"health": "STALE", "reason": f"nothing came for {1e3 * waited_s:.1f} ms"}
         return reached
 
     def _forget_fault(self) -> None:

@@ -133,8 +133,7 @@ class EventStore:
         self._events = 0
         # Files without a name: nothing is left of them, even where the process is killed.
         opened = ExitStack()
-        made = ((name, tempfile.TemporaryFile()) for name in COLUMNS)  # noqa: SIM115
-        self._files = {name: opened.enter_context(file) for name, file in made}
+        self._files = {name: opened.enter_context(tempfile.TemporaryFile()) for name in COLUMNS}  # noqa: SIM115
         self._close_files = weakref.finalize(self, opened.close)
         self._grow(FIRST_CAPACITY)
         first = self._pull()

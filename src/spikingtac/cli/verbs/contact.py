@@ -92,8 +92,8 @@ def run(args: Args) -> int:
         or None,
     }
     notes = [FALLBACK] if config.detector is None and not calibrations else []
-    shown = (*notes, *counted(anomalies), learned.rule, _table(document, args.recording))
-    return tell(args.json, document, *shown)
+    table = _table(document, args.recording)
+    return tell(args.json, document, *notes, *counted(anomalies), learned.rule, table)
 
 
 def _config(args: Args) -> st.DetectionConfig:
@@ -107,8 +107,7 @@ def _config(args: Args) -> st.DetectionConfig:
         )
     config = st.load_config(args.preset).contact
     budget = config.false_alarms_per_hour if args.budget is None else args.budget
-    detector = args.detector or config.detector
-    return replace(config, false_alarms_per_hour=budget, detector=detector)
+    return replace(config, false_alarms_per_hour=budget, detector=args.detector or config.detector)
 
 
 def _found(

@@ -129,8 +129,7 @@ def _both_shown(given: dict[str, Any], args: Args, second: str) -> dict[str, Any
     other = {**given, "source": second, "calibration": path and str(path)}
     if not (Path(args.source).exists() and Path(second).exists()):
         return _served([_opener(given), _opener(other)], args)
-    beside = partial(open_second_view, **other, beside=args.source)
-    return _shown([_opener(given), beside], args)
+    return _shown([_opener(given), partial(open_second_view, **other, beside=args.source)], args)
 
 
 def _exported(given: dict[str, Any], args: Args, target: Path) -> dict[str, Any]:
