@@ -20,8 +20,6 @@ its fault, which a busy machine may cause, stops the arm as it should; such a tr
 Summaries are written on the way; the same command goes on where the last one ended.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib.util
 import json

@@ -13,8 +13,6 @@ aim. Errors need ``mix.truth.npz``. Beside other work differences of some per ce
 so; ``checks.py`` takes turns within one process.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -10,8 +10,6 @@ exit status is 0 if the tests notice every mutation, 1 if one survives, 2 if the
 stand or a mutation does not apply.
 """
 
-from __future__ import annotations
-
 import argparse
 import functools
 import os

@@ -10,8 +10,6 @@ are, is taken. The chosen values are the defaults of the config classes; a test 
 FOLDER keeps the recordings; the record goes to ``benchmarks/records/tune_baselines.json``.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import sys

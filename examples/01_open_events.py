@@ -5,8 +5,6 @@ Run: python examples/01_open_events.py [FILE]
 Without a file, a small one is written first.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

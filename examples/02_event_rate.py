@@ -5,8 +5,6 @@ Run: python examples/02_event_rate.py [FILE]
 Without a file, a second of a simulated contact is looked at.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable
 

@@ -3,8 +3,6 @@
 Run: python examples/03_simulate.py
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

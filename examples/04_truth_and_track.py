@@ -3,8 +3,6 @@
 Run: python examples/04_truth_and_track.py [truth_and_track.png]
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

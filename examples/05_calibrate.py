@@ -5,8 +5,6 @@ Run: python examples/05_calibrate.py [FILE] [calibration.json]
 Without a file, the slides of the simulated sensor are used, whose rest positions are known.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

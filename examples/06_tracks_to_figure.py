@@ -3,8 +3,6 @@
 Run: python examples/06_tracks_to_figure.py [field.pdf]
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

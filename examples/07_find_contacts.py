@@ -3,8 +3,6 @@
 Run: python examples/07_find_contacts.py [FILE]
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable
 from itertools import islice

@@ -3,8 +3,6 @@
 Run: python examples/08_compare_presets.py [PRESET ...]
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ Run: python examples/09_close_a_loop.py
 Not a safety function. The stream is simulated; a camera's address in st.open_events is live.
 """
 
-from __future__ import annotations
-
 from itertools import islice
 
 import numpy as np

@@ -3,8 +3,6 @@
 Run: python examples/10_your_own_tracker.py
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import spikingtac as st

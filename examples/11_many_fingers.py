@@ -3,8 +3,6 @@
 Run: python examples/11_many_fingers.py
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from pathlib import Path

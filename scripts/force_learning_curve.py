@@ -5,8 +5,6 @@ Each series is told from the others, of which evenly chosen presses are kept:
 ``segment``, a column of the files, changes.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 python scripts/licences.py [EXTRA ...]
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from contextlib import suppress

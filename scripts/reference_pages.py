@@ -6,8 +6,6 @@
 The pages hold what ``--help`` and the docstrings say, so that they can be read without either.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import re

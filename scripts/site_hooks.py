@@ -4,8 +4,6 @@ The pages are read in the repository, too, where a link to ``../../results/...``
 On the site it leads to the repository.
 """
 
-from __future__ import annotations
-
 import posixpath
 import re
 from typing import Any

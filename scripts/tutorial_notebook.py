@@ -7,8 +7,6 @@ shell, all else cells of Markdown. Outputs are left out, so that a change of the
 change of its text. The format is nbformat 4.5; nothing is needed to write it.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

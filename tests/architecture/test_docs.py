@@ -1,7 +1,5 @@
 """Code of the documentation runs, links and pictures are there, and every verb is described."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

@@ -1,7 +1,5 @@
 """The rule of docs/explanation/architecture.md by which an error is chosen."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 from pathlib import Path

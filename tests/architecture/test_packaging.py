@@ -1,7 +1,5 @@
 """What users get: the packages, what they need, and what no tracked file may hold."""
 
-from __future__ import annotations
-
 import ast
 import email.parser
 import re

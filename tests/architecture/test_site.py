@@ -1,7 +1,5 @@
 """The documentation as a site: built without a warning, and without anything from elsewhere."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

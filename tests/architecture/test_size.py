@@ -1,7 +1,5 @@
 """The ratchet: how large the packages may be. The figures only fall."""
 
-from __future__ import annotations
-
 import ast
 from dataclasses import astuple, dataclass
 from pathlib import Path

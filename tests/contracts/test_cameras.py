@@ -1,7 +1,5 @@
 """One suite that every camera must pass against its counterpart: read, silence, health, goodbye."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """One suite that every format must pass: write, read back, read again, cut, empty, truncated."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """One suite for every contact detector in the table."""
 
-from __future__ import annotations
-
 import copy
 import json
 from dataclasses import replace

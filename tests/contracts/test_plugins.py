@@ -1,7 +1,5 @@
 """Parts of another package are found by name, and cannot replace this package's own."""
 
-from __future__ import annotations
-
 from itertools import islice
 from pathlib import Path
 

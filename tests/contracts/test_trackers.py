@@ -1,7 +1,5 @@
 """One suite for every marker tracker: the presets, and the baselines behind the same protocol."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What worker processes must do: try again, end at once, and never outlive their parent."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Fixtures that several files of integration tests use."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Calibration from an empty map: slides of many sensors, the verb, a foreign recording."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The frame of the command line: help, mistakes of a new user, wrong files, exit codes."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -4,8 +4,6 @@ A process that compiles everything and one that finds everything compiled used t
 and so did one whose kernels were compiled for the simplest processor.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

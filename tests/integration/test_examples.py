@@ -1,7 +1,5 @@
 """Each example runs, and says what it promises."""
 
-from __future__ import annotations
-
 import runpy
 import sys
 from pathlib import Path

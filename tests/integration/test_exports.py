@@ -1,7 +1,5 @@
 """An exported file opens with independent readers; a video plays in a browser."""
 
-from __future__ import annotations
-
 import base64
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The calibration of another sensor of the same size is noticed by every verb that uses one."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``spikingtac guard``: a contact ends it well, a fault with an error; the arm stops in both."""
 
-from __future__ import annotations
-
 import json
 import os
 import time

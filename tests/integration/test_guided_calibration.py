@@ -1,7 +1,5 @@
 """``spikingtac calibrate`` of a camera: what still has to move is said while it goes on."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Several fingers at once: equal to one alone, and a dead one harms nobody."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

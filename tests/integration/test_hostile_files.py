@@ -1,7 +1,5 @@
 """A short attack on every reader; ``benchmarks/attack.py`` is the long one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A camera behind a pipe: tracked, watched, shown, and guarding an arm, as its events come."""
 
-from __future__ import annotations
-
 import json
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """The faults of docs/reference/live-faults.md, in their short forms: every event accounted for."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

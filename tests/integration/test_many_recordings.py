@@ -1,7 +1,5 @@
 """Many recordings through the command line: equal to one by one, resumed, and never stopped."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json

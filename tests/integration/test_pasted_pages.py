@@ -1,7 +1,5 @@
 """README and tutorial, run block by block in an empty folder; the tutorial as its notebook."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import shutil

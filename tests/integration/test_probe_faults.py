@@ -1,7 +1,5 @@
 """Bad starts and faults of a search: exit code, message, arm at rest, little force, no output."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """From tracks to a figure, a comparison and a data set, by the command line."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Frames reach an independent DDS participant in another process, as ROS 2 would read them."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

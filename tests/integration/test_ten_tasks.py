@@ -1,7 +1,5 @@
 """The ten tasks of a new user, as the documentation's front page gives them."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

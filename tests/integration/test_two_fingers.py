@@ -1,7 +1,5 @@
 """Two fingers on one time base: recorded, read back, tracked, and aligned by what both felt."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import socket

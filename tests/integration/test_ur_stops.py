@@ -4,8 +4,6 @@ The controller here acknowledges a means to stop and moves on, fails, or falls s
 connections open.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import time

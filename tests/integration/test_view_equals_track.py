@@ -1,7 +1,5 @@
 """A recording that is viewed leaves the same tracks as one that is tracked."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

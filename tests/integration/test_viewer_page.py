@@ -3,8 +3,6 @@
 Its layers, legend, sizes and themes are looked at as well.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The band map and the band fit against plain twins."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

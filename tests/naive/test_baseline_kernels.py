@@ -1,7 +1,5 @@
 """The baselines against plain Python, on random and on edge arrays."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The published front end's parts against scipy.ndimage and plain Python."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import ndimage

@@ -1,7 +1,5 @@
 """The kernels behind the calibration against plain loops, on random and edge events."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

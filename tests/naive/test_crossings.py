@@ -1,7 +1,5 @@
 """The collection of crossings against plain Python, event by event from the definition."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Disc fit and leak kernels against plain twins."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The guide's levels against a plain loop."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

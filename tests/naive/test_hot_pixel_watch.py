@@ -1,7 +1,5 @@
 """The watch for pixels that become hot later, against counts in plain numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

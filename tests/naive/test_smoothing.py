@@ -1,7 +1,5 @@
 """The backward smoother against the textbook's matrices, and what it leaves alone."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from spikingtac.markers.graded.motion import (

@@ -1,7 +1,5 @@
 """The state maps' kernels against plain loops over the events."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

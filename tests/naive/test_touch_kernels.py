@@ -1,7 +1,5 @@
 """Features of slip and fields of forces against the same sums, written plainly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What the output laws do, fact by fact: the published one, and the anchored one."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import get_args
 

@@ -1,7 +1,5 @@
 """Calibration without options: recordings of real gels, and simulated ones of the same kind."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

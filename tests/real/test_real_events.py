@@ -1,7 +1,5 @@
 """Recordings of real cameras, with facts that were established independently."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

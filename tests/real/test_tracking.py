@@ -4,8 +4,6 @@ v2e is an independent simulator, so that nothing here was made by the project's 
 are what the project promises of such recordings, not what it happens to reach.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path

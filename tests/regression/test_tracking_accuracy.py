@@ -5,8 +5,6 @@ that a better or another method passes, and one that lost its accuracy does not.
 simulated. Everything goes through the public interface.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache

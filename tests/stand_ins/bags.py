@@ -1,7 +1,5 @@
 """Bags as recorders write them, built byte by byte: sqlite3, MCAP, ROS 1."""
 
-from __future__ import annotations
-
 import bz2
 import sqlite3
 import struct

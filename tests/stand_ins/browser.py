@@ -1,7 +1,5 @@
 """A headless browser that reaches nothing but this machine."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -3,8 +3,6 @@
 A corner of a recording, with sixteen of its markers, takes a half or a quarter of the time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache

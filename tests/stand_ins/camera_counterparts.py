@@ -4,8 +4,6 @@ None is hardware. Each says what it follows; those of makers' libraries run the 
 where it is installed. Each ends with the stack that it is opened on.
 """
 
-from __future__ import annotations
-
 import os
 import pty
 import socket

@@ -1,7 +1,5 @@
 """Tiny clips for tests of training and export: a disc that moves, no simulator."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from spikingtac.state_map.binary import paint_binary_discs

@@ -1,7 +1,5 @@
 """What a contact process is made of in tests: paced streams that fail, and an arm that notes."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import time

@@ -1,7 +1,5 @@
 """Event files of every format, what random damage makes of them, and how they are read."""
 
-from __future__ import annotations
-
 import gzip
 import struct
 from itertools import islice

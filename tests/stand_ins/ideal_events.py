@@ -1,7 +1,5 @@
 """A noise-free event camera in a few lines, written apart from the package's own twin."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from spikingtac.types import EventPacket

@@ -1,7 +1,5 @@
 """A source and a tracker that are simple enough to know the right answer of."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from spikingtac.contact.detector import (

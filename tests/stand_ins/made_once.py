@@ -3,8 +3,6 @@
 The first process that asks makes it, the others wait and read it from a folder of the run.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 from collections.abc import Callable

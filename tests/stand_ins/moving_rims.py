@@ -1,7 +1,5 @@
 """Windows of a small sensor whose markers move together, with the noise of pixels: no optics."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

@@ -5,8 +5,6 @@ Framing, sequence numbers, fragments, channels and their commands follow the mak
 script would register, the board registers.
 """
 
-from __future__ import annotations
-
 import os
 import pty
 import select

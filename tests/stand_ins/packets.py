@@ -1,7 +1,5 @@
 """Small packets in a row, with losses and trigger edges, for whoever reads streams."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 

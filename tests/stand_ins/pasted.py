@@ -1,7 +1,5 @@
 """The blocks of a page, or the cells of a notebook, as a reader runs them, in their order."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

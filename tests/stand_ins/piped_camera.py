@@ -1,7 +1,5 @@
 """A camera that writes RAW into a named pipe: a file's bytes, at once or as time passes."""
 
-from __future__ import annotations
-
 import os
 import threading
 import time

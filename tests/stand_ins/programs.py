@@ -1,7 +1,5 @@
 """Programs that lie beside the package, loaded as modules."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

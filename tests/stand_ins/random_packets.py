@@ -1,7 +1,5 @@
 """Events drawn at random, and what sources give of them."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

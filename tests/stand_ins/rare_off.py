@@ -1,7 +1,5 @@
 """Ideal pixels whose OFF threshold exceeds their ON threshold, written apart from the twin."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A Robotiq gripper behind its ASCII socket on loopback."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import socketserver

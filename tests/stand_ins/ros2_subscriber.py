@@ -6,8 +6,6 @@ holds, its bytes are decoded by the DDS library. It writes what it read to OUTPU
 when it has COUNT messages or after SECONDS. With ``slow`` it takes nothing until the end.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from typing import Any

@@ -1,7 +1,5 @@
 """RTDE on the wire, seen from the controller: frames, variables, recipes (UR's public protocol)."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """A viewer in a process of its own, as a user starts one."""
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

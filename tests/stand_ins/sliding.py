@@ -1,7 +1,5 @@
 """Ideal discs on a small sensor that slide to all sides and rest in between, with some noise."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

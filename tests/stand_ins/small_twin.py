@@ -4,8 +4,6 @@ Rendered once per run with fixed seeds: sixteen markers on 176 x 176 px, a camer
 ``typical``, four seconds of slides and two and a half of touches.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache

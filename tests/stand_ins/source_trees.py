@@ -1,7 +1,5 @@
 """The packages' files, read and parsed once in a process for all tests that look into them."""
 
-from __future__ import annotations
-
 import ast
 import io
 import tokenize

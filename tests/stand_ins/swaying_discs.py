@@ -1,7 +1,5 @@
 """Four discs that sway, as ideal pixels with equal thresholds see them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Tracks whose every value is known in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from spikingtac.tracks import Tracks

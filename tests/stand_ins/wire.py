@@ -1,7 +1,5 @@
 """What a page does with a frame message: the inverse of ``encode``."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

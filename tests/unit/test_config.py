@@ -1,7 +1,5 @@
 """Presets and files of settings, and the controls that their fields make."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Painted discs, and the paper's figure: a marker is rebuilt once it has moved by its diameter."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Who passes a name or a path where the thing itself is expected is told how to make it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Many recordings: which are meant, where results go, what is done, kept, tried again, refused."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """The file of a calibration: what is read, what survives, and what is refused by name."""
 
-from __future__ import annotations
-
 import base64
 import json
 import zlib

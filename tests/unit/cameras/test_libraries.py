@@ -1,7 +1,5 @@
 """Cameras behind makers' libraries: what is said where the library, or the camera, is missing."""
 
-from __future__ import annotations
-
 import sys
 from importlib.resources import files
 from importlib.util import find_spec

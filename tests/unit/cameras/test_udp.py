@@ -1,7 +1,5 @@
 """Datagrams that are lost, come late, twice, cut or from strangers: kept, mended or counted."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Iterable, Iterator
 

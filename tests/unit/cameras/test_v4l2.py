@@ -1,7 +1,5 @@
 """Frames of the Raspberry Pi's driver: each encoding's mark, cuts, other sizes, the device."""
 
-from __future__ import annotations
-
 import os
 import threading
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a live stream may need is compiled before it begins, damage included."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The verbs info and convert: keys, cuts, flips and refusals."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

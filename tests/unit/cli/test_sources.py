@@ -1,7 +1,5 @@
 """Cameras on the command line: what is listed, how a verb ends, deadlines, two fingers."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

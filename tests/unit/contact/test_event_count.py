@@ -1,7 +1,5 @@
 """Count tests: the published threshold, its budget, and a threshold from a stream's beginning."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Windows of two sensors on one clock stay paired by time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

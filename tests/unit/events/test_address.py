@@ -1,7 +1,5 @@
 """Addresses of cameras, and paths: what they mean, and where they are refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

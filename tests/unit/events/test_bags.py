@@ -1,7 +1,5 @@
 """Damaged and hostile bags: what is sound is read, the rest is counted or refused."""
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 from pathlib import Path

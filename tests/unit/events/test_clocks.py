@@ -1,7 +1,5 @@
 """Clocks that drift, jitter and lie: maps are found within the error that they state."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Recording folders: written in pieces, the same bytes, opened again."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

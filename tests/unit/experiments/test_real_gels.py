@@ -1,7 +1,5 @@
 """Scores of the experiment on real gels, on cases that can be computed by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

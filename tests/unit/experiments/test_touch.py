@@ -1,7 +1,5 @@
 """The experiment on what is felt: scores on made-up truths, drawn contacts, seeds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

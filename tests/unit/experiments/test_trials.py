@@ -1,7 +1,5 @@
 """Runs of a short scene: what is kept, what is computed again, and that nothing is mixed."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The image of the LeRobot plug-in."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 

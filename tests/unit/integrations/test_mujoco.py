@@ -1,7 +1,5 @@
 """The sensor in MuJoCo: contact forces, friction, the tasks, and what is refused."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A recording of another sensor contradicts the calibration; noise and its own do not."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

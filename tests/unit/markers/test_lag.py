@@ -1,7 +1,5 @@
 """The lag from events: exact on its own model, near on cameras whose lag is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """``track`` as a user writes it: paths in, tracks out, equal to what the verb writes."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

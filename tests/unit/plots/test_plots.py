@@ -1,7 +1,5 @@
 """Figures: what is drawn of tracks, events and holes is what was measured."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import get_args
 

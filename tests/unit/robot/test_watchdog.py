@@ -1,7 +1,5 @@
 """A stop is watched, repeated and told: by the watchdog, and by the reported speed of an arm."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import threading

@@ -1,7 +1,5 @@
 """What is published of a sensor, and its bytes as rosbags reads them."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A function in a process of its own: what it tells, what it raises, and that it ends."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A live sensor whose work is late goes on with the newest events, and tells what it left out."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from pathlib import Path

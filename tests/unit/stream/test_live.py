@@ -1,7 +1,5 @@
 """A sensor that is followed live, by a plain script and by a loop that awaits."""
 
-from __future__ import annotations
-
 import asyncio
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Two cameras in step: none waits long for one that is silent, and nothing else changes."""
 
-from __future__ import annotations
-
 import itertools
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A stream that a thread or a process reads: in order, exact about loss, and open to others."""
 
-from __future__ import annotations
-
 import os
 import socket
 import time

@@ -1,7 +1,5 @@
 """A ring in shared memory: in order, never torn, and exact about what a slow reader has missed."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import time

@@ -1,7 +1,5 @@
 """Windows of a camera whose every packet is a heartbeat of a watchdog."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 

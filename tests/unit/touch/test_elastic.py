@@ -1,7 +1,5 @@
 """The elastic layer, and contacts drawn on it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator

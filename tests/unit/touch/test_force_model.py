@@ -1,7 +1,5 @@
 """Force models: learned from made-up presses, kept in a file, applied frame by frame."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

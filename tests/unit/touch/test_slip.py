@@ -1,7 +1,5 @@
 """Slip: alarms, memory and episodes on made-up models; the package's own on closed forms."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

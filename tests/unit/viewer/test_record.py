@@ -1,7 +1,5 @@
 """What is kept of every estimate: a small, whole record, and what is felt."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

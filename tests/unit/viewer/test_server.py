@@ -1,7 +1,5 @@
 """Who may see the page, what every answer carries, and that nothing silent is waited for."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal

@@ -1,7 +1,5 @@
 """RAW: headers, dispatch, time rules, each kind of damage word by word, streams as they come."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Damaged RAW: word boundaries are found again, and stretches of fill invent nothing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a calibration by hand does not say is learned from the beginning of a recording."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The guide over ideal slides: what has moved is known, which way, and what is lacking."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

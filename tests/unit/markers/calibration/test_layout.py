@@ -1,7 +1,5 @@
 """The layout finder on turned, staggered, bent, jittered, incomplete and polluted layouts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

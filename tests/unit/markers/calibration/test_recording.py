@@ -1,7 +1,5 @@
 """A recording in memory is read again as it came; rests are told by the rate of the events."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

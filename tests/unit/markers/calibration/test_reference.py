@@ -1,7 +1,5 @@
 """Creep after presses is told from the reference; symmetrical slides still cancel."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from spikingtac.markers.calibration.reference import displaced_before, reference

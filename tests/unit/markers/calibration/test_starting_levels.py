@@ -1,7 +1,5 @@
 """Where a marker always is, and where the ground is, from what the events around tell."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What the events of full swings add up to, beside what counts of events say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

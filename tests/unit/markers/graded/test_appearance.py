@@ -1,7 +1,5 @@
 """Each marker's own appearance, and what stands in where it is unknown."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

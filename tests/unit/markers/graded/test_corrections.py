@@ -1,7 +1,5 @@
 """Lag, backlash and neighbours: what is made good, and what is left alone."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

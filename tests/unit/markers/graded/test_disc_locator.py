@@ -1,7 +1,5 @@
 """When a marker is fitted, and the Kalman filter that follows it."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """When the map does not leak; the kernels of the leak have their twins in ``naive``."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

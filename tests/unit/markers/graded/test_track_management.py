@@ -1,7 +1,5 @@
 """Which markers are held, how sure they are of themselves, and how they come back."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
