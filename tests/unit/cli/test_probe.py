@@ -48,7 +48,7 @@ def arm_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     )
     calibration.save(tmp_path / "finger.json")
     monkeypatch.setattr(robot, "URArm", lambda address: StillArm())
-    monkeypatch.setattr(sites, "listen", lambda args, own, watchdog: (lively(args, own), None))
+    monkeypatch.setattr(sites, "listen", lambda args, own: (lively(args, own), None))
     prober = IdealProber(2.0, center_mm=(0.3, -0.2))
     monkeypatch.setattr(robot, "ArmProber", lambda *parts: prober)
     finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
