@@ -1,7 +1,5 @@
 """The same events in every form that people have: all of them are read alike."""
 
-from __future__ import annotations
-
 import gzip
 import struct
 import zipfile

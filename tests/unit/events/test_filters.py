@@ -1,7 +1,5 @@
 """Filters equal plain twins however the stream is cut; hot pixels are told from noise and rims."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

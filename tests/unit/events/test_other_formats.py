@@ -1,7 +1,5 @@
 """Files as others write them, damage that passed in silence, claims, links and bombs."""
 
-from __future__ import annotations
-
 import struct
 import zipfile
 from pathlib import Path

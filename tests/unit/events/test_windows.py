@@ -1,7 +1,5 @@
 """Windows, health and times of a stream: whatever its packing, they are the same."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 

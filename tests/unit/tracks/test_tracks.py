@@ -1,7 +1,5 @@
 """Tracks in memory and on disk: figures, scale, forces, tables, distances."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

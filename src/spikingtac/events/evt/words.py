@@ -1,19 +1,16 @@
 """From bytes to events: carry over what is incomplete, decode, and mend only where it is needed."""
 
-from typing import Any
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from spikingtac.events.evt import decode as at
 from spikingtac.events.evt import salvage, wire
-from spikingtac.events.evt.wire import Wire, time_words
+from spikingtac.events.evt.wire import Wire, Words, time_words
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.packing import Rows
 from spikingtac.types import LossCounters
 
-Words = NDArray[Any]
 # Unknown or outside words in a chunk from which on the word boundaries are questioned.
 ALIGNMENT_SUSPECTS = 4
 CARRY_LIMIT_BYTES = 1 << 20  # Most that is held back until a leap of the time is confirmed.
