@@ -47,10 +47,3 @@ def test_a_package_does_not_grow(folder: str) -> None:
     found, most = size_of(PROJECT / folder), MOST[folder]
     over = [n > m for n, m in zip(astuple(found), astuple(most), strict=True)]
     assert not any(over), f"{folder} has {found}, at most {most}: remove something first"
-
-
-def test_what_counts(tmp_path: Path) -> None:
-    head = '"""Two\nlines."""\n\n# comment\nx = (\n    1\n)\n'
-    text = head + '\ndef f():\n    """Doc."""\n    return x\n'
-    (tmp_path / "a.py").write_text(text)
-    assert size_of(tmp_path) == Size(1, 5, 5)

@@ -28,14 +28,18 @@ HEADLESS_S = 10.0  # Duration of a live source with --headless where --seconds i
 
 @dataclass(frozen=True, kw_only=True)
 class PageArgs(WriteArgs, PageOptions):
-    """Options of verbs that show a source on the page."""
+    """Options of verbs that show a source on the page.
+
+    Attributes:
+        preset: default, fast or paper, or a TOML file.
+        headless: Without a page: track a recording to its end, a camera or a scene for --seconds.
+        picture: Summary picture to write of what the page showed (.png, .svg, .pdf), or as
+            --export.
+    """
 
     preset: str = "default"
-    """default, fast or paper, or a TOML file."""
     headless: bool = False
-    """Without a page: track a recording to its end, a camera or a scene for --seconds."""
     picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """Summary picture to write of what the page showed (.png, .svg, .pdf), or as --export."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,27 +47,31 @@ class Args(PageArgs, RealtimeArgs, TrackerArgs):
     """Show a recording, a recording folder or a scene of the twin in the browser.
 
     Without --calibration, the page shows the events of a sensor, and calibrates.
+
+    Attributes:
+        source: Event file, recording folder, a camera (its address, a named pipe, or -), or name of
+            a scene (spikingtac simulate --list).
+        second: The other finger, on the first one's clock; the same folder means its second sensor.
+        second_calibration: calibration.json of the other finger; the folder's calibration_1.json
+            unless given.
+        calibrate: Calibrate with the page, even where a calibration is known.
+        save_calibration: File that a calibration made with the page is saved as.
+        force: force.onnx: show force, patch, slip and vibration; make one with: spikingtac force
+            fit.
+        seed: Seed of a scene.
+        camera: Camera preset of a scene; the scene's own unless given.
+        export: File to track into instead: .mcap (ROS 2), .mp4, .gif, .png, .svg or .pdf.
     """
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
-    """Event file, recording folder, a camera (its address, a named pipe, or -), or name of a
-    scene (spikingtac simulate --list)."""
     second: Annotated[str | None, tyro.conf.arg(metavar="SOURCE")] = None
-    """The other finger, on the first one's clock; the same folder means its second sensor."""
     second_calibration: Path | None = None
-    """calibration.json of the other finger; the folder's calibration_1.json unless given."""
     calibrate: bool = False
-    """Calibrate with the page, even where a calibration is known."""
     save_calibration: Path = Path("calibration.json")
-    """File that a calibration made with the page is saved as."""
     force: Path | None = None
-    """force.onnx: show force, patch, slip and vibration; make one with: spikingtac force fit."""
     seed: int = 0
-    """Seed of a scene."""
     camera: Annotated[str | None, tyro.conf.arg(metavar="|".join(CAMERA_NAMES))] = None
-    """Camera preset of a scene; the scene's own unless given."""
     export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File to track into instead: .mcap (ROS 2), .mp4, .gif, .png, .svg or .pdf."""
 
 
 def run(args: Args) -> int:
@@ -188,10 +196,12 @@ class DemoArgs(PageArgs):
     """A finger presses, twists and slides on the simulated skin; watch it in the browser.
 
     Gel, optics and event camera are simulated as you watch; the tracker sees only the events.
+
+    Attributes:
+        seed: Seed of place, depth and speed of the finger.
     """
 
     seed: int = 1
-    """Seed of place, depth and speed of the finger."""
 
 
 def demo(args: DemoArgs) -> int:
