@@ -35,14 +35,6 @@ def test_hot_pixels_on_the_rims_lose_their_say() -> None:
     assert quiet.period_s == pytest.approx(1e-3)
 
 
-def test_a_stump_at_the_end_is_no_period() -> None:
-    stump = EventPacket.empty(300_000, 300_001, TABLE.row.shape[::-1])
-    whole = quiet_evidence([TABLE], windows(300, seed=1))
-    cut = quiet_evidence([TABLE], [*windows(300, seed=1), stump])
-    assert cut.period_s == whole.period_s
-    assert np.isfinite(scale_test(cut, 1.0).threshold).all()
-
-
 @pytest.mark.parametrize(("on", "name"), [(True, "OFF"), (False, "ON")])
 def test_a_quiet_recording_of_one_polarity_is_refused(on: bool, name: str) -> None:
     one = (packet.select(packet.p == on) for packet in windows(300, seed=1))

@@ -14,7 +14,6 @@ from spikingtac.robot.watchdog import (
     Health,
     Watchdog,
     WatchdogConfig,
-    WatchdogThread,
 )
 
 
@@ -100,17 +99,6 @@ def test_the_self_test_proves_that_the_arm_takes_a_stop(bench: Bench) -> None:
         bench.watchdog.self_test()
     with pytest.raises(DeviceError, match="self_test"):
         bench.watchdog.arm()
-
-
-def test_its_thread_catches_a_loop_that_hangs() -> None:
-    stopped = threading.Event()
-    watchdog = Watchdog(WatchdogConfig(stale_s=0.05), stopped.set, time.monotonic)
-    watchdog.self_test()
-    stopped.clear()
-    watchdog.arm()
-    with WatchdogThread(watchdog):
-        assert stopped.wait(5.0)
-    assert watchdog.health is Health.STALE
 
 
 def test_a_stop_that_is_not_confirmed_is_a_failure_and_is_told_again(bench: Bench) -> None:
