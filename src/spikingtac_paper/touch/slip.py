@@ -50,6 +50,13 @@ SEEDS = range((TAUGHT_SEED - HELD_SEED) // SEED_STRIDE)
 NO_KIND_OF_SLIDE = ("stick", "short-rub", "roll", CARRY, HOLD)
 SLOW_MM_S = 20.0  # Speed below which an incipient slip must be told ahead of the gross one, mm/s.
 
+STOP_SHARE = 0.2  # Share of its fastest growth below which a shift has stopped.
+STOP_SPAN = 20  # Frames over which growth is taken: 20 ms.
+
+# Growth of the mean shift in that time above which the skin moves, px (five times its
+# error).
+LEAST_GROWTH_PX = 0.1
+
 LEAST_CELLS = 20  # Cells of the skin below which a share of them says little (3 mm2).
 ARM_MM = 3.0  # Arm at which a turn counts as a motion, mm.
 STILL_MM_S = 0.5  # Speed of the body below which it stands, mm/s.
@@ -83,7 +90,10 @@ BEFORE_US, AFTER_INCIPIENT_US, AFTER_GROSS_US = 20_000, 300_000, 100_000
 STICKING_SHARE = 0.9
 US_PER_MS, US_PER_S = 1e3, 1e6
 
-METHODS = {"slip": "the share of the contact that sticks, from the shape of the field"}
+METHODS = {
+    "slip": "the share of the contact that sticks, from the shape of the field",
+    "shift-stops": "gross slip where the mean shift of the markers stops growing",
+}
 METRICS = (
     Metric("gross_in_time", "1", "share of first gross slips noticed until 10 ms after they begin"),
     Metric("gross_delay_ms", "ms", "delay of those noticed at all; negative is early"),
@@ -196,9 +206,11 @@ def _contact_records(
     if contact.kind in HELD_KINDS:
         cases = [f"held/{contact.kind}", "held/all"]
     for method in methods:
-        scores = slip_scores(truth, *alarms_of(watched))
+        scores = slip_scores(truth, *alarms_of(method, watched))
         if contact.kind in NO_KIND_OF_SLIDE:
             scores = {k: v for k, v in scores.items() if not k.startswith(("gross", "lead"))}
+        if method == "shift-stops":
+            scores.pop("lead_20ms", None)
         yield record(method, cases, seed, scores)
 
 
@@ -232,8 +244,10 @@ def truth_of(watched: WatchedContact) -> Truth:
     return Truth(watched.t_us, watched.share, judged, not held and contact.speed_mm_s < SLOW_MM_S)
 
 
-def alarms_of(watched: WatchedContact) -> tuple[list[int], list[int]]:
-    """Return the times, us, at which incipient and gross slips are reported."""
+def alarms_of(method: str, watched: WatchedContact) -> tuple[list[int], list[int]]:
+    """Return the times, us, at which a method reports incipient and gross slips."""
+    if method == "shift-stops":
+        return [], shift_stops(watched)
     monitor = SlipMonitor(watched.reference_px)
     frames = zip(watched.t_us.tolist(), watched.moved_px, watched.touching, strict=True)
     slips = [monitor.update(t_us, moved, bool(touching)) for t_us, moved, touching in frames]
@@ -241,6 +255,23 @@ def alarms_of(watched: WatchedContact) -> tuple[list[int], list[int]]:
     told = [slip for slip in slips if slip is not None]
     incipient = [slip.incipient_us for slip in told if slip.incipient_us is not None]
     return incipient, [slip.gross_us for slip in told if slip.gross_us is not None]
+
+
+def shift_stops(watched: WatchedContact) -> list[int]:
+    """Return when the mean shift of the markers stops growing, us: the simpler way."""
+    shift = np.sqrt((watched.moved_px.mean(axis=1) ** 2).sum(axis=1))
+    growth = np.zeros(len(shift))
+    growth[STOP_SPAN:] = shift[STOP_SPAN:] - shift[:-STOP_SPAN]
+    fastest, stood, found = 0.0, True, []
+    for row in np.flatnonzero(watched.touching).tolist():
+        now = float(growth[row])
+        stood = stood or now < LEAST_GROWTH_PX
+        if stood and now > LEAST_GROWTH_PX:
+            fastest = max(fastest, now)
+        if fastest > 0.0 and now < STOP_SHARE * fastest:
+            found.append(int(watched.t_us[row]))
+            fastest, stood = 0.0, False
+    return found
 
 
 def slip_scores(truth: Truth, incipient: Sequence[int], gross: Sequence[int]) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spikingtac.sim import SceneSource, load_scene
 from spikingtac.touch import TouchDetector
@@ -12,9 +13,15 @@ from spikingtac_paper.touch.contacts import record, watch
 SCENES = ("finger-presses", "finger-slides", "finger-torsion", "spoon-rubs", "comb-slides",
           "spoon-circles", "finger-circles", "drag-release", "finger-rolls", "mixed")  # fmt: skip
 QUICK_SCENES = ("finger-slides", "spoon-rubs")
+WINDOW_US = 10_000  # Window of the event counts, us.
+EVENT_SIGMAS = 6.0  # Deviations above the quiet mean at which a window of events is a touch.
+QUIET_WINDOWS = 30  # Windows from the start of a recording that are quiet.
 BEGIN_MS, END_MS = 10.0, 100.0  # Errors of begin and end that count as in time, ms.
 US_PER_MS = 1e3
-METHODS = {"touches": "the strain of the field, tracker default"}
+METHODS = {
+    "touches": "the strain of the field, tracker default",
+    "event-threshold": "windows of 10 ms with more events than rest makes",
+}
 METRICS = (
     Metric("missed", "touches", "true touches without a found one that is theirs alone", "sum"),
     Metric("extra", "touches", "found touches beyond one for each true one", "sum"),
@@ -31,21 +38,23 @@ def touch_records(methods: list[str], seed: int, quick: bool) -> list[dict[str, 
     for name in QUICK_SCENES if quick else SCENES:
         truth, found = _felt(name, seed)
         for method in methods:
-            scores = touch_scores(truth, found)
+            scores = touch_scores(truth, found[method])
             records.append(record(method, (f"touches/{name}", "touches/all"), seed, scores))
     return records
 
 
-def _felt(name: str, seed: int) -> tuple[Spans, Spans]:
-    """Return the true touches of a scene, and those that are found."""
+def _felt(name: str, seed: int) -> tuple[Spans, dict[str, Spans]]:
+    """Return the true touches of a scene, and those that each method finds."""
     source = SceneSource(load_scene(name), seed)
     detector, last_us, found = TouchDetector(source.reference_px), 0, []
     times_us: list[int] = []
     pressed: list[bool] = []
+    windows: list[NDArray[np.int64]] = []
 
     def note(step: Any) -> None:
         times_us.extend(step.truth.contact_t_us.tolist())
         pressed.extend(step.truth.in_contact.tolist())
+        windows.append(step.packet.t // WINDOW_US)
 
     for frame in watch(source, note):
         last_us = frame.t_us
@@ -56,13 +65,26 @@ def _felt(name: str, seed: int) -> tuple[Spans, Spans]:
     if open_touch is not None:
         found.append((open_touch.begin_us, last_us))
     truth = [(times_us[a], times_us[min(b, len(times_us) - 1)]) for a, b in _runs(pressed)]
-    return truth, found
+    by_events = event_touches(np.bincount(np.concatenate(windows)), WINDOW_US)
+    return truth, {"touches": found, "event-threshold": by_events}
 
 
 def _runs(flags: Any) -> Spans:
     """Return first and last-but-one index of each run of true flags."""
     edges = np.flatnonzero(np.diff(np.array([False, *flags, False], np.int8)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def event_touches(counts: NDArray[np.int64], window_us: int) -> Spans:
+    """Return begin and end, us, of the stretches in which events exceed their quiet rate.
+
+    Args:
+        counts: ``(n,)`` events in each window; the first are quiet.
+        window_us: Length of a window, us.
+    """
+    quiet = counts[:QUIET_WINDOWS]
+    threshold = float(quiet.mean()) + EVENT_SIGMAS * max(float(quiet.std()), 1.0)
+    return [(a * window_us, b * window_us) for a, b in _runs(counts > threshold)]
 
 
 def touch_scores(truth: Spans, found: Spans) -> dict[str, float]:

@@ -191,7 +191,7 @@ def test_a_slide_on_the_twin_is_told(slid: WatchedContact) -> None:
     known = truth_of(slid)
     assert known.slow
     assert known.judged.sum() > 200
-    incipient, gross = alarms_of(slid)
+    incipient, gross = alarms_of("slip", slid)
     assert incipient[0] < gross[0]
     scores = slip_scores(known, incipient, gross)
     assert scores["false_incipient"] == scores["false_gross"] == 0.0
