@@ -22,12 +22,12 @@ class Size:
 
 # Folder -> what it may hold.
 MOST = {
-    "src/spikingtac": Size(270, 30_340, 27_580),
-    "src/spikingtac_paper": Size(60, 6_360, 5_150),
-    "src/spikingtac_hardware": Size(11, 1_290, 1_220),
-    "integrations": Size(23, 1_690, 1_580),
-    "tests": Size(253, 23_380, 20_200),
-    "benchmarks": Size(4, 910, 710),
+    "src/spikingtac": Size(253, 27_460, 25_100),
+    "src/spikingtac_paper": Size(59, 5_930, 4_870),
+    "src/spikingtac_hardware": Size(11, 1_260, 1_180),
+    "integrations": Size(23, 1_670, 1_580),
+    "tests": Size(221, 20_630, 17_780),
+    "benchmarks": Size(4, 890, 700),
 }
 
 
