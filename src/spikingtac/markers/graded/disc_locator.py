@@ -64,7 +64,9 @@ LATE_US = 2_000
 # of ms).
 OUTLINE_PER_S = 150.0
 
-OUTLINE_US = 2_000  # Shortest time between two fits of an outline, us (1,000 is no better).
+# Shortest time between two fits of an outline, which tell the agreement, us (at 2,000 the leak
+# notices a marker that snaps back too late, and erases it).
+OUTLINE_US = 1_000
 
 # How far beyond a disc's edge events ask for a fit, too: a prediction may be off by so much.
 FARTHER_PX = 1.0
