@@ -95,7 +95,6 @@ def test_ctrl_c_completes_a_recording_in_parts(tmp_path: Path) -> None:
     assert (told["ended"], told["events"], told["lost_events"]) == ("closed", 80_000, 0)
     assert told["files"] >= 2
     assert {told["health"][key] for key in ("gaps", "overflows", "damaged", "reconnects")} == {0}
-    assert told["health"]["rate_ev_s"] > 0.0
     found, expected = whole(folder), EventPacket.concatenate(sent)
     for column in ("x", "y", "p"):
         np.testing.assert_array_equal(getattr(found, column), getattr(expected, column))
