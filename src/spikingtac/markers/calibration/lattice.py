@@ -1,16 +1,13 @@
 """Lattices of points: the basis, the labels of the points, and a smooth model through them.
 
 Points on a lattice have few different steps to their neighbours, at any angle; the two shortest
-that repeat are its basis. Labels grow from point to point with a local basis, so that perspective
-and barrel distortion need no model; a smooth model over all labels then throws out what does not
-fit and says where a missing marker should be.
+that repeat are its basis. A smooth model of the places grows from one point outwards: each point
+takes the nearest cell and each cell the nearest point, and the model is fitted to these anew, with
+more terms the more points there are. It says where a missing marker should be.
 """
 
-import heapq
-import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,57 +27,69 @@ VOTES_SHARE = 0.5
 
 LEAST_SINE = 0.5  # Sine of the angle between two steps from which they span a lattice: 30 degrees.
 
-# Cosine of the angle of the reduced basis from which rows are staggered. Rows that are shifted by
-# half a pitch have 0.3 to 0.5; 0.1 is a grid in perspective.
+# Cosine of the angle of the basis from which rows are staggered. Rows that are shifted by half a
+# pitch have 0.3 to 0.5; 0.1 is a grid in perspective.
 LEAST_SKEW = 0.2
 
-# How far a point may lie from where its neighbour expects it, as a share of the pitch.
+# How far a point may lie from its cell, as a share of the pitch.
 REACH = 0.33
+
+# Rows and columns beyond the labelled ones in which points are looked for: over one gap.
+AHEAD = 2
 
 # Points from which the smooth model gets so many terms: affine, quadratic (perspective), cubic
 # (lens distortion); four points and more for each term.
 MODEL_TERMS = ((0, 3), (12, 6), (40, 10))
 
-Label = tuple[int, int]
+# Weight of the basis beside one point: it tells the pitch where a single row does not.
+BASIS_WEIGHT = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Lattice:
-    """Labelled points and the smooth model through them.
+    """Points with their cells, and the smooth model through them.
 
     A label counts steps of the basis; a cell is a row and a column. They differ where rows are
     staggered: there ``phase`` says which rows are shifted to the right.
+
+    Attributes:
+        points: ``(n, 2)`` all points, px.
+        index: ``(k,)`` which of them lie on the lattice.
+        label: ``(k, 2)`` their labels.
+        model: ``(terms, 2)`` coefficients of the smooth model.
+        phase: 0 or 1 where rows are staggered, else None.
     """
 
     points: NDArray[np.float64]
-    labels: dict[int, Label]
+    index: NDArray[np.int64]
+    label: NDArray[np.int64]
     model: NDArray[np.float64]
     phase: int | None = None
 
-    def cells(self) -> dict[int, Label]:
-        """Return the cell of each labelled point."""
-        return {index: self._moved(label, 1) for index, label in self.labels.items()}
+    @property
+    def cell(self) -> NDArray[np.int64]:
+        """``(k, 2)`` row and column of each point."""
+        return self._moved(self.label, 1)
 
-    def expected_px(self, cells: list[Label]) -> NDArray[np.float64]:
-        """Return where the model has some cells, px."""
-        return _terms([self._moved(cell, -1) for cell in cells], len(self.model)) @ self.model
+    def expected_px(self, cell: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return where the model has some cells ``(c, 2)``, px."""
+        return _terms(self._moved(cell, -1), len(self.model)) @ self.model
 
-    def _moved(self, cell: Label, way: int) -> Label:
-        shift = 0 if self.phase is None else (cell[0] + self.phase) // 2
-        return cell[0], cell[1] + way * shift
+    def _moved(self, cell: NDArray[np.int64], way: int) -> NDArray[np.int64]:
+        shift = 0 if self.phase is None else (cell[:, 0] + self.phase) // 2
+        return np.column_stack([cell[:, 0], cell[:, 1] + way * shift])
 
     @property
     def pitch_px(self) -> float:
         """The shorter step of the model, px."""
-        return min(float(np.hypot(*self.model[axis])) or np.inf for axis in (1, 2))
+        return float(np.hypot(*self.model[1:3].T).min())
 
-    def there(self) -> tuple[Label, NDArray[np.bool_]]:
+    def there(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Return the first row and column, and which cells of the bounding window have a point."""
-        cells = np.array(list(self.cells().values()))
-        low, high = cells.min(axis=0), cells.max(axis=0)
-        there = np.zeros(high - low + 1, bool)
-        there[tuple((cells - low).T)] = True
-        return (int(low[0]), int(low[1])), there
+        first = self.cell.min(axis=0)
+        there = np.zeros(self.cell.max(axis=0) - first + 1, bool)
+        there[tuple((self.cell - first).T)] = True
+        return first, there
 
 
 def expected_places(
@@ -96,10 +105,9 @@ def expected_places(
         known: ``bool[rows * columns]`` which of them are known; three at least.
         shape: ``(rows, columns)``.
     """
-    cells = list(itertools.product(range(shape[0]), range(shape[1])))
     best, expected = np.inf, position_px
     for _, count in MODEL_TERMS:
-        terms = _terms(cells, count)
+        terms = _terms(cells_of((0, 0), shape), count)
         if known.sum() <= count and count > MODEL_TERMS[0][1]:
             continue
         inverse = np.linalg.pinv(terms[known])
@@ -112,25 +120,55 @@ def expected_places(
     return expected
 
 
-def labelled(
-    points: NDArray[np.float64], basis: NDArray[np.float64], phases: tuple[int | None, ...]
-) -> list[Lattice]:
-    """Label all points that lie on the lattice of a basis; return it for each phase."""
-    lattice = _cleaned(points, _grown(points, basis))
-    while len(more := _adopted(lattice)) > len(lattice.labels):
-        before, lattice = lattice, _cleaned(points, more)
-        if len(lattice.labels) <= len(before.labels):
-            break
-    return [replace(lattice, phase=phase) for phase in phases]
+def cells_of(first: NDArray[np.int64] | tuple[int, int], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return ``(rows * columns, 2)`` the cells of a window, row-major."""
+    return np.indices(shape).reshape(2, -1).T + np.asarray(first)
 
 
-def bases(
+def find_lattice(points: NDArray[np.float64], kind: LayoutKind) -> Lattice:
+    """Return the lattice of ``(n, 2)`` points that fills the smallest window of cells."""
+    found = [
+        replace(lattice, phase=phase)
+        for basis, phases in _bases(points, kind)
+        for lattice in [_labelled(points, basis)]
+        for phase in phases
+    ]
+    return min(found, key=lambda one: one.there()[1].size)
+
+
+def _labelled(points: NDArray[np.float64], basis: NDArray[np.float64]) -> Lattice:
+    from scipy.spatial import KDTree  # 0.1 s that other verbs need not wait
+
+    # It begins at the point whose four neighbours fit the basis best.
+    ways = np.array([basis[0], -basis[0], basis[1], -basis[1]])
+    off = KDTree(points).query(points[:, np.newaxis] + ways)[0] / np.hypot(*ways.T)
+    seed = int(off.clip(max=1.0).sum(axis=1).argmin())
+    model = np.vstack([points[seed], basis])
+    lattice = Lattice(points, np.array([seed]), np.zeros((1, 2), np.int64), model)
+    while True:
+        low, high = lattice.label.min(axis=0) - AHEAD, lattice.label.max(axis=0) + AHEAD
+        label = cells_of(low, tuple(high - low + 1))
+        apart_px, cell = map(np.asarray, KDTree(lattice.expected_px(label)).query(points))
+        nearest = np.asarray(KDTree(points).query(lattice.expected_px(label))[1])
+        own = (nearest[cell] == np.arange(len(points))) & (apart_px <= REACH * lattice.pitch_px)
+        index = np.flatnonzero(own)
+        if len(index) <= len(lattice.index):
+            return lattice
+        terms = max(count for needed, count in MODEL_TERMS if len(index) >= needed)
+        given = BASIS_WEIGHT * np.eye(2, terms, 1)
+        design = np.vstack([_terms(label[cell[index]], terms), given])
+        places_px = np.vstack([points[index], BASIS_WEIGHT * basis])
+        model = np.asarray(np.linalg.lstsq(design, places_px, rcond=None)[0], np.float64)
+        lattice = Lattice(points, index, label[cell[index]], model)
+
+
+def _bases(
     points: NDArray[np.float64], kind: LayoutKind
 ) -> list[tuple[NDArray[np.float64], tuple[int | None, ...]]]:
-    """Return bases, steps to the next column and row, px, as (2, 2), and phases to try."""
+    # Bases, steps to the next column and row, px, as (2, 2), and phases to try.
     if len(points) == 1:
         return [(1e6 * np.eye(2), (None,))]  # any pitch that reaches nothing else
-    first, second = _reduced(*_shortest_steps(points))
+    first, second = _shortest_steps(points)
     cosine = abs(first @ second) / (np.hypot(*first) * np.hypot(*second))
     if kind == "staggered" or (kind == "auto" and cosine > LEAST_SKEW):
         return [(basis, (0, 1)) for basis in _staggered_bases(first, second)]
@@ -161,128 +199,32 @@ def _shortest_steps(
     points: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     # The two shortest steps between neighbours that many pairs of neighbours share.
-    from scipy.spatial import KDTree  # 0.1 s that other verbs need not wait
+    from scipy.spatial import KDTree
 
     near = np.asarray(KDTree(points).query(points, min(NEIGHBOURS, len(points) - 1) + 1)[1])
     steps = (points[near[:, 1:]] - points[:, np.newaxis]).reshape(-1, 2)
     steps = steps[:: -(-len(steps) // MOST_STEPS)]
-    first = _voted(steps, np.ones(len(steps), bool))
+    first = _voted(steps)
     sine = np.abs(first[0] * steps[:, 1] - first[1] * steps[:, 0])
     aside = sine > LEAST_SINE * np.hypot(*first) * np.hypot(*steps.T)
-    second = _voted(steps, aside) if aside.any() else np.array([-first[1], first[0]])
+    second = _voted(steps[aside]) if aside.any() else np.array([-first[1], first[0]])
     return first, second
 
 
-def _voted(steps: NDArray[np.float64], may: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _voted(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     # The shortest of the frequent steps, as the median of those like it, to either side.
-    chosen = steps[may]
-    length = np.hypot(*chosen.T)
-    apart = np.minimum(
-        np.hypot(*(chosen[:, np.newaxis] - chosen).transpose(2, 0, 1)),
-        np.hypot(*(chosen[:, np.newaxis] + chosen).transpose(2, 0, 1)),
-    )
+    length = np.hypot(*steps.T)
+    both = np.stack([steps, -steps])[:, :, np.newaxis]
+    apart = np.linalg.norm(both - steps, axis=3).min(axis=0)
     alike = apart < ALIKE * np.minimum(length[:, np.newaxis], length)
     votes = alike.sum(axis=1)
     best = int(np.where(votes >= VOTES_SHARE * votes.max(), length, np.inf).argmin())
-    like = chosen[alike[best]]
-    return np.median(like * np.sign(like @ chosen[best])[:, np.newaxis], axis=0)
+    like = steps[alike[best]]
+    return np.median(like * np.sign(like @ steps[best])[:, np.newaxis], axis=0)
 
 
-def _reduced(
-    first: NDArray[np.float64], second: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    # Lagrange's reduction: the two shortest steps of the lattice.
-    while True:
-        if second @ second < first @ first:
-            first, second = second, first
-        turns = np.round(first @ second / (first @ first))
-        if turns == 0.0:
-            return first, second
-        second = second - turns * first
-
-
-def _grown(points: NDArray[np.float64], basis: NDArray[np.float64]) -> dict[int, Label]:
-    labels: dict[int, Label] = {}
-    taken: set[Label] = set()
-    turn = itertools.count()  # unique, so that the heap never compares what comes after it
-    queue = [(0, 0.0, next(turn), _seed(points, basis), (0, 0), basis)]
-    while queue:
-        skipped, _, _, index, label, local = heapq.heappop(queue)
-        if index in labels or label in taken:
-            continue
-        labels[index] = label
-        taken.add(label)
-        for stride, off, other, cell, pitch in _followers(points, index, label, local):
-            if other not in labels and cell not in taken:
-                key = (skipped + stride - 1, off, next(turn))
-                heapq.heappush(queue, (*key, other, cell, pitch))
-    return labels
-
-
-def _followers(
-    points: NDArray[np.float64], index: int, label: Label, local: NDArray[np.float64]
-) -> Iterator[tuple[int, float, int, Label, NDArray[np.float64]]]:
-    # One column or row on, in either sense; where nothing is there, over one gap.
-    for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
-        length = float(np.hypot(*local[axis]))
-        for stride in (1, 2):
-            expected = points[index] + sign * stride * local[axis]
-            off = np.hypot(*(points - expected).T)
-            other = int(off.argmin())
-            if off[other] > REACH * length:
-                continue
-            pitch = np.array(local)
-            pitch[axis] = 0.5 * pitch[axis] + 0.5 * sign * (points[other] - points[index]) / stride
-            ahead = sign * stride
-            cell = (label[0] + ahead, label[1]) if axis else (label[0], label[1] + ahead)
-            yield stride, float(off[other]), other, cell, pitch
-            break
-
-
-def _seed(points: NDArray[np.float64], basis: NDArray[np.float64]) -> int:
-    # The point whose four neighbours fit the mean pitch best.
-    cost = np.zeros(len(points))
-    for step in (basis[0], -basis[0], basis[1], -basis[1]):
-        ahead = points + step
-        off = np.hypot(*(points[np.newaxis] - ahead[:, np.newaxis]).transpose(2, 0, 1)).min(axis=1)
-        cost += np.minimum(off / np.hypot(*step), 1.0)
-    return int(cost.argmin())
-
-
-def _terms(labels: list[Label], terms: int) -> NDArray[np.float64]:
-    row, column = np.array(labels, float).reshape(-1, 2).T
+def _terms(label: NDArray[np.int64], terms: int) -> NDArray[np.float64]:
+    row, column = label.astype(np.float64).T
     columns = [np.ones(len(row)), column, row, row * column, row**2, column**2]
     columns += [row**3, row**2 * column, row * column**2, column**3]
     return np.column_stack(columns[:terms])
-
-
-def _cleaned(points: NDArray[np.float64], labels: dict[int, Label]) -> Lattice:
-    # Fit the smooth model; throw out the worst point while it is off by more than REACH.
-    labels = dict(labels)
-    while True:
-        terms = max(count for points_needed, count in MODEL_TERMS if len(labels) >= points_needed)
-        index, cells = list(labels), list(labels.values())
-        design = _terms(cells, terms)
-        model = np.asarray(np.linalg.lstsq(design, points[index], rcond=None)[0], np.float64)
-        lattice = Lattice(points, labels, model)
-        off = np.hypot(*(points[index] - design @ model).T)
-        if off.max() <= REACH * lattice.pitch_px or len(labels) < 4:
-            return lattice
-        del labels[index[int(off.argmax())]]
-
-
-def _adopted(lattice: Lattice) -> dict[int, Label]:
-    # Points that no neighbour reached, but that lie where the model has a marker, one row or column
-    # beyond the known ones included.
-    points, labels = lattice.points, lattice.labels
-    cells = np.array(list(labels.values()))
-    low, high = cells.min(axis=0) - 1, cells.max(axis=0) + 1
-    span = [(i, j) for i in range(low[0], high[0] + 1) for j in range(low[1], high[1] + 1)]
-    free = [cell for cell in span if cell not in set(labels.values())]
-    expected, adopted = lattice.expected_px(free), dict(labels)
-    for index in set(range(len(points))) - set(labels):
-        off = np.hypot(*(expected - points[index]).T)
-        nearest = int(off.argmin())
-        if off[nearest] <= REACH * lattice.pitch_px and free[nearest] not in adopted.values():
-            adopted[index] = free[nearest]
-    return adopted

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
-from spikingtac.markers.calibration.lattice import Label, Lattice, LayoutKind, bases, labelled
+from spikingtac.markers.calibration.lattice import Lattice, LayoutKind, cells_of, find_lattice
 
 # So near to its place, as a share of the pitch, a point beyond a nearly empty border line is a
 # marker; of points anywhere within REACH one in eight is.
@@ -23,10 +23,9 @@ LEVEL_SLOPE = 0.05
 # A border row or column with a smaller share of its markers is taken for stray points.
 FEWEST_SHARE = 1 / 3
 
-
 ABSENT = -1
 
-Bounds = tuple[Label, Label]
+Rectangle = tuple[NDArray[np.int64], tuple[int, int]]  # First row and column, and the shape.
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,69 +84,62 @@ def find_layout(
     if kind == "free":
         order = np.lexsort(points.T)
         return Layout(None, order, points[order])
-    lattices = [
-        one for basis, phases in bases(points, kind) for one in labelled(points, basis, phases)
-    ]
-    lattice = min(lattices, key=lambda one: one.there()[1].size)
-    own = _bounds(lattice, size)
+    lattice = find_lattice(points, kind)
+    own = _rectangle(lattice, size)
     if shape is None:
-        return _arranged(lattice, own) if own else _ragged(lattice)
-    low, there = lattice.there()
-    first = _best_placed(there, shape)
-    asked = (low[0] + first[0], low[1] + first[1]), shape
-    layout, left_out = _arranged(lattice, asked), there.sum()
-    left_out -= np.count_nonzero(layout.point != ABSENT)
-    return replace(layout, fits=own[1]) if own and left_out and own[1] != shape else layout
+        return _arranged(lattice, own)
+    first, there = lattice.there()
+    asked = _arranged(lattice, (first + _best_placed(there, shape), shape))
+    left_out = len(lattice.index) > np.count_nonzero(asked.point != ABSENT)
+    return replace(asked, fits=own[1]) if own and left_out and own[1] != shape else asked
 
 
-def _arranged(lattice: Lattice, bounds: Bounds) -> Layout:
-    (row, column), (rows, columns) = bounds
-    point = np.full(rows * columns, ABSENT, np.int64)
-    for index, (i, j) in lattice.cells().items():
-        if 0 <= i - row < rows and 0 <= j - column < columns:
-            point[(i - row) * columns + j - column] = index
-    every = [(row + i, column + j) for i in range(rows) for j in range(columns)]
-    return _layout(lattice, (rows, columns), point, lattice.expected_px(every))
+def _arranged(lattice: Lattice, rectangle: Rectangle | None) -> Layout:
+    # The markers of the rectangle, or, where there is none, those that have points.
+    if rectangle is None:
+        order = np.lexsort(lattice.cell.T[::-1])
+        shape, cell, point = None, lattice.cell[order], lattice.index[order]
+    else:
+        first, shape = rectangle
+        cell, point = cells_of(first, shape), np.full(shape, ABSENT, np.int64)
+        at = lattice.cell - first
+        inside = ((at >= 0) & (at < shape)).all(axis=1)
+        point[tuple(at[inside].T)] = lattice.index[inside]
+    stray = np.setdiff1d(np.arange(len(lattice.points)), point).tolist()
+    expected_px = lattice.expected_px(cell)
+    return Layout(shape, point.ravel(), expected_px, stray, lattice.phase is not None)
 
 
-def _ragged(lattice: Lattice) -> Layout:
-    cells = lattice.cells()
-    point = sorted(cells, key=lambda index: cells[index])
-    expected_px = lattice.expected_px([cells[index] for index in point])
-    return _layout(lattice, None, np.array(point, np.int64), expected_px)
-
-
-def _layout(
-    lattice: Lattice,
-    shape: tuple[int, int] | None,
-    point: NDArray[np.int64],
-    expected_px: NDArray[np.float64],
-) -> Layout:
-    used = set(point.tolist())
-    stray = [index for index in range(len(lattice.points)) if index not in used]
-    return Layout(shape, point, expected_px, stray, lattice.phase is not None)
-
-
-def _bounds(lattice: Lattice, size: tuple[int, int]) -> Bounds | None:
+def _rectangle(lattice: Lattice, size: tuple[int, int]) -> Rectangle | None:
     """Return the first row and column, and rows and columns; None where no rectangle fits."""
-    low, there = lattice.there()
+    first, there = lattice.there()
     across = lattice.model[1]
     level = lattice.phase is None and abs(across[1]) <= LEVEL_SLOPE * abs(across[0])
-    if not level and len(lattice.labels) > 1:
-        return (low, (there.shape[0], there.shape[1])) if _enclosed(there, lattice).all() else None
-    every = [(low[0] + i, low[1] + j) for i in range(there.shape[0]) for j in range(there.shape[1])]
-    expected = lattice.expected_px(every)
-    outside = (expected < 0) | (expected > np.array(size) - 1)
-    off = np.full(there.shape, np.inf)
-    for index, (i, j) in lattice.cells().items():
-        place = expected[(i - low[0]) * there.shape[1] + j - low[1]]
-        off[i - low[0], j - low[1]] = np.hypot(*(lattice.points[index] - place)) / lattice.pitch_px
-    hidden = np.asarray(outside.any(axis=1)).reshape(there.shape)
-    trimmed = _trimmed(there, hidden, off)
-    if trimmed is None:
-        return None
-    first, last = trimmed
-    return (low[0] + first[0], low[1] + first[1]), (last[0] - first[0], last[1] - first[1])
+    if not level and len(lattice.index) > 1:
+        return (
+            (first, (there.shape[0], there.shape[1])) if _enclosed(there, lattice).all() else None
+        )
+    expected_px = lattice.expected_px(cells_of(first, there.shape))
+    outside = (expected_px < 0) | (expected_px > np.array(size) - 1)
+    hidden = outside.any(axis=1).reshape(there.shape)
+    off_px = np.hypot(*(lattice.points[lattice.index] - lattice.expected_px(lattice.cell)).T)
+    near = np.zeros(there.shape, bool)
+    near[tuple((lattice.cell - first).T)] = off_px < ON_LATTICE * lattice.pitch_px
+    # Border lines of stray points are taken off; where markers fill one in part, since the image
+    # ends there, there is no rectangle.
+    window = np.stack([there, hidden, near])
+    while True:
+        for axis, side in itertools.product((1, 2), (0, -1)):
+            found, unseen, exact = np.asarray(window.take(side, axis))
+            few, lost = found.mean() < FEWEST_SHARE, not found.all() and unseen[~found].all()
+            if window.shape[axis] > 1 and (few or lost):
+                if lost and exact.any():
+                    return None
+                window = np.delete(window, side, axis)
+                first[axis - 1] += side == 0
+                break
+        else:
+            return first, (window.shape[1], window.shape[2])
 
 
 def _enclosed(there: NDArray[np.bool_], lattice: Lattice) -> NDArray[np.bool_]:
@@ -160,33 +152,8 @@ def _enclosed(there: NDArray[np.bool_], lattice: Lattice) -> NDArray[np.bool_]:
     return out
 
 
-def _best_placed(there: NDArray[np.bool_], shape: tuple[int, int]) -> Label:
+def _best_placed(there: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.int64]:
     rows, columns = shape
     padded = np.pad(there, ((rows - 1, rows - 1), (columns - 1, columns - 1)))
     windows = np.lib.stride_tricks.sliding_window_view(padded, shape).sum(axis=(2, 3))
-    first = np.unravel_index(int(windows.argmax()), windows.shape)
-    return int(first[0]) - rows + 1, int(first[1]) - columns + 1
-
-
-def _trimmed(
-    there: NDArray[np.bool_], hidden: NDArray[np.bool_], off: NDArray[np.float64]
-) -> Bounds | None:
-    # Take off border lines of stray points; None where markers fill a border line in part, since
-    # the image ends there.
-    first, last = [0, 0], list(there.shape)
-    trimming = True
-    while trimming:
-        trimming = False
-        for axis, side in itertools.product((0, 1), (0, 1)):
-            span = [slice(first[0], last[0]), slice(first[1], last[1])]
-            line = last[axis] - 1 if side else first[axis]
-            span[axis] = slice(line, line + 1)
-            found, unseen = there[tuple(span)].ravel(), hidden[tuple(span)].ravel()
-            few = found.mean() < FEWEST_SHARE
-            lost = not found.all() and unseen[~found].all()
-            if last[axis] - first[axis] > 1 and (few or lost):
-                if lost and off[tuple(span)].ravel()[found].min(initial=np.inf) < ON_LATTICE:
-                    return None
-                first[axis], last[axis] = first[axis] + (1 - side), last[axis] - side
-                trimming = True
-    return (first[0], first[1]), (last[0], last[1])
+    return np.array(np.unravel_index(windows.argmax(), windows.shape), np.int64) + 1 - shape
