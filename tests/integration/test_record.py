@@ -255,8 +255,7 @@ def test_standard_input_needs_no_end_of_its_header(ending: bytes, tmp_path: Path
 def test_info_shows_what_the_manifest_tells(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    recorder = Recorder(tmp_path, SIZE)
-    recorder.about = {"losses": {"overflow": 7}}
+    recorder = Recorder(tmp_path, SIZE, lambda: {"losses": {"overflow": 7}})
     recorder.write(events(2_000, first_us=1_000))
     recorder.close(2_000)
     path = tmp_path / "manifest.json"
