@@ -23,7 +23,7 @@ from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
-from spikingtac.stream.arrivals import stream_arrivals
+from spikingtac.stream.guard_loop import stream_arrivals
 from spikingtac.stream.record import locked_folder, prepare_folder, record
 from spikingtac.stream.recorder import Recorder, Split
 from spikingtac.types import EventPacket
