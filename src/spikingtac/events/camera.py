@@ -148,7 +148,7 @@ KINDS = {
         "cameras.pipe:PipeCamera", "pipe:live.raw",
         "RAW from a named pipe, or standard input as pipe:-"),
     "ring": CameraKind(
-        "stream.reader:RingCamera", "ring:press",
+        "stream.packets:RingCamera", "ring:press",
         "what another process reads, under an address with share=press"),
     "twin": CameraKind(
         "sim.twin_camera:TwinCamera", "twin:finger-torsion",

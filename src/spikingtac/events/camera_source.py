@@ -22,7 +22,7 @@ from spikingtac.plugins import import_place
 WhenLost = Literal["end", "raise", "reconnect"]
 
 # What shows the events of a camera to others; imported only where an address has ``share=NAME``.
-SHARED_WRITER = "spikingtac.stream.reader:shared_writer"
+SHARED_WRITER = "spikingtac.stream.packets:shared_writer"
 
 POLL_S = 0.02  # Longest wait for a camera before the source looks whether it shall stop, s.
 

@@ -13,7 +13,7 @@ from spikingtac.markers.registry import TrackingConfig, make_tracker
 from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.ros2.stream import Layout, SensorStream, StreamConfig
-from spikingtac.stream.live import Pace, PacedSource
+from spikingtac.stream.paced import Pace, PacedSource
 from spikingtac.touch.force.model import ForceModel
 from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket, MarkerFrame

@@ -24,7 +24,8 @@ from spikingtac.events.clock import PPM, TimeMap
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.recording import RetimedSource
 from spikingtac.events.source import EventSource
-from spikingtac.stream.reader import Delivery, EventReader
+from spikingtac.stream.packets import Delivery
+from spikingtac.stream.reader import EventReader
 from spikingtac.types import EventPacket
 
 # Time between two looks at the clocks, us: milliseconds are learned in it at first, microseconds

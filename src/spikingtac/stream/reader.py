@@ -1,222 +1,26 @@
-"""Events that are read at once into a ring: packets with arrival, trigger edges and losses.
+"""Events that are read at once into a ring, in a thread beside their users.
 
-Whoever is busy leaves no camera unread: a thread beside its users reads on, other processes attach
-to its ring, and a user that was too slow is told how many events it has missed.
+Whoever is busy leaves no camera unread: the reader goes on, and a user that was too slow is told
+how many events it has missed.
 """
 
-import json
-import re
-import struct
 import threading
 import time
 import weakref
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
-import numpy as np
-
-from spikingtac.errors import CameraLostError, ConfigError, DeviceError
-from spikingtac.events.address import Address, is_stream
-from spikingtac.events.camera import Camera
+from spikingtac.events.address import is_stream
 from spikingtac.events.camera_source import CameraSource
-from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.open import open_events
-from spikingtac.stream.ring import CLOSED, NOTE, SharedRing
+from spikingtac.stream.packets import Delivery, PacketReader, PacketWriter, at_once, new_ring
+from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket, LossCounters
 
-ROOM_BYTES = 16 << 20  # Room for events that wait for their users: 1.3 million, 0.4 s at 3 Mev/s.
-SHARED_BYTES = 32 << 20  # The same of a ring that is shared under a name.
-
-# Events of one message, and room of a ring for each of them, bytes: a message takes a fifth of
-# the ring at most. A longer packet is cut.
-MOST_EVENTS, ROOM_PER_EVENT = 1 << 17, 64
-_HEAD = struct.Struct("<qqdIII")  # span, arrival, counts of events and edges, length of the losses
-
-# Types of the columns of a message: t, x, y, p of the events; t, channel, edge of the triggers.
-EVENTS, EDGES = (np.int64, np.uint16, np.uint16, np.bool_), (np.int64, np.uint8, np.bool_)
-SIDE_BITS = 20
-
-MISSED = "missed"  # Kind of loss: events that a user of a ring was too slow for.
 POLL_S = 0.05  # Longest wait of a user before it looks whether it shall end, s.
-LOOK_S = 0.0005  # Time between two looks at a ring that another process fills, s.
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
-
-
-@dataclass(frozen=True, slots=True)
-class Delivery:
-    """What came at once.
-
-    Attributes:
-        packet: The events.
-        received_s: When they were here, on the host's monotonic clock, s.
-        triggers: The trigger edges that came with them.
-    """
-
-    packet: EventPacket
-    received_s: float
-    triggers: Triggers
-
-
-def shared_name(name: str) -> str:
-    """Return the name in shared memory of a ring that is shared under a name.
-
-    Raises:
-        ConfigError: The name holds other characters, or too many.
-    """
-    if not _NAME.fullmatch(name):
-        raise ConfigError(f"{name!r} is no name to share under; up to 40 letters, digits, _ and -")
-    return f"spikingtac-{name}"
-
-
-def new_ring(size: tuple[int, int], room_bytes: int = ROOM_BYTES, share: str = "") -> SharedRing:
-    """Return a ring for packets of a size, px, which others find where it is shared under a name.
-
-    Raises:
-        ConfigError: It is no name.
-        DeviceError: Another process shares under it, or there is no room.
-    """
-    ring = SharedRing.create(room_bytes, shared_name(share) if share else None)
-    ring.put(NOTE, size[0] << SIDE_BITS | size[1])
-    return ring
-
-
-class PacketWriter:
-    """Writes what a source yields into a ring.
-
-    Args:
-        ring: Where to.
-        source: Its ``losses``, ``triggers`` and ``received_s`` go with the packets.
-    """
-
-    def __init__(self, ring: SharedRing, source: Any) -> None:
-        self._ring, self._source = ring, source
-        self._losses, self._passed = b"{}", 0
-        self._most = max(min(MOST_EVENTS, ring.room // ROOM_PER_EVENT), 1)
-
-    def write(self, packet: EventPacket) -> None:
-        """Write a packet, in parts where it is long."""
-        for first in range(0, max(len(packet), 1), self._most):
-            last = min(first + self._most, len(packet))
-            begin_us = packet.t_start_us if first == 0 else int(packet.t[first])
-            end_us = packet.t_end_us if last == len(packet) else int(packet.t[last - 1]) + 1
-            part = packet.part(first, last, begin_us, end_us)
-            self._ring.publish(*self._message(part), weight=len(part))
-
-    def write_rows(self, rows: Rows) -> None:
-        """Write columns, which are in order."""
-        if len(rows[3]):
-            self.write(packet_of(rows, self._source.size))
-
-    def finish(self) -> None:
-        """Write what was counted after the last packet, and say that nothing follows."""
-        if self._losses != self._counted() or len(self._edges()) > self._passed:
-            self.write(EventPacket.empty(0, 0, self._source.size))
-        self._ring.finish()
-
-    def close(self) -> None:
-        """Finish, and give the ring back."""
-        self.finish()
-        self._ring.close()
-
-    def _counted(self) -> bytes:
-        return json.dumps(self._source.losses).encode()
-
-    def _edges(self) -> Triggers:
-        return getattr(self._source, "triggers", None) or Triggers()
-
-    def _message(self, packet: EventPacket) -> list[Any]:
-        edges = self._edges()
-        new = slice(self._passed, len(edges))
-        self._losses, self._passed = self._counted(), len(edges)
-        received_s = getattr(self._source, "received_s", None) or time.monotonic()
-        lengths = len(packet), new.stop - new.start, len(self._losses)
-        head = _HEAD.pack(packet.t_start_us, packet.t_end_us, received_s, *lengths)
-        columns = packet.t, packet.x, packet.y, packet.p
-        marks = edges.t_us[new], edges.channel[new], edges.edge[new]
-        # Views, without a copy where a column is in one piece.
-        views = [
-            np.ascontiguousarray(column, kind).view(np.uint8).data
-            for column, kind in zip((*columns, *marks), (*EVENTS, *EDGES), strict=True)
-            if len(column)
-        ]
-        return [head, *views, self._losses]
-
-
-class PacketReader:
-    """A user of a ring of packets: takes them in order, and counts what it was too slow for.
-
-    Args:
-        ring: From :func:`new_ring`.
-        losses: Counters to fill, its own unless given.
-        from_now: Begin with the next packet, and count from then on.
-
-    Attributes:
-        size: ``(width, height)`` of the sensor, px; ``(0, 0)`` where the ring is not ready yet.
-        losses: What the source has counted, by kind, and under ``missed`` what was missed here.
-    """
-
-    def __init__(
-        self, ring: SharedRing, losses: LossCounters | None = None, *, from_now: bool = False
-    ) -> None:
-        self._reader = ring.reader(from_now=from_now)
-        self.size = ring.get(NOTE) >> SIDE_BITS, ring.get(NOTE) & ((1 << SIDE_BITS) - 1)
-        self.losses = LossCounters() if losses is None else losses
-        # By the source, and missed here, up to the latest packet.
-        self._counted: dict[str, int] | None = None if from_now else {}
-
-    def next(self) -> Delivery | None:
-        """Return the next packet that is there, or None."""
-        data = self._reader.next()
-        if data is None:
-            return None
-        begin_us, end_us, received_s, events, edges, length = _HEAD.unpack_from(data)
-        place, columns = _HEAD.size, []  # the columns are views of the message
-        for kind, count in zip((*EVENTS, *EDGES), (events,) * 4 + (edges,) * 3, strict=True):
-            columns.append(np.frombuffer(data, kind, count, place))
-            place += columns[-1].nbytes
-        t, x, y, p, *marks = columns
-        triggers = Triggers()
-        triggers.append(*marks)
-        self._count(json.loads(data[place : place + length]))
-        packet = EventPacket(x, y, p, t, begin_us, end_us, self.size, True)
-        return Delivery(packet, received_s, triggers)
-
-    def give_up(self) -> None:
-        """Count what waits as missed."""
-        self._reader.give_up()
-        self._count({})
-
-    def _count(self, told: dict[str, int]) -> None:
-        before = told if self._counted is None else self._counted
-        self._counted = {**before, **told, MISSED: self._reader.lost}
-        for kind, count in self._counted.items():
-            self.losses.add(kind, count - before.get(kind, 0))
-
-
-def packet_of(rows: Rows, size: tuple[int, int]) -> EventPacket:
-    """Return columns of some events, which are in order, as a packet."""
-    x, y, p, t = rows
-    return EventPacket(x, y, p, t, int(t[0]), int(t[-1]) + 1, size, True)
-
-
-def shared_writer(source: Any, name: str) -> PacketWriter:
-    """Return what shows the events of a source to others, as the camera ``ring:NAME``."""
-    return PacketWriter(new_ring(source.size, SHARED_BYTES, name), source)
-
-
-def at_once(source: FileSource) -> Iterator[EventPacket]:
-    """Yield what came at once: nothing is held back, as a packet for a tracker would be.
-
-    Args:
-        source: A camera or a pipe, whose columns come checked.
-    """
-    for rows in source.columns():
-        if len(rows[3]):
-            yield packet_of(rows, source.size)
 
 
 class EventReader(PacketReader):
@@ -361,68 +165,3 @@ def opened_camera(path: str | Path, **options: Any) -> FileSource:
     if isinstance(source, CameraSource):
         source.when_lost = "reconnect"
     return source
-
-
-class RingCamera(Camera):
-    """What another process reads, from now on, as a camera: ``ring:NAME``.
-
-    Whoever reads a camera under an address with ``share=NAME`` opens its ring to others. They slow
-    neither the reader nor each other: one that is too slow is told what it missed (``missed``).
-
-    Attributes:
-        published: Events that were published since it was opened.
-    """
-
-    checked = True
-
-    def __init__(self, ring: SharedRing, name: str) -> None:
-        super().__init__()
-        self._ring: SharedRing | None = ring
-        self._name, self._packets = name, PacketReader(ring, self.losses, from_now=True)
-        self.size = self._packets.size
-        self.published, self._from = 0, ring.weight
-
-    @classmethod
-    def open(cls, address: Address) -> Self:
-        """Attach; see :meth:`Camera.open`."""
-        try:
-            ring = SharedRing.attach(shared_name(address.target))
-        except FileNotFoundError as error:
-            raise DeviceError(
-                f"nothing is shared under {address.target!r}; let its reader share it, as: "
-                f"spikingtac record 'udp:7777?share={address.target}' -o FOLDER"
-            ) from error
-        if not ring.get(NOTE) or not ring.written:
-            ring.close()
-            raise DeviceError(f"what was shared under {address.target!r} has ended; start it again")
-        return cls(ring, address.target)
-
-    def read(self, timeout_s: float) -> Rows | None:
-        """Return the next events; see :meth:`Camera.read`."""
-        until_s = time.monotonic() + timeout_s
-        while (ring := self._ring) is not None:
-            written = ring.written  # asked first: the last events come before the end
-            found = self._packets.next()
-            self.published = ring.weight - self._from
-            if found is not None:
-                self.triggers.extend(found.triggers)
-                packet = found.packet
-                return packet.x, packet.y, packet.p, packet.t
-            if not written and not ring.get(CLOSED):
-                raise CameraLostError(f"the process that shared {self._name!r} is gone")
-            if not written:
-                return None
-            if time.monotonic() >= until_s:
-                return self.nothing()
-            time.sleep(LOOK_S)
-        return None
-
-    def close(self) -> None:
-        """Leave the ring."""
-        ring, self._ring = self._ring, None
-        if ring is not None:
-            ring.close()
-
-    def describe(self) -> dict[str, Any]:
-        """Return the name."""
-        return {"shared_as": self._name}

@@ -17,7 +17,8 @@ from spikingtac.events.formats.array_file import ColumnFile
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.recording import MANIFEST, TRUTH, name_of, read_manifest
 from spikingtac.events.source import source_health
-from spikingtac.stream.reader import EventReader, at_once, new_ring
+from spikingtac.stream.packets import at_once, new_ring
+from spikingtac.stream.reader import EventReader
 from spikingtac.stream.recorder import BY_SIZE, US_PER_S, Recorder, Split
 from spikingtac.types import EventPacket
 

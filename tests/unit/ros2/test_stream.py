@@ -16,7 +16,7 @@ from spikingtac.events import open_events
 from spikingtac.ros2.feed import rehearse
 from spikingtac.ros2.messages import definition, encode, type_store
 from spikingtac.ros2.stream import FIELD, Layout, SensorStream, StreamConfig
-from spikingtac.stream.live import Pace
+from spikingtac.stream.paced import Pace
 from spikingtac.types import EventPacket, MarkerFrame
 from stand_ins.tracks import HELD_MARKER, circling_tracks
 

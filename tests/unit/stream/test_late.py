@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from spikingtac.stream.live import PacedSource
+from spikingtac.stream.paced import PacedSource
 from spikingtac.types import EventPacket, LossCounters
 
 SPAN_S, EVENTS = 0.005, 10

@@ -16,7 +16,8 @@ from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.stream.host import RemoteSource
-from spikingtac.stream.reader import EventReader, RingCamera, new_ring
+from spikingtac.stream.packets import RingCamera, new_ring
+from spikingtac.stream.reader import EventReader
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import datagrams, events
 from stand_ins.packets import SIZE, Stream, packet
