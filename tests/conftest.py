@@ -8,12 +8,16 @@ import signal
 import sys
 import tempfile
 from collections.abc import Generator, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from numba_cache import prepare_cache
 from stand_ins.made_once import FOLDER_VARIABLE
+from stand_ins.ur_controller import URController
+from stand_ins.verbs import Verbs
 
 # One test runs on each core: more threads make small products of matrices ten times as slow.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -59,6 +63,32 @@ def data_dir() -> Path:
     if not folder.is_dir():
         pytest.skip(f"test recordings not found in {folder} (set SPIKINGTAC_DATA)")
     return folder
+
+
+@pytest.fixture
+def controller() -> Iterator[URController]:
+    """Return the controller of an arm, on an address of this machine."""
+    pytest.importorskip("rtde_control", reason="the extra [robot] is not installed")
+    with URController() as fake:
+        yield fake
+
+
+@contextmanager
+def _one_thread(*_: object, **__: object) -> Iterator[Executor]:
+    with ThreadPoolExecutor(1) as pool:
+        yield pool
+
+
+@pytest.fixture
+def jobs_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do the work of a batch in this process, where nothing is said of the workers."""
+    monkeypatch.setattr("spikingtac.batch.run.worker_pool", _one_thread)
+
+
+@pytest.fixture
+def verbs(capsys: pytest.CaptureFixture[str]) -> Verbs:
+    """Return the command line, called in this process."""
+    return Verbs(capsys)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -20,9 +20,6 @@ import grimp
 
 DIGEST_LENGTH = 16  # Hexadecimal digits of a folder's name: 64 bits.
 
-# The present one, and the one before it: another session may still run on the former sources.
-KEPT_FOLDERS = 2
-
 COMPILER = "njit"  # A file that does not name it defines no kernel.
 
 DIGESTS_NAME = "digests.json"  # File of a cache folder that says for which sources it was made.
@@ -38,13 +35,13 @@ def prepare_cache(root: Path, sources: Path) -> Path:
     digests = closure_digests(sources)
     name = _digest(f"{path} {digest}" for path, digest in digests.items())[:DIGEST_LENGTH]
     root.mkdir(parents=True, exist_ok=True)
-    others = [path for path in root.iterdir() if (path / DIGESTS_NAME).is_file()]
-    others.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+    others = [path.parent for path in root.glob(f"*/{DIGESTS_NAME}") if path.parent.name != name]
+    others.sort(key=lambda path: path.stat().st_mtime)
     folder = root / name
     if not folder.is_dir():
-        _fill(folder, digests, others)
+        _fill(folder, digests, others[-1] if others else None)
     os.utime(folder)
-    for path in [path for path in others if path != folder][KEPT_FOLDERS - 1 :]:
+    for path in others[:-1]:  # on the last one another session may still run
         shutil.rmtree(path, ignore_errors=True)
     return folder
 
@@ -60,52 +57,34 @@ def closure_digests(sources: Path) -> dict[str, str]:
     """
     packages = [path.parent.name for path in sources.glob("*/__init__.py")]
     graph = grimp.build_graph(*packages, cache_dir=None)
-    texts: dict[str, str] = {}
-    names: dict[str, str] = {}
-    for path in sorted(sources.rglob("*.py")):
-        parts = path.relative_to(sources).with_suffix("").parts
-        module = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-        texts[module] = path.read_text(encoding="utf-8")
-        if COMPILER in texts[module]:
-            names[module] = path.relative_to(sources).as_posix()
-    closures = {module: {module, *graph.find_upstream_modules(module)} for module in names}
-    return {
-        name: _digest(texts[one] for one in sorted(closures[module]))
-        for module, name in names.items()
-    }
+    names = {path.relative_to(sources).as_posix(): path for path in sorted(sources.rglob("*.py"))}
+    modules = {name[:-3].removesuffix("/__init__").replace("/", "."): name for name in names}
+    texts = {one: names[name].read_text(encoding="utf-8") for one, name in modules.items()}
+    kernels = {name: one for one, name in modules.items() if COMPILER in texts[one]}
+    closures = {name: {one, *graph.find_upstream_modules(one)} for name, one in kernels.items()}
+    return {name: _digest(texts[one] for one in sorted(all_)) for name, all_ in closures.items()}
 
 
-def _fill(folder: Path, digests: Mapping[str, str], former: Iterable[Path]) -> None:
-    """Make a cache folder with what former ones hold of unchanged files; all at once."""
+def _fill(folder: Path, digests: Mapping[str, str], former: Path | None) -> None:
+    """Make a cache folder with what the former one holds of unchanged files; all at once."""
     draft = Path(tempfile.mkdtemp(dir=folder.parent))
-    taken: set[tuple[str, str]] = set()
-    for other in former:
-        known = json.loads((other / DIGESTS_NAME).read_text(encoding="utf-8"))
-        changed = {_cache_key(Path(name)) for name in known if known[name] != digests.get(name)}
-        entries = {entry: _entry_key(entry) for entry in other.glob("*/*.nb?")}
-        for entry, key in entries.items():
-            if key not in changed and key not in taken:
-                (draft / entry.parent.name).mkdir(exist_ok=True)
-                shutil.copy2(entry, draft / entry.parent.name)
-        taken |= {*entries.values()} - changed
+    if former is not None:
+        known = json.loads((former / DIGESTS_NAME).read_text(encoding="utf-8"))
+        changed = {Path(name) for name in known if known[name] != digests.get(name)}
+        # Numba names an entry ``folder_HASH/file.name-...``. Files of equal names are dropped
+        # together, which costs time, not truth.
+        stale = [f"{path.parent.name}_*/{path.stem}.*" for path in changed]
+        gone = {entry for pattern in stale for entry in former.glob(pattern)}
+
+        def dropped(place: str, names: list[str]) -> set[str]:
+            return {name for name in names if Path(place) / name in gone}
+
+        shutil.copytree(former, draft, ignore=dropped, dirs_exist_ok=True)
     (draft / DIGESTS_NAME).write_text(json.dumps(digests, indent=1), encoding="utf-8")
     try:
         draft.rename(folder)
     except OSError:  # another session was faster
         shutil.rmtree(draft, ignore_errors=True)
-
-
-def _entry_key(entry: Path) -> tuple[str, str]:
-    """Return the key of the file that an entry was compiled from: ``folder_HASH/file.name-...``."""
-    return entry.parent.name.rpartition("_")[0], entry.name.split(".")[0]
-
-
-def _cache_key(source: Path) -> tuple[str, str]:
-    """Return what Numba names a file's entries after: its folder's name and its own.
-
-    Files of equal key are dropped together, which costs time, not truth.
-    """
-    return source.parent.name, source.stem
 
 
 def _digest(words: Iterable[str]) -> str:

@@ -1,4 +1,8 @@
-"""Code of the documentation runs, links and pictures are there, and every verb is described."""
+"""Code of the documentation runs, links and pictures are there, sentences are short.
+
+The pages of the command line and of Python are made from help texts and docstrings, so these are
+checked as well.
+"""
 
 import json
 import re
@@ -13,13 +17,14 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 import spikingtac as st
 from spikingtac.cli.main import _parsed, function_of, verbs
 from spikingtac.robot import Watchdog, WatchdogConfig, WatchdogThread
 from spikingtac.touch import SkinConfig, fit_force, synthetic_series
+from stand_ins.known import known
+from stand_ins.live import frame_of
 from stand_ins.programs import program
 from stand_ins.tracks import circling_tracks
 
@@ -38,11 +43,7 @@ def blocks() -> Iterator[tuple[str, str]]:
 
 def calibration_of(source: st.SceneSource) -> st.Calibration:
     """Return what a calibration of the scene would find."""
-    places, radii = np.asarray(source.reference_px), np.asarray(source.radius_px)
-    steps = {"step_on": 0.14, "step_off": 0.14}
-    return st.Calibration(
-        reference_px=places, radius_px=radii, grid=(8, 8), size=source.size, **steps
-    )
+    return known(source.reference_px, source.radius_px, step=0.14)
 
 
 @pytest.fixture(scope="module")
@@ -69,16 +70,9 @@ def test_code_runs(code: str, beside: Path) -> None:
 
 
 def test_links_lead_somewhere() -> None:
-    broken = []
-    for page in PAGES:
-        targets = LINK.findall(page.read_text(encoding="utf-8"))
-        local = [target for target in targets if "://" not in target]
-        broken += [
-            f"{page.relative_to(PROJECT)}: {target}"
-            for target in local
-            if not (page.parent / target).exists()
-        ]
-    assert broken == []
+    found = [(page, to) for page in PAGES for to in LINK.findall(page.read_text(encoding="utf-8"))]
+    local = [(page, to) for page, to in found if "://" not in to]
+    assert [(page, to) for page, to in local if not (page.parent / to).exists()] == []
 
 
 def test_the_paper_s_map_names_what_exists() -> None:
@@ -140,11 +134,8 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
     (folder / "day_tracks").mkdir()
     (folder / "day_tracks" / "results.csv").write_text("source,displacement_max_px\na.raw,2.5\n")
     windows = [(window,) for window in st.windows(source, period_us=1_000)]
-    rest = np.asarray(own.reference_px)
-    frames = [
-        st.MarkerFrame(t, rest, rest, rest * 0, np.zeros(len(rest), bool), np.ones(len(rest)))
-        for t in range(0, 600_000, 1_000)
-    ]
+    rest = own.reference_px
+    frames = [frame_of(t_us, rest, 0.0 * rest) for t_us in range(0, 600_000, 1_000)]
     arm = SimpleNamespace(stop=lambda: None, confirm_stop=lambda: None)
     names = {"Watchdog": Watchdog, "WatchdogConfig": WatchdogConfig, "time": time, "arm": arm}
     names |= {"WatchdogThread": WatchdogThread, "st": st, "calibration": own, "frame": frames[-1]}
@@ -193,3 +184,41 @@ def test_every_picture_has_a_command_that_exists_with_its_options() -> None:
             assert first in verbs(), command
             # A bare verb is a mention, no command.
             assert not rest or _parsed(function_of(first)[1], first, rest) is not None
+
+
+MOST_WORDS = 30
+
+# Former private words: hysteresis of pixels, leak, direction of motion, observation.
+RETIRED = re.compile(
+    r"\b(eas(?:ed|ing) outlines?|backlash|ground returns?|turn votes?|desk|sightings?|custody)\b",
+    re.I,
+)
+NO_PROSE = re.compile(r"^```.*?^```|^ {4,}\S[^\n]*$|^#[^\n]*$", re.S | re.M)
+NEW_ITEM = re.compile(r"\n(?=\s*(?:[-*]|\d+\.) )")
+END = re.compile(r"(?<=[.!?;])\s+(?=[A-Z`*\[(\d])|(?<=:)\s+(?=[A-Z`])")
+
+
+def sentences(text: str) -> Iterator[str]:
+    """Yield the sentences of a page in Markdown: of its paragraphs, list items and cells."""
+    for block in re.split(r"\n\s*\n", NO_PROSE.sub("", text)):
+        if block.lstrip().startswith("|"):
+            # Cells hold lists, whose items semicolons separate.
+            pieces = [item for row in block.splitlines() for item in re.split(r" \| |; ", row)]
+        else:
+            pieces = NEW_ITEM.split(block)
+        for piece in pieces:
+            plain = re.sub(r"`[^`]*`", "CODE", re.sub(r"\]\([^)]*\)", "]", piece))
+            yield from END.split(" ".join(plain.split()))
+
+
+def words(sentence: str) -> int:
+    return len([word for word in sentence.split() if re.search(r"\w", word)])
+
+
+@pytest.mark.parametrize(
+    "page", [*PAGES, PROJECT / "CHANGELOG.md"], ids=lambda page: str(page.relative_to(PROJECT))
+)
+def test_sentences_are_short_and_words_are_the_fields(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert [line for line in sentences(text) if words(line) > MOST_WORDS] == []
+    assert [hit.group() for hit in RETIRED.finditer(text)] == []

@@ -1,4 +1,8 @@
-"""What an import loads, and who may import what."""
+"""What an import loads, who may import what, and that no modules or folders import in a circle.
+
+An import counts wherever it stands: at a module's head, inside a function, or under
+``TYPE_CHECKING``. A circle that is broken by a late import is a circle to its reader.
+"""
 
 import ast
 import importlib
@@ -6,16 +10,20 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Mapping
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from types import ModuleType
 
+import grimp
 import pytest
 
 import spikingtac
 from stand_ins.source_trees import FILES, SOURCES, tree_of
 
 PROJECT = Path(__file__).resolve().parents[2]
-HEAVY = ("numba", "scipy", "matplotlib", "torch", "onnxruntime", "onnx", "h5py", "websockets")
+HEAVY = {"numba", "scipy", "matplotlib", "torch", "onnxruntime", "onnx", "h5py", "websockets"}
 
 # Modules of the package that ``--help`` may load. It takes 0.1 s, nearly all of it Python's own
 # start; a time would measure what else the machine does, the modules are what it consists of.
@@ -33,17 +41,6 @@ def modules_after(statement: str) -> set[str]:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
     )
     return set(done.stdout.rpartition("loaded:")[2].split())
-
-
-def loaded_after(statement: str) -> set[str]:
-    """The same, without what is below the packages."""
-    return {name.split(".")[0] for name in modules_after(statement)}
-
-
-def test_importing_the_package_loads_nothing_heavy() -> None:
-    loaded = loaded_after("import spikingtac")
-    assert "spikingtac" in loaded
-    assert not loaded & {*HEAVY, "numpy"}
 
 
 def test_every_public_name_resolves_and_no_other() -> None:
@@ -67,9 +64,8 @@ def test_import_and_help_load_the_standard_library_and_little_else(statement: st
 
 
 def test_a_subpackage_alone_loads_nothing_heavy() -> None:
-    packages = ("events", "denoise", "markers", "contact", "robot", "sim")
-    loaded = {name: loaded_after(f"import spikingtac.{name}") & set(HEAVY) for name in packages}
-    assert {name: heavy for name, heavy in loaded.items() if heavy} == {}
+    for package in ("events", "denoise", "markers", "contact", "robot", "sim"):
+        assert not modules_after(f"import spikingtac.{package}") & HEAVY, package
 
 
 def test_viewing_a_recording_loads_nothing_of_the_gel() -> None:
@@ -80,13 +76,10 @@ def test_viewing_a_recording_loads_nothing_of_the_gel() -> None:
 
 
 def test_import_contracts() -> None:
+    command = [Path(sys.executable).with_name("lint-imports"), "--no-cache"]
+    environment = {**os.environ, "NO_COLOR": "1"}
     done = subprocess.run(
-        [Path(sys.executable).with_name("lint-imports"), "--no-cache"],
-        cwd=PROJECT,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        env={**os.environ, "NO_COLOR": "1"},
+        command, cwd=PROJECT, capture_output=True, text=True, timeout=120, env=environment
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "0 broken" in done.stdout
@@ -109,3 +102,42 @@ def test_every_public_name_of_a_room_is_there(room: str) -> None:
     named = [getattr(module, name) for name in module.__all__]
     assert named
     assert not any(isinstance(found, ModuleType) for found in named)
+
+
+Graph = dict[str, set[str]]
+FOLDERS = sorted(path.parent for path in FILES if path.name == "__init__.py")
+PACKAGES = [".".join(path.relative_to(SOURCES).parts) for path in FOLDERS]
+
+
+@cache
+def module_graph() -> Graph:
+    """Return module -> modules that it imports; the package's list of public names is left out."""
+    roots = [name for name in PACKAGES if "." not in name]
+    graph = grimp.build_graph(*roots, cache_dir=None)
+    found = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
+    return {name: targets - {name} for name, targets in found.items()} | {"spikingtac": set()}
+
+
+def circle_in(graph: Mapping[str, set[str]]) -> list[str]:
+    """Return the modules of one circle, each imported by the next; empty if there is none."""
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
+
+
+def test_no_module_imports_itself_by_a_detour() -> None:
+    assert circle_in(module_graph()) == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_two_folders_of_a_package_import_each_other(package: str) -> None:
+    depth = package.count(".") + 2
+    inside = (name for name in PACKAGES if name.startswith(f"{package}."))
+    graph: Graph = {name: set() for name in inside if name.count(".") < depth}
+    for module, targets in module_graph().items():
+        here, *there = (".".join(name.split(".")[:depth]) for name in (module, *targets))
+        if here in graph:
+            graph[here] |= graph.keys() & {*there} - {here}
+    assert circle_in(graph) == []

@@ -1,6 +1,5 @@
 """What users get: the packages, what they need, and what no tracked file may hold."""
 
-import ast
 import email.parser
 import re
 import subprocess
@@ -10,9 +9,8 @@ import tomllib
 import zipfile
 from pathlib import Path
 
+import grimp
 import pytest
-
-from stand_ins.source_trees import FILES, tree_of
 
 PROJECT = Path(__file__).resolve().parents[2]
 PROJECT_TABLE = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -124,14 +122,10 @@ BY_NAME_ONLY = {
 
 def imported() -> set[str]:
     """Return the distributions that the package imports, wherever the import stands."""
-    names: set[str] = set()
-    for path in FILES:
-        for node in ast.walk(tree_of(path)):
-            if isinstance(node, ast.Import):
-                names |= {alias.name.split(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-                names.add(node.module.split(".")[0])
-    foreign = names - set(sys.stdlib_module_names) - set(PACKAGES.split(","))
+    packages = PACKAGES.split(",")
+    graph = grimp.build_graph(*packages, include_external_packages=True, cache_dir=None)
+    names = {name for name in graph.modules if graph.is_module_squashed(name)}
+    foreign = names - sys.stdlib_module_names
     return {DISTRIBUTIONS.get(name, name) for name in foreign}
 
 
@@ -166,19 +160,19 @@ SECRETS = r"BEGIN [A-Z ]*PRIVATE KE[Y]"
 FORBIDDEN = re.compile("|".join((INDEX_HOSTS, MACHINE_PATHS, SECRETS)))
 
 
+@pytest.fixture(scope="module")
 def tracked_files() -> list[Path]:
-    listed = subprocess.run(
-        ["git", "ls-files", "-z"], cwd=PROJECT, capture_output=True, text=True, timeout=60
-    )
+    command = ["git", "ls-files", "-z"]
+    listed = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=60)
     if listed.returncode != 0:
         pytest.skip("not a git checkout: which files are tracked cannot be known")
     files = (PROJECT / name for name in listed.stdout.split("\0") if name)
     return [path for path in files if path.is_file()]
 
 
-def test_no_index_host_no_machine_path_no_key() -> None:
+def test_no_index_host_no_machine_path_no_key(tracked_files: list[Path]) -> None:
     found = []
-    for path in tracked_files():
+    for path in tracked_files:
         try:
             text = path.read_text(encoding="utf-8")
         except UnicodeDecodeError:
@@ -187,6 +181,6 @@ def test_no_index_host_no_machine_path_no_key() -> None:
     assert found == []
 
 
-def test_tracked_files_are_small() -> None:
+def test_tracked_files_are_small(tracked_files: list[Path]) -> None:
     limit = 2 * 1024 * 1024
-    assert [str(path) for path in tracked_files() if path.stat().st_size > limit] == []
+    assert [str(path) for path in tracked_files if path.stat().st_size > limit] == []

@@ -41,11 +41,12 @@ class Workplace:
 
 def twin() -> Iterator[Workplace]:
     arm = UR3Twin(np.array([100.0, 200.0, 300.0]), np.random.default_rng(1))
-    clock = {"us": 0}
+    now_us = 0
 
     def wait_s(duration_s: float) -> None:
-        clock["us"] += round(duration_s * 1e6)
-        arm.advance_to(clock["us"])
+        nonlocal now_us
+        now_us += round(duration_s * 1e6)
+        arm.advance_to(now_us)
 
     wait_s(0.1)
     yield Workplace(arm, wait_s)
@@ -68,9 +69,7 @@ def place(request: pytest.FixtureRequest) -> Iterator[Workplace]:
     yield from request.param()
 
 
-def test_it_moves_in_a_straight_line_to_its_target_and_keeps_its_rotation(
-    place: Workplace,
-) -> None:
+def test_it_moves_in_a_straight_line_to_its_target_and_keeps_its_rotation(place: Workplace) -> None:
     start = place.arm.pose()
     target = start.position_mm + np.array([30.0, -40.0, 0.0])
     place.arm.move_linear(target, 50.0)

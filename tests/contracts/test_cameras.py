@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.errors import CameraLostError, ConfigError
-from spikingtac.events.address import Address
+from spikingtac.errors import CameraLostError, ConfigError, RecordingError
+from spikingtac.events.address import Address, is_address
 from spikingtac.events.camera import Camera, open_camera
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.formats.packing import ColumnCheck
+from spikingtac.events.open import open_events
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import COUNTERPARTS, Counterpart, events
 
@@ -107,6 +108,8 @@ def test_unknown_options_are_refused_with_the_nearest(wired: Counterpart) -> Non
         ("udp:0?encoding=evt4", "did you mean 'evt"),
         ("udp:0?size=320", "WIDTHxHEIGHT"),
         ("udp:0?size", "name=value"),
+        ("udp:0?size=1x1&size=2x2", "name=value"),
+        ("udp:0?=1", "name=value"),
         ("udp:0?seconds=-1", "number from"),
         ("udp:0?encoding=evt3&order=big", "EVT2.1"),
         ("openmv:/dev/ttyACM0?words=3000", "power of two"),
@@ -119,3 +122,23 @@ def test_wrong_addresses_say_what_is_valid(text: str, told: str) -> None:
     with pytest.raises(Exception, match=told) as caught:
         CameraSource(Address.parse(text), ReadOptions())
     assert caught.type.__module__ == "spikingtac.errors"
+
+
+def test_an_address_is_taken_apart_and_put_together() -> None:
+    text = "udp:7777?encoding=evt2&size=320x320"
+    address = Address.parse(text)
+    assert (address.kind, address.target) == ("udp", "7777")
+    assert address.size("size") == (320, 320)
+    assert str(address) == text
+    assert Address.parse("nd:").target == ""
+
+
+def test_files_are_no_addresses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for text in ("events.raw", "C:\\data\\a.raw", "-", "https://host/a.raw", "a"):
+        assert not is_address(text)
+    with pytest.raises(RecordingError, match="there is no file"):
+        open_events("https://example.org/a.raw")
+    monkeypatch.chdir(tmp_path)
+    assert is_address("udp:7777")
+    Path("udp:7777").write_bytes(b"")
+    assert not is_address("udp:7777")

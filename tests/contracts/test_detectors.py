@@ -21,6 +21,11 @@ NAMES = sorted(detectors())
 TOUCH = 500  # Window in which the markers begin to move.
 
 
+@pytest.fixture(params=NAMES)
+def name(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
 def push(window: int) -> tuple[float, float]:
     return (0.03, 0.01) if TOUCH <= window < TOUCH + 40 else (0.0, 0.0)
 
@@ -48,7 +53,6 @@ def found(detector: ContactDetector, stream: tuple[Window, ...]) -> list[Contact
     return [contact for window in stream if (contact := detector.update(window)) is not None]
 
 
-@pytest.mark.parametrize("name", NAMES)
 def test_a_contact_is_told_once_at_the_end_of_its_window(name: str) -> None:
     detector = build(name)
     assert isinstance(detector, ContactDetector)
@@ -60,19 +64,16 @@ def test_a_contact_is_told_once_at_the_end_of_its_window(name: str) -> None:
     assert detector.in_contact
 
 
-@pytest.mark.parametrize("name", NAMES)
 def test_noise_is_no_contact(name: str) -> None:
     assert found(build(name), tuple(windows(4000, seed=3))) == []
 
 
-@pytest.mark.parametrize("name", NAMES)
 def test_silence_is_data_and_no_contact(name: str) -> None:
     detector = build(name)
     silence = tuple(EventPacket.empty(1000 * k, 1000 * (k + 1), SIZE) for k in range(600))
     assert found(detector, silence) == []
 
 
-@pytest.mark.parametrize("name", NAMES)
 def test_reset_forgets_the_windows_and_keeps_the_calibration(name: str) -> None:
     detector = build(name)
     first = found(detector, touched())
@@ -81,7 +82,6 @@ def test_reset_forgets_the_windows_and_keeps_the_calibration(name: str) -> None:
     assert found(detector, touched()) == first
 
 
-@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("length_us", [137, 999, 5003, 1_000_000])
 def test_any_cutting_into_packets_gives_the_same_contacts(name: str, length_us: int) -> None:
     whole = EventPacket.concatenate(list(touched()))
@@ -93,7 +93,6 @@ def test_any_cutting_into_packets_gives_the_same_contacts(name: str, length_us: 
     assert found(build(name), stream) == found(build(name), touched())
 
 
-@pytest.mark.parametrize("name", NAMES)
 def test_two_sensors_make_one_decision(name: str) -> None:
     pairs = tuple(zip(quiet(), windows(3000, seed=4), strict=True))
     detector = make_detector(name, DetectionConfig(), [calibration()] * 2, pairs)
@@ -102,7 +101,6 @@ def test_two_sensors_make_one_decision(name: str) -> None:
     assert TOUCH * PERIOD_US < contact.t_us <= (TOUCH + 4) * PERIOD_US
 
 
-@pytest.mark.parametrize("name", NAMES)
 def test_a_tighter_budget_raises_the_threshold(name: str) -> None:
     thresholds = []
     for budget in (100.0, 1.0):
@@ -112,13 +110,11 @@ def test_a_tighter_budget_raises_the_threshold(name: str) -> None:
     assert thresholds[0] < thresholds[1]
 
 
-@pytest.mark.parametrize("name", NAMES)
 def test_too_few_quiet_windows_are_refused(name: str) -> None:
     with pytest.raises(CalibrationError, match=r"50 quiet windows are too few.*moving arm"):
         make_detector(name, DetectionConfig(), [calibration()], islice(quiet(), 50))
 
 
-@pytest.mark.parametrize("name", NAMES)
 def test_the_summary_tells_the_rule_and_the_quiet_windows(name: str) -> None:
     detector = build(name)
     summary = detector.summary()

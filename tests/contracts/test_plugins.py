@@ -1,9 +1,9 @@
 """Parts of another package are found by name, and cannot replace this package's own."""
 
+from configparser import ConfigParser
 from itertools import islice
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import spikingtac as st
@@ -12,35 +12,17 @@ from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.errors import ConfigError, FormatError
 from spikingtac_paper.trials.methods import main_methods
 from stand_ins.moving_rims import calibration, windows
+from stand_ins.random_packets import packet_at
 
-MODULE = '''
-import numpy as np
-
+MODULE = """
 from spikingtac.contact.registry import EventCountDetector
-from spikingtac.events.formats.arrays import ArraySource
 from spikingtac.events.create import NpzWriter
-from spikingtac.types import MarkerFrame
-
-
-class StillTracker:
-    """Says that no marker ever moves."""
-
-    def __init__(self, calibration):
-        self._reference_px = calibration.reference_px
-
-    def absorb(self, packet):
-        pass
-
-    def estimate(self, t_us):
-        rest_px, none = self._reference_px, np.zeros(len(self._reference_px))
-        return MarkerFrame(t_us, rest_px, rest_px, np.zeros_like(rest_px), none > 0, none)
-
-    def reset(self):
-        pass
+from spikingtac.events.formats.arrays import ArraySource
+from stand_ins.live import MovedBy
 
 
 def build_tracker(config, calibration, law):
-    return StillTracker(calibration)
+    return MovedBy(calibration.reference_px)
 
 
 def build_detector(config, calibrations, quiet):
@@ -48,10 +30,8 @@ def build_detector(config, calibrations, quiet):
 
 
 class MineSource(ArraySource):
-    """Reads .mine files."""
-
     format = "MINE"
-'''
+"""
 
 # Group -> name -> object.
 POINTS = {
@@ -74,10 +54,10 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     info.mkdir()
     metadata = "Metadata-Version: 2.1\nName: my-parts\nVersion: 1.2\n"
     (info / "METADATA").write_text(metadata, encoding="utf-8")
-    lines: list[str] = []
-    for group, entries in POINTS.items():
-        lines += [f"[{group}]", *(f"{name} = {value}" for name, value in entries.items())]
-    (info / "entry_points.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    points = ConfigParser()
+    points.read_dict(POINTS)
+    with (info / "entry_points.txt").open("w", encoding="utf-8") as file:
+        points.write(file)
     monkeypatch.syspath_prepend(tmp_path)
     return tmp_path
 
@@ -90,9 +70,8 @@ def test_an_experiment_compares_a_tracker() -> None:
 
 
 def test_a_format_is_written_and_read(package: Path) -> None:
-    t_us, place = np.arange(5, dtype=np.int64), np.full(5, 3, np.uint16)
     with st.create_events(package / "a.mine", (70, 40)) as writer:
-        writer.write(st.EventPacket(place, place, t_us % 2 == 0, t_us, 0, 5, (70, 40)))
+        writer.write(packet_at(range(5), (0, 5), (70, 40)))
     # Written as NPZ, whose signature picks the reader before the ending does.
     assert sum(len(part) for part in st.open_events(package / "a.mine")) == 5
     (package / "b.mine").write_bytes(b"something else")

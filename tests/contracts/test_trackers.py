@@ -13,14 +13,11 @@ from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac_paper.trials.methods import main_methods
 from stand_ins.ideal_events import ideal_events
+from stand_ins.known import known
+from stand_ins.moving_rims import GRID, RADIUS_PX, SIZE
 from stand_ins.random_packets import packet_of
 
-SIZE = (130, 130)
-RADIUS_PX = 7.0
 PERIOD_US = 10_000
-GRID = np.array(
-    [[28.0 + 37.0 * column, 28.0 + 37.0 * row] for row in range(3) for column in range(3)]
-)
 LAST_US = 300_000
 
 # Also what other packages register: install one, and it runs through this suite.
@@ -31,17 +28,14 @@ METHODS = tuple(main_methods())
 ORDER_PX = {"default": 0.18, "fast": 0.18}
 
 
+@pytest.fixture(params=METHODS)
+def name(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
 def calibration(order: np.ndarray | None = None) -> Calibration:
     reference = GRID if order is None else GRID[order]
-    return Calibration(
-        reference_px=reference,
-        radius_px=np.full(len(reference), RADIUS_PX),
-        grid=(3, 3),
-        size=SIZE,
-        contrast=6.0,
-        step_on=0.13,
-        step_off=0.13,
-    )
+    return known(reference, RADIUS_PX, SIZE, step=0.13, contrast=6.0)
 
 
 def path() -> np.ndarray:
@@ -89,7 +83,6 @@ def reference_run(name: str) -> list[MarkerFrame]:
     return frames(main_methods()[name].build(calibration()), events())
 
 
-@pytest.mark.parametrize("name", METHODS)
 def test_shapes_and_types(name: str) -> None:
     for frame in reference_run(name):
         assert frame.detected_px.shape == frame.position_px.shape == (9, 2)
@@ -118,7 +111,6 @@ def test_the_strong_regularizer_holds_the_dots_back() -> None:
     assert (reach[0] < reach[1]).all()
 
 
-@pytest.mark.parametrize("name", METHODS)
 def test_any_cutting_of_the_stream_gives_the_same(name: str) -> None:
     rng = np.random.default_rng(11)
     run = frames(main_methods()[name].build(calibration()), events(), rng)
@@ -128,7 +120,6 @@ def test_any_cutting_of_the_stream_gives_the_same(name: str) -> None:
         np.testing.assert_array_equal(frame.coasted, expected.coasted)
 
 
-@pytest.mark.parametrize("name", METHODS)
 def test_markers_may_come_in_any_order(name: str) -> None:
     order = np.random.default_rng(12).permutation(9)
     run = frames(main_methods()[name].build(calibration(order)), events())
@@ -136,7 +127,6 @@ def test_markers_may_come_in_any_order(name: str) -> None:
     np.testing.assert_allclose(detected(run), expected, atol=ORDER_PX.get(name, 1e-3), rtol=0.0)
 
 
-@pytest.mark.parametrize("name", METHODS)
 def test_reset_forgets_everything(name: str) -> None:
     tracker = main_methods()[name].build(calibration())
     frames(tracker, events())
@@ -146,13 +136,11 @@ def test_reset_forgets_everything(name: str) -> None:
     )
 
 
-@pytest.mark.parametrize("name", METHODS)
 def test_nothing_happens_without_events(name: str) -> None:
     run = frames(main_methods()[name].build(calibration()), EventPacket.empty(0, LAST_US, SIZE))
     assert np.linalg.norm(detected(run) - GRID, axis=2).max() < 0.3
 
 
-@pytest.mark.parametrize("name", METHODS)
 def test_what_is_given_out_belongs_to_the_caller(name: str) -> None:
     tracker = main_methods()[name].build(calibration())
     packet = events()
@@ -168,7 +156,6 @@ def test_what_is_given_out_belongs_to_the_caller(name: str) -> None:
     assert np.isfinite(tracker.estimate(2 * PERIOD_US + 1).position_px).all()
 
 
-@pytest.mark.parametrize("name", METHODS)
 def test_events_of_known_hot_pixels_tell_nothing(name: str) -> None:
     packet = events()
     row, column = int(GRID[4, 1]), int(GRID[4, 0] + RADIUS_PX)
@@ -201,7 +188,6 @@ def test_a_marker_that_ekalibr_does_not_see_is_held() -> None:
     assert not all(frame.coasted[0] for frame in run)
 
 
-@pytest.mark.parametrize("name", METHODS)
 def test_what_does_not_fit_the_sensor_is_refused(name: str) -> None:
     """Kernels index by coordinates: an event beyond the map once ended the process."""
     tracker = main_methods()[name].build(calibration())

@@ -11,6 +11,7 @@ import pytest
 
 from spikingtac.batch.worker_pool import ATTEMPTS, worker_pool
 from spikingtac.errors import DeviceError
+from stand_ins.waiting import wait_until
 
 pytestmark = pytest.mark.waits
 
@@ -55,7 +56,7 @@ def test_what_is_given_up_ends_at_once() -> None:
         raise KeyboardInterrupt
     assert later.cancelled()
     assert time.monotonic() - begun_s < 60
-    assert gone(pid)
+    wait_until(lambda: gone(pid))
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
@@ -68,16 +69,12 @@ def test_no_worker_outlives_its_parent(tmp_path: Path, how: signal.Signals) -> N
     parent.send_signal(how)
     parent.wait(timeout=30)
     parent.stdout.close()
-    assert gone(worker), f"worker {worker} goes on"
+    wait_until(lambda: gone(worker))
 
 
 def gone(pid: int) -> bool:
-    """Return whether a process ends within half a minute."""
-    deadline = time.monotonic() + 30
-    while time.monotonic() < deadline:
-        try:
-            os.kill(pid, 0)
-        except ProcessLookupError:
-            return True
-        time.sleep(0.05)
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
     return False

@@ -1,13 +1,11 @@
 """Calibration from an empty map: slides of many sensors, the verb, a foreign recording."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.main import main
 from spikingtac.errors import CalibrationError
 from spikingtac.events.open import open_events
 from spikingtac.events.source import PacketSource
@@ -15,12 +13,11 @@ from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrat
 from spikingtac.sim.render import simulate
 from spikingtac.types import EventPacket
 from stand_ins.ideal_events import ideal_events
+from stand_ins.random_packets import packet_of
 from stand_ins.small_twin import slides_scene
+from stand_ins.verbs import Verbs
 
 REST_US, SLIDE_STEPS, STEP_US, AMPLITUDE_PX = 150_000, 24, 6_000, 16.0
-
-# A corner of v2e's recording with sixteen of its 64 markers: a quarter of the time.
-CORNER_PX = 160
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
@@ -32,24 +29,18 @@ def markers(rows: int, columns: int, size: tuple[int, int], pitch_px: float) -> 
 
 
 def slides_of(
-    still_px: np.ndarray,
-    radius_px: float,
-    size: tuple[int, int],
-    moved: np.ndarray | None = None,
+    still_px: np.ndarray, radius_px: float, size: tuple[int, int], moved: np.ndarray | float = 1.0
 ) -> EventPacket:
     """Events of four slides to and fro, with rests before, between and after."""
-    share = np.ones(len(still_px)) if moved is None else moved
+    share = np.broadcast_to(moved, len(still_px))
     ways = np.array(DIRECTIONS)[:, np.newaxis] * share[:, np.newaxis]
     return trips_of(still_px, radius_px, size, AMPLITUDE_PX * ways)
 
 
 def trips_of(
-    still_px: np.ndarray,
-    radius_px: float,
-    size: tuple[int, int],
-    ways_px: np.ndarray,
+    still_px: np.ndarray, radius_px: float, size: tuple[int, int], ways_px: np.ndarray,
     rest_us: int = REST_US,
-) -> EventPacket:
+) -> EventPacket:  # fmt: skip
     """Events of trips ``(trips, m, 2)`` to and fro, with rests before, between and after."""
     trip = np.sin(np.linspace(0, np.pi, SLIDE_STEPS)) ** 2
     path = (trip[:, np.newaxis, np.newaxis] * ways_px[:, np.newaxis]).reshape(-1, len(still_px), 2)
@@ -60,16 +51,20 @@ def trips_of(
     return EventPacket(events.x, events.y, events.p, events.t + rests * rest_us, 0, end_us, size)
 
 
+def joined(events: EventPacket, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> EventPacket:
+    """Put more events, of either polarity, among those of a packet."""
+    p = np.random.default_rng(2).random(len(t)) < 0.5
+    mixed = [np.append(*pair) for pair in zip((events.t, events.x, events.y, events.p),
+                                              (t, x, y, p), strict=True)]  # fmt: skip
+    order = np.argsort(mixed[0], kind="stable")
+    return packet_of(*(part[order] for part in mixed), events.size, (0, events.t_end_us))
+
+
 def with_noise(events: EventPacket, rate_hz: float) -> EventPacket:
     rng = np.random.default_rng(1)
-    width, height = events.size
-    count = rng.poisson(rate_hz * width * height * events.t_end_us / 1e6)
-    t = np.concatenate([events.t, rng.integers(0, events.t_end_us, count)])
-    order = np.argsort(t, kind="stable")
-    x = np.concatenate([events.x, rng.integers(0, width, count).astype(np.uint16)])[order]
-    y = np.concatenate([events.y, rng.integers(0, height, count).astype(np.uint16)])[order]
-    p = np.concatenate([events.p, rng.random(count) < 0.5])[order]
-    return EventPacket(x, y, p, t[order], 0, events.t_end_us, events.size)
+    count = rng.poisson(rate_hz * np.prod(events.size) * events.t_end_us / 1e6)
+    t, x, y = (rng.integers(0, below, count) for below in (events.t_end_us, *events.size))
+    return joined(events, t, x, y)
 
 
 def errors_px(calibration: Calibration, truth_px: np.ndarray) -> np.ndarray:
@@ -146,16 +141,9 @@ def pressed_discs(
 
 
 def with_hot_pixels(events: EventPacket, hot_px: list[list[int]], rate_hz: int) -> EventPacket:
-    rng = np.random.default_rng(3)
     count = rate_hz * events.t_end_us // 1_000_000
-    t = np.concatenate([events.t, rng.integers(0, events.t_end_us, count * len(hot_px))])
-    order = np.argsort(t, kind="stable")
-    x, y = (
-        np.concatenate([old, np.repeat(np.array(new, np.uint16), count)])[order]
-        for old, new in zip((events.x, events.y), zip(*hot_px, strict=True), strict=True)
-    )
-    p = np.concatenate([events.p, rng.random(count * len(hot_px)) < 0.5])[order]
-    return EventPacket(x, y, p, t[order], 0, events.t_end_us, events.size)
+    t = np.random.default_rng(3).integers(0, events.t_end_us, count * len(hot_px))
+    return joined(events, t, *np.repeat(hot_px, count, axis=0).T)
 
 
 def test_large_discs_that_presses_move_by_less_than_their_radius() -> None:
@@ -192,9 +180,8 @@ def test_a_haze_of_noise_hides_no_markers() -> None:
 def test_packets_do_not_matter() -> None:
     size = (120, 80)
     events = slides_of(markers(2, 3, size, 36.0), 6.0, size)
-    cut = [0, 1, 777, len(events) // 2, len(events)]
-    edges = [0, *(int(events.t[index]) for index in cut[1:-1]), events.t_end_us]
-    parts = [events.part(cut[i], cut[i + 1], edges[i], edges[i + 1]) for i in range(len(cut) - 1)]
+    first, rest = events.split(99_999)
+    parts = [first, *rest.split(700_001)]
     whole = calibrate(PacketSource([events], size), estimate_lag=None)
     again = calibrate(PacketSource(parts, size), estimate_lag=None)
     np.testing.assert_array_equal(whole.reference_px, again.reference_px)
@@ -203,8 +190,7 @@ def test_packets_do_not_matter() -> None:
 def test_a_marker_that_never_moves_is_expected_from_the_others() -> None:
     size = (150, 150)
     truth_px = markers(3, 3, size, 37.0)
-    share = np.ones(9)
-    share[4] = 0.0  # no event shows it
+    share = np.arange(9) != 4  # no event shows the fifth
     source = PacketSource([slides_of(truth_px, 7.0, size, share)], size)
     found = calibrate(source, estimate_lag=None)
     assert found.marker_measured is not None
@@ -231,32 +217,31 @@ def test_what_is_no_grid_is_refused_with_the_reason() -> None:
         calibrate(PacketSource([rising], size))
 
 
-def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def saved(events: EventPacket, folder: Path) -> list[object]:
+    """Write events as a file of arrays, and return the verb that calibrates from it."""
+    columns = {name: getattr(events, name) for name in "txyp"}
+    np.savez(folder / "slides.npz", size=np.array(events.size), **columns)
+    return ["calibrate", folder / "slides.npz", "-o", folder / "c.json"]
+
+
+def test_the_verb(tmp_path: Path, verbs: Verbs) -> None:
     size = (120, 80)
     truth_px = markers(2, 3, size, 36.0)
-    events = slides_of(truth_px, 6.0, size)
-    columns = {"t": events.t, "x": events.x, "y": events.y, "p": events.p}
-    np.savez(tmp_path / "slides.npz", size=np.array(size), **columns)
-    output, picture = tmp_path / "c.json", tmp_path / "c.png"
-    words = ["calibrate", str(tmp_path / "slides.npz"), "-o", str(output), "--pitch-mm", "2.4"]
-    assert main([*words, "--json", "--plot", str(picture)]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert (said["grid"], said["markers"]) == ([2, 3], 6)
-    assert picture.stat().st_size > 1000
-    assert errors_px(Calibration.load(output), truth_px).mean() < 0.10
-    assert main([*words, "--overwrite"]) == 0
-    out = capsys.readouterr().out
-    assert "unloaded rests" in out
-    assert "6 of 6 markers measured" in out
-    assert main([*words, "--overwrite", "--grid", "2*3"]) == 2
-    assert "8x8 or 7x10" in capsys.readouterr().err
-    assert main([*words, "--overwrite", "--grid", "3x3", "--allow-missing", "0"]) == 1
-    assert "3 of 9 markers" in capsys.readouterr().err
+    words = [*saved(slides_of(truth_px, 6.0, size), tmp_path), "--pitch-mm", 2.4]
+    told = verbs.told(*words, "--plot", tmp_path / "c.png")
+    assert (told["grid"], told["markers"]) == ([2, 3], 6)
+    assert (tmp_path / "c.png").stat().st_size > 1000
+    assert errors_px(Calibration.load(tmp_path / "c.json"), truth_px).mean() < 0.10
+    words.append("--overwrite")
+    said = verbs.said(*words)
+    assert "unloaded rests" in said
+    assert "6 of 6 markers measured" in said
+    assert "8x8 or 7x10" in verbs.said(*words, "--grid", "2*3", code=2)
+    too_many = verbs.said(*words, "--grid", "3x3", "--allow-missing", 0, code=1)
+    assert "3 of 9 markers" in too_many
 
 
-def test_the_verb_learns_the_lens_of_a_flat_grid(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_verb_learns_the_lens_of_a_flat_grid(tmp_path: Path, verbs: Verbs) -> None:
     size, radial = (200, 160), -0.2
     half_px, middle = np.hypot(*size) / 2, (np.array(size) - 1) / 2
     row, column = np.divmod(np.arange(20), 5)
@@ -264,11 +249,8 @@ def test_the_verb_learns_the_lens_of_a_flat_grid(
     far = np.hypot(*even.T)[:, None]  # solved for s: u = s / (1 + k s^2)
     still_px = even * (1 - np.sqrt(1 - 4 * radial * far**2)) / (2 * radial * far**2)
     events = slides_of(still_px * half_px + middle, 6.0, size)
-    columns = {"t": events.t, "x": events.x, "y": events.y, "p": events.p}
-    np.savez(tmp_path / "slides.npz", size=np.array(size), **columns)
-    words = ["calibrate", str(tmp_path / "slides.npz"), "-o", str(tmp_path / "c.json"), "--lens"]
-    assert main([*words, "--pitch-mm", "2.4", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    words = [*saved(events, tmp_path), "--lens"]
+    said = verbs.told(*words, "--pitch-mm", 2.4)
     assert said["no_lens"] is None
     assert said["lens"]["radial"] == pytest.approx(radial, abs=4 * said["lens"]["radial_sigma"])
     lens = Calibration.load(tmp_path / "c.json").lens
@@ -276,5 +258,4 @@ def test_the_verb_learns_the_lens_of_a_flat_grid(
     skin_mm = lens.to_mm(still_px * half_px + middle)
     expected_mm = np.column_stack([column - 2.0, row - 1.5]) * 2.4
     np.testing.assert_allclose(skin_mm, expected_mm, atol=0.02)
-    assert main([*words, "--overwrite"]) == 2
-    assert "give pitch_mm" in capsys.readouterr().err
+    assert "give pitch_mm" in verbs.said(*words, "--overwrite", code=2)

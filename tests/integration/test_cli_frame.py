@@ -11,22 +11,17 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli import main as frame
-from spikingtac.cli.main import function_of, main, verbs
+from spikingtac.cli.main import function_of, main
+from spikingtac.cli.main import verbs as all_verbs
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
 from stand_ins.tracks import circling_tracks
+from stand_ins.verbs import Verbs
 from stand_ins.viewer import record_circling
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
 
 # Names of the arguments that say where something is written.
 WRITTEN = {"output", "picture", "target", "export"}
-
-
-def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
-    code = main([str(argument) for argument in arguments])
-    shown = capsys.readouterr()
-    assert "Traceback" not in shown.err
-    return code, " ".join((shown.out + shown.err).split())
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +40,7 @@ def test_the_command_lists_every_verb_and_ends_quietly_without_a_reader() -> Non
     pipe = subprocess.PIPE
     done = subprocess.run([COMMAND, "--help"], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0
-    assert all(f"\n  {verb} " in done.stdout for verb in verbs())
+    assert all(f"\n  {verb} " in done.stdout for verb in all_verbs())
     with subprocess.Popen([COMMAND, "--help"], stdout=pipe, stderr=pipe) as process:
         assert process.stdout is not None
         assert process.stderr is not None
@@ -68,11 +63,9 @@ def test_the_command_lists_every_verb_and_ends_quietly_without_a_reader() -> Non
     ],
 )
 def test_errors_become_exit_codes(
-    error: BaseException,
-    code: int,
-    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException, code: int, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:
+) -> None:  # fmt: skip
     def fail(arguments: list[str]) -> int:
         raise error
 
@@ -90,12 +83,9 @@ def test_errors_become_exit_codes(
     assert "Traceback" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("verb", verbs())
-def test_help_shows_no_none_and_verbs_that_write_take_overwrite(
-    verb: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, text = said(capsys, verb, "--help")
-    assert code == 0
+@pytest.mark.parametrize("verb", all_verbs())
+def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs: Verbs) -> None:
+    text = " ".join(verbs.said(verb, "--help").split())
     for nothing in ("{None", "(default: None)", "(default: False)", "(default: )"):
         assert nothing not in text.replace("│ │ ", "")
     assert "usage: spikingtac" in text
@@ -127,17 +117,15 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(
     ],
 )
 def test_what_is_typed_wrong_is_told_in_words(
-    words: tuple[str, ...], told: str, capsys: pytest.CaptureFixture[str], tmp_path: Path,
+    words: tuple[str, ...], told: str, verbs: Verbs, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    assert main([*words, "--json"]) == 2
-    shown = capsys.readouterr()
-    document = json.loads(shown.out)
+    document = verbs.told(*words, code=2)
     assert (document["exit_code"], document["kind"]) == (2, "ConfigError")
     assert told in document["error"]
     assert "class" not in document["error"]
-    assert shown.err.startswith("spikingtac: error: ")
+    assert verbs.err.startswith("spikingtac: error: ")
     assert not list(tmp_path.iterdir())
 
 
@@ -154,41 +142,37 @@ def test_what_is_typed_wrong_is_told_in_words(
     ],
 )
 def test_what_a_file_is_instead_is_told(
-    words: tuple[str, ...], told: str, made: Path, capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    words: tuple[str, ...], told: str, made: Path, verbs: Verbs, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(made)
-    code, text = said(capsys, *words, *(("-o", "new.npz") if words[0] == "track" else ()))
-    assert code == 1
-    assert told in text
+    output = ("-o", "new.npz") if words[0] == "track" else ()
+    assert told in verbs.said(*words, *output, code=1)
 
 
 def test_what_is_no_recording_is_not_blamed_for_a_missing_calibration(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, verbs: Verbs
 ) -> None:
     (tmp_path / "words.txt").write_text("dear diary\n")
     (tmp_path / "folder").mkdir()
     (tmp_path / "noise.raw").write_bytes(np.random.default_rng(0).bytes(30_000))
     for path in tmp_path.iterdir():
-        code, text = said(capsys, "view", path, "--headless")
-        assert code == 1
-        assert "calibration" not in text
+        assert "calibration" not in verbs.said("view", path, "--headless", code=1)
 
 
-def test_figures_stand_with_their_units(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    _, text = said(capsys, "info", made / "circling")
+def test_figures_stand_with_their_units(made: Path, verbs: Verbs) -> None:
+    text = " ".join(verbs.said("info", made / "circling").split())
     for unit in (" %", " us", "million events/s", "duration"):
         assert unit in text
     for key in ("on_fraction", "rate_mev", "rate ev s", "duration_s"):
         assert key not in text
-    text = said(capsys, "info", made / "tracks.npz")[1]
+    text = " ".join(verbs.said("info", made / "tracks.npz").split())
     assert "never observed 9" in text
     assert "scale not known" in text
 
 
 @pytest.mark.parametrize("verb", ["convert", "calibrate", "track"])
 def test_a_file_is_replaced_only_when_asked(
-    verb: str, made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    verb: str, made: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
     output, recording = tmp_path / "out.npz", made / "circling"
     output.write_bytes(b"mine")
@@ -198,11 +182,9 @@ def test_a_file_is_replaced_only_when_asked(
         recording = tmp_path / "still.npz"
     given = [verb, recording, *(() if verb == "convert" else ("-o",)), output]
     given += ["--calibration", made / "finger.json"] if verb == "track" else []
-    code, text = said(capsys, *given)
-    assert code == 2
-    assert "--overwrite" in text
+    assert "--overwrite" in verbs.said(*given, code=2)
     assert output.read_bytes() == b"mine"
-    code = main([*map(str, given), "--overwrite"])
     fails = verb == "calibrate"  # one event: what was there stays
-    assert (code, output.read_bytes() == b"mine") == ((1, True) if fails else (0, False))
+    verbs.said(*given, "--overwrite", code=int(fails))
+    assert (output.read_bytes() == b"mine") == fails
     assert not list(tmp_path.glob(".*"))

@@ -12,20 +12,8 @@ from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.robot.approacher import ApproachConfig
 from spikingtac.robot.approacher import approach as closed_loop
 from spikingtac_paper.collision import experiment
-from spikingtac_paper.collision.approach import (
-    BEYOND_MM,
-    ApproachRun,
-    approach,
-    prepare,
-    stop_at,
-)
-from spikingtac_paper.collision.experiment import (
-    METHODS,
-    QUICK,
-    CollisionJob,
-    plan,
-    run_job,
-)
+from spikingtac_paper.collision.approach import BEYOND_MM, ApproachRun, approach, prepare, stop_at
+from spikingtac_paper.collision.experiment import METHODS, QUICK, CollisionJob, plan, run_job
 from spikingtac_paper.collision.scene import DIRECTION, SETTLE_WINDOWS, CollisionScene
 from spikingtac_paper.harness.run import RunOptions
 

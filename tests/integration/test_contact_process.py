@@ -1,8 +1,8 @@
 """The contact path in its own process: contact, and whatever can fail, stops the arm."""
 
-import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,15 +26,13 @@ from stand_ins.guarded import (
 )
 from stand_ins.moving_rims import PERIOD_US
 from stand_ins.ur_controller import EVERYTHING, WATCHDOG, URController
+from stand_ins.waiting import PATIENCE_S, SLACK_S, wait_until
 
 pytestmark = pytest.mark.waits
 
-# What a loaded machine may add to a stated time; 0.3 holds on an idle one.
-SLACK_S = float(os.environ.get("SPIKINGTAC_SLACK_S", "5"))
 
 # Far above the 40 ms that a robot is given, so that a busy machine's pauses are no silence.
 STALE_S = 2.0
-PATIENCE_S = 90.0
 
 # A busy machine may let the controller's own watchdog end the first start: the guard refuses.
 STARTS = 6
@@ -105,30 +103,23 @@ def test_windows_that_waited_before_the_watch_are_not_lag_and_later_ones_are(
     notes: Path, slow: tuple[int, int], trips: bool
 ) -> None:
     """The first question is the last thing before the watch; a guard tripped at once for 3.6 s."""
-    arguments = {"notes": str(notes), "slow": slow}
     config = WatchdogConfig(stale_s=60.0, backlog_s=SLOW_S / 2.0)
-    arm = partial(SlowArm, **arguments)
-    process = ContactProcess(paced, watching({}), arm, config)
-    try:
+    arm = partial(SlowArm, notes=str(notes), slow=slow)
+    with closing(ContactProcess(paced, watching({}), arm, config)) as process:
         status = wait(process, "ready", "tripped", "ended", "failed")
         assert status["phase"] == "ready", status
-        until_s = time.monotonic() + (PATIENCE_S if trips else 2.0 * SLOW_S)
-        while not tripped(process) and time.monotonic() < until_s:
-            time.sleep(0.005)
+        if trips:
+            wait_until(lambda: tripped(process))
+        else:
+            time.sleep(2.0 * SLOW_S)
         assert tripped(process) == trips, process.status()
         assert process.status()["health"] == ("overload" if trips else "ok")
-    finally:
-        process.close()
 
 
 def test_a_failure_is_told_however_long_its_text_is(notes: Path) -> None:
     arm = partial(NotingArm, notes=str(notes))
-    source = paced
-    process = ContactProcess(source, long_failure, arm, CALM)
-    try:
+    with closing(ContactProcess(paced, long_failure, arm, CALM)) as process:
         status = wait(process, "failed")
-    finally:
-        process.close()
     assert status["reason"].startswith("ValueError: \u00e9\u00e9\u00e9")
     assert status["reason"].endswith("(cut)")
 
@@ -150,27 +141,19 @@ def test_a_stream_that_ends_or_breaks_stops_the_arm(
 
 
 @pytest.fixture
-def controller() -> Iterator[URController]:
-    pytest.importorskip("rtde_control", reason="the extra [robot] is not installed")
-    with URController() as fake:
-        yield fake
-
-
-@pytest.fixture
 def moving(controller: URController) -> Iterator[Any]:
     """Return what starts a guard whose arm, behind the real driver, moves at 40 mm/s."""
     made: list[ContactProcess] = []
 
     def start(**stream: Any) -> ContactProcess:
-        arguments = {"host": controller.host, "speed_mm_s": 40.0}
-        arm = partial(moving_ur, **arguments)
+        arm = partial(moving_ur, host=controller.host, speed_mm_s=40.0)
         source = partial(paced, **stream)
         status: dict[str, Any] = {}
         for _ in range(STARTS):
             made.append(ContactProcess(source, watching(stream), arm, CALM))
             status = wait(made[-1], "ready", "tripped", "ended", "failed")
             if status["phase"] == "ready":
-                until(lambda: controller.twin.speed_mm_s()[0] > 30.0 or tripped(made[-1]))
+                wait_until(lambda: controller.twin.speed_mm_s()[0] > 30.0 or tripped(made[-1]))
                 if not tripped(made[-1]):
                     return made[-1]
                 status = made[-1].status()
@@ -185,14 +168,6 @@ def moving(controller: URController) -> Iterator[Any]:
 
 def tripped(process: ContactProcess) -> bool:
     return process.status().get("phase") != "ready"
-
-
-def until(done: Callable[[], bool]) -> float:
-    start_s = time.monotonic()
-    while not done():
-        assert time.monotonic() - start_s < PATIENCE_S
-        time.sleep(0.002)
-    return time.monotonic() - start_s
 
 
 def still(controller: URController) -> bool:
@@ -249,7 +224,7 @@ def test_the_robot_stops_when_the_contact_process_dies(
 ) -> None:
     process = moving()
     process.kill()
-    assert until(lambda: still(controller)) < 0.1 + 0.05 + SLACK_S
+    assert wait_until(lambda: still(controller)) < 0.1 + 0.05 + SLACK_S
 
 
 def test_a_lost_controller_is_told(moving: Any, controller: URController) -> None:

@@ -1,17 +1,15 @@
 """``spikingtac contact`` on simulated recordings, whose contacts are known, and on v2e's."""
 
-import json
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.main import main
 from spikingtac.sim.catalog import load_scene
 from spikingtac.sim.render import simulate
+from stand_ins.known import known
+from stand_ins.verbs import Verbs
 
 
 @pytest.fixture(scope="module")
@@ -26,24 +24,14 @@ def calibrated(presses: Path, tmp_path: Path) -> Path:
     folder = tmp_path / "recording"
     shutil.copytree(presses, folder)
     with np.load(folder / "truth.npz") as truth:
-        reference, radius = truth["reference_px"], truth["radius_px"]
-    Calibration(reference_px=reference, radius_px=radius, grid=(8, 8), size=(320, 320)).save(
-        folder / "calibration.json"
-    )
+        known(truth["reference_px"], truth["radius_px"]).save(folder / "calibration.json")
     return folder
 
 
-def asked(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
-    assert main(["contact", *map(str, arguments), "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
-def test_the_default_detector_finds_the_touch_and_its_end(
-    calibrated: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_default_detector_finds_the_touch_and_its_end(calibrated: Path, verbs: Verbs) -> None:
     with np.load(calibrated / "truth.npz") as truth:
         touched = truth["contact_t_us"][np.abs(truth["force_n"][:, 2]) > 1e-6]
-    found = asked(capsys, calibrated)
+    found = verbs.told("contact", calibrated)
     assert found["detector"] == "default"
     (contact,) = found["contacts"]
     assert 0 < contact["t_us"] - touched[0] < 100_000
@@ -56,22 +44,19 @@ def test_the_default_detector_finds_the_touch_and_its_end(
 
 
 def test_without_a_calibration_events_are_counted_and_it_is_said(
-    presses: Path, capsys: pytest.CaptureFixture[str]
+    presses: Path, verbs: Verbs
 ) -> None:
-    assert asked(capsys, presses)["detector"] == "event_count"
-    assert main(["contact", str(presses)]) == 0
-    shown = capsys.readouterr()
-    assert "no calibration was given or found" in shown.err
-    assert "event_count" in shown.out
+    assert verbs.told("contact", presses)["detector"] == "event_count"
+    assert "event_count" in verbs.said("contact", presses)
+    assert "no calibration was given or found" in verbs.err
 
 
-def test_a_quiet_recording_of_its_own(
-    calibrated: Path, data_dir: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = asked(capsys, calibrated, "--quiet", calibrated, "--budget", 5)
+def test_a_quiet_recording_of_its_own(calibrated: Path, data_dir: Path, verbs: Verbs) -> None:
+    found = verbs.told("contact", calibrated, "--quiet", calibrated, "--budget", 5)
     assert found["quiet"]["source"] == "recording"
     assert found["budget_per_hour"] == 5.0
-    v2e = asked(capsys, data_dir / "v2e" / "mix.raw", "--quiet", data_dir / "v2e" / "quiet.raw")
+    quiet = "--quiet", data_dir / "v2e" / "quiet.raw"
+    v2e = verbs.told("contact", data_dir / "v2e" / "mix.raw", *quiet)
     assert v2e["quiet"]["seconds"] > 2.0
     with np.load(data_dir / "v2e" / "mix.truth.npz") as truth:
         moved = np.abs(truth["marker_px"] - truth["reference_px"]).max(axis=(1, 2)) > 1.0
@@ -89,11 +74,6 @@ def test_a_quiet_recording_of_its_own(
     ],
 )
 def test_refusals(
-    presses: Path,
-    arguments: list[str],
-    code: int,
-    message: str,
-    capsys: pytest.CaptureFixture[str],
+    presses: Path, arguments: list[str], code: int, message: str, verbs: Verbs
 ) -> None:
-    assert main(["contact", str(presses), *arguments]) == code
-    assert message in capsys.readouterr().err
+    assert message in verbs.said("contact", presses, *arguments, code=code)

@@ -46,10 +46,7 @@ def smaller_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_an_example_says_what_it_promises(
-    name: str,
-    promise: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    name: str, promise: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run(name, monkeypatch)
     assert promise in capsys.readouterr().out

@@ -5,7 +5,7 @@ without mass, so that only the touch moves the markers.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,16 +32,14 @@ def rod_without_mass() -> Iterator[None]:
     probe.step_matrices.cache_clear()
 
 
-@dataclass(frozen=True, kw_only=True)
 class SilentFinger(FingerConfig):
-    """A finger without background, and without leak unless told."""
-
-    leak: bool
+    """A finger without background, and without leak unless its pixels had time to rest."""
 
     @property
     def camera_config(self) -> CameraConfig:
         whole = super().camera_config
-        pixel = whole.pixel if self.leak else replace(whole.pixel, leak_hz=0.0)
+        rested = self.history == "rested"
+        pixel = whole.pixel if rested else replace(whole.pixel, leak_hz=0.0)
         return replace(whole, background=BackgroundConfig(), pixel=pixel)
 
 
@@ -67,9 +65,9 @@ def travel_mm(
     direction: tuple[float, ...] = LATERAL, history: str = "fresh", seed: int = 1
 ) -> tuple[float, float]:
     """Return the arm's travel from the touch to the 20th and the 100th event, mm."""
-    way, rested = np.array(direction), history == "rested"
-    known: Any = "rested" if rested else "fresh"
-    finger = SensingFinger(SilentFinger(leak=rested, history=known, serial=seed), seed)
+    way = np.array(direction)
+    known: Any = "fresh" if history == "released" else history
+    finger = SensingFinger(SilentFinger(history=known, serial=seed), seed)
     wall, rng = PlaneWall(way * (0.375 + FREE_MM), -way), np.random.default_rng(seed)
     rig = Rig(RigConfig(vibration_mm=0.0), wall, finger, np.zeros(3), rng)
     if history == "released":

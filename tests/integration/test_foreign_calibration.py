@@ -3,18 +3,17 @@
 import json
 import shutil
 from pathlib import Path
-from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.main import main
 from spikingtac.sim.catalog import load_scene
 from spikingtac.sim.render import simulate
 from spikingtac.viewer.opening import open_view
 from spikingtac.viewer.session import Session
+from stand_ins.known import known
+from stand_ins.verbs import Verbs
 
 
 @pytest.fixture(scope="module")
@@ -40,50 +39,38 @@ def saved(recording: Path, path: Path, moved_px: float) -> Path:
         reference_px, radius_px = truth["reference_px"], truth["radius_px"]
     reference_px = reference_px + np.random.default_rng(3).normal(0, moved_px, reference_px.shape)
     # With steps: `track` learns those of a file that has none, which takes longer than all else.
-    Calibration(
-        reference_px=reference_px, radius_px=radius_px, grid=(8, 8), size=(320, 320),
-        step_on=0.14, step_off=0.14, contrast=6.0,
-    ).save(path)  # fmt: skip
+    known(reference_px, radius_px, step=0.14, contrast=6.0).save(path)
     return path
 
 
 @pytest.mark.parametrize("verb", ["track", "contact", "touch"])
 def test_it_is_told_and_strict_refuses_it_but_not_the_own_one(
-    verb: str,
-    slides: Path,
-    own: Path,
-    foreign: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    verb: str, slides: Path, own: Path, foreign: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
-    given, more = [verb, str(slides), "--calibration"], ["--json"]
+    given: list[object] = [verb, slides]
     if verb == "track":
-        more += ["-o", str(tmp_path / "tracks.npz"), "--overwrite"]
-    assert main([*given, str(foreign), *more[1:]]) == 0
-    assert "warning: the recording does not fit the calibration" in capsys.readouterr().err
-    assert main([*given, str(foreign), *more[1:], "--strict"]) == 1
-    assert "calibrate this sensor: spikingtac calibrate" in capsys.readouterr().err
+        given += ["-o", tmp_path / "tracks.npz", "--overwrite"]
+    warned = verbs.said(*given, "--calibration", foreign)
+    assert "warning: the recording does not fit the calibration" in warned
+    refused = verbs.said(*given, "--calibration", foreign, "--strict", code=1)
+    assert "calibrate this sensor: spikingtac calibrate" in refused
     for calibration, misfits in ((foreign, True), (own, False)):
         strict = [] if misfits else ["--strict"]
-        assert main([*given, str(calibration), *more, *strict]) == 0
-        said = capsys.readouterr()
-        found: dict[str, Any] = json.loads(said.out)
+        found = verbs.told(*given, "--calibration", calibration, *strict)
         if verb == "track":
             with np.load(tmp_path / "tracks.npz") as tracks:
                 meta = json.loads(str(tracks["meta"]))
             assert meta["calibration_misfit"] == found["calibration_misfit"]
         if verb != "touch":
             assert (found["calibration_misfit"] is not None) == misfits
-        assert misfits or "does not fit" not in said.err
+        assert misfits or "does not fit" not in verbs.err
 
 
 def test_recordings_are_checked_against_a_calibration(
-    slides: Path, own: Path, foreign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    slides: Path, own: Path, foreign: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
-    assert main(["calibrate", str(slides), "--check", str(own)]) == 0
-    assert "fits own.json" in capsys.readouterr().err
-    assert main(["calibrate", str(slides), "--check", str(foreign), "--json"]) == 1
-    found = json.loads(capsys.readouterr().out)
+    assert "fits own.json" in verbs.said("calibrate", slides, "--check", own)
+    found = verbs.told("calibrate", slides, "--check", foreign, code=1)
     assert not found["fits"]
     assert found["contradiction"] > found["limit"]
     day = tmp_path / "day"
@@ -91,14 +78,12 @@ def test_recordings_are_checked_against_a_calibration(
     for name in ("a", "b"):
         shutil.copytree(slides, day / name)
     (day / "bad.raw").write_bytes(b"junk")
-    line = ["calibrate", str(day), "--check", str(foreign), "--workers", "1", "--json"]
-    assert main([*line, "-o", str(tmp_path / "checked")]) == 1
-    many = json.loads(capsys.readouterr().out)
+    line = ["calibrate", day, "--workers", 1]
+    many = verbs.told(*line, "--check", foreign, "-o", tmp_path / "checked", code=1)
     assert (many["done"], many["failed"]) == (2, 1)
     assert [row.get("fits") for row in many["rows"]] == [None, 0, 0]
     assert json.loads((tmp_path / "checked" / "a.json").read_text())["words"].startswith("the rec")
-    assert main(["calibrate", str(day), "--workers", "1"]) == 2
-    assert "--check" in capsys.readouterr().err
+    assert "--check" in verbs.said(*line, code=2)
 
 
 def test_the_page_says_it(slides: Path, foreign: Path, own: Path) -> None:

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.events.windows import windows
 from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.markers.registry import make_tracker
+from spikingtac.pipeline.follow import follow
 from spikingtac_paper.denoise import render
 from spikingtac_paper.training.dataset import with_background
+from stand_ins.known import known
 
 NOISE_HZ = 5.0
 DURATION_S = 3.0
-PERIOD_US = 2_857  # 350 Hz, the paper's rate
+RATE_HZ = 350.0  # The paper's.
 
 
 @pytest.fixture(scope="module")
@@ -23,17 +23,9 @@ def recording():
 
 def errors_px(recording, config) -> tuple[np.ndarray, np.ndarray]:
     events = with_background(recording.events, NOISE_HZ, np.random.default_rng(0))
-    calibration = Calibration(
-        reference_px=recording.truth.reference_px,
-        radius_px=recording.truth.radius_px,
-        grid=(8, 8),
-        size=events.size,
-    )
-    tracker = make_tracker(config.tracking, calibration)
-    frames = []
-    for window in windows([events], PERIOD_US):
-        tracker.absorb(window)
-        frames.append(tracker.estimate(window.t_end_us))
+    truth = recording.truth
+    tracker = make_tracker(config.tracking, known(truth.reference_px, truth.radius_px))
+    frames = list(follow([events], tracker, RATE_HZ))
     true_px = recording.true_px(np.array([frame.t_us for frame in frames]))
     detected_px = np.array([frame.detected_px for frame in frames])
     held = np.array([frame.coasted for frame in frames])

@@ -2,21 +2,23 @@
 
 import csv
 import hashlib
-import json
 import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from spikingtac.cli.main import main
-from spikingtac.events import create_events, open_events
+from spikingtac.events import open_events
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import save_events
 from stand_ins.small_twin import calibration, touches
+from stand_ins.verbs import Verbs
+from stand_ins.waiting import wait_until
 
 COUNT = 4
 PART_US = 300_000
@@ -32,8 +34,7 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number in range(COUNT):
         first_us = whole.t_start_us + number * PART_US
         inside = (whole.t >= first_us) & (whole.t < first_us + PART_US)
-        with create_events(folder / "recordings" / f"{number}.raw", film.size) as writer:
-            writer.write(whole.select(inside))
+        save_events(folder / "recordings" / f"{number}.raw", whole.select(inside))
     (folder / "recordings" / "bad.raw").write_bytes(b"junk")
     calibration().save(folder / "calibration.json")
     return folder
@@ -53,21 +54,16 @@ def one_by_one(day: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
     return digests(folder)
 
 
-def track(day: Path, output: Path, *options: str) -> list[str]:
-    given = ["--calibration", str(day / "calibration.json"), "-o", str(output), *options]
-    return ["track", str(day / "recordings"), *given]
+def track(day: Path, output: Path, *options: object) -> list[object]:
+    given = ["--calibration", day / "calibration.json", "-o", output, *options]
+    return ["track", day / "recordings", *given]
 
 
 def test_many_are_tracked_as_each_would_be(
-    day: Path,
-    one_by_one: dict[str, str],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    request: pytest.FixtureRequest,
+    day: Path, one_by_one: dict[str, str], tmp_path: Path, verbs: Verbs, request: Any
 ) -> None:
-    capsys.readouterr()
-    assert main(track(day, tmp_path / "out", "--workers", "1", "--json")) == 1  # one failed
-    found = json.loads(capsys.readouterr().out)
+    given = track(day, tmp_path / "out", "--workers", 1)
+    found = verbs.told(*given, code=1)  # one failed
     assert (found["recordings"], found["done"], found["failed"]) == (COUNT + 1, COUNT, 1)
     assert Path(found["rows"][0]["source"]).name == "bad.raw"
     assert "names no encoding" in found["rows"][0]["error"]
@@ -76,23 +72,22 @@ def test_many_are_tracked_as_each_would_be(
     assert digests(tmp_path / "out") == one_by_one
     assert not list((tmp_path / "out").glob(".*"))
     request.getfixturevalue("jobs_here")
-    assert main([*track(day, tmp_path / "out", "--workers", "1", "--json"), "--resume"]) == 1
-    assert json.loads(capsys.readouterr().out)["kept"] == COUNT
+    assert verbs.told(*given, "--resume", code=1)["kept"] == COUNT
 
 
 @pytest.mark.usefixtures("jobs_here")
 def test_touches_of_many_tracks_and_events_of_many_files(
-    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    day: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
-    recordings = str(day / "recordings" / "[01].raw")
-    given = ["--calibration", str(day / "calibration.json"), "--workers", "1"]
-    assert main(["touch", recordings, "-o", str(tmp_path / "touches"), *given]) == 0
+    recordings = day / "recordings" / "[01].raw"
+    given = ["--calibration", day / "calibration.json", "--workers", 1]
+    said = verbs.said("touch", recordings, "-o", tmp_path / "touches", *given)
+    assert "2 of 2 recordings done" in said
     with (tmp_path / "touches" / "1.csv").open(newline="") as file:
         assert "begin_us" in next(csv.reader(file))
-    assert "2 of 2 recordings done" in capsys.readouterr().err
-    options = ["--to", "npz", "--workers", "1", "--json"]
-    assert main(["convert", recordings, "-o", str(tmp_path / "npz"), *options]) == 0
-    rows = {Path(r["source"]).stem: r for r in json.loads(capsys.readouterr().out)["rows"]}
+    options = ["-o", tmp_path / "npz", "--to", "npz", "--workers", 1]
+    found = verbs.told("convert", recordings, *options)["rows"]
+    rows = {Path(row["source"]).stem: row for row in found}
     for name in "01":
         before = EventPacket.concatenate(list(open_events(day / "recordings" / f"{name}.raw")))
         after = EventPacket.concatenate(list(open_events(tmp_path / "npz" / f"{name}.npz")))
@@ -103,29 +98,24 @@ def test_touches_of_many_tracks_and_events_of_many_files(
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
 @pytest.mark.usefixtures("jobs_here")  # of what goes on: the interrupted run is a program
 def test_an_interrupted_run_goes_on_where_it_was(
-    day: Path, one_by_one: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    day: Path, one_by_one: dict[str, str], tmp_path: Path, verbs: Verbs
 ) -> None:
     pipe = day / "recordings" / "pipe.raw"
     os.mkfifo(pipe)  # a recording that never comes: the run cannot end by itself
-    given = track(day, tmp_path / "out", "--workers", "1")
-    given[1:2] = [str(day / "recordings" / "0.raw"), str(day / "recordings" / "1.raw"), str(pipe)]
-    command = [sys.executable, "-m", "spikingtac", *given]
+    given = track(day, tmp_path / "out", "--workers", 1)
+    given[1:2] = [day / "recordings" / "0.raw", day / "recordings" / "1.raw", pipe]
+    command = [sys.executable, "-m", "spikingtac", *map(str, given)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    journal, deadline_s = tmp_path / "out" / "journal.jsonl", time.monotonic() + 120
-    while not journal.is_file() or journal.read_bytes().count(b"\n") < 2:
-        assert process.poll() is None, "it ended before its time"
-        assert time.monotonic() < deadline_s
-        time.sleep(0.02)
+    journal = tmp_path / "out" / "journal.jsonl"
+    wait_until(lambda: journal.is_file() and journal.read_bytes().count(b"\n") == 2)
     process.send_signal(signal.SIGINT)
     error = process.communicate(timeout=60)[1].decode()
     pipe.unlink()
     assert process.returncode == 130
     assert "--resume" in error
     assert "Traceback" not in error
-    given[3] = str(day / "recordings" / "2.raw")
-    capsys.readouterr()
-    assert main([*given, "--resume", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["kept"] == 2
+    given[3] = day / "recordings" / "2.raw"
+    assert verbs.told(*given, "--resume")["kept"] == 2
     expected = {name: one_by_one[name] for name in "012"}
     assert digests(tmp_path / "out") == expected
 
@@ -144,13 +134,8 @@ def test_an_interrupted_run_goes_on_where_it_was(
     ],
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_written(
-    arguments: list[str],
-    told: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    arguments: list[str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verbs: Verbs
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(arguments) == 2
-    assert told in capsys.readouterr().err
+    assert told in verbs.said(*arguments, code=2)
     assert not list(tmp_path.iterdir())

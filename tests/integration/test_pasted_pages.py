@@ -54,14 +54,8 @@ def readme_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_the_readme_can_be_pasted(readme_folder: Path) -> None:
     found = {path.name for path in readme_folder.iterdir()}
-    assert {
-        "bootstrap",
-        "left_finger.json",
-        "twist",
-        "tracks.npz",
-        "field.pdf",
-        "twist.mp4",
-    } <= found
+    made = "bootstrap", "left_finger.json", "twist", "tracks.npz", "field.pdf", "twist.mp4"
+    assert {*made} <= found
     # 15.5 px/mm in the middle; the lens leaves 15.0 px/mm on the average over 64 markers.
     assert Tracks.load(readme_folder / "tracks.npz").px_per_mm == pytest.approx(15.4, abs=0.1)
 

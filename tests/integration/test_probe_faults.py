@@ -1,6 +1,5 @@
 """Bad starts and faults of a search: exit code, message, arm at rest, little force, no output."""
 
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import pytest
 import spikingtac as st
 from spikingtac import robot
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.main import main
 from spikingtac.cli.verbs import probe_sites as sites
 from spikingtac.cli.verbs.probe import Args
 from spikingtac.contact.detector import ContactDetector
@@ -19,6 +17,7 @@ from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.sim.rig.hole_site import Grasp, HoleSite
 from spikingtac.sim.rig.walls import HoleWall, NoWall, Wall
 from spikingtac.types import EventPacket
+from stand_ins.verbs import Verbs
 
 FORCE_LIMIT_N = 0.05  # Ten times below what is allowed unless told: 1.25 mm of push.
 QUIET = 150
@@ -58,24 +57,6 @@ class Watched:
         assert self.pulled > 0
         assert self.most_n < FORCE_LIMIT_N
         assert float(np.linalg.norm(self.site.rig.state.force_n)) < FORCE_LIMIT_N
-
-
-def failed(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Path) -> tuple:
-    """Run the verb and return exit code, kind and message; nothing may have been written."""
-    limit = [
-        "--force-limit-n",
-        str(FORCE_LIMIT_N),
-        "--travel-limit-mm",
-        "1.2",
-        "--json",
-        "-o",
-        str(folder / "out"),
-    ]
-    code = main(["probe", *arguments, *limit])
-    told = json.loads(capsys.readouterr().out)
-    assert told["exit_code"] == code
-    assert list((folder / "out").iterdir()) == []
-    return code, told["kind"], told["error"]
 
 
 Fault = Callable[[Iterator[Window], HoleSite], Iterator[Window]]
@@ -122,13 +103,9 @@ def deaf(*built_from: object) -> ContactDetector:
     ids=["the stream ends", "the sensor dies", "the arm stops by itself", "no signal", "no hole"],
 )
 def test_a_fault_of_an_arm(
-    fault: Fault,
-    code: int,
-    message: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-) -> None:
+    fault: Fault, code: int, message: str, monkeypatch: pytest.MonkeyPatch,
+    verbs: Verbs, tmp_path: Path,
+) -> None:  # fmt: skip
     """The twin's arm and finger behind ``--arm``: everything else is the verb's own."""
     watched = Watched()
     watched.site.calibration.save(tmp_path / "finger.json")
@@ -149,9 +126,10 @@ def test_a_fault_of_an_arm(
     monkeypatch.setattr(robot, "URArm", connect)
     if fault is whole:
         monkeypatch.setattr(st, "make_detector", deaf)
-    finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
+    finger = ["--events", "finger.raw", "--calibration", tmp_path / "finger.json"]
     given = ["--arm", "192.0.2.1", *finger, "--rehearsal", "--detector", "event_count"]
-    found = failed(given, capsys, tmp_path)
-    assert found[0] == code, found
-    assert message in found[2]
+    limits = "--force-limit-n", FORCE_LIMIT_N, "--travel-limit-mm", 1.2
+    told = verbs.told("probe", *given, *limits, "-o", tmp_path / "out", code=code)
+    assert list((tmp_path / "out").iterdir()) == []
+    assert message in told["error"]
     watched.require_rest()

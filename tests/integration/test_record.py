@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.cli.main import main
 from spikingtac.errors import CameraLostError, ConfigError
 from spikingtac.events import camera_source
 from spikingtac.events.address import Address
@@ -23,22 +22,17 @@ from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
-from spikingtac.stream.guard_loop import stream_arrivals
+from spikingtac.stream.arrivals import stream_arrivals
 from spikingtac.stream.record import locked_folder, prepare_folder, record
 from spikingtac.stream.recorder import Recorder, Split
 from spikingtac.types import EventPacket
-from stand_ins.camera_counterparts import SIZE, datagrams, events
+from stand_ins.camera_counterparts import SIZE, datagrams, events, free_port
+from stand_ins.verbs import Verbs
+from stand_ins.waiting import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.waits
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
-PATIENCE_S = 120.0  # A cold cache is compiled first.
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def start(folder: Path, port: int, *more: object) -> subprocess.Popen[str]:
@@ -47,10 +41,8 @@ def start(folder: Path, port: int, *more: object) -> subprocess.Popen[str]:
     given = [str(COMMAND), "record", address, "-o", str(folder), "--json", *map(str, more)]
     pipe = subprocess.PIPE
     process = subprocess.Popen(given, stdout=pipe, stderr=pipe, text=True)
-    until_s = time.monotonic() + PATIENCE_S
-    while not (folder / "manifest.json").exists() and time.monotonic() < until_s:
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.02)
+    wait_until(lambda: (folder / "manifest.json").exists() or process.poll() is not None)
+    assert process.poll() is None, process.communicate()
     return process
 
 
@@ -70,24 +62,12 @@ def whole(folder: Path) -> EventPacket:
     return EventPacket.concatenate(list(open_events(folder)))
 
 
-def written(folder: Path) -> int:
-    return sum(path.stat().st_size for path in folder.glob("events*.raw"))
-
-
-def wait_until_written(folder: Path) -> None:
-    """Wait until the files grow no more: 0.1 s, what the recorder promises."""
-    size = -1
-    while (now := written(folder)) != size or not now:
-        size = now
-        time.sleep(0.1)
-
-
 def test_ctrl_c_completes_a_recording_in_parts(tmp_path: Path) -> None:
     folder, port = tmp_path / "rec", free_port()
     process = start(folder, port, "--split", "0.05s")
     sent = bursts(40)
     send(port, sent)
-    wait_until_written(folder)
+    wait_until(lambda: len(whole(folder)) == 80_000)
     process.send_signal(signal.SIGINT)
     out, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, error
@@ -209,36 +189,34 @@ def test_a_slow_disk_loses_nothing_in_silence(
 
 
 def test_a_recording_is_replaced_only_by_a_camera_that_is_there(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, verbs: Verbs
 ) -> None:
     folder = tmp_path / "rec"
     folder.mkdir()
     (folder / "events.raw").write_bytes(b"old")
-    given = ["record", f"pipe:{tmp_path / 'missing'}", "-o", str(folder)]
-    assert main(given) == 2  # refused at once, before the camera is waited for
-    assert "--overwrite" in capsys.readouterr().err
-    assert main([*given, "--overwrite"]) == 3
+    given = "record", f"pipe:{tmp_path / 'missing'}", "-o"
+    told = verbs.said(*given, folder, code=2)  # at once, before the camera is waited for
+    assert "--overwrite" in told
+    verbs.said(*given, folder, "--overwrite", code=3)
     assert (folder / "events.raw").read_bytes() == b"old"
-    assert main([*given[:3], str(tmp_path / "new")]) == 3
+    verbs.said(*given, tmp_path / "new", code=3)
     assert not (tmp_path / "new").exists()
 
 
-def test_what_cannot_be_recorded_says_what_to_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_recorded_says_what_to_do(tmp_path: Path, verbs: Verbs) -> None:
     with pytest.raises(ConfigError, match="60s"):
         Split.parse("often")
     assert Split.parse("2GB").most_bytes == 2e9
-    assert main(["record", str(tmp_path / "a.raw"), "-o", str(tmp_path / "rec")]) == 2
-    assert "no camera" in capsys.readouterr().err
+    told = verbs.said("record", tmp_path / "a.raw", "-o", tmp_path / "rec", code=2)
+    assert "no camera" in told
 
 
-def test_a_second_recorder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_second_recorder_is_refused(tmp_path: Path, verbs: Verbs) -> None:
     folder = tmp_path / "rec"
     with locked_folder(folder, overwrite=False):
         address = f"udp:127.0.0.1:{free_port()}?encoding=evt2"
-        assert main(["record", address, "-o", str(folder), "--overwrite"]) == 3
-    assert "another program records" in capsys.readouterr().err
+        told = verbs.said("record", address, "-o", folder, "--overwrite", code=3)
+    assert "another program records" in told
     assert not folder.exists()
 
 
@@ -252,17 +230,14 @@ def test_standard_input_needs_no_end_of_its_header(ending: bytes, tmp_path: Path
     assert json.loads(done.stdout)["events"] == 2_000
 
 
-def test_info_shows_what_the_manifest_tells(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    recorder = Recorder(tmp_path, SIZE, lambda: {"losses": {"overflow": 7}})
+def test_info_shows_what_the_manifest_tells(tmp_path: Path, verbs: Verbs) -> None:
+    recorder = Recorder(tmp_path, SIZE)
+    recorder.about = {"losses": {"overflow": 7}}
     recorder.write(events(2_000, first_us=1_000))
     recorder.close(2_000)
     path = tmp_path / "manifest.json"
     path.write_text(path.read_text().replace('"events": 2000', '"events": 2001'))
-    assert main(["info", str(tmp_path), "--json"]) == 0
-    said = capsys.readouterr()
-    told = json.loads(said.out)
+    told = verbs.told("info", tmp_path)
     assert (told["events"], told["manifest_events"]) == (2_000, 2_001)
     assert told["recorded_losses"] == {"overflow": 7}
-    assert "the manifest tells 2001 events" in said.err
+    assert "the manifest tells 2001 events" in verbs.err

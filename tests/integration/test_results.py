@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.cli.main import main
 from spikingtac.tracks import Tracks
 from stand_ins.tracks import FIRST_US, circling_tracks
+from stand_ins.verbs import Verbs
 from stand_ins.viewer import positions_px
 
 
@@ -23,14 +23,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
-    assert main([*arguments, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
-def test_plot_writes_a_figure(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_plot_writes_a_figure(folder: Path, verbs: Verbs) -> None:
     for output in ("field.png", "field.svg", "field.pdf"):
-        found = told(capsys, "plot", "one.npz", "--kind", "field", "--at-s", "0.1", "-o", output)
+        found = verbs.told("plot", "one.npz", "--kind", "field", "--at-s", 0.1, "-o", output)
         assert found["output"] == output
         assert found["displacement_max_mm"] > 0.5
         assert (folder / output).stat().st_size > 1_000
@@ -40,22 +35,18 @@ def test_plot_writes_a_figure(folder: Path, capsys: pytest.CaptureFixture[str]) 
         (["--from-s", "1"], "are for animations"),
         (["--kind", "rate"], "is not for tracks"),
     ):
-        assert main(["plot", "one.npz", *given]) == 2
-        assert why in capsys.readouterr().err
+        assert why in verbs.said("plot", "one.npz", *given, code=2)
 
 
-def test_compare_gives_the_error_between_tracks_and_to_a_truth(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = told(capsys, "compare", "one.npz", "other.npz", "--plot", "c.png", "--table", "c.csv")
+def test_compare_gives_the_error_between_tracks_and_to_a_truth(folder: Path, verbs: Verbs) -> None:
+    found = verbs.told("compare", "one.npz", "other.npz", "--plot", "c.png", "--table", "c.csv")
     assert found["difference_mean_px"] == pytest.approx(0.5, abs=1e-3)
     assert found["difference_mean_mm"] == pytest.approx(0.5 / 15.5, abs=1e-4)
     assert (folder / "c.png").is_file()
     assert len((folder / "c.csv").read_text().splitlines()) == 65
     for truth in ("truth.npz", "."):
-        assert told(capsys, "compare", "one.npz", truth)["error_mean_px"] < 1e-3
-    assert main(["compare", "one.npz", "other.npz"]) == 0
-    assert "difference mean " in capsys.readouterr().out
+        assert verbs.told("compare", "one.npz", truth)["error_mean_px"] < 1e-3
+    assert "difference mean " in verbs.said("compare", "one.npz", "other.npz")
 
 
 LENGTHS = (500, 301)
@@ -82,18 +73,17 @@ def rows_at(tracks: Tracks, t_us: np.ndarray) -> np.ndarray:
     return np.array([max(np.flatnonzero(tracks.t_us <= t)) for t in t_us])
 
 
-def export(day: Path, form: str, output: Path, *options: str) -> list[str]:
-    return ["export", str(day), "--to", form, "-o", str(output), *options]
+def export(day: Path, form: str, output: Path, *options: object) -> list[object]:
+    return ["export", day, "--to", form, "-o", output, *options]
 
 
 def test_a_lerobot_data_set_holds_the_tracks_at_its_frames(
-    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    day: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
     pq = pytest.importorskip("pyarrow.parquet", reason="the extra [lerobot] is not installed")
     pandas = pytest.importorskip("pandas", reason="the extra [lerobot] is not installed")
     out = tmp_path / "set"
-    assert main(export(day, "lerobot", out, "--fps", str(FPS), "--task", "twist", "--json")) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = verbs.told(*export(day, "lerobot", out, "--fps", FPS, "--task", "twist"))
     info = json.loads((out / "meta" / "info.json").read_text())
     assert info["codebase_version"] == "v3.0"
     assert (said["total_episodes"], said["total_frames"]) == (2, 20 + 13)
@@ -127,7 +117,7 @@ def test_a_lerobot_data_set_holds_the_tracks_at_its_frames(
 
 
 def test_a_robots_log_is_aligned_in_time_and_never_from_the_future(
-    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    day: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
     pq = pytest.importorskip("pyarrow.parquet", reason="the extra [lerobot] is not installed")
     pytest.importorskip("pandas", reason="the extra [lerobot] is not installed")
@@ -138,9 +128,8 @@ def test_a_robots_log_is_aligned_in_time_and_never_from_the_future(
         logs.append(tmp_path / f"log{number}.npz")
         np.savez(logs[-1], t_us=t_us, state=state, action=state[:, :1])
     out = tmp_path / "set"
-    given = ["--fps", "100", "--json", "--log", *map(str, logs)]
-    assert main(export(day, "lerobot", out, *given)) == 0
-    assert json.loads(capsys.readouterr().out)["largest_age_ms"] < 8.0
+    said = verbs.told(*export(day, "lerobot", out, "--fps", 100, "--log", *logs))
+    assert said["largest_age_ms"] < 8.0
     table = pq.read_table(out / "data" / "chunk-000" / "file-000.parquet")
     state = np.array(table["observation.state"].to_pylist())
     frame_us = 20_000 + np.array(table["frame_index"]) * 10_000
@@ -151,13 +140,10 @@ def test_a_robots_log_is_aligned_in_time_and_never_from_the_future(
     assert table["action"].to_pylist() == state[:, 0].tolist()  # one number is no list
 
 
-def test_a_zarr_store_holds_the_tracks(
-    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_zarr_store_holds_the_tracks(day: Path, tmp_path: Path, verbs: Verbs) -> None:
     zarr = pytest.importorskip("zarr", reason="the extra [zarr] is not installed")
     out = tmp_path / "set.zarr"
-    assert main(export(day, "zarr", out, "--json")) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = verbs.told(*export(day, "zarr", out))
     assert (said["recordings"], said["frames"]) == (2, sum(LENGTHS))
     root = zarr.open_group(str(out), mode="r")
     assert sorted(root) == ["0", "1"]
@@ -171,23 +157,22 @@ def test_a_zarr_store_holds_the_tracks(
 
 
 def test_a_data_set_is_replaced_only_when_asked_and_nothing_else_ever_is(
-    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    day: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
     pytest.importorskip("zarr", reason="the extra [zarr] is not installed")
     out = tmp_path / "set"
-    assert main(export(day, "zarr", out)) == 0
-    assert main(export(day, "zarr", out)) == 2
-    assert "--overwrite" in capsys.readouterr().err
+    verbs.said(*export(day, "zarr", out))
+    assert "--overwrite" in verbs.said(*export(day, "zarr", out), code=2)
     (day / "1.npz").write_bytes(b"PK broken")
     before = sorted(path.name for path in out.iterdir())
-    assert main(export(day, "zarr", out, "--overwrite")) == 1
+    verbs.said(*export(day, "zarr", out, "--overwrite"), code=1)
     assert sorted(path.name for path in out.iterdir()) == before
     (day / "1.npz").unlink()
-    assert main(export(day, "zarr", out, "--overwrite")) == 0
+    verbs.said(*export(day, "zarr", out, "--overwrite"))
     assert not (out / "1").exists()
     other = tmp_path / "other"
     other.mkdir()
     (other / "thesis.txt").write_text("mine")
-    assert main(export(day, "zarr", other, "--overwrite")) == 2
+    verbs.said(*export(day, "zarr", other, "--overwrite"), code=2)
     assert (other / "thesis.txt").read_text() == "mine"
     assert not list(tmp_path.glob(".*"))

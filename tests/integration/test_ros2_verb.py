@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.cli.main import main
 from spikingtac.ros2.stream import FIELD
 from stand_ins import ros2_subscriber
 from stand_ins.tracks import circling_tracks
+from stand_ins.verbs import Verbs
 from stand_ins.viewer import record_circling
 
 pytest.importorskip("cyclonedds", reason="the extra [ros2] is not installed")
@@ -120,34 +120,34 @@ def test_a_late_reader_and_an_interrupt(crowd: Crowd, saved: dict[int, Path]) ->
     assert 0 < said["messages"]["field"] < LONG
 
 
-def test_events_are_tracked_and_published(
-    domain: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    given = ["--calibration", str(record_circling(tmp_path) / "calibration.json")]
+def test_events_are_tracked_and_published(domain: str, tmp_path: Path, verbs: Verbs) -> None:
+    given = ["--calibration", record_circling(tmp_path) / "calibration.json"]
     begun = time.monotonic()
-    assert main(["ros2", str(tmp_path), *given, "--domain", domain, "--json"]) == 0
+    said = verbs.told("ros2", tmp_path, *given, "--domain", domain)
     assert time.monotonic() - begun > 0.59  # at the speed of the recording
-    said = json.loads(capsys.readouterr().out)
     assert said["messages"]["field"] == pytest.approx(600, abs=2)
     assert said["messages"]["events"] == pytest.approx(60, abs=2)
     assert said["messages"]["diagnostics"] == 1
 
 
-def test_mistakes_are_told(saved: dict[int, Path], capsys: pytest.CaptureFixture[str]) -> None:
-    for option, value, told in (
-        ("--domain", "102", "0 to 101"),
-        ("--interface", "no0", "no network interface"),
-        ("--prefix", "/a b", "no name of a topic"),
-        ("--force", "no.json", "no.json"),
-        ("--calibration", "no.json", "no.json"),
-    ):
-        assert main(["ros2", str(saved[FRAMES]), option, value]) in (1, 2)
-        assert told in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("option", "value", "code", "told"),
+    [
+        ("--domain", "102", 2, "0 to 101"),
+        ("--interface", "no0", 2, "no network interface"),
+        ("--prefix", "/a b", 2, "no name of a topic"),
+        ("--force", "no.json", 2, "no.json"),
+        ("--calibration", "no.json", 1, "no.json"),
+    ],
+)
+def test_mistakes_are_told(
+    saved: dict[int, Path], option: str, value: str, code: int, told: str, verbs: Verbs
+) -> None:
+    assert told in verbs.said("ros2", saved[FRAMES], option, value, code=code)
 
 
 def test_the_extra_is_named_where_it_is_missing(
-    saved: dict[int, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    saved: dict[int, Path], monkeypatch: pytest.MonkeyPatch, verbs: Verbs
 ) -> None:
     monkeypatch.setitem(sys.modules, "cyclonedds", None)
-    assert main(["ros2", str(saved[FRAMES])]) == 3
-    assert "spikingtac[ros2]" in capsys.readouterr().err
+    assert "spikingtac[ros2]" in verbs.said("ros2", saved[FRAMES], code=3)

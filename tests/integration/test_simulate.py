@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError
 from spikingtac.schema import build
 from spikingtac.sim import catalog
@@ -119,14 +118,12 @@ def test_what_is_cut_short_leaves_no_half_recording(scene, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_command_lists_scenes_and_writes_a_recording(tmp_path, capsys):
-    assert main(["simulate", "--list"]) == 0
-    lines = [line.split("  ", 1) for line in capsys.readouterr().out.splitlines()]
+def test_the_command_lists_scenes_and_writes_a_recording(tmp_path, verbs):
+    lines = [line.split("  ", 1) for line in verbs.said("simulate", "--list").splitlines()]
     assert [name for name, _ in lines] == list(catalog.scene_names())
     assert all(about.strip() for _, about in lines)
-    arguments = ["quiet", "-o", str(tmp_path / "q"), "--duration-s", "0.1", "--camera", "noisy"]
-    assert main(["simulate", *arguments, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    arguments = "quiet", "-o", tmp_path / "q", "--duration-s", 0.1, "--camera", "noisy"
+    document = verbs.told("simulate", *arguments)
     assert (document["scene"], document["duration_s"]) == ("quiet", 0.1)
     assert document["events"] > 1000  # 1.2 Hz for each of 102,400 pixels
     assert (tmp_path / "q" / "truth.npz").exists()

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import _parsed, function_of, main
 from spikingtac.sim.catalog import load_scene
 from spikingtac.sim.render import simulate
+from stand_ins.known import known
 from stand_ins.pasted import SHOWN
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "README.md"
@@ -38,14 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     simulate(load_scene("finger-presses"), where / "made", seed=1, duration_s=0.8)
     shutil.copy(where / "made" / "events.raw", where / "press.raw")
     with np.load(where / "made" / "truth.npz") as truth:
-        Calibration(
-            reference_px=truth["reference_px"].astype(float),
-            radius_px=truth["radius_px"].astype(float),
-            grid=(8, 8),
-            size=(320, 320),
-            step_on=0.14,
-            step_off=0.14,
-        ).save(where / "finger.json")
+        known(truth["reference_px"], truth["radius_px"], step=0.14).save(where / "finger.json")
     assert main(["track", str(where / "press.raw"), "--calibration", str(where / "finger.json"),
                  "-o", str(where / "press.npz")]) == 0  # fmt: skip
     return where

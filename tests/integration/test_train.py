@@ -23,27 +23,15 @@ widths = [4, 4]
 """
 
 
-def write_recordings(folder: Path) -> list[str]:
-    names = []
-    for seed in range(2):
-        with RecordingWriter(folder / f"disc-{seed}", SIZE) as writer:
-            writer.write(moving_disc(seed).events)
-        names.append(str(folder / f"disc-{seed}"))
-    return names
-
-
-def weights_of(path: Path) -> dict[str, np.ndarray]:
-    from safetensors.numpy import load_file
-
-    return load_file(path / "weights.safetensors")
-
-
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
     """A run of the command over recordings that hold no truth."""
     torch = pytest.importorskip("torch")
     folder = tmp_path_factory.mktemp("train")
-    recordings = write_recordings(folder)
+    recordings = [str(folder / f"disc-{seed}") for seed in range(2)]
+    for seed, name in enumerate(recordings):
+        with RecordingWriter(Path(name), SIZE) as writer:
+            writer.write(moving_disc(seed).events)
     assert not list(folder.rglob("truth.npz"))
     (folder / "tiny.toml").write_text(TINY.format(rounds=4))
     given = ["--config", str(folder / "tiny.toml"), "-o", str(folder / "run"), "--json"]
@@ -69,6 +57,8 @@ def test_the_command_writes_networks_that_run(trained):
 
 def test_the_same_seed_gives_the_same_weights_and_an_interrupted_run_goes_on_to_them(trained):
     torch = pytest.importorskip("torch")
+    from safetensors.numpy import load_file
+
     from spikingtac_paper.training import train as training
     from spikingtac_paper.training.dataset import load_clip, map_after
 
@@ -77,22 +67,19 @@ def test_the_same_seed_gives_the_same_weights_and_an_interrupted_run_goes_on_to_
     start = map_after(load_clip(recordings[0]))
     clips = [load_clip(path, start) for path in recordings]
 
-    class InterruptError(Exception):
-        pass
-
     def stop_half_way(share: float) -> None:
         if share >= 0.5:
-            raise InterruptError
+            raise KeyboardInterrupt
 
     threads = torch.get_num_threads()
     try:
-        with pytest.raises(InterruptError):
+        with pytest.raises(KeyboardInterrupt):
             training.train(clips, [], config, folder / "again", stop_half_way)
         assert len((folder / "again" / "log.jsonl").read_text().splitlines()) == 2
         training.train(clips, [], config, folder / "again")
     finally:
         torch.set_num_threads(threads)
-    one, other = weights_of(folder / "run"), weights_of(folder / "again")
+    one, other = (load_file(folder / run / "weights.safetensors") for run in ("run", "again"))
     assert one.keys() == other.keys()
     for name, value in one.items():
         assert np.allclose(value, other[name], atol=1e-6), name

@@ -1,23 +1,18 @@
 """Two fingers on one time base: recorded, read back, tracked, and aligned by what both felt."""
 
 import itertools
-import json
 import socket
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from spikingtac.cli.main import main
-from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address
 from spikingtac.events.camera_source import CameraSource
-from spikingtac.events.create import create_events
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
@@ -26,6 +21,8 @@ from spikingtac.stream.record import prepare_folder, record
 from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import SIZE, datagrams
+from stand_ins.random_packets import save_events
+from stand_ins.verbs import Verbs
 from stand_ins.viewer import CirclingDots, open_circling
 
 pytestmark = pytest.mark.waits
@@ -42,15 +39,26 @@ def burst(number: int, shift_us: int) -> EventPacket:
     return EventPacket(x, y, x % 2 == 0, t, int(t[0]), int(t[-1]) + 1, SIZE)
 
 
-def send_both(sources: Sequence[CameraSource]) -> None:
-    """Send each burst to both cameras at once, as time passes, on clocks of their own."""
+@pytest.fixture
+def out() -> Iterator[socket.socket]:
+    """One sender: a camera listens to the first that it hears."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
+        yield opened
+
+
+def send(out: socket.socket, number: int, cameras: Sequence[tuple[CameraSource, int]]) -> None:
+    """Send a burst to cameras at once, each on a clock of its own."""
+    for source, shift_us in cameras:
+        for datagram in datagrams(burst(number, shift_us)):
+            out.sendto(datagram, ("127.0.0.1", source.camera.port))  # type: ignore[attr-defined]
+
+
+def send_both(out: socket.socket, sources: Sequence[CameraSource]) -> None:
+    """Send each burst to both cameras as time passes."""
     begun_s = time.monotonic()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-        for number in range(BURSTS):
-            time.sleep(max(begun_s + number * PERIOD_S - time.monotonic(), 0.0))
-            for source, shift_us in zip(sources, (0, LATER_US), strict=True):
-                for datagram in datagrams(burst(number, shift_us)):
-                    out.sendto(datagram, ("127.0.0.1", source.camera.port))  # type: ignore[attr-defined]
+    for number in range(BURSTS):
+        time.sleep(max(begun_s + number * PERIOD_S - time.monotonic(), 0.0))
+        send(out, number, [*zip(sources, (0, LATER_US), strict=True)])
 
 
 def two_cameras(more: str = "") -> list[CameraSource]:
@@ -64,10 +72,12 @@ def burst_times(packets: Sequence[EventPacket]) -> dict[int, int]:
     return {int(x): int(whole.t[whole.x == x][0]) for x in np.unique(whole.x)}
 
 
-def test_two_cameras_are_recorded_on_their_clocks_and_read_on_one(tmp_path: Path) -> None:
+def test_two_cameras_are_recorded_on_their_clocks_and_read_on_one(
+    tmp_path: Path, out: socket.socket
+) -> None:
     sources = two_cameras()
     prepare_folder(tmp_path / "day", overwrite=False)
-    sender = threading.Thread(target=send_both, args=(sources,))
+    sender = threading.Thread(target=send_both, args=(out, sources))
 
     def begun(_: object) -> None:
         """Send once both cameras are read: what waited for its reader would arrive late."""
@@ -89,25 +99,22 @@ def test_two_cameras_are_recorded_on_their_clocks_and_read_on_one(tmp_path: Path
     assert "clock" in " ".join(recording.events(1).notes)
 
 
-def test_a_silent_camera_does_not_hold_the_other_one_back() -> None:
+def test_a_silent_camera_does_not_hold_the_other_one_back(out: socket.socket) -> None:
     sources = two_cameras()
     pair = live_pair(sources, ReadOptions())
 
-    def send() -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-            while not ended.wait(PERIOD_S):
-                number = next(numbers)
-                for source, shift_us in zip(speaking, (LATER_US, 0), strict=False):
-                    for datagram in datagrams(burst(number, shift_us)):
-                        out.sendto(datagram, ("127.0.0.1", source.camera.port))  # type: ignore[attr-defined]
+    def go_on() -> None:
+        for number in itertools.count():
+            if ended.wait(PERIOD_S):
+                return
+            send(out, number, speaking)
 
-    speaking = [sources[1]]
-    ended, numbers = threading.Event(), itertools.count()
-    sender = threading.Thread(target=send)
+    speaking, ended = [(sources[1], LATER_US)], threading.Event()
+    sender = threading.Thread(target=go_on)
     sender.start()
     try:
         first = next(packet for packet in pair[1] if len(packet))
-        speaking.append(sources[0])
+        speaking.append((sources[0], 0))
         begun = next(packet for packet in pair[0] if len(packet))
     finally:
         ended.set()
@@ -123,17 +130,10 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of two sensors that see the same, and their calibrations."""
     made = tmp_path_factory.mktemp("day")
     for name in ("events.raw", "events_1.raw"):
-        with create_events(made / name, SIZE) as writer:
-            for packet in CirclingDots(duration_us=500_000, noise_per_ms=2):
-                writer.write(packet)
+        save_events(made / name, *CirclingDots(duration_us=500_000, noise_per_ms=2))
     for name in ("calibration.json", "calibration_1.json"):
         replace(open_circling().calibration, step_on=0.2, step_off=0.2).save(made / name)
     return made
-
-
-def asked(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
-    assert main([*map(str, arguments), "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
 
 
 def calibrations(day: Path) -> list[object]:
@@ -143,23 +143,21 @@ def calibrations(day: Path) -> list[object]:
     ]  # fmt: skip
 
 
-def test_track_and_touch_take_two(
-    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_track_and_touch_take_two(day: Path, tmp_path: Path, verbs: Verbs) -> None:
     given = [day, "--second", day, *calibrations(day), *FAST]
-    found = asked(capsys, "track", *given, "-o", tmp_path / "t.npz")
+    found = verbs.told("track", *given, "-o", tmp_path / "t.npz")
     assert found["second"]["output"] == str(tmp_path / "t_1.npz")
     one, other = Tracks.load(tmp_path / "t.npz"), Tracks.load(tmp_path / "t_1.npz")
     np.testing.assert_array_equal(one.t_us, other.t_us)
     np.testing.assert_array_equal(one.detected_px, other.detected_px)
-    touched = asked(capsys, "touch", *given, "-o", tmp_path / "touches.csv")
+    touched = verbs.told("touch", *given, "-o", tmp_path / "touches.csv")
     assert touched["second"]["t_first_us"] == touched["t_first_us"]
     assert touched["second"]["touches"] == touched["touches"]
     assert touched["health"]["gaps"] == 0
     assert (tmp_path / "touches_1.csv").read_text() == (tmp_path / "touches.csv").read_text()
 
 
-def test_two_fingers_that_do_not_go_together_are_refused(day: Path, tmp_path: Path) -> None:
+def test_two_fingers_that_do_not_go_together_are_refused(day: Path, verbs: Verbs) -> None:
     for arguments, words in (
         (["track", day, "--second", day, "--calibration", day / "calibration.json"], "each"),
         (["touch", day, "--second", "udp:7777", *calibrations(day)], "one is a camera"),
@@ -168,12 +166,4 @@ def test_two_fingers_that_do_not_go_together_are_refused(day: Path, tmp_path: Pa
         (["align", day, "--by", "host"], "know no host"),
         (["align", day / "events.raw", day / "events_1.raw", "-o", day], "holds a recording"),
     ):
-        with pytest.raises(ConfigError, match=words):
-            run_verb([*map(str, arguments)])
-
-
-def run_verb(arguments: list[str]) -> None:
-    """Run a verb, and let its error through."""
-    from spikingtac.cli.main import _dispatch
-
-    _dispatch(arguments)
+        assert words in verbs.said(*arguments, code=2)

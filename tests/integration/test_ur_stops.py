@@ -5,9 +5,8 @@ connections open.
 """
 
 import contextlib
-import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -27,20 +26,11 @@ from stand_ins.ur_controller import (
     WATCHDOG,
     URController,
 )
+from stand_ins.waiting import SLACK_S, wait_until
 
 pytestmark = pytest.mark.waits
 
-# What a loaded machine may add to a stated time; 0.3 holds on an idle one.
-SLACK_S = float(os.environ.get("SPIKINGTAC_SLACK_S", "5"))
 FAR_MM = 800.0
-PATIENCE_S = 60.0
-
-
-@pytest.fixture
-def controller() -> Iterator[URController]:
-    pytest.importorskip("rtde_control", reason="the extra [robot] is not installed")
-    with URController() as fake:
-        yield fake
 
 
 @contextlib.contextmanager
@@ -48,7 +38,7 @@ def moving(controller: URController, **config: Any) -> Iterator[RemoteArm]:
     """Return a driver whose arm is moving at 40 mm/s."""
     with RemoteArm(controller.host, **config) as driver:
         driver.move_linear(driver.pose().position_mm + np.array([FAR_MM, 0.0, 0.0]), 40.0)
-        wait_for(lambda: speed(controller) > 39.0)
+        wait_until(lambda: speed(controller) > 39.0)
         yield driver
 
 
@@ -65,15 +55,6 @@ def patient_arm(controller: URController) -> Iterator[RemoteArm]:
         yield driver
 
 
-def wait_for(done: Callable[[], bool], patience_s: float = PATIENCE_S) -> float:
-    """Wait until ``done`` and return for how long."""
-    begun_s = time.monotonic()
-    while not done():
-        assert time.monotonic() - begun_s < patience_s, "it did not come"
-        time.sleep(0.005)
-    return time.monotonic() - begun_s
-
-
 def speed(controller: URController) -> float:
     return float(np.linalg.norm(controller.twin.speed_mm_s()))
 
@@ -86,7 +67,7 @@ def test_a_stop_that_is_obeyed_needs_one_means(
     arm.confirm_stop()
     assert speed(controller) < 1.0
     assert "spikingtac" not in controller.scripts[-1]
-    wait_for(lambda: arm.state() is ArmState.IDLE)
+    wait_until(lambda: arm.state() is ArmState.IDLE)
     arm.move_linear(arm.pose().position_mm + np.array([1.0, 0.0, 0.0]), 20.0)
 
 
@@ -118,7 +99,7 @@ def test_a_stop_that_is_acknowledged_and_not_obeyed_is_followed_by_a_firmer_one(
     arm.confirm_stop()
     assert speed(controller) < 1.0
     assert script in controller.scripts[-1]
-    wait_for(lambda: ("stop" in controller.dashboard_commands) == (SCRIPT in deaf_to))
+    wait_until(lambda: ("stop" in controller.dashboard_commands) == (SCRIPT in deaf_to))
     assert "power off" not in controller.dashboard_commands
 
 
@@ -131,15 +112,15 @@ def test_an_arm_that_does_not_stop_is_told_in_time_and_switched_off(
     with pytest.raises(DeviceError, match=r"still moves at 40 mm/s after a stop, .*emergency stop"):
         arm.confirm_stop()
     assert time.monotonic() - begun_s < 0.2 + SLACK_S
-    wait_for(lambda: "power off" in controller.dashboard_commands)
-    wait_for(lambda: speed(controller) < 1.0)
+    wait_until(lambda: "power off" in controller.dashboard_commands)
+    wait_until(lambda: speed(controller) < 1.0)
 
 
 def test_an_arm_that_nothing_is_heard_of_is_not_said_to_rest(
     controller: URController, arm: RemoteArm
 ) -> None:
     controller.stalled = True
-    wait_for(lambda: arm.state() is ArmState.DISCONNECTED)
+    wait_until(lambda: arm.state() is ArmState.DISCONNECTED)
     arm.stop()
     with pytest.raises(DeviceError, match="nobody knows whether it rests"):
         arm.confirm_stop()
@@ -166,7 +147,7 @@ def test_a_motion_that_is_not_answered_is_an_error_and_is_stopped(
 ) -> None:
     arm.stop()
     arm.confirm_stop()
-    wait_for(lambda: arm.state() is ArmState.IDLE)
+    wait_until(lambda: arm.state() is ArmState.IDLE)
     controller.swallowed = True  # reports go on, commands are lost
     begun_s = time.monotonic()
     with pytest.raises(DeviceError, match=r"no answer within|refused the motion"):
@@ -192,7 +173,7 @@ def test_a_process_that_ends_brakes(
 ) -> None:
     controller.deaf_to = deaf_to
     assert arm.end() == 0
-    wait_for(lambda: speed(controller) < 1.0)
+    wait_until(lambda: speed(controller) < 1.0)
 
 
 @pytest.mark.parametrize(("e_series", "rate_hz"), [(False, 125.0), (True, 500.0)])
@@ -203,7 +184,7 @@ def test_both_series_are_driven_at_their_rate(e_series: bool, rate_hz: float) ->
         assert "rtde_set_watchdog" in controller.scripts[0]
         target = arm.pose().position_mm + np.array([1.0, 0.0, 0.0])
         arm.move_linear(target, 20.0)
-        wait_for(lambda: arm.state() is ArmState.IDLE)
+        wait_until(lambda: arm.state() is ArmState.IDLE)
         np.testing.assert_allclose(arm.pose().position_mm, target, atol=0.05)
 
 
@@ -211,7 +192,7 @@ def test_a_protective_stop_is_seen_and_refuses_motion(
     controller: URController, arm: RemoteArm
 ) -> None:
     controller.protective_stop()
-    wait_for(lambda: arm.state() is ArmState.PROTECTIVE_STOP, 0.5 + SLACK_S)
+    wait_until(lambda: arm.state() is ArmState.PROTECTIVE_STOP, 0.5 + SLACK_S)
     with pytest.raises(DeviceError, match="protective stop"):
         arm.move_linear(np.zeros(3), 10.0)
 
@@ -220,18 +201,18 @@ def test_a_lost_controller_is_reported_at_once_and_found_again(
     controller: URController, arm: RemoteArm
 ) -> None:
     controller.shut_down()
-    wait_for(lambda: arm.state() is ArmState.DISCONNECTED, 0.1 + SLACK_S)
+    wait_until(lambda: arm.state() is ArmState.DISCONNECTED, 0.1 + SLACK_S)
     start_s = time.monotonic()
     arm.stop()
     with pytest.raises(DeviceError, match=r"nothing is heard of the arm.* no script could be sent"):
         arm.confirm_stop()
     assert time.monotonic() - start_s < 0.2 + SLACK_S
-    wait_for(lambda: controller.twin.state() is ArmState.PROTECTIVE_STOP)
+    wait_until(lambda: controller.twin.state() is ArmState.PROTECTIVE_STOP)
     assert arm.end() == 0
     controller.start_again()
     controller.twin.recover()
     with RemoteArm(controller.host) as new:
-        wait_for(lambda: new.state() is ArmState.IDLE)
+        wait_until(lambda: new.state() is ArmState.IDLE)
 
 
 def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

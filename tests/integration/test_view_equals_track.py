@@ -7,7 +7,6 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.events.create import create_events
 from spikingtac.events.open import open_events
 from spikingtac.pipeline.track import track_to_file
 from spikingtac.tracks import Tracks
@@ -15,6 +14,7 @@ from spikingtac.types import MarkerFrame
 from spikingtac.viewer import session as module
 from spikingtac.viewer.opening import open_view
 from spikingtac.viewer.session import Session
+from stand_ins.random_packets import save_events
 from stand_ins.viewer import CirclingDots, open_circling
 
 QUIET_US = 4_321  # The first event comes this long after the start of the stream, off every grid.
@@ -25,9 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording that begins with silence, and its calibration."""
     made = tmp_path_factory.mktemp("recording")
     source = CirclingDots(duration_us=400_000, noise_per_ms=5)
-    with create_events(made / "events.raw", source.size) as writer:
-        for packet in source:
-            writer.write(packet.select(packet.t >= QUIET_US))
+    save_events(made / "events.raw", *(part.select(part.t >= QUIET_US) for part in source))
     open_circling().calibration.save(made / "calibration.json")
     return made
 

@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 import pytest
 
-from spikingtac.cli.main import main
+from stand_ins.verbs import Verbs
 from stand_ins.viewer import record_circling
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
@@ -22,13 +22,12 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record_circling(tmp_path_factory.mktemp("recording"))
 
 
-def pictured(capsys: pytest.CaptureFixture[str], picture: Path, *arguments: str) -> dict[str, Any]:
-    """Return the summary of a verb that ends by itself and writes a picture."""
-    assert main([*arguments, "--headless", "--json"]) == 0
+def pictured(verbs: Verbs, picture: Path, *words: object) -> dict[str, Any]:
+    """Return the summary of a view that ends by itself and writes a picture."""
+    summary = verbs.told("view", *words, picture, "--headless")
     assert picture.read_bytes()[1:4] == b"PNG"
-    said = capsys.readouterr()
-    assert "open http" not in said.err  # no port is taken
-    return json.loads(said.out)
+    assert "open http" not in verbs.err  # no port is taken
+    return summary
 
 
 def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(tmp_path: Path) -> None:
@@ -43,10 +42,10 @@ def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(tmp_path: Pat
 
 
 def test_a_recording_ends_where_it_ends_and_events_alone_make_a_picture(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
     picture = tmp_path / "x.png"
-    summary = pictured(capsys, picture, "view", str(recording), "-o", str(picture))
+    summary = pictured(verbs, picture, recording, "-o")
     assert summary["played_s"] == pytest.approx(0.6, abs=0.02)
     assert summary["estimates"] == pytest.approx(600, abs=12)
     assert summary["calibration"] == str(recording / "calibration.json")
@@ -54,7 +53,7 @@ def test_a_recording_ends_where_it_ends_and_events_alone_make_a_picture(
     (tmp_path / "events.raw").write_bytes((recording / "events.raw").read_bytes())
     for option in ("-o", "--export"):
         picture = tmp_path / f"x{option}.png"
-        summary = pictured(capsys, picture, "view", str(tmp_path), option, str(picture))
+        summary = pictured(verbs, picture, tmp_path, option)
         assert (summary["calibration"], summary.get("estimates", 0)) == (None, 0)
 
 
@@ -78,9 +77,9 @@ def test_ctrl_c_ends_it_quietly(recording: Path) -> None:
 
 
 def test_an_export_of_nothing_or_with_a_picture_is_refused(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
-    for wrong in (("--seconds", "0"), ("-o", "x.png")):
-        assert main(["view", str(recording), "--export", str(tmp_path / "x.gif"), *wrong]) == 2
-        assert wrong[0] in capsys.readouterr().err
+    given = "view", recording, "--export", tmp_path / "x.gif"
+    for wrong in (("--seconds", 0), ("-o", "x.png")):
+        assert wrong[0] in verbs.said(*given, *wrong, code=2)
     assert not (tmp_path / "x.gif").exists()

@@ -12,12 +12,12 @@ import pytest
 from selenium.webdriver.chrome.webdriver import WebDriver
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.events.create import create_events
 from spikingtac.viewer.calibrating import SaveTarget
 from spikingtac.viewer.opening import open_view
 from stand_ins.browser import browser, found, js, wait
+from stand_ins.random_packets import save_events
 from stand_ins.serving import served
-from stand_ins.sliding import GRID, MARKERS, SIZE, packets_of_trips, trip
+from stand_ins.sliding import GRID, MARKERS, packets_of_trips, trip
 from stand_ins.viewer import open_circling, positions_px, reference_px
 
 pytestmark = pytest.mark.waits
@@ -224,10 +224,7 @@ def test_what_is_asked_of_time_goes_to_both_fingers(
 @pytest.fixture(scope="module")
 def slides(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("slides") / "slides.raw"
-    with create_events(path, SIZE) as writer:
-        for packet in packets_of_trips([trip((1, 0)), trip((0, 1))]):
-            writer.write(packet)
-    return path
+    return save_events(path, *packets_of_trips([trip((1, 0)), trip((0, 1))]))
 
 
 def test_a_recording_is_calibrated_with_the_page(slides: Path, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Codecs on generated input: round trips, and survival of anything that a disk can hold.
 
-SPIKINGTAC_EXAMPLES=10000 sets the number of examples of each property (100 unless given).
+SPIKINGTAC_EXAMPLES=10000 sets the number of examples of each property (100 unless given). The
+attack on every reader is short here; ``benchmarks/attack.py`` is the long one.
 """
 
 import os
@@ -13,9 +14,10 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from spikingtac.errors import RecordingError
-from spikingtac.events import create_events, open_events
+from spikingtac.events import open_events
 from spikingtac.types import EventPacket
-from stand_ins.random_packets import assert_equal, packet_of, whole
+from stand_ins.hostile_files import FILE_NAMES, KINDS, mutated, outcome, seed_file
+from stand_ins.random_packets import assert_equal, packet_of, save_events, whole
 
 EXAMPLES = int(os.environ.get("SPIKINGTAC_EXAMPLES", "100"))
 SIZE = (320, 240)
@@ -48,10 +50,8 @@ def assert_sound(events: EventPacket) -> None:
 @many
 @given(packet=packets(), cut=st.integers(0, 200), chunk=st.integers(1, 300))
 def test_raw_round_trip(tmp_path: Path, encoding: str, packet, cut: int, chunk: int) -> None:
-    path = tmp_path / "a.raw"
-    with create_events(path, SIZE, encoding=encoding) as writer:
-        writer.write(packet.part(0, cut, 0, 0))
-        writer.write(packet.part(cut, len(packet), 0, 0))
+    parts = packet.part(0, cut, 0, 0), packet.part(cut, len(packet), 0, 0)
+    path = save_events(tmp_path / "a.raw", *parts, encoding=encoding)
     source = open_events(path, strict=True, chunk_events=chunk)
     assert_equal(whole(source), packet)
     assert not source.losses or set(source.losses) == {"time_jump"}
@@ -102,9 +102,7 @@ def test_local_damage_costs_little(tmp_path: Path, encoding: str, kind: str, see
     t = np.cumsum(rng.integers(0, 3, n))
     rows = np.sort(rng.integers(0, 240, n).reshape(-1, 20), axis=1).ravel()
     truth = packet_of(t, rng.integers(0, 320, n), rows, rng.random(n) < 0.5, SIZE)
-    path = tmp_path / "a.raw"
-    with create_events(path, SIZE, encoding=encoding) as writer:
-        writer.write(truth)
+    path = save_events(tmp_path / "a.raw", truth, encoding=encoding)
     head, end, data = path.read_bytes().partition(b"% end\n")
     for share in rng.random(4):
         data = damaged(data, kind, share, int(rng.integers(1, 400)))
@@ -112,3 +110,21 @@ def test_local_damage_costs_little(tmp_path: Path, encoding: str, kind: str, see
     found = whole(open_events(path))
     assert_sound(found)
     assert share_recovered(truth, found) > 0.9
+
+
+MUTANTS = 25
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damaged_files_are_read_or_refused(tmp_path: Path, kind: str) -> None:
+    sound = seed_file(kind, tmp_path)
+    assert outcome(sound) == "read"
+    data = sound.read_bytes()
+    path = tmp_path / "m" / FILE_NAMES[kind]
+    path.parent.mkdir()
+    outcomes = set()
+    for seed in range(MUTANTS):
+        path.write_bytes(mutated(data, np.random.default_rng(seed)))
+        outcomes.add(outcome(path))
+    assert outcomes <= {"read", "refused"}
+    assert "read" in outcomes or kind in ("h5", "npz", "npy")

@@ -9,13 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spikingtac.errors import ConfigError
-from spikingtac.markers.laws import (
-    AnchoredLaw,
-    OutputLaw,
-    PaperLaw,
-    PaperLawConfig,
-    anchored_px,
-)
+from spikingtac.markers.laws import AnchoredLaw, OutputLaw, PaperLaw, PaperLawConfig, anchored_px
 from spikingtac.markers.registry import TrackingConfig, make_law
 from spikingtac.types import LawName
 

@@ -1,13 +1,11 @@
 """Calibration without options: recordings of real gels, and simulated ones of the same kind."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.main import main
 from spikingtac.config import load_config
 from spikingtac.errors import CalibrationError
 from spikingtac.events.source import PacketSource
@@ -19,6 +17,7 @@ from spikingtac.types import EventPacket
 from spikingtac_paper.real_gels import truth_scores
 from spikingtac_paper.trials.trajectories import GroundTruth, Prediction
 from stand_ins.calibrated import calibrated, corner
+from stand_ins.verbs import Verbs
 
 DEFAULT = load_config("default").tracking
 CORNER_PX = (138, 144)  # Two borders of the sensor, and four by four of its five by seven markers.
@@ -115,15 +114,12 @@ def test_what_is_no_marker_sensor_is_refused(data_dir: Path, name: str) -> None:
 
 
 def test_the_four_recorded_presses_are_the_touches(
-    data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    data_dir: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
     recording, tracks = data_dir / "gel" / "real_presses.aedat4", tmp_path / "tracks.npz"
     calibrated(recording).save(tmp_path / "calibration.json")
-    given = ["--calibration", str(tmp_path / "calibration.json"), "-o", str(tracks)]
-    assert main(["track", str(recording), *given]) == 0
-    capsys.readouterr()
-    assert main(["touch", str(tracks), "--json", "-o", str(tmp_path / "touches.csv")]) == 0
-    touches = json.loads(capsys.readouterr().out)["touches"]
+    verbs.said("track", recording, "--calibration", tmp_path / "calibration.json", "-o", tracks)
+    touches = verbs.told("touch", tracks, "-o", tmp_path / "touches.csv")["touches"]
     with np.load(data_dir / "gel" / "real_presses.reference.npz") as known:
         bursts_us = known["burst_us"] + int(Tracks.load(tracks).t_us[0])
     assert len(touches) == 4

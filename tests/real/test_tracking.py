@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import minimum_filter1d
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
@@ -24,6 +25,7 @@ from spikingtac.pipeline.follow import follow
 from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket
+from stand_ins.known import known
 
 RATE_HZ = 1_000.0
 
@@ -41,10 +43,9 @@ def tracker_of(folder: Path, preset: str) -> MarkerTracker:
 
 
 def true_positions(truth: dict[str, np.ndarray], t_us: np.ndarray) -> np.ndarray:
-    at, known = truth["marker_t_us"], truth["marker_px"].astype(np.float64)
-    after = np.clip(np.searchsorted(at, t_us), 1, len(at) - 1)
-    share = np.clip((t_us - at[after - 1]) / (at[after] - at[after - 1]), 0.0, 1.0)[:, None, None]
-    return known[after - 1] * (1.0 - share) + known[after] * share
+    columns = truth["marker_px"].reshape(len(truth["marker_t_us"]), -1).T.astype(np.float64)
+    at_times = [np.interp(t_us, truth["marker_t_us"], column) for column in columns]
+    return np.stack(at_times, axis=1).reshape(len(t_us), -1, 2)
 
 
 class Outcome:
@@ -64,13 +65,9 @@ class Outcome:
         print(f"mean {self.mean_px:.3f} px, p95 {self.p95_px:.3f} px (v2e, simulated)")
 
     def lost(self) -> int:
-        off = self.error_px > LOST_PX
-        run = np.zeros(off.shape[1], int)
-        longest = run.copy()
-        for row in off:
-            run = np.where(row, run + 1, 0)
-            longest = np.maximum(longest, run)
-        return int((longest > LOST_FRAMES).sum())
+        off = (self.error_px > LOST_PX).astype(float)
+        always = minimum_filter1d(off, LOST_FRAMES + 1, axis=0, mode="constant")
+        return int(always.any(axis=0).sum())
 
     def swaps(self) -> int:
         nearest = np.linalg.norm(self.detected_px[-1][:, None] - self.truth_px[-1][None], axis=2)
@@ -118,13 +115,8 @@ def test_the_published_front_end_has_its_bias(data_dir: Path, denoiser: Denoiser
     """It runs as the paper's does, about a pixel behind the truth in motion."""
     folder = data_dir / "v2e"
     truth = dict(np.load(folder / "bootstrap.truth.npz"))
-    known = Calibration(
-        reference_px=truth["reference_px"].astype(np.float64),
-        radius_px=truth["radius_px"].astype(np.float64),
-        grid=(8, 8),
-        size=(320, 320),
-    )
-    tracker = BlobTracker(BlobTrackerConfig(support_us=0, refresh_us=0), known, denoiser)
+    rest = known(truth["reference_px"], truth["radius_px"])
+    tracker = BlobTracker(BlobTrackerConfig(support_us=0, refresh_us=0), rest, denoiser)
     outcome = Outcome(folder, tracker, open_events(folder / "mix.raw"), PAPER_RATE_HZ)
     assert outcome.error_px.shape[1] == 64
     assert 0.7 < outcome.mean_px < 1.25, "the bias of the last-polarity map: neither gone nor grown"

@@ -56,14 +56,10 @@ def replay(folder: Path, name: str, from_us: int, until_us: int) -> Replay:
 
 def edge_distance_px(packet: EventPacket, truth: dict[str, np.ndarray]) -> np.ndarray:
     """Return each event's signed distance to the nearest marker's edge, positive outside."""
-    t_us, where = truth["marker_t_us"], truth["marker_px"]
-    after = np.searchsorted(t_us, packet.t).clip(1, len(t_us) - 1)
-    share = (packet.t - t_us[after - 1]) / (t_us[after] - t_us[after - 1])
     nearest = np.full(len(packet), np.inf)
-    for marker, radius in enumerate(truth["radius_px"]):
-        path = where[:, marker]
-        center = path[after - 1] + share[:, None] * (path[after] - path[after - 1])
-        off = np.hypot(packet.x - center[:, 0], packet.y - center[:, 1]) - radius
+    for path, radius in zip(truth["marker_px"].transpose(1, 2, 0), truth["radius_px"], strict=True):
+        x, y = (np.interp(packet.t, truth["marker_t_us"], course) for course in path)
+        off = np.hypot(packet.x - x, packet.y - y) - radius
         nearest = np.where(np.abs(off) < np.abs(nearest), off, nearest)
     return nearest
 

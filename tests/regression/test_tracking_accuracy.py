@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac import Calibration, EventPacket, Recording, follow, load_config, make_tracker, track
+from spikingtac import EventPacket, Recording, follow, load_config, make_tracker, track
 from spikingtac.contact.recording import LEAST_QUIET_WINDOWS, find_contacts, paired_windows
 from spikingtac.contact.registry import DETECTORS, DetectionConfig, make_detector
 from spikingtac.sim import load_scene, simulate
+from stand_ins.known import known
 from stand_ins.small_twin import (
     FIRST_SLIDE_US,
     HOLD_US,
@@ -170,12 +171,7 @@ def test_no_marker_is_lost_when_a_dragged_skin_snaps_off(tmp_path: Path) -> None
     """A leak that notices the snap too late erases a marker: it ended 6.2 px off."""
     simulate(load_scene("drag-release"), tmp_path / "made", seed=0, duration_s=1.9)
     truth = Recording.open(tmp_path / "made").truth()
-    rest = Calibration(
-        reference_px=truth["reference_px"].astype(float),
-        radius_px=truth["radius_px"].astype(float),
-        grid=(8, 8),
-        size=(320, 320),
-    )
+    rest = known(truth["reference_px"], truth["radius_px"])
     found = track(tmp_path / "made", calibration=rest, preset="fast")
     apart_px = found.detected_px[-1] - truth["marker_px"][-1]
     assert np.linalg.norm(apart_px, axis=1).max() < 2.0

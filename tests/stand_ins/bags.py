@@ -24,14 +24,12 @@ def cdr(
     """Return an event_camera_msgs/EventPacket in the serialisation of ROS 2, or of ROS 1."""
     if ros1:
         data = struct.pack("<IIII2s", 1, 1, 2, 2, b"ab") + struct.pack("<II", 240, 320)
-        data += struct.pack("<QQ", sequence, base_ns)
-        data += struct.pack("<I", len(encoding)) + encoding + b"\0"
-        return data + struct.pack("<I", len(events)) + events
+        data += struct.pack("<QQ", sequence, base_ns) + _sized(encoding) + b"\0"
+        return data + _sized(events)
     data = struct.pack("<IiII3sx", 0x100, 1, 2, 3, b"ab\0")
     data += struct.pack("<IIQQ", 240, 320, sequence, base_ns)
     data += struct.pack("<I", len(encoding) + 1) + encoding + b"\0\0"
-    data += bytes(-(len(data) - 4) % 4)
-    return data + struct.pack("<I", len(events)) + events
+    return data + bytes(-(len(data) - 4) % 4) + _sized(events)
 
 
 def write_db3(path: Path, messages: list[bytes], kind: str = KIND) -> None:
@@ -80,23 +78,18 @@ def ros1_bag(chunks: list[list[bytes]], kind: str) -> bytes:
         records = connection
         for data in chunk:
             records += _ros1_record({"op": b"\x02", "conn": number, "time": bytes(8)}, data)
-        parts.append(_ros1_chunk(_packed(records, kind), len(records), kind))
+        size = struct.pack("<I", len(records))
+        fields = {"compression": kind.encode(), "op": b"\x05", "size": size}
+        parts.append(_ros1_record(fields, _packed(records, kind)))
     return b"".join(parts)
 
 
-def _ros1_chunk(stored: bytes, size: int, kind: str) -> bytes:
-    fields = {"compression": kind.encode(), "op": b"\x05", "size": struct.pack("<I", size)}
-    return _ros1_record(fields, stored)
-
-
 def _ros1_record(fields: dict[str, bytes], data: bytes) -> bytes:
-    header = _ros1_fields(fields)
-    return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
+    return _sized(_ros1_fields(fields)) + _sized(data)
 
 
 def _ros1_fields(fields: dict[str, bytes]) -> bytes:
-    joined = [name.encode() + b"=" + value for name, value in fields.items()]
-    return b"".join(struct.pack("<I", len(field)) + field for field in joined)
+    return b"".join(_sized(name.encode() + b"=" + value) for name, value in fields.items())
 
 
 def _packed(data: bytes, kind: str) -> bytes:
@@ -116,4 +109,8 @@ def _record(opcode: int, content: bytes) -> bytes:
 
 
 def _text(text: str) -> bytes:
-    return struct.pack("<I", len(text)) + text.encode()
+    return _sized(text.encode())
+
+
+def _sized(data: bytes) -> bytes:
+    return struct.pack("<I", len(data)) + data

@@ -77,6 +77,13 @@ class Counterpart:
     ends: str = "silence"
 
 
+def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
+    """Return a port of this machine that nobody listens on."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
 def opened_camera(opened: ExitStack, address: str) -> Camera:
     camera = open_camera(Address.parse(address))
     opened.callback(camera.close)
@@ -188,9 +195,7 @@ for line in sys.stdin:
 def dv_network(opened: ExitStack, folder: Path) -> Counterpart:
     """The network writer of ``dv-processing``, in a process of its own."""
     pytest.importorskip("dv_processing", reason="needs the extra [dv]")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port(socket.SOCK_STREAM)
     program = [sys.executable, "-c", DV_WRITER, str(port)]
     writer = subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     stdin, stdout = writer.stdin, writer.stdout

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from spikingtac.errors import SpikingTacError
-from spikingtac.events import create_events, open_events
+from spikingtac.events import open_events
 from spikingtac.events.windows import windows
-from spikingtac.types import EventPacket
 from stand_ins.bags import cdr, mcap_file, packet_words, ros1_bag, write_db3
-from stand_ins.random_packets import random_packet
+from stand_ins.random_packets import random_packet, save_events
 
 SIZE = (320, 320)
-SEED_EVENTS = 4_000
+EVENTS = random_packet(5, 4_000, SIZE, steps_us=50)
 RAW_KINDS = ("evt2", "evt21", "evt3")
 CONTAINERS = (
     "npz", "npy", "csv", "es", "dat", "aedat", "aedat4", "h5", "mcap", "bag", "db3", "gz",
@@ -35,14 +34,14 @@ def seed_file(kind: str, folder: Path) -> Path:
     """Write a sound file of a kind, a few ten thousand bytes, and return it."""
     path = folder / FILE_NAMES[kind]
     if kind in RAW_KINDS:
-        _write(path, kind)
+        save_events(path, EVENTS, encoding=kind)
     elif kind in _OTHERS:
         path.write_bytes(_OTHERS[kind]())
     elif kind == "npy":
-        np.save(path, np.column_stack([getattr(_events(), name) for name in "txyp"]))
+        np.save(path, np.column_stack([getattr(EVENTS, name) for name in "txyp"]))
     elif kind == "gz":
-        _write(path.with_name("b.raw"), None)
-        path.write_bytes(gzip.compress(path.with_name("b.raw").read_bytes(), mtime=0))
+        raw = save_events(path.with_name("b.raw"), EVENTS)
+        path.write_bytes(gzip.compress(raw.read_bytes(), mtime=0))
     elif kind in ("mcap", "bag", "db3"):
         ros1 = kind == "bag"
         messages = [cdr(k, b"evt3", packet_words(50 * k) * 4, ros1=ros1) for k in range(200)]
@@ -52,7 +51,7 @@ def seed_file(kind: str, folder: Path) -> Path:
         else:
             path.write_bytes(ros1_bag(chunks, "lz4") if ros1 else mcap_file(chunks, "zstd"))
     else:
-        _write(path, None)
+        save_events(path, EVENTS)
     return path
 
 
@@ -114,43 +113,26 @@ def outcome(path: Path) -> str:
     return "read"
 
 
-def _events() -> EventPacket:
-    return random_packet(5, SEED_EVENTS, SIZE, steps_us=50)
-
-
-def _write(path: Path, encoding: str | None) -> None:
-    with create_events(path, SIZE, encoding=encoding) as writer:
-        writer.write(_events())
-
-
 def _dat() -> bytes:
-    events = _events()
-    body = np.empty(len(events), [("t", "<u4"), ("address", "<u4")])
-    body["t"] = events.t
-    body["address"] = events.x.astype("u4") | events.y.astype("u4") << 14
-    body["address"] |= events.p.astype("u4") << 28
+    address = EVENTS.p.astype("u4") << 28 | EVENTS.y.astype("u4") << 14 | EVENTS.x
+    body = np.column_stack([EVENTS.t, address]).astype("<u4")
     return b"% Version 2\n% Height 320\n% Width 320\n\x0c\x08" + body.tobytes()
 
 
 def _es() -> bytes:
-    events = _events()
-    overflows, rest = np.divmod(np.diff(events.t, prepend=0), 127)
-    out = bytearray(b"Event Stream\x02\x00\x00\x01" + struct.pack("<HH", *SIZE))
-    for k in range(len(events)):
-        out += b"\xff" * int(overflows[k])
-        row = SIZE[1] - 1 - int(events.y[k])
-        out += struct.pack("<BHH", int(rest[k]) << 1 | int(events.p[k]), int(events.x[k]), row)
-    return bytes(out)
+    overflows, rest = np.divmod(np.diff(EVENTS.t, prepend=0), 127)
+    out = b"Event Stream\x02\x00\x00\x01" + struct.pack("<HH", *SIZE)
+    columns = overflows, rest << 1 | EVENTS.p, EVENTS.x, SIZE[1] - 1 - EVENTS.y.astype(int)
+    for more, head, x, row in np.column_stack(columns).tolist():
+        out += b"\xff" * more + struct.pack("<BHH", head, x, row)
+    return out
 
 
 def _aedat3() -> bytes:
-    events = _events()
-    body = np.empty(len(events), [("data", "<u4"), ("t", "<u4")])
-    body["t"] = events.t
-    body["data"] = events.x.astype("u4") << 17 | events.y.astype("u4") << 2 | 1
-    packets = (body[first : first + 100] for first in range(0, len(body), 100))
+    data = EVENTS.x.astype("u4") << 17 | EVENTS.y.astype("u4") << 2 | 1
+    body = np.column_stack([data, EVENTS.t]).astype("<u4")
     head = b"#!AER-DAT3.1\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n"
-    for packet in packets:
+    for packet in np.split(body, len(body) // 100):
         head += struct.pack("<hhiiiiii", 1, 1, 8, 4, 0, *(3 * [len(packet)])) + packet.tobytes()
     return head
 

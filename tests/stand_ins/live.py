@@ -1,13 +1,10 @@
 """A source and a tracker that are simple enough to know the right answer of."""
 
+from collections.abc import Callable
+
 import numpy as np
 
-from spikingtac.contact.detector import (
-    DetectorSummary,
-    Window,
-    count_of,
-    packets_of,
-)
+from spikingtac.contact.detector import DetectorSummary, Window, count_of, packets_of
 from spikingtac.events.source import PacketSource
 from spikingtac.types import Contact, EventPacket, MarkerFrame
 from stand_ins.random_packets import packet_of
@@ -15,11 +12,11 @@ from stand_ins.random_packets import packet_of
 SIZE = (32, 24)
 
 
-def random_packets(seed: int, packets: int, per_packet: int = 40) -> list[EventPacket]:
+def random_packets(seed: int, packets: int) -> list[EventPacket]:
     rng = np.random.default_rng(seed)
     made = []
     for start_us in range(5_000, 5_000 + packets * 10_000, 10_000):
-        n, span_us = int(rng.integers(0, per_packet)), (start_us, start_us + 10_000)
+        n, span_us = int(rng.integers(0, 40)), (start_us, start_us + 10_000)
         x, y, p = (rng.integers(0, below, n) for below in (*SIZE, 2))
         made.append(packet_of(np.sort(rng.integers(*span_us, n)), x, y, p, SIZE, span_us))
     return made
@@ -27,6 +24,29 @@ def random_packets(seed: int, packets: int, per_packet: int = 40) -> list[EventP
 
 def random_source(seed: int, packets: int) -> PacketSource:
     return PacketSource(random_packets(seed, packets), SIZE)
+
+
+def frame_of(t_us: int, rest_px: np.ndarray, moved_px: np.ndarray) -> MarkerFrame:
+    """Return a frame of markers that are all seen."""
+    place_px, held = rest_px + moved_px, np.zeros(len(rest_px), np.bool_)
+    return MarkerFrame(t_us, place_px, place_px, moved_px, held, np.ones(len(rest_px)))
+
+
+class MovedBy:
+    """A tracker that looks at no event: its markers move by a function of time, us, or rest."""
+
+    def __init__(
+        self, rest_px: np.ndarray, moved_px: Callable[[int], np.ndarray] | None = None
+    ) -> None:
+        self._rest_px = rest_px
+        self._moved_px = moved_px or (lambda t_us: np.zeros_like(rest_px))
+
+    def absorb(self, packet: EventPacket) -> None: ...
+
+    def estimate(self, t_us: int) -> MarkerFrame:
+        return frame_of(t_us, self._rest_px, self._moved_px(t_us))
+
+    def reset(self) -> None: ...
 
 
 class CountingTracker:
@@ -42,8 +62,7 @@ class CountingTracker:
 
     def estimate(self, t_us: int) -> MarkerFrame:
         position = self.gain * np.array([[self.seen, self.total]], np.float64)
-        no = np.zeros(1, np.bool_)
-        return MarkerFrame(t_us, position, position, position, no, np.ones(1))
+        return frame_of(t_us, np.zeros((1, 2)), position)
 
     def reset(self) -> None:
         self.seen = 0

@@ -6,13 +6,12 @@ import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.types import EventPacket
+from stand_ins.known import known
 from stand_ins.random_packets import packet_of
 
 SIZE = (130, 130)
 RADIUS_PX = 7.0
-GRID = np.array(
-    [[28.0 + 37.0 * column, 28.0 + 37.0 * row] for row in range(3) for column in range(3)]
-)
+GRID = 28.0 + 37.0 * np.stack(np.divmod(np.arange(9.0), 3.0)[::-1], axis=1)
 PERIOD_US = 1000
 VOTES_PER_PX = 200.0  # Events of one marker per px of motion: 2 d ln C / theta.
 
@@ -21,7 +20,7 @@ Speed = Callable[[int], tuple[float, float]]
 
 
 def calibration() -> Calibration:
-    return Calibration(reference_px=GRID, radius_px=np.full(9, RADIUS_PX), grid=(3, 3), size=SIZE)
+    return known(GRID, RADIUS_PX, SIZE)
 
 
 def still(window: int) -> tuple[float, float]:

@@ -64,13 +64,9 @@ def paste(page: Path, begin: str = "", ready: Collection[str] = ()) -> int:
                 rest += SHORT if "--export" in rest else ("--headless", *SHORT, "--port", "0")
             elif verb == "simulate":
                 rest += SHORTER[rest[0]]
-            assert _run(verb, rest) == 0, piece
+            if any(word.startswith("twin:") for word in rest):  # the scene of a camera's process
+                subprocess.run([sys.executable, "-m", "spikingtac", verb, *rest], check=True)
+            else:
+                assert main([verb, *rest]) == 0, piece
         ran += 1
     return ran
-
-
-def _run(verb: str, rest: list[str]) -> int:
-    """Run a verb; one on the twin as a program, whose scene is that of its camera's process."""
-    if not any(word.startswith("twin:") for word in rest):
-        return main([verb, *rest])
-    return subprocess.run([sys.executable, "-m", "spikingtac", verb, *rest]).returncode

@@ -7,6 +7,7 @@ import numpy as np
 from spikingtac.touch.detector import TouchDetector
 from spikingtac.touch.touch import Touch
 from spikingtac.types import MarkerFrame
+from stand_ins.live import frame_of
 
 PITCH_PX, NOISE_PX, RATE_HZ = 37.0, 0.012, 500.0
 X, Y = np.meshgrid(np.arange(8.0), np.arange(8.0))
@@ -38,14 +39,11 @@ def watch(
     drift: float = 0.0,
 ) -> Iterator[MarkerFrame]:
     """Yield frames of a press of a depth over time, px, and a drift, px/s."""
-    rng, none = np.random.default_rng(4), np.zeros(len(reference), bool)
+    rng = np.random.default_rng(4)
     for k in range(int(seconds * RATE_HZ)):
         t_s = k / RATE_HZ
-        place = reference + depth(t_s) * pattern + rng.normal(0.0, NOISE_PX, reference.shape)
-        place = place + drift * t_s
-        yield MarkerFrame(
-            round(t_s * 1e6), place, place, place - reference, none, np.ones(len(reference))
-        )
+        moved = depth(t_s) * pattern + rng.normal(0.0, NOISE_PX, reference.shape) + drift * t_s
+        yield frame_of(round(t_s * 1e6), reference, moved)
 
 
 def touches(detector: TouchDetector, frames: Iterator[MarkerFrame]) -> list[Touch]:

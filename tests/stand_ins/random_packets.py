@@ -1,10 +1,13 @@
 """Events drawn at random, and what sources give of them."""
 
 import itertools
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from spikingtac.events import EventSource
+from spikingtac.events import EventSource, create_events
+from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import EventPacket
 
 Rows = list[tuple[int, int, int, bool]]
@@ -24,6 +27,12 @@ def packet_of(
     return EventPacket(x, y, p.astype(np.bool_), t.astype(np.int64), *span_us, size)
 
 
+def packet_at(times_us: Any, span_us: tuple[int, int], size: tuple[int, int]) -> EventPacket:
+    """Return events of the first pixel, OFF, at these times."""
+    t = np.array(times_us, np.int64)
+    return packet_of(t, 0 * t, 0 * t, t < 0, size, span_us)
+
+
 def random_packet(
     seed: int, n: int, size: tuple[int, int], steps_us: int = 9, first_us: int = 0
 ) -> EventPacket:
@@ -32,6 +41,20 @@ def random_packet(
     t = first_us + np.cumsum(rng.integers(0, steps_us, n))
     x, y = (rng.integers(0, side, n) for side in size)
     return packet_of(t, x, y, rng.random(n) < 0.5, size)
+
+
+def save_events(
+    path: Path,
+    *packets: EventPacket,
+    encoding: str | None = None,
+    triggers: Triggers | None = None,
+) -> Path:
+    """Write packets as a file of the format that its name tells, and return its path."""
+    with create_events(path, packets[0].size, encoding=encoding) as writer:
+        writer.add_triggers(triggers or Triggers())
+        for packet in packets:
+            writer.write(packet)
+    return path
 
 
 def whole(source: EventSource) -> EventPacket:

@@ -7,6 +7,7 @@ import numpy as np
 from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.types import EventPacket
+from stand_ins.known import known
 from stand_ins.random_packets import packet_of
 
 SIZE = (96, 64)
@@ -58,14 +59,5 @@ def rare_off_events(seed: int = 1) -> EventPacket:
 
 def rare_off_calibration() -> Calibration:
     """Return what a perfect calibration of that sensor knows."""
-    return Calibration(
-        reference_px=REST_PX,
-        radius_px=np.full(4, RADIUS_PX),
-        grid=(2, 2),
-        size=SIZE,
-        contrast=PROFILE.contrast,
-        edge_px=PROFILE.edge_px,
-        step_on=STEP_ON,
-        step_off=STEP_OFF,
-        lag_us=0.0,
-    )
+    edge = {"contrast": PROFILE.contrast, "edge_px": PROFILE.edge_px, "lag_us": 0.0}
+    return known(REST_PX, RADIUS_PX, SIZE, step_on=STEP_ON, step_off=STEP_OFF, **edge)

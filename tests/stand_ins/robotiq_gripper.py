@@ -25,7 +25,7 @@ class FakeGripper(socketserver.ThreadingTCPServer):
         self.values = dict.fromkeys(("ACT", "STA", "GTO", "SPE", "FOR", "FLT"), 0)
         self.values |= dict.fromkeys(("POS", "PRE", "OBJ"), 3)
         self.silent = self.bare_ack = False
-        self.byte_period_s = 0.0
+        self.byte_period_s, self.sent_bytes = 0.0, 0
         self.answer_instead: str | None = None
         self.connections: list[socket.socket] = []
         threading.Thread(target=self.serve_forever, args=(0.02,), daemon=True).start()
@@ -78,3 +78,4 @@ class _Session(socketserver.StreamRequestHandler):
                     for byte in self.server.answer(line.decode().split()).encode():
                         time.sleep(self.server.byte_period_s)
                         self.connection.sendall(bytes([byte]))
+                        self.server.sent_bytes += 1

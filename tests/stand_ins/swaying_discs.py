@@ -8,6 +8,7 @@ import numpy as np
 from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.recording import BufferedEvents
+from stand_ins.known import known
 from stand_ins.rare_off import RADIUS_PX, SIZE, levels
 
 REST_PX = np.array([[24.0, 20.0], [60.0, 20.0], [24.0, 46.0], [60.0, 46.0]])
@@ -40,14 +41,5 @@ def swaying_discs() -> BufferedEvents:
 
 
 def calibration(step: float) -> Calibration:
-    return Calibration(
-        reference_px=REST_PX,
-        radius_px=np.full(4, RADIUS_PX),
-        grid=(2, 2),
-        size=SIZE,
-        contrast=PROFILE.contrast,
-        edge_px=PROFILE.edge_px,
-        step_on=step,
-        step_off=step,
-        lag_us=0.0,
-    )
+    edge = {"contrast": PROFILE.contrast, "edge_px": PROFILE.edge_px, "lag_us": 0.0}
+    return known(REST_PX, RADIUS_PX, SIZE, step=step, **edge)

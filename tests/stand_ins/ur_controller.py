@@ -34,6 +34,7 @@ STOPL, SCRIPT, PROTECTIVE, DASHBOARD, WATCHDOG, POWER = (
 )  # fmt: skip
 EVERYTHING = frozenset((STOPL, SCRIPT, PROTECTIVE, DASHBOARD, WATCHDOG, POWER))
 ROTATION_VECTOR = (0.0, np.pi, 0.0)
+START_MM = np.array([100.0, 200.0, 300.0])
 _addresses = itertools.count()
 
 
@@ -42,28 +43,20 @@ class URController:
 
     Args:
         e_series: Version 5 at 500 Hz, otherwise CB3 at 125 Hz.
-        start_mm: Where the tool stands at first, mm.
     """
 
-    def __init__(
-        self, e_series: bool = False, start_mm: tuple[float, float, float] = (100.0, 200.0, 300.0)
-    ) -> None:
+    def __init__(self, e_series: bool = False) -> None:
         process = os.getpid()  # its own addresses, so that two test runs do not meet
         self.host = f"127.{1 + process // 256 % 254}.{process % 256}.{2 + next(_addresses) % 250}"
-        self.frequency_hz = 500.0 if e_series else 125.0
+        cycle_s = 0.002 if e_series else 0.008
         self.version = (5, 12, 0, 1) if e_series else (3, 15, 8, 106339)
         self.scripts: list[str] = []
-        self.stalled = False
+        self.stalled = self.half_open = self.swallowed = False
         self.deaf_to: frozenset[str] = frozenset()
-        self.half_open = False
-        self.swallowed = False
         self.dashboard_commands: list[str] = []
-        self.powered = True
         self.asked_rates_hz: list[float] = []
-        prompt = type(
-            "PromptTwin", (UR3Twin,), {"NETWORK_S": 0.0, "CYCLE_S": 1.0 / self.frequency_hz}
-        )
-        self.twin = prompt(np.array(start_mm), np.random.default_rng(1), repeatability_mm=0.0)
+        prompt = type("PromptTwin", (UR3Twin,), {"NETWORK_S": 0.0, "CYCLE_S": cycle_s})
+        self.twin = prompt(START_MM, np.random.default_rng(1), repeatability_mm=0.0)
         self.stop_times_s: list[float] = []
         self._origin_s = time.monotonic() - 1.0
         self._lock = threading.RLock()
@@ -97,18 +90,14 @@ class URController:
         for accepting in self._accepting:  # a connection may have come in meanwhile
             accepting.join(5.0)
         self._listeners, self._accepting = [], []
-        self.drop_connections()
+        for connection in self._sockets:
+            _close(connection)
+        self._sockets = []
 
     def start_again(self) -> None:
         """Listen again after :meth:`shut_down`."""
         self._open, self._program, self._state = True, False, 0
         self._start_listening()
-
-    def drop_connections(self) -> None:
-        """Cut every connection, as when the cable is pulled and put back."""
-        for connection in self._sockets:
-            _close(connection)
-        self._sockets = []
 
     def protective_stop(self) -> None:
         """Stop as on a limit of force."""
@@ -123,20 +112,13 @@ class URController:
             self._advance()
             self.twin.recover()
 
-    def move(self, by_mm: tuple[float, float, float], speed_mm_s: float) -> None:
-        """Move the arm as another program would."""
-        with self._lock:
+    def _stop_unless_deaf(self, means: str, stop: Callable[[], None]) -> None:
+        """Stop the arm, and the program unless it stops itself; or acknowledge, and go on."""
+        if means not in self.deaf_to:
             self._advance()
-            self.twin.move_linear(self.twin.true_position_mm() + np.array(by_mm), speed_mm_s)
-
-    def _stop_unless_deaf(self, means: str, stop: Callable[[], None]) -> bool:
-        """Stop the arm, or acknowledge and go on where told to; return whether it was stopped."""
-        if means in self.deaf_to:
-            return False
-        self._advance()
-        self.stop_times_s.append(time.monotonic())
-        stop()
-        return True
+            self.stop_times_s.append(time.monotonic())
+            stop()
+            self._program = self._program and means == STOPL
 
     def _start_listening(self) -> None:
         serve = {RTDE_PORT: self._serve_rtde, DASHBOARD_PORT: self._serve_dashboard}
@@ -185,11 +167,9 @@ class URController:
         """Play a program that was sent; it replaces the one that runs."""
         with self._lock:
             if "stopl" in first_line:
-                if self._stop_unless_deaf(SCRIPT, self.twin.stop):
-                    self._program = False
+                self._stop_unless_deaf(SCRIPT, self.twin.stop)
             elif "protective_stop()" in first_line:
-                if self._stop_unless_deaf(PROTECTIVE, self.twin.protective_stop):
-                    self._program = False
+                self._stop_unless_deaf(PROTECTIVE, self.twin.protective_stop)
             else:
                 self._program, self._state, self._watchdog_s = True, READY, None
 
@@ -217,12 +197,10 @@ class URController:
 
     def _command(self, command: str) -> None:
         """Obey a command of the dashboard."""
-        if command == "stop" and self._stop_unless_deaf(DASHBOARD, self.twin.stop):
-            self._program = False
+        if command == "stop":
+            self._stop_unless_deaf(DASHBOARD, self.twin.stop)
         if command == "power off":
-            self.powered = False
-            if self._stop_unless_deaf(POWER, self.twin.protective_stop):
-                self._program = False
+            self._stop_unless_deaf(POWER, self.twin.protective_stop)
         if command == "unlock protective stop":
             self.twin.recover()
 
@@ -230,19 +208,18 @@ class URController:
         stream = connection.makefile("rb")
         inputs: list[Recipe] = []
         outputs: list[tuple[Recipe, float]] = []
-        running = threading.Event()
         while header := stream.read(HEADER.size):
             size, letter = HEADER.unpack(header)
             payload, letter = stream.read(size - HEADER.size), chr(letter)
             if self.half_open:
                 continue
-            if letter == "V":
-                connection.sendall(frame("V", b"\x01"))
-            elif letter == "v":
+            if letter in "VSP":
+                connection.sendall(frame(letter, b"\x01"))
+            if letter == "v":
                 connection.sendall(frame("v", struct.pack(">4I", *self.version)))
             elif letter == "O":
-                rate_hz, recipe = (
-                    struct.unpack(">d", payload[:8])[0],
+                (rate_hz,), recipe = (
+                    struct.unpack(">d", payload[:8]),
                     recipe_of(payload[8:].decode()),
                 )
                 outputs.append((recipe, rate_hz))
@@ -253,11 +230,7 @@ class URController:
                 reply = bytes([len(inputs)]) + ",".join(inputs[-1].kinds).encode()
                 connection.sendall(frame("I", reply))
             elif letter == "S":
-                connection.sendall(frame("S", b"\x01"))
-                running.set()
                 self._in_background(_quietly, self._stream, connection, outputs[-1])
-            elif letter == "P":
-                connection.sendall(frame("P", b"\x01"))
             elif letter == "U":
                 self._take(inputs[payload[0] - 1].unpack(payload[1:]))
 
@@ -321,8 +294,7 @@ class URController:
         limit_s = self._watchdog_s
         if limit_s is not None and time.monotonic() - self._heard_s > limit_s:
             self._watchdog_s = None
-            if self._stop_unless_deaf(WATCHDOG, self.twin.protective_stop):
-                self._program = False
+            self._stop_unless_deaf(WATCHDOG, self.twin.protective_stop)
 
 
 def _quietly(session: Callable[..., None], *arguments: object) -> None:

@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import Window, count_of, packets_of
-from spikingtac.events.create import create_events
 from spikingtac.events.source import EventSource
 from spikingtac.types import Contact, EventPacket, LossCounters, MarkerFrame
 from spikingtac.viewer.source import SampledTruth, ViewSource
+from stand_ins.known import known
 from stand_ins.live import BurstDetector
-from stand_ins.random_packets import packet_of
+from stand_ins.random_packets import packet_of, save_events
 
 SIZE = (320, 320)
 GRID = (8, 8)
@@ -115,13 +114,7 @@ def open_circling(duration_us: int = 4_000_000, noise_per_ms: int = 50) -> ViewS
     return ViewSource(
         label="circling dots",
         source=CirclingDots(duration_us, noise_per_ms),
-        calibration=Calibration(
-            reference_px=reference_px(),
-            radius_px=np.full(64, RADIUS_PX),
-            grid=GRID,
-            size=SIZE,
-            px_per_mm=15.5,
-        ),
+        calibration=known(reference_px(), RADIUS_PX, SIZE, px_per_mm=15.5),
         config=Settings(),
         make_tracker=KnowingTracker,
         make_detector=EverySecond,
@@ -136,10 +129,7 @@ def open_nothing() -> ViewSource:
 
 def record_circling(folder: Path) -> Path:
     """Write 0.6 s of the circling discs and their calibration into a folder, and return it."""
-    source = CirclingDots(duration_us=600_000, noise_per_ms=5)
-    with create_events(folder / "events.raw", source.size) as writer:
-        for packet in source:
-            writer.write(packet)
+    save_events(folder / "events.raw", *CirclingDots(duration_us=600_000, noise_per_ms=5))
     # With steps: `track` learns those of a file that has none, which takes its time.
     known = replace(open_circling().calibration, step_on=0.2, step_off=0.2)
     known.save(folder / "calibration.json")

@@ -9,30 +9,25 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from spikingtac.atomic_files import WholeFile, require_free, write_text
 from spikingtac.errors import ConfigError
 from spikingtac.events import create_events
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import random_packet, save_events
 
 NAMES = ("a.raw", "a.npz", "a.csv", "a.aedat4", "a.h5")
 SIZE = (320, 240)
 
 
-def packet(n: int = 5_000) -> EventPacket:
-    column = (np.arange(n) % 240).astype(np.uint16)
-    return EventPacket(column, column, column > 9, np.arange(n), 0, n, SIZE)
+def packet(n: int) -> EventPacket:
+    return random_packet(1, n, SIZE)
 
 
 def filled_disk(path: Path) -> None:
-    """Write eight packets; more than the disk takes."""
-    with create_events(path, SIZE) as writer:
-        for first in range(8):
-            part = packet(20_000)
-            part.t[:] += 20_000 * first
-            writer.write(part)
+    """Write more than the disk takes."""
+    save_events(path, *packet(160_000).split(80_000))
 
 
 def listed(folder: Path) -> list[str]:
@@ -41,12 +36,10 @@ def listed(folder: Path) -> list[str]:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_an_error_leaves_what_was_there(tmp_path: Path, name: str) -> None:
-    path = tmp_path / name
-    with create_events(path, SIZE) as writer:
-        writer.write(packet(100))
+    path = save_events(tmp_path / name, packet(100))
     before = path.read_bytes()
     with pytest.raises((AttributeError, TypeError)), create_events(path, SIZE) as writer:
-        [writer.write(given) for given in (packet(), None)]
+        [writer.write(given) for given in (packet(5_000), None)]
     assert path.read_bytes() == before
     assert listed(tmp_path) == [name]
 

@@ -7,20 +7,22 @@ from typing import Any
 import pytest
 
 import spikingtac as st
-from stand_ins.small_twin import calibration
+from stand_ins.known import known
+from stand_ins.moving_rims import GRID
 from stand_ins.tracks import circling_tracks
 
-CONFIG = st.load_config("fast")
+CONFIG, CALIBRATION = st.load_config("fast"), known(GRID)
+EVENTS = r"it: spikingtac\.open_events\('a\.raw'\)"
 
 
 @pytest.mark.parametrize(
     ("call", "told"),
     [
         (
-            lambda: st.make_tracker("fast", calibration()),  # type: ignore[arg-type]
+            lambda: st.make_tracker("fast", CALIBRATION),  # type: ignore[arg-type]
             r"a TrackingConfig, given 'fast'; make one: spikingtac\.load_config\(.*\)\.tracking",
         ),
-        (lambda: st.make_tracker(CONFIG, calibration()), r"a TrackingConfig, given Config;"),
+        (lambda: st.make_tracker(CONFIG, CALIBRATION), r"a TrackingConfig, given Config;"),
         (
             lambda: st.make_tracker(CONFIG.tracking, Path("a.json")),
             r"a Calibration, given PosixPath\('a\.json'\); make one: spikingtac\.Calibration\.load",
@@ -29,6 +31,12 @@ CONFIG = st.load_config("fast")
         (lambda: st.plot_tracks("a.npz"), r"a Tracks, given 'a\.npz'; .*Tracks\.load"),
         (lambda: st.compare_tracks(circling_tracks(), "a.npz"), r"a Tracks, given 'a\.npz'"),
         (lambda: st.compare_with_truth("a.npz", [], []), r"a Tracks, given 'a\.npz'"),
+        (lambda: st.calibrate(Path("a.raw")), EVENTS),
+        (lambda: list(st.windows("a.raw", 1_000)), EVENTS),
+        (
+            lambda: list(st.follow("a.raw", st.make_tracker(CONFIG.tracking, CALIBRATION), 9.0)),
+            EVENTS,
+        ),
     ],
 )
 def test_it_is_refused(

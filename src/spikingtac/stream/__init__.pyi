@@ -4,7 +4,9 @@
 from .live import live as live
 from .live import Live as Live
 from .live import LiveHealth as LiveHealth
-from .live import LiveFrame as LiveFrame
+from .live import Hand as Hand
+from .sensor import Finger as Finger
+from .sensor import LiveFrame as LiveFrame
 
 # A camera's events, read at once for several users
 from .reader import EventReader as EventReader
@@ -17,4 +19,4 @@ from .pair import live_windows as live_windows
 
 # The guard of an arm
 from .guard import ContactProcess as ContactProcess
-from .guard_loop import stream_arrivals as stream_arrivals
+from .arrivals import stream_arrivals as stream_arrivals

@@ -1,9 +1,6 @@
 """Many recordings: which are meant, where results go, what is done, kept, tried again, refused."""
 
 import csv
-from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -85,27 +82,15 @@ def work(recording: Path, output: Path) -> dict[str, Any]:
     return {"touches": 1, "note": recording.stem}
 
 
-@contextmanager
-def one_thread(*_: object, **__: object) -> Iterator[Executor]:
-    with ThreadPoolExecutor(1) as pool:
-        yield pool
-
-
 @pytest.fixture
-def batch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Batch:
-    monkeypatch.setattr("spikingtac.batch.run.worker_pool", one_thread)
+def batch(tmp_path: Path, jobs_here: None) -> Batch:
     SEEN.clear()
     recordings = [tmp_path / f"{name}.raw" for name in ("a", "b", "fail", "c", "bug")]
     for path in recordings:
         path.write_text("events")
-    return Batch(
-        name="touch",
-        work=work,
-        recordings=recordings,
-        folder=tmp_path / "out",
-        ending=".txt",
-        settings={"rate_hz": None, "calibration": str(tmp_path / "a.raw")},
-    )
+    settings = {"rate_hz": None, "calibration": str(tmp_path / "a.raw")}
+    places = {"recordings": recordings, "folder": tmp_path / "out", "ending": ".txt"}
+    return Batch(name="touch", work=work, settings=settings, **places)
 
 
 def test_failures_stop_nothing_and_come_first(batch: Batch) -> None:

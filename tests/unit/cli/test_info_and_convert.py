@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from spikingtac.cli.main import main
-from spikingtac.events import create_events, open_events
+from spikingtac.events import open_events
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import packet_of, save_events, whole
 from stand_ins.tracks import circling_tracks
+from stand_ins.verbs import Verbs
 
 SIZE = (32, 24)
 KEYS = {
@@ -21,16 +23,12 @@ KEYS = {
 @pytest.fixture
 def recorded(tmp_path: Path) -> Path:
     t = np.concatenate((np.arange(0, 10_000, 10), np.arange(20_000, 20_500))).astype(np.int64)
-    column = (np.arange(len(t)) % 20).astype(np.uint16)
-    packet = EventPacket(column, column, column < 5, t, 0, 20_500, SIZE)
-    with create_events(tmp_path / "a.raw", SIZE) as writer:
-        writer.write(packet)
-    return tmp_path / "a.raw"
+    column = np.arange(len(t)) % 20
+    return save_events(tmp_path / "a.raw", packet_of(t, column, column, column < 5, SIZE))
 
 
-def test_info_prints_the_contracts_keys(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["info", str(recorded), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_info_prints_the_contracts_keys(recorded: Path, verbs: Verbs) -> None:
+    found = verbs.told("info", recorded)
     assert set(found) == KEYS
     assert (found["format"], found["size"], found["events"]) == ("EVT3", [32, 24], 1_500)
     assert (found["t_first_us"], found["t_last_us"]) == (0, 20_499)
@@ -41,75 +39,65 @@ def test_info_prints_the_contracts_keys(recorded: Path, capsys: pytest.CaptureFi
     assert found["anomalies"] == {}
 
 
-def test_convert_cuts_and_flips(recorded: Path, capsys) -> None:
+def test_convert_cuts_and_flips(recorded: Path, verbs: Verbs) -> None:
     target = recorded.with_name("b.csv")
-    arguments = ["--from-us", "5000", "--to-us", "20100", "--flip-polarity", "--json"]
-    assert main(["convert", str(recorded), str(target), *arguments]) == 0
-    assert json.loads(capsys.readouterr().out)["events"] == 600
-    found = EventPacket.concatenate(list(open_events(target)))
-    whole = EventPacket.concatenate(list(open_events(recorded)))
-    inside = (whole.t >= 5_000) & (whole.t < 20_100)
-    np.testing.assert_array_equal(found.t, whole.t[inside])
-    np.testing.assert_array_equal(found.p, ~whole.p[inside])
+    arguments = ["--from-us", 5_000, "--to-us", 20_100, "--flip-polarity"]
+    assert verbs.told("convert", recorded, target, *arguments)["events"] == 600
+    found, events = whole(open_events(target)), whole(open_events(recorded))
+    inside = (events.t >= 5_000) & (events.t < 20_100)
+    np.testing.assert_array_equal(found.t, events.t[inside])
+    np.testing.assert_array_equal(found.p, ~events.p[inside])
 
 
 def converted(recorded: Path, *options: str) -> EventPacket:
     target = recorded.with_name("changed.npz")
     assert main(["convert", str(recorded), str(target), "--overwrite", *options]) == 0
-    return EventPacket.concatenate(list(open_events(target)))
+    return whole(open_events(target))
 
 
 def test_convert_crops_flips_turns_and_shifts(recorded: Path) -> None:
-    whole = EventPacket.concatenate(list(open_events(recorded)))
+    events = whole(open_events(recorded))
     options = ["--crop", "4", "2", "20", "24", "--flip", "x", "--rotate", "90"]
     found = converted(recorded, *options, "--shift-us", "-100")
-    inside = (whole.x >= 4) & (whole.x < 20) & (whole.y >= 2)
-    x, y = whole.x[inside].astype(int) - 4, whole.y[inside].astype(int) - 2
+    inside = (events.x >= 4) & (events.x < 20) & (events.y >= 2)
+    x, y = events.x[inside].astype(int) - 4, events.y[inside].astype(int) - 2
     assert found.size == (22, 16)
     np.testing.assert_array_equal(found.x, 21 - y)  # clockwise: what was below is left
     np.testing.assert_array_equal(found.y, 15 - x)  # x was mirrored first
-    np.testing.assert_array_equal(found.t, whole.t[inside] - 100)
+    np.testing.assert_array_equal(found.t, events.t[inside] - 100)
     assert converted(recorded, "--size", "64", "48").size == (64, 48)
 
 
 def test_convert_drops_hot_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     t = np.arange(0, 2_000_000, 500, np.int64)
     hot = np.arange(len(t)) % 2 == 0
-    column = np.where(hot, 7, np.arange(len(t)) % 24).astype(np.uint16)
-    row = np.where(hot, 7, np.arange(len(t)) // 24 % 24).astype(np.uint16)
-    with create_events(tmp_path / "a.raw", SIZE) as writer:
-        writer.write(EventPacket(column, row, hot, t, 0, 2_000_000, SIZE))
-    found = converted(tmp_path / "a.raw", "--hot-pixels", "drop")
+    row, column = np.where(hot, 7, np.divmod(np.arange(len(t)) % 576, 24))
+    recorded = save_events(tmp_path / "a.raw", packet_of(t, column, row, hot, SIZE))
+    found = converted(recorded, "--hot-pixels", "drop")
     assert not ((found.x == 7) & (found.y == 7)).any()
     assert "1 hot pixels" in capsys.readouterr().err
-    assert len(converted(tmp_path / "a.raw")) == len(t) > len(found) > len(t) // 3
+    assert len(converted(recorded)) == len(t) > len(found) > len(t) // 3
 
 
-def test_triggers_stay_where_the_format_holds_them(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_triggers_stay_where_the_format_holds_them(tmp_path: Path, verbs: Verbs) -> None:
     words = [0x8 << 28]  # EVT 2.0: upper time 0, then edges on channel 3 at 10 and 50 us, an event
     words += [0xA << 28 | t_us << 22 | 3 << 8 | rises for t_us, rises in ((10, 1), (50, 0))]
     words += [0x1 << 28 | 60 << 22 | 5 << 11 | 7]
     source = tmp_path / "t.raw"
     head = b"% evt 2.0\n% format EVT2;height=24;width=32\n% end\n"
     source.write_bytes(head + np.array(words, "<u4").tobytes())
-    assert main(["info", str(source), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = verbs.told("info", source)
     channel = {"count": 2, "t_first_us": 10, "t_last_us": 50}
     assert (found["triggers"], found["trigger_channels"]) == (2, {"3": channel})
     target = tmp_path / "t.npz"
-    assert main(["convert", str(source), str(target), "--from-us", "20", "--shift-us", "5"]) == 0
+    verbs.said("convert", source, target, "--from-us", 20, "--shift-us", 5)
     archive = np.load(target)
     names = ("trigger_t_us", "trigger_channel", "trigger_edge")
     assert [archive[name].tolist() for name in names] == [[55], [3], [False]]
-    assert main(["convert", str(source), str(tmp_path / "t.csv")]) == 0
-    assert "2 left out" in capsys.readouterr().err
+    assert "2 left out" in verbs.said("convert", source, tmp_path / "t.csv")
 
 
-def test_info_tells_what_files_of_ours_are(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_info_tells_what_files_of_ours_are(tmp_path: Path, verbs: Verbs) -> None:
     tracks = circling_tracks(estimates=20)
     tracks.save(tmp_path / "tracks.npz")
     t_us, rest = np.arange(5) * 1000, np.zeros((3, 2))
@@ -130,8 +118,6 @@ def test_info_tells_what_files_of_ours_are(
         "force.json": ("force", "components", ["fx"]),
     }
     for name, (kind, key, value) in expected.items():
-        assert main(["info", str(tmp_path / name), "--json"]) == 0
-        found = json.loads(capsys.readouterr().out)
+        found = verbs.told("info", tmp_path / name)
         assert (found["format"], found[key]) == (kind, value)
-        assert main(["info", str(tmp_path / name)]) == 0
-        assert found["about"] in capsys.readouterr().err
+        assert found["about"] in verbs.said("info", tmp_path / name)

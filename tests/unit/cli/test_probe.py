@@ -10,14 +10,15 @@ import pytest
 
 from spikingtac import robot
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.main import main
 from spikingtac.cli.verbs import probe_sites as sites
 from spikingtac.cli.verbs.probe import Args, run
 from spikingtac.errors import ConfigError
 from spikingtac.robot.robotiq import RobotiqGripper
 from spikingtac.types import EventPacket
+from stand_ins.known import known
 from stand_ins.robotiq_gripper import FakeGripper
 from stand_ins.touching import IdealProber
+from stand_ins.verbs import Verbs
 
 HOST = "192.0.2.1"
 SIZE = (32, 24)
@@ -40,13 +41,14 @@ def lively(args: Args, calibration: Calibration) -> Iterator[tuple[EventPacket, 
         yield (EventPacket(x, y, t % 2 == 0, t, start_us, start_us + 1000, SIZE),)
 
 
+def moves(*_: object) -> None:
+    raise AssertionError("something moved, or was asked to")
+
+
 @pytest.fixture
 def arm_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """An arm that stands in an ideal hole."""
-    calibration = Calibration(
-        reference_px=np.array([[16.0, 12.0]]), radius_px=np.array([4.0]), grid=(1, 1), size=SIZE
-    )
-    calibration.save(tmp_path / "finger.json")
+    known(np.array([[16.0, 12.0]]), size=SIZE).save(tmp_path / "finger.json")
     monkeypatch.setattr(robot, "URArm", lambda address: StillArm())
     monkeypatch.setattr(sites, "listen", lambda args, own: (lively(args, own), None))
     prober = IdealProber(2.0, center_mm=(0.3, -0.2))
@@ -56,22 +58,15 @@ def arm_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def test_an_arm_moves_by_a_recording_only_in_a_rehearsal(
-    arm_arguments: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    arm_arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verbs: Verbs
 ) -> None:
-    def moves(args: Args) -> None:
-        raise AssertionError("the arm was asked")
-
     (tmp_path / "finger.raw").write_bytes(b"")
     monkeypatch.chdir(tmp_path)
-    assert main(arm_arguments) == 0
+    verbs.said(*arm_arguments)
     monkeypatch.setattr(robot, "URArm", moves)
     arm_arguments.remove("--rehearsal")
-    assert main(arm_arguments) == 2
-    assert "feels nothing" in capsys.readouterr().err
-    assert main(["probe", "--rehearsal"]) == 2
+    assert "feels nothing" in verbs.said(*arm_arguments, code=2)
+    verbs.said("probe", "--rehearsal", code=2)
 
 
 @pytest.mark.parametrize(
@@ -88,21 +83,17 @@ def test_an_arm_moves_by_a_recording_only_in_a_rehearsal(
 def test_what_no_search_can_do_is_refused_at_once(
     given: dict[str, object], message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def moves(args: Args) -> None:
-        raise AssertionError("something moved")
-
     monkeypatch.setattr(sites, "on_twin", moves)
     with pytest.raises(ConfigError, match=message):
         run(Args(**given))  # type: ignore[arg-type]
 
 
 def test_a_real_arm_writes_what_it_found(
-    arm_arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arm_arguments: list[str], tmp_path: Path, verbs: Verbs
 ) -> None:
     closed = StillArm.closed
-    assert main([*arm_arguments, "-o", str(tmp_path / "out"), "--json"]) == 0
+    told = verbs.told(*arm_arguments, "-o", tmp_path / "out")
     assert StillArm.closed == closed + 1
-    told = json.loads(capsys.readouterr().out)
     assert (told["source"], told["simulated"], told["contacts"]) == ("robot", False, 12)
     assert "x_mm_error" not in told
     written = json.loads(Path(told["output"]).read_text(encoding="utf-8"))
@@ -132,15 +123,10 @@ def gripper(monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeGripper]:
 
 @pytest.mark.parametrize(("flags", "position"), [([], 120), (["--release"], 0)])
 def test_the_gripper_closes_on_the_probe_and_opens_on_request(
-    flags: list[str],
-    position: int,
-    arm_arguments: list[str],
-    gripper: FakeGripper,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main([*arm_arguments, "--gripper", *flags, "-o", str(tmp_path), "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)
+    flags: list[str], position: int, arm_arguments: list[str], gripper: FakeGripper,
+    tmp_path: Path, verbs: Verbs,
+) -> None:  # fmt: skip
+    summary = verbs.told(*arm_arguments, "--gripper", *flags, "-o", tmp_path)
     assert summary["grip"] == {"object": "held", "position": 120}
     assert json.loads((tmp_path / "hole.json").read_text())["grip"] == summary["grip"]
     assert gripper.values["FOR"] == 0
@@ -148,15 +134,8 @@ def test_the_gripper_closes_on_the_probe_and_opens_on_request(
 
 
 def test_a_gripper_that_holds_nothing_ends_the_verb_before_the_arm_moves(
-    arm_arguments: list[str],
-    gripper: FakeGripper,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    arm_arguments: list[str], gripper: FakeGripper, monkeypatch: pytest.MonkeyPatch, verbs: Verbs
 ) -> None:
-    def connected(args: Args) -> StillArm:
-        raise AssertionError("the arm was asked")
-
     gripper.object_at = None
-    monkeypatch.setattr(robot, "URArm", connected)
-    assert main([*arm_arguments, "--gripper"]) == 3
-    assert "holds nothing" in capsys.readouterr().err
+    monkeypatch.setattr(robot, "URArm", moves)
+    assert "holds nothing" in verbs.said(*arm_arguments, "--gripper", code=3)

@@ -17,20 +17,18 @@ from spikingtac.cli.sources import EXIT_TERMINATED, ended_by_sigterm, for_each
 from spikingtac.errors import ConfigError
 from spikingtac.events.camera import KINDS
 from stand_ins.camera_counterparts import with_module
+from stand_ins.verbs import Verbs
 
 PATIENCE_S = 20.0
 
 
-def test_every_way_is_listed_with_what_is_missing_and_what_is_plugged_in(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_every_way_is_listed_with_what_is_missing_and_what_is_plugged_in(verbs: Verbs) -> None:
     drivers: Any = types.ModuleType("neuromorphic_drivers")
     drivers.__spec__ = SimpleNamespace(name="neuromorphic_drivers")
     name = SimpleNamespace(value="Prophesee EVK4")
     drivers.list_devices = lambda: [SimpleNamespace(name=name, serial="00051505", error=None)]
     with with_module("neuromorphic_drivers", drivers):
-        assert main(["cameras", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+        told = verbs.told("cameras")
     assert list(told["kinds"]) == list(KINDS)
     assert told["kinds"]["udp"] == {
         "example": "udp:7777?encoding=evt2&size=320x320",
@@ -40,8 +38,7 @@ def test_every_way_is_listed_with_what_is_missing_and_what_is_plugged_in(
     }
     (camera,) = [item for item in told["found"] if item["address"].startswith("nd:")]
     assert (camera["address"], camera["model"]) == ("nd:00051505", "Prophesee EVK4")
-    assert main(["cameras"]) == 0
-    assert "udp:7777?encoding=evt2" in capsys.readouterr().out
+    assert "udp:7777?encoding=evt2" in verbs.said("cameras")
 
 
 def test_doctor_listens_to_a_camera(capsys: pytest.CaptureFixture[str]) -> None:
@@ -56,15 +53,12 @@ def test_doctor_listens_to_a_camera(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("verb", ["track", "contact", "view"])
-def test_a_recording_has_no_deadlines(
-    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_has_no_deadlines(verb: str, tmp_path: Path, verbs: Verbs) -> None:
     (tmp_path / "short.raw").touch()
-    given = [verb, str(tmp_path / "short.raw"), "--calibration", "finger.json", "--realtime"]
-    assert main(given) == 2
-    assert "is a recording and has no deadlines" in capsys.readouterr().err
-    assert main(["view", "udp:7777", "--second", "udp:7778", "--realtime"]) == 2
-    assert "--realtime takes one camera" in capsys.readouterr().err
+    given = [verb, tmp_path / "short.raw", "--calibration", "finger.json", "--realtime"]
+    assert "is a recording and has no deadlines" in verbs.said(*given, code=2)
+    told = verbs.said("view", "udp:7777", "--second", "udp:7778", "--realtime", code=2)
+    assert "--realtime takes one camera" in told
 
 
 def told_to_end(closed: list[str]) -> None:
@@ -122,8 +116,6 @@ def test_where_one_camera_fails_the_other_one_is_closed(failing: int) -> None:
     ("words", "told"),
     [(["a.raw"], "a calibration each"), (["a.raw", "b.raw"], "give a single one")],
 )
-def test_each_finger_needs_its_calibration(
-    words: list[str], told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["track", *words, "--calibration", "one.json", "--second", "c.raw"]) == 2
-    assert told in capsys.readouterr().err
+def test_each_finger_needs_its_calibration(words: list[str], told: str, verbs: Verbs) -> None:
+    given = "--calibration", "one.json", "--second", "c.raw"
+    assert told in verbs.said("track", *words, *given, code=2)

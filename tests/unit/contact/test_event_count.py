@@ -1,6 +1,7 @@
 """Count tests: the published threshold, its budget, and a threshold from a stream's beginning."""
 
 from collections.abc import Iterable, Sequence
+from itertools import product
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from spikingtac.contact.registry import (
     SelfCalibratingDetector,
 )
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import packet_at
 
 WINDOWS, PERIOD_S = 10_000, 0.001
 
@@ -27,12 +29,8 @@ QUIET_COUNT, SLIDE_COUNT, PRESS_COUNT = 18, 46, 120
 
 
 def windows(counts: Iterable[int], first: int = 0) -> list[EventPacket]:
-    out = []
-    for k, count in enumerate(counts, first):
-        zero = np.zeros(count, np.uint16)
-        t = np.full(count, 1000 * k, np.int64)
-        out.append(EventPacket(zero, zero, zero > 0, t, 1000 * k, 1000 * (k + 1), (320, 320)))
-    return out
+    begun_us = ((1_000 * k, count) for k, count in enumerate(counts, first))
+    return [packet_at([t_us] * count, (t_us, t_us + 1_000), (320, 320)) for t_us, count in begun_us]
 
 
 def test_the_first_window_above_the_threshold_is_the_contact() -> None:
@@ -49,22 +47,16 @@ def test_the_first_window_above_the_threshold_is_the_contact() -> None:
     assert not detector.in_contact
 
 
-def quiet(mean: float, variance: float) -> QuietStatistics:
-    return QuietStatistics(
-        mean=mean, variance=variance, highest=0, windows=WINDOWS, period_s=PERIOD_S
-    )
-
-
 @pytest.mark.parametrize("alarms_per_hour", [0.01, 1.0, 36_000.0])
 def test_the_least_count_is_that_of_the_distribution(alarms_per_hour: float) -> None:
     chance = alarms_per_hour * PERIOD_S / SECONDS_PER_HOUR
-    for mean in (0.02, 0.7, 3.0, 41.5, 2_000.0):
-        found = quiet(mean, mean).threshold(alarms_per_hour)
-        assert found == int(stats.poisson.isf(chance, mean))
-        for excess in (0.3, 2.0, 40.0):
-            size = mean / excess
-            found = quiet(mean, mean * (1.0 + excess)).threshold(alarms_per_hour)
-            assert found == int(stats.nbinom.isf(chance, size, size / (size + mean)))
+    for mean, excess in product((0.02, 0.7, 3.0, 41.5, 2_000.0), (0.0, 0.3, 2.0, 40.0)):
+        quiet = QuietStatistics(
+            mean=mean, variance=mean * (1.0 + excess), highest=0, windows=WINDOWS, period_s=PERIOD_S
+        )
+        size = mean / excess if excess else np.inf
+        law = stats.nbinom(size, size / (size + mean)) if excess else stats.poisson(mean)
+        assert quiet.threshold(alarms_per_hour) == int(law.isf(chance))
 
 
 def begun_at(counts: list[int], before: Sequence[int] = ()) -> list[int]:

@@ -11,6 +11,7 @@ from spikingtac.contact.quiet_evidence import quiet_evidence, scale_test, tail_t
 from spikingtac.errors import CalibrationError
 from spikingtac.types import EventPacket
 from stand_ins.moving_rims import GRID, RADIUS_PX, SIZE, calibration, windows
+from stand_ins.random_packets import packet_of
 
 BLOCK, PER_BLOCK = 100, 1e-5
 TABLE = rim_table(calibration())
@@ -20,10 +21,8 @@ HOT = (round(GRID[4][0]) + 7, round(GRID[4][1]))
 def with_hot_pixel(packet: EventPacket) -> EventPacket:
     if packet.t_start_us % 20_000:
         return packet
-    extra = EventPacket(
-        np.array([HOT[0]], np.uint16), np.array([HOT[1]], np.uint16), np.array([True]),
-        np.array([packet.t_start_us]), packet.t_start_us, packet.t_end_us, packet.size,
-    )  # fmt: skip
+    columns = np.array([[packet.t_start_us], [HOT[0]], [HOT[1]], [1]])
+    extra = packet_of(*columns, packet.size, (packet.t_start_us, packet.t_end_us))
     return EventPacket.concatenate([extra, packet])
 
 
@@ -77,10 +76,6 @@ def test_only_the_rims_count_and_each_pixel_belongs_to_the_nearest() -> None:
     assert (none.row == OFF_RIM).all()
 
 
-def rate_above(threshold, draw, rng, blocks=200_000):
-    return float((draw(rng, blocks) > threshold).mean())
-
-
 def noise(rng, blocks):
     """The highest of a block of Gaussian noise."""
     return np.abs(rng.standard_normal((blocks, 4))).max(axis=1)
@@ -98,7 +93,8 @@ def test_a_minute_tells_what_is_rarer_by_far(draw, seed):
     values = np.zeros((600, BLOCK))
     values[:, 7] = draw(np.random.default_rng(seed), len(values))
     threshold = tail_threshold(values.ravel(), BLOCK, PER_BLOCK)
-    assert rate_above(threshold, draw, np.random.default_rng(100 + seed)) <= PER_BLOCK
+    later = draw(np.random.default_rng(100 + seed), 200_000)
+    assert (later > threshold).mean() <= PER_BLOCK
 
 
 def test_a_short_recording_gives_a_high_threshold_not_a_wrong_one():

@@ -2,23 +2,23 @@
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from spikingtac.contact.detector import WINDOW_US
 from spikingtac.contact.recording import _aligned, find_contacts, leading_quiet
 from spikingtac.contact.registry import EventCountDetector
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import packet_at
 
 SIZE = (8, 8)
 
 
+def window(number: int, events: int = 1) -> EventPacket:
+    start_us = number * WINDOW_US
+    return packet_at([start_us] * events, (start_us, start_us + WINDOW_US), SIZE)
+
+
 def windows(*numbers: int) -> Iterator[EventPacket]:
     """Yield windows of one event each."""
-    for number in numbers:
-        start_us = number * WINDOW_US
-        zero = np.zeros(1, np.uint16)
-        t_us = np.array([start_us], np.int64)
-        yield EventPacket(zero, zero, zero > 0, t_us, start_us, start_us + WINDOW_US, SIZE)
+    yield from map(window, numbers)
 
 
 def rows(*streams: Iterator[EventPacket]) -> list[tuple[int, tuple[int, ...]]]:
@@ -42,11 +42,8 @@ def test_pairs_end_with_the_shorter_sensor() -> None:
 
 
 def test_a_burst_at_the_start_is_neither_learned_nor_a_contact() -> None:
-    source = []
-    for number, count in enumerate([400] * 40 + [3, 5, 4] * 200 + [90] * 20):
-        start_us, zero = number * WINDOW_US, np.zeros(count, np.uint16)
-        t_us = np.full(count, start_us, np.int64)
-        source.append(EventPacket(zero, zero, zero > 0, t_us, start_us, start_us + WINDOW_US, SIZE))
+    counts = [400] * 40 + [3, 5, 4] * 200 + [90] * 20
+    source = [window(number, count) for number, count in enumerate(counts)]
     begin, end = leading_quiet([source])  # type: ignore[list-item]
     assert begin == 60
     assert 540 <= end <= 640

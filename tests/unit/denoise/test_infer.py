@@ -1,3 +1,4 @@
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -7,7 +8,7 @@ import pytest
 
 from spikingtac.denoise import infer
 from spikingtac.denoise.classical import make_denoiser
-from spikingtac.denoise.infer import MANIFEST, NetworkDenoiser, shipped_denoiser
+from spikingtac.denoise.infer import NetworkDenoiser, shipped_denoiser
 from spikingtac.errors import ConfigError
 from spikingtac.state_map.binary import paint_binary_discs
 
@@ -15,17 +16,11 @@ from spikingtac.state_map.binary import paint_binary_discs
 LOGISTIC_ERROR = 0.022
 
 
-@pytest.fixture(scope="module")
-def shipped(tmp_path_factory) -> tuple[Path, Path]:
-    """Copies of the networks of the package and of their digests."""
-    folder = tmp_path_factory.mktemp("networks")
-    for file in (Path(infer.__file__).parent / "weights").iterdir():
-        (folder / file.name).write_bytes(file.read_bytes())
-    return folder / "lean.onnx", folder / "lean-int8.onnx"
+WEIGHTS = Path(infer.__file__).parent / "weights"
 
 
-def test_buffers_are_reused_and_follow_the_size(shipped):
-    denoiser = NetworkDenoiser(shipped[1])
+def test_buffers_are_reused_and_follow_the_size():
+    denoiser = NetworkDenoiser(WEIGHTS / "lean-int8.onnx")
     small, large = np.zeros((20, 30), np.float32), np.ones((65, 33), np.float32)
     first = denoiser.clean(small)
     assert first.shape == (20, 30)
@@ -35,9 +30,9 @@ def test_buffers_are_reused_and_follow_the_size(shipped):
     assert np.array_equal(denoiser.clean(small), kept)
 
 
-def test_a_map_of_no_two_sides_is_refused(shipped):
+def test_a_map_of_no_two_sides_is_refused():
     with pytest.raises(ConfigError, match=r"\(height, width\).*\(3, 4, 5\)"):
-        NetworkDenoiser(shipped[0]).clean(np.zeros((3, 4, 5), np.float32))
+        NetworkDenoiser(WEIGHTS / "lean.onnx").clean(np.zeros((3, 4, 5), np.float32))
 
 
 @pytest.mark.parametrize("content", [b"", b"not a network", b"\x08\x09" * 500])
@@ -53,28 +48,22 @@ def test_a_missing_file_is_named(tmp_path):
         NetworkDenoiser(tmp_path / "none.onnx")
 
 
-def test_one_flipped_bit_is_found(shipped, tmp_path):
-    source = shipped[1]
-    content = bytearray(source.read_bytes())
+def test_one_flipped_bit_is_found(tmp_path):
+    weights = shutil.copytree(WEIGHTS, tmp_path / "weights")
+    content = bytearray((weights / "lean-int8.onnx").read_bytes())
     content[len(content) // 2] ^= 1
-    (tmp_path / source.name).write_bytes(content)
-    (tmp_path / MANIFEST).write_bytes((source.parent / MANIFEST).read_bytes())
+    (weights / "lean-int8.onnx").write_bytes(content)
     with pytest.raises(ConfigError, match="is damaged: its sha256 is"):
-        NetworkDenoiser(tmp_path / source.name)
+        NetworkDenoiser(weights / "lean-int8.onnx")
 
 
 def test_a_foreign_network_is_refused(tmp_path):
     onnx = pytest.importorskip("onnx")
-    value = onnx.helper.make_tensor_value_info("x", onnx.TensorProto.FLOAT, [1])
-    result = onnx.helper.make_tensor_value_info("y", onnx.TensorProto.FLOAT, [1])
-    node = onnx.helper.make_node("Identity", ["x"], ["y"])
-    graph = onnx.helper.make_graph([node], "foreign", [value], [result])
-    opset = [onnx.helper.make_opsetid("", 17)]
-    model = onnx.helper.make_model(graph, ir_version=9, opset_imports=opset)
-    path = tmp_path / "foreign.onnx"
-    path.write_bytes(model.SerializeToString())
+    head = '<ir_version: 9, opset_import: ["": 17]>'
+    text = f"{head} foreign (float[1] x) => (float[1] y) {{y = Identity(x)}}"
+    onnx.save(onnx.parser.parse_model(text), tmp_path / "foreign.onnx")
     with pytest.raises(ConfigError, match=r"another origin.*\['x', 'y'\]"):
-        NetworkDenoiser(path)
+        NetworkDenoiser(tmp_path / "foreign.onnx")
 
 
 def noisy_markers() -> tuple[np.ndarray, np.ndarray]:

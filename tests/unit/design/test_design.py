@@ -1,23 +1,21 @@
 """Designs from TOML, their checks, figures and bill, and the verb without the modeller."""
 
 import csv
-import importlib
 import io
-import json
 import math
+import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 
-from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError
-from spikingtac_hardware.checks import check_design, require_sound
+from spikingtac_hardware.checks import check_design
 from spikingtac_hardware.design import Design, descriptions, load_design, names
 from spikingtac_hardware.figures import as_csv, bill_of_materials, build_guide, figures_of, totals
 from spikingtac_hardware.layout import Layout
 from spikingtac_hardware.parts import SENSOR
+from stand_ins.verbs import Verbs
 
 VOLUMES = {name: 1000.0 for name in SENSOR}
 
@@ -82,12 +80,6 @@ def test_a_mistake_is_named(text: str, reason: str, tmp_path: Path) -> None:
         load_design(written(tmp_path, text))
 
 
-def test_a_thick_gel_gets_the_reason_in_words() -> None:
-    reason = r"the gel of 8.65 mm leaves 0.4 mm to the lens; needed 1.0"
-    with pytest.raises(ConfigError, match=reason):
-        require_sound(load_design().changed(skin={"gel_mm": 8.65}))
-
-
 def test_a_lens_in_the_window_is_told_without_optics() -> None:
     findings = check_design(load_design().changed(skin={"gel_mm": 12.0}))
     assert {"lens.gap"} <= {finding.name for finding in findings if not finding.passed}
@@ -144,37 +136,25 @@ def test_the_bill_adds_up() -> None:
     assert float(of["screws"]["cost_usd"]) == pytest.approx(4 * design.materials.screw_usd)
 
 
-def test_the_verb_lists_shows_and_refuses(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["design", "--list"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_the_verb_lists_shows_and_refuses(tmp_path: Path, verbs: Verbs) -> None:
+    lines = verbs.said("design", "--list").splitlines()
     assert [line.partition("  ")[0] for line in lines] == list(names())
-    assert main(["design", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = verbs.told("design")
     assert found["design"] == "paper-size"
     assert all(check["passed"] for check in found["checks"])
-    assert main(["design", "round-fingertip"]) == 0
-    assert "checks passed" in capsys.readouterr().out
+    assert "checks passed" in verbs.said("design", "round-fingertip")
     bad = written(tmp_path, "[skin]\ngel_mm = 8.65\n")
-    assert main(["design", str(bad)]) == 2
-    assert "needed 1.0" in capsys.readouterr().err
+    assert "the gel of 8.65 mm leaves 0.4 mm to the lens; needed 1.0" in verbs.said(
+        "design", bad, code=2
+    )
 
 
 def test_files_need_the_extra_and_are_not_replaced_unasked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verbs: Verbs
 ) -> None:
-    real = importlib.import_module
-
-    def without_modeller(name: str, package: str | None = None) -> ModuleType:
-        if name == "build123d":
-            raise ImportError(name)
-        return real(name, package)
-
-    monkeypatch.setattr(importlib, "import_module", without_modeller)
-    assert main(["design", "-o", str(tmp_path / "sensor")]) == 3
-    assert "pip install 'spikingtac[design]'" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "build123d", None)
+    told = verbs.said("design", "-o", tmp_path / "sensor", code=3)
+    assert "pip install 'spikingtac[design]'" in told
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "figures.json").write_text("{}")
-    assert main(["design", "-o", str(tmp_path)]) == 2
-    assert "--overwrite" in capsys.readouterr().err
+    assert "--overwrite" in verbs.said("design", "-o", tmp_path, code=2)

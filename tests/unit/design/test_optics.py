@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.cli.main import main
 from spikingtac.events.recording import Recording
 from spikingtac.sim import catalog
 from spikingtac.sim.optics import Optics
@@ -17,6 +16,7 @@ from spikingtac_hardware.design import Design, load_design, names
 from spikingtac_hardware.layout import Layout
 from spikingtac_hardware.optics import Imaging, illuminance_lux
 from spikingtac_hardware.twin import scene_on_design
+from stand_ins.verbs import Verbs
 
 RADII_MM = np.array([1.0, 4.0, 8.4, 12.0])
 
@@ -139,9 +139,9 @@ def test_pillars_cast_shadows() -> None:
     assert lit(slim, middle) == pytest.approx(lit(design, middle))
 
 
-def test_a_recording_of_a_design(tmp_path: Path) -> None:
-    arguments = ["simulate", "finger-presses", "--design", "gelsight-like", "--duration-s", "0.1"]
-    assert main([*arguments, "-o", str(tmp_path / "a"), "--seed", "1"]) == 0
+def test_a_recording_of_a_design(tmp_path: Path, verbs: Verbs) -> None:
+    arguments = ["simulate", "finger-presses", "--design", "gelsight-like", "--duration-s", 0.1]
+    verbs.said(*arguments, "-o", tmp_path / "a", "--seed", 1)
     truth = Recording.open(tmp_path / "a").truth() or {}
     assert truth["reference_px"].shape == (70, 2)
     assert json.loads((tmp_path / "a" / "manifest.json").read_text())["size"] == [320, 240]
@@ -160,11 +160,9 @@ def test_motion_camera_specimen_and_damage_stay_the_scene_s() -> None:
     assert other.camera.settings["light"]["contrast"] == pytest.approx(1 / 6)
 
 
-def test_a_design_that_fails_is_no_sensor(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_design_that_fails_is_no_sensor(tmp_path: Path, verbs: Verbs) -> None:
     bad = tmp_path / "bad.toml"
     bad.write_text("[skin]\npitch_mm = 3.0\n")
-    assert main(["simulate", "quiet", "--design", str(bad), "-o", str(tmp_path / "a")]) == 2
-    assert "disc.inside" in capsys.readouterr().err
+    words = "simulate", "quiet", "--design", bad, "-o", tmp_path / "a"
+    assert "disc.inside" in verbs.said(*words, code=2)
     assert not (tmp_path / "a").exists()

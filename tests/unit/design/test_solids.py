@@ -1,15 +1,14 @@
 """Solids, files and pictures; they need build123d, which the extra ``[design]`` brings."""
 
-import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import pytest
 
-from spikingtac.cli.main import main
 from spikingtac_hardware.design import DEFAULT, load_design, names
 from spikingtac_hardware.layout import Layout
+from stand_ins.verbs import Verbs
 
 REASON = "build123d is not installed; pip install 'spikingtac[design]' runs these tests"
 cad = pytest.importorskip("build123d", reason=REASON)
@@ -73,12 +72,9 @@ def test_the_mould_gives_the_gel_its_thickness(parts: dict[str, Part]) -> None:
 
 
 @pytest.mark.slow
-def test_all_files_are_written_and_can_be_read(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_all_files_are_written_and_can_be_read(tmp_path: Path, verbs: Verbs) -> None:
     folder = tmp_path / "sensor"
-    assert main(["design", "-o", str(folder), "--json"]) == 0
-    figures = json.loads(capsys.readouterr().out)["figures"]
+    figures = verbs.told("design", "-o", folder)["figures"]
     written = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     assert len(written) == figures["files"]
     assert {
@@ -97,7 +93,7 @@ def test_all_files_are_written_and_can_be_read(
     assert load_design(folder / "design.toml") == load_design()
     circles = (folder / "cut" / "stencil.svg").read_text().count("<circle")
     assert circles == 64
-    assert main(["design", "-o", str(folder)]) == 2
+    verbs.said("design", "-o", folder, code=2)
 
 
 def test_a_design_whose_parts_overlap_is_refused(

@@ -8,14 +8,7 @@ import pytest
 
 from spikingtac.errors import FormatError
 from spikingtac.events import open_events
-from stand_ins.bags import (
-    cdr,
-    mcap_chunk,
-    mcap_file,
-    packet_words,
-    ros1_bag,
-    write_db3,
-)
+from stand_ins.bags import cdr, mcap_chunk, mcap_file, packet_words, ros1_bag, write_db3
 from stand_ins.random_packets import rows
 
 PER_CHUNK, CHUNKS = 5, 12

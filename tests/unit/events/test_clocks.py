@@ -1,6 +1,5 @@
 """Clocks that drift, jitter and lie: maps are found within the error that they state."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,18 +7,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.align import SyncLine, load_poses, through_triggers
 from spikingtac.events.camera_source import DeliveryMeter
 from spikingtac.events.clock import ClockFit, TimeMap, through_moments
-from spikingtac.events.create import create_events
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import RetimedSource
 from spikingtac.stream.pair import LiveMap
-from spikingtac.types import EventPacket
+from stand_ins.random_packets import packet_of, save_events
+from stand_ins.verbs import Verbs
 
 
 def watched(
@@ -99,7 +97,7 @@ def delivered(seed: int, away_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     shift_us: list[float] = []
     lives = LiveMap(own.mapping, shift_us), LiveMap(base.mapping, shift_us)
     found, truth = [], []
-    for now_s in np.arange(0.0, 20.0, 0.002):
+    for now_s in np.arange(0.0, 10.0, 0.002):
         host_s = 500.0 + now_s
         base_us, own_us = now_s * (1 - 30e-6) * 1e6, (now_s + 7.25) * (1 + 50e-6) * 1e6
         base.arrived(round(base_us), host_s + 3e-4 + rng.exponential(2e-3))
@@ -112,7 +110,7 @@ def delivered(seed: int, away_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(found), np.concatenate(truth)
 
 
-@pytest.mark.parametrize(("seed", "away_s"), [(0, 0.0), (1, 0.0), (5, 10.0)])
+@pytest.mark.parametrize(("seed", "away_s"), [(0, 0.0), (1, 0.0), (5, 5.0)])
 def test_live_times_stay_in_order_and_come_near_the_truth(seed: int, away_s: float) -> None:
     found, truth = delivered(seed, away_s)
     packets = found.reshape(-1, 20)
@@ -206,13 +204,11 @@ def test_other_lines_and_channels_are_refused() -> None:
     assert through_triggers(one, other, 5).drift_ppm == 0.0
 
 
-def test_align_puts_events_and_edges_on_the_first_clock(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_align_puts_events_and_edges_on_the_first_clock(tmp_path: Path, verbs: Verbs) -> None:
     rng = np.random.default_rng(3)
     moments_us = np.sort(rng.uniform(1e6, 19e6, 30))
     t_us = np.sort(rng.uniform(0.0, 20e6, 5_000))
-    x, y = rng.integers(0, 320, (2, len(t_us))).astype(np.uint16)
+    x, y = rng.integers(0, 320, (2, len(t_us)))
     for name, right in (("left.npz", False), ("right.raw", True)):
         t, seen, last = (
             on_own(times) if right else times.astype(np.int64)
@@ -221,18 +217,14 @@ def test_align_puts_events_and_edges_on_the_first_clock(
         edges = Triggers()
         edges.append(seen, 1, True)
         edges.append(last, 4, True)
-        with create_events(tmp_path / name, (320, 320)) as writer:
-            writer.add_triggers(edges)
-            writer.write(EventPacket(x, y, x > y, t, int(t[0]), int(t[-1]) + 1, (320, 320)))
-    given = ["align", str(tmp_path / "left.npz"), str(tmp_path / "right.raw"), "--json"]
-    assert main([*given, "--trigger-channel", "1", "-o", str(tmp_path / "pair")]) == 0
-    told = json.loads(capsys.readouterr().out)["time_base"]
+        save_events(tmp_path / name, packet_of(t, x, y, x > y, (320, 320)), triggers=edges)
+    given = "align", tmp_path / "left.npz", tmp_path / "right.raw"
+    told = verbs.told(*given, "--trigger-channel", 1, "-o", tmp_path / "pair")["time_base"]
     assert told["learned_from"] == "triggers"
     assert abs(told["drift_ppm"] + DRIFT_PPM) < 4.0 * told["drift_error_ppm"] < 1.0
     right = np.concatenate([packet.t for packet in open_events(tmp_path / "pair", sensor=1)])
     assert np.abs(right - t_us).max() < 4.0
-    assert main([*given, "--by", "triggers"]) == 2
-    assert "--trigger-channel" in capsys.readouterr().out
+    assert "--trigger-channel" in verbs.said(*given, "--by", "triggers", code=2)
     source = open_events(tmp_path / "right.raw")
     line = SyncLine.of(open_events(tmp_path / "left.npz"))
     found = through_triggers(SyncLine.of(source), line, 1)

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, FormatError, MissingExtraError, RecordingError
-from spikingtac.events import create_events, open_events
+from spikingtac.events import open_events
+from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import assert_equal, packet_of, save_events
 
 N, SIZE = 600, (346, 260)
 rng = np.random.default_rng(11)
@@ -21,9 +23,7 @@ T = np.sort(rng.choice(900_000, N, replace=False)).astype(np.int64) + 1_000
 X, Y = rng.integers(0, SIZE[0], N), rng.integers(0, SIZE[1], N)
 P = rng.random(N) < 0.6
 COLUMNS = {"t": T, "x": X, "y": Y, "p": P.astype(np.int64)}
-PACKET = EventPacket(
-    X.astype(np.uint16), Y.astype(np.uint16), P, T, int(T[0]), int(T[-1]) + 1, SIZE
-)  # fmt: skip
+PACKET = packet_of(T, X, Y, P, SIZE)
 
 
 def read(path: Path, **options: Any) -> tuple[EventPacket, Any]:
@@ -33,9 +33,7 @@ def read(path: Path, **options: Any) -> tuple[EventPacket, Any]:
 
 def assert_read(path: Path, shift_us: int = 0, **options: Any) -> Any:
     found, source = read(path, **options)
-    np.testing.assert_array_equal(found.t, T + shift_us)
-    for name, column in (("x", X), ("y", Y), ("p", P)):
-        np.testing.assert_array_equal(getattr(found, name), column, name)
+    assert_equal(found, packet_of(T + shift_us, X, Y, P, SIZE))
     return source
 
 
@@ -213,9 +211,7 @@ def test_hdf5(tmp_path: Path, form: str) -> None:
 
 
 def test_what_is_written_has_openebs_layout(tmp_path: Path) -> None:
-    with create_events(tmp_path / "a.h5", SIZE) as writer:
-        for first in range(0, N, 97):
-            writer.write(PACKET.part(first, first + 97, 0, 0))
+    save_events(tmp_path / "a.h5", *(PACKET.part(k, k + 97, 0, 0) for k in range(0, N, 97)))
     with h5py.File(tmp_path / "a.h5") as file:
         events = file["CD/events"]
         assert (events.dtype.itemsize, events.dtype.names) == (16, ("x", "y", "p", "t"))
@@ -279,11 +275,10 @@ def test_aedat3_keeps_its_triggers_and_leaves_frames_out(tmp_path: Path) -> None
     pairs = np.column_stack([data, T]).astype("<u4")
     special = np.array([2 << 1 | 1, 100, 3 << 1 | 1, 200, 7 << 1 | 1, 300], "<u4")
     head = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n"
-    body = packet(0, 8, special.tobytes()) + packet(1, 8, pairs[:300].tobytes())
-    body += (
-        packet(2, 36, bytes(72)) + packet(3, 36, bytes(36)) + packet(1, 8, pairs[300:].tobytes())
-    )
-    (tmp_path / "a.aedat").write_bytes(head + body)
+    parts = packet(0, 8, special.tobytes()), packet(1, 8, pairs[:300].tobytes())
+    frames = packet(2, 36, bytes(72)), packet(3, 36, bytes(36))
+    parts += *frames, packet(1, 8, pairs[300:].tobytes())
+    (tmp_path / "a.aedat").write_bytes(b"".join([head, *parts]))
     found, source = read(tmp_path / "a.aedat")
     np.testing.assert_array_equal(found.t, np.delete(T, 7) + (1 << 31))
     np.testing.assert_array_equal(found.y, np.delete(Y, 7))
@@ -318,9 +313,7 @@ def test_aedat4_of_two_cameras_and_its_triggers(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["a.raw", "a.csv", "a.npz", "a.aedat4"])
 def test_packed_recordings(tmp_path: Path, name: str) -> None:
-    with create_events(tmp_path / name, SIZE) as writer:
-        writer.write(PACKET)
-    content = (tmp_path / name).read_bytes()
+    content = save_events(tmp_path / name, PACKET).read_bytes()
     (tmp_path / f"{name}.gz").write_bytes(gzip.compress(content))
     with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("__MACOSX/junk", b"")
@@ -351,9 +344,7 @@ def test_archives_are_bounded_and_must_hold_one_recording(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt3"])
 def test_the_content_decides_before_the_ending(tmp_path: Path, encoding: str) -> None:
-    with create_events(tmp_path / "a.raw", SIZE, encoding=encoding) as writer:
-        writer.write(PACKET)
-    data = (tmp_path / "a.raw").read_bytes()
+    data = save_events(tmp_path / "a.raw", PACKET, encoding=encoding).read_bytes()
     for name in ("a.bin", "a.csv", "a", "a.dat"):
         (tmp_path / name).write_bytes(data)
         assert assert_read(tmp_path / name).format.startswith("EVT")
@@ -363,17 +354,13 @@ def test_the_content_decides_before_the_ending(tmp_path: Path, encoding: str) ->
 
 @pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt3"])
 def test_triggers_outlive_a_copy(tmp_path: Path, encoding: str) -> None:
-    from spikingtac.events.formats.codec import Triggers
-
     triggers = Triggers()
     triggers.append(
         [T[0] - 5, T[5], T[5] + 1, 500_000, T[-1] + 70], [0, 1, 1, 4, 0], [1, 1, 0, 1, 0]
     )
     for name, code in (("a.raw", encoding), ("a.npz", None), ("a.h5", None)):
-        with create_events(tmp_path / name, SIZE, encoding=code) as writer:
-            writer.add_triggers(triggers)
-            writer.write(PACKET.part(0, 300, 0, 0))
-            writer.write(PACKET.part(300, N, 0, 0))
+        parts = PACKET.part(0, 300, 0, 0), PACKET.part(300, N, 0, 0)
+        save_events(tmp_path / name, *parts, encoding=code, triggers=triggers)
         source = assert_read(tmp_path / name, strict=True)
         assert list(source.triggers) == list(triggers)
         assert source.triggers.channels()["1"]["count"] == 2

@@ -9,13 +9,8 @@ from hypothesis import strategies as st
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.filters import BackgroundActivityFilter, Transform, time_slice
-from spikingtac.events.hot_pixels import (
-    HotPixelFilter,
-    find_hot_pixels,
-    judge_events,
-)
-from spikingtac.types import EventPacket
-from stand_ins.random_packets import random_packet, rows
+from spikingtac.events.hot_pixels import HotPixelFilter, find_hot_pixels, judge_events
+from stand_ins.random_packets import packet_of, random_packet, rows
 
 SIZE = (12, 9)
 
@@ -138,8 +133,8 @@ def test_noise_and_hot_pixels_are_told_apart_beside_a_contact(noise_hz: float) -
     t = rng.integers(0, duration_us, len(pixel))
     t[len(noisy) : len(noisy) + len(contact)] //= 2
     order = np.argsort(t, kind="stable")
-    y, x = (column.astype(np.uint16) for column in np.divmod(pixel[order], HOT_SIZE[0]))
-    events = EventPacket(x, y, rng.random(len(x)) < 0.25, t[order], 0, duration_us, HOT_SIZE)
+    y, x = np.divmod(pixel[order], HOT_SIZE[0])
+    events = packet_of(t[order], x, y, rng.random(len(x)) < 0.25, HOT_SIZE, (0, duration_us))
     found = judge_events(events)
     assert sorted(map(tuple, found.hot_px.tolist())) == sorted(hot)
     # The quietest tenth of the windows is quieter than the mean by the choice.

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import DamageError, FormatError, RecordingError
-from spikingtac.events import create_events, open_events
+from spikingtac.events import open_events
 from spikingtac.events.formats import hdf5
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.types import EventPacket
-from stand_ins.bags import cdr, write_db3
-from stand_ins.random_packets import random_packet, rows
+from stand_ins.bags import cdr, packet_words, write_db3
+from stand_ins.random_packets import random_packet, rows, save_events
 
 ROWS = [(10, 1, 2, 1), (20, 3, 4, 0), (20, 319, 100, 1)]
 
@@ -53,14 +53,10 @@ def test_dat_files(tmp_path: Path) -> None:
     assert (source.size, dict(source.losses)) == ((320, 240), {"truncated": 1})
 
 
-def words(*values: int) -> bytes:
-    return np.array(values, "<u2").tobytes()
-
-
 MESSAGES = [
-    cdr(7, b"evt3", words(0x8000, 0x6005, 3, 0x2801)),
-    cdr(8, b"evt3", words(0x2802)),
-    cdr(11, b"evt3", words(0x6006, 0x2003, 0xA001)),
+    cdr(7, b"evt3", packet_words(5)),
+    cdr(8, b"evt3", struct.pack("<H", 0x2802)),
+    cdr(11, b"evt3", struct.pack("<HHH", 0x6006, 0x2003, 0xA001)),
 ]
 DECODED = [(5, 1, 3, 1), (5, 2, 3, 1), (6, 3, 3, 0)]
 
@@ -85,8 +81,8 @@ def test_mono_packets_are_read(tmp_path: Path) -> None:
 def test_a_bag_folder_opens_its_storage(tmp_path: Path) -> None:
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
     for number in (10, 9):  # in the order of their numbers, not of their letters
-        words_at = words(0x8000, 0x6000 | number, 3, 0x2801)
-        write_db3(tmp_path / f"bag_{number}.db3", [cdr(number, b"evt3", words_at)])
+        message = cdr(number, b"evt3", packet_words(number))
+        write_db3(tmp_path / f"bag_{number}.db3", [message])
     assert rows(*open_events(tmp_path)) == [(9, 1, 3, 1), (10, 1, 3, 1)]
 
 
@@ -99,8 +95,7 @@ def test_es_counts_rows_from_the_bottom(tmp_path: Path) -> None:
 def test_aedat4_reads_as_the_library_does(tmp_path: Path) -> None:
     aedat = pytest.importorskip("aedat", reason="the oracle comes with the extra [formats]")
     packet = random_packet(0, 9_000, (320, 240), 5)
-    with create_events(tmp_path / "a.aedat4", (320, 240)) as writer:
-        writer.write(packet)
+    save_events(tmp_path / "a.aedat4", packet)
     decoder = aedat.Decoder(str(tmp_path / "a.aedat4"))
     assert decoder.id_to_stream() == {0: {"type": "events", "width": 320, "height": 240}}
     theirs = np.concatenate([item["events"] for item in decoder])
@@ -130,9 +125,7 @@ def test_an_openmv_recording_is_read_and_its_pickle_is_not(tmp_path: Path) -> No
     events = board_rows(t_us)
     events[500:510, 0] = 16  # an external trigger's type, as the firmware numbers it
     np.savez_compressed(
-        tmp_path / "a.npz",
-        events=events,
-        metadata=np.array({"mode": "events"}, dtype=object),
+        tmp_path / "a.npz", events=events, metadata=np.array({"mode": "events"}, dtype=object)
     )
     source = open_events(tmp_path / "a.npz")
     kept = events[:, 0] < 2
@@ -162,14 +155,14 @@ def whole(path: Path, **options: Any) -> tuple[EventPacket, dict[str, int]]:
     return found, dict(source.losses)
 
 
-def save(path: Path, **changes: np.ndarray) -> None:
-    columns = {name: getattr(SAMPLE, name).copy() for name in "txyp"} | changes
-    np.savez(path, **{"size": np.array(SIZE)} | columns)  # type: ignore[arg-type]
+def save(path: Path, size: tuple[int, int] = SIZE) -> None:
+    columns = {name: getattr(SAMPLE, name) for name in "txyp"}
+    np.savez(path, size=np.array(size), **columns)
 
 
 @pytest.mark.parametrize("size", [(70_000, 4), (0, 4), (-3, 4), (65_536, 65_536)])
 def test_impossible_sizes_are_refused(tmp_path: Path, size: tuple[int, int]) -> None:
-    save(tmp_path / "a.npz", size=np.array(size))
+    save(tmp_path / "a.npz", size)
     with pytest.raises(FormatError, match="not possible"):
         open_events(tmp_path / "a.npz")
     save(tmp_path / "b.npz")
@@ -178,9 +171,7 @@ def test_impossible_sizes_are_refused(tmp_path: Path, size: tuple[int, int]) -> 
 
 
 def test_false_counts_and_lengths_in_an_aedat4_file_are_overcome(tmp_path: Path) -> None:
-    path = tmp_path / "a.aedat4"
-    with create_events(path, SIZE) as writer:
-        writer.write(SAMPLE)
+    path = save_events(tmp_path / "a.aedat4", SAMPLE)
     data = bytearray(path.read_bytes())
     place = data.index(b"EVTS", data.index(b"</dv>")) + 4
     second = data.index(b"EVTS", place) - 16
@@ -201,9 +192,7 @@ def test_false_counts_and_lengths_in_an_aedat4_file_are_overcome(tmp_path: Path)
 def test_compressed_aedat4_is_read_and_a_damaged_packet_left_out(tmp_path: Path, kind: str) -> None:
     module = pytest.importorskip("lz4.frame" if kind == "lz4" else "zstandard")
     pack = module.compress if kind == "lz4" else module.ZstdCompressor(write_checksum=True).compress
-    path = tmp_path / "a.aedat4"
-    with create_events(path, SIZE) as writer:
-        writer.write(SAMPLE)
+    path = save_events(tmp_path / "a.aedat4", SAMPLE)
     data = path.read_bytes()
     (head,) = struct.unpack_from("<I", data, 14)
     first = 18 + head
@@ -227,9 +216,7 @@ def test_compressed_aedat4_is_read_and_a_damaged_packet_left_out(tmp_path: Path,
 
 def _with_compression(head: bytes, number: int) -> bytes:
     """Return the head of a file whose table names a compression."""
-    (length,) = struct.unpack_from("<I", head, 14)
-    body = head[18 : 18 + length]
-    info = body[body.index(b"<dv") : body.rindex(b">") + 1]
+    info = head[head.index(b"<dv") : head.rindex(b">") + 1]
     vtable = struct.pack("<HHHHH2x", 10, 12, 8, 0, 4)
     table = struct.pack("<iIi", 12, 8, number)
     new = struct.pack("<I4s", 20, b"IOHE") + vtable + table
@@ -238,16 +225,10 @@ def _with_compression(head: bytes, number: int) -> bytes:
     return head[:14] + struct.pack("<I", len(new)) + new
 
 
-def write_h5(path: Path, **columns: np.ndarray) -> None:
-    with h5py.File(path, "w") as file:
-        for name in "txyp":
-            file[f"events/{name}"] = columns.get(name, getattr(SAMPLE, name))
-        if "t_offset" in columns:
-            file["t_offset"] = columns["t_offset"]
-
-
 def test_hdf5_columns_of_unequal_length_are_counted(tmp_path: Path) -> None:
-    write_h5(tmp_path / "a.h5", y=SAMPLE.y[:-5_000])
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name in "txyp":
+            file[f"events/{name}"] = getattr(SAMPLE, name)[: -5_000 if name == "y" else None]
     found, losses = whole(tmp_path / "a.h5")
     assert len(found) == N - 5_000
     assert losses == {"truncated": 1}
@@ -255,11 +236,11 @@ def test_hdf5_columns_of_unequal_length_are_counted(tmp_path: Path) -> None:
         whole(tmp_path / "a.h5", strict=True)
 
 
-def begun_h5(path: Path, name: str = "x") -> Any:
+def begun_h5(path: Path) -> Any:
+    """Return a file that lacks columns."""
     file = h5py.File(path, "w")
-    for column in "xypt":
-        if column != name:
-            file[f"events/{column}"] = np.zeros(8, np.int64)
+    for column in "ypt":
+        file[f"events/{column}"] = np.zeros(8, np.int64)
     return file
 
 

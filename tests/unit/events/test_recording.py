@@ -9,14 +9,13 @@ import pytest
 from spikingtac.errors import RecordingError
 from spikingtac.events import Recording, RecordingWriter, open_events
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import packet_at
 
 SIZE = (32, 24)
 
 
 def packet(first_us: int) -> EventPacket:
-    t = first_us + np.arange(10, dtype=np.int64)
-    column = np.arange(10, dtype=np.uint16)
-    return EventPacket(column, column, column > 4, t, first_us, first_us + 10, SIZE)
+    return packet_at(range(first_us, first_us + 10), (first_us, first_us + 10), SIZE)
 
 
 def record(folder: Path, sensors: int = 1) -> None:

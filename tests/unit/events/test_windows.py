@@ -14,14 +14,13 @@ from spikingtac.events.formats.packing import TimeCourse
 from spikingtac.events.source import SLOT_US, HealthMeter, slot_rate_ev_s, source_health
 from spikingtac.events.windows import SILENCE_LIMIT_US, cut, stretches, windows
 from spikingtac.types import EventPacket, LossCounters
+from stand_ins.random_packets import packet_at
 
 SIZE = (4, 4)
 
 
-def packet(times: Any, start_us: int, end_us: int) -> EventPacket:
-    zeros = np.zeros(len(times), np.uint16)
-    t = np.array(times, np.int64)
-    return EventPacket(zeros, zeros, zeros > 0, t, start_us, end_us, SIZE)
+def packet(times_us: Any, start_us: int, end_us: int) -> EventPacket:
+    return packet_at(times_us, (start_us, end_us), SIZE)
 
 
 def spans(found: list[EventPacket]) -> list[tuple[int, int, list[int]]]:
@@ -117,8 +116,8 @@ def test_the_rate_is_that_of_the_latest_full_slot_whatever_the_packing(step_us: 
 def test_every_kind_of_loss_is_in_one_counter_and_what_loses_nothing_in_none() -> None:
     for kind in KINDS:
         found = source_health({kind: 3})
-        counts = (found.gaps, found.overflows, found.damaged, found.reconnects)
-        assert sum(counts) == (0 if kind in HARMLESS else 3), kind
+        lost = found.gaps + found.overflows + found.damaged + found.reconnects
+        assert lost == (0 if kind in HARMLESS else 3), kind
     told = source_health(
         {"gap": 1, "disconnected": 2, "overflow": 4, "reconnected": 5, "garbage": 6}
     )

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.types import EventPacket
 from spikingtac_paper.point_tracking.ablation import (
     ABLATION_SCENES,
@@ -11,37 +10,26 @@ from spikingtac_paper.point_tracking.ablation import (
     ablation_trials,
     methods_on,
 )
+from stand_ins.known import known
+from stand_ins.moving_rims import GRID, RADIUS_PX, SIZE
 
-SIZE = (130, 130)
+CALIBRATION = known(GRID, RADIUS_PX, SIZE, step=0.13, contrast=6.0)
 METHODS = ablation_methods()
 TRACKERS = [name for name, method in METHODS.items() if method.law is None]
-
-
-def calibration() -> Calibration:
-    grid = 28.0 + 37.0 * np.stack(np.meshgrid(range(3), range(3)), axis=-1).reshape(-1, 2)
-    return Calibration(
-        reference_px=grid.astype(float),
-        radius_px=np.full(9, 7.0),
-        grid=(3, 3),
-        size=SIZE,
-        contrast=6.0,
-        step_on=0.13,
-        step_off=0.13,
-    )
 
 
 @pytest.mark.parametrize("name", TRACKERS)
 def test_a_variant_runs(name: str) -> None:
     method = METHODS[name]
     packet = EventPacket.empty(0, 10_000, SIZE)
-    packets = [packet] if method.before is None else list(method.before([packet], calibration()))
-    tracker = method.build(calibration())
+    packets = [packet] if method.before is None else list(method.before([packet], CALIBRATION))
+    tracker = method.build(CALIBRATION)
     for one in packets:
         tracker.absorb(one)
     frame = tracker.estimate(10_000)
     assert frame.detected_px.shape == (9, 2)
     # A reference that is 1 px off pulls the estimate by that much, nothing else does.
-    off_px = np.linalg.norm(frame.detected_px - calibration().reference_px, axis=1)
+    off_px = np.linalg.norm(frame.detected_px - CALIBRATION.reference_px, axis=1)
     assert off_px.max() < (1.5 if "1px" in name else 0.3)
 
 

@@ -1,18 +1,24 @@
-"""Rows, report, kept records and the folder of a run."""
+"""Rows, report, kept records and the folder of a run; the benches."""
 
 import json
+from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket
-from spikingtac_paper.harness.report import Metric, Report, interval, rows_of, write_report
+from spikingtac_paper.harness.report import Metric, Report, Row, interval, rows_of, write_report
 from spikingtac_paper.harness.run import Progress, RunOptions, kept, load_windows, save_windows
 from spikingtac_paper.point_tracking.experiment import PUBLISHED
 from spikingtac_paper.registry import EXPERIMENTS, run_study
+from spikingtac_paper.throughput import bench
+from spikingtac_paper.throughput.stream import TARGET_HZ, bench_stream
+from stand_ins.random_packets import assert_equal, random_packet
 
 METRICS = (
     Metric("return_mean_px", "px", "how far"),
@@ -48,14 +54,9 @@ def test_rows_join_trials_and_name_the_papers_number_in_its_case_only() -> None:
 
 def test_report_files(tmp_path: Path) -> None:
     rows = rows_of(RECORDS, METRICS, PUBLISHED, "all")
-    report = Report(
-        title="Point <tracking>",
-        settings={"experiment": "point-tracking"},
-        rows=rows,
-        first=["all"],
-        findings=["one & two"],
-        figures=[("a figure", "<?xml version='1.0'?><svg></svg>")],
-    )
+    report = Report(title="Point <tracking>", settings={"experiment": "point-tracking"}, rows=rows,
+                    first=["all"], findings=["one & two"],
+                    figures=[("a figure", "<?xml version='1.0'?><svg></svg>")])  # fmt: skip
     assert write_report(report, RunOptions(output=tmp_path), trials=4)["trials"] == 4
     document = json.loads((tmp_path / "report.json").read_text())
     keys = {"method", "case", "metric", "value", "unit", "n", "source", "paper", "definition"}
@@ -72,13 +73,11 @@ def test_report_files(tmp_path: Path) -> None:
 
 
 def test_a_record_is_made_once_for_a_key_and_again_where_it_is_damaged(tmp_path: Path) -> None:
-    made: list[int] = []
+    values, path = count(1), tmp_path / "record.json"
 
     def make() -> dict:
-        made.append(1)
-        return {"value": len(made)}
+        return {"value": next(values)}
 
-    path = tmp_path / "record.json"
     assert kept(path, "a", make) == kept(path, "a", make) == {"key": "a", "value": 1}
     assert kept(path, "b", make)["value"] == 2
     path.write_bytes(b'{"key": "b", "val')
@@ -103,12 +102,41 @@ def test_an_unknown_experiment_names_the_valid_ones() -> None:
 
 
 def test_windows_come_back_as_they_were_the_empty_ones_too(tmp_path: Path) -> None:
-    x, y = np.array([1, 2], np.uint16), np.array([3, 4], np.uint16)
-    p, t = np.array([True, False]), np.array([5001, 5900])
-    full = EventPacket(x, y, p, t, 5000, 6000, (320, 320))
-    windows = [(full,), (EventPacket.empty(6000, 7000, (320, 320)),)]
+    full = random_packet(1, 200, (320, 320))
+    windows = [(full,), (EventPacket.empty(full.t_end_us, full.t_end_us + 9, full.size),)]
     save_windows(tmp_path / "quiet.npz", windows)
     for (was,), (now,) in zip(windows, load_windows(tmp_path / "quiet.npz"), strict=True):
         assert (was.t_start_us, was.t_end_us, was.size) == (now.t_start_us, now.t_end_us, now.size)
-        for name in "xypt":
-            np.testing.assert_array_equal(getattr(was, name), getattr(now, name))
+        assert_equal(now, was)
+
+
+def test_an_interrupted_bench_goes_on_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured: list[str] = []
+
+    def stream(camera: str, *_: Any) -> SimpleNamespace:
+        if measured == ["typical"] and not resumed:
+            raise KeyboardInterrupt
+        measured.append(camera)
+        return SimpleNamespace(rate_hz=2e6, events=None)
+
+    def rows(camera: str, *_: Any) -> Iterator[Row]:
+        yield bench.METRICS["step_p50_us"].row("default", camera, 1.0, 1)
+
+    monkeypatch.setattr(bench, "bench_stream", stream)
+    monkeypatch.setattr(bench, "calibration_of", lambda *_: None)
+    monkeypatch.setattr(bench, "decoder_rows", lambda *_: ())
+    monkeypatch.setattr(bench, "_camera_rows", rows)
+    folder, resumed = tmp_path / "bench", False
+    with pytest.raises(KeyboardInterrupt):
+        bench.run(RunOptions(output=folder))
+    resumed = True
+    assert bench.run(RunOptions(output=folder, resume=True))["rows"] == 2
+    assert measured == ["typical", "noisy"], "nothing is measured twice"
+
+
+def test_the_stream_has_two_million_events_a_second_and_its_truth() -> None:
+    stream = bench_stream("typical", 0, 1)
+    assert stream.rate_hz == pytest.approx(TARGET_HZ, rel=0.1)
+    assert np.ptp(stream.truth.marker_px, axis=0).max() > 5.0

@@ -9,14 +9,7 @@ from spikingtac.geometry.travel import hexagon_reach_mm
 from spikingtac.robot.adaptive_search import probe_hole
 from spikingtac.robot.cross_search import cross_search
 from spikingtac.robot.prober import Touched
-from spikingtac.sim.rig.hole_site import (
-    ANGLES_DEG,
-    CROSS,
-    DEFAULT,
-    STYLES,
-    WALL_MM,
-    travel_of,
-)
+from spikingtac.sim.rig.hole_site import ANGLES_DEG, CROSS, DEFAULT, STYLES, WALL_MM, travel_of
 from spikingtac_paper.harness.report import Row
 from spikingtac_paper.holes.scoring import (
     METHODS,
@@ -65,18 +58,14 @@ def record(seed: int, hole: int) -> dict[str, Any]:
     x, y = trial.center_mm
     prober = IdealProber(RADII_MM[hole], (x, y), HEADING_RAD, TRAVEL_MM)
     travel = travel_of(calibration(seed)[DEFAULT], 0.008)
-    touches = {
-        CROSS: cross_search(prober, trial.start_mm),
-        DEFAULT: probe_hole(prober, travel, trial.start_mm).touches,
-    }
-    return {"seed": seed, "hole": hole} | {
-        style: {
-            "touches": [kept(touch, rng) for touch in made],
-            "used": list(range(len(made))),
-            "error": None,
-        }
-        for style, made in touches.items()
-    }
+    found: dict[str, Any] = {"seed": seed, "hole": hole}
+    for style, made in (
+        (CROSS, cross_search(prober, trial.start_mm)),
+        (DEFAULT, probe_hole(prober, travel, trial.start_mm).touches),
+    ):
+        told = [kept(touch, rng) for touch in made]
+        found[style] = {"touches": told, "used": list(range(len(made))), "error": None}
+    return found
 
 
 @pytest.fixture(scope="module")

@@ -7,13 +7,9 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import RecordingError
-from spikingtac_paper.real_gels import (
-    Plateaus,
-    matched,
-    plateau_scores,
-    truth_scores,
-)
+from spikingtac_paper.real_gels import Plateaus, matched, plateau_scores, truth_scores
 from spikingtac_paper.trials.trajectories import GroundTruth, Prediction
+from stand_ins.known import known
 
 REST_PX = np.array([[30.0, 30.0], [60.0, 30.0], [30.0, 60.0]])
 BURST_US = np.arange(1, 7)[:, None] * 1_000_000 + np.array([0, 200_000])
@@ -21,9 +17,7 @@ T_US = np.arange(0, 7_000_000, 10_000)
 
 
 def calibration(rest_px: np.ndarray = REST_PX) -> Calibration:
-    return Calibration(
-        reference_px=rest_px, radius_px=np.full(len(rest_px), 6.0), grid=(2, 2), size=(90, 90)
-    )
+    return known(rest_px, 6.0, (90, 90), (2, 2))
 
 
 def places() -> np.ndarray:

@@ -13,20 +13,9 @@ from spikingtac.touch import WrenchSeries
 from spikingtac_paper.harness.report import lines_of, rows_of
 from spikingtac_paper.harness.run import RunOptions
 from spikingtac_paper.touch import experiment
-from spikingtac_paper.touch.contacts import (
-    HOLD,
-    KINDS,
-    ROUND,
-    TESTED,
-    draw_contact,
-)
+from spikingtac_paper.touch.contacts import HOLD, KINDS, ROUND, TESTED, draw_contact
 from spikingtac_paper.touch.forces import force_records, mean_displacement
-from spikingtac_paper.touch.patches import (
-    WatchedPress,
-    draw_press,
-    patch_scores,
-    watch_press,
-)
+from spikingtac_paper.touch.patches import WatchedPress, draw_press, patch_scores, watch_press
 from spikingtac_paper.touch.slip import (
     CONTACTS,
     HELD_CONTACTS,
@@ -80,13 +69,9 @@ def test_each_recorded_series_is_predicted_from_the_others(tmp_path: Path) -> No
     )
     (tmp_path / "force").mkdir()
     for one in (series(1), series(2)):
-        np.savez(
-            tmp_path / "force" / f"{one.name}.npz",
-            t_us=one.t_us,
-            reference_mm=np.zeros((5, 3)),
-            displacement_mm=np.pad(one.displacement, ((0, 0), (0, 0), (0, 1))),
-            wrench=np.pad(one.wrench, ((0, 0), (0, 3))),
-        )
+        moved, wrench = one.displacement, np.pad(one.wrench, ((0, 0), (0, 3)))
+        np.savez(tmp_path / "force" / f"{one.name}.npz", t_us=one.t_us, displacement_mm=moved,
+                 reference_mm=np.zeros((5, 2)), wrench=wrench)  # fmt: skip
     records = force_records(tmp_path, ["mean-displacement"])
     cases = [record["trial"]["case"] for record in records]
     assert cases == ["force/s1", "force/s2", "force/pooled", "force/mean"]
@@ -180,11 +165,9 @@ def test_every_kind_of_contact_can_be_drawn_again(kind: str) -> None:
 @pytest.fixture(scope="module")
 def slid() -> WatchedContact:
     """A finger that is dragged until it slips, as camera and tracker see it."""
-    for seed in range(100):
-        contact = draw_contact(np.random.default_rng(seed), ROUND[2:], (0.5,), ("slide",))
-        if 8.0 < contact.speed_mm_s < 20.0:
-            return watch_contact(contact, seed)
-    raise AssertionError("no slide of a middle speed was drawn")
+    draws = (draw_contact(np.random.default_rng(seed), ROUND[2:], (0.5,), ("slide",))
+             for seed in range(100))  # fmt: skip
+    return watch_contact(next(one for one in draws if 8.0 < one.speed_mm_s < 20.0), 0)
 
 
 def test_a_slide_on_the_twin_is_told(slid: WatchedContact) -> None:

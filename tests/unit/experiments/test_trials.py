@@ -12,47 +12,31 @@ from spikingtac.events.open import open_events
 from spikingtac.markers.laws import AnchoredLaw
 from spikingtac.sim import catalog
 from spikingtac.sim.motions import IndenterMotion
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.sim.scene import Scene
 from spikingtac_paper.harness.run import RunOptions
-from spikingtac_paper.point_tracking.cases import (
-    DAMAGES,
-    LOOPS,
-    QUICK_MOTION_S,
-    main_trials,
-)
+from spikingtac_paper.point_tracking.cases import DAMAGES, LOOPS, QUICK_MOTION_S, main_trials
 from spikingtac_paper.trials import runner as runner_module
 from spikingtac_paper.trials.methods import Method
 from spikingtac_paper.trials.runner import TrialJob, run_all, run_job
 from spikingtac_paper.trials.trial import Trial, shortened
+from stand_ins.known import known
+from stand_ins.live import MovedBy
+from stand_ins.random_packets import rows
 
 TRIAL = Trial(case="short", scene="finger-presses", camera="typical", duration_s=0.1)
 BUILT: list[str] = []
 
 
-class Still:
-    """Says that nothing ever moves."""
-
-    def __init__(self, calibration: Calibration) -> None:
-        self._rest = calibration.reference_px
-        BUILT.append("still")
-
-    def absorb(self, packet: EventPacket) -> None:
-        """Look away."""
-
-    def estimate(self, t_us: int) -> MarkerFrame:
-        """Return the reference."""
-        held = np.zeros(len(self._rest), np.bool_)
-        return MarkerFrame(t_us, self._rest, self._rest, 0.0 * self._rest, held, held * 1.0)
-
-    def reset(self) -> None:
-        """Nothing to forget."""
+def still(calibration: Calibration) -> MovedBy:
+    """Build a tracker that says that nothing ever moves."""
+    BUILT.append("still")
+    return MovedBy(calibration.reference_px)
 
 
 def table(gain: float = 1.0) -> dict[str, Method]:
-    settings = {"gain": gain}
-    still = Method(name="still", about="", tracker="still", rate_hz=1_000.0, build=Still,
-                   settings=settings)  # fmt: skip
-    return {"still": still}
+    made = Method(name="still", about="", tracker="still", rate_hz=1_000.0, build=still,
+                  settings={"gain": gain})  # fmt: skip
+    return {"still": made}
 
 
 def table_with_laws() -> dict[str, Method]:
@@ -72,9 +56,7 @@ def known_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def calibration_of(trial: Trial, folder: Path, data: Path | None = None) -> Calibration:
         _, truth = trial.open(folder, data)
-        return Calibration(
-            reference_px=truth.reference_px, radius_px=truth.radius_px, grid=(8, 8), size=(320, 320)
-        )
+        return known(truth.reference_px, truth.radius_px)
 
     monkeypatch.setattr(runner_module, "calibration_of", calibration_of)
 
@@ -112,30 +94,16 @@ def test_a_law_takes_the_estimates_of_its_tracker(tmp_path: Path) -> None:
 def test_keys_tell_configuration_camera_seed_and_loss_apart() -> None:
     assert table()["still"].key() != table(2.0)["still"].key()
     assert table()["still"].key() == table()["still"].key()
-    trials = [
-        TRIAL,
-        Trial(case="short", scene="finger-presses", camera="typical", duration_s=0.1, seed=1),
-        Trial(case="short", scene="finger-presses", camera="typical", duration_s=0.1, loss=0.3),
-        Trial(case="short", scene="finger-presses", camera="typical", duration_s=0.1, damaged=2),
-        Trial(case="short", scene="finger-presses", camera="noisy", duration_s=0.1),
-    ]
+    changes = {"seed": 1}, {"loss": 0.3}, {"damaged": 2}, {"camera": "noisy"}
+    trials = [TRIAL, *(replace(TRIAL, **change) for change in changes)]
     assert len({trial.key() for trial in trials}) == len(trials)
 
 
 def test_the_slides_have_noise_of_their_own(tmp_path: Path) -> None:
     # Of equal seeds, 3 of 4 events of a noisy second are the same in any two scenes.
     trial = Trial(case="x", scene="quiet", seed=0, camera="noisy", duration_s=0.3)
-    folders = [
-        part.record(tmp_path) for part in (trial, replace(trial.bootstrap(), duration_s=0.3))
-    ]
-    quiet, slides = (
-        {
-            event
-            for packet in open_events(folder)
-            for event in zip(packet.t.tolist(), packet.x.tolist(), packet.y.tolist(), strict=True)
-        }
-        for folder in folders
-    )
+    parts = trial, replace(trial.bootstrap(), duration_s=0.3)
+    quiet, slides = ({*rows(*open_events(part.record(tmp_path)))} for part in parts)
     assert len(quiet) > 10_000
     assert len(quiet & slides) < 0.01 * len(quiet)
 
@@ -150,16 +118,17 @@ def test_quick_keeps_every_case_of_the_contract_but_fifty_contacts() -> None:
     assert "fifty-contacts" not in quick
 
 
+def motion_s(scene: Scene) -> float:
+    return sum(IndenterMotion(one.motion).duration_s for one in scene.contacts)
+
+
 def test_a_quick_run_shortens_the_sequences_and_keeps_the_rest_after_the_release() -> None:
     total_s = np.zeros(2)
     for name in catalog.TRAJECTORIES:
         whole = catalog.load_scene(name)
         short = shortened(whole, QUICK_MOTION_S)
         assert len(short.contacts) <= len(whole.contacts)
-        seconds = [
-            sum(IndenterMotion(one.motion).duration_s for one in scene.contacts)
-            for scene in (short, whole)
-        ]
+        seconds = [motion_s(short), motion_s(whole)]
         assert 1.0 < seconds[0] <= seconds[1], name
         total_s += seconds
         assert short.lead_out_s == whole.lead_out_s

@@ -1,18 +1,11 @@
 """The image of the LeRobot plug-in."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 
-FOLDER = (
-    Path(__file__).resolve().parents[3] / "integrations" / "lerobot_camera_spikingtac"
-) / "lerobot_camera_spikingtac"
-SPEC = importlib.util.spec_from_file_location("field_image", FOLDER / "field_image.py")
-assert SPEC is not None
-assert SPEC.loader is not None
-field_image = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(field_image)
+from stand_ins.programs import program
+
+FOLDER = "integrations/lerobot_camera_spikingtac/lerobot_camera_spikingtac"
+field_image = program(f"{FOLDER}/field_image.py")
 
 
 def test_a_cell_holds_its_markers_displacement_and_whether_it_was_predicted() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import spikingtac as st
+from stand_ins.known import known
 
 mujoco = pytest.importorskip("mujoco")
 pytest.importorskip("gymnasium")
@@ -125,9 +126,7 @@ def test_keyframes_keep_their_joints(module: Any) -> None:
 
 def test_a_calibration_gives_the_markers(module: Any) -> None:
     place = np.stack(np.meshgrid(np.arange(5.0), np.arange(4.0)), axis=-1).reshape(-1, 2) * 30.0
-    calibration = st.Calibration(
-        reference_px=place + 100.0, radius_px=np.full(20, 7.0), grid=(4, 5), size=(320, 320)
-    )
+    calibration = known(place + 100.0, grid=(4, 5))
     spec = mujoco.MjSpec.from_string(PRESS.format(geom=SHAPES["ball"][0], height=1, mu=1))
     with pytest.raises(st.ConfigError, match="no scale"):
         module.add_sensor(spec, site="tip", calibration=calibration)

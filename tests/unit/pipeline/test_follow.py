@@ -6,40 +6,21 @@ import pytest
 
 from spikingtac.errors import ConfigError
 from spikingtac.pipeline.follow import EstimateTimes, follow
-from spikingtac.types import EventPacket, LossCounters, MarkerFrame
+from spikingtac.types import EventPacket, LossCounters
+from stand_ins.live import CountingTracker
+from stand_ins.random_packets import packet_at
 
 SIZE = (8, 8)
 
 
-class Recorder:
-    """A tracker that remembers how many events it had seen at each estimate."""
-
-    def __init__(self) -> None:
-        self.seen = 0
-        self.estimates: list[tuple[int, int]] = []
-
-    def absorb(self, packet: EventPacket) -> None:
-        self.seen += len(packet)
-
-    def estimate(self, t_us: int) -> MarkerFrame:
-        self.estimates.append((t_us, self.seen))
-        nothing = np.zeros((0, 2))
-        return MarkerFrame(t_us, nothing, nothing, nothing, np.zeros(0, bool), np.zeros(0))
-
-    def reset(self) -> None:
-        self.seen = 0
-
-
-def packet(times: list[int], start: int, end: int) -> EventPacket:
-    count = len(times)
-    zero = np.zeros(count, np.uint16)
-    return EventPacket(zero, zero, zero > 0, np.array(times, np.int64), start, end, SIZE)
+def packet(times_us: list[int], start_us: int, end_us: int) -> EventPacket:
+    return packet_at(times_us, (start_us, end_us), SIZE)
 
 
 def counts(packets: list[EventPacket], rate_hz: float) -> list[tuple[int, int]]:
-    recorder = Recorder()
-    list(follow(packets, recorder, rate_hz))
-    return recorder.estimates
+    """Return the times of the estimates, and how many events had been seen then."""
+    frames = follow(packets, CountingTracker(), rate_hz)
+    return [(frame.t_us, int(frame.position_px[0, 0])) for frame in frames]
 
 
 def test_estimates_follow_the_contracts_times() -> None:
@@ -91,7 +72,7 @@ class Losing:
 
 
 def test_every_frame_carries_the_health_of_its_source() -> None:
-    frames = list(follow(Losing(), Recorder(), 1_000.0))
+    frames = list(follow(Losing(), CountingTracker(), 1_000.0))
     assert [frame.health.overflows for frame in frames[:2]] == [0, 0]
     assert (frames[-1].health.overflows, frames[-1].health.reconnects) == (7, 1)
     assert frames[-1].t_us == 203_000

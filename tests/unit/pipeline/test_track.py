@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import spikingtac as st
-from spikingtac.events.create import create_events
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.pipeline.track import track_to_file
+from stand_ins.random_packets import save_events
 from stand_ins.viewer import record_circling
 
 
@@ -37,10 +37,7 @@ def test_triggers_of_the_recording_are_in_the_tracks(folder: Path, tmp_path: Pat
     packets, edges = list(st.open_events(folder)), Triggers()
     first_us = int(packets[0].t[0])
     edges.append([first_us + 2_500, first_us + 7_000], 3, [True, False])
-    with create_events(tmp_path / "e.npz", packets[0].size) as writer:
-        for packet in packets:
-            writer.write(packet)
-        writer.add_triggers(edges)
+    save_events(tmp_path / "e.npz", *packets, triggers=edges)
     calibration, config = st.Calibration.load(folder / "calibration.json"), st.load_config("fast")
     tracking = config.with_tracking(rate_hz=500).tracking
     for name in ("t.npz", "t.csv"):

@@ -11,7 +11,7 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 from spikingtac.errors import ConfigError
-from spikingtac.events import create_events, open_events
+from spikingtac.events import open_events
 from spikingtac.geometry.hole import Circle
 from spikingtac.plots.circles import PLANE_REGION, HolePicture, draw_hole
 from spikingtac.plots.events import RATE_US, SURFACE_US, event_figures, plot_events
@@ -19,7 +19,7 @@ from spikingtac.plots.figure import THEMES, WIDTHS_IN, save_figure
 from spikingtac.plots.moments import FRAME_MS, save_animation
 from spikingtac.plots.tracks import ARROW_SHARE, Kind, plot_comparison, plot_tracks
 from spikingtac.tracks.comparison import compare_tracks, compare_with_truth
-from spikingtac.types import EventPacket
+from stand_ins.random_packets import packet_of, save_events
 from stand_ins.tracks import circling_tracks
 from stand_ins.viewer import PITCH_PX
 
@@ -142,16 +142,10 @@ def test_what_makes_no_sense_is_refused(tmp_path: Path) -> None:
 @pytest.fixture
 def recorded(tmp_path: Path) -> Path:
     """A hot pixel at 1 kHz for 2 s, and a burst of 100 ON events of one column at 1.0 s."""
-    hot_us = np.arange(0, 2_000_000, 1_000)
-    t = np.concatenate([hot_us, np.full(100, 1_000_500)])
-    x = np.concatenate([np.full(2_000, HOT[0]), np.full(100, 20)]).astype(np.uint16)
-    y = np.concatenate([np.full(2_000, HOT[1]), np.arange(100) % 20]).astype(np.uint16)
-    p = np.concatenate([np.zeros(2_000, bool), np.ones(100, bool)])
-    order = np.argsort(t, kind="stable")
-    columns = (column[order] for column in (x, y, p, t))
-    with create_events(tmp_path / "a.raw", SIZE) as writer:
-        writer.write(EventPacket(*columns, 0, 2_000_000, SIZE))
-    return tmp_path / "a.raw"
+    hot = np.array([(t_us, *HOT, 0) for t_us in range(0, 2_000_000, 1_000)])
+    burst = np.array([(1_000_500, 20, k % 20, 1) for k in range(100)])
+    columns = np.concatenate([hot[:1_001], burst, hot[1_001:]]).T
+    return save_events(tmp_path / "a.raw", packet_of(*columns, SIZE, (0, 2_000_000)))
 
 
 def test_the_busiest_moment_the_surface_and_the_hot_pixel_are_found(recorded: Path) -> None:

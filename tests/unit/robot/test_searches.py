@@ -1,6 +1,7 @@
 """The published and the adaptive search, on a bit and a hole without dynamics."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,12 +18,7 @@ CENTER_MM = (0.3, -0.2)
 
 def travel(heading: float | None = 0.3, sigma_mm: float = 0.03) -> TravelModel:
     flat = TravelModel.of(Compensation(travel_mm=0.12))
-    return TravelModel(
-        harmonics_mm=flat.harmonics_mm,
-        covariance_mm2=flat.covariance_mm2,
-        sigma_mm=sigma_mm,
-        heading_rad=heading,
-    )
+    return replace(flat, sigma_mm=sigma_mm, heading_rad=heading)
 
 
 def test_the_cross_touches_as_published() -> None:
@@ -85,11 +81,8 @@ def test_the_calibrated_cross_states_an_honest_region() -> None:
         radius = float(rng.uniform(0.7, 5.0))
         away = 0.9 * (radius - 0.433) * math.sqrt(rng.uniform())
         turn = rng.uniform(0.0, 2.0 * math.pi)
-        prober = IdealProber(
-            radius,
-            heading_rad=float(rng.uniform(0.0, math.pi / 3)),
-            noise_mm=rng.normal(0.0, sigma_mm, 4).tolist(),
-        )
+        heading, noise_mm = rng.uniform(0.0, math.pi / 3), rng.normal(0.0, sigma_mm, 4).tolist()
+        prober = IdealProber(radius, heading_rad=heading, noise_mm=noise_mm)
         touches = cross_search(prober, away * np.array([math.cos(turn), math.sin(turn)]), model)
         circle = calibrated_circle(touches, model)
         error = np.append(circle.center_mm, circle.radius_mm - radius)

@@ -7,13 +7,7 @@ from scipy.integrate import solve_bvp, trapezoid
 from spikingtac.errors import SpikingTacError
 from spikingtac.sim import gel_contact
 from spikingtac.sim.gel import Gel, GelConfig
-from spikingtac.sim.indenters import (
-    INDENTERS,
-    Ellipsoid,
-    Indenter,
-    IndenterConfig,
-    make_indenter,
-)
+from spikingtac.sim.indenters import INDENTERS, Ellipsoid, Indenter, IndenterConfig, make_indenter
 from spikingtac.sim.layer import GridConfig, LayerOperator, MarkerInterpolation, layer_response
 from spikingtac.sim.motions import rotation_about
 from spikingtac.sim.optics import SkinState
@@ -34,11 +28,10 @@ def pose(x: float, y: float, depth: float, rotation: np.ndarray | None = None) -
     return Pose(np.array([x, y, depth]), np.eye(3) if rotation is None else rotation)
 
 
-def press(gel: Gel, indenter: Indenter, depth: float, x: float = 0.0, steps: int = 50) -> SkinState:
+def press(gel: Gel, indenter: Indenter, depth: float, x: float = 0.0) -> SkinState:
     """Press to a depth within 0.2 s and return the last state."""
-    for step in range(steps - 1):
-        gel.step(DT_S, indenter, pose(x, 0.0, depth * (step + 1) / steps))
-    return gel.step(DT_S, indenter, pose(x, 0.0, depth))
+    *_, last = (gel.step(DT_S, indenter, pose(x, 0.0, depth * k / 50)) for k in range(1, 51))
+    return last
 
 
 def thick_ball() -> tuple[Gel, Ellipsoid, float, float]:
@@ -59,6 +52,10 @@ def far_compliance() -> tuple[float, float]:
     normal = trapezoid((normal - 0.5 / k) * k, k)
     lateral = trapezoid(0.5 * (along + across - 1.5 / k) * k, k)
     return normal / (2.0 * np.pi * MODULUS_MPA), lateral / (2.0 * np.pi * MODULUS_MPA)
+
+
+def body(kind: str, **settings: float) -> Indenter:
+    return make_indenter(IndenterConfig(kind=kind, settings=settings))
 
 
 THICKNESS_MM = 3.0
@@ -107,12 +104,9 @@ def test_tables_are_what_the_operator_does() -> None:
     xx, xy, yy, zz, xz, yz = operator.tables
     signed = [[xx, xy, xz], [xy, yy, yz], [-xz, -yz, zz]]
     expected = np.zeros_like(traction)
-    for row in range(16):
-        for column in range(16):
-            for out in range(3):
-                for into in range(3):
-                    shifted = np.roll(signed[out][into], (row, column), axis=(0, 1))
-                    expected[out] += traction[into, row, column] * shifted
+    for out, into, row, column in np.ndindex(3, 3, 16, 16):
+        shifted = np.roll(signed[out][into], (row, column), axis=(0, 1))
+        expected[out] += traction[into, row, column] * shifted
     np.testing.assert_allclose(operator.displacements(traction), expected, atol=1e-12)
 
 
@@ -155,9 +149,8 @@ FRICTION = 0.8
 def mindlin_shift_mm(share: float, force: float) -> float:
     """Return the shift at a share of the sliding force (Mindlin 1949; nu = 1/2), bond included."""
     stiff = 9.0 * FRICTION * force / (32.0 * MODULUS_MPA * THICK_CONTACT_MM)
-    return stiff * (1.0 - (1.0 - share) ** (2.0 / 3.0)) + (
-        share * FRICTION * force * far_compliance()[1]
-    )
+    bond = share * FRICTION * force * far_compliance()[1]
+    return stiff * (1.0 - (1.0 - share) ** (2.0 / 3.0)) + bond
 
 
 def test_partial_slip_of_a_ball_is_cattaneo_mindlin(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,7 +170,7 @@ def test_partial_slip_of_a_ball_is_cattaneo_mindlin(monkeypatch: pytest.MonkeyPa
 
 def test_sliding_meets_kinetic_friction_and_starts_above_it() -> None:
     gel = Gel(GelConfig(), MARKERS)
-    ball = make_indenter(IndenterConfig(kind="ball"))
+    ball = body("ball")
     press(gel, ball, 0.6, x=-4.0)
     ratios = []
     for step in range(100):
@@ -190,10 +183,6 @@ def test_sliding_meets_kinetic_friction_and_starts_above_it() -> None:
 PX_PER_MM = 15.5
 GLUED = GelConfig(friction=20.0)
 NORMAL = np.array([0.0, 0.0, 1.0])
-
-
-def body(kind: str, **settings: float) -> Indenter:
-    return make_indenter(IndenterConfig(kind=kind, settings=settings))
 
 
 def test_residual_after_unloading_equals_the_prediction() -> None:
@@ -233,17 +222,14 @@ def test_a_contact_beyond_the_solver_is_refused() -> None:
         gel.step(DT_S, body("punch", radius_mm=12.9), pose(0.0, 0.0, 0.5))
 
 
-AXIS = np.linspace(-10.0, 10.0, 401)
-X, Y = np.meshgrid(AXIS, AXIS)
-UPRIGHT = np.eye(3)
+X, Y = np.meshgrid(*[np.linspace(-10.0, 10.0, 401)] * 2)
 
 
 @pytest.mark.parametrize("kind", list(INDENTERS))
 def test_a_turn_about_the_normal_turns_the_shape(kind: str) -> None:
-    body = make_indenter(IndenterConfig(kind=kind))
-    quarter = rotation_about(np.array([0.0, 0.0, 1.0]), np.pi / 2)
-    turned = body.heights_mm(X, Y, quarter)
+    shape = body(kind)
+    turned = shape.heights_mm(X, Y, rotation_about(NORMAL, np.pi / 2))
     # x towards y: clockwise on the page, since y runs downwards.
     near = turned > -0.4
-    expected = np.rot90(body.heights_mm(X, Y, UPRIGHT), -1)
+    expected = np.rot90(shape.heights_mm(X, Y, np.eye(3)), -1)
     np.testing.assert_allclose(turned[near], expected[near], atol=1e-6)

@@ -15,6 +15,7 @@ from spikingtac.sim.rig.rig import Rig, RigConfig, Vibration
 from spikingtac.sim.rig.ur3 import UR3Twin
 from spikingtac.sim.rig.walls import NoWall, PlaneWall
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import packet_at
 
 
 @pytest.mark.parametrize("dt_s", [0.0005, 0.004])
@@ -124,9 +125,8 @@ class PlainFinger:
     def advance(self, images: Sequence[MarkerImage]) -> EventPacket:
         start_us = self.images[-1].t_us
         self.images += images
-        t = np.array([image.t_us - 1 for image in images], np.int64)
-        zero = np.zeros(len(t), np.uint16)
-        return EventPacket(zero, zero, zero > 0, t, start_us, images[-1].t_us, (320, 320))
+        times_us = [image.t_us - 1 for image in images]
+        return packet_at(times_us, (start_us, images[-1].t_us), (320, 320))
 
 
 def make_rig(rms_mm: float = 0.0) -> Rig:
@@ -169,23 +169,19 @@ def approaching(rng: np.random.Generator, kind: type[UR3Twin] = UR3Twin) -> UR3T
 
 
 def overshoots_mm(kind: type[UR3Twin], trials: int = 800) -> np.ndarray:
-    rng = np.random.default_rng(1)
-    found = np.empty(trials)
-    for k in range(trials):
+    rng, found = np.random.default_rng(1), []
+    for _ in range(trials):
         arm = approaching(rng, kind)
         touched_mm = arm.true_position_mm()[0]
         arm.stop()
         arm.advance_to(1_500_000)
-        found[k] = arm.true_position_mm()[0] - touched_mm
-    return found
+        found.append(arm.true_position_mm()[0] - touched_mm)
+    return np.array(found)
 
 
 @pytest.mark.parametrize(
     ("changes", "mean_mm", "worst_mm"),
-    [
-        ({}, 6.2, 7.6),
-        ({"CYCLE_S": 0.002, "JERK_MM_S3": np.inf}, 4.2, 5.1),
-    ],
+    [({}, 6.2, 7.6), ({"CYCLE_S": 0.002, "JERK_MM_S3": np.inf}, 4.2, 5.1)],
 )
 def test_overshoot_of_a_perfect_sensor(
     changes: dict[str, float], mean_mm: float, worst_mm: float

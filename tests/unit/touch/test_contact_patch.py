@@ -6,7 +6,7 @@ from matplotlib.path import Path as Outline
 
 from spikingtac.sim.gel import Gel, GelConfig
 from spikingtac.sim.indenters import IndenterConfig, make_indenter
-from spikingtac.sim.motions import IndenterMotion, MotionConfig, SegmentConfig
+from spikingtac.sim.motions import IndenterMotion, MotionConfig, SegmentConfig, rotation_about
 from spikingtac.sim.scene import SkinConfig
 from spikingtac.touch.patch import Patch, PatchEstimator, SquareLattice
 
@@ -21,9 +21,7 @@ PRESSES = [
 
 
 def turned(places: np.ndarray, degrees: float) -> np.ndarray:
-    angle = np.radians(degrees)
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return places @ np.array([[cosine, sine], [-sine, cosine]])
+    return places @ rotation_about(np.array([0.0, 0.0, 1.0]), np.radians(degrees))[:2, :2].T
 
 
 def hexagonal() -> np.ndarray:
@@ -41,13 +39,9 @@ def pressed(
     segment = SegmentConfig(kind="press", depth_mm=depth_mm, duration_s=0.2)
     x_mm, y_mm = place_mm
     motion = IndenterMotion(MotionConfig(x_mm=x_mm, y_mm=y_mm, height_mm=0.1, segments=(segment,)))
-    body, gel = (
-        make_indenter(IndenterConfig(kind=kind, settings=settings)),
-        Gel(GelConfig(), markers),
-    )
-    state = gel.step(0.05, body, motion.pose(0.25 * motion.duration_s))
-    for share in (0.5, 0.75, 1.0):
-        state = gel.step(0.05, body, motion.pose(share * motion.duration_s))
+    body = make_indenter(IndenterConfig(kind=kind, settings=settings))
+    gel, moments_s = Gel(GelConfig(), markers), (0.25, 0.5, 0.75, 1.0)
+    *_, state = (gel.step(0.05, body, motion.pose(s * motion.duration_s)) for s in moments_s)
     nearer = DISTANCE_MM / (DISTANCE_MM - state.marker_mm[:, 2:])
     axis = GelConfig().grid.axis_mm
     cells = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)

@@ -45,9 +45,7 @@ def test_contacts_that_are_drawn_obey_friction_and_repeat() -> None:
         assert np.abs(one.displacement).max() > 1.0
 
 
-def test_a_press_towards_the_camera_moves_markers_outwards(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_press_towards_the_camera_moves_markers_outwards(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(elastic, "NOISE_MM", 0.0)
     monkeypatch.setattr(elastic, "FRICTION", 0.0)
     near = SkinConfig(camera_distance_mm=13.0)

@@ -11,11 +11,22 @@ from spikingtac.touch.force.fit import fit_force, retarget, score_force
 from spikingtac.touch.force.model import ForceModel, Wrench, load_force
 from spikingtac.touch.network import Network, with_record
 from spikingtac.touch.series import WrenchSeries, labelled
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket
+from stand_ins.live import MovedBy
 
 X, Y = np.meshgrid(np.arange(6.0), np.arange(5.0))
 REFERENCE = np.column_stack([X.ravel(), Y.ravel()])
 NOISE_MM = 0.005
+
+
+def press(center: np.ndarray, depth: float, drag: np.ndarray) -> np.ndarray:
+    """Return how markers spread away from a press, and are dragged with it."""
+    away = REFERENCE - center
+    near = np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True) / 4.0)
+    return (0.5 * depth * away + drag) * near
+
+
+PRESS = press(np.array([2.5, 2.0]), 1.0, np.zeros(2))
 
 
 def series(seed: int, *, largest: float = 1.0, rest_mm: float = 0.0) -> WrenchSeries:
@@ -26,17 +37,12 @@ def series(seed: int, *, largest: float = 1.0, rest_mm: float = 0.0) -> WrenchSe
         depth, drag = largest * rng.uniform(0.2, 1.0), rng.uniform(-0.5, 0.5, 2)
         center = rng.uniform([1.5, 1.5], [3.5, 2.5])
         for share in np.r_[np.zeros(3), np.linspace(0, 1, 10)]:
-            away = REFERENCE - center
-            near = np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True) / 4.0)
-            moved = share * (0.5 * depth * away * near + drag * near)
             force = [*(4.0 * share * drag), -3.0 * (share * depth) ** 1.5]
-            frames.append((moved, force))
-    moved = np.array([frame[0] for frame in frames]) + rest_mm
-    moved = moved + rng.normal(0.0, NOISE_MM, moved.shape)
+            frames.append((share * press(center, depth, drag), force))
+    moved, wrench = map(np.array, zip(*frames, strict=True))
+    moved = moved + rest_mm + rng.normal(0.0, NOISE_MM, moved.shape)
     t_us = np.arange(len(frames), dtype=np.int64) * 20_000
-    return WrenchSeries(
-        t_us, REFERENCE, moved, np.array([f[1] for f in frames]), "mm", f"series {seed}"
-    )
+    return WrenchSeries(t_us, REFERENCE, moved, wrench, "mm", f"series {seed}")
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +71,8 @@ def test_a_model_serves_another_sensor_after_a_few_presses(
     model: ForceModel, tmp_path: Path
 ) -> None:
     """Twice as stiff, in px, with fewer markers at other places."""
-    x, y = np.meshgrid(np.linspace(0.0, 5.0, 5), np.linspace(0.0, 4.0, 5))
-    places = np.column_stack([x.ravel(), y.ravel()])
+    axes = np.meshgrid(np.linspace(0.0, 5.0, 5), np.linspace(0.0, 4.0, 5))
+    places = np.stack(axes, axis=-1).reshape(-1, 2)
     near = np.exp(-4.0 * ((places[:, None] - REFERENCE) ** 2).sum(axis=2))
     near /= near.sum(axis=1, keepdims=True)
 
@@ -109,8 +115,7 @@ def test_rest_is_no_force_however_far_it_moved(model: ForceModel) -> None:
 def test_a_slow_press_is_told_alike_however_fast_the_frames_come(
     model: ForceModel, rate_hz: int
 ) -> None:
-    away = REFERENCE - [2.5, 2.0]
-    press = 0.4 * away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True) / 4.0)
+    press = 0.8 * PRESS
     estimator, told = model.estimator(), None
     for k in range(2 * rate_hz):
         told = estimator.update(k * 1_000_000 // rate_hz, min(k / rate_hz, 1.0) * press)
@@ -120,21 +125,8 @@ def test_a_slow_press_is_told_alike_however_fast_the_frames_come(
 
 def test_an_arm_is_stopped_where_the_force_surely_exceeds_its_limit(model: ForceModel) -> None:
     """On a press of 3 N * depth ** 1.5 that grows for a second."""
-    away = REFERENCE - [2.5, 2.0]
-    press = 0.5 * away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True) / 4.0)
-
-    class Tracker:
-        """Sees the press after a fifth of a second at rest."""
-
-        def absorb(self, packet: EventPacket) -> None: ...
-
-        def reset(self) -> None: ...
-
-        def estimate(self, t_us: int) -> MarkerFrame:
-            moved, none = max(t_us / 1e6 - 0.2, 0.0) * press, np.zeros(30, bool)
-            return MarkerFrame(t_us, REFERENCE + moved, REFERENCE + moved, moved, none, ~none * 1.0)
-
-    limit = ForceLimit(Tracker(), model.estimator(), 1.5)
+    tracker = MovedBy(REFERENCE, lambda t_us: max(t_us / 1e6 - 0.2, 0.0) * PRESS)
+    limit = ForceLimit(tracker, model.estimator(), 1.5)
     windows = [EventPacket.empty(k * 1_000, (k + 1) * 1_000, (9, 9)) for k in range(1_200)]
     (told,) = [contact for window in windows if (contact := limit.update(window))]
     true_n = 3.0 * (told.t_us / 1e6 - 0.2) ** 1.5
@@ -142,7 +134,7 @@ def test_an_arm_is_stopped_where_the_force_surely_exceeds_its_limit(model: Force
     assert told.count > told.threshold == 1.5
     assert limit.in_contact
     with pytest.raises(ConfigError, match="must be positive"):
-        ForceLimit(Tracker(), model.estimator(), 0.0)
+        ForceLimit(tracker, model.estimator(), 0.0)
 
 
 def test_a_model_survives_its_file(model: ForceModel, tmp_path: Path) -> None:
@@ -225,12 +217,9 @@ def watched() -> WrenchSeries:
 
 
 def test_a_force_sensor_on_another_clock_is_aligned(tmp_path: Path) -> None:
-    path, offset_s = tmp_path / "force.csv", 1234.5678
-    t_s = np.arange(-0.5, 7.5, 0.002)
-    lines = [
-        f"{t + offset_s:.6f},0.0,0.1,{-5 * p:.5f}" for t, p in zip(t_s, pressing(t_s), strict=True)
-    ]
-    path.write_text("t_s,Fx,Fy,Fz\n" + "\n".join(lines) + "\n")
+    path, t_s = tmp_path / "force.csv", np.arange(-0.5, 7.5, 0.002)
+    rows = np.column_stack([t_s + 1234.5678, 0 * t_s, 0 * t_s + 0.1, -5 * pressing(t_s)])
+    np.savetxt(path, rows, "%.6f", ",", header="t_s,Fx,Fy,Fz", comments="")
     series = labelled(watched(), path)
     truth = -5 * pressing(series.t_us / 1e6)
     assert len(series.t_us) == len(watched().t_us)
@@ -238,11 +227,9 @@ def test_a_force_sensor_on_another_clock_is_aligned(tmp_path: Path) -> None:
 
 
 def test_forces_of_another_recording_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "force.csv"
-    values = np.random.default_rng(0).normal(size=500)
-    path.write_text(
-        "t_us,fx,fy,fz\n" + "".join(f"{i * 10000},{v},0,0\n" for i, v in enumerate(values))
-    )
+    path, values = tmp_path / "force.csv", np.random.default_rng(0).normal(size=500)
+    rows = np.column_stack([10_000 * np.arange(500), values, 0 * values, 0 * values])
+    np.savetxt(path, rows, "%.9g", ",", header="t_us,fx,fy,fz", comments="")
     with pytest.raises(RecordingError, match="same recording"):
         labelled(watched(), path)
 

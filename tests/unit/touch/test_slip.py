@@ -1,6 +1,7 @@
 """Slip: alarms, memory and episodes on made-up models; the package's own on closed forms."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from spikingtac.touch.elastic import SkinConfig, SurfaceResponse
 from spikingtac.touch.slip.held import HeldTouchDetector
 from spikingtac.touch.slip.monitor import Slip, SlipMonitor
 from spikingtac.types import MarkerFrame
+from stand_ins.live import frame_of
 
 PITCH_MM, PX_PER_MM = 2.4, 15.4
 X, Y = np.meshgrid(np.arange(8.0) - 3.5, np.arange(8.0) - 3.5)
@@ -155,9 +157,8 @@ def cattaneo_mindlin(loads: np.ndarray) -> np.ndarray:
     axis = np.arange(-RADIUS_MM, RADIUS_MM + 1e-9, SOURCE_MM)
     sources = np.column_stack([part.ravel() for part in np.meshgrid(axis, axis)])
     r_mm = np.sqrt((sources**2).sum(axis=1))
-    response = SurfaceResponse(SkinConfig(), 0.6 * SOURCE_MM, 30.0).matrix(PLACES_MM, sources)[
-        :, :2
-    ]
+    whole = SurfaceResponse(SkinConfig(), 0.6 * SOURCE_MM, 30.0).matrix(PLACES_MM, sources)
+    response = whole[:, :2]
     pressing = PEAK_MPA * SOURCE_MM**2 * hertz(r_mm, RADIUS_MM)
     out = []
     for load in loads:
@@ -169,9 +170,8 @@ def cattaneo_mindlin(loads: np.ndarray) -> np.ndarray:
 
 
 def frames(moved: np.ndarray) -> Iterator[MarkerFrame]:
-    none, sure = np.zeros(len(REFERENCE), np.bool_), np.ones(len(REFERENCE))
     for k, row in enumerate(moved):
-        yield MarkerFrame(k * 1_000, REFERENCE + row, REFERENCE + row, row, none, sure)
+        yield frame_of(k * 1_000, REFERENCE, row)
 
 
 def dragged() -> np.ndarray:
@@ -223,12 +223,7 @@ def test_a_touch_that_has_just_begun_has_no_slip_rather_than_an_unknown_one(more
 def test_frames_of_a_slow_camera_tell_no_slip() -> None:
     detector = HeldTouchDetector(REFERENCE)
     for k, frame in enumerate(frames(dragged()[::50])):
-        place = frame.detected_px
-        detector.update(
-            MarkerFrame(
-                k * 50_000, place, place, frame.displacement_px, frame.coasted, frame.confidence
-            )
-        )
+        detector.update(replace(frame, t_us=k * 50_000))
     held = detector.finish()
     assert held is not None
     assert held.slips is None

@@ -12,16 +12,7 @@ from spikingtac.touch.patch import SquareLattice
 from spikingtac.touch.slip.held import HeldTouchDetector
 from spikingtac.touch.touch import RETURN_FACTOR, STILL_US, CalibratedRest
 from spikingtac.types import MarkerFrame
-from stand_ins.pressed_skin import (
-    CENTER,
-    PITCH_PX,
-    PRESS,
-    REFERENCE,
-    press,
-    pulse,
-    touches,
-    watch,
-)
+from stand_ins.pressed_skin import CENTER, PITCH_PX, PRESS, REFERENCE, press, pulse, touches, watch
 
 MM_PER_PX = 0.065
 ROW = np.column_stack([PITCH_PX * np.arange(10.0), np.full(10, 80.0)])

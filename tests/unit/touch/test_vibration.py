@@ -8,17 +8,21 @@ from spikingtac.touch.vibration import Spectrum, VibrationMonitor
 MARKERS = 64
 
 
-def heard(amplitude_px: float, hz: float, seed: int = 0, rate_hz: float = 1_000.0) -> Spectrum:
-    rng, monitor = np.random.default_rng(seed), VibrationMonitor(rate_hz)
-    for k in range(round(0.6 * rate_hz)):
-        t_s = k / rate_hz
-        shift = amplitude_px * np.sin(2.0 * np.pi * hz * t_s) * np.array([0.6, 0.8])
-        drift = 2.0 * t_s**2
-        moved = shift + drift + rng.normal(0.0, 0.05, (MARKERS, 2))
-        monitor.update(round(t_s * 1e6), moved)
+def spectrum_of(monitor: VibrationMonitor, t_us: np.ndarray, moved: np.ndarray) -> Spectrum:
+    """Return the spectrum after displacements ``(n,)`` of all markers alike, or of each."""
+    for at_us, shift in zip(t_us.tolist(), moved, strict=True):
+        monitor.update(at_us, np.broadcast_to(shift, (MARKERS, 2)))
     found = monitor.spectrum()
     assert found is not None
     return found
+
+
+def heard(amplitude_px: float, hz: float, seed: int = 0, rate_hz: float = 1_000.0) -> Spectrum:
+    t_s = np.arange(round(0.6 * rate_hz))[:, None, None] / rate_hz
+    shift = amplitude_px * np.sin(2.0 * np.pi * hz * t_s) * np.array([0.6, 0.8])
+    noise = np.random.default_rng(seed).normal(0.0, 0.05, (len(t_s), MARKERS, 2))
+    t_us = np.rint(1e6 * t_s.ravel()).astype(np.int64)
+    return spectrum_of(VibrationMonitor(rate_hz), t_us, shift + 2.0 * t_s**2 + noise)
 
 
 @pytest.mark.parametrize("hz", [20.0, 240.3, 497.0])
@@ -33,28 +37,20 @@ def test_noise_is_no_line() -> None:
 
 
 def test_slow_frames_make_a_longer_window() -> None:
-    monitor = VibrationMonitor(50.0)
-    for k in range(64):
+    monitor, k = VibrationMonitor(50.0), np.arange(64)
+    shift = 0.5 * np.sin(2.0 * np.pi * 17.0 * k / 50.0)
+    for step in range(63):
+        monitor.update(20_000 * step, np.full((MARKERS, 2), shift[step]))
         assert monitor.spectrum() is None
-        shift = 0.5 * np.sin(2.0 * np.pi * 17.0 * k / 50.0)
-        monitor.update(20_000 * k, np.full((MARKERS, 2), [shift, 0.0]))
-    found = monitor.spectrum()
-    assert found is not None
+    found = spectrum_of(monitor, 20_000 * k[63:], shift[63:])
     assert found.line_hz == pytest.approx(17.0, abs=0.2)
-    slower = VibrationMonitor(15.0)  # below 7.5 Hz there is touch, and no vibration
-    for k in range(64):
-        slower.update(round(1e6 * k / 15.0), np.full((MARKERS, 2), 0.1 * (k % 3)))
-    lowest = slower.spectrum()
-    assert lowest is not None
-    assert lowest.line_hz is None
+    # Below 7.5 Hz there is touch, and no vibration.
+    assert spectrum_of(VibrationMonitor(15.0), 66_667 * k, 0.1 * (k % 3)).line_hz is None
 
 
 @pytest.mark.parametrize("period_us", [850, 1_000, 1_150])
 def test_the_frequency_is_that_of_the_times(period_us: int) -> None:
-    monitor = VibrationMonitor(1_000.0)
-    for k in range(600):
-        shift = 0.1 * np.sin(2e-6 * np.pi * 60.0 * period_us * k)
-        monitor.update(period_us * k, np.full((MARKERS, 2), shift))
-    found = monitor.spectrum()
-    assert found is not None
+    t_us = period_us * np.arange(600)
+    shift = 0.1 * np.sin(2e-6 * np.pi * 60.0 * t_us)
+    found = spectrum_of(VibrationMonitor(1_000.0), t_us, shift)
     assert found.line_hz == pytest.approx(60.0, abs=0.2)

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.tracks import FRAMES_PER_CHUNK, Tracks, create_tracks
 from spikingtac.tracks.comparison import compare_tracks, compare_with_truth
 from spikingtac.types import MarkerFrame, SourceHealth
+from stand_ins.known import known
 from stand_ins.tracks import circling_tracks
 from stand_ins.viewer import positions_px
 
@@ -25,14 +25,10 @@ REFERENCE_PX = np.array([[10.0, 20.0], [30.0, 40.0]])
 
 def frame(t_us: int) -> MarkerFrame:
     detected = REFERENCE_PX + t_us * 1e-3
+    position, held = detected - 0.5, np.array([False, True])
+    health = SourceHealth(gaps=t_us // 2_000, reconnects=1, rate_ev_s=1_234.5)
     return MarkerFrame(
-        t_us=t_us,
-        detected_px=detected,
-        position_px=detected - 0.5,
-        displacement_px=detected - 0.5 - REFERENCE_PX,
-        coasted=np.array([False, True]),
-        confidence=np.array([0.75, 0.0]),
-        health=SourceHealth(gaps=t_us // 2_000, reconnects=1, rate_ev_s=1_234.5),
+        t_us, detected, position, position - REFERENCE_PX, held, ~held * 0.75, health
     )
 
 
@@ -78,14 +74,7 @@ def test_frames_are_gathered_and_what_is_saved_is_loaded(tmp_path: Path) -> None
     tracks = felt(circling_tracks(estimates=12, px_per_mm=8.0))
     tracks.save(tmp_path / "tracks.npz")
     again = Tracks.load(tmp_path / "tracks.npz")
-    rest_px = tracks.reference_px.astype(float)
-    calibration = Calibration(
-        reference_px=rest_px,
-        radius_px=np.full(64, 7.0),
-        grid=(8, 8),
-        size=(320, 320),
-        px_per_mm=8.0,
-    )
+    calibration = known(tracks.reference_px, px_per_mm=8.0)
     gathered = Tracks.of(tracks.frames(), calibration)
     for name in ("t_us", "detected_px", "displacement_px", "coasted", "confidence", "reference_px"):
         np.testing.assert_array_equal(getattr(again, name), getattr(tracks, name))

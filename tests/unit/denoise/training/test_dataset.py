@@ -1,7 +1,6 @@
 import builtins
 import io
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +17,7 @@ from spikingtac_paper.training.dataset import (
     with_drops,
 )
 from stand_ins.denoiser_training import SIZE, SPAN_US, moving_disc
+from stand_ins.random_packets import rows
 
 MOMENTS = 8
 
@@ -25,25 +25,18 @@ MOMENTS = 8
 @pytest.fixture
 def clean(monkeypatch):
     """Inputs like their targets: nothing is added, dropped or filtered."""
-    for name, value in {
-        "NOISE_HZ": (1e-9, 1e-9),
-        "DROP": (0.0, 0.0),
-        "UNFILTERED_FRACTION": 1.0,
-        "TARGET_FILTER_US": 400_000,
-        "GRADED_FRACTION": 0.0,
-    }.items():
-        monkeypatch.setattr(dataset, name, value)
-
-
-def write_recording(folder: Path) -> Path:
-    with RecordingWriter(folder, SIZE) as writer:
-        writer.write(moving_disc().events)
-        writer.append_truth({"marker_t_us": np.zeros(1, np.int64)})
-    return folder
+    monkeypatch.setattr(dataset, "NOISE_HZ", (1e-9, 1e-9))
+    monkeypatch.setattr(dataset, "DROP", (0.0, 0.0))
+    monkeypatch.setattr(dataset, "UNFILTERED_FRACTION", 1.0)
+    monkeypatch.setattr(dataset, "TARGET_FILTER_US", 400_000)
+    monkeypatch.setattr(dataset, "GRADED_FRACTION", 0.0)
 
 
 def test_the_loader_never_opens_the_truth(tmp_path, monkeypatch):
-    folder = write_recording(tmp_path / "recording")
+    folder = tmp_path / "recording"
+    with RecordingWriter(folder, SIZE) as writer:
+        writer.write(moving_disc().events)
+        writer.append_truth({"marker_t_us": np.zeros(1, np.int64)})
     assert (folder / "truth.npz").is_file()
     opened: list[str] = []
 
@@ -70,12 +63,9 @@ def test_degradation_reaches_the_input_only(monkeypatch):
     assert pairs.inputs.shape == (2 * MOMENTS, SIZE[1], SIZE[0])
     assert (pairs.inputs != pairs.targets).mean() < 0.002, "the filter drops first events only"
     assert set(np.unique(pairs.inputs)) == {0, 255}
-    for name, value in (
-        ("NOISE_HZ", (5.0, 5.0)),
-        ("UNFILTERED_NOISE_HZ", 5.0),
-        ("DROP", (0.5, 0.5)),
-    ):
-        monkeypatch.setattr(dataset, name, value)
+    monkeypatch.setattr(dataset, "NOISE_HZ", (5.0, 5.0))
+    monkeypatch.setattr(dataset, "UNFILTERED_NOISE_HZ", 5.0)
+    monkeypatch.setattr(dataset, "DROP", (0.5, 0.5))
     noisy = make_pairs(clips, MOMENTS, np.random.default_rng(0))
     assert (noisy.inputs != noisy.targets).mean(axis=(1, 2))[-1] > 0.05
     assert set(np.unique(noisy.targets)) == set(np.unique(pairs.targets))
@@ -112,8 +102,7 @@ def test_background_keeps_every_event_and_the_invariants():
     noisy.sound()
     assert (np.diff(noisy.t) >= 0).all()
     assert noisy.t_start_us <= noisy.t[0] <= noisy.t[-1] < noisy.t_end_us
-    there = {*zip(noisy.t.tolist(), noisy.x.tolist(), noisy.y.tolist(), strict=True)}
-    assert there >= {*zip(events.t.tolist(), events.x.tolist(), events.y.tolist(), strict=True)}
+    assert {*rows(noisy)} >= {*rows(events)}
 
 
 def test_drops_have_their_share():

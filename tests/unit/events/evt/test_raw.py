@@ -13,7 +13,14 @@ from spikingtac.events.evt.wire import BASE_X, VECT_8, VECT_12
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.types import EventPacket
 from stand_ins.piped_camera import PipedCamera
-from stand_ins.random_packets import assert_equal, random_packet, whole
+from stand_ins.random_packets import (
+    assert_equal,
+    packet_at,
+    packet_of,
+    random_packet,
+    save_events,
+    whole,
+)
 
 HEAD3 = b"% evt 3.0\n% geometry 320x240\n% end\n"
 HEAD2 = b"% evt 2.0\n% geometry 320x240\n% end\n"
@@ -131,10 +138,7 @@ def test_strict_lets_harmless_words_pass_and_refuses_damage(raw) -> None:
 
 
 def test_a_gap_is_seen_where_time_words_never_miss(tmp_path: Path) -> None:
-    t = np.arange(200_000, dtype=np.int64)
-    zeros = np.zeros(len(t), np.uint16)
-    with create_events(tmp_path / "a.raw", (320, 240)) as writer:
-        writer.write(EventPacket(zeros, zeros, zeros > 0, t, 0, 200_000, (320, 240)))
+    save_events(tmp_path / "a.raw", packet_at(range(200_000), (0, 200_000), (320, 240)))
     data = (tmp_path / "a.raw").read_bytes()
     (tmp_path / "a.raw").write_bytes(data[:200_000] + data[264_000:])
     source = open_events(tmp_path / "a.raw")
@@ -152,8 +156,7 @@ def test_a_wrong_header_is_refused_and_names_both(tmp_path: Path, claimed, actua
     n = 20_000
     packet = random_packet(0, n, (320, 240))
     for encoding in (claimed, actual):
-        with create_events(tmp_path / f"{encoding}.raw", (320, 240), encoding=encoding) as writer:
-            writer.write(packet)
+        save_events(tmp_path / f"{encoding}.raw", packet, encoding=encoding)
     files = [(tmp_path / f"{name}.raw").read_bytes() for name in (claimed, actual)]
     ends = [data.index(b"% end\n") + 6 for data in files]
     (tmp_path / "a.raw").write_bytes(files[0][: ends[0]] + files[1][ends[1] :])
@@ -204,9 +207,8 @@ def test_byte_orders_of_evt21(tmp_path: Path, order: str) -> None:
 
 def test_writers_refuse_what_does_not_fit(tmp_path: Path) -> None:
     def packet(t: list[int], x: int) -> EventPacket:
-        n = len(t)
-        column = np.full(n, x, np.uint16)
-        return EventPacket(column, column, column > 0, np.array(t), t[0], t[-1] + 1, (320, 240))
+        column = np.full(len(t), x)
+        return packet_of(np.array(t), column, column, column > 0, (320, 240))
 
     with create_events(tmp_path / "a.raw", (320, 240)) as writer:
         writer.write(packet([5], 1))
@@ -235,14 +237,8 @@ EVENTS = 60_000
 
 @pytest.fixture(params=["evt2", "evt21", "evt3"])
 def stored(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    path = tmp_path / "whole.raw"
-    with create_events(path, SIZE, encoding=request.param) as writer:
-        writer.write(random_packet(3, EVENTS, SIZE, 13))
-    return path
-
-
-def without_header(data: bytes) -> bytes:
-    return data.partition(b"% end\n")[2]
+    events = random_packet(3, EVENTS, SIZE, 13)
+    return save_events(tmp_path / "whole.raw", events, encoding=request.param)
 
 
 def test_a_pipe_gives_the_events_of_the_file(stored: Path, tmp_path: Path) -> None:
@@ -258,17 +254,14 @@ def test_a_pipe_gives_the_events_of_the_file(stored: Path, tmp_path: Path) -> No
         list(source)
 
 
-def test_events_come_before_the_stream_ends(tmp_path: Path) -> None:
-    path = tmp_path / "whole.raw"
-    with create_events(path, SIZE) as writer:
-        writer.write(random_packet(3, EVENTS, SIZE, 13))
-    camera = PipedCamera(tmp_path / "live", path.read_bytes())
+def test_events_come_before_the_stream_ends(stored: Path, tmp_path: Path) -> None:
+    camera = PipedCamera(tmp_path / "live", stored.read_bytes())
     camera.pause_after(0.5)
     source = iter(open_events(tmp_path / "live"))
     got = 0
     while got < 0.45 * EVENTS:
         got += len(next(source))
-    assert camera.written < 0.6 * path.stat().st_size
+    assert camera.written < 0.6 * stored.stat().st_size
     camera.go_on.set()
     got += sum(len(packet) for packet in source)
     assert got == EVENTS
@@ -282,6 +275,6 @@ def test_standard_input_is_a_stream(stored: Path, monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("head", [b"% end\n", b""])
 def test_a_stream_without_a_size_is_refused(head: bytes, stored: Path, tmp_path: Path) -> None:
-    PipedCamera(tmp_path / "live", head + without_header(stored.read_bytes()))
+    PipedCamera(tmp_path / "live", head + stored.read_bytes().partition(b"% end\n")[2])
     with pytest.raises(FormatError, match="names encoding and size"):
         open_events(tmp_path / "live")

@@ -1,0 +1,35 @@
+"""Calibrations of sensors whose markers are known."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from spikingtac.calibration.sensor_calibration import Calibration
+
+
+def known(
+    reference_px: np.ndarray,
+    radius_px: np.ndarray | float = 7.0,
+    size: tuple[int, int] = (320, 320),
+    grid: tuple[int, int] | None = None,
+    step: float | None = None,
+    **more: Any,
+) -> Calibration:
+    """Return the calibration of markers at these places, a square of them unless a grid is given.
+
+    Args:
+        reference_px: ``(m, 2)`` places, px.
+        radius_px: Radius of each marker or of all, px.
+        size: ``(width, height)``, px.
+        grid: Rows and columns.
+        step: ``step_on`` and ``step_off``.
+        more: Other fields.
+    """
+    places = np.array(reference_px, np.float64)
+    radii = np.broadcast_to(np.float64(radius_px), len(places)).copy()
+    side = math.isqrt(len(places))
+    more = {"step_on": step, "step_off": step} | more
+    return Calibration(
+        reference_px=places, radius_px=radii, grid=grid or (side, side), size=size, **more
+    )
