@@ -48,8 +48,8 @@ from spikingtac.atomic_files import write_json  # noqa: E402
 from spikingtac.contact.detector import ContactDetector, DetectorSummary, Window  # noqa: E402
 from spikingtac.errors import DeviceError  # noqa: E402
 from spikingtac.robot.ur import URArm  # noqa: E402
-from spikingtac.stream.arrivals import Arrival  # noqa: E402
 from spikingtac.stream.guard import ContactProcess  # noqa: E402
+from spikingtac.stream.guard_loop import Arrival  # noqa: E402
 from spikingtac.stream.real_time import exempt_from_collection, take_precedence  # noqa: E402
 from spikingtac.types import Contact, EventPacket  # noqa: E402
 from stand_ins.hostile_files import (  # noqa: E402

@@ -30,8 +30,6 @@ from .tracks.comparison import compare_with_truth as compare_with_truth
 # Live: sensors on a camera
 from .stream.live import live as live
 from .stream.live import Live as Live
-from .stream.live import Hand as Hand
-from .stream.live import Finger as Finger
 
 # Contact, from raw events at 1 kHz
 from .types import Contact as Contact

@@ -14,9 +14,8 @@ from spikingtac.errors import DeviceError
 from spikingtac.events.evt.encode import Evt2Encoder
 from spikingtac.events.evt.raw import format_header
 from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
-from spikingtac.stream.arrivals import stream_arrivals
 from spikingtac.stream.guard import ContactProcess
-from spikingtac.stream.guard_loop import ContactLoop
+from spikingtac.stream.guard_loop import ContactLoop, stream_arrivals
 from spikingtac.types import EventPacket
 from stand_ins.guarded import SLOWED, NotingArm, detector, paced, stops
 from stand_ins.live import BurstDetector

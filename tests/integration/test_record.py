@@ -22,7 +22,7 @@ from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
-from spikingtac.stream.arrivals import stream_arrivals
+from spikingtac.stream.guard_loop import stream_arrivals
 from spikingtac.stream.record import locked_folder, prepare_folder, record
 from spikingtac.stream.recorder import Recorder, Split
 from spikingtac.types import EventPacket
@@ -231,8 +231,7 @@ def test_standard_input_needs_no_end_of_its_header(ending: bytes, tmp_path: Path
 
 
 def test_info_shows_what_the_manifest_tells(tmp_path: Path, verbs: Verbs) -> None:
-    recorder = Recorder(tmp_path, SIZE)
-    recorder.about = {"losses": {"overflow": 7}}
+    recorder = Recorder(tmp_path, SIZE, lambda: {"losses": {"overflow": 7}})
     recorder.write(events(2_000, first_us=1_000))
     recorder.close(2_000)
     path = tmp_path / "manifest.json"

@@ -1,6 +1,5 @@
 """Where the frames that are published come from: tracks on disk, or events and a tracker."""
 
-import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
@@ -10,19 +9,17 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.formats.file_source import FileSource
-from spikingtac.events.windows import windows
 from spikingtac.markers.registry import TrackingConfig, make_tracker
 from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.pipeline.track import require_same_size
-from spikingtac.ros2.stream import US_PER_S, Layout, SensorStream, StreamConfig
-from spikingtac.stream.reader import LiveSource
+from spikingtac.ros2.stream import Layout, SensorStream, StreamConfig
+from spikingtac.stream.paced import Pace, PacedSource
 from spikingtac.touch.force.model import ForceModel
 from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket, MarkerFrame
 
 # Span of a message of events, us: 100 per second, as event camera drivers send them.
 EVENTS_US = 10_000
-STEP_US = 1_000  # Step at which recordings are played, us.
 
 # Frames of the rehearsal: rest, a press of 150 ms, and its release until it is told.
 REHEARSED = 600
@@ -30,28 +27,6 @@ REHEARSED_STRAIN = 0.08  # Stretch of the skin in the rehearsal's press.
 
 # A frame, and its wrench where it is known.
 Felt = tuple[MarkerFrame, NDArray[np.floating] | None]
-
-
-class Pace:
-    """Plays data at the speed at which they were recorded.
-
-    Attributes:
-        largest_lag_s: By how much data were late at most when they were asked for, s.
-    """
-
-    def __init__(self) -> None:
-        self._zero_s: float | None = None  # host time of the data's zero
-        self.largest_lag_s = 0.0
-
-    def wait(self, t_us: int) -> None:
-        """Return when data of this time are due, at once where they are late."""
-        now_s = time.monotonic()
-        if self._zero_s is None:
-            self._zero_s = now_s - t_us / US_PER_S
-        late_s = now_s - self._zero_s - t_us / US_PER_S
-        if late_s < 0.0:
-            time.sleep(-late_s)
-        self.largest_lag_s = max(self.largest_lag_s, late_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,13 +37,15 @@ class Feed:
         layout: The markers at rest.
         source: The events, None where there are none.
         has_wrench: Whether the frames come with wrenches.
+        pace: Tells how late they are.
         frames: Yields the frames when they are due; events go to the stream meanwhile.
     """
 
     layout: Layout
     source: FileSource | None = None
     has_wrench: bool = False
-    frames: Callable[[SensorStream, Pace], Iterator[Felt]]
+    pace: Pace
+    frames: Callable[[SensorStream], Iterator[Felt]]
 
 
 def feed_of_tracks(
@@ -80,9 +57,9 @@ def feed_of_tracks(
         ConfigError: The calibration or the force model is of another sensor.
     """
     wrenches, rest_px = tracks.wrench, tracks.reference_px.astype(np.float64)
-    felt = _felt_by(force, rest_px)
+    felt, pace = _felt_by(force, rest_px), Pace()
 
-    def frames(stream: SensorStream, pace: Pace) -> Iterator[Felt]:
+    def frames(stream: SensorStream) -> Iterator[Felt]:
         for number, (frame, wrench) in enumerate(felt(tracks.frames())):
             pace.wait(frame.t_us)
             yield frame, wrench if wrenches is None or force is not None else wrenches[number]
@@ -96,7 +73,8 @@ def feed_of_tracks(
             )
         grid, size = calibration.grid, calibration.size
     layout = Layout(rest_px, grid and (int(grid[0]), int(grid[1])), tracks.px_per_mm, size)
-    return Feed(layout=layout, has_wrench=wrenches is not None or force is not None, frames=frames)
+    has_wrench = wrenches is not None or force is not None
+    return Feed(layout=layout, has_wrench=has_wrench, pace=pace, frames=frames)
 
 
 def feed_of_events(
@@ -121,14 +99,13 @@ def feed_of_events(
     """
     tracker, rest_px = make_tracker(tracking, calibration), calibration.reference_px
     require_same_size(events.size, calibration.size)
-    checked, felt = CheckedSource(events, calibration, tell), _felt_by(force, rest_px)
+    paced, felt = PacedSource(events), _felt_by(force, rest_px)
+    checked = CheckedSource(paced, calibration, tell)
 
-    def published(stream: SensorStream, pace: Pace) -> Iterator[EventPacket]:
-        """Yield packets when they are due; publish their events, some milliseconds at a time."""
-        live, kept = isinstance(events, LiveSource), list[EventPacket]()
-        for packet in checked if live else windows(checked, STEP_US):
-            if not live:
-                pace.wait(packet.t_end_us)
+    def published(stream: SensorStream) -> Iterator[EventPacket]:
+        """Yield packets; publish their events, some milliseconds at a time."""
+        kept: list[EventPacket] = []
+        for packet in checked:
             kept.append(packet)
             if packet.t_end_us - kept[0].t_start_us >= EVENTS_US:
                 stream.events(EventPacket.concatenate(kept))
@@ -137,11 +114,12 @@ def feed_of_events(
         if kept:
             stream.events(EventPacket.concatenate(kept))
 
-    def frames(stream: SensorStream, pace: Pace) -> Iterator[Felt]:
-        yield from felt(follow(published(stream, pace), tracker, tracking.rate_hz, events.losses))
+    def frames(stream: SensorStream) -> Iterator[Felt]:
+        return felt(follow(published(stream), tracker, tracking.rate_hz, events.losses))
 
     layout = Layout(rest_px, calibration.grid, calibration.px_per_mm, calibration.size)
-    return Feed(layout=layout, source=events, has_wrench=force is not None, frames=frames)
+    has_wrench = force is not None
+    return Feed(layout=layout, source=events, has_wrench=has_wrench, pace=paced.pace, frames=frames)
 
 
 def _felt_by(

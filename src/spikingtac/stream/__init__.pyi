@@ -4,9 +4,7 @@
 from .live import live as live
 from .live import Live as Live
 from .live import LiveHealth as LiveHealth
-from .live import Hand as Hand
-from .sensor import Finger as Finger
-from .sensor import LiveFrame as LiveFrame
+from .live import LiveFrame as LiveFrame
 
 # A camera's events, read at once for several users
 from .reader import EventReader as EventReader
@@ -19,4 +17,4 @@ from .pair import live_windows as live_windows
 
 # The guard of an arm
 from .guard import ContactProcess as ContactProcess
-from .arrivals import stream_arrivals as stream_arrivals
+from .guard_loop import stream_arrivals as stream_arrivals

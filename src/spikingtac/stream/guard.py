@@ -17,8 +17,13 @@ from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
 from spikingtac.stream import real_time
-from spikingtac.stream.arrivals import Arrival, catch_up
-from spikingtac.stream.guard_loop import LONGEST_REASON, ContactLoop, failure_words
+from spikingtac.stream.guard_loop import (
+    LONGEST_REASON,
+    Arrival,
+    ContactLoop,
+    catch_up,
+    failure_words,
+)
 from spikingtac.stream.host import Asker, Host
 from spikingtac.stream.ring import SharedRing
 

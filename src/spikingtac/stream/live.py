@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import struct
 import time
 from collections.abc import AsyncIterator, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -15,25 +16,48 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Self
 
+import numpy as np
+
+from spikingtac.arrays import one_line
 from spikingtac.batch.worker_pool import SINGLE_THREAD
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.errors import ConfigError
-from spikingtac.stream.host import Host, closed_by
+from spikingtac.markers.registry import TrackingConfig, make_tracker
+from spikingtac.pipeline.follow import CheckedSource, follow
+from spikingtac.pipeline.track import require_same_size
+from spikingtac.stream.host import Asker, Host, closed_by, end_in_order
+from spikingtac.stream.paced import NS_PER_MS, PLAY_US, PacedSource
+from spikingtac.stream.reader import opened_camera
 from spikingtac.stream.ring import SharedRing
-from spikingtac.stream.sensor import (
-    NS_PER_MS,
-    Finger,
-    LiveFrame,
-    follow_sensor,
-    frame_layout,
-    unpack,
-)
-from spikingtac.types import SourceHealth
+from spikingtac.types import EventPacket, MarkerFrame, SourceHealth
 
 State = Literal["starting", "running", "ended", "failed", "killed"]
 SLOTS = 2048  # Frames that a reader may be behind: 2 s at 1 kHz.
+
+# A frame in shared memory: time, number, when it was told, how late it was made, the most of that,
+# and the health of its events; then eight numbers for each marker.
+HEAD, MARKER_BYTES = struct.Struct("<qqqddqqqqd"), 64
 LOOK_S = 0.0002  # Time between two looks for the next frame, s.
+
+
+@dataclass(frozen=True, slots=True)
+class LiveFrame(MarkerFrame):
+    """A frame with when it was made.
+
+    Attributes:
+        number: Number of the frame, from 1 on.
+        told_ns: When it was in shared memory, by this host's ``time.monotonic_ns()``.
+        behind_ms: How much later than due that was, ms: the work since the latest packet came, or
+            was due in a recording that is played.
+        most_behind_ms: The largest of these so far, ms.
+    """
+
+    number: int = 0
+    told_ns: int = 0
+    behind_ms: float = 0.0
+    most_behind_ms: float = 0.0
+
+    __repr__ = one_line
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,8 +116,10 @@ def live(
         ...     for frame in sensor:
         ...         print(frame.displacement_px.max(), sensor.health.lost)  # doctest: +SKIP
     """
+    if not isinstance(calibration, Calibration):
+        calibration = Calibration.load(calibration)
     tracking = load_config(preset).with_tracking(rate_hz=rate_hz).tracking
-    return Live(Finger(source=source, calibration=calibration, tracking=tracking))
+    return Live(str(source), calibration, tracking)
 
 
 class Live:
@@ -103,17 +129,14 @@ class Live:
     does the same. A second iteration goes on where the first one ended.
     """
 
-    def __init__(self, finger: Finger) -> None:
+    def __init__(self, source: str, calibration: Calibration, tracking: TrackingConfig) -> None:
         for name in SINGLE_THREAD:
             os.environ.setdefault(name, "1")
-        given = finger.calibration
-        known = given if isinstance(given, Calibration) else Calibration.load(given)
-        self._layout = frame_layout(len(known.reference_px))
-        self._ring = SharedRing.for_latest(self._layout.itemsize, SLOTS)
+        largest_bytes = HEAD.size + MARKER_BYTES * len(calibration.reference_px)
+        self._ring = SharedRing.for_latest(largest_bytes, SLOTS)
         self._frames = self._ring.reader()
-        self._host = Host(
-            partial(follow_sensor, finger=finger, calibration=known, ring=self._ring.name)
-        )
+        given = {"source": source, "calibration": calibration, "tracking": tracking}
+        self._host = Host(partial(follow_sensor, **given, ring=self._ring.name))
         self._state: State = "starting"
         self._why, self._error = "", None
         self._clock: Mapping[str, Any] | None = None
@@ -144,7 +167,7 @@ class Live:
         """Return the latest frame at once; None before the first."""
         found = self._ring.latest(self._frame.number if self._frame else 0)
         if found is not None:
-            self._frame = unpack(*found, self._layout)
+            self._frame = unpack(found[1])
         return self._frame
 
     def __iter__(self) -> Iterator[LiveFrame]:
@@ -156,7 +179,7 @@ class Live:
         while True:
             going = self._listen()  # asked first: the last frames come before the end
             for message in self._frames:
-                yield unpack(self._frames.number, message, self._layout)
+                yield unpack(message)
             if not going:
                 break
             time.sleep(LOOK_S)
@@ -203,48 +226,42 @@ class Live:
         self._state, self._error, self._why = state, error, str(error)
 
 
-class Hand:
-    """Follows several sensors at once, each in its own process; a failure of one harms no other.
+def follow_sensor(
+    asker: Asker, source: str, calibration: Calibration, tracking: TrackingConfig, ring: str
+) -> None:
+    """Follow a sensor until its source ends; the whole work of its process."""
+    end_in_order()
+    # Kernels are compiled, or loaded, before time passes: by two events of each polarity.
+    tracker = make_tracker(tracking, calibration)
+    x, y = (np.full(4, side // 2, np.uint16) for side in calibration.size)
+    polarity, t_us = np.array([True, False, True, False]), np.arange(4, dtype=np.int64)
+    tracker.absorb(EventPacket(x, y, polarity, t_us, 0, PLAY_US, calibration.size))
+    tracker.estimate(PLAY_US)
+    # Read here: a thread would wait for the tracker's turns of the interpreter, and a process of
+    # its own adds 0.2 ms. What comes meanwhile waits in the system's buffers.
+    events = opened_camera(source)
+    require_same_size(events.size, calibration.size)
+    paced = PacedSource(events, lambda clock: asker.tell(("clock", clock)))
+    checked = CheckedSource(paced, calibration, lambda why: asker.tell(("warning", why)))
+    out = SharedRing.attach(ring)
+    asker.tell(("running", ""))
+    frames = follow(checked, make_tracker(tracking, calibration), tracking.rate_hz)
+    for number, frame in enumerate(frames, 1):
+        behind_ms, health = paced.pace.behind_ms(), frame.health
+        lost = health.gaps, health.overflows, health.damaged, health.reconnects, health.rate_ev_s
+        columns = frame.detected_px, frame.position_px, frame.displacement_px
+        table = np.column_stack((*columns, frame.coasted, frame.confidence)).tobytes()
+        made = number, time.monotonic_ns(), behind_ms, paced.pace.most_ms
+        out.publish(HEAD.pack(frame.t_us, *made, *lost), table)
+    out.close()
+    asker.tell(("ended", ""))
 
-    Args:
-        fingers: Name -> sensor.
 
-    Raises:
-        ConfigError: There is no finger.
-        CalibrationError: A calibration cannot be read.
-
-    Example:
-        >>> with st.Hand({"thumb": st.Finger(source="udp:7777", calibration="thumb.json")}) as hand:
-        ...     thumb = hand.latest()["thumb"]  # doctest: +SKIP
-    """
-
-    def __init__(self, fingers: Mapping[str, Finger]) -> None:
-        if not fingers:
-            raise ConfigError("a hand needs a finger: Hand({'thumb': Finger(...)})")
-        self.fingers: dict[str, Live] = {}
-        try:
-            for name, finger in fingers.items():
-                self.fingers[name] = Live(finger)
-        except BaseException:
-            self.close()
-            raise
-
-    def latest(self) -> dict[str, LiveFrame | None]:
-        """Return the latest frame of each finger; None before its first."""
-        return {name: finger.latest() for name, finger in self.fingers.items()}
-
-    def health(self) -> dict[str, LiveHealth]:
-        """Return how each finger is."""
-        return {name: finger.health for name, finger in self.fingers.items()}
-
-    def close(self) -> None:
-        """End all processes and give the shared memory back."""
-        for finger in self.fingers.values():
-            finger.close()
-        self.fingers = {}
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+def unpack(message: bytes | bytearray) -> LiveFrame:
+    """Return the frame of a message of :func:`follow_sensor`."""
+    t_us, *told = HEAD.unpack_from(message)
+    columns = np.frombuffer(message, offset=HEAD.size).reshape(-1, MARKER_BYTES // 8).T
+    places = (columns[first : first + 2].T for first in (0, 2, 4))
+    return LiveFrame(
+        t_us, *places, columns[6] > 0.0, columns[7], SourceHealth(*told[4:]), *told[:4]
+    )

@@ -1,13 +1,12 @@
 """Packets of events as messages of a ring, each with its arrival, its trigger edges and losses."""
 
 import json
-import math
 import re
 import struct
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -31,9 +30,7 @@ _HEAD = struct.Struct("<qqdIII")  # span, arrival, counts of events and edges, l
 EVENTS, EDGES = (np.int64, np.uint16, np.uint16, np.bool_), (np.int64, np.uint8, np.bool_)
 SIDE_BITS = 20
 
-# A user that is so late goes on with the newest events, and is told what it missed, s; and the
-# most that an address may ask for: ``ring:NAME?late=60`` for one that records.
-LATE_S, LONGEST_LATE_S = 1.0, 3600.0
+MISSED = "missed"  # Kind of loss: events that a user of a ring was too slow for.
 LOOK_S = 0.0005  # Time between two looks at a ring that another process fills, s.
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
@@ -143,8 +140,8 @@ class PacketReader:
 
     Args:
         ring: From :func:`new_ring`.
+        losses: Counters to fill, its own unless given.
         from_now: Begin with the next packet, and count from then on.
-        late_s: A user that is so late goes on with the newest events, s.
 
     Attributes:
         size: ``(width, height)`` of the sensor, px; ``(0, 0)`` where the ring is not ready yet.
@@ -152,13 +149,13 @@ class PacketReader:
     """
 
     def __init__(
-        self, ring: SharedRing, *, from_now: bool = False, late_s: float = math.inf
+        self, ring: SharedRing, losses: LossCounters | None = None, *, from_now: bool = False
     ) -> None:
-        self._reader, self._late_s = ring.reader(from_now=from_now), late_s
+        self._reader = ring.reader(from_now=from_now)
         self.size = ring.get(NOTE) >> SIDE_BITS, ring.get(NOTE) & ((1 << SIDE_BITS) - 1)
-        self.losses = LossCounters()
-        self._counted: dict[str, int] = {}  # by the source, up to the latest packet
-        self._before: dict[str, int] | None = None if from_now else {}
+        self.losses = LossCounters() if losses is None else losses
+        # By the source, and missed here, up to the latest packet.
+        self._counted: dict[str, int] | None = None if from_now else {}
 
     def next(self) -> Delivery | None:
         """Return the next packet that is there, or None."""
@@ -173,25 +170,20 @@ class PacketReader:
         t, x, y, p, *marks = columns
         triggers = Triggers()
         triggers.append(*marks)
-        self._counted = json.loads(data[place : place + length])
-        if self._before is None:
-            self._before = self._counted
-        if time.monotonic() - received_s > self._late_s:
-            self._reader.give_up()
-        self._count()
+        self._count(json.loads(data[place : place + length]))
         packet = EventPacket(x, y, p, t, begin_us, end_us, self.size, True)
         return Delivery(packet, received_s, triggers)
 
     def give_up(self) -> None:
         """Count what waits as missed."""
         self._reader.give_up()
-        self._count()
+        self._count({})
 
-    def _count(self) -> None:
-        self.losses.clear()
+    def _count(self, told: dict[str, int]) -> None:
+        before = told if self._counted is None else self._counted
+        self._counted = {**before, **told, MISSED: self._reader.lost}
         for kind, count in self._counted.items():
-            self.losses.add(kind, count - (self._before or {}).get(kind, 0))
-        self.losses.add("missed", self._reader.lost)
+            self.losses.add(kind, count - before.get(kind, 0))
 
 
 def packet_of(rows: Rows, size: tuple[int, int]) -> EventPacket:
@@ -226,16 +218,14 @@ class RingCamera(Camera):
         published: Events that were published since it was opened.
     """
 
-    OPTIONS: ClassVar[tuple[str, ...]] = ("late",)
     checked = True
 
-    def __init__(self, ring: SharedRing, name: str, late_s: float = LATE_S) -> None:
+    def __init__(self, ring: SharedRing, name: str) -> None:
         super().__init__()
         self._ring: SharedRing | None = ring
-        self._name, self._packets = name, PacketReader(ring, from_now=True, late_s=late_s)
+        self._name, self._packets = name, PacketReader(ring, self.losses, from_now=True)
         self.size = self._packets.size
         self.published, self._from = 0, ring.weight
-        self._told: dict[str, int] = {}
 
     @classmethod
     def open(cls, address: Address) -> Self:
@@ -250,7 +240,7 @@ class RingCamera(Camera):
         if not ring.get(NOTE) or not ring.written:
             ring.close()
             raise DeviceError(f"what was shared under {address.target!r} has ended; start it again")
-        return cls(ring, address.target, address.number("late", LATE_S, 1e-3, LONGEST_LATE_S))
+        return cls(ring, address.target)
 
     def read(self, timeout_s: float) -> Rows | None:
         """Return the next events; see :meth:`Camera.read`."""
@@ -260,9 +250,6 @@ class RingCamera(Camera):
             found = self._packets.next()
             self.published = ring.weight - self._from
             if found is not None:
-                told, self._told = self._told, dict(self._packets.losses)
-                for kind, count in self._told.items():
-                    self.losses.add(kind, count - told.get(kind, 0))
                 self.triggers.extend(found.triggers)
                 packet = found.packet
                 return packet.x, packet.y, packet.p, packet.t

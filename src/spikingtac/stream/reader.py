@@ -12,14 +12,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from spikingtac.errors import CalibrationError
 from spikingtac.events.address import is_stream
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.stream.packets import Delivery, PacketReader, PacketWriter, at_once, new_ring
 from spikingtac.stream.ring import SharedRing
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, LossCounters
 
 POLL_S = 0.05  # Longest wait of a user before it looks whether it shall end, s.
 
@@ -31,13 +30,18 @@ class EventReader(PacketReader):
         stream: The packets.
         source: Where they come from: its ``size``, ``losses`` and ``triggers``.
         ring: Where they wait for their users; one that is not shared unless given.
+        losses: Counters to fill, its own unless given.
     """
 
     def __init__(
-        self, stream: Iterable[EventPacket], source: Any, ring: SharedRing | None = None
+        self,
+        stream: Iterable[EventPacket],
+        source: Any,
+        ring: SharedRing | None = None,
+        losses: LossCounters | None = None,
     ) -> None:
         self.ring = ring or new_ring(source.size)
-        super().__init__(self.ring)
+        super().__init__(self.ring, losses)
         self._source, self._error = source, EOFError()
         self._bell = threading.Event()
         self._close_ring = weakref.finalize(self, self.ring.close)
@@ -129,14 +133,14 @@ class LiveSource(FileSource):
 
     def _columns(self) -> Iterator[Rows]:
         # Kept for further iterations: two readers would take each other's events.
-        reader = self._reader = self._reader or EventReader(at_once(self._source), self._source)
-        for delivery in reader:
-            self.losses.update(reader.losses)
+        self._reader = self._reader or EventReader(
+            at_once(self._source), self._source, losses=self.losses
+        )
+        for delivery in self._reader:
             self.received_s = delivery.received_s
             self.triggers.extend(delivery.triggers)
             packet = delivery.packet
             yield packet.x, packet.y, packet.p, packet.t
-        self.losses.update(reader.losses)
 
 
 def open_live(path: str | Path, *, strict: bool = False, sensor: int | None = None) -> FileSource:
@@ -151,22 +155,13 @@ def open_live(path: str | Path, *, strict: bool = False, sensor: int | None = No
     Raises:
         SpikingTacError: As there.
     """
-    source = open_events(path, strict=strict, sensor=sensor)
+    source = opened_camera(path, strict=strict, sensor=sensor)
     return LiveSource(source) if is_stream(Path(path)) else source
 
 
-def opened_camera(path: str, size: tuple[int, int] | None) -> FileSource:
-    """Open a camera that is waited for where it is unplugged.
-
-    Raises:
-        CalibrationError: It has another size than its calibration.
-    """
-    source = open_events(path)
+def opened_camera(path: str | Path, **options: Any) -> FileSource:
+    """Open events; a camera is waited for where it is unplugged. Options as of `open_live`."""
+    source = open_events(path, **options)
     if isinstance(source, CameraSource):
         source.when_lost = "reconnect"
-    if size is not None and tuple(source.size) != tuple(size):
-        raise CalibrationError(
-            f"the calibration is for {size[0]}x{size[1]}, the camera is "
-            f"{source.size[0]}x{source.size[1]}; calibrate this sensor"
-        )
     return source

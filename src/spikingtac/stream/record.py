@@ -25,8 +25,7 @@ from spikingtac.types import EventPacket
 ROOM_BYTES = 256 << 20  # Memory for events that wait for the disk: 6 s at 3 Mev/s.
 JOINED_EVENTS = 1 << 16  # Small packets are joined up to so many events before they are encoded.
 WAIT_S = 0.02  # Longest wait for events before the recording looks at the time, s.
-DESCRIBE_S = 1.0  # Time between two looks at the camera for the manifest, s.
-SHOW_S = 0.2  # Time between two reports of progress, s.
+SHOW_S = 0.2  # Time between two reports of how the recording stands, s.
 TIME_BASE = "time_base"  # Key of the second manifest: the map from its clock to the first sensor's.
 SENSORS = 2  # Sensors that one folder holds at most.
 
@@ -62,10 +61,8 @@ def record(
     begun_s = shown_s = time.monotonic()
     try:
         for number, source in enumerate(sources):
-            sessions.append(Session(source, Recorder(folder, source.size, split, number)))
-        sessions[0].fixed = {"sensors": len(sources)}
-        for session in sessions:  # both at once, since their clocks meet at the host's
-            session.begin(room_bytes)
+            sensors = 1 if number else len(sources)
+            sessions.append(Session(source, folder, split, number, sensors, room_bytes))
         while any([session.step(WAIT_S / len(sessions)) for session in sessions]):
             now_s = time.monotonic()
             if now_s - begun_s >= seconds:
@@ -101,37 +98,45 @@ class Session:
 
     Args:
         source: The camera.
-        recorder: Its files.
+        folder: Where they go.
+        split: When the next file begins.
+        number: Which sensor of the folder, from 0 on.
+        sensors: How many of them the manifest tells.
+        room_bytes: Memory for events that wait for the disk.
 
     Attributes:
         source: As given.
-        recorder: As given: what is on disk, and what was lost.
-        fixed: What the manifest says of the folder.
-        seconds: For how long the camera has been recorded, s.
+        recorder: What is on disk, and what was lost.
     """
 
-    def __init__(self, source: CameraSource, recorder: Recorder) -> None:
-        self.source, self.recorder, self.fixed = source, recorder, {}
-        self.seconds, self._ended = 0.0, ""
-        self._begun_s = self._described_s = time.monotonic()
+    def __init__(
+        self,
+        source: CameraSource,
+        folder: Path,
+        split: Split,
+        number: int,
+        sensors: int,
+        room_bytes: int,
+    ) -> None:
+        self.source, self._sensors, self._ended = source, sensors, ""
         self._delivered: int | None = None
         self._error: BaseException | None = None
         settings = {"biases": source.camera.biases(), "roi": source.camera.roi()}
         self._settings = {name: values for name, values in settings.items() if values}
+        self.recorder = Recorder(folder, source.size, self._about, split, number)
         self._truth: ColumnFile | None = None
         if fixed := source.camera.truth():  # of a simulation; a camera knows no truth
-            self._truth = ColumnFile(recorder.beside(TRUTH))
+            self._truth = ColumnFile(self.recorder.beside(TRUTH))
             for name, values in fixed.items():
                 self._truth.set(name, values)
             source.camera.take_truth = self._truth.append
-        self._reader: EventReader | None = None
+        ring = new_ring(source.size, room_bytes)
+        self._reader: EventReader | None = EventReader(at_once(source), source, ring)
 
-    def begin(self, room_bytes: int) -> None:
-        """Begin to read."""
-        self._begun_s, source = time.monotonic(), self.source
-        self.recorder.about = self._about()
-        self.recorder.describe()
-        self._reader = EventReader(at_once(source), source, new_ring(source.size, room_bytes))
+    @property
+    def missed(self) -> int:
+        """Events that the disk was too slow for so far."""
+        return self._reader.losses["missed"] if self._reader else 0
 
     def step(self, wait_s: float) -> bool:
         """Write what has come, after waiting if nothing has; return whether more may come."""
@@ -154,11 +159,6 @@ class Session:
         if packets:
             joined = packets[0] if len(packets) == 1 else EventPacket.concatenate(packets)
             self.recorder.write(joined, edges)
-        now_s = time.monotonic()
-        self.seconds = now_s - self._begun_s
-        if now_s - self._described_s >= DESCRIBE_S:
-            self._described_s = now_s
-            self.recorder.about = self._about()
         if self.recorder.failure is not None:
             self.end("disk")
         return self._reader is not None
@@ -175,7 +175,6 @@ class Session:
         while self.step(WAIT_S):
             pass
         self.source.release()
-        self.recorder.about = self._about()
         self.recorder.close(self._delivered or 0)
         if self._truth is not None:
             self._truth.close()
@@ -193,7 +192,7 @@ class Session:
             "seconds": round(span_us / US_PER_S, 3),  # of the recording's own time
             "events": disk.written_events,
             "lost_events": disk.lost_events,
-            "bytes": disk.written_bytes,
+            "bytes": sum(part.bytes for part in disk.parts),
             "files": len(disk.parts),
             **disk.about,
         }
@@ -211,7 +210,7 @@ class Session:
             "delivery": told,
             "clock": None if mapping is None else mapping.clock_summary(),
             "gaps": source.gaps,
-            **self.fixed,
+            "sensors": self._sensors,
             **source.camera.manifest(),
             "received_events": self._delivered or told["events"],
         }

@@ -14,6 +14,7 @@ import os
 import platform
 import re
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -96,6 +97,7 @@ class Recorder:
     Args:
         folder: An existing, empty folder.
         size: ``(width, height)`` of the sensor, px.
+        ask: Returns what the manifest says of the camera.
         split: When the next file begins.
         sensor: Which sensor of the folder, from 0 on.
 
@@ -108,9 +110,15 @@ class Recorder:
     """
 
     def __init__(
-        self, folder: Path, size: tuple[int, int], split: Split = BY_SIZE, sensor: int = 0
+        self,
+        folder: Path,
+        size: tuple[int, int],
+        ask: Callable[[], dict[str, Any]] = dict,
+        split: Split = BY_SIZE,
+        sensor: int = 0,
     ) -> None:
         self.folder, self._size, self._split, self._sensor = folder, size, split, sensor
+        self._ask = ask
         self._reserve = self.beside(RESERVE)
         # Real bytes: a sparse file reserves nothing.
         self._reserve.write_bytes(os.urandom(RESERVE_BYTES))
@@ -118,9 +126,9 @@ class Recorder:
         self._writer: RawWriter | None = None
         self._digest, self._edges = hashlib.sha256(), Triggers()
         self.parts: list[Part] = []
-        self.about: dict[str, Any] = {}
         self.lost_events = 0
         self.failure: Exception | None = None
+        self.describe()
 
     def beside(self, name: str) -> Path:
         """Return where this sensor's file of a name stands."""
@@ -130,11 +138,6 @@ class Recorder:
     def written_events(self) -> int:
         """Events of all files."""
         return sum(part.events for part in self.parts)
-
-    @property
-    def written_bytes(self) -> int:
-        """Bytes of all files."""
-        return sum(part.bytes for part in self.parts)
 
     def write(self, packet: EventPacket, triggers: Triggers | None = None) -> None:
         """Write a packet, and the trigger edges in its time; nothing where the disk has failed."""
@@ -235,8 +238,7 @@ class Recorder:
 
     def describe(self, complete: bool = False) -> None:
         """Write the manifest, whole each time, also when the disk is full."""
-        self._described_s = time.monotonic()
-        parts = self.parts
+        self._described_s, self.about, parts = time.monotonic(), self._ask(), self.parts
         document = {
             "schema": SCHEMA,
             "source": "camera",

@@ -20,7 +20,7 @@ from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.sim.twin_camera import is_twin, twin_options
 from spikingtac.stream.host import RemoteSource
-from spikingtac.stream.reader import LiveSource, opened_camera
+from spikingtac.stream.reader import open_live
 from spikingtac.touch.force.model import load_force
 from spikingtac.viewer.calibrating import CalibrationDesk, NothingToTune, SaveTarget
 from spikingtac.viewer.source import FeltLayer, SampledTruth, ViewSource
@@ -139,7 +139,7 @@ def _events(
         return _scene(address.target, *twin_options(address, seed, camera))
     if is_stream(path):
         label = source if is_address(source) else path.resolve().name
-        return {"label": label, "source": LiveSource(opened_camera(source, None)), "ends": False}
+        return {"label": label, "source": open_live(source), "ends": False}
     if path.suffix == ".toml" or not path.exists():
         if path.suffix != ".toml" and (path.suffix or len(path.parts) > 1):
             raise RecordingError(

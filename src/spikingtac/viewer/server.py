@@ -52,7 +52,7 @@ def parse_command(text: str) -> tuple[str, Any]:
 
     Commands are JSON objects of one key: ``ack``, ``play``, ``speed``, ``seek_us``,
     ``exposure_us``, ``map``, ``set`` (a list of a control's name and its value), ``defaults``,
-    ``reset`` (of the stream's fault), ``calibrate`` or ``begin_anew`` (the guide of a calibration).
+    ``calibrate`` or ``begin_anew`` (the guide of a calibration).
 
     Raises:
         CommandError: The text is anything else.
@@ -87,7 +87,7 @@ _RULES: dict[str, Callable[[Any], bool]] = {
     "exposure_us": _whole(SHORTEST_EXPOSURE_US, LONGEST_EXPOSURE_US),
     "map": lambda value: isinstance(value, bool),
     "set": _setting,
-    **dict.fromkeys(("defaults", "reset", "calibrate", "begin_anew"), lambda value: value is True),
+    **dict.fromkeys(("defaults", "calibrate", "begin_anew"), lambda value: value is True),
 }
 
 

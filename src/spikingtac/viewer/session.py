@@ -27,7 +27,6 @@ GREETING_S = 0.5  # How often the greeting is renewed while the length of the so
 # Further behind its aim, tracking repeats a stretch; the page keeps its picture meanwhile.
 CATCHING_UP_US = 50_000
 SLACK_US = 40_000  # A delay of up to this is made up for; a longer one stretches the time.
-STALE_S = 0.5  # Waiting this long for a live source is a standstill, s.
 
 
 class Session:
@@ -67,8 +66,6 @@ class Session:
         self._playhead_us = float(store.t_start_us)
         self._shown: tuple[dict[str, Any], dict[str, NDArray[Any]]] | None = None
         self.failure: Exception | None = None
-        self._fault: dict[str, str] | None = None
-        self._forget_fault()
         self._overruns, self._due_s = 0, time.perf_counter() + 1 / FRAME_HZ
 
     def command(self, name: str, value: Any) -> None:
@@ -83,7 +80,6 @@ class Session:
             "map": lambda: setattr(self, "_with_map", value),
             "set": lambda: self._retune(with_value(playback.config, *value)),
             "defaults": lambda: self._retune(config),
-            "reset": self._forget_fault,
         }
         if desk is not None:
             actions["calibrate"] = lambda: desk.calibrate(
@@ -135,26 +131,15 @@ class Session:
 
     def _work(self) -> bool:
         """Track for a frame's time; True once the aim is reached or the source is lost."""
-        playback, waited_s = self.playback, self.playback.store.waited_s
+        playback = self.playback
         try:
-            reached = playback.work(WORK_SHARE / FRAME_HZ)
+            return playback.work(WORK_SHARE / FRAME_HZ)
         except (SpikingTacError, OSError, RuntimeError) as error:
             if playback.view.ends:
                 raise
             self.failure = error
-            self._fault = {"health": "DISCONNECTED", "reason": str(error)}
             playback.aim(playback.position_us)
             return True
-        # A slow tracker, a pause or a first compilation is no silence of the sensor.
-        waited_s = playback.store.waited_s - waited_s
-        if self._fault and waited_s > STALE_S and self._fault["health"] == "OK":
-            self._fault = {"health": "STALE", "reason": f"nothing came for {1e3 * waited_s:.1f} ms"}
-        return reached
-
-    def _forget_fault(self) -> None:
-        """Clear a standstill of a live source; one that is lost stays lost."""
-        if not self.playback.view.ends and self.failure is None:
-            self._fault = {"health": "OK", "reason": ""}
 
     def _take(self, frame: MarkerFrame) -> None:
         """Take every estimate; the pages see some of them."""
@@ -216,7 +201,7 @@ class Session:
             "pace": 0.0 if catching_up else round(advanced_us / 1e6 * FRAME_HZ, 3),
             "state": "DISCONNECTED" if self.failure is not None else state,
             "overruns": self._overruns,
-            "watchdog": self._fault,
+            "failure": None if self.failure is None else str(self.failure),
             "notice": self._notice,
         }
         if not self._send_frame(encode({**scalars, **status}, arrays)):

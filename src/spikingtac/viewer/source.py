@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import tempfile
-import time
 import weakref
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
@@ -120,14 +119,13 @@ class EventStore:
         size: ``(width, height)`` of the sensor, px.
         losses: What the source has lost so far, by kind.
         ended: True once the source has nothing more.
-        waited_s: Time spent waiting for the source so far, s.
         t_start_us: First microsecond of the stream.
         t_end_us: First microsecond that was not pulled yet.
     """
 
     def __init__(self, source: EventSource) -> None:
         self.size, self.losses = source.size, source.losses
-        self.ended, self.waited_s, self.t_end_us = False, 0.0, 0
+        self.ended, self.t_end_us = False, 0
         self._stream: Iterator[EventPacket] = iter(source)
         self._columns: dict[str, NDArray[Any]] = {}
         self._events = 0
@@ -177,11 +175,7 @@ class EventStore:
         self._close_files()
 
     def _pull(self) -> EventPacket | None:
-        asked_s = time.perf_counter()
-        try:
-            packet = next(self._stream, None)
-        finally:
-            self.waited_s += time.perf_counter() - asked_s
+        packet = next(self._stream, None)
         if packet is None:
             self.ended = True
             return None

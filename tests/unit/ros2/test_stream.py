@@ -13,9 +13,10 @@ pytest.importorskip("rosbags", reason="rosbags is not installed")
 from rosbags.typesys import Stores, get_typestore
 
 from spikingtac.events import open_events
-from spikingtac.ros2.feed import Pace, rehearse
+from spikingtac.ros2.feed import rehearse
 from spikingtac.ros2.messages import definition, encode, type_store
 from spikingtac.ros2.stream import FIELD, Layout, SensorStream, StreamConfig
+from spikingtac.stream.paced import Pace
 from spikingtac.types import EventPacket, MarkerFrame
 from stand_ins.tracks import HELD_MARKER, circling_tracks
 
@@ -167,18 +168,18 @@ def test_every_branch_is_taken_in_a_rehearsal(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_recordings_are_played_at_their_speed(monkeypatch: pytest.MonkeyPatch) -> None:
-    now_s, slept_s = [100.0], []
-    monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
+    now_ns, slept_s = [100_000_000_000], []
+    monkeypatch.setattr(time, "monotonic_ns", lambda: now_ns[0])
     monkeypatch.setattr(time, "sleep", lambda seconds: slept_s.append(round(seconds, 6)))
     pace = Pace()
     for t_us in (5_000, 6_000, 8_000):
         pace.wait(t_us)
-        now_s[0] += slept_s[-1]
+        now_ns[0] += round(1e9 * slept_s[-1])
     assert slept_s == [0.0, 0.001, 0.002]
-    now_s[0] += 0.5
+    now_ns[0] += 500_000_000
     pace.wait(9_000)
-    assert pace.largest_lag_s == pytest.approx(0.499)
-    assert len(slept_s) == 3
+    assert pace.behind_ms() == pace.most_ms == pytest.approx(499)
+    assert slept_s[-1] == 0.0
 
 
 def test_the_hash_is_the_one_in_rcl() -> None:

@@ -7,8 +7,7 @@ import pytest
 
 from spikingtac.contact.registry import EventCountDetector
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
-from spikingtac.stream.arrivals import Arrival
-from spikingtac.stream.guard_loop import ContactLoop
+from spikingtac.stream.guard_loop import Arrival, ContactLoop
 from spikingtac.types import EventPacket
 from stand_ins.moving_rims import SIZE, windows
 

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from spikingtac.stream.sensor import PacedSource
+from spikingtac.stream.paced import PacedSource
 from spikingtac.types import EventPacket, LossCounters
 
 SPAN_S, EVENTS = 0.005, 10
@@ -33,7 +33,7 @@ class Camera:
 def test_what_waited_is_left_out_and_counted_until_the_work_is_at_the_present() -> None:
     camera = Camera(400)
     taken = [0]
-    for packet in PacedSource(cast(Any, camera), cast(Any, None)):
+    for packet in PacedSource(cast(Any, camera)):
         taken.append(packet.t_end_us)
         if len(taken) == 50:
             time.sleep(1.3)  # what comes meanwhile waits

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
-from spikingtac.stream.arrivals import watched_windows
+from spikingtac.stream.guard_loop import watched_windows
 from spikingtac.stream.reader import EventReader
 from spikingtac.types import EventPacket, LossCounters
 from stand_ins.moving_rims import SIZE, windows

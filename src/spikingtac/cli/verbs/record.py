@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,9 +31,7 @@ from spikingtac.events.recording import name_of
 if TYPE_CHECKING:
     from spikingtac.stream.record import Session
 
-MEV = 1e6
 MB = 1e6
-CLEAR_LINE = "\r\x1b[2K"  # Begins the line of a terminal anew.
 
 SECOND_CLOCK = (
     "the second clock is on the first one within {error_us:.0f} us, but for what the cameras' "
@@ -92,9 +90,8 @@ def run(args: Args) -> int:
         ]
         prepare_folder(args.output, args.overwrite)
         opened.enter_context(ending_on_interrupt(*sources))
-        if sys.stderr.isatty():
-            opened.callback(sys.stderr.write, CLEAR_LINE)
-        show = _show if sys.stderr.isatty() else lambda sessions: None
+        told: set[str] = set()
+        show = partial(_show, told)
         summary = record(sources, args.output, split=split, seconds=seconds, show=show)
     shown: list[Table | str] = [_table(f"recording {summary['output']}", summary)]
     if "second" in summary:
@@ -113,24 +110,17 @@ def run(args: Args) -> int:
     return 0
 
 
-def _show(sessions: Sequence[Session]) -> None:
-    """Write the progress over the line of a terminal."""
-    sys.stderr.write(CLEAR_LINE + " | ".join(map(_line, sessions)))
-
-
-def _line(session: Session) -> str:
-    """Return the progress in one line."""
-    disk, camera = session.recorder, session.source.health()
-    told = {
-        f"{session.seconds:.1f} s": True,
-        f"{camera.rate_ev_s / MEV:.3f} Mev/s": True,
-        f"{disk.written_bytes / MB:.1f} MB in {len(disk.parts)} files": True,
-        camera.sentence: True,
-        "THE CAMERA IS GONE, waiting for it": not camera.connected,
-        f"LOST {disk.lost_events} events: the disk is too slow": disk.lost_events,
-    }
-    told |= {f"{kind} {count}": True for kind, count in camera.losses.items()}
-    return "  ".join(text for text, applies in told.items() if applies)
+def _show(told: set[str], sessions: Sequence[Session]) -> None:
+    """Tell once that a camera is gone, and that the disk is too slow."""
+    for session in sessions:
+        camera, address = session.source.health(), session.source.address
+        for line, applies in (
+            (f"{address} is gone; waiting for it", not camera.connected),
+            (f"the disk is too slow for {address}: events are lost", session.missed),
+        ):
+            if applies and line not in told:
+                told.add(line)
+                remark(line)
 
 
 def _table(title: str, summary: dict[str, Any]) -> Table:

@@ -143,7 +143,6 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **config: Any) 
         publisher: Sends the messages.
         **config: Further settings of :class:`spikingtac.ros2.stream.StreamConfig`.
     """
-    from spikingtac.ros2.feed import Pace
     from spikingtac.ros2.stream import SensorStream, StreamConfig
     from spikingtac.stream.real_time import exempt_from_collection
 
@@ -154,14 +153,15 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **config: Any) 
     shown = StreamConfig(hardware=args.source.name, **own, **config)
     stream = SensorStream(publisher, feed.layout, shown)
     exempt_from_collection()  # a collection in the middle would hold up 200 frames
-    pace, stop, begun_s = Pace(), _Stop(), time.monotonic()
+    stop, begun_s = _Stop(), time.monotonic()
     first_us: int | None = None
     with ending_on_interrupt(feed.source, stop):
         while time.monotonic() < begun_s + args.wait_s and not stop.asked:
             if publisher.readers(f"{shown.prefix}/field"):
                 break
             time.sleep(LOOK_S)
-        for frame, wrench in feed.frames(stream, pace):
+        for frame, wrench in feed.frames(stream):
+            feed.pace.behind_ms()
             stream.frame(frame, wrench, anomalies())
             first_us = frame.t_us if first_us is None else first_us
             over = args.seconds is not None and frame.t_us - first_us >= args.seconds * 1e6
@@ -172,7 +172,7 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **config: Any) 
     time.sleep(ENDING_S)
     found = {
         "seconds": round(time.monotonic() - begun_s, 3),
-        "largest_lag_ms": round(1e3 * pace.largest_lag_s, 3),
+        "largest_lag_ms": round(feed.pace.most_ms, 3),
         "messages": dict(sorted(stream.counts.items())),
         "anomalies": anomalies(),
     }

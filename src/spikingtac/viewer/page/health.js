@@ -20,22 +20,12 @@ export function steady(state) {
   return late ? "OVERLOAD" : "OK";
 }
 
-const PAST = {
-  STALE: ["poor", "the camera was silent"],
-  OVERLOAD: ["poor", "the camera was too fast"],
-};
-
-export function showHealth(tag, reset, state, watchdog) {
+export function showHealth(tag, state, failure) {
   let [level, said, about] = SAID[state] ?? ["", state.toLowerCase(), ""];
-  const fault = watchdog && watchdog.health !== "OK" ? watchdog : null;
-  if (fault && state === "OK") {
-    [level, said] = PAST[fault.health] ?? ["bad", fault.health.toLowerCase()];
-    about = fault.reason;
-  } else if (fault) about = `${about} ${fault.reason}`;
-  const shown = [level, said, about, state, fault?.health].join();
+  if (failure) about = `${about} ${failure}`;
+  const shown = [level, said, about, state].join();
   if (tag.dataset.shown === shown) return;
   tag.dataset.shown = shown;
-  reset.hidden = !["STALE", "OVERLOAD"].includes(fault?.health);
   if (tag.textContent !== said) tag.textContent = said;
   tag.dataset.level = level;
   tag.dataset.state = state;

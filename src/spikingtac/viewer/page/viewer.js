@@ -169,7 +169,7 @@ function showTime(meta) {
 function showMoment(meta) {
   write($("play"), meta.playing ? "Pause" : "Play");
   if ($("play").ariaPressed !== String(meta.playing)) $("play").ariaPressed = String(meta.playing);
-  setState(steady(meta.state), meta.watchdog);
+  setState(steady(meta.state), meta.failure);
   show("notice", Boolean(meta.notice));
   write($("notice"), meta.notice);
   const last = meta.contacts_us.at(-1), lamp = $("lamp"), [, word, since_] = lamp.children;
@@ -245,9 +245,9 @@ function write(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
-function setState(state, watchdog = null) {
+function setState(state, failure = null) {
   if (metrics.states.at(-1) !== state) metrics.states.push(state);
-  showHealth($("health"), $("reset"), state, watchdog);
+  showHealth($("health"), state, failure);
 }
 
 function redraw() {
@@ -318,7 +318,6 @@ $("exposure").addEventListener("input", (event) => {
 $("scale").addEventListener("input", (event) => setOption("scale", Number(event.target.value)));
 for (const id of LAYERS) $(id).addEventListener("change", (event) => setOption(id, event.target.checked));
 $("defaults").addEventListener("click", () => { forget(); send({ defaults: true }); });
-$("reset").addEventListener("click", () => send({ reset: true }));
 $("calibrate").addEventListener("click", () => send({ calibrate: true }));
 $("begin-anew").addEventListener("click", () => send({ begin_anew: true }));
 $("save").addEventListener("click", () => hello && saveTable(course, hello, hello.label));
@@ -330,5 +329,5 @@ $("sensor").addEventListener("click", (event) => {
   if (marker !== null && marker !== undefined) setOption("marker", marker);
 });
 onResize(redraw);
-setInterval(() => { if (metrics.connected && drawn && performance.now() - receivedAt > STALE_MS) setState("STALE", drawn.meta.watchdog); }, 500);
+setInterval(() => { if (metrics.connected && drawn && performance.now() - receivedAt > STALE_MS) setState("STALE", drawn.meta.failure); }, 500);
 connect();
