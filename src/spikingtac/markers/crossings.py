@@ -18,7 +18,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.state_map.graded import Array
 from spikingtac.types import EventPacket
 
@@ -28,8 +27,9 @@ ORDERS = 12  # Events of one passage that are told apart: at contrast 12 a step 
 REACH_PX = 3.0
 PLACE_BINS = 120  # Bins of q over the zone: 0.05 px each, a tenth of an edge's width.
 
-# Bins of the edge's speed: below 5 px/s noise moves the edge, above 200 passages are cut short.
-SPEED_EDGES_PX_S = np.array([5, 8, 12, 18, 25, 35, 50, 70, 100, 140, 200], np.float64)
+# Bins of the edge's speed: below 5 px/s noise moves the edge, above 100 px/s a pixel is late by
+# less than in proportion to it.
+SPEED_EDGES_PX_S = np.array([5, 8, 12, 18, 25, 35, 50, 70, 100], np.float64)
 
 # Half of the time over which a velocity is taken: 0.5 px at 100 px/s against jitter of 0.03 px.
 SPEED_SPAN_US = 5_000
@@ -40,19 +40,6 @@ LOOK_STEP_US = 2_000  # Spacing at which a passage is followed back.
 
 JITTER_PX = 0.02  # Backward motion that does not end a passage: jitter of tracked positions.
 _MEMORY = 16  # Events of a running series that a pixel remembers.
-# Events that a mean place needs, and bins of speed that a resting place needs.
-LEAST_COUNT, FEWEST_SPEEDS = 60, 3
-
-# Below the lower level noise fires as often as the edge; rungs above the other one belong to the
-# pixels with the smallest steps only.
-LOWEST_LEVEL, HIGHEST_LEVEL = 0.12, 0.93
-
-# Places further from a bin's median are noise events: three times the spread of an edge's own, px.
-TRIM_PX = 1.0
-
-# Uncertainty of a mean place by what the model leaves out (curved edges, mismatch between
-# pixels), px (from noise-free recordings).
-FLOOR_PX = 0.004
 
 
 class MarkerTrack(NamedTuple):
@@ -132,75 +119,6 @@ def observe_crossings(
         columns = packet.x, packet.y, packet.p, packet.t, rows
         observe_kernel(*columns, track, recent_us, runs, found.count, found.speed_sum_px_s)
     return found
-
-
-@dataclass(frozen=True, slots=True)
-class CrossingStatistics:
-    """Mean places, one entry for each rung and bin of speed; n entries, r rungs.
-
-    Attributes:
-        facing: ``(r,)`` by rung: 1 where the edge takes light away, -1 where it brings light.
-        resting_px: ``(r,)`` by rung: places q at vanishing speed, by straight lines.
-        rung: ``(n,)`` index of the entry's rung.
-        speed_px_s: ``(n,)`` mean speed of the edge over the pixel.
-        along_px: ``(n,)`` mean place of the edge beyond the pixel, along the motion, px.
-        error_px: ``(n,)`` its uncertainty, px.
-        count: ``(n,)`` events.
-    """
-
-    facing: NDArray[np.float64]
-    resting_px: NDArray[np.float64]
-    rung: NDArray[np.int64]
-    speed_px_s: NDArray[np.float64]
-    along_px: NDArray[np.float64]
-    error_px: NDArray[np.float64]
-    count: NDArray[np.int64]
-
-
-def crossing_statistics(crossings: Crossings, edge: DiscProfile) -> CrossingStatistics:
-    """Return the means of all bins with enough events, of rungs whose level can be trusted.
-
-    Args:
-        crossings: The counts.
-        edge: The calibrated edge, which tells the rungs' levels.
-    """
-    number = crossings.count.sum(axis=3)
-    side, order, _ = at = np.nonzero(number >= LEAST_COUNT)
-    mean_px, error_px = trimmed_means(crossings.count[at].astype(np.float64))
-    rungs, rung = np.unique(side * number.shape[1] + order, return_inverse=True)
-    facing = np.where(rungs < number.shape[1], -1.0, 1.0)
-    speed_px_s, along_px = crossings.speed_sum_px_s[at] / number[at], facing[rung] * mean_px
-    error_px = np.hypot(error_px, FLOOR_PX)
-    resting_px = np.full(len(rungs), np.nan)
-    for r in range(len(rungs)):
-        of = rung == r
-        if np.count_nonzero(of) >= FEWEST_SPEEDS:
-            line = np.polyfit(speed_px_s[of], along_px[of], 1, w=1.0 / error_px[of])
-            resting_px[r] = facing[r] * line[1]
-    level = edge.level(resting_px)
-    told = (level > LOWEST_LEVEL) & (level < HIGHEST_LEVEL)
-    kept = told[rung]
-    rung = (np.cumsum(told) - 1)[rung[kept]]
-    places = speed_px_s[kept], along_px[kept], error_px[kept]
-    return CrossingStatistics(facing[told], resting_px[told], rung, *places, number[at][kept])
-
-
-def trimmed_means(
-    counts: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return ``(n,)`` means within TRIM_PX of the median, and their errors, px.
-
-    ``counts`` is ``(n, PLACE_BINS)`` events by place; no row is empty.
-    """
-    width_px = 2.0 * REACH_PX / PLACE_BINS
-    place_px = -REACH_PX + (np.arange(PLACE_BINS) + 0.5) * width_px
-    half = 0.5 * counts.sum(axis=1, keepdims=True)
-    median_px = place_px[np.argmax(np.cumsum(counts, axis=1) >= half, axis=1)]
-    near = counts * (np.abs(place_px - median_px[:, None]) < TRIM_PX)
-    total = near.sum(axis=1)
-    mean_px = near @ place_px / total
-    variance_px2 = (near * (place_px - mean_px[:, None]) ** 2).sum(axis=1) / total
-    return mean_px, np.sqrt(variance_px2 / total)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
