@@ -13,9 +13,10 @@ SCRIPT = """
 import hashlib
 import numpy as np
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.graded.corrections import OutputCorrections
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.motion import AT_ONCE
-from spikingtac.markers.neighbours import Neighbourhood, settle_kernel
+from spikingtac.markers.neighbours import Neighbourhood
 
 rng = np.random.default_rng(3)
 across, down = np.meshgrid(np.linspace(30.0, 290.0, 8), np.linspace(30.0, 290.0, 8))
@@ -25,7 +26,7 @@ calibration = Calibration(
     edge_px=1.2,
 )
 locator = DiscLocator(calibration)
-neighbours = Neighbourhood(places)
+corrections = OutputCorrections(calibration, Neighbourhood(places), 1.0, 1.0)
 digest = hashlib.sha256()
 for shift in range(12):
     level = rng.random((320, 320)).astype(np.float32) * np.float32(0.3)
@@ -36,10 +37,8 @@ for shift in range(12):
     locator.map.values[:] = level
     locator.pending[:] = AT_ONCE
     locator.locate(1_000 * shift, np.zeros(64, np.bool_))
-    settled = np.empty((64, 2)), np.empty(64, np.bool_)
-    limits = np.full(64, 0.2), neighbours.own_share, neighbours.bound_px
-    settle_kernel(locator.motion[:, :2], neighbours.skin, limits, *settled)
-    for found in (locator.motion, locator.fits, locator.outline_px, *settled):
+    given_px = corrections.update(1_000 * shift, locator.motion, 2e-3)
+    for found in (locator.motion, locator.fits, locator.outline_px, given_px):
         digest.update(found.tobytes())
 print(digest.hexdigest())
 """

@@ -265,17 +265,19 @@ def test_the_ground_returns_to_its_level(first: int) -> None:
     state_map = GradedStateMap(start)
     center_px = np.array([[18.3, 20.6], [79.0, 2.0], [-30.0, 45.0]])  # one cut, one off the sensor
     reach_px = np.array([9.5, 8.0, 6.0])
-    every, (step, below, above) = 3, (0.14, 0.1, 0.4)
-    law = step, below, above
+    every, (step, share) = 3, (0.14, 0.4)
     return_ground_kernel(
-        state_map.padded, state_map.memory, (first, every), (motions(center_px), reach_px), law
+        state_map.padded,
+        state_map.memory,
+        (first, every),
+        (motions(center_px), reach_px),
+        (step, share),
     )
     expected = start.astype(float)
     for y in range(first, SIZE[1], every):
         for x in range(SIZE[0]):
             if (np.hypot(*(center_px - (x, y)).T) > reach_px).all():
-                over = max(start[y, x] - step, 0.0)
-                expected[y, x] -= below * min(start[y, x], step) + above * over
+                expected[y, x] -= share * max(start[y, x] - step, 0.0)
     np.testing.assert_allclose(state_map.memory, expected, atol=1e-6)
     np.testing.assert_allclose(state_map.values, expected, atol=1e-6)
     assert (state_map.padded[:, :PAD_PX] == OUTSIDE_LEVEL).all()

@@ -20,7 +20,6 @@ NEIGHBOURS = 8  # Markers that vote on one: the ring around it in a square grid.
 # Decimals of a weight: linear algebra differs between processors in the fifteenth or so, and what
 # is rounded off is the same everywhere (1e-7 px of error on a sensor of 320 px).
 WEIGHT_DECIMALS = 9
-TINY_PX2 = 1e-12  # Square of a difference, px^2, that is none: two zeros are not divided.
 
 # Regularises the affine fit where the neighbours lie on a line, relative to their spread.
 RIDGE = 1e-3
@@ -96,47 +95,6 @@ def expect_kernel(
         for axis in range(2):
             moved, low, high = around_kernel(position_px, skin, m, axis)
             out[m, axis] = skin[0][m, axis] + min(max(moved, low), high)
-
-
-@njit(cache=True, nogil=True)
-def settle_kernel(
-    position_px: Array,
-    skin: tuple[Array, Array, Array],
-    limits: tuple[Array, Array, Array],
-    out: Array,
-    outside: Array,
-) -> None:  # pragma: no cover - compiled
-    """Write ``(m, 2)`` places that the neighbours allow, px, and which markers were outside.
-
-    A difference r from the neighbours' prediction shrinks by its share
-    noise^2 / (r^2 + noise^2), of which the marker takes the part that its own error has in it:
-    0.9 amid eight neighbours, 0.6 in a corner. One far above the noise stays, and none changes
-    by more than half of the noise. A displacement that leaves the range of the neighbours' by
-    more than the bound is moved back to the bound.
-
-    Args:
-        position_px: ``(m, 2)`` where the markers were found, px.
-        skin: Rest positions, neighbours and their weights.
-        limits: ``(m,)`` differences that are as likely an error as deformation, px; own shares;
-            farthest from the range of the neighbours' displacements, px.
-        out: Places, px.
-        outside: Which markers left their neighbours' range.
-    """
-    noise_px, own_share, bound_px = limits
-    apart, beyond = np.empty(2), np.empty(2)
-    for m in range(len(out)):
-        for axis in range(2):
-            moved = position_px[m, axis] - skin[0][m, axis]
-            expected, low, high = around_kernel(position_px, skin, m, axis)
-            apart[axis], beyond[axis] = moved - expected, moved - min(max(moved, low), high)
-        noise2 = noise_px[m] * noise_px[m] + TINY_PX2
-        taken = own_share[m] * noise2 / (apart[0] * apart[0] + apart[1] * apart[1] + noise2)
-        length = np.hypot(beyond[0], beyond[1])
-        outside[m] = length > bound_px[m]
-        back = 1.0 - bound_px[m] / length if outside[m] else 0.0
-        for axis in range(2):
-            shift = back * beyond[axis] if outside[m] else taken * apart[axis]
-            out[m, axis] = position_px[m, axis] - shift
 
 
 def _affine_weights_at_origin(points: NDArray[np.float64]) -> NDArray[np.float64]:

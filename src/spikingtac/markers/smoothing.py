@@ -22,7 +22,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.markers.graded.corrections import LEAP_PX
 from spikingtac.markers.graded.motion import AT_US, PP, PV, VV, VX, VY, X, Y, predict_kernel
 from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac.markers.laws import OutputLaw
@@ -39,6 +38,9 @@ DELAY_SHARE = 0.09  # Standard deviation of the delay's own error, as a share of
 
 # Standard deviation of a marker that is held, px: it is looked for within about as much.
 LOST_PX = 10.0
+
+# A marker that goes farther than this at once was found elsewhere: its way says nothing, px.
+LEAP_PX = 2.0
 
 # Columns of a state after those of its motion: what was given beyond the filter's place and its
 # extrapolation, px; and whether the marker was held. Instead of a time there is how long ago, s.

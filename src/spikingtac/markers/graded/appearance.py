@@ -63,8 +63,6 @@ CURVE_POINTS = 2001  # Points at which the polynomials are fitted: so many that 
 RING_PX = 0.25  # Steps of distance in which pixels are counted.
 PHASES = 4  # Places along a pixel's side for which its window is sorted.
 
-MOST_CROSSING_PX = 1.25  # Longest crossing: that of a pale marker (contrast 1.9), px.
-
 SLOPE_POINTS = 401  # Points at which the slope of an edge is asked for its steepest.
 
 # Events in steady motion over those of full swings: noise near a threshold adds some (1.04 to
@@ -199,14 +197,14 @@ def crossing_px(calibration: Calibration) -> NDArray[np.float64]:
         calibration: Steps and edges of the markers.
 
     Returns:
-        ``(m,)`` px, at most :data:`MOST_CROSSING_PX`.
+        ``(m,)`` px.
     """
     appearance = appearance_of(calibration)
     steepest = [
         np.abs(p.slope(np.linspace(-p.reach_px, p.reach_px, SLOPE_POINTS))).max()
         for p in appearance.profiles
     ]
-    return np.minimum(appearance.mean_step / np.array(steepest), MOST_CROSSING_PX)
+    return appearance.mean_step / np.array(steepest)
 
 
 def events_per_px(calibration: Calibration) -> NDArray[np.float64]:

@@ -18,11 +18,8 @@ is a Prandtl-Ishlinskii model, and this is its use as a compensator (Kuhnen 2003
 doi:10.3166/ejc.9.407-418). The shares and widths are ours.
 
 A skin turns round as a whole, or nearly, and each fit notices it when its own pixels have crossed
-their dead bands. So the direction is told together with the neighbours: some notice a turn sooner,
-and nine jitter less than one. A neighbour counts as far as it went the same way before, by their
-long operators: beside a contact, and around its middle, markers go ways of their own. (Simulated:
-errors shrink by 2 to 7 % where the skin moves as a whole, and grow by less than 1 % in presses; if
-all neighbours counted alike, by 16 % in presses.)
+their dead bands. So the direction is that of the neighbours together: some notice a turn sooner,
+and eight jitter less than one.
 """
 
 from __future__ import annotations
@@ -34,7 +31,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import crossing_px
 from spikingtac.markers.graded.motion import AT_US, VX, VY, X, Y
-from spikingtac.markers.neighbours import Neighbourhood, settle_kernel
+from spikingtac.markers.neighbours import Neighbourhood, around_kernel
 from spikingtac.state_map.graded import Array
 
 # Half of the way in which the direction of motion is told anew, in crossings (0.1 to 0.3
@@ -45,16 +42,6 @@ SHORT_PLAY = 0.2
 # the training scenes).
 LONG_PLAY = 4.0
 
-# Background at which half of what pixels remember of a turn is gone: a pixel that noise lets fire
-# begins anew (nothing is left to make good on training scenes at 1.2 Hz, everything at
-# 0.2).
-RENEWED_HZ_PX = 0.5
-
-# A fit that goes farther than this at once was found elsewhere: its way says nothing.
-LEAP_PX = 2.0
-
-NO_WIDTH_PX = 1e-9  # Width of a play that is none.
-
 # By how much a fit stays behind its marker in steady motion, as a share of the way in which an
 # edge crosses one step (on the training scenes 0.05 to 0.2 are alike within 1 %).
 STEADY_SHARE = 0.15
@@ -63,10 +50,8 @@ STEADY_SHARE = 0.15
 # training scenes; both together shrink their errors by 5 %).
 TURN_SHARE = 0.3
 
-# Difference from the neighbours' prediction that is as likely an error of the fit as deformation,
-# px, and how much more it is, in crossings (on the training scenes and others like v2e's:
-# 0.1 and 0.15 px are alike; errors shrink by 8 and 15 %).
-SHRINK_PX, SHRINK_CROSSINGS = 0.1, 0.3
+# Difference from the neighbours that is as likely an error of the fit as deformation, px.
+SHRINK_PX = 0.2
 
 LOADED_PX = 1.5  # Mean displacement from which there is a contact.
 
@@ -79,6 +64,8 @@ NEAR_PX, NEAR_MOST_PX = 0.65, 1.6
 FARTHEST_PX = 3.5  # The same for a marker by itself (the recorded sensor up to 3.0 px).
 
 STILL_PX_S = 3.0  # Mean speed below which the skin stands still: the jitter of a filtered velocity.
+
+TINY_PX2 = 1e-12  # Square of a difference, px^2, that is none: two zeros are not divided.
 
 # How long the skin stands still before the zero follows what is left; how long it follows; and
 # the time constant of that.
@@ -102,114 +89,67 @@ class OutputCorrections:
             backlash: Share of the backlash that is made good.
             shrink: Share of a fit's error by which differences from the neighbours shrink.
         """
-        crossings, near = crossing_px(calibration), neighbours
-        noise_px = shrink * (SHRINK_PX + SHRINK_CROSSINGS * crossings)
-        limits = np.array([crossings, noise_px, near.own_share, near.bound_px])
-        self._sensor = limits, *near.skin
-        self._states = np.zeros((5, len(crossings), 2))
-        self._states[0] = near.reference_px
-        self._backlash = backlash
+        crossings = crossing_px(calibration)
+        self._sensor = crossings, neighbours.own_share, *neighbours.skin
+        self._states = np.zeros((4, len(crossings), 2))
+        self._states[0] = neighbours.reference_px
+        self._shares = STEADY_SHARE * backlash, TURN_SHARE * backlash, shrink * SHRINK_PX
 
-    def update(
-        self,
-        t_us: int,
-        motion: NDArray[np.float64],
-        lag_s: float,
-        known: bool,
-        noise_hz_px: float,
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return ``(m, 2)`` where the markers are, px, and ``(m,)`` which ones cannot be there.
+    def update(self, t_us: int, motion: NDArray[np.float64], lag_s: float) -> NDArray[np.float64]:
+        """Return ``(m, 2)`` where the markers are, px.
 
         Args:
             t_us: The time, us.
             motion: ``(m, 8)`` states (:mod:`spikingtac.markers.graded.motion`).
             lag_s: Delay of the events, s.
-            known: Whether it is known what an event stands for. Until the stream's loss was judged
-                the steps are larger than that, and fits are ahead as often as behind: no backlash
-                is made good.
-            noise_hz_px: Events of a pixel at rest, 1/s.
         """
-        share = self._backlash * known
-        turning = TURN_SHARE * share / (1.0 + (noise_hz_px / RENEWED_HZ_PX) ** 2)
-        given_px, outside = np.empty((len(motion), 2)), np.empty(len(motion), np.bool_)
-        settings = float(t_us), lag_s, STEADY_SHARE * share, turning
-        correct_kernel(motion, *self._sensor, self._states, *settings, given_px, outside)
-        return given_px, outside
+        given_px = np.empty((len(motion), 2))
+        settings = float(t_us), lag_s, *self._shares
+        correct_kernel(motion, *self._sensor, self._states, *settings, given_px)
+        return given_px
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def correct_kernel(
-    motions: Array, limits: Array, reference_px: Array, index: Array, weight: Array,
-    states: Array, t_us: float, lag_s: float, steady: float, turning: float, given_px: Array,
-    outside: Array,
+    motions: Array, crossings: Array, own_share: Array, reference_px: Array, index: Array,
+    weight: Array, states: Array, t_us: float, lag_s: float, steady: float, turning: float,
+    noise_px: float, given_px: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Bring every marker up to the present, and correct it; see :class:`OutputCorrections`.
 
-    Arguments are few and plain, since an array costs 0.2 us and a tuple a microsecond: motions;
-    ``(4, m)`` crossings and limits of :func:`settle_kernel`; rests, neighbours and their weights;
-    ``(5, m, 2)`` states and scratch; settings of :func:`lead_kernel`; results are the given places,
-    and who is outside.
+    Arguments are plain, since a tuple costs a microsecond: motions; of the markers the crossings,
+    px, the part that each has in its difference from the others, rests, neighbours and their
+    weights; ``(4, m, 2)`` places of the last call, px, states of the short and the long operator as
+    shares of their widths, and scratch; the time, the delay of the events, shares in steady motion
+    and after a turn, and the difference that is as likely an error as deformation, px; the result.
     """
-    crossings, noise_px, own_share, bound_px = limits[0], limits[1], limits[2], limits[3]
-    last_px, direction, way = states[0], states[1], states[2]
-    now_px, ahead_px = states[3], states[4]
+    last_px, direction, way, ahead_px = states[0], states[1], states[2], states[3]
     for m in range(crossings.size):
         since_s = (t_us - motions[m, AT_US]) * 1e-6
-        now_px[m, 0] = motions[m, X] + since_s * motions[m, VX]
-        now_px[m, 1] = motions[m, Y] + since_s * motions[m, VY]
-    fits = now_px, motions[:, VX : VY + 1], crossings
-    lead_kernel(fits, (last_px, direction, way), (lag_s, steady, turning), index, ahead_px)
-    skin, bounds = (reference_px, index, weight), (noise_px, own_share, bound_px)
-    settle_kernel(ahead_px, skin, bounds, given_px, outside)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def lead_kernel(
-    fits: tuple[Array, Array, Array],
-    states: tuple[Array, Array, Array],
-    settings: tuple[float, float, float],
-    neighbours: Array,
-    given_px: Array,
-) -> None:  # pragma: no cover - compiled
-    """Move the play operators on by what the fits moved; write the places ahead of the fits.
-
-    Args:
-        fits: ``(m, 2)`` fitted places, px; ``(m, 2)`` their velocities, px/s; ``(m,)`` crossings,
-            px.
-        states: ``(m, 2)`` fitted places of the last call, px, and states of the short and the long
-            operator, as shares of their widths; changed.
-        settings: Delay of the events, s; shares in steady motion and after a turn.
-        neighbours: ``(m, k)`` markers around each marker.
-        given_px: ``(m, 2)`` result: fitted place, lag and play together, px.
-    """
-    fitted_px, velocity_px_s, crossings = fits
-    last_px, direction, way = states
-    lag_s, steady, turning = settings
-    for m in range(crossings.size):
-        dx, dy = fitted_px[m, 0] - last_px[m, 0], fitted_px[m, 1] - last_px[m, 1]
-        last_px[m, 0], last_px[m, 1] = fitted_px[m, 0], fitted_px[m, 1]
-        if dx * dx + dy * dy > LEAP_PX * LEAP_PX:
-            dx, dy = 0.0, 0.0
+        now_x = motions[m, X] + since_s * motions[m, VX]
+        now_y = motions[m, Y] + since_s * motions[m, VY]
         for play, state in ((SHORT_PLAY, direction), (LONG_PLAY, way)):
-            width_px = max(play * crossings[m], NO_WIDTH_PX)
-            x, y = state[m, 0] + dx / width_px, state[m, 1] + dy / width_px
-            length2 = x * x + y * y
-            share = 1.0 / np.sqrt(length2) if length2 > 1.0 else 1.0
-            state[m, 0], state[m, 1] = x * share, y * share
-    around = neighbours.shape[1]
+            x = state[m, 0] + (now_x - last_px[m, 0]) / (play * crossings[m])
+            y = state[m, 1] + (now_y - last_px[m, 1]) / (play * crossings[m])
+            length = max(np.sqrt(x * x + y * y), 1.0)
+            state[m, 0], state[m, 1] = x / length, y / length
+        last_px[m, 0], last_px[m, 1] = now_x, now_y
     for m in range(crossings.size):
-        x = y = 0.0
-        own = float(around)
-        for k in range(around):
-            n = neighbours[m, k]
-            alike = 1.0 - (way[n, 0] - way[m, 0]) ** 2 - (way[n, 1] - way[m, 1]) ** 2
-            if alike > 0.0:
-                x, y = x + alike * direction[n, 0], y + alike * direction[n, 1]
-                own -= alike
-        told = (x + own * direction[m, 0]) / around, (y + own * direction[m, 1]) / around
         for axis in range(2):
-            ahead = crossings[m] * ((steady + turning) * told[axis] - turning * way[m, axis])
-            given_px[m, axis] = fitted_px[m, axis] + lag_s * velocity_px_s[m, axis] + ahead
+            told = 0.0
+            for k in range(index.shape[1]):
+                told += direction[index[m, k], axis] / index.shape[1]
+            ahead = crossings[m] * ((steady + turning) * told - turning * way[m, axis])
+            ahead_px[m, axis] = last_px[m, axis] + lag_s * motions[m, VX + axis] + ahead
+    # A difference r from the neighbours' prediction shrinks by its share noise^2 / (r^2 + noise^2),
+    # of which the marker takes the part that its own error has in it: 0.9 amid eight neighbours,
+    # 0.6 in a corner. One far above the noise stays.
+    skin, noise2 = (reference_px, index, weight), noise_px * noise_px + TINY_PX2
+    for m in range(crossings.size):
+        x = ahead_px[m, 0] - reference_px[m, 0] - around_kernel(ahead_px, skin, m, 0)[0]
+        y = ahead_px[m, 1] - reference_px[m, 1] - around_kernel(ahead_px, skin, m, 1)[0]
+        taken = own_share[m] * noise2 / (x * x + y * y + noise2)
+        given_px[m, 0], given_px[m, 1] = ahead_px[m, 0] - taken * x, ahead_px[m, 1] - taken * y
 
 
 class ReleasedZero:

@@ -68,9 +68,6 @@ FULL_SHARE = 0.87
 
 SMALLEST_SHARE = 0.2  # Below this no map can be kept; the steps grow no further.
 
-# How doubtful the map is by the share that is lost (1 and 2 are alike where 30 % are).
-DOUBT_PER_LOSS = 1.5
-
 # Way after a turn in which the silent pixels become fewer by a factor e, in ways in which an edge
 # crosses a step (2.6 on training scenes, 1.9 on v2e's gel, simulated).
 SILENT_CROSSINGS = 2.4
@@ -137,21 +134,6 @@ class EventLoss:
             gain = 1.0 - np.exp(-dt_s / BACKGROUND_MEMORY_S)
             self._background_hz_px += gain * (rate_hz_px - self._background_hz_px)
         return self._judge(expected, arrived) if expected > 0.0 else None
-
-    @property
-    def background_hz_px(self) -> float:
-        """Events of a pixel while nothing moves, 1/s; 0 until a rest was seen."""
-        return self._background_hz_px or 0.0
-
-    @property
-    def judged(self) -> bool:
-        """Whether the share was measured yet."""
-        return self._expected >= FIRST_EVENTS
-
-    @property
-    def doubt(self) -> float:
-        """How doubtful it is that all events arrive, 0 to 1: wholly until the share is measured."""
-        return min(DOUBT_PER_LOSS * (1.0 - self.share), 1.0) if self.judged else 1.0
 
     def _judge(self, expected: float, arrived: float) -> float | None:
         kept = 1.0 - min(expected / MEMORY_EVENTS, 1.0)

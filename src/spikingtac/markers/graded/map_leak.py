@@ -33,10 +33,7 @@ from spikingtac.state_map.graded import PAD_PX, Array
 # marker does so within 0.1 s).
 USUAL_S = 0.2
 
-# Disagreement that is left alone, in mean steps of the marker, in a stream that is known to be
-# whole, and before enough motion was seen or where most events are lost. A disc that lags behind
-# its marker for want of events must not erase the map's evidence of it.
-TOLERANCE, LOSSY_TOLERANCE = 0.3, 1.0
+TOLERANCE = 0.3  # Disagreement that is left alone, in mean steps of the marker.
 
 OUTER_PX = 3.5  # How far outside of a disc the leak works, px.
 
@@ -79,62 +76,46 @@ class MapLeak:
         self._usual: NDArray[np.float64] | None = None
         self._turn = 0
 
-    def update(
-        self,
-        locator: Locator,
-        dt_s: float,
-        doubt: float,
-        noise_hz_px: float,
-        searched: NDArray[np.bool_],
-        capture_px: float,
-    ) -> None:
+    def update(self, locator: Locator, dt_s: float) -> None:
         """Do the next turn.
 
         Args:
             locator: What fits the markers, and its map, which is changed.
             dt_s: Time since the last turn, s.
-            doubt: How doubtful it is that all events arrive, 0 to 1.
-            noise_hz_px: Events of a pixel at rest, 1/s.
-            searched: ``(m,)`` markers that are looked for.
-            capture_px: How far around their discs they are, px: there nothing changes.
         """
         self._turn += 1
         if self._usual is None:
             self._usual = locator.fits[:, AGREEMENT].copy()
-        tolerance = TOLERANCE + doubt * (LOSSY_TOLERANCE - TOLERANCE)
         discs = locator.motion, locator.fits, locator.outline_px, self._usual, *self._discs
-        rates = tolerance, dt_s, self._leak_per_s, noise_hz_px
         levels = locator.map.padded, locator.map.memory
-        take_turn_kernel(*levels, *discs, searched, capture_px, self._turn, *rates)
+        take_turn_kernel(*levels, *discs, self._turn, dt_s, self._leak_per_s)
 
 
 @njit(cache=True, nogil=True)
 def take_turn_kernel(
     padded: Array, memory: Array, motions: Array, fits: Array, outline_px: Array, usual: Array,
-    tables: Array, reach_px: Array, radius_px: Array, mean_step: Array, searched: Array,
-    capture_px: float, turn: int, tolerance: float, dt_s: float, leak_per_s: float,
-    noise_hz_px: float,
+    tables: Array, reach_px: Array, radius_px: Array, mean_step: Array, turn: int, dt_s: float,
+    leak_per_s: float,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Let some markers' surroundings leak, and some rows of the ground return.
 
     Arguments are plain, since a tuple costs a microsecond: the map and its sums; motions, fits and
     outlines of the discs, and their usual agreements; their profiles
     (:func:`~spikingtac.markers.graded.appearance.profile_tables`), radii at rest, px, and steps;
-    the others are those of :meth:`MapLeak.update`.
+    the turn, the time since the last one, s, and the rate of the leak, 1/s.
     """
     own_s, ground_s = dt_s * GROUPS, dt_s * GROUND_TURNS
     leaking, drawing = -math.expm1(-leak_per_s * own_s), -math.expm1(-DRAWN_PER_S * own_s)
     levels, discs = (padded, memory), (motions, outline_px, fits[:, AGREEMENT], usual, radius_px)
-    group, law = (turn % GROUPS, GROUPS), (mean_step, tolerance, leaking, drawing)
+    group, law = (turn % GROUPS, GROUPS), (mean_step, TOLERANCE, leaking, drawing)
     leak_to_discs_kernel(levels, group, discs, (tables, reach_px), law)
-    settling, step, ground_px = -math.expm1(-dt_s / USUAL_S), 0.0, np.empty(usual.size)
+    settling = -math.expm1(-dt_s / USUAL_S)
     for m in range(usual.size):
         usual[m] += settling * (fits[m, AGREEMENT] - usual[m])
-        step += mean_step[m] / usual.size
-        ground_px[m] = radius_px[m] + OUTER_PX + (capture_px if searched[m] else 0.0)
-    rows = turn % GROUND_TURNS, GROUND_TURNS
-    shares = -math.expm1(-noise_hz_px * ground_s), -math.expm1(-GROUND_PER_S * ground_s)
-    return_ground_kernel(padded, memory, rows, (motions, ground_px), (step, shares[0], shares[1]))
+    rows, share = (turn % GROUND_TURNS, GROUND_TURNS), -math.expm1(-GROUND_PER_S * ground_s)
+    return_ground_kernel(
+        padded, memory, rows, (motions, radius_px + OUTER_PX), (mean_step.mean(), share)
+    )
 
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
@@ -229,23 +210,23 @@ def return_ground_kernel(
     memory: Array,
     rows: tuple[int, int],
     discs: tuple[Array, Array],
-    law: tuple[float, float, float],
+    law: tuple[float, float],
 ) -> None:  # pragma: no cover - compiled
     """Draw every n-th row of the ground, away from all discs, towards its own level, 0.
 
-    A pixel of the ground rightly remembers a level of up to a step, within which it sends no event,
-    until an event of noise moves it. What is above is noise.
+    A pixel of the ground rightly remembers a level of up to a step, within which it sends no event.
+    What is above is noise.
 
     Args:
         padded: The map with its margin of PAD_PX; changed.
         memory: The clipped sums behind it; changed.
         rows: The first row, and n.
         discs: ``(m, 8)`` motions; ``(m,)`` how far from their places the ground begins, px.
-        law: The step, which share of the level up to it is given up, and of what is above.
+        law: The step, and which share of the level above it is given up.
     """
     (first, every), (motions, reach_px) = rows, discs
     height, width = memory.shape
-    step, below, above = np.float32(law[0]), np.float32(law[1]), np.float32(law[2])
+    step, portion = np.float32(law[0]), np.float32(law[1])
     is_ground = np.empty(width, np.float32)
     for row in range(first, height, every):
         is_ground[:] = 1.0
@@ -258,8 +239,6 @@ def return_ground_kernel(
                 is_ground[left:after] = 0.0
         sums, levels = memory[row], padded[row + PAD_PX, PAD_PX : PAD_PX + width]
         for column in range(width):
-            old = sums[column]
-            known = min(old, step)
-            change = is_ground[column] * (below * known + above * (old - known))
-            sums[column] = old - change
+            change = is_ground[column] * portion * max(sums[column] - step, np.float32(0.0))
+            sums[column] -= change
             levels[column] -= change

@@ -163,21 +163,15 @@ class TrackManager:
                 self._search_at_us = t_us + SEARCH_US
                 self._search(t_us, fitted_px, levels)
 
-    def confidence(
-        self, agreement: NDArray[np.float64], outside: NDArray[np.bool_], dt_s: float
-    ) -> NDArray[np.float64]:
+    def confidence(self, agreement: NDArray[np.float64], dt_s: float) -> NDArray[np.float64]:
         """Return ``(m,)`` how well each marker is supported, 0 to 1.
 
         Args:
             agreement: ``(m,)`` share of each edge that agrees with its disc.
-            outside: ``(m,)`` markers that are where their neighbours do not allow them.
             dt_s: Time since the last call, s.
         """
-        confidence = np.empty(len(outside))
-        fading = math.exp(-dt_s / FADE_S)
-        trust_kernel(
-            agreement, self._unheard_px, self.coasted, outside, self._trust, fading, confidence
-        )
+        confidence, fading = np.empty(len(agreement)), math.exp(-dt_s / FADE_S)
+        trust_kernel(agreement, self._unheard_px, self.coasted, self._trust, fading, confidence)
         return confidence
 
     def _search(
@@ -195,12 +189,12 @@ class TrackManager:
 
 @njit(cache=True, nogil=True)
 def trust_kernel(
-    agreement: Array, unheard_px: Array, coasted: Array, outside: Array, trust: Array,
-    fading: float, confidence: Array,
+    agreement: Array, unheard_px: Array, coasted: Array, trust: Array, fading: float,
+    confidence: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Write how well each marker is supported; the trust in those that are not seen fades."""
     for m in range(trust.size):
-        trust[m] = trust[m] * fading if coasted[m] or outside[m] else 1.0
+        trust[m] = trust[m] * fading if coasted[m] else 1.0
         confidence[m] = agreement[m] * trust[m] * max(1.0 - unheard_px[m] / SILENT_PX, 0.0)
 
 

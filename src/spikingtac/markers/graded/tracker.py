@@ -172,16 +172,12 @@ class GradedTracker:
         locator.locate(t_us, manager.coasted)
         if t_us >= self._turn_us + (TURN_US if locator.busy and dt_s < SHORT_S else 0):
             self._maintain(t_us)
-        known = self._kept.judged or not self._adapts
-        noise_hz_px = self._kept.background_hz_px
-        given_px, outside = self._corrections.update(
-            t_us, locator.motion, self.lag_s, known, noise_hz_px
-        )
+        given_px = self._corrections.update(t_us, locator.motion, self.lag_s)
         if self._zero is not None:
             velocity_px_s = locator.motion[:, VX : VY + 1]
             given_px = self._zero.update(given_px, velocity_px_s, manager.coasted, dt_s)
-        confidence = manager.confidence(locator.fits[:, AGREEMENT], outside, dt_s)
-        return given_px, manager.coasted | outside, confidence
+        confidence = manager.confidence(locator.fits[:, AGREEMENT], dt_s)
+        return given_px, manager.coasted.copy(), confidence
 
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
@@ -228,6 +224,4 @@ class GradedTracker:
             if manager.placed:
                 locator.place(manager.moved, manager.position_px)
         if self._leak is not None and since_s:
-            doubt = kept.doubt if self._adapts else 0.0
-            looked_for = manager.coasted, manager.capture_px
-            self._leak.update(locator, since_s, doubt, kept.background_hz_px, *looked_for)
+            self._leak.update(locator, since_s)

@@ -1,168 +1,121 @@
 """Lag, backlash and neighbours: what is made good, and what is left alone."""
 
-import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.appearance import crossing_px
 from spikingtac.markers.graded.corrections import (
-    LEAP_PX,
     LONG_PLAY,
-    NO_WIDTH_PX,
-    RENEWED_HZ_PX,
     SHORT_PLAY,
-    SHRINK_CROSSINGS,
     SHRINK_PX,
+    STEADY_SHARE,
+    TURN_SHARE,
     OutputCorrections,
     ReleasedZero,
-    lead_kernel,
 )
 from spikingtac.markers.graded.tracker import GradedTrackerConfig
 from spikingtac.markers.neighbours import Neighbourhood
 from stand_ins.moving_rims import calibration
 
-CROSSING_PX = 0.4
+SENSOR = calibration()
+SENSOR_PX = SENSOR.reference_px
+CROSSING_PX = crossing_px(SENSOR)
+COUNT = len(SENSOR_PX)
 
 
-def ahead(
-    path_px: np.ndarray, shares: tuple[float, float], neighbours: np.ndarray | None = None
+def given(
+    path_px: np.ndarray,
+    *,
+    backlash: float = 1.0,
+    shrink: float = 0.0,
+    velocity_px_s: np.ndarray | float = 0.0,
+    sensor: Calibration = SENSOR,
 ) -> np.ndarray:
-    """Return ``(n, m)`` how far markers are given ahead of fits that go along x, ``(n, m)`` px."""
-    count = path_px.shape[1]
-    alone = np.arange(count)[:, np.newaxis] if neighbours is None else neighbours
-    states = tuple(np.zeros((3, count, 2)))
-    states[0][:, 0] = path_px[0]
-    out, given = [], np.empty((count, 2))
-    for places in path_px:
-        fits = np.column_stack([places, np.zeros(count)]), np.zeros((count, 2))
-        lead_kernel((*fits, np.full(count, CROSSING_PX)), states, (0.0, *shares), alone, given)
-        assert not given[:, 1].any()
-        out.append(given[:, 0] - places)
+    """Return ``(n, m, 2)`` the given displacements of fits that go along ``(n, m, 2)`` px."""
+    made = OutputCorrections(sensor, Neighbourhood(sensor.reference_px), backlash, shrink)
+    states = np.zeros((len(sensor.reference_px), 8))
+    states[:, 2:4] = velocity_px_s
+    out = []
+    for place_px in path_px:
+        states[:, :2] = sensor.reference_px + place_px
+        out.append(made.update(0, states, 2e-3) - sensor.reference_px)
     return np.array(out)
 
 
-def plain(
-    path_px: list[tuple[float, float]], start_px: tuple[float, float], play_px: float
-) -> list[tuple[float, float]]:
-    """Return the state of a marker's play operator after each place of its path."""
-    state, last, given = (0.0, 0.0), start_px, []
-    for place in path_px:
-        moved = (place[0] - last[0], place[1] - last[1])
-        last = place
-        if math.hypot(*moved) <= LEAP_PX:
-            state = (state[0] + moved[0], state[1] + moved[1])
-        length = math.hypot(*state)
-        if length > play_px:
-            state = (state[0] / length * play_px, state[1] / length * play_px)
-        given.append(state)
-    return given
+def along_x(way_px: np.ndarray) -> np.ndarray:
+    """Return displacements of all markers alike along x."""
+    return np.repeat(way_px[:, np.newaxis, np.newaxis] * [1.0, 0.0], COUNT, axis=1)
+
+
+def play(path_px: np.ndarray, width_px: np.ndarray) -> np.ndarray:
+    """Return the states of play operators along a path, as shares of their widths."""
+    state, last, states = np.zeros(path_px.shape[1:]), np.zeros(path_px.shape[1:]), []
+    for place_px in path_px:
+        state = state + (place_px - last) / width_px[:, np.newaxis]
+        state = state / np.maximum(np.linalg.norm(state, axis=1, keepdims=True), 1.0)
+        last = place_px
+        states.append(state)
+    return np.array(states)
 
 
 def test_the_kernel_does_what_the_plain_twin_does() -> None:
     rng = np.random.default_rng(3)
-    start = rng.uniform(0.0, 100.0, (5, 2))
-    steps = rng.normal(0.0, 0.08, (400, 5, 2))
-    steps[150, 2] = 3.0, 0.0  # found elsewhere
-    path = start + np.cumsum(steps, axis=0)
-    crossings = np.array([0.0, 0.02, 0.1, 0.5, 1.0])
-    direction, way = (
-        np.array(
-            [
-                plain([tuple(place) for place in path[:, m]], tuple(start[m]), play * crossings[m])
-                for m in range(5)
-            ]
-        )
-        / np.maximum(play * crossings, NO_WIDTH_PX)[:, np.newaxis, np.newaxis]
-        for play in (SHORT_PLAY, LONG_PLAY)
-    )
-    states, given = (start.copy(), np.zeros((5, 2)), np.zeros((5, 2))), np.empty((5, 2))
-    velocity, lag_s, steady, turning = rng.normal(0.0, 50.0, (5, 2)), 2.4e-3, 0.15, 0.3
-    neighbours = np.array([[1, 2], [4, 2], [3, 4], [4, 1], [1, 3]])  # the first has no play
-    for k, places in enumerate(path):
-        fits = places, velocity, crossings
-        lead_kernel(fits, states, (lag_s, steady, turning), neighbours, given)
-        for m in range(5):
-            own, votes = 2.0, np.zeros(2)
-            for n in neighbours[m]:
-                apart = math.dist(way[n, k], way[m, k])
-                own -= max(1.0 - apart**2, 0.0)
-                votes += max(1.0 - apart**2, 0.0) * direction[n, k]
-            told = (votes + own * direction[m, k]) / 2.0
-            shift = crossings[m] * ((steady + turning) * told - turning * way[m, k])
-            expected = places[m] + lag_s * velocity[m] + shift
-            np.testing.assert_allclose(given[m], expected, atol=1e-12)
-    assert np.hypot(*states[2].T).max() > 0.9
+    path_px = np.cumsum(rng.normal(0.0, 0.08, (400, COUNT, 2)), axis=0)
+    velocity_px_s = rng.normal(0.0, 50.0, (COUNT, 2))
+    near = Neighbourhood(SENSOR_PX)
+    told = play(path_px, SHORT_PLAY * CROSSING_PX)[:, near.index].mean(axis=2)
+    way = play(path_px, LONG_PLAY * CROSSING_PX)
+    assert np.linalg.norm(way, axis=2).max() > 0.9
+    ahead = (STEADY_SHARE + TURN_SHARE) * told - TURN_SHARE * way
+    ahead_px = path_px + 2e-3 * velocity_px_s + CROSSING_PX[:, np.newaxis] * ahead
+    apart_px = ahead_px - (near.weight[..., np.newaxis] * ahead_px[:, near.index]).sum(axis=2)
+    own = 1.0 / (1.0 + (near.weight**2).sum(axis=1))[:, np.newaxis]
+    taken = own * SHRINK_PX**2 / ((apart_px**2).sum(axis=2, keepdims=True) + SHRINK_PX**2)
+    found = given(path_px, shrink=1.0, velocity_px_s=velocity_px_s)
+    np.testing.assert_allclose(found, ahead_px - taken * apart_px, atol=1e-9)
 
 
 def test_after_a_turn_it_is_farther_ahead_and_the_fit_catches_up() -> None:
     way = np.concatenate([np.linspace(0.0, 10.0, 1001), np.linspace(10.0, 0.0, 1001)])
-    shift = ahead(way[:, np.newaxis], (0.1, 0.3))[:, 0]
-    np.testing.assert_allclose(shift[1000], 0.1 * CROSSING_PX)
-    turned = 1001 + round(2.0 * SHORT_PLAY * CROSSING_PX / 0.01)
-    assert shift[turned] < -0.55 * CROSSING_PX
-    np.testing.assert_allclose(shift[-1], -0.1 * CROSSING_PX)
+    shift = (given(along_x(way)) - along_x(way))[:, 0, 0] / CROSSING_PX[0]
+    np.testing.assert_allclose(shift[1000], STEADY_SHARE, rtol=1e-6)
+    turned = 1001 + round(2.0 * SHORT_PLAY * CROSSING_PX[0] / 0.01)
+    assert shift[turned] < -STEADY_SHARE - 1.2 * TURN_SHARE
+    np.testing.assert_allclose(shift[-1], -STEADY_SHARE, rtol=1e-6)
     assert (np.diff(shift[turned + 1 :]) > -1e-12).all()
 
 
-def test_neighbours_tell_a_turn_and_those_that_went_another_way_do_not_count() -> None:
-    neighbours = np.array([[1, 2], [0, 2], [0, 1]])
-    turning = np.array([[0.0] * 3, [1.0] * 3, [1.0, 0.9, 0.9], [1.0, 0.8, 0.8]])
-    shift = ahead(turning, (0.15, 0.3), neighbours)
-    assert shift[3, 0] < shift[1, 0] - 0.4 * CROSSING_PX
-    apart = np.array([[0.0] * 3, [0.0, 1.9, -1.9]])
-    shift = ahead(apart, (0.15, 0.0), neighbours)[-1]
-    np.testing.assert_allclose(shift, 0.15 * CROSSING_PX * np.array([0.0, 1.0, -1.0]))
-
-
-def corrected(
-    motion: np.ndarray, *, backlash: float = 1.0, known: bool = True, noise_hz_px: float = 0.0
-) -> np.ndarray:
-    """Return how far markers are given from their rests after one step of the filter's states."""
-    sensor = calibration()
-    neighbours = Neighbourhood(sensor.reference_px)
-    made = OutputCorrections(sensor, neighbours, backlash, 0.0)
-    states = np.zeros((len(sensor.reference_px), 8))
-    states[:, :2] = sensor.reference_px
-    states += motion
-    return made.update(2_000, states, 2e-3, known, noise_hz_px)[0] - sensor.reference_px
-
-
 def test_the_lag_is_made_good_from_the_last_time_of_the_filter_on() -> None:
-    motion = np.array([0.0, 0.0, 40.0, -10.0, 0.0, 0.0, 0.0, 500.0])
-    given = corrected(motion, backlash=0.0)
-    np.testing.assert_allclose(given, np.tile([40.0 * 3.5e-3, -10.0 * 3.5e-3], (len(given), 1)))
+    made = OutputCorrections(SENSOR, Neighbourhood(SENSOR_PX), 0.0, 0.0)
+    states = np.zeros((COUNT, 8))
+    states += np.array([0.0, 0.0, 40.0, -10.0, 0.0, 0.0, 0.0, 500.0])
+    states[:, :2] = SENSOR_PX
+    moved_px = made.update(2_000, states, 2e-3) - SENSOR_PX
+    np.testing.assert_allclose(moved_px, np.tile([40.0 * 3.5e-3, -10.0 * 3.5e-3], (COUNT, 1)))
 
 
-def test_backlash_waits_until_a_step_is_known_and_fades_in_noise() -> None:
-    motion = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2_000.0])
-    crossings = crossing_px(calibration())
-    steady = 0.15 * crossings
-    for known, noise_hz_px, share in ((True, 0.0, 1.0), (True, RENEWED_HZ_PX, 0.5), (False, 0, 0)):
-        given = corrected(motion, known=known, noise_hz_px=float(noise_hz_px))
-        way = np.minimum(1.0 / (LONG_PLAY * crossings), 1.0)
-        expected = known * (steady + share * 0.3 * crossings * (1.0 - way))
-        np.testing.assert_allclose(given[:, 0] - 1.0, expected, atol=1e-6)
+def test_a_lone_difference_shrinks_and_contacts_and_rigid_motion_stay() -> None:
+    near, marker = Neighbourhood(SENSOR_PX), COUNT // 2
+    for away_px, share in ((SHRINK_PX, 0.5), (25.0 * SHRINK_PX, 0.0)):
+        path_px = np.zeros((1, COUNT, 2))
+        path_px[0, marker, 0] = away_px
+        left_px = given(path_px, backlash=0.0, shrink=1.0)[0, marker, 0]
+        wanted_px = (1.0 - share * near.own_share[marker]) * away_px
+        assert left_px == pytest.approx(wanted_px, rel=2e-3)
+    turned_px = SENSOR_PX @ np.array([[0.0, 0.05], [-0.05, 0.0]])[np.newaxis] + [4.0, -2.0]
+    found_px = given(turned_px, backlash=0.0, shrink=1.0)
+    np.testing.assert_allclose(found_px, turned_px, atol=0.01)
 
 
-def test_a_lone_difference_shrinks_and_a_runaway_is_outside() -> None:
-    sensor = calibration()
-    neighbours = Neighbourhood(sensor.reference_px)
-    made, marker = OutputCorrections(sensor, neighbours, 0.0, 1.0), len(sensor.reference_px) // 2
-    states = np.zeros((len(sensor.reference_px), 8))
-    states[:, :2] = sensor.reference_px
-    noise_px = SHRINK_PX + SHRINK_CROSSINGS * crossing_px(sensor)[marker]
-    states[marker, 0] += noise_px
-    given, outside = made.update(0, states, 0.0, True, 0.0)
-    left = given[marker, 0] - sensor.reference_px[marker, 0]
-    assert left == pytest.approx((1.0 - 0.5 * neighbours.own_share[marker]) * noise_px, rel=1e-3)
-    assert not outside.any()
-    states[marker, 0] += 2.0 * neighbours.bound_px[marker]
-    given, outside = made.update(0, states, 0.0, True, 0.0)
-    assert np.flatnonzero(outside).tolist() == [marker]
-    left = given[marker, 0] - sensor.reference_px[marker, 0]
-    assert left == pytest.approx(neighbours.bound_px[marker])
+def test_a_marker_alone_is_where_it_was_found() -> None:
+    lone = replace(SENSOR, reference_px=SENSOR_PX[:1], radius_px=SENSOR.radius_px[:1], grid=None)
+    path_px = np.array([[[1.0, 2.0]]])
+    found_px = given(path_px, backlash=0.0, shrink=1.0, sensor=lone)
+    np.testing.assert_array_equal(found_px, path_px)
 
 
 @pytest.mark.parametrize("name", ["backlash", "shrink", "leak_per_s"])

@@ -45,7 +45,6 @@ def watched(kept: float, moving: int = 10, seconds: float = 3.0) -> EventLoss:
         velocity[np.abs(position[:, 0] - REFERENCE_PX[:, 0]) > STROKE_PX / 2.0] *= -1.0
         told = watch.update(motion(position, velocity), counts, 1e-3)
         assert told is None or told == watch.share
-    assert watch.judged
     return watch
 
 

@@ -25,17 +25,17 @@ BESIDE_PX = np.rint(CENTERS + np.array([RADIUS_PX + 3.0, 0.0])).astype(int)
 BESIDE = BESIDE_PX[:, 1], BESIDE_PX[:, 0]
 
 
-def leaked(duration_us: int, agreement_of_one: float, doubt: float = 0.0) -> np.ndarray:
+def leaked(duration_us: int, agreement_of_one: float) -> np.ndarray:
     """Return what is left of a level of 0.9 beside each disc; one agrees less from then on."""
     locator = DiscLocator(CALIBRATION)
     leak = MapLeak(CALIBRATION, 30.0)
     for _ in range(50):
-        leak.update(locator, 1e-3, doubt, 0.0, np.zeros(4, np.bool_), 0.0)
+        leak.update(locator, 1e-3)
     locator.map.memory[BESIDE] += 0.9
     locator.map.values[BESIDE] += 0.9
     locator.fits[1, AGREEMENT] = agreement_of_one
     for _ in range(duration_us // 1_000):
-        leak.update(locator, 1e-3, doubt, 0.0, np.zeros(4, np.bool_), 0.0)
+        leak.update(locator, 1e-3)
     return locator.map.memory[BESIDE]
 
 
@@ -44,11 +44,6 @@ def test_nothing_leaks_around_a_marker_whose_agreement_has_just_fallen() -> None
     assert left[1] > 0.85
     assert left[[0, 2, 3]].max() < 0.35
     assert leaked(100_000, 1.0 - 0.5 * LARGEST_FALL)[1] < 0.35
-
-
-def test_more_is_left_alone_in_a_doubtful_stream() -> None:
-    sure, doubtful = (leaked(1_000_000, 1.0, doubt).mean() for doubt in (0.0, 1.0))
-    assert sure < 0.5 * doubtful < 0.1
 
 
 def noisy_rest(rate_hz: float, duration_us: int, on_share: float) -> EventPacket:

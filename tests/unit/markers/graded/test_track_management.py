@@ -153,7 +153,7 @@ def test_markers_that_are_gone_are_found(gone: tuple[int, ...], share: float) ->
     sent[list(gone)] = 0.0
     manager = heard(moving(60.0), sent, share)
     assert np.flatnonzero(manager.silent).tolist() == sorted(gone)
-    confidence = manager.confidence(AGREED, np.zeros(COUNT, np.bool_), DT_S)
+    confidence = manager.confidence(AGREED, DT_S)
     assert (np.flatnonzero(confidence < 0.5) == sorted(gone)).all()
     manager.judge(0, fits(REST_PX, AGREED), levels(REST_PX))
     assert np.flatnonzero(manager.coasted).tolist() == sorted(gone), "at once, and not found"
