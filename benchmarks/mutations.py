@@ -76,14 +76,14 @@ MUTATIONS = (
     ),
     Mutation(
         name="lag-sign",
-        old="motion, self.lag_s, known",
-        new="motion, -self.lag_s, known",
+        old="locator.motion, self.lag_s)",
+        new="locator.motion, -self.lag_s)",
         tests=(ACCURACY,),
     ),
     Mutation(
         name="lag-removed",
-        old="motion, self.lag_s, known",
-        new="motion, 0.0, known",
+        old="motion, self.lag_s)",
+        new="motion, 0.0)",
         tests=(ACCURACY,),
     ),
     Mutation(
@@ -100,15 +100,15 @@ MUTATIONS = (
     ),
     Mutation(
         name="turn-told-alone",
-        old="if alike > 0.0:",
-        new="if alike > 2.0:",
+        old="told += direction[index[m, k], axis]",
+        new="told += direction[m, axis]",
         tests=("tests/unit/markers/graded/test_corrections.py",),
     ),
     Mutation(
         name="neighbours-ignored",
-        old="shift = back * beyond[axis] if outside[m] else taken * apart[axis]",
-        new="shift = 0.0",
-        tests=("tests/unit/markers/test_neighbours.py",),
+        old="taken = own_share[m] * noise2",
+        new="taken = 0.0 * noise2",
+        tests=("tests/unit/markers/graded/test_corrections.py",),
     ),
     Mutation(
         name="silent-pixels-expected",
@@ -130,7 +130,7 @@ MUTATIONS = (
     ),
     Mutation(
         name="lag-misfit-scale",
-        old="scale = max(1.0, float(misfit.min()) / freedom)",
+        old="scale = max(1.0, misfit / (free.sum() + len(level) - 3))",
         new="scale = 1.0",
         tests=("tests/unit/markers/test_lag.py",),
     ),

@@ -91,33 +91,6 @@ class MapLeak:
         take_turn_kernel(*levels, *discs, self._turn, dt_s, self._leak_per_s)
 
 
-@njit(cache=True, nogil=True)
-def take_turn_kernel(
-    padded: Array, memory: Array, motions: Array, fits: Array, outline_px: Array, usual: Array,
-    tables: Array, reach_px: Array, radius_px: Array, mean_step: Array, turn: int, dt_s: float,
-    leak_per_s: float,
-) -> None:  # pragma: no cover - compiled # fmt: skip
-    """Let some markers' surroundings leak, and some rows of the ground return.
-
-    Arguments are plain, since a tuple costs a microsecond: the map and its sums; motions, fits and
-    outlines of the discs, and their usual agreements; their profiles
-    (:func:`~spikingtac.markers.graded.appearance.profile_tables`), radii at rest, px, and steps;
-    the turn, the time since the last one, s, and the rate of the leak, 1/s.
-    """
-    own_s, ground_s = dt_s * GROUPS, dt_s * GROUND_TURNS
-    leaking, drawing = -math.expm1(-leak_per_s * own_s), -math.expm1(-DRAWN_PER_S * own_s)
-    levels, discs = (padded, memory), (motions, outline_px, fits[:, AGREEMENT], usual, radius_px)
-    group, law = (turn % GROUPS, GROUPS), (mean_step, TOLERANCE, leaking, drawing)
-    leak_to_discs_kernel(levels, group, discs, (tables, reach_px), law)
-    settling = -math.expm1(-dt_s / USUAL_S)
-    for m in range(usual.size):
-        usual[m] += settling * (fits[m, AGREEMENT] - usual[m])
-    rows, share = (turn % GROUND_TURNS, GROUND_TURNS), -math.expm1(-GROUND_PER_S * ground_s)
-    return_ground_kernel(
-        padded, memory, rows, (motions, radius_px + OUTER_PX), (mean_step.mean(), share)
-    )
-
-
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def _entries_kernel(
     first_px: np.float32, dy: np.float32, shape: tuple[Any, ...], entry: Array
@@ -159,51 +132,6 @@ def _give_kernel(
         levels[k] += new - old
 
 
-@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy")
-def leak_to_discs_kernel(
-    levels: tuple[Array, Array],
-    group: tuple[int, int],
-    discs: tuple[Any, ...],
-    tables: tuple[Array, Array],
-    law: tuple[Array, float, float, float],
-) -> None:  # pragma: no cover - compiled
-    """Move map pixels that disagree with the fitted disc towards it.
-
-    Args:
-        levels: The map with its margin of PAD_PX, and the clipped sums behind it; changed.
-        group: The first marker, and n: every n-th is visited.
-        discs: ``(m, 8)`` motions; ``(m, 3)`` r, b and c of each disc
-            (:mod:`spikingtac.markers.graded.disc_fit`), px; ``(m,)`` agreements, and usual ones;
-            ``(m,)`` radii at rest, px.
-        tables: Values and reaches of :func:`~spikingtac.markers.graded.appearance.profile_tables`.
-        law: ``(m,)`` mean steps; disagreement that is left alone, in steps; the share of the excess
-            that is given up where the weight is 1; the share of the way by which the edge of a
-            resting disc is drawn to its radius at rest.
-    """
-    (padded, memory), (motions, outline_px, agreement, usual, radius_px) = levels, discs
-    (table, reach_px), (mean_step, tolerance, share, drawing) = tables, law
-    height, width = memory.shape
-    portion, last = np.float32(share), np.float32(table.shape[2] - 1)
-    entries = np.empty(width, np.int32)
-    for m in range(group[0], mean_step.size, group[1]):
-        if agreement[m] < usual[m] - LARGEST_FALL:
-            continue
-        x, y = motions[m, X], motions[m, Y]
-        rests = np.hypot(motions[m, VX], motions[m, VY]) <= AT_REST_PX_S
-        drawn = np.float32(drawing * rests * (outline_px[m, 0] - radius_px[m]))
-        limit, scale = np.float32(tolerance * mean_step[m]), np.float32(0.5 * last / reach_px[m])
-        outer, start = outline_px[m, 0] + OUTER_PX, np.float32(outline_px[m, 0] - reach_px[m])
-        shape = np.float32(outline_px[m, 1]), np.float32(outline_px[m, 2]), start, scale, last
-        for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
-            half = np.sqrt(max(outer * outer - (row - y) ** 2, 0.0))
-            first = max(0, int(np.ceil(x - half)))
-            after = max(min(width - 1, int(x + half)) + 1, first)
-            entry = entries[: after - first]
-            _entries_kernel(np.float32(first - x), np.float32(row - y), shape, entry)
-            shown = padded[row + PAD_PX, PAD_PX + first : PAD_PX + after]
-            _give_kernel(shown, memory[row, first:after], entry, table[m], (limit, portion, drawn))
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def return_ground_kernel(
     padded: Array,
@@ -242,3 +170,48 @@ def return_ground_kernel(
             change = is_ground[column] * portion * max(sums[column] - step, np.float32(0.0))
             sums[column] -= change
             levels[column] -= change
+
+
+@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy")
+def take_turn_kernel(
+    padded: Array, memory: Array, motions: Array, fits: Array, outline_px: Array, usual: Array,
+    tables: Array, reach_px: Array, radius_px: Array, mean_step: Array, turn: int, dt_s: float,
+    leak_per_s: float,
+) -> None:  # pragma: no cover - compiled # fmt: skip
+    """Let some markers' surroundings leak, and some rows of the ground return.
+
+    Arguments are plain, since a tuple costs a microsecond: the map and its sums; motions, fits and
+    outlines of the discs, and their usual agreements; their profiles
+    (:func:`~spikingtac.markers.graded.appearance.profile_tables`), radii at rest, px, and steps;
+    the turn, the time since the last one, s, and the rate of the leak, 1/s.
+    """
+    height, width = memory.shape
+    portion = np.float32(-math.expm1(-leak_per_s * dt_s * GROUPS))
+    drawing, last = -math.expm1(-DRAWN_PER_S * dt_s * GROUPS), np.float32(tables.shape[2] - 1)
+    entries = np.empty(width, np.int32)
+    for m in range(turn % GROUPS, usual.size, GROUPS):
+        if fits[m, AGREEMENT] < usual[m] - LARGEST_FALL:
+            continue
+        x, y = motions[m, X], motions[m, Y]
+        rests = np.hypot(motions[m, VX], motions[m, VY]) <= AT_REST_PX_S
+        drawn = np.float32(drawing * rests * (outline_px[m, 0] - radius_px[m]))
+        limit, scale = np.float32(TOLERANCE * mean_step[m]), np.float32(0.5 * last / reach_px[m])
+        outer, start = outline_px[m, 0] + OUTER_PX, np.float32(outline_px[m, 0] - reach_px[m])
+        shape = np.float32(outline_px[m, 1]), np.float32(outline_px[m, 2]), start, scale, last
+        for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
+            half = np.sqrt(max(outer * outer - (row - y) ** 2, 0.0))
+            first = max(0, int(np.ceil(x - half)))
+            after = max(min(width - 1, int(x + half)) + 1, first)
+            entry = entries[: after - first]
+            _entries_kernel(np.float32(first - x), np.float32(row - y), shape, entry)
+            shown = padded[row + PAD_PX, PAD_PX + first : PAD_PX + after]
+            law = limit, portion, drawn
+            _give_kernel(shown, memory[row, first:after], entry, tables[m], law)
+    for m in range(usual.size):
+        usual[m] -= math.expm1(-dt_s / USUAL_S) * (fits[m, AGREEMENT] - usual[m])
+    rows, share = (
+        (turn % GROUND_TURNS, GROUND_TURNS),
+        -math.expm1(-GROUND_PER_S * dt_s * GROUND_TURNS),
+    )
+    ground = motions, radius_px + OUTER_PX
+    return_ground_kernel(padded, memory, rows, ground, (mean_step.mean(), share))
