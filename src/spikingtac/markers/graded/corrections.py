@@ -61,8 +61,6 @@ LOADED_PX = 1.5  # Mean displacement from which there is a contact.
 # presses are 2.4 px and more.)
 NEAR_PX, NEAR_MOST_PX = 0.65, 1.6
 
-FARTHEST_PX = 3.5  # The same for a marker by itself (the recorded sensor up to 3.0 px).
-
 STILL_PX_S = 3.0  # Mean speed below which the skin stands still: the jitter of a filtered velocity.
 
 TINY_PX2 = 1e-12  # Square of a difference, px^2, that is none: two zeros are not divided.
@@ -203,7 +201,7 @@ class ReleasedZero:
         elif self._loaded and self._still_s > WAIT_S:
             smooth_px = np.linalg.norm(left_px[self._around].mean(axis=1), axis=1)
             near = smooth_px.mean() < NEAR_PX and smooth_px.max() < NEAR_MOST_PX
-            if near and away_px.max() < FARTHEST_PX:
+            if near:
                 share = -np.expm1(-dt_s / SETTLE_S)
                 self._zero_px[seen] += share * (left_px - self._zero_px)[seen]
             self._loaded = self._still_s < LEARN_S

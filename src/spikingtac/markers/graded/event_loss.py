@@ -133,9 +133,8 @@ class EventLoss:
                 self._background_hz_px = rate_hz_px
             gain = 1.0 - np.exp(-dt_s / BACKGROUND_MEMORY_S)
             self._background_hz_px += gain * (rate_hz_px - self._background_hz_px)
-        return self._judge(expected, arrived) if expected > 0.0 else None
-
-    def _judge(self, expected: float, arrived: float) -> float | None:
+        if expected <= 0.0:
+            return None
         kept = 1.0 - min(expected / MEMORY_EVENTS, 1.0)
         self._expected = kept * self._expected + expected
         self._arrived = kept * self._arrived + arrived

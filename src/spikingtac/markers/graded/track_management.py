@@ -4,8 +4,7 @@ A marker is lost when its fit no longer agrees with the map, when its displaceme
 of its neighbours' by more than :data:`spikingtac.markers.neighbours.FARTHEST_PITCHES`, or when it
 sends no events while they move. It is then held: predicted from its neighbours, and looked for at a
 low rate by a detection in the full map. A detection is taken only near the prediction, only if no
-other marker owns it, so that identities cannot swap, and after a longer hold only if the marker
-sends events. A broken marker is never found again.
+other marker owns it, so that identities cannot swap, and only if the marker is not silent.
 
 A map painted from a calibration holds a disc for each marker, and where a marker came off no event
 ever contradicts it. But the skin moves there, as the neighbours show, and a disc that moves sends
@@ -51,13 +50,6 @@ SMALLEST_BLOB_SHARE, LARGEST_BLOB_SHARE = 0.4, 2.5
 
 FADE_S = 0.1  # Time in which the confidence in a held marker falls by a factor e, s.
 
-# A marker held for longer comes back only if it sends events, us: a sudden motion that lost it is
-# over by then.
-LONG_HOLD_US = 200_000
-
-# Way whose events tell that it is there, px: several reversals' worth of dead band.
-HEARD_PX = 1.0
-
 # Travel without events of its own after which a marker is silent, px. Its confidence falls on the
 # way there (a reversal costs up to half a px).
 SILENT_PX = 2.0
@@ -71,6 +63,7 @@ CLEAR_SIGMAS = 3.0
 
 # Neighbours that may rest without acquitting a marker: they may be gone as well.
 RESTING_NEIGHBOURS = 2
+
 
 # Largest distance of a marker from the middle of its neighbours, as a share of their mean
 # distance, at which they surround it: 0 inside of a square grid, 0.6 at its border.
@@ -104,10 +97,9 @@ class TrackManager:
         self._areas_px = SMALLEST_BLOB_SHARE * smallest, LARGEST_BLOB_SHARE * largest
         spacing_px = min(smallest_spacing_px(calibration.reference_px), max(calibration.size))
         self.capture_px = CAPTURE_SHARE * spacing_px
-        self._doubted_since_us, self._held_since_us = (np.full(count, -1, np.int64) for _ in "dh")
+        self._doubted_since_us = np.full(count, -1, np.int64)
         self._search_at_us = 0
-        self._unheard_px, self._heard_px = np.zeros((2, count))
-        self._trust = np.ones(count)
+        self._unheard_px, self._trust = np.zeros(count), np.ones(count)
         self.coasted, self.silent, self.moved, self._doubted = np.zeros((4, count), np.bool_)
         self.placed = False
         self.position_px = calibration.reference_px.copy()
@@ -130,7 +122,7 @@ class TrackManager:
         near = self.neighbours
         listen_kernel(
             motion, near.index, near.weight, self._surrounded, counts, kept.noise_per_s,
-            kept.events_per_px, kept.share, dt_s, self._unheard_px, self._heard_px, self.silent,
+            kept.events_per_px, kept.share, dt_s, self._unheard_px, self.silent,
         )  # fmt: skip
 
     def judge(self, t_us: int, fits: NDArray[np.float64], levels: NDArray[np.float32]) -> None:
@@ -151,9 +143,7 @@ class TrackManager:
         self._doubted_since_us[~doubted] = -1
         self._doubted_since_us[doubted & (self._doubted_since_us < 0)] = t_us
         lost = doubted & (t_us - self._doubted_since_us >= PATIENCE_US)
-        fresh = (lost | self.silent) & ~self.coasted
-        self.coasted |= fresh
-        self._held_since_us[fresh], self._heard_px[fresh] = t_us, 0.0
+        self.coasted |= lost | self.silent
         self.moved[:] = self.coasted
         if self.coasted.any():
             blended_px = np.where(self.coasted[:, np.newaxis], self.position_px, fitted_px)
@@ -161,7 +151,7 @@ class TrackManager:
             self.placed = True
             if t_us >= self._search_at_us:
                 self._search_at_us = t_us + SEARCH_US
-                self._search(t_us, fitted_px, levels)
+                self._search(fitted_px, levels)
 
     def confidence(self, agreement: NDArray[np.float64], dt_s: float) -> NDArray[np.float64]:
         """Return ``(m,)`` how well each marker is supported, 0 to 1.
@@ -174,14 +164,11 @@ class TrackManager:
         trust_kernel(agreement, self._unheard_px, self.coasted, self._trust, fading, confidence)
         return confidence
 
-    def _search(
-        self, t_us: int, fitted_px: NDArray[np.float64], levels: NDArray[np.float32]
-    ) -> None:
+    def _search(self, fitted_px: NDArray[np.float64], levels: NDArray[np.float32]) -> None:
         blobs = find_blobs(levels, areas_px=self._areas_px)
         expected_px = np.where(self.coasted[:, np.newaxis], self.position_px, fitted_px)
         match = associate(expected_px, blobs.center_px, self.capture_px)
-        sending = (t_us - self._held_since_us < LONG_HOLD_US) | (self._heard_px >= HEARD_PX)
-        found = self.coasted & sending & ~self.silent & (match != UNMATCHED)
+        found = self.coasted & ~self.silent & (match != UNMATCHED)
         self.position_px[found] = blobs.center_px[match[found]]
         self.coasted &= ~found
         self._doubted_since_us[found] = -1
@@ -235,21 +222,19 @@ def doubt_kernel(
 def listen_kernel(
     motions: Array, index: Array, weight: Array, surrounded: Array, events: Array,
     noise_per_s: Array, whole_per_px: Array, share: float, dt_s: float, unheard_px: Array,
-    heard_px: Array, silent: Array,
+    silent: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
-    """Add up the travel without events and the way of the events, px, and mark who is silent.
+    """Add up the travel without events, px, and mark who is silent.
 
     Arguments are plain, since a tuple costs a microsecond: motions; neighbours, their weights, and
     who is surrounded by them; of the cells events, background per s, and events of a whole stream
-    per px of motion; the share that arrives, and the time, s; the two ways and who is silent, which
+    per px of motion; the share that arrives, and the time, s; the travel and who is silent, which
     are changed.
     """
     velocity_px_s = motions[:, VX : VY + 1]
     speed_px_s = np.hypot(velocity_px_s[:, 0], velocity_px_s[:, 1])
     for m in range(events.size):
         events_per_px = share * whole_per_px[m]
-        more = events[m] - BACKGROUND_SHARE * noise_per_s[m] * dt_s
-        heard_px[m] = max(heard_px[m] + more / events_per_px, 0.0)
         asked = _asked_speed_kernel(velocity_px_s, speed_px_s, index[m], weight[m])
         noise = noise_per_s[m] * dt_s
         told = SLOW_PX_S < asked < FAST_PX_S
