@@ -63,6 +63,8 @@ class GradedTrackerConfig:
         backlash: Share of the backlash that is made good.
         shrink: Share of a fit's error by which differences from the neighbours shrink.
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
+        fit_period_us: A slow marker is fitted once in such a period at most, us, and predicted in
+            between; 0 fits it whenever its events ask.
     """
 
     lag_us: float | None = None
@@ -70,9 +72,10 @@ class GradedTrackerConfig:
     backlash: float = field(default=1.0, metadata={"range": (0.0, 1.0)})
     shrink: float = field(default=1.0, metadata={"range": (0.0, 2.0)})
     adapt_to_loss: bool = field(default=True, metadata={"range": (0, 1)})
+    fit_period_us: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("leak_per_s", "backlash", "shrink"):
+        for name in ("leak_per_s", "backlash", "shrink", "fit_period_us"):
             if not getattr(self, name) >= 0.0:
                 raise ConfigError(f"{name} is {getattr(self, name)}, it must not be negative")
 
@@ -106,7 +109,7 @@ class GradedTracker:
         self._adapts = config.adapt_to_loss and fit == "disc"
         self._locator: DiscLocator | BandLocator
         if fit == "disc":
-            self._locator = DiscLocator(calibration)
+            self._locator = DiscLocator(calibration, config.fit_period_us)
             self._leak_per_s, self._backlash = config.leak_per_s, config.backlash
         else:
             self._locator = BandLocator(calibration)

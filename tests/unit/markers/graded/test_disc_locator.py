@@ -21,6 +21,7 @@ from spikingtac.markers.graded.disc_locator import (
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
     AT_ONCE,
+    FIT_US,
     MEASUREMENT_SIGMA_PX,
     START_VELOCITY_PX_S,
     VX,
@@ -88,6 +89,24 @@ def test_a_fit_waits_for_its_events_or_for_some_ms() -> None:
     assert locator.pending.tolist() == [0, 3]
     locator.locate(LATE_US, nobody)
     assert locator.fits[1, 0] == pytest.approx(70.5, abs=0.05)
+
+
+def test_slow_markers_take_turns_and_a_fast_one_is_fitted_at_once() -> None:
+    locator, nobody = DiscLocator(CALIBRATION, fit_period_us=2_000), np.zeros(2, np.bool_)
+    fitted = []
+    for t_us in range(0, 6_000, 500):
+        locator.pending[:] = 5
+        locator.locate(t_us, nobody)
+        fitted.append((locator.fits[:, FIT_US] == t_us).tolist())
+    turns = np.array(fitted[1:])  # at 0 both begin
+    assert turns.sum(axis=0).tolist() == [2, 3], "each once in 2 ms"
+    assert not turns.all(axis=1).any(), "not at one time"
+    locator.pending[:] = 5, 1_000
+    locator.locate(6_200, nobody)
+    assert (locator.fits[:, FIT_US] == 6_200).tolist() == [True, True]
+    locator.pending[:] = 5, 1_000
+    locator.locate(6_400, nobody)
+    assert (locator.fits[:, FIT_US] == 6_400).tolist() == [False, True]
 
 
 def test_without_events_nothing_is_fitted_and_a_speed_fades() -> None:
