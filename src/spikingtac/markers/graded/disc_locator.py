@@ -60,8 +60,8 @@ DUE_PX = 0.02  # Motion whose events ask for a fit at once, px.
 # 10,000 estimates a second err by 7 % more on v2e's recording).
 LATE_US = 2_000
 
-# Motion whose events ask for a fit before the marker's turn, where markers take turns, px. (At turns
-# of 2.5 ms, v2e's recording errs by 0.084 px; by 0.088 px at twice the motion.)
+# Motion whose events ask for a fit before a marker's turn, px. (At turns of 2.5 ms, v2e's recording
+# errs by 0.084 px; by 0.088 px at twice the motion.)
 HURRY_PX = 0.24
 
 # Rate at which an outline follows what the fit sees, 1/s (indentation and strain take tens
@@ -220,6 +220,20 @@ def mark_moved_kernel(
             mark_kernel(owners, m, motions, fits, outline_px, edge)
 
 
+@njit(cache=True, nogil=True, forceinline=True)
+def asked_kernel(
+    pending: int, due: Array, fit: Array, begin_us: int, period_us: int, t_us: int
+) -> bool:  # pragma: no cover - compiled
+    """Return whether the events around a marker ask for a fit; if they are few, in its turn.
+
+    ``due`` is events that ask in the marker's turn, and before; turns begin at ``begin_us``.
+    """
+    asked = pending >= due[0] or t_us - fit[SILENT_US] >= LATE_US
+    if not asked or period_us == 0 or pending >= due[1]:
+        return asked
+    return fit[FIT_US] < t_us - (t_us + begin_us) % period_us
+
+
 @njit(cache=True, nogil=True)
 def locate_discs_kernel(
     padded: Array, edges: Array, read: Array, offset: Array, place_px: Array, within: Array,
@@ -245,10 +259,7 @@ def locate_discs_kernel(
         if pending[m] == 0:
             fit[SILENT_US] = t_us
         dt_s = (t_us - motion[AT_US]) * 1e-6
-        asked = pending[m] >= due[0, m] or t_us - fit[SILENT_US] >= LATE_US
-        if period_us > 0 and pending[m] < due[1, m]:
-            begun_us = t_us - (t_us + m * period_us // len(fits)) % period_us
-            asked = asked and fit[FIT_US] < begun_us
+        asked = asked_kernel(pending[m], due[:, m], fit, m * period_us // after, period_us, t_us)
         if not asked and (pending[m] > 0 or dt_s < MEASUREMENT_PERIOD_S):
             continue
         motion[AT_US] = t_us
