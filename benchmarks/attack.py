@@ -78,7 +78,7 @@ BATCH = 500
 
 LIMIT_S = 0.2  # Within so long of the fault the arm rests, or its not resting is told.
 REST_MM_S, SPEED_MM_S = 1.0, 40.0
-FAR_MM = (800.0, 0.0, 0.0)
+FAR_MM = np.array([800.0, 0.0, 0.0])
 WINDOW_S = 0.001
 PATIENCE_S = 30.0
 
@@ -307,7 +307,10 @@ def trial(kind: str, folder: Path) -> dict[str, Any]:
             )
         try:
             _wait_until(lambda: _watches(process), process)
-            controller.move(FAR_MM, SPEED_MM_S)
+            with controller._lock:
+                controller._advance()
+                far_mm = controller.twin.true_position_mm() + FAR_MM
+                controller.twin.move_linear(far_mm, SPEED_MM_S)
             _wait_until(
                 lambda: _watches(process) and _speed(controller) > 0.95 * SPEED_MM_S, process
             )
@@ -394,14 +397,8 @@ def attack_guard(
     kind: str, trials: int, known: dict[str, Any], folder: Path
 ) -> Iterator[dict[str, Any]]:
     """Make the trials that are missing; yield the summary after each."""
-    summary = known or {
-        "trials": 0,
-        "passed": 0,
-        "early": 0,
-        "robot_late": 0,
-        "times_s": [],
-        "failures": [],
-    }
+    none = dict.fromkeys(("trials", "passed", "early", "robot_late"), 0)
+    summary: dict[str, Any] = known or {**none, "times_s": [], "failures": []}
     while summary["trials"] < trials:
         found = trial(kind, folder)
         if found.get("early"):

@@ -12,7 +12,7 @@ from typing import Any
 from spikingtac.contact.registry import DetectionConfig
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.markers.registry import TrackingConfig
-from spikingtac.schema import build, read_toml, to_mapping
+from spikingtac.schema import from_toml, to_mapping
 
 PRESETS = ("default", "fast", "paper")  # Named configurations, as package data under ``configs/``.
 
@@ -39,18 +39,19 @@ def load_config(name: str | Path) -> Config:
     """Load a preset by name, or a TOML file by path.
 
     Raises:
-        ConfigError: There is neither, or the file holds an unknown key or an unfit value.
+        ConfigError: There is neither; SettingsFileError where the file holds an unknown key or an
+            unfit value.
     """
     if str(name) in PRESETS:
         with resources.as_file(resources.files("spikingtac") / "configs" / f"{name}.toml") as path:
-            return build(Config, read_toml(path), f"preset {name}")
+            return from_toml(Config, path)
     path = Path(name)
     if path.suffix != ".toml":
         raise ConfigError(
             f"unknown preset {str(name)!r}{nearest(str(name), PRESETS)} "
             f"(valid: {', '.join(PRESETS)}, or the path of a .toml file)"
         )
-    return build(Config, read_toml(path), path.name)
+    return from_toml(Config, path)
 
 
 def digest(value: Any) -> str:

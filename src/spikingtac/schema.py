@@ -96,6 +96,10 @@ def build(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
         none = dataclasses.MISSING
         if name not in values and field.default is none and field.default_factory is none:
             raise ConfigError(f"{where}: the key {name!r} is missing")
+        low, high = field.metadata.get("range") or field.metadata.get("valid") or (None, None)
+        value = values.get(name)
+        if low is not None and value is not None and not low <= value <= high:
+            raise ConfigError(f"{where}.{name} is {value:g}, valid are {low:g} to {high:g}")
     try:
         return cls(**values)
     except ConfigError:

@@ -23,7 +23,7 @@ from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
 from spikingtac.stream.guard_loop import stream_arrivals
-from spikingtac.stream.record import locked_folder, prepare_folder, record
+from spikingtac.stream.record import prepare_folder, record
 from spikingtac.stream.recorder import Recorder, Split
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import SIZE, datagrams, events, free_port
@@ -209,15 +209,6 @@ def test_what_cannot_be_recorded_says_what_to_do(tmp_path: Path, verbs: Verbs) -
     assert Split.parse("2GB").most_bytes == 2e9
     told = verbs.said("record", tmp_path / "a.raw", "-o", tmp_path / "rec", code=2)
     assert "no camera" in told
-
-
-def test_a_second_recorder_is_refused(tmp_path: Path, verbs: Verbs) -> None:
-    folder = tmp_path / "rec"
-    with locked_folder(folder, overwrite=False):
-        address = f"udp:127.0.0.1:{free_port()}?encoding=evt2"
-        told = verbs.said("record", address, "-o", folder, "--overwrite", code=3)
-    assert "another program records" in told
-    assert not folder.exists()
 
 
 @pytest.mark.parametrize("ending", [b"% end\n", b""])

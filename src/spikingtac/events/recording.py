@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import write_text
 from spikingtac.errors import RecordingError
 from spikingtac.events.clock import TimeMap
-from spikingtac.events.formats.array_file import ColumnFile, load_arrays
+from spikingtac.events.formats.array_file import ColumnFile
+from spikingtac.events.formats.array_schema import load_truth
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.types import EventPacket, LossCounters
@@ -203,10 +204,10 @@ class Recording:
         """Return the arrays of ``truth.npz``, or None where the truth is not known.
 
         Raises:
-            RecordingError: The file is there but cannot be read.
+            RecordingError: See :func:`load_truth`.
         """
         path = self.path / TRUTH
-        return load_arrays(path, "ground truth") if path.is_file() else None
+        return load_truth(path) if path.is_file() else None
 
 
 class RecordingWriter:

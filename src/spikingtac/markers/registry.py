@@ -61,7 +61,7 @@ class TrackingConfig:
 
     method: str = "disc"
     rare_off_method: str = ""
-    rate_hz: float = 1_000.0
+    rate_hz: float = field(default=1_000.0, metadata={"valid": (0.1, 1e6)})
     hysteresis: str = field(default="none", metadata={"choices": get_args(LawName)})
     smooth: bool = False
     denoiser: str = field(default="box7", metadata={"choices": tuple(DENOISERS)})

@@ -16,6 +16,7 @@ from spikingtac.arrays import FloatArray as Field
 from spikingtac.arrays import one_line
 from spikingtac.errors import RecordingError
 from spikingtac.events.formats.array_file import load_arrays
+from spikingtac.events.formats.array_schema import load_truth
 
 Times = NDArray[np.int64]
 
@@ -91,14 +92,19 @@ def load_series(path: str | Path) -> WrenchSeries:
     try:
         t_us, reference = values["t_us"], values[f"reference_{unit}"]
         moved = values["displacement_mm"] if unit == "mm" else values["detected_px"] - reference
+        wrench = values.get("wrench", np.empty((len(t_us), 0)))
+        columns = t_us, reference, moved, wrench
+        if any(column.dtype.kind not in "iuf" for column in columns):
+            raise ValueError("an array holds no numbers")
+        rest, away, labels = (one.astype(np.float64) for one in columns[1:])
+        return WrenchSeries(t_us.astype(np.int64), rest, away, labels, unit, Path(path).name)
     except KeyError as error:
         raise RecordingError(
             f"{str(path)!r} holds no displacements; it must hold t_us, reference_mm and "
             "displacement_mm, or be the tracks of: spikingtac track RECORDING"
         ) from error
-    wrench = values.get("wrench", np.empty((len(t_us), 0)))
-    rest, away, labels = (one.astype(np.float64) for one in (reference, moved, wrench))
-    return WrenchSeries(t_us.astype(np.int64), rest, away, labels, unit, Path(path).name)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"{str(path)!r}: {error}") from error
 
 
 def labelled(series: WrenchSeries, path: str | Path) -> WrenchSeries:
@@ -152,15 +158,11 @@ def _clock_offset_us(series: WrenchSeries, t_us: Times, wrench: Field) -> int:
 
 
 def _from_truth(path: Path) -> tuple[Times, Field]:
-    values = load_arrays(path, "forces")
-    if not values.keys() >= {"contact_t_us", "force_n"}:
-        raise RecordingError(
-            f"{str(path)!r} holds no forces; give a CSV or a simulation's truth.npz"
-        )
+    values = load_truth(path, ("contact_t_us", "force_n"))
     wrench = values["force_n"]
     if "torque_n_mm" in values:
         wrench = np.hstack([wrench, values["torque_n_mm"] / N_MM_PER_NM])
-    return values["contact_t_us"].astype(np.int64), wrench.astype(np.float64)
+    return values["contact_t_us"], wrench
 
 
 def _from_csv(path: Path) -> tuple[Times, Field]:

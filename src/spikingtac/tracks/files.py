@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import WholeFile, write_text
 from spikingtac.errors import ConfigError, MissingExtraError
 from spikingtac.events.formats.array_file import ColumnFile
+from spikingtac.events.formats.array_schema import Specs
 from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.types import MarkerFrame
 
@@ -28,7 +29,7 @@ FORCES = ("force_n", "force_sigma_n", "torque_nm")  # Where a model estimated th
 SIGMA = "sigma_px"  # Key of the places' standard deviation: where tracks were smoothed.
 
 # Key of a file -> type of its numbers, and shape: n times, m markers, k trigger edges.
-SPECS: dict[str, tuple[type[np.generic], str]] = {
+SPECS: Specs = {
     "t_us": (np.int64, "n"),
     "reference_px": (np.float32, "m2"),
     **dict.fromkeys(VECTORS, (np.float32, "nm2")),
@@ -40,31 +41,11 @@ SPECS: dict[str, tuple[type[np.generic], str]] = {
     SIGMA: (np.float32, "nm2"),
     **dict(zip(TRIGGERS, ((np.int64, "k"), (np.uint8, "k"), (np.bool_, "k")), strict=True)),
 }
+NEEDED = ("t_us", "reference_px", *PER_MARKER)  # Keys that every file of tracks has.
 
 PARQUET_META = "spikingtac"  # Key of a Parquet file's metadata: as JSON what CSV has beside it.
 FRAMES_PER_CHUNK = 1_024  # Frames that are kept in memory before they are written.
 ATTRIBUTES = {"held": "coasted"}  # Key of a file -> the attribute that holds it, where they differ.
-
-
-def require_shapes(values: Columns) -> None:
-    """Refuse arrays that do not belong together.
-
-    Raises:
-        ValueError: A shape or a type does not fit.
-        KeyError: An array is missing.
-    """
-    edges = values.get(TRIGGERS[0], ())
-    sizes = {"n": len(values["t_us"]), "m": len(values["reference_px"]), "k": len(edges)}
-    for name, (dtype, letters) in SPECS.items():
-        if name not in values and name not in ("t_us", "reference_px", *PER_MARKER):
-            continue
-        array = values[name]
-        shape = tuple(sizes[one] if one in sizes else int(one) for one in letters)
-        if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
-            raise ValueError(
-                f"{name} is {array.dtype} of shape {array.shape}, it must be "
-                f"{np.dtype(dtype)} of shape {shape}"
-            )
 
 
 def stacked(frames: Sequence[MarkerFrame], markers: int) -> dict[str, NDArray[Any]]:

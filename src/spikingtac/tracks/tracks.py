@@ -16,17 +16,19 @@ from spikingtac.calibration.lens import SkinScale
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
 from spikingtac.events.formats.array_file import load_arrays
+from spikingtac.events.formats.array_schema import require_shapes
 from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.file_kinds import kind_of, told_kind
 from spikingtac.tracks.files import (
     ATTRIBUTES,
     FORCES,
     HEALTH,
+    NEEDED,
     SIGMA,
+    SPECS,
     VECTORS,
     create_tracks,
     long_columns,
-    require_shapes,
     stacked,
     trigger_column,
 )
@@ -130,7 +132,7 @@ class Tracks:
             meta = json.loads(str(values.pop("meta")))
             if not isinstance(meta, dict):
                 raise ValueError("meta is no JSON object")
-            require_shapes(values)
+            require_shapes(values, SPECS, NEEDED)
             return cls._by_key(values, meta)
         except (RecordingError, ValueError, KeyError, TypeError, RecursionError) as error:
             other = kind_of(path) not in (None, "tracks") and told_kind(path)

@@ -13,7 +13,7 @@ from spikingtac.config import load_config
 from spikingtac.contact.registry import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.events.address import Address, is_address, is_stream
-from spikingtac.events.formats.array_file import load_arrays
+from spikingtac.events.formats.array_schema import load_truth
 from spikingtac.events.open import is_same_folder, open_events, open_second
 from spikingtac.events.recording import MANIFEST, TRUTH, name_of, read_manifest
 from spikingtac.markers.registry import make_tracker
@@ -157,12 +157,7 @@ def _recording(path: Path, own: bool) -> Fields:
     folder = path if path.is_dir() else path.parent
     manifest = read_manifest(folder / MANIFEST) if path.is_dir() else {}
     stored = folder / TRUTH if path.is_dir() else path.with_suffix(".truth.npz")
-    known = load_arrays(stored, "ground truth") if stored.exists() else {}
-    if known and not {"marker_t_us", "marker_px"} <= known.keys():
-        raise RecordingError(
-            f"{str(stored)!r} lacks marker_t_us or marker_px; remove it, or simulate the scene "
-            "again"
-        )
+    known = load_truth(stored) if stored.exists() else {}
     found: Fields = {
         "label": path.resolve().name,
         "source": source,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spikingtac.arrays import FloatArray
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import RecordingError
-from spikingtac.events import load_arrays
+from spikingtac.events import load_truth
 from spikingtac.types import MarkerFrame
 
 # Where the truth names no contacts, the last second counts as after the release, us.
@@ -43,13 +43,11 @@ class GroundTruth:
         Raises:
             RecordingError: The file is missing, damaged, or lacks a column.
         """
-        try:
-            return cls.of(load_arrays(path, "ground truth"))
-        except (RecordingError, ValueError, IndexError, KeyError) as error:
-            raise RecordingError(
-                f"{str(path)!r} holds no ground truth ({error}); "
-                "render the recording again with: spikingtac simulate SCENE -o FOLDER"
-            ) from error
+        needed = ("marker_t_us", "marker_px", "reference_px", "radius_px")
+        columns = load_truth(Path(path), needed)
+        if not len(columns["marker_t_us"]):
+            raise RecordingError(f"{str(path)!r} holds no times")
+        return cls.of(columns)
 
     @classmethod
     def of(cls, columns: dict[str, NDArray[Any]]) -> Self:

@@ -6,10 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.cli.main import main
 from spikingtac.errors import RecordingError
 from spikingtac.events import Recording, RecordingWriter, open_events
+from spikingtac.events.create import create_events
 from spikingtac.types import EventPacket
 from stand_ins.random_packets import packet_at
+from stand_ins.tracks import circling_tracks
 
 SIZE = (32, 24)
 
@@ -72,3 +75,23 @@ def test_what_cannot_be_opened_is_explained(tmp_path: Path) -> None:
     (tmp_path / "truth.npz").write_bytes(b"no archive")
     with pytest.raises(RecordingError, match="cannot be read"):
         Recording.open(tmp_path).truth()
+
+
+def test_a_truth_that_does_not_fit_is_at_fault(tmp_path: Path) -> None:
+    tracks = circling_tracks(estimates=10)
+    tracks.save(tmp_path / "tracks.npz")
+    create_events(tmp_path / "events.raw", (320, 320)).close()
+    made, known = tmp_path / "tracks.npz", tmp_path / "truth.npz"
+    t_us, place_px = tracks.t_us, tracks.position_px
+    sound = {"marker_t_us": t_us, "marker_px": place_px, "contact_t_us": t_us}
+    for change in (
+        {"marker_px": place_px[..., :1]}, {"marker_px": place_px * np.nan},
+        {"marker_px": place_px[0]}, {"marker_t_us": t_us.astype(str)},
+        {"marker_t_us": t_us[::-1]}, {"marker_t_us": t_us + (1 << 60)}, {"force_n": t_us},
+    ):  # fmt: skip
+        np.savez(known, **sound | change)
+        for words in (
+            f"info {known}", f"compare {made} {known}", f"force fit {made} --wrench {known}",
+            f"view {tmp_path} --headless --port 0",
+        ):  # fmt: skip
+            assert main(words.split()) == 1

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 
 import spikingtac as st
 from spikingtac import events
@@ -19,6 +20,7 @@ from spikingtac.events.formats.codec import KINDS
 from spikingtac.events.open import RECORDING_NAME
 from spikingtac.events.recording import read_manifest
 from spikingtac.file_kinds import TOLD, document_of, kind_of
+from spikingtac.touch.series import load_series
 from spikingtac.tracks.tracks import longest
 
 PEAK_WINDOW_US = 1_000  # Window of the peak rate, us: that of contact detection.
@@ -68,24 +70,28 @@ def _shown(args: Args, found: dict[str, Any]) -> list[Table | str]:
     return shown
 
 
-def _of_arrays(path: Path) -> dict[str, Any]:
-    """Return the figures of a truth, or of a series of another sensor."""
-    arrays = events.load_arrays(path, "arrays over time")
-    truth = "marker_px" in arrays
-    t_us = arrays["marker_t_us" if truth else "t_us"]
-    moved, wrench = arrays["marker_px" if truth else "displacement_mm"], arrays.get("wrench")
-    told = {
-        "markers": moved.shape[1],
-        "samples": len(t_us),
-        "duration_s": float(t_us[-1] - t_us[0]) / US_PER_S if len(t_us) else 0.0,
+def _of_truth(path: Path) -> dict[str, Any]:
+    arrays = events.load_truth(path)
+    t_us, markers = arrays["marker_t_us"], arrays["marker_px"].shape[1]
+    told = {"markers": markers, "samples": len(t_us), "duration_s": _seconds(t_us)}
+    return told | {"arrays": sorted(arrays)}
+
+
+def _of_series(path: Path) -> dict[str, Any]:
+    series = load_series(path)
+    components = series.wrench.shape[1]
+    return {
+        "markers": len(series.reference),
+        "samples": len(series.t_us),
+        "duration_s": _seconds(series.t_us),
+        "displacement_max_mm": longest(series.displacement),
+        "wrench_components": components,
+        "force_max_n": longest(series.wrench[:, :3]) if components else None,
     }
-    if truth:
-        return told | {"arrays": sorted(arrays)}
-    return told | {
-        "displacement_max_mm": longest(moved),
-        "wrench_components": 0 if wrench is None else wrench.shape[1],
-        "force_max_n": None if wrench is None else longest(wrench[:, :3]),
-    }
+
+
+def _seconds(t_us: NDArray[np.int64]) -> float:
+    return float(t_us[-1] - t_us[0]) / US_PER_S if len(t_us) else 0.0
 
 
 def _of_document(path: Path) -> dict[str, Any]:
@@ -119,8 +125,8 @@ def _of_calibration(path: Path) -> dict[str, Any]:
 # Kind of a file of ours that holds no events -> its figures.
 _FIGURES: dict[str, Callable[[Path], dict[str, Any]]] = {
     "tracks": lambda path: st.Tracks.load(path).summary(),
-    "truth": _of_arrays,
-    "series": _of_arrays,
+    "truth": _of_truth,
+    "series": _of_series,
     "calibration": _of_calibration,
     "force": _of_document,
     "report": _of_document,

@@ -161,5 +161,5 @@ def compared(one: Path, other: Path) -> Comparison:
         raise st.RecordingError(f"{str(path)!r} holds neither tracks nor a truth{told}")
     if kind == "tracks":
         return st.compare_tracks(tracks, st.Tracks.load(path))
-    truth = events.load_arrays(path, "ground truth")
+    truth = events.load_truth(path)
     return st.compare_with_truth(tracks, truth["marker_t_us"], truth["marker_px"])

@@ -67,7 +67,7 @@ class GradedTrackerConfig:
             between; 0 fits it whenever its events ask.
     """
 
-    lag_us: float | None = None
+    lag_us: float | None = field(default=None, metadata={"valid": (0.0, 1e5)})
     leak_per_s: float = field(default=30.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
     backlash: float = field(default=1.0, metadata={"range": (0.0, 1.0)})
     shrink: float = field(default=1.0, metadata={"range": (0.0, 2.0)})
