@@ -148,6 +148,7 @@ GARBAGE = np.random.default_rng(0).bytes(6_001)
     ("between", "then_s", "kinds"),
     [
         (b"", 10.4 - 1.0, {"time_reset"}),
+        (b"", 10.4 - 0.3, {"time_reset"}),
         (GARBAGE, 10.4, {"garbage", "resynchronised", "unknown_word"}),
     ],
 )

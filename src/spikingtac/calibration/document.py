@@ -122,8 +122,8 @@ def _markers(
         ValueError: They do not fit the grid, or a marker lies wholly off the sensor, is larger than
             it, or two share one pixel.
     """
-    reference = np.array(document["reference_px"], np.float64)
-    radius = np.array(document["radius_px"], np.float64)
+    reference = _real(document["reference_px"], "reference_px")
+    radius = _real(document["radius_px"], "radius_px")
     markers = len(reference) if grid is None else grid[0] * grid[1]
     if reference.shape != (markers, 2) or not markers:
         raise ValueError(f"the grid asks for {markers or 'some'} points, got {reference.shape}")
@@ -147,12 +147,20 @@ def _markers(
     return reference, radius
 
 
+def _real(value: Any, name: str) -> NDArray[np.float64]:
+    """Return numbers; true, false and texts are none."""
+    found = np.array(value)
+    if found.dtype.kind not in "iuf":
+        raise ValueError(f"{name} is {value!r}, it must hold numbers")
+    return found.astype(np.float64)
+
+
 def _numbers(document: dict[str, Any], markers: int) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for name, (low, high) in (NUMBERS | MARKER_NUMBERS).items():
         if document.get(name) is None:
             continue
-        value, shape = np.array(document[name], np.float64), () if name in NUMBERS else (markers,)
+        value, shape = _real(document[name], name), () if name in NUMBERS else (markers,)
         if value.shape != shape:
             raise ValueError(f"{name} has shape {value.shape}, expected {shape}")
         if not ((value >= low) & (value <= high)).all():

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError, ConfigError
 
+LARGEST_NUMBER = 1e6  # A lens in px and mm holds nothing that is larger.
 LARGEST_RADIAL = 0.9  # Beyond 1 the model folds the image over itself inside of the sensor.
 
 
@@ -68,6 +69,8 @@ class Lens:
             raise ValueError(
                 f"lens: radial must lie within {LARGEST_RADIAL}, half_diagonal_px above 0"
             )
+        if max(abs(x), abs(y), *numbers.values(), np.abs(homography).max()) > LARGEST_NUMBER:
+            raise ValueError(f"lens holds a number beyond {LARGEST_NUMBER:g} px or mm")
         return cls(center_px=(x, y), homography=homography, **numbers)
 
 

@@ -140,6 +140,8 @@ class UdpCamera(Camera):
         if self._words.fits(datagram):
             self._refused = b""
             return True
+        if self._sender is not None:  # the camera's encoding is known: this is somebody else's
+            return False
         self._refused += datagram[: len(datagram) // LONGEST_WORD * LONGEST_WORD]
         if len(self._refused) >= JUDGED_BYTES:
             better, self._refused = self._words.fitting(self._refused), b""

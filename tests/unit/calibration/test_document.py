@@ -23,6 +23,8 @@ MINIMAL: dict[str, Any] = {
     "reference_px": [[10.0, 20.0], [30.0, 20.0]],
     "radius_px": [7.0, 7.5],
 }
+LENS = dict.fromkeys(("half_diagonal_px", "radial", "radial_sigma", "residual_mm"), 0.5)
+LENS |= {"center_px": [35.0, 25.0], "homography": np.eye(3).tolist()}
 
 
 def packed(raw: bytes) -> str:
@@ -87,6 +89,10 @@ def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
         ({"provenance": ["a"]}, "needs schema 1"),
         ({"band_scale_on": 0.4}, "version 0.1; calibrate the sensor again"),
         ({"step_on": -0.1}, "step_on is -0.1"),
+        ({"lag_us": True}, "lag_us is True, it must hold numbers"),
+        ({"step_on": 1e300}, "step_on is .* must lie in"),
+        ({"radius_px": ["7", "7"]}, "must hold numbers"),
+        ({"lens": LENS | {"residual_mm": 1e300}}, "beyond 1e[+]06"),
         ({"lag_us": 1e18}, "lag_us is .* must lie in"),
         ({"marker_contrast": [4.0]}, "shape"),
         ({"marker_edge_px": [-1.0, 1.0]}, "must lie in"),

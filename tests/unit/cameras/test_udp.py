@@ -127,6 +127,18 @@ def test_a_sender_that_falls_silent_may_be_followed(
             assert len((camera.read(0.5) or camera.nothing())[3]) > 0
 
 
+def test_a_stranger_ends_no_camera_that_was_heard(
+    camera: UdpCamera, out: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(udp, "SILENT_S", 0.0)
+    sent(out, camera, datagrams(SENT)[:1])
+    assert len(received(camera)) > 0
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        sent(stranger, camera, datagrams(SENT, "evt3")[:40])
+    assert len((camera.read(0.2) or camera.nothing())[3]) == 0
+    assert camera.losses["foreign"] == 40
+
+
 @pytest.mark.parametrize("other", ["evt3", "evt21"])
 def test_another_encoding_is_named(camera: UdpCamera, out: socket.socket, other: str) -> None:
     pieces = datagrams(SENT, other)
