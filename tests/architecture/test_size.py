@@ -22,7 +22,7 @@ class Size:
 
 # Folder -> what it may hold.
 MOST = {
-    "src/spikingtac": Size(253, 27_460, 25_100),
+    "src/spikingtac": Size(253, 27_200, 24_860),
     "src/spikingtac_paper": Size(59, 5_930, 4_870),
     "src/spikingtac_hardware": Size(11, 1_260, 1_180),
     "integrations": Size(23, 1_670, 1_580),
