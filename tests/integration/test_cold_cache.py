@@ -17,6 +17,7 @@ from spikingtac.markers.graded.corrections import OutputCorrections
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.motion import AT_ONCE
 from spikingtac.markers.neighbours import Neighbourhood
+from spikingtac.state_map.binary import paint_binary_discs
 
 rng = np.random.default_rng(3)
 across, down = np.meshgrid(np.linspace(30.0, 290.0, 8), np.linspace(30.0, 290.0, 8))
@@ -29,11 +30,8 @@ locator = DiscLocator(calibration)
 corrections = OutputCorrections(calibration, Neighbourhood(places), 1.0, 1.0)
 digest = hashlib.sha256()
 for shift in range(12):
-    level = rng.random((320, 320)).astype(np.float32) * np.float32(0.3)
-    for x, y in places + shift * 0.13:
-        near = np.s_[int(y) - 10 : int(y) + 12, int(x) - 10 : int(x) + 12]
-        rows, columns = np.mgrid[near]
-        level[near][np.hypot(columns - x, rows - y) < 9.2] += np.float32(1.6)
+    discs = paint_binary_discs((320, 320), places + shift * 0.13, np.full(64, 9.2))
+    level = rng.random((320, 320), np.float32) * np.float32(0.3) + np.float32(1.6) * discs
     locator.map.values[:] = level
     locator.pending[:] = AT_ONCE
     locator.locate(1_000 * shift, np.zeros(64, np.bool_))

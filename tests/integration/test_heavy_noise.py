@@ -7,6 +7,7 @@ from spikingtac.config import load_config
 from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
+from spikingtac.tracks import Tracks
 from spikingtac_paper.denoise import render
 from spikingtac_paper.training.dataset import with_background
 from stand_ins.known import known
@@ -24,12 +25,10 @@ def recording():
 def errors_px(recording, config) -> tuple[np.ndarray, np.ndarray]:
     events = with_background(recording.events, NOISE_HZ, np.random.default_rng(0))
     truth = recording.truth
-    tracker = make_tracker(config.tracking, known(truth.reference_px, truth.radius_px))
-    frames = list(follow([events], tracker, RATE_HZ))
-    true_px = recording.true_px(np.array([frame.t_us for frame in frames]))
-    detected_px = np.array([frame.detected_px for frame in frames])
-    held = np.array([frame.coasted for frame in frames])
-    return np.linalg.norm(detected_px - true_px, axis=2), held
+    sensor = known(truth.reference_px, truth.radius_px)
+    frames = follow([events], make_tracker(config.tracking, sensor), RATE_HZ)
+    found = Tracks.of(frames, sensor)
+    return np.linalg.norm(found.detected_px - recording.true_px(found.t_us), axis=2), found.coasted
 
 
 @pytest.mark.parametrize("preset", ["default", "paper"])

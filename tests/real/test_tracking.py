@@ -24,6 +24,7 @@ from spikingtac.markers.registry import MarkerTracker, make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.graded import GradedStateMap
+from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket
 from stand_ins.known import known
 
@@ -54,11 +55,9 @@ class Outcome:
     def __init__(
         self, folder: Path, tracker: MarkerTracker, packets: Iterable[EventPacket], rate_hz: float
     ) -> None:
-        frames = list(follow(packets, tracker, rate_hz))
-        t_us = np.array([frame.t_us for frame in frames])
-        self.detected_px = np.array([frame.detected_px for frame in frames])
-        self.coasted = np.array([frame.coasted for frame in frames])
-        self.truth_px = true_positions(dict(np.load(folder / "mix.truth.npz")), t_us)
+        found = Tracks.of(follow(packets, tracker, rate_hz), calibration(folder))
+        self.detected_px, self.coasted = found.detected_px, found.coasted
+        self.truth_px = true_positions(dict(np.load(folder / "mix.truth.npz")), found.t_us)
         self.error_px = np.linalg.norm(self.detected_px - self.truth_px, axis=2)
         self.mean_px = float(self.error_px.mean())
         self.p95_px = float(np.percentile(self.error_px, 95))

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac import EventPacket, Recording, follow, load_config, make_tracker, track
+from spikingtac import EventPacket, Recording, Tracks, follow, load_config, make_tracker, track
 from spikingtac.contact.recording import LEAST_QUIET_WINDOWS, find_contacts, paired_windows
 from spikingtac.contact.registry import DETECTORS, DetectionConfig, make_detector
 from spikingtac.sim import load_scene, simulate
@@ -74,12 +74,10 @@ def tracked(
 ) -> Run:
     config = load_config(preset).tracking
     config = replace(config, disc=replace(config.disc, **changes))
-    frames = list(follow(packets, make_tracker(config, calibration()), rate_hz or config.rate_hz))
-    t_us = np.array([frame.t_us for frame in frames])
-    detected_px = np.array([frame.detected_px for frame in frames])
-    coasted = np.array([frame.coasted for frame in frames])
-    film = touches()
-    return Run(t_us, detected_px - film.at(t_us), film.velocity_px_s(t_us), coasted)
+    frames = follow(packets, make_tracker(config, calibration()), rate_hz or config.rate_hz)
+    found, film = Tracks.of(frames, calibration()), touches()
+    error_px = found.detected_px - film.at(found.t_us)
+    return Run(found.t_us, error_px, film.velocity_px_s(found.t_us), found.coasted)
 
 
 @cache

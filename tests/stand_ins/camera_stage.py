@@ -39,17 +39,10 @@ def strokes(speed_px_s: float, travel_px: float, length_px: float = 14.0) -> lis
 
 def camera(name="clean", contrast=6.0, seed=1, **pixel) -> EventCamera:
     """Return a small sensor without background and leak."""
-    config = load_camera(name)
-    return EventCamera(
-        replace(
-            config,
-            size=SIZE,
-            light=replace(config.light, contrast=contrast),
-            background=BackgroundConfig(),
-            pixel=replace(config.pixel, leak_hz=0.0, **pixel),
-        ),
-        seed,
-    )
+    config = replace(load_camera(name), size=SIZE, background=BackgroundConfig())
+    light = replace(config.light, contrast=contrast)
+    changed = replace(config.pixel, leak_hz=0.0, **pixel)
+    return EventCamera(replace(config, light=light, pixel=changed), seed)
 
 
 def film(sensor: EventCamera, images, history="random") -> EventPacket:

@@ -16,7 +16,7 @@ from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.stream.guard_loop import Arrival
 from spikingtac.types import EventPacket, Pose
-from stand_ins.moving_rims import PERIOD_US, calibration, windows
+from stand_ins.moving_rims import PERIOD_US, calibration, still, windows
 
 NEVER = 1 << 30
 SLOWED = 5  # Host time and sensor time of a window, in periods of the detector.
@@ -92,22 +92,27 @@ def watching(stream: Mapping[str, int]) -> Callable[[], ContactDetector]:
     return partial(EventCountDetector, 1e9)
 
 
+def sliding(window: int) -> tuple[float, float]:
+    return 0.1, 0.0
+
+
 def paced(
-    touch: int = NEVER, stall: int = NEVER, end: int = NEVER, fault: int = NEVER
+    touch: int = NEVER, stall: int = NEVER, end: int = NEVER, fault: int = NEVER, begin: str = ""
 ) -> Iterator[Arrival]:
-    """Yield windows of 5 ms in real time; touch, stall, end or break at a window."""
+    """Yield windows of 5 ms in real time; touch, stall, end or break at a window.
 
-    def speed(number: int) -> tuple[float, float]:
-        return (0.1, 0.0) if number >= touch else (0.0, 0.0)
-
-    due_s = time.monotonic()
+    It is counted from the first one, or from when a file ``begin`` is there.
+    """
+    due_s, counted = time.monotonic(), itertools.count()
     for number in itertools.count():
-        if number == end:
+        at = next(counted) if not begin or Path(begin).exists() else -1
+        if at == end:
             return
-        if number == fault:
+        if at == fault:
             raise OSError("the camera was unplugged")
-        if number == stall:
+        if at == stall:
             time.sleep(600.0)
+        speed = sliding if at >= touch else still
         (window,) = windows(1, seed=number, speed=speed, first=number)
         due_s += SLOWED * PERIOD_US * 1e-6
         time.sleep(max(due_s - time.monotonic(), 0.0))
@@ -117,11 +122,12 @@ def paced(
 BEGUN_MM_S = 10.0  # Speed above which the arm has begun to move, mm/s.
 
 
-def moving_ur(host: str, speed_mm_s: float) -> Arm:
+def moving_ur(host: str, speed_mm_s: float, watchdog_hz: float) -> Arm:
     """Return the real driver, whose arm has begun to move once the stream begins."""
-    from spikingtac.robot.ur import URArm
+    from spikingtac.robot import ur
 
-    return MovingArm(URArm(host), speed_mm_s)
+    ur.WATCHDOG_HZ = watchdog_hz  # in the guard's process
+    return MovingArm(ur.URArm(host), speed_mm_s)
 
 
 class MovingArm:

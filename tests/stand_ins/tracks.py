@@ -19,13 +19,7 @@ def circling_tracks(
     position[..., 0] += off_px
     coasted = np.zeros((estimates, len(rest)), bool)
     coasted[:, HELD_MARKER] = True
-    return Tracks(
-        t_us=t_us,
-        detected_px=position,
-        position_px=position.copy(),
-        displacement_px=position - rest,
-        coasted=coasted,
-        confidence=np.where(coasted, 0.0, 0.9).astype(np.float32),
-        reference_px=rest,
-        meta={"grid": [8, 8]} | ({} if px_per_mm is None else {"px_per_mm": px_per_mm}),
-    )
+    meta = {"grid": [8, 8]} | ({} if px_per_mm is None else {"px_per_mm": px_per_mm})
+    confidence = np.where(coasted, 0.0, 0.9).astype(np.float32)
+    moved = position - rest
+    return Tracks(t_us, position, position.copy(), moved, coasted, confidence, rest, meta)

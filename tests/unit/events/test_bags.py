@@ -3,6 +3,7 @@
 import sqlite3
 import struct
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,6 +13,15 @@ from stand_ins.bags import cdr, mcap_chunk, mcap_file, packet_words, ros1_bag, w
 from stand_ins.random_packets import rows
 
 PER_CHUNK, CHUNKS = 5, 12
+
+
+def opened(path: Path, data: bytes, **options: bool) -> Any:
+    path.write_bytes(data)
+    return open_events(path, **options)
+
+
+def places_of_chunks(data: bytes) -> list[int]:
+    return [at for at in range(len(data)) if data.startswith(b"\x04\x00\x00\x00op=\x05", at)]
 
 
 def expected(missing: int | None = None) -> list[tuple[int, int, int, int]]:
@@ -38,16 +48,14 @@ def test_a_flipped_bit_in_an_mcap_costs_one_chunk(tmp_path: Path, kind: str) -> 
     chunk = mcap_chunk(chunked()[4], kind, first=4 * PER_CHUNK)
     place = bytes(data).index(chunk) + len(chunk) - 9
     data[place] ^= 0x10
-    (tmp_path / "a.mcap").write_bytes(data)
-    source = open_events(tmp_path / "a.mcap")
+    source = opened(tmp_path / "a.mcap", data)
     assert rows(*source) == expected(missing=4)
     assert dict(source.losses) == {"bad_record": 1, "gap": 1}
 
 
 def test_a_cut_mcap_gives_what_comes_before_the_cut(tmp_path: Path) -> None:
     data = mcap_file(chunked(), "zstd")
-    (tmp_path / "a.mcap").write_bytes(data[: len(data) // 2])
-    source = open_events(tmp_path / "a.mcap")
+    source = opened(tmp_path / "a.mcap", data[: len(data) // 2])
     found = rows(*source)
     assert found == expected()[: len(found)]
     assert 10 < len(found) < len(expected())
@@ -58,8 +66,7 @@ def test_a_wrong_length_in_an_mcap_is_overcome(tmp_path: Path) -> None:
     data = bytearray(mcap_file(chunked(), "zstd"))
     place = bytes(data).index(mcap_chunk(chunked()[4], "zstd", first=4 * PER_CHUNK))
     data[place + 5] ^= 0x40
-    (tmp_path / "a.mcap").write_bytes(data)
-    source = open_events(tmp_path / "a.mcap")
+    source = opened(tmp_path / "a.mcap", data)
     assert rows(*source) == expected(missing=4)
     assert source.losses["bad_record"] == 1
 
@@ -75,22 +82,18 @@ def test_a_bomb_in_an_mcap_is_refused(tmp_path: Path, kind: str) -> None:
     bomb = struct.pack("<BQ", 6, len(content)) + content
     whole = mcap_file(chunked(), kind)
     place = whole.index(mcap_chunk(chunked()[4], kind, first=4 * PER_CHUNK))
-    (tmp_path / "a.mcap").write_bytes(whole[:place] + bomb + whole[place:])
     with pytest.raises(FormatError, match="128 MiB"):
-        rows(*open_events(tmp_path / "a.mcap"))
+        rows(*opened(tmp_path / "a.mcap", whole[:place] + bomb + whole[place:]))
 
 
 @pytest.mark.parametrize("kind", ["none", "lz4", "bz2"])
 def test_ros1_bags_lose_one_chunk(tmp_path: Path, kind: str) -> None:
     whole = ros1_bag(chunked(ros1=True), kind)
-    (tmp_path / "a.bag").write_bytes(whole)
-    assert rows(*open_events(tmp_path / "a.bag", strict=True)) == expected()
-    data = bytearray(whole)
-    starts = [at for at in range(len(data)) if data.startswith(b"\x04\x00\x00\x00op=\x05", at)]
-    data[starts[4] + 60] ^= 0xFF
-    data[starts[4] + 70] ^= 0xFF
-    (tmp_path / "a.bag").write_bytes(data)
-    source = open_events(tmp_path / "a.bag")
+    assert rows(*opened(tmp_path / "a.bag", whole, strict=True)) == expected()
+    data, place = bytearray(whole), places_of_chunks(whole)[4]
+    data[place + 60] ^= 0xFF
+    data[place + 70] ^= 0xFF
+    source = opened(tmp_path / "a.bag", data)
     found = rows(*source)
     assert len(found) >= len(expected(missing=4)) - 1
     assert found[-PER_CHUNK:] == expected()[-PER_CHUNK:]
@@ -99,10 +102,8 @@ def test_ros1_bags_lose_one_chunk(tmp_path: Path, kind: str) -> None:
 
 def test_a_wrong_length_in_a_ros1_bag_is_overcome(tmp_path: Path) -> None:
     data = bytearray(ros1_bag(chunked(ros1=True), "lz4"))
-    starts = [at for at in range(len(data)) if data.startswith(b"\x04\x00\x00\x00op=\x05", at)]
-    data[starts[4] - 23] ^= 0x40
-    (tmp_path / "a.bag").write_bytes(data)
-    source = open_events(tmp_path / "a.bag")
+    data[places_of_chunks(data)[4] - 23] ^= 0x40
+    source = opened(tmp_path / "a.bag", data)
     assert rows(*source) == expected(missing=4)
     assert source.losses["bad_record"] == 1
 

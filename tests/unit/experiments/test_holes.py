@@ -31,13 +31,9 @@ def row_of(rows: list[Row], *key: str) -> Row:
 
 
 def kept(touched: Touched, rng: np.random.Generator) -> dict[str, Any]:
-    return {
-        "start_mm": touched.start_mm.tolist(),
-        "direction": touched.direction.tolist(),
-        "reading_mm": touched.reading_mm.tolist(),
-        "draw": rng.standard_normal(2).tolist(),
-        "presses": 2,
-    }
+    names = "start_mm", "direction", "reading_mm"
+    record = {name: getattr(touched, name).tolist() for name in names}
+    return record | {"draw": rng.standard_normal(2).tolist(), "presses": 2}
 
 
 def calibration(seed: int) -> dict[str, Any]:
