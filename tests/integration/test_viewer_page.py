@@ -199,28 +199,6 @@ def test_the_browser_found_nothing_to_complain_about(page: WebDriver) -> None:
     assert [text for text in said if "getImageData" not in text] == []
 
 
-def test_what_is_asked_of_time_goes_to_both_fingers(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
-    with (
-        served(open_circling, second={"duration_us": 2_000_000}) as pair,
-        browser(tmp_path_factory.mktemp("profile"), 1400, 900) as chrome,
-    ):
-        chrome.get(f"http://127.0.0.1:{pair}/")
-        metas = "[frames[0], frames[1]].map((view) => view.__m?.meta)"
-        wait(chrome, f"{metas}.every((meta) => meta?.t_us > 0)")
-        chrome.switch_to.frame("second")
-        found(chrome, "play").click()
-        set_value(chrome, "timeline", 500_000)
-        chrome.switch_to.default_content()
-        wait(chrome, f"{metas}.every((meta) => !meta.playing && meta.t_us === 500000)")
-        chrome.switch_to.frame("first")
-        set_value(chrome, "timeline", 3_500_000)  # beyond the end of the other recording
-        chrome.switch_to.default_content()
-        wait(chrome, f"{metas}.every((meta) => meta.t_us === 2000000)")
-        keep(chrome, "viewer-pair")
-
-
 @pytest.fixture(scope="module")
 def slides(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("slides") / "slides.raw"

@@ -14,29 +14,22 @@ from spikingtac.viewer.source import ViewSource
 START_S = 180.0
 
 
-def run_server(opener: Callable[..., ViewSource], given: list[dict[str, Any]], port: Any) -> None:
-    views = [partial(opener, **arguments) for arguments in given]
-    sessions = [SessionProcess(view, repeat=True) for view in views]
+def run_server(opener: Callable[..., ViewSource], given: dict[str, Any], port: Any) -> None:
+    session = SessionProcess(partial(opener, **given), repeat=True)
     try:
         listening = listen("127.0.0.1", 0)
         port.put(listening.getsockname()[1])
-        server = PageServer(sessions, Gate())
-        serve(server, listening, lambda: all(session.alive() for session in sessions))
+        serve(PageServer(session, Gate()), listening, session.alive)
     finally:
-        for session in sessions:
-            session.close()
+        session.close()
 
 
 @contextmanager
-def served(
-    opener: Callable[..., ViewSource], second: dict[str, Any] | None = None, **arguments: Any
-) -> Iterator[int]:
-    """Serve a view, and yield the port; ``second`` are the arguments of another one beside it."""
+def served(opener: Callable[..., ViewSource], **arguments: Any) -> Iterator[int]:
+    """Serve a view, and yield the port."""
     context = multiprocessing.get_context("spawn")
     port = context.Queue()
-    process = context.Process(
-        target=run_server, args=(opener, [arguments, *([second] if second else [])], port)
-    )
+    process = context.Process(target=run_server, args=(opener, arguments, port))
     process.start()
     try:
         yield port.get(timeout=START_S)

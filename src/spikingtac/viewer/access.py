@@ -93,19 +93,17 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def page_headers(host: str, framed: bool = False) -> dict[str, str]:
+def page_headers(host: str) -> dict[str, str]:
     """Return the headers of every answer: own scripts and styles only, no frames, no caching.
 
     Args:
         host: The request's Host header, already checked, or an empty string for a refusal.
-        framed: Whether one of the own pages shows others of them in frames.
     """
-    frames = "'self'" if framed else "'none'"
     sockets = f" ws://{host} wss://{host}" if host else ""
     policy = (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
         f"connect-src 'self'{sockets}; "
-        f"base-uri 'none'; form-action 'none'; frame-src {frames}; frame-ancestors {frames}"
+        "base-uri 'none'; form-action 'none'; frame-src 'none'; frame-ancestors 'none'"
     )
     return {
         "content-security-policy": policy,

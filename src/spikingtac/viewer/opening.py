@@ -14,8 +14,8 @@ from spikingtac.contact.registry import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.events.address import Address, is_address, is_stream
 from spikingtac.events.formats.array_schema import load_truth
-from spikingtac.events.open import is_same_folder, open_events, open_second
-from spikingtac.events.recording import MANIFEST, TRUTH, name_of, read_manifest
+from spikingtac.events.open import open_events
+from spikingtac.events.recording import MANIFEST, TRUTH, read_manifest
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.sim.twin_camera import is_twin, twin_options
@@ -77,27 +77,6 @@ def open_view(
     if force is None:
         return view
     return replace(view, felt=FeltLayer(known.reference_px, view.rate_hz, load_force(force)))
-
-
-def open_second_view(
-    *, beside: str, source: str, calibration: str | None, **options: Any
-) -> ViewSource:
-    """Open the other finger's recording for viewing.
-
-    Args:
-        beside: The first finger's recording.
-        source: The other one's; the same folder again means its second sensor.
-        calibration: Path of its calibration; calibration_1.json of one folder unless given.
-        **options: As of :func:`open_view`.
-    """
-    same = is_same_folder(Path(beside), Path(source))
-    if same and calibration is None:
-        calibration = str(Path(source) / name_of(CALIBRATION_NAME, 1))
-    events, _ = open_second(Path(beside), Path(source))
-    view = open_view(source, calibration=calibration, **options)
-    # The truth in the folder is the first sensor's.
-    second = {"truth": None, "label": f"{view.label}, second finger"} if same else {}
-    return replace(view, source=events, **second)
 
 
 def _tracked_by(calibration: Calibration, *, preset: str, rate_hz: float | None) -> Fields:

@@ -8,7 +8,7 @@ import json
 import logging
 import signal
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, suppress
 from http import HTTPStatus
 from importlib import resources
@@ -24,7 +24,6 @@ from spikingtac.viewer.access import Gate, page_headers
 from spikingtac.viewer.process import SessionProcess
 
 KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
-FINGER = "finger"  # Parameter of an address that names one of two sessions.
 SOCKET = "/socket"
 CLOSED_BY_POLICY = 1008  # WebSocket close code (RFC 6455 section 7.4.1).
 SHUTDOWN_S = 1  # Wait for pages at the server's end, s: they never close by themselves.
@@ -147,16 +146,13 @@ class Page:
 class PageServer:
     """Answers requests for the page, its files and its socket.
 
-    The first page of two sessions holds two ordinary ones, each with the number of its finger in
-    its address.
-
     Args:
-        sessions: What is shown: one session, or two side by side.
+        session: What is shown.
         gate: Decides who may view.
     """
 
-    def __init__(self, sessions: Sequence[SessionProcess], gate: Gate) -> None:
-        self._sessions, self._gate, self._pages = sessions, gate, 0
+    def __init__(self, session: SessionProcess, gate: Gate) -> None:
+        self._session, self._gate, self._pages = session, gate, 0
 
     def serving(self, listening: socket.socket) -> AbstractAsyncContextManager[object]:
         """Return a context during which pages are served; the socket is closed at its end."""
@@ -174,26 +170,22 @@ class PageServer:
         )
 
     async def _attend(self, connection: websockets.ServerConnection) -> None:
-        assert connection.request is not None
-        asked = _query(connection.request).get(FINGER, "0")
-        number = int(asked) if asked in map(str, range(len(self._sessions))) else 0
         self._pages += 1
         try:
-            await Page(self._sessions[number], connection).attend()
+            await Page(self._session, connection).attend()
         finally:
             self._pages -= 1
 
     def _answer(self, connection: websockets.ServerConnection, request: Request) -> Response | None:
         """Answer a request; None opens the socket."""
         headers = {key.lower(): value for key, value in request.headers.raw_items()}
-        path, query = urlsplit(request.path).path, _query(request)
-        first = "pair.html" if len(self._sessions) > 1 and FINGER not in query else "index.html"
-        name = path.removeprefix("/") or first
+        asked = urlsplit(request.path)
+        path, name = asked.path, asked.path.removeprefix("/") or "index.html"
         # The scripts hold no data; the page that loads them has shown its token.
         open_to_all = bool(self._gate.token) and path != SOCKET and name != "index.html"
         refusal = self._gate.host_refusal(headers.get("host", ""))
         if not (refusal or open_to_all):
-            refusal = self._gate.refusal(headers, query.get("token"))
+            refusal = self._gate.refusal(headers, dict(parse_qsl(asked.query)).get("token"))
         if refusal:
             return connection.respond(HTTPStatus.FORBIDDEN, refusal + "\n")
         if path == SOCKET:
@@ -214,11 +206,7 @@ class PageServer:
         """Give every answer the security headers, for the own name only."""
         host = Headers(request.headers.raw_items()).get_all("Host")
         known = host[0] if len(host) == 1 and not self._gate.host_refusal(host[0]) else ""
-        response.headers.update(page_headers(known, len(self._sessions) > 1))
-
-
-def _query(request: Request) -> dict[str, str]:
-    return dict(parse_qsl(urlsplit(request.path).query))
+        response.headers.update(page_headers(known))
 
 
 def serve(

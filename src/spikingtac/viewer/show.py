@@ -1,10 +1,10 @@
-"""Serve the page of views that run in processes of their own; return what was shown at the end."""
+"""Serve the page of a view that runs in a process of its own; return what was shown at the end."""
 
 import os
 import socket
 import time
 import webbrowser
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from spikingtac.errors import DeviceError
@@ -22,56 +22,54 @@ NICENESS = 5
 
 
 def show(
-    open_views: Sequence[Callable[[], ViewSource]],
+    open_view: Callable[[], ViewSource],
     options: PageOptions,
     report: Report,
     **played: Any,
 ) -> dict[str, Any]:
-    """Serve one view, or two side by side, until interrupted or until the time is up.
+    """Serve a view until interrupted or until the time is up.
 
     Args:
-        open_views: Open the views, each in a session's process.
+        open_view: Opens the view, in the session's process.
         options: How the page is served.
         report: Takes the lines for the user.
         **played: Options of :func:`spikingtac.viewer.process.run_session`.
 
     Returns:
-        The summary of the first view; that of another one is its ``second``.
+        The summary of the view.
 
     Raises:
-        SpikingTacError: A view cannot be opened, a file cannot be written, the port is taken, or a
-            session was killed.
+        SpikingTacError: The view cannot be opened, a file cannot be written, the port is taken, or
+            the session was killed.
     """
     listening = listen(options.host, options.port)
-    sessions = [SessionProcess(view, **played) for view in open_views]
+    session = SessionProcess(open_view, **played)
     try:
-        _serve(sessions, options, report, listening)
-        summaries = [session.stop() for session in sessions]
+        _serve(session, options, report, listening)
+        summary = session.stop()
     finally:
         listening.close()
-        for session in sessions:
-            session.close()
-    first, *others = summaries
-    if first is None or None in others:
+        session.close()
+    if summary is None:
         raise DeviceError(
             f"the session did not end within {SHUTDOWN_S:g} s and was killed; nothing is known of "
             "what it showed"
         )
-    return first | ({"second": others[0]} if others else {})
+    return summary
 
 
 def _serve(
-    sessions: Sequence[SessionProcess],
+    session: SessionProcess,
     options: PageOptions,
     report: Report,
     listening: socket.socket,
 ) -> None:
     gate = Gate.for_host(options.host)
-    life = _life(sessions, options.seconds or float("inf"), report)
-    while not all(session.greeting(0) for session in sessions):  # no page without a view
+    life = _life(session, options.seconds or float("inf"), report)
+    while not session.greeting(0):  # no page without a view
         next(life)
         time.sleep(WAIT_S)
-    if hasattr(os, "nice"):  # a busy machine runs the sessions first, which have started
+    if hasattr(os, "nice"):  # a busy machine runs the session first, which has started
         os.nice(NICENESS)
 
     def ready() -> None:
@@ -83,21 +81,19 @@ def _serve(
         if not options.no_browser:
             webbrowser.open(here)
 
-    serve(PageServer(sessions, gate), listening, lambda: next(life, False), ready)
-    for session in sessions:
-        session.require_alive()
+    serve(PageServer(session, gate), listening, lambda: next(life, False), ready)
+    session.require_alive()
 
 
-def _life(sessions: Sequence[SessionProcess], seconds: float, report: Report) -> Iterator[bool]:
-    """Yield True until a session has ended, or the viewing time, in which compiling does not count.
+def _life(session: SessionProcess, seconds: float, report: Report) -> Iterator[bool]:
+    """Yield True while the session and the viewing time last, in which compiling does not count.
 
     Raises:
-        Exception: What ended a session before its first frame.
+        Exception: What ended the session before its first frame.
     """
     begun_s = told_s = time.monotonic()
-    while not all(session.frame(0) for session in sessions):
-        for session in sessions:
-            session.require_alive()
+    while not session.frame(0):
+        session.require_alive()
         if time.monotonic() - told_s > STILL_STARTING_S:
             told_s = time.monotonic()
             report(
@@ -106,5 +102,5 @@ def _life(sessions: Sequence[SessionProcess], seconds: float, report: Report) ->
             )
         yield True
     until_s = time.monotonic() + seconds
-    while all(session.alive() for session in sessions) and time.monotonic() < until_s:
+    while session.alive() and time.monotonic() < until_s:
         yield True

@@ -57,8 +57,8 @@ def test_a_recording_has_no_deadlines(verb: str, tmp_path: Path, verbs: Verbs) -
     (tmp_path / "short.raw").touch()
     given = [verb, tmp_path / "short.raw", "--calibration", "finger.json", "--realtime"]
     assert "is a recording and has no deadlines" in verbs.said(*given, code=2)
-    told = verbs.said("view", "udp:7777", "--second", "udp:7778", "--realtime", code=2)
-    assert "--realtime takes one camera" in told
+    told = verbs.said("view", "udp:7777", "--realtime", "--export", "a.mp4", code=2)
+    assert "--realtime is for the page" in told
 
 
 def told_to_end(closed: list[str]) -> None:

@@ -6,7 +6,7 @@ import signal
 import time
 from collections.abc import Awaitable, Callable
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from websockets.asyncio.client import ClientConnection, connect
@@ -45,13 +45,13 @@ class Feed:
         return (1, b"{}") if after < 1 else None
 
 
-def ask(request: bytes, token: str = "", sessions: int = 1) -> bytes:
+def ask(request: bytes, token: str = "") -> bytes:
     """Send bytes to a server; return what came until it hung up."""
 
     async def run() -> bytes:
-        feeds: Any = [Feed() for _ in range(sessions)]
+        feed: Any = Feed()
         with listen("127.0.0.1", 0) as listening:
-            async with PageServer(feeds, Gate(token=token)).serving(listening):
+            async with PageServer(feed, Gate(token=token)).serving(listening):
                 reader, writer = await asyncio.open_connection(*listening.getsockname())
                 writer.write(request)
                 answer = await asyncio.wait_for(reader.read(), PATIENCE_S)
@@ -61,11 +61,11 @@ def ask(request: bytes, token: str = "", sessions: int = 1) -> bytes:
     return asyncio.run(run())
 
 
-def get(path: str, headers: dict[str, str], token: str = "", sessions: int = 1) -> tuple[int, str]:
+def get(path: str, headers: dict[str, str], token: str = "") -> tuple[int, str]:
     """Return status and text of an answer, headers and all."""
     given = {"Host": "127.0.0.1"} | headers
     lines = "".join(f"{name}: {value}\r\n" for name, value in given.items())
-    answer = ask(f"GET {path} HTTP/1.1\r\n{lines}\r\n".encode(), token, sessions).decode()
+    answer = ask(f"GET {path} HTTP/1.1\r\n{lines}\r\n".encode(), token).decode()
     return int(answer.split()[1]), answer
 
 
@@ -122,7 +122,7 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SessionProcess]:
         options = PageOptions(port=0, no_browser=True, seconds=PATIENCE_S)
         view = partial(open_circling, duration_us=300_000)
         with pytest.raises(DeviceError, match=failure):
-            show([view], options, ready)
+            show(view, options, ready)
         return made[0]
 
     return run
@@ -147,29 +147,17 @@ def test_ctrl_c_ends_a_session_that_hangs(
     assert not session.alive()
 
 
-@pytest.mark.parametrize("token", ["", "secret"])
-def test_the_page_of_two_holds_both_and_only_own_pages_may_be_framed(token: str) -> None:
-    status, first = get(f"/?token={token}", {}, token, sessions=2)
-    assert status == 200
-    assert "Second finger" in first
-    assert "frame-ancestors 'self'" in first
-    assert "frame-src 'self'" in first
-    assert 'id="sensor"' in get(f"/?finger=1&token={token}", {}, token, sessions=2)[1]
-    wrong = get("/?finger=1&token=wrong", {}, token, sessions=2)[0]
-    assert wrong == (403 if token else 200)
-
-
 def attended(drive: Callable[[Feed, ClientConnection], Awaitable[None]]) -> None:
     """Serve a feed, and drive it and its page; what a page gets first is the greeting."""
 
     async def run() -> None:
-        feeds: Any = [Feed()]
+        feed: Any = Feed()
         with listen("127.0.0.1", 0) as listening:
-            async with PageServer(feeds, Gate()).serving(listening):
+            async with PageServer(feed, Gate()).serving(listening):
                 address = f"ws://127.0.0.1:{listening.getsockname()[1]}/socket"
                 async with asyncio.timeout(PATIENCE_S), connect(address, proxy=None) as page:
                     assert await page.recv() == "{}"
-                    await drive(feeds[0], page)
+                    await drive(feed, page)
 
     asyncio.run(run())
 
@@ -274,5 +262,5 @@ def test_an_interrupt_that_comes_while_the_session_is_asked_is_not_lost() -> Non
             os.kill(os.getpid(), signal.SIGINT)
         return asked < 30
 
-    serve(PageServer([], Gate()), listen("127.0.0.1", 0), alive)
+    serve(PageServer(cast(Any, Feed()), Gate()), listen("127.0.0.1", 0), alive)
     assert 3 <= asked < 30

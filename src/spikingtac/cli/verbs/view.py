@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -51,9 +51,6 @@ class Args(PageArgs, RealtimeArgs, TrackerArgs):
     Attributes:
         source: Event file, recording folder, a camera (its address, a named pipe, or -), or name of
             a scene (spikingtac simulate --list).
-        second: The other finger, on the first one's clock; the same folder means its second sensor.
-        second_calibration: calibration.json of the other finger; the folder's calibration_1.json
-            unless given.
         calibrate: Calibrate with the page, even where a calibration is known.
         save_calibration: File that a calibration made with the page is saved as.
         force: force.onnx: show force, patch, slip and vibration; make one with: spikingtac force
@@ -64,8 +61,6 @@ class Args(PageArgs, RealtimeArgs, TrackerArgs):
     """
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
-    second: Annotated[str | None, tyro.conf.arg(metavar="SOURCE")] = None
-    second_calibration: Path | None = None
     calibrate: bool = False
     save_calibration: Path = Path("calibration.json")
     force: Path | None = None
@@ -88,34 +83,25 @@ def run(args: Args) -> int:
     }
     target = args.export or args.picture
     save = SaveTarget(path=args.save_calibration, overwrite=args.overwrite, anew=args.calibrate)
-    if args.second is not None:
-        summary = _both_shown(given, args, args.second)
-    elif target is not None and (args.export or target.suffix not in PICTURE_ENDINGS):
+    if target is not None and (args.export or target.suffix not in PICTURE_ENDINGS):
         # Events alone make a picture; what else is exported holds markers.
         alone = {"save": save} if target.suffix in PICTURE_ENDINGS else {}
         summary = _exported(given | alone, args, target)
     else:
-        summary = _shown([_opener(given | {"save": save})], args, realtime=args.realtime)
+        summary = _shown(_opener(given | {"save": save}), args, realtime=args.realtime)
     return _report(args.source, summary, args.json)
 
 
 def _check_together(args: Args) -> None:
     """Refuse options that do not go together."""
-    second, export = args.second is not None, args.export is not None
+    export = args.export is not None
     for wrong, why in (
-        (
-            args.realtime and (second or export),
-            "--realtime takes one camera on the page; leave out --second, --export",
-        ),
+        (args.realtime and export, "--realtime is for the page; leave out --export"),
         (
             args.calibrate and (args.calibration or args.force or export),
             "--calibrate begins without one; leave out --calibration, --force and --export",
         ),
         (export and args.picture, "-o and --export write the same; give one of them"),
-        (
-            second and (export or args.picture or args.calibrate),
-            "--export, --picture and --calibrate take one finger; leave out --second",
-        ),
     ):
         if wrong:
             raise ConfigError(why)
@@ -127,17 +113,6 @@ def _opener(given: dict[str, Any]) -> Opener:
     from spikingtac.viewer.opening import open_view
 
     return partial(open_view, **given)
-
-
-def _both_shown(given: dict[str, Any], args: Args, second: str) -> dict[str, Any]:
-    """Show two sources side by side, each in a session of its own."""
-    from spikingtac.viewer.opening import open_second_view
-
-    path = args.second_calibration
-    other = {**given, "source": second, "calibration": path and str(path)}
-    if not (Path(args.source).exists() and Path(second).exists()):
-        return _served([_opener(given), _opener(other)], args)
-    return _shown([_opener(given), partial(open_second_view, **other, beside=args.source)], args)
 
 
 def _exported(given: dict[str, Any], args: Args, target: Path) -> dict[str, Any]:
@@ -152,35 +127,23 @@ def _exported(given: dict[str, Any], args: Args, target: Path) -> dict[str, Any]
     return {"export": str(target), "written": written, "calibration": view.calibrated_by or None}
 
 
-def _shown(views: Sequence[Opener], args: PageArgs, **session: bool) -> dict[str, Any]:
-    """Serve views; with --headless track a recording to its end, what is live for some time."""
+def _shown(opener: Opener, args: PageArgs, **session: bool) -> dict[str, Any]:
+    """Serve a view; with --headless track a recording to its end, what is live for some time."""
     from spikingtac.viewer.export import summarize
+    from spikingtac.viewer.show import show
 
     if args.picture is not None:
         check_target(args.picture, PICTURE_ENDINGS, args.overwrite)
     if not args.headless:
-        found = [_served(views, args, **session)]
+        found = show(opener, args, remark, picture=args.picture, **session)
     else:
         if session.get("realtime"):
             ask_for_real_time()
-        found = []
-        for opener in views:
-            view = opener()
-            seconds = args.seconds if view.ends else args.seconds or HEADLESS_S
-            with progress(f"tracking {view.label}"):
-                found.append(summarize(view, seconds=seconds, picture=args.picture))
-    if args.picture is not None:
-        found[0]["picture"] = str(args.picture)
-    return found[0] | ({"second": found[1]} if len(found) > 1 else {})
-
-
-def _served(views: Sequence[Opener], args: PageArgs, **session: bool) -> dict[str, Any]:
-    """Serve the page; two cameras side by side have one also without a browser."""
-    from spikingtac.viewer.show import show
-
-    if args.headless:
-        args = replace(args, no_browser=True, seconds=args.seconds or HEADLESS_S)
-    return show(views, args, remark, picture=args.picture, **session)
+        view = opener()
+        seconds = args.seconds if view.ends else args.seconds or HEADLESS_S
+        with progress(f"tracking {view.label}"):
+            found = summarize(view, seconds=seconds, picture=args.picture)
+    return found if args.picture is None else {**found, "picture": str(args.picture)}
 
 
 def _report(source: str, summary: dict[str, Any], as_json: bool) -> int:
@@ -209,4 +172,4 @@ def demo(args: DemoArgs) -> int:
     require_seconds(args.seconds)
     remark("simulating a finger on the skin; the first start compiles its kernels")
     given = {"source": SCENE, "preset": args.preset, "seed": args.seed}
-    return _report(SCENE, _shown([_opener(given)], args, repeat=True), args.json)
+    return _report(SCENE, _shown(_opener(given), args, repeat=True), args.json)

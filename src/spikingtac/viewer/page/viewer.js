@@ -42,12 +42,6 @@ function send(command) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(command));
 }
 
-// Of two fingers on one page, what is asked of time goes to both.
-function sendTime(command) {
-  if (parent !== window && parent.together) parent.together(command, window);
-  else send(command);
-}
-
 function connect() {
   const scheme = location.protocol === "https:" ? "wss:" : "ws:";
   socket = new WebSocket(`${scheme}//${location.host}/socket${location.search}`);
@@ -274,7 +268,7 @@ function setOption(name, value) {
 }
 
 function seek(tUs) {
-  if (drawn) sendTime({ seek_us: Math.round(Math.min(Math.max(tUs, drawn.meta.t_start_us), drawn.meta.t_end_us)) });
+  if (drawn) send({ seek_us: Math.round(Math.min(Math.max(tUs, drawn.meta.t_start_us), drawn.meta.t_end_us)) });
 }
 
 function pick(id, move) {
@@ -304,8 +298,8 @@ listen({
   "+": () => { $("scale").stepUp(); setOption("scale", Number($("scale").value)); },
   "n": () => choose(1), "p": () => choose(-1),
 });
-$("play").addEventListener("click", () => sendTime({ play: !(drawn?.meta.playing ?? false) }));
-$("speed").addEventListener("change", (event) => sendTime({ speed: Number(event.target.value) }));
+$("play").addEventListener("click", () => send({ play: !(drawn?.meta.playing ?? false) }));
+$("speed").addEventListener("change", (event) => send({ speed: Number(event.target.value) }));
 $("timeline").addEventListener("input", (event) => { scrubbing = true; seek(Number(event.target.value)); });
 $("timeline").addEventListener("change", () => { scrubbing = false; });
 $("image").addEventListener("change", (event) => setOption("image", event.target.value));
