@@ -1,5 +1,6 @@
 """The faults of docs/reference/live-faults.md, in their short forms: every event accounted for."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -26,9 +27,10 @@ def test_a_fault_is_told_and_every_event_accounted_for(name: str, tmp_path: Path
     assert found.kept > 0 or name in NOTHING_LEFT
 
 
-def test_every_fault_stands_in_the_table() -> None:
+def test_every_row_of_the_table_is_tested_and_every_fault_stands_in_it() -> None:
     table = (ROOT / "docs" / "reference" / "live-faults.md").read_text(encoding="utf-8")
-    assert all(f"| {name} |" in table for name in FAULTS)
+    rows = re.findall(r"^\| (\w[^|]*?) \|", table, re.MULTILINE)
+    assert [row for row in rows if row not in ("fault", "attack")] == list(FAULTS)
 
 
 def test_sensors_side_by_side_lose_nothing_unseen(tmp_path: Path) -> None:
