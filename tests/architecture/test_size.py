@@ -26,7 +26,7 @@ MOST = {
     "src/spikingtac_paper": Size(59, 5_930, 4_870),
     "src/spikingtac_hardware": Size(11, 1_260, 1_180),
     "integrations": Size(23, 1_670, 1_580),
-    "tests": Size(216, 19_600, 17_280),
+    "tests": Size(216, 19_640, 17_310),
     "benchmarks": Size(4, 890, 700),
 }
 
