@@ -8,16 +8,37 @@ right); geometry in mm; time in integer microseconds (``_us``).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import one_line
 from spikingtac.errors import ConfigError
 
 FloatArray = NDArray[np.float64]  # Array of float64; each use states its shape.
+US_PER_S = 1_000_000
+
+# Longer arrays are printed by type and shape, longer values are cut.
+MOST_NUMBERS, MOST_LETTERS = 6, 60
+
+
+def one_line(self: Any) -> str:
+    """Return a dataclass in one line, as its ``__repr__``; what is None is left out."""
+    shown = [
+        f"{one.name}={_short(value)}"
+        for one in fields(self)
+        if one.repr and (value := getattr(self, one.name)) is not None
+    ]
+    return f"{type(self).__name__}({', '.join(shown)})"
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, np.ndarray) and value.size > MOST_NUMBERS:
+        return f"<{value.dtype} {value.shape}>"
+    text = " ".join(repr(value).split())
+    return text if len(text) <= MOST_LETTERS else f"{text[:MOST_LETTERS]}..."
+
 
 # White markers on dark ground, or dark markers on light ground.
 Polarity = Literal["white", "dark"]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray
+from spikingtac.types import FloatArray
 from spikingtac_hardware.layout import Layout, Place
 from spikingtac_hardware.optics import Imaging
 from spikingtac_hardware.parts import Part, Solid, modeller

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray
+from spikingtac.types import FloatArray
 from spikingtac_hardware.layout import Layout
 
 UM_PER_MM = 1000.0

@@ -18,7 +18,6 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray
 from spikingtac.denoise import Denoiser, NetworkDenoiser, make_denoiser
 from spikingtac.events import BackgroundActivityFilter, open_events
 from spikingtac.markers import PROXIMITY_SHARE, blob_areas_px, find_blobs, smallest_spacing_px
@@ -30,7 +29,7 @@ from spikingtac.state_map import (
     paint_binary_discs,
     paint_discs,
 )
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, FloatArray
 from spikingtac_paper.harness.report import (
     Metric,
     Report,

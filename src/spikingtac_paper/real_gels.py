@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from spikingtac import Calibration
-from spikingtac.arrays import FloatArray
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events import load_arrays
 from spikingtac.markers import smallest_spacing_px
+from spikingtac.types import FloatArray
 from spikingtac_paper.harness.report import Metric, Report, lines_of, rows_of, write_report
 from spikingtac_paper.harness.run import RunOptions, select_methods
 from spikingtac_paper.point_tracking.ablation import default_variants

@@ -108,7 +108,6 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
             ("track", "a", "--polarity", "whites"),
             "--polarity cannot be 'whites'; did you mean 'white'? (valid: white",
         ),
-        (("probe", "--search", "cross"), "did you mean 'cross4'"),
         (("experiment", "point-trackng", "-o", "run"), "did you mean 'point-tracking'"),
         (
             ("experiment", "point-tracking", "-o", "run", "--methods", "defualt"),

@@ -138,22 +138,18 @@ def begin_run(
     if begun.is_file() and not overwrite:
         return _require_same(folder, settings, resume)
     if begun.is_file():
-        _empty(folder)
+        # The settings go last, so that an interrupted removal is still known as a run.
+        for path in sorted(folder.iterdir(), key=lambda path: path.name == RUN):
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
         raise ConfigError(
             f"{str(folder)!r} is not empty and holds no run; give a new or an empty folder"
         )
     write_json(begun, settings)
-
-
-def _empty(folder: Path) -> None:
-    """Remove a run; its settings last, so that an interrupted removal is still known as a run."""
-    for path in sorted(folder.iterdir(), key=lambda path: path.name == RUN):
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        else:
-            path.unlink()
 
 
 def _require_same(folder: Path, settings: Mapping[str, Any], resume: bool) -> None:

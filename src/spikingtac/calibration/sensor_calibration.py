@@ -12,7 +12,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import one_line
 from spikingtac.atomic_files import write_text
 from spikingtac.calibration.document import (
     CALIBRATION_SCHEMA,
@@ -27,6 +26,7 @@ from spikingtac.calibration.document import (
 from spikingtac.calibration.lens import Lens, SkinScale, mean_pitch_px
 from spikingtac.errors import CalibrationError
 from spikingtac.file_kinds import told_kind
+from spikingtac.types import one_line
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -12,11 +12,10 @@ from spikingtac.batch.inputs import outputs_of
 from spikingtac.datasets.lerobot import INFO
 from spikingtac.errors import ConfigError, MissingExtraError
 from spikingtac.tracks import FRAMES_PER_CHUNK, Tracks
-from spikingtac.tracks.files import FORCES, PER_MARKER
+from spikingtac.tracks.files import ATTRIBUTES, FORCES, PER_MARKER
 
 # Arrays of a recording, as tracks.npz names them; those that it lacks are left out.
 ARRAYS = ("t_us", *PER_MARKER, *FORCES, "reference_px")
-ATTRIBUTES = {"held": "coasted"}  # Array -> attribute of tracks, where the two differ.
 CHUNK_ROWS = 16 * FRAMES_PER_CHUNK  # Times of a chunk.
 MARKS = {"lerobot": INFO, "zarr": "zarr.json"}  # Form -> the file that tells such a data set.
 

@@ -17,8 +17,8 @@ from spikingtac.atomic_files import write_json
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.tracks import Tracks
+from spikingtac.types import US_PER_S
 
-US_PER_S = 1_000_000
 LARGEST_FPS = 1_000
 VERSION = "v3.0"  # The data set's version, ``CODEBASE_VERSION`` of LeRobot 0.4 to 0.6.
 INFO = "meta/info.json"  # What says that a folder is such a data set; written last.

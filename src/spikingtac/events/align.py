@@ -51,26 +51,25 @@ TIME_COLUMNS = {"t_us": 1.0, "t_ns": 1e-3, "t_ms": 1e3, "t_s": US_PER_S, "timest
 _Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
-class SecondFinger(NamedTuple):
-    """The other finger's events on its own clock, and that clock where the recording knows it."""
+def second_finger(first: Path, second: Path) -> tuple[FileSource, RecordedClock | None]:
+    """Open the other finger's events on its own clock, and that clock where it is known.
 
-    source: FileSource
-    clock: RecordedClock | None
-
-    @classmethod
-    def open(cls, first: Path, second: Path) -> SecondFinger:
-        """Open a recording; the same folder again means its second sensor."""
-        if not is_same_folder(first, second):
-            return cls(open_events(second), RecordedClock.beside(second))
-        path = first / name_of("events.raw", 1)
-        if not path.is_file():
-            raise RecordingError(f"{str(first)!r} holds one sensor; name the other recording")
-        source = RawSource(path, ReadOptions(), later_parts(path))
-        return cls(source, RecordedClock.beside(first, 1))
+    The same folder again means its second sensor.
+    """
+    if not is_same_folder(first, second):
+        return open_events(second), RecordedClock.beside(second)
+    path = first / name_of("events.raw", 1)
+    if not path.is_file():
+        raise RecordingError(f"{str(first)!r} holds one sensor; name the other recording")
+    return RawSource(path, ReadOptions(), later_parts(path)), RecordedClock.beside(first, 1)
 
 
 def map_between(
-    first: Path, second: SecondFinger, by: By, channel: int | None = None
+    first: Path,
+    second: FileSource,
+    own: RecordedClock | None,
+    by: By,
+    channel: int | None = None,
 ) -> tuple[TimeMap, float | None]:
     """Return the map from the second clock to the first.
 
@@ -80,6 +79,7 @@ def map_between(
     Args:
         first: Recording whose clock is the time base.
         second: The other finger.
+        own: Its clock, where the recording knows it.
         by: How the clocks meet.
         channel: Trigger input of the sync line; None for the only one that both hold.
 
@@ -87,7 +87,6 @@ def map_between(
         ConfigError: The host was asked for, and the manifests know none in common.
         RecordingError: A recording cannot be read, or the trigger edges do not agree.
     """
-    own = second.clock
     by_host = None if own is None else own.on(RecordedClock.beside(first))
     if by == "host" and by_host is None:
         raise ConfigError(
@@ -96,7 +95,7 @@ def map_between(
         )
     if by_host is not None and by != "triggers":
         return by_host, None
-    found = through_triggers(SyncLine.of(second.source), SyncLine.of(open_events(first)), channel)
+    found = through_triggers(SyncLine.of(second), SyncLine.of(open_events(first)), channel)
     if by_host is None:
         return found, None
     return found, by_host.at(found.own_us) - found.base_us

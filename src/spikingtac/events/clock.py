@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.schema import build
+from spikingtac.types import US_PER_S
 
 PPM = 1e-6
-US_PER_S = 1e6
 
 # Shared moments further from the line than this are taken for mistakes (a good one of a hundred is
 # that far off once in 160 times); standard deviation over median absolute deviation.

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.types import EventPacket
+from spikingtac.types import US_PER_S, EventPacket
 
 # Window by which quiet stretches are found: long enough for some noise events on 320x320 px.
 WINDOW_US = 10_000
@@ -228,8 +228,6 @@ def _judge_window(counts: NDArray[np.uint16], windows: NDArray[np.uint8]) -> int
                     found += 1
     return found
 
-
-US_PER_S = 1_000_000
 
 # Beginning of a recording in which hot pixels are looked for, us (one at 10 Hz sends 300
 # events meanwhile).

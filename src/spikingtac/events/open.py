@@ -77,8 +77,12 @@ def open_events(
             raise RecordingError(f"there is no file {str(place)!r}; check the path")
         return _open_file(place, options)
     name = name_of(RECORDING_NAME, sensor or 0)
-    if (place / name).is_file():
-        return _of_folder(place, place / name, sensor or 0, options)
+    file = place / name
+    if file.is_file():  # all parts of one sensor, on the first sensor's clock
+        later = later_parts(file)
+        source = RawSource(file, options, later) if later else _open_file(file, options)
+        time_map = time_base_of(place, sensor or 0)
+        return source if time_map is None else RetimedSource(source, time_map, options)
     bags = _bags(place)
     if not bags:
         raise RecordingError(
@@ -118,14 +122,6 @@ def open_second(first: Path, second: Path, *, strict: bool = False) -> tuple[Fil
 def is_same_folder(first: Path, second: Path) -> bool:
     """Return whether two paths are one folder: then its second sensor is meant."""
     return first.is_dir() and second.is_dir() and first.samefile(second)
-
-
-def _of_folder(folder: Path, file: Path, sensor: int, options: ReadOptions) -> FileSource:
-    """Return the events of one sensor of a folder, all its parts, on the first sensor's clock."""
-    later = later_parts(file)
-    source = RawSource(file, options, later) if later else _open_file(file, options)
-    time_map = time_base_of(folder, sensor)
-    return source if time_map is None else RetimedSource(source, time_map, options)
 
 
 def first_event_us(path: str | Path) -> int | None:

@@ -5,7 +5,7 @@ A manifest may know the sensor's clock, by which events are put on the clock of 
 
 import itertools
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -245,14 +245,6 @@ class RecordingWriter:
         self._start_us = start_us if self._start_us is None else min(self._start_us, start_us)
         self._end_us = max(self._end_us, packet.t_end_us)
 
-    def append_truth(self, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Append rows to the growing arrays of the truth, e.g. ``marker_t_us``, ``marker_px``."""
-        self._truth_file().append(columns)
-
-    def set_truth(self, name: str, values: NDArray[Any]) -> None:
-        """Set an array of the truth that does not grow, e.g. ``reference_px``."""
-        self._truth_file().set(name, values)
-
     def describe(self, **fields: Any) -> None:
         """Add fields to the manifest: seed, scene and its sha256, contrast, thresholds ..."""
         self._fields.update(fields)
@@ -292,6 +284,7 @@ class RecordingWriter:
             if file is not None:
                 file.close()
 
-    def _truth_file(self) -> ColumnFile:
+    def truth_file(self) -> ColumnFile:
+        """Return ``truth.npz``: arrays that grow, as ``marker_px``, and ``reference_px``."""
         self._truth = self._truth or ColumnFile(self.path / TRUTH)
         return self._truth

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.formats.codec import HARMLESS
-from spikingtac.types import EventPacket, LossCounters, SourceHealth
+from spikingtac.types import US_PER_S, EventPacket, LossCounters, SourceHealth
 
 
 @runtime_checkable
@@ -70,7 +70,6 @@ COUNTERS = {
 # Stretch over which the rate is told, us (a press lasts longer, and at 320x320 px a resting
 # sensor sends some events in it).
 SLOT_US = 100_000
-US_PER_S = 1e6
 
 
 def source_health(losses: Mapping[str, int], rate_ev_s: float = 0.0) -> SourceHealth:

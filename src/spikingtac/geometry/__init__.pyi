@@ -1,6 +1,8 @@
 """Public names of geometry by touch."""
 
 # Holes
+from .hole import FRICTION as FRICTION
+from .hole import SLIP_SIGMA as SLIP_SIGMA
 from .hole import Circle as Circle
 from .hole import estimate_hole as estimate_hole
 from .hole import fit_circle as fit_circle

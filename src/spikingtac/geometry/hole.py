@@ -15,9 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from spikingtac.arrays import one_line
 from spikingtac.geometry.travel import TravelModel
-from spikingtac.types import FloatArray
+from spikingtac.types import FloatArray, one_line
 
 # The Gaussian prior. Clustered contacts do not determine radius and centre separately: the prior
 # keeps the estimate in reach, and the covariance states how little the contacts contribute.
@@ -62,10 +61,6 @@ class Circle:
     def sigma_mm(self) -> FloatArray:
         """Standard deviations ``(3,)`` of centre x, centre y and radius, mm."""
         return np.sqrt(np.diag(self.covariance_mm2))
-
-    def grown(self, by_mm: float) -> Circle:
-        """Return the circle with a larger radius."""
-        return replace(self, radius_mm=self.radius_mm + by_mm)
 
 
 def fit_circle(points_mm: FloatArray, start_mm: FloatArray, sigma_mm: FloatArray | float) -> Circle:

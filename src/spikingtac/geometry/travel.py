@@ -94,16 +94,6 @@ class Compensation:
     offset_sigma_mm: float = 0.0174
     travel_sigma_mm: float = 0.02
 
-    @classmethod
-    def published(cls) -> Compensation:
-        """Return the paper's constants: half the bit's width, 0.375 mm, and 0.4 mm."""
-        return cls(offset_mm=0.375, travel_mm=0.4, offset_sigma_mm=0.0)
-
-    @property
-    def total_mm(self) -> float:
-        """Correction of a radius that was measured head-on, mm."""
-        return self.offset_mm - self.travel_mm
-
     @property
     def sigma_mm(self) -> float:
         """Standard deviation of one contact along the radius, mm, without the arm's error."""

@@ -26,6 +26,5 @@ from .prober import Touched as Touched
 from .adaptive_search import FoundHole as FoundHole
 from .adaptive_search import hole_around as hole_around
 from .adaptive_search import probe_hole as probe_hole
-from .cross_search import calibrated_circle as calibrated_circle
-from .cross_search import cross_search as cross_search
-from .cross_search import published_circle as published_circle
+from .adaptive_search import LEAST_FREE_MM as LEAST_FREE_MM
+from .adaptive_search import require_room as require_room

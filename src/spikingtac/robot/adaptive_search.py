@@ -17,7 +17,6 @@ import numpy as np
 from spikingtac.errors import SearchError
 from spikingtac.geometry.hole import PRIOR_SIGMA_MM, Circle, estimate_hole
 from spikingtac.geometry.travel import TravelModel
-from spikingtac.robot.cross_search import require_room
 from spikingtac.robot.prober import Prober, Touched
 from spikingtac.types import FloatArray
 
@@ -45,6 +44,10 @@ SECTOR_RAD = math.radians(50.0)
 
 # Free travel that a touch needs before the wall, mm (arm and detector settle there).
 RUN_UP_MM = 0.1
+
+# Least distance of opposite readings besides the travel, mm: a probe on the rim is detected on both
+# sides at once, which leaves nothing.
+LEAST_FREE_MM = 0.06
 
 # Number of directions that are compared for the next touch (five degrees apart).
 DIRECTIONS = 72
@@ -142,6 +145,22 @@ def _chord(prober: Prober, travel: TravelModel, start: FloatArray) -> list[Touch
         if touch.run_mm - float(travel.travel_mm(np.arctan2(y, x))) < RUN_UP_MM:
             touches[number] = prober.touch(middle, touch.direction)
     return touches
+
+
+def require_room(one: Touched, other: Touched, travel: TravelModel) -> None:
+    """Refuse two opposite contacts at one place.
+
+    Raises:
+        SearchError: The probe stands on the rim, or is jammed.
+    """
+    room_mm = float((one.reading_mm - other.reading_mm) @ one.direction)
+    x, y = np.array([one.direction, other.direction]).T
+    if room_mm < LEAST_FREE_MM + float(travel.travel_mm(np.arctan2(y, x)).sum()):
+        raise SearchError(
+            f"the probe touches on both sides within {max(room_mm, 0.0):.3f} mm of "
+            f"({one.start_mm[0]:.2f}, {one.start_mm[1]:.2f}) mm: it stands on the rim or is "
+            "jammed, or the hole is no wider than the bit; start inside the hole"
+        )
 
 
 def best_direction(touches: Sequence[Touched], travel: TravelModel) -> FloatArray:

@@ -12,13 +12,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray
 from spikingtac.schema import require_within
 from spikingtac.sim.gel_contact import KPA_PER_MPA, GelContact
 from spikingtac.sim.indenters import Indenter
 from spikingtac.sim.layer import GridConfig, LayerOperator, MarkerInterpolation
 from spikingtac.sim.optics import SkinState
-from spikingtac.types import Pose
+from spikingtac.types import US_PER_S, FloatArray, Pose
 
 # Retarded compliances J_i / J0 of the gel (a Kelvin chain) and their retardation times tau_i, s
 # (contract.md). They are a declared fit: no spectrum of the paper's gel is published.
@@ -27,7 +26,6 @@ CREEP_FRACTIONS, CREEP_TIMES_S = np.array([0.05, 0.05, 0.12]), np.array([0.02, 0
 
 # Stored creep below this is set to zero (1.6e-4 px, a thousandth of any tracker's error).
 NEGLIGIBLE_CREEP_MM = 1e-5
-US_PER_S = 1e6
 
 
 @dataclass(frozen=True, kw_only=True)

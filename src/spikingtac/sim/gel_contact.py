@@ -7,7 +7,6 @@ displaced place. A body that drags or turns a sticking patch therefore stays on 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray
 from spikingtac.errors import SpikingTacError
 from spikingtac.sim.gel_solvers import (
     Influence,
@@ -18,7 +17,7 @@ from spikingtac.sim.gel_solvers import (
 )
 from spikingtac.sim.indenters import Indenter, SoftLayer
 from spikingtac.sim.layer import GridConfig, LayerOperator
-from spikingtac.types import Pose
+from spikingtac.types import FloatArray, Pose
 
 KPA_PER_MPA = 1e3  # Moduli are configured in kPa; tractions are in N/mm², which is MPa.
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray
 from spikingtac.errors import named
 from spikingtac.schema import build, require_within
+from spikingtac.types import FloatArray
 
 LENGTH_MM = (0.01, 1e3)  # Valid lengths of a body, mm.
 NO_SURFACE_MM = -1e3  # Height where the body has no surface, far away from any skin, mm.

@@ -11,9 +11,9 @@ import numpy as np
 import scipy.fft
 from scipy.sparse import csr_array
 
-from spikingtac.arrays import FloatArray
 from spikingtac.schema import require_within
 from spikingtac.touch.elastic import layer_response
+from spikingtac.types import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)

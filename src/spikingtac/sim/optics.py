@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray
 from spikingtac.schema import require_within
+from spikingtac.types import FloatArray
 
 NO_CELLS = np.empty(0, np.uint8)  # What a model without cells knows of the touched skin.
 

@@ -55,10 +55,10 @@ def simulate(
         RecordingWriter(partial, source.size) as writer,
     ):
         for name in ("reference_px", "reference_mm", "cell_axis_mm", "radius_px"):
-            writer.set_truth(name, getattr(source, name).astype(np.float32))
+            writer.truth_file().set(name, getattr(source, name).astype(np.float32))
         for step in source.steps():
             writer.write(step.packet)
-            writer.append_truth(step.truth._asdict())
+            writer.truth_file().append(step.truth._asdict())
             events += len(step.packet)
             if advance is not None and source.t_end_us:
                 advance(step.packet.t_end_us / source.t_end_us)

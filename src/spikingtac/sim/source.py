@@ -14,14 +14,13 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray
 from spikingtac.errors import require_type
 from spikingtac.sim.camera.event_camera import EventCamera
 from spikingtac.sim.gel import Gel
 from spikingtac.sim.optics import MarkerImage, Optics, SkinState, image_radius_px
 from spikingtac.sim.scene import LOADED, Scene
 from spikingtac.sim.timeline import DRAG_S, Timeline, prior_drag_mm
-from spikingtac.types import EventPacket, LossCounters
+from spikingtac.types import EventPacket, FloatArray, LossCounters
 
 T = TypeVar("T")
 

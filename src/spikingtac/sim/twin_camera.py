@@ -15,10 +15,9 @@ from spikingtac.events.formats.file_source import Rows
 from spikingtac.sim import catalog
 from spikingtac.sim.camera.config import CAMERA_NAMES
 from spikingtac.stream.host import RemoteSource
-from spikingtac.types import EventPacket
+from spikingtac.types import US_PER_S, EventPacket
 
 Options = tuple[int, str | None]  # Seed, and camera preset; None is the scene's own.
-US_PER_S = 1e6
 LARGEST_SEED = (1 << 32) - 1
 NAP_S = 0.001  # Longest sleep before a packet is looked at again, s.
 

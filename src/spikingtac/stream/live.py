@@ -18,7 +18,6 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from spikingtac.arrays import one_line
 from spikingtac.batch.worker_pool import SINGLE_THREAD
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
@@ -29,7 +28,7 @@ from spikingtac.stream.host import Asker, Host, closed_by, end_in_order
 from spikingtac.stream.paced import NS_PER_MS, PLAY_US, PacedSource
 from spikingtac.stream.reader import opened_camera
 from spikingtac.stream.ring import SharedRing
-from spikingtac.types import EventPacket, MarkerFrame, SourceHealth
+from spikingtac.types import EventPacket, MarkerFrame, SourceHealth, one_line
 
 State = Literal["starting", "running", "ended", "failed", "killed"]
 SLOTS = 2048  # Frames that a reader may be behind: 2 s at 1 kHz.

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.field import FieldGauge, GradientOperator
 from spikingtac.touch.lost_markers import LostMarkers, spread_of
@@ -27,6 +26,7 @@ from spikingtac.touch.touch import (
     Touch,
     spreads,
 )
+from spikingtac.types import FloatArray as Field
 from spikingtac.types import MarkerFrame
 
 # Scatter of a marker of an event camera that is no touch, px (twenty times the scatter of the

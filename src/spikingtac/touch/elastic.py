@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import jv
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.errors import ConfigError
 from spikingtac.touch.series import WrenchSeries
+from spikingtac.types import FloatArray as Field
 
 # Limit of kh, before cosh overflows; 1/cosh² is zero in double precision long before.
 MAX_ARGUMENT = 300.0

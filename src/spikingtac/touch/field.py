@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.errors import ConfigError
+from spikingtac.types import FloatArray as Field
 
 # Markers whose displacements make a gradient, the marker itself included: the 3 by 3 block of a
 # square grid, or half of it at the border.

@@ -7,8 +7,8 @@ median of its neighbourhood by far more than these differ among themselves is no
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.calibration.lens import marker_pitch_px
+from spikingtac.types import FloatArray as Field
 
 # Markers of a neighbourhood, the marker itself included: the 3 by 3 block of a square grid.
 NEIGHBOURS = 9

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.errors import ConfigError
+from spikingtac.types import FloatArray as Field
 
 RECORD = "spikingtac.record"  # Key of the record in a file's metadata.
 

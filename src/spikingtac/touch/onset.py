@@ -16,7 +16,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray as Field
+from spikingtac.types import FloatArray as Field
 
 Times = NDArray[np.int64]
 
@@ -110,16 +110,14 @@ class OnsetMemory:
         if self._noticed_us is None:
             return None
         self._frames.append((t_us, displacement, string))
-        risen = float(((displacement - self._at_notice()) * self._pattern).sum())
+        noticed = next(field for at_us, field, _ in self._frames if at_us == self._noticed_us)
+        risen = float(((displacement - noticed) * self._pattern).sum())
         strength = float((self._pattern**2).sum())
         if risen < (LAST_SHARE - 1.0) * strength and t_us - self._noticed_us < LATER_US:
             return None
         begin_us = self._begin_us()
         self.clear()
         return begin_us
-
-    def _at_notice(self) -> Field:
-        return next(field for t_us, field, _ in reversed(self._frames) if t_us == self._noticed_us)
 
     def _begin_us(self) -> int:
         times = np.array([t for t, _, _ in self._frames], np.int64)

@@ -5,10 +5,10 @@ from itertools import product
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.field import straightened
 from spikingtac.touch.network import packaged
+from spikingtac.types import FloatArray as Field
 
 REACH = 2  # Rows and columns of neighbours on each side.
 NEIGHBOURS = (2 * REACH + 1) ** 2  # Places of a neighbourhood, the marker itself included.

@@ -12,17 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray as Field
-from spikingtac.arrays import one_line
 from spikingtac.errors import RecordingError
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.events.formats.array_schema import load_truth
+from spikingtac.types import US_PER_S, one_line
+from spikingtac.types import FloatArray as Field
 
 Times = NDArray[np.int64]
 
 # Columns of a wrench: forces in N, then moments in Nm.
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
-US_PER_S = 1e6
 N_MM_PER_NM = 1e3
 
 # Step of the time in which two clocks are compared, us: a fifth of the fastest press.

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray as Field
-from spikingtac.arrays import one_line
 from spikingtac.touch.field import FieldQuantities, GradientOperator
 from spikingtac.touch.lost_markers import spread_of
+from spikingtac.types import FloatArray as Field
+from spikingtac.types import one_line
 
 
 @dataclass(frozen=True, slots=True)

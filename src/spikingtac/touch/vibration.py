@@ -5,11 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray as Field
-from spikingtac.arrays import one_line
 from spikingtac.errors import ConfigError
-
-US_PER_S = 1e6
+from spikingtac.types import US_PER_S, one_line
+from spikingtac.types import FloatArray as Field
 
 # Fewer frames make no spectrum: below 128 frames a second a window of 0.5 s is longer.
 LEAST_FRAMES = 64

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import one_line
 from spikingtac.errors import ConfigError, require_type
 from spikingtac.tracks.tracks import Tracks
+from spikingtac.types import one_line
 
 LOADED = "Tracks.load('tracks.npz')"  # How tracks are made, for errors.
 

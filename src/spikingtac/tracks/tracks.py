@@ -32,13 +32,11 @@ from spikingtac.tracks.files import (
     stacked,
     trigger_column,
 )
-from spikingtac.types import MarkerFrame, SourceHealth
+from spikingtac.types import US_PER_S, MarkerFrame, SourceHealth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
-
-US_PER_S = 1_000_000
 
 
 def longest(vectors: NDArray[np.floating]) -> float:

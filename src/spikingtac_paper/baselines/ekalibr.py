@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from spikingtac import Calibration
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.events import HotPixelFilter
 from spikingtac.markers import UNMATCHED, associate, smallest_spacing_px
 from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import FloatArray as Field
 
 RATE_HZ = 100.0  # Estimates per second, Hz (two per window).
 ROUNDS = 2  # Number of fits of each plane (original).

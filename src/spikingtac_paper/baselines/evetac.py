@@ -28,10 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac import Calibration
-from spikingtac.arrays import FloatArray
 from spikingtac.calibration import marker_pitch_px
 from spikingtac.events import BackgroundActivityFilter, HotPixelFilter
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket, FloatArray, MarkerFrame
 
 SOURCE_PITCH_PX = 61.3  # Mean pitch of the original's dots, px. The following lengths refer to it.
 SOURCE_RING_PX = 13.75  # Width of the ring in which events count, px at the original's pitch.

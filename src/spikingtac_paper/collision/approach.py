@@ -21,10 +21,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import norm
 
-from spikingtac.arrays import FloatArray
 from spikingtac.contact import ContactDetector
 from spikingtac.robot import CRUISE_TOLERANCE, ApproachConfig, ArmState
 from spikingtac.sim import FirstContact, Rig, UR3Twin
+from spikingtac.types import FloatArray
 from spikingtac_paper.collision.scene import (
     DIRECTION,
     NEAR_MM,

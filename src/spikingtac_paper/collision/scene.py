@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spikingtac import Calibration
-from spikingtac.arrays import FloatArray as Vector
 from spikingtac.config import digest
 from spikingtac.schema import to_mapping
 from spikingtac.sim import (
@@ -26,6 +25,7 @@ from spikingtac.sim import (
     SkinConfig,
     UR3Twin,
 )
+from spikingtac.types import FloatArray as Vector
 from spikingtac_paper.free_motion.free_rig import FreeRig
 
 # Direction of the approach in the base frame: along the pads, across the rod.

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter, oaconvolve
 
-from spikingtac.arrays import FloatArray
 from spikingtac.sim import (
     CameraConfig,
     EventCamera,
@@ -39,7 +38,7 @@ from spikingtac.sim import (
     discs_of,
     transition,
 )
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, FloatArray
 from spikingtac_paper.free_motion.small_motion import (
     EDGE_DTYPE,
     EMPTY,

@@ -21,7 +21,6 @@ from spikingtac.robot import (
     ArmState,
     Prober,
     Touched,
-    cross_search,
     probe_hole,
 )
 from spikingtac.sim import (
@@ -52,6 +51,7 @@ from spikingtac_paper.harness.run import (
     save_windows,
     select_methods,
 )
+from spikingtac_paper.holes.cross_search import cross_search
 from spikingtac_paper.holes.scoring import METHODS, MOST_CONTACTS, RADII_MM, hole_rows, trial_of
 
 # Touches in each direction of a calibration, at most 10 (contract.md). The calibration's error is

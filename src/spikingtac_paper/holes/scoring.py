@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from spikingtac.geometry import Circle, TravelModel
-from spikingtac.robot import Touched, calibrated_circle, hole_around, published_circle
+from spikingtac.robot import Touched, hole_around
 from spikingtac.sim import (
     CORNER_MM,
     CROSS,
@@ -21,6 +21,7 @@ from spikingtac.sim import (
 )
 from spikingtac.types import FloatArray
 from spikingtac_paper.harness.report import Metric, Row, by_name, interval
+from spikingtac_paper.holes.cross_search import calibrated_circle, published_circle
 
 # Ten radii from 0.7 to 5.0 mm, the range of section V-C.
 RADII_MM: tuple[float, ...] = tuple(round(0.7 + 4.3 / 9 * k, 3) for k in range(10))

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac import Calibration
-from spikingtac.arrays import FloatArray
 from spikingtac.config import load_config
 from spikingtac.errors import MissingExtraError
 from spikingtac.events import BackgroundActivityFilter
@@ -21,7 +20,7 @@ from spikingtac.markers import (
     painted_binary_map,
     smallest_spacing_px,
 )
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket, FloatArray, MarkerFrame
 
 WHITE = 255
 BLUR_PX = 7  # Side of the box that cleans the map: the best of those tried on recordings.

@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from spikingtac import Calibration, MarkerTracker
-from spikingtac.arrays import FloatArray
 from spikingtac.sim import EventCamera, Optics, Scene, image_radius_px, load_scene
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, FloatArray
 from spikingtac_paper.trials.trajectories import GroundTruth
 
 TARGET_HZ = 2.0e6  # Events per second of the throughput bench: a busy tactile recording.

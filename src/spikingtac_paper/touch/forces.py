@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.sim import SceneSource, load_scene
 from spikingtac.touch import (
     SkinConfig,
@@ -21,6 +20,7 @@ from spikingtac.touch import (
     r_squared,
     synthetic_series,
 )
+from spikingtac.types import FloatArray as Field
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.contacts import record, watch
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.sim import ContactConfig, MotionConfig, Scene, SceneSource, SegmentConfig
 from spikingtac.touch import Touch, TouchDetector
+from spikingtac.types import FloatArray as Field
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.contacts import LONG, TESTED, record, watch
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.errors import ConfigError
 from spikingtac.sim import SceneSource, Timeline
 from spikingtac.touch import SlipMonitor, TouchDetector
+from spikingtac.types import FloatArray as Field
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.contacts import (
     CARRY,

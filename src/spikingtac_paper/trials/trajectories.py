@@ -8,11 +8,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import RecordingError
 from spikingtac.events import load_truth
-from spikingtac.types import MarkerFrame
+from spikingtac.types import FloatArray, MarkerFrame
 
 # Where the truth names no contacts, the last second counts as after the release, us.
 REST_US = 1_000_000

@@ -27,8 +27,10 @@ def record(folder: Path, sensors: int = 1) -> None:
             for sensor in range(sensors):
                 writer.write(packet(100 * step + sensor), sensor)
             marker_px = np.full((1, 2, 2), step, np.float32)
-            writer.append_truth({"marker_t_us": np.array([100 * step]), "marker_px": marker_px})
-        writer.set_truth("reference_px", np.zeros((2, 2)))
+            writer.truth_file().append(
+                {"marker_t_us": np.array([100 * step]), "marker_px": marker_px}
+            )
+        writer.truth_file().set("reference_px", np.zeros((2, 2)))
         writer.losses.add("readout", 3)
         writer.describe(seed=7, scene={"name": "test"})
 

@@ -7,10 +7,10 @@ import pytest
 
 from spikingtac.geometry.travel import hexagon_reach_mm
 from spikingtac.robot.adaptive_search import probe_hole
-from spikingtac.robot.cross_search import cross_search
 from spikingtac.robot.prober import Touched
 from spikingtac.sim.rig.hole_site import ANGLES_DEG, CROSS, DEFAULT, STYLES, WALL_MM, travel_of
 from spikingtac_paper.harness.report import Row
+from spikingtac_paper.holes.cross_search import cross_search
 from spikingtac_paper.holes.scoring import (
     METHODS,
     METRICS,
@@ -56,7 +56,7 @@ def record(seed: int, hole: int) -> dict[str, Any]:
     travel = travel_of(calibration(seed)[DEFAULT], 0.008)
     found: dict[str, Any] = {"seed": seed, "hole": hole}
     for style, made in (
-        (CROSS, cross_search(prober, trial.start_mm)),
+        (CROSS, cross_search(prober, trial.start_mm, travel)),
         (DEFAULT, probe_hole(prober, travel, trial.start_mm).touches),
     ):
         told = [kept(touch, rng) for touch in made]

@@ -9,7 +9,7 @@ import pytest
 from spikingtac.errors import SearchError
 from spikingtac.geometry.travel import Compensation, TravelModel
 from spikingtac.robot.adaptive_search import probe_hole
-from spikingtac.robot.cross_search import calibrated_circle, cross_search, published_circle
+from spikingtac_paper.holes.cross_search import calibrated_circle, cross_search, published_circle
 from spikingtac_paper.holes.scoring import REGION
 from stand_ins.touching import IdealProber
 
@@ -23,7 +23,7 @@ def travel(heading: float | None = 0.3, sigma_mm: float = 0.03) -> TravelModel:
 
 def test_the_cross_touches_as_published() -> None:
     prober = IdealProber(2.0, center_mm=CENTER_MM)
-    touches = cross_search(prober, np.array([0.6, 0.4]))
+    touches = cross_search(prober, np.array([0.6, 0.4]), travel())
     np.testing.assert_allclose(
         [touch.direction for touch in touches], [[1, 0], [-1, 0], [0, 1], [0, -1]], atol=1e-12
     )
@@ -35,11 +35,11 @@ def test_the_cross_touches_as_published() -> None:
 def test_published_and_calibrated_formulas() -> None:
     """Head-on, a round probe of the paper's constants would be exact; the hexagon is not."""
     prober = IdealProber(2.0, travel_mm=0.4)
-    touches = cross_search(prober, np.zeros(2))
+    mean = TravelModel.of(Compensation(travel_mm=0.4))
+    touches = cross_search(prober, np.zeros(2), mean)
     printed = published_circle(touches, 0.03)
     measured = np.mean([np.linalg.norm(touch.reading_mm) for touch in touches])
     assert printed.radius_mm == pytest.approx(float(measured) + 0.375 - 0.4, abs=1e-3)
-    mean = TravelModel.of(Compensation(travel_mm=0.4))
     assert calibrated_circle(touches, mean).radius_mm == pytest.approx(2.0, abs=0.03)
     np.testing.assert_allclose(calibrated_circle(touches, mean).center_mm, 0.0, atol=0.03)
 
@@ -58,7 +58,7 @@ def test_the_adaptive_search_is_exact_without_noise(radius_mm: float) -> None:
 def test_no_room_is_refused() -> None:
     jammed = IdealProber(0.434, travel_mm=0.0, heading_rad=0.0)
     for run in (
-        lambda: cross_search(jammed, np.zeros(2)),
+        lambda: cross_search(jammed, np.zeros(2), travel()),
         lambda: probe_hole(jammed, travel(), np.zeros(2)),
     ):
         with pytest.raises(SearchError, match="on the rim or is"):

@@ -22,9 +22,9 @@ from spikingtac.events.recording import read_manifest
 from spikingtac.file_kinds import TOLD, document_of, kind_of
 from spikingtac.touch.series import load_series
 from spikingtac.tracks.tracks import longest
+from spikingtac.types import US_PER_S
 
 PEAK_WINDOW_US = 1_000  # Window of the peak rate, us: that of contact detection.
-US_PER_S = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,15 +50,11 @@ def run(args: Args) -> int:
         return tell(args.json, document, figures(str(args.file), told), TOLD[kind])
     source = args.open(args.file, encoding=args.encoding)
     found = _summary(source)
-    return tell(args.json, found, *(f"note: {note}" for note in source.notes), *_shown(args, found))
-
-
-def _shown(args: Args, found: dict[str, Any]) -> list[Table | str]:
-    """Return the figures of a recording for a reader."""
     plain = dict(found)
     anomalies, channels = plain.pop("anomalies"), plain.pop("trigger_channels")
     plain["health"] = {kind: n for kind, n in plain["health"].items() if kind != "rate_ev_s"}
-    shown: list[Table | str] = [figures(str(args.file), plain)]
+    shown: list[Table | str] = [*(f"note: {note}" for note in source.notes)]
+    shown.append(figures(str(args.file), plain))
     if channels:
         rows = [(name, *one.values()) for name, one in channels.items()]
         shown.append(Table("triggers", ("channel", "edges", "first us", "last us"), rows))
@@ -67,7 +63,7 @@ def _shown(args: Args, found: dict[str, Any]) -> list[Table | str]:
         shown.append(Table("anomalies", ("kind", "what it means", "times"), rows, words=2))
     elif not found["events"]:
         shown.append("the file holds no events")
-    return shown
+    return tell(args.json, found, *shown)
 
 
 def _of_truth(path: Path) -> dict[str, Any]:

@@ -12,7 +12,8 @@ import spikingtac as st
 from spikingtac import events
 from spikingtac.atomic_files import write_json
 from spikingtac.cli.messages import Table, tell
-from spikingtac.cli.verbs.probe_args import Args, ProbedHole
+from spikingtac.cli.verbs import probe_sites as sites
+from spikingtac.cli.verbs.probe_sites import Args, ProbedHole
 from spikingtac.errors import named
 from spikingtac.schema import to_mapping
 
@@ -27,7 +28,6 @@ DIGITS = 5  # Decimals of lengths in hole.json, mm: a hundredth of a micrometre.
 
 def run(args: Args) -> int:
     """Probe a hole, write the result, and print it."""
-    from spikingtac.cli.verbs import probe_sites as sites
     from spikingtac.plots.circles import HolePicture, save_hole_plot
 
     check(args)
@@ -44,7 +44,7 @@ def run(args: Args) -> int:
     if paths:
         (x, y), sigma, radius = circle.center_mm, circle.sigma_mm, circle.radius_mm
         title = (
-            f"hole by touch ({f'arm at {args.arm}' if args.arm else place}): {args.search}, "
+            f"hole by touch ({f'arm at {args.arm}' if args.arm else place}): "
             f"{len(touches)} contacts\n"
             f"centre ({x:.3f} ± {sigma[0]:.3f}, {y:.3f} ± {sigma[1]:.3f}) mm, "
             f"radius {radius:.3f} ± {sigma[2]:.3f} mm (one sigma)"
@@ -130,7 +130,7 @@ def _document(args: Args, hole: ProbedHole, picture: HolePicture) -> dict[str, A
     """Return the document that is written."""
     circle, travel, truth = hole.found.circle, hole.travel, None
     config = {"probing": args.probing(), "detector": args.detector, **hole.given}
-    config |= {"search": args.searching()} if args.search == "default" else {}
+    config["search"] = args.searching()
     contacts = [
         {name: _rounded(getattr(touch, name)) for name in ("start_mm", "direction", "reading_mm")}
         | {"residual_mm": _rounded(residual)}
@@ -144,7 +144,7 @@ def _document(args: Args, hole: ProbedHole, picture: HolePicture) -> dict[str, A
         "simulated": args.arm is None,
         "arm": args.arm,
         "grip": hole.grip,
-        "method": {"search": args.search, "detector": args.detector},
+        "method": {"search": "default", "detector": args.detector},
         "center_mm": _rounded(circle.center_mm),
         "radius_mm": _rounded(circle.radius_mm),
         "sigma_mm": _rounded(circle.sigma_mm),

@@ -5,17 +5,20 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+import tyro
 
 import spikingtac as st
 from spikingtac import contact, events, robot
 from spikingtac import sim as twin
 from spikingtac.cli.messages import progress, remark
+from spikingtac.cli.options import WriteArgs
 from spikingtac.cli.sources import ended_by_sigterm
-from spikingtac.cli.verbs.probe_args import Args, ProbedHole
 from spikingtac.geometry import Compensation
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.stream.guard_loop import watched_windows
@@ -34,6 +37,7 @@ GRIP_SETTLE_S = 1.0
 OPEN, CLOSED = 0, 255  # Positions of the gripper (Robotiq's scale).
 # Fraction of the computing time on the twin that the calibration takes, measured.
 CALIBRATED_FRACTION = 0.6
+CYCLES = 3  # Touches in each direction of that calibration.
 CALIBRATION_STREAM, SEARCH_STREAM = 4, 5  # Numbers of the random streams of the readings.
 
 # Assumptions of every search, and of one on the twin.
@@ -55,22 +59,82 @@ ASSUMPTIONS_ON_ARM = (
 )
 
 
-def search(args: Args, prober: Any, travel: st.TravelModel, start_mm: FloatArray) -> st.FoundHole:
-    """Search a hole, and return the estimate with its contacts.
+@dataclass(frozen=True, kw_only=True)
+class Args(WriteArgs):
+    """Find centre and radius of one hole by touch; on the twin unless an arm is given.
 
-    Args:
-        args: The arguments of the verb.
-        prober: Makes the touches.
-        travel: Calibrated travel.
-        start_mm: ``(2,)`` start inside the hole, mm.
+    The probe must stand in the hole. This is not a safety function: it does not replace the robot's
+    protective stop.
 
-    Raises:
-        SearchError: There is no wall, no room, or no circle; the arm is at rest.
+    Attributes:
+        output: Folder for hole.json and hole.png; nothing is written unless given.
+        arm: Address of a UR arm in remote control; the twin is used unless given.
+        events: With --arm: the finger's camera, a named pipe; a recording only with --rehearsal.
+        rehearsal: With --arm: allow --events to be a recording. The arm then moves by what was felt
+            earlier, and feels nothing: no contact stops it.
+        calibration: With --arm: calibration.json of that finger.
+        gripper: With --arm: close its Robotiq gripper on the probe before the search, and report
+            the grip.
+        release: With --gripper: open the gripper after the search.
+        travel_mm: With --arm: delta_crit, the tip's travel from touch to decision, mm, from a known
+            wall.
+        travel_sigma_mm: With --arm: standard deviation of this travel from touch to touch, mm.
+        radius_mm: On the twin: true radius of the hole, mm.
+        seed: On the twin: seed of everything random.
+        contacts: Largest number of contacts.
+        center_sigma_mm: The search ends at this standard deviation of the centre along
+            each axis, mm.
+        travel_limit_mm: Largest travel of one approach, mm; a hole must be smaller.
+        force_limit_n: Largest force of the tip, N, even if no wall is detected; it limits the
+            travel.
+        detector: Contact detector: default (signed, sequential) or event_count (as published).
     """
-    if args.search == "default":
-        return st.probe_hole(prober, travel, start_mm, **args.searching())
-    touches = robot.cross_search(prober, start_mm, travel)
-    return st.FoundHole(robot.calibrated_circle(touches, travel), tuple(touches))
+
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")] = None
+    arm: str | None = None
+    events: Path | None = None
+    rehearsal: bool = False
+    calibration: Path | None = None
+    gripper: bool = False
+    release: bool = False
+    travel_mm: float = 0.12
+    travel_sigma_mm: float = 0.03
+    radius_mm: float = 2.0
+    seed: int = 0
+    contacts: int = 12
+    center_sigma_mm: float = 0.0
+    travel_limit_mm: float = 11.0
+    force_limit_n: float = 0.5
+    detector: Annotated[str, tyro.conf.arg(metavar="default|event_count")] = "default"
+
+    def probing(self) -> st.ProbingConfig:
+        """Return how the search touches."""
+        limits = {"travel_limit_mm": self.travel_limit_mm, "force_limit_n": self.force_limit_n}
+        return st.ProbingConfig(conditions=True, **limits)
+
+    def searching(self) -> dict[str, Any]:
+        """Return the settings of the adaptive search."""
+        return {"contacts": self.contacts, "center_sigma_mm": self.center_sigma_mm}
+
+
+class ProbedHole(NamedTuple):
+    """The estimate of a hole, with the search that led to it.
+
+    Attributes:
+        found: The estimate and its contacts.
+        travel: The travel by which the readings were corrected.
+        assumed: The assumptions, in sentences.
+        given: What the search depended on beside its settings.
+        true_center_mm: ``(2,)`` the hole's centre, where it is known, mm.
+        grip: How the gripper holds the probe; None without a gripper.
+    """
+
+    found: st.FoundHole
+    travel: st.TravelModel
+    assumed: tuple[str, ...]
+    given: dict[str, Any]
+    true_center_mm: FloatArray | None = None
+    grip: dict[str, Any] | None = None
 
 
 def on_twin(args: Args) -> ProbedHole:
@@ -81,14 +145,13 @@ def on_twin(args: Args) -> ProbedHole:
     """
     site = twin.HoleSite(twin.Grasp.of(args.seed), args.seed)
     trial = twin.hole_trial(args.radius_mm, np.zeros(2), twin.CORNER_MM, args.seed)
-    style, cycles = (twin.DEFAULT, 3) if args.search == "default" else (twin.CROSS, 4)
     remark("calibrating on a flat wall, then probing the hole; this takes about half a minute")
     with progress("calibrate on a flat wall, then probe") as advance:
         quiet, config = twin.quiet_windows(site), st.DetectionConfig()
         detector = st.make_detector(args.detector, config, [site.calibration], quiet)
-        plain = twin.prober_for(site, detector, style)
+        plain = twin.prober_for(site, detector, twin.DEFAULT)
         on_walls = twin.RecordingProber(plain, [args.seed, CALIBRATION_STREAM])
-        twin.touch_flat_walls(site, on_walls, style, cycles)
+        twin.touch_flat_walls(site, on_walls, twin.DEFAULT, CYCLES)
         travel = twin.travel_of(on_walls.stored, twin.PLANNING_MM)
         advance(CALIBRATED_FRACTION)
         remark("calibrated; probing the hole")
@@ -96,7 +159,7 @@ def on_twin(args: Args) -> ProbedHole:
         arm, windows, free = site.rig.arm, site.rig.windows(), site.free_travel
         prober = robot.ArmProber(arm, windows, detector, args.probing(), free_travel=free)
         in_hole = twin.RecordingProber(prober, [args.seed, SEARCH_STREAM])
-        found = search(args, in_hole, travel, trial.start_mm)
+        found = st.probe_hole(in_hole, travel, trial.start_mm, **args.searching())
     start_mm = tuple(trial.start_mm.tolist())
     given = {"seed": args.seed, "radius_mm": args.radius_mm, "start_mm": start_mm}
     return ProbedHole(found, travel, ASSUMPTIONS_ON_TWIN, given, trial.center_mm)
@@ -150,7 +213,7 @@ def _search_hole(
         stream = watched_windows(reader, watchdog)
         stack.enter_context(robot.WatchdogThread(watchdog))
     prober = robot.ArmProber(arm, stream, detector, args.probing(), watchdog)
-    return search(args, prober, travel, prober.place_mm())
+    return st.probe_hole(prober, travel, **args.searching())
 
 
 def close_on_probe(gripper: robot.RobotiqGripper) -> dict[str, Any]:

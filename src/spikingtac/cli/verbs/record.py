@@ -20,10 +20,10 @@ from spikingtac.cli.sources import camera_address, ending_on_interrupt
 from spikingtac.events.align import (
     By,
     PoseClock,
-    SecondFinger,
     load_poses,
     map_between,
     map_of_poses,
+    second_finger,
     write_pair,
 )
 from spikingtac.events.recording import name_of
@@ -210,9 +210,9 @@ def align(args: AlignArgs) -> int:
 def _two(args: AlignArgs, second: Path) -> dict[str, Any]:
     from spikingtac.stream.record import prepare_folder
 
-    other = SecondFinger.open(args.first, second)
+    other, own = second_finger(args.first, second)
     by = args.by if args.trigger_channel is None else "triggers"
-    time_map, host_later_us = map_between(args.first, other, by, args.trigger_channel)
+    time_map, host_later_us = map_between(args.first, other, own, by, args.trigger_channel)
     told: dict[str, Any] = {"time_base": time_map.summary(), "host_later_us": host_later_us}
     if args.output is None:
         return told
@@ -222,7 +222,7 @@ def _two(args: AlignArgs, second: Path) -> dict[str, Any]:
         raise st.ConfigError("-o names a recording that is read; choose another folder")
     prepare_folder(args.output, args.overwrite)
     first, inputs = st.open_events(args.first), [args.first.name, second.name]
-    written = write_pair(args.output, first, other.source, time_map, {"inputs": inputs})
+    written = write_pair(args.output, first, other, time_map, {"inputs": inputs})
     return told | {"events": written}
 
 

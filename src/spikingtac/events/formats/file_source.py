@@ -66,25 +66,6 @@ def chosen_sensor(names: list[str], sensor: int | None, path: Path) -> int:
     raise ConfigError(f"{str(path)!r} holds {given}; choose one with --sensor (sensor=): {listed}")
 
 
-def require_size(size: tuple[int, int], where: str) -> tuple[int, int]:
-    """Return a sensor's size.
-
-    Args:
-        size: ``(width, height)``, px.
-        where: Its origin, for the error.
-
-    Raises:
-        FormatError: No sensor has such a size.
-    """
-    width, height = size
-    if min(size) < 1 or max(size) > SIDE_LIMIT_PX or width * height > AREA_LIMIT_PX:
-        raise FormatError(
-            f"{where}: a sensor of {width}x{height} px is not possible (valid: 1 to "
-            f"{SIDE_LIMIT_PX} a side, {AREA_LIMIT_PX} px together); give the true size with size="
-        )
-    return size
-
-
 class FileSource:
     """Events of one file, as an :class:`~spikingtac.events.source.EventSource`.
 
@@ -112,7 +93,14 @@ class FileSource:
         self.progress = 0.0
         self.lost_before: dict[str, int] = {}
         self._counters = HealthMeter(self.losses)
-        self.size = require_size(options.size or self._size(), repr(str(path)))
+        width, height = self.size = options.size or self._size()
+        longest, area = max(width, height), width * height
+        if min(width, height) < 1 or longest > SIDE_LIMIT_PX or area > AREA_LIMIT_PX:
+            raise FormatError(
+                f"{str(path)!r}: a sensor of {width}x{height} px is not possible (valid: 1 "
+                f"to {SIDE_LIMIT_PX} a side, {AREA_LIMIT_PX} px together); give the true size with "
+                "size="
+            )
 
     def _size(self) -> tuple[int, int]:
         """Return the sensor's size: as the file names it, else from its events."""

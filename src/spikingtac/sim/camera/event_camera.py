@@ -125,22 +125,17 @@ class EventCamera:
         moved = sweep.MarkerSweep(
             self._discs, after, np.empty_like(after), self._plan, float(start_us), float(end_us)
         )
-        self._reserve_outbox(float(end_us - start_us))
+        # The outbox holds the most events that all pixels can emit in the interval. The system
+        # gives memory to the pages that are written, which are few.
+        leaks = 2 + int(4 * self._fastest_leak * float(end_us - start_us))
+        most = self._sensor.pixels.size * (_MAX_LIGHT_SWINGS * self._max_crossings + leaks)
+        if most >= len(self._out):
+            self._out = np.zeros(1 + 2 * most, np.int64)
         sweep.sweep_kernel(self._sensor, moved, self._limits, self._out)
         while not readout.background_events_kernel(self._noise, moved.end_us, self._out):
             self._drain()
         self._drain()
         return self._readout.release(end_us)
-
-    def _reserve_outbox(self, span_us: float) -> None:
-        """Enlarge the outbox to the most events that all pixels can emit in the next interval.
-
-        The system gives memory to the pages that are written, which are few.
-        """
-        leaks = 2 + int(4 * self._fastest_leak * span_us)
-        most = self._sensor.pixels.size * (_MAX_LIGHT_SWINGS * self._max_crossings + leaks)
-        if most >= len(self._out):
-            self._out = np.zeros(1 + 2 * most, np.int64)
 
     def _drain(self) -> None:
         count = int(self._out[0])

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr, ndtri
 
-from spikingtac.arrays import FloatArray
 from spikingtac.sim.camera.config import CameraConfig, LightConfig
 from spikingtac.sim.camera.pixels import (
     CHIP_DTYPE,
@@ -17,6 +16,7 @@ from spikingtac.sim.camera.pixels import (
     LOG_ENTRIES,
     PIXEL_DTYPE,
 )
+from spikingtac.types import FloatArray
 
 # Coverage below which the tail of an edge is cut; at contrast 12.5 it is 1/40 of a threshold.
 _EDGE_TAIL = 5e-4

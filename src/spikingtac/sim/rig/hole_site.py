@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.errors import SearchError
@@ -25,7 +24,7 @@ from spikingtac.sim.rig.probe import ProbeConfig
 from spikingtac.sim.rig.rig import FingerConfig, Rig, RigConfig, SensingFinger
 from spikingtac.sim.rig.walls import Bit, HoleWall, NoWall, PlaneWall, Wall
 from spikingtac.sim.scene import SkinConfig
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, FloatArray
 
 # Simulated length of the approach to a wall, mm; the longest run-up of a touch takes 0.2 mm of it.
 SIMULATED_APPROACH_MM = 0.5

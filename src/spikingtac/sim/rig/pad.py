@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, cg
 
-from spikingtac.arrays import FloatArray
 from spikingtac.sim.layer import GridConfig, LayerOperator
 from spikingtac.sim.optics import SkinState
 from spikingtac.sim.rig.probe import GRIPPER_IN_BASE, ProbeState
 from spikingtac.sim.scene import SkinConfig
+from spikingtac.types import FloatArray
 
 MODES = 6
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import expm
 
-from spikingtac.arrays import FloatArray
 from spikingtac.sim.gel import CREEP_FRACTIONS, CREEP_TIMES_S
 from spikingtac.sim.rig.walls import Bit, TipContact, Wall
+from spikingtac.types import FloatArray
 
 # Stiffness of translation, N/mm, and of rotation across the rod, N mm/rad (contract.md).
 K_T_N_MM, K_THETA_N_MM_RAD = 2.5, 68.0
@@ -119,7 +119,11 @@ class Probe:
         creep = decay @ self._creep
         momentum = self._bushing / dt_s**2 + self._rate / dt_s
         load = stiffness * creep + damping * self._bushing / dt_s + mass @ momentum
-        load -= mass[:, :3] @ self._arm_acceleration(dt_s, arm_mm)
+        # The arm's acceleration over the last two steps.
+        before, last = self._arm
+        rate = (arm_mm - last) / dt_s - (last - before) / self._arm_dt_s
+        self._arm, self._arm_dt_s = [last, np.array(arm_mm)], dt_s
+        load -= mass[:, :3] @ (GRIPPER_IN_BASE.T @ rate / dt_s)
         free_bushing = compliance @ load
         force = self.contact.solve(arm_mm + TIP_JACOBIAN @ free_bushing, tip_compliance)
         bushing = free_bushing + from_tip @ force
@@ -146,14 +150,6 @@ class Probe:
 
     def _center(self, arm_mm: FloatArray) -> FloatArray:
         return arm_mm - GRIPPER_IN_BASE[:, 1] * STICKOUT_MM
-
-    def _arm_acceleration(self, dt_s: float, arm_mm: FloatArray) -> FloatArray:
-        """Return the arm's acceleration ``(3,)`` over the last two steps, gripper frame."""
-        before, last = self._arm
-        previous_s = self._arm_dt_s
-        rate = (arm_mm - last) / dt_s - (last - before) / previous_s
-        self._arm, self._arm_dt_s = [last, np.array(arm_mm)], dt_s
-        return GRIPPER_IN_BASE.T @ rate / dt_s
 
 
 @functools.lru_cache(maxsize=64)

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray
 from spikingtac.sim.camera.config import CameraConfig
 from spikingtac.sim.camera.event_camera import EventCamera, ReferenceHistory
 from spikingtac.sim.optics import MarkerImage, Optics, OpticsConfig
@@ -20,7 +19,7 @@ from spikingtac.sim.rig.probe import Probe, ProbeConfig, Vibration
 from spikingtac.sim.rig.ur3 import REPEATABILITY_MM, UR3Twin
 from spikingtac.sim.rig.walls import Wall
 from spikingtac.sim.scene import CameraChoice
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, FloatArray
 
 # Longest and shortest step of the mechanics, us (twin.md: 250 to 500 Hz keeps real time).
 STEP_US, SHORTEST_STEP_US = 1000, 100

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.arrays import FloatArray
+from spikingtac.types import FloatArray
 
 SWEEPS = 30  # Largest number of Gauss-Seidel sweeps; two points of a hexagon need about ten.
 

@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray
 from spikingtac.errors import DeviceError, MissingExtraError
 from spikingtac.robot.arm import ArmState, checked_target
-from spikingtac.types import Pose
+from spikingtac.types import FloatArray, Pose
 
 DECELERATION_MM_S2 = 8000.0  # Deceleration of a stop, mm/s² (contract.md).
 ACCELERATION_MM_S2 = 1200.0  # Acceleration of ``movel``, mm/s² (URScript's default, 1.2 m/s²).

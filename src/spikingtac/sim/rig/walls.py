@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spikingtac.arrays import FloatArray
 from spikingtac.sim.rig.tip_contact import (
     CompliantMount,
     LinearisedWall,
@@ -25,6 +24,7 @@ from spikingtac.sim.rig.tip_contact import (
     solve_linearised_kernel,
     update_anchors_kernel,
 )
+from spikingtac.types import FloatArray
 
 HEXAGON_CORNERS = 6
 

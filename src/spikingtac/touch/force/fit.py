@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.optimize import nnls
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.errors import ConfigError
 from spikingtac.touch.force.model import SCHEMA, ForceModel, fields_of, rest_share
 from spikingtac.touch.force.regression import NORMAL, fit_regression
 from spikingtac.touch.network import Network, with_record
 from spikingtac.touch.series import COMPONENTS, WrenchSeries
+from spikingtac.types import FloatArray as Field
 
 Taught = tuple[Field, Field, Field]  # Fields (n, size), labels (n, c), and the labels' zero (c,).
 

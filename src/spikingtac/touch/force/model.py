@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.atomic_files import replacing
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.errors import ConfigError
 from spikingtac.touch.network import Network
 from spikingtac.touch.series import COMPONENTS, WrenchSeries
+from spikingtac.types import US_PER_S
+from spikingtac.types import FloatArray as Field
 
-US_PER_S = 1e6
 BATCH = 4096  # Frames that the network takes at once, so that memory is bounded.
 SCHEMA = 5  # Version of the record.
 SIGMAS_90 = 1.645  # Standard deviations in half of a 90 % interval of normal errors.

@@ -19,9 +19,9 @@ from scipy.interpolate import RBFInterpolator
 from scipy.linalg import polar, solve
 from scipy.spatial.distance import cdist
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.network import graph
+from spikingtac.types import FloatArray as Field
 
 NORMAL = 2  # Component of the normal force in a wrench.
 

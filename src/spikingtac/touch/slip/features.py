@@ -16,8 +16,9 @@ from math import log
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.calibration.lens import marker_pitch_px
+from spikingtac.types import US_PER_S
+from spikingtac.types import FloatArray as Field
 
 # Widths of the Gaussian windows, pitches of the markers: from one marker to the patch.
 WIDTHS = (0.6, 1.0, 1.6, 2.6)
@@ -65,7 +66,6 @@ FEATURES = FIRST_MOTION + MOTION_FEATURES * len(MOTION_SPANS_US)
 
 # Frames further apart say nothing of slip: the shortest span must hold some, us.
 LONGEST_GAP_US = 6_000
-US_PER_S = 1e6
 
 # Change over the longest span, pitches, below which the skin stands still: 0.3 of 37 px (a
 # tracker's errors make a third of it, a drag of 2 mm/s makes it in 10 ms).

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.touch.detector import TouchDetector
 from spikingtac.touch.slip.monitor import Slip, SlipMonitor, SlipState
 from spikingtac.touch.touch import Touch
 from spikingtac.tracks import Tracks
+from spikingtac.types import FloatArray as Field
 from spikingtac.types import MarkerFrame
 
 

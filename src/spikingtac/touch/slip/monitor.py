@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from spikingtac.arrays import FloatArray as Field
 from spikingtac.touch.network import packaged
 from spikingtac.touch.slip.features import FeatureStream
+from spikingtac.types import FloatArray as Field
 
 Phase = Literal["stick", "incipient", "gross"]
 

@@ -36,7 +36,7 @@ def test_the_loader_never_opens_the_truth(tmp_path, monkeypatch):
     folder = tmp_path / "recording"
     with RecordingWriter(folder, SIZE) as writer:
         writer.write(moving_disc().events)
-        writer.append_truth({"marker_t_us": np.zeros(1, np.int64)})
+        writer.truth_file().append({"marker_t_us": np.zeros(1, np.int64)})
     assert (folder / "truth.npz").is_file()
     opened: list[str] = []
 

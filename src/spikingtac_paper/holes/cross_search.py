@@ -6,35 +6,25 @@ from dataclasses import replace
 import numpy as np
 
 from spikingtac.errors import SearchError
-from spikingtac.geometry.hole import FRICTION, SLIP_SIGMA, Circle
-from spikingtac.geometry.travel import Compensation, TravelModel
-from spikingtac.robot.prober import Prober, Touched
+from spikingtac.geometry import FRICTION, SLIP_SIGMA, Circle, Compensation, TravelModel
+from spikingtac.robot import LEAST_FREE_MM, Prober, Touched, require_room
 from spikingtac.types import FloatArray
 
 EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # Directions +X and +Y of the search.
 
-# Opposite readings nearer than this leave no room, mm, where the travel is not known: the
-# narrowest hole leaves 0.23 mm plus twice the travel, even at 0.9 of the free way.
-LEAST_ROOM_MM = 0.25
-
-# Least distance besides the travel, mm, where the travel is known: a probe on the rim is detected
-# on both sides at once, which leaves nothing.
-LEAST_FREE_MM = 0.06
-
-# How far the two chords may contradict each other, mm, where the travel is not known: 0.3 mm is
-# the largest difference of the travels along and across the pads.
-MISFIT_MM = 0.45
-
-# The same where it is known: five times the spread of a touch that is not conditioned.
-KNOWN_MISFIT_MM = 0.25
+# How far the two chords may contradict each other, mm: five times the spread of a touch that is not
+# conditioned.
+MISFIT_MM = 0.25
 
 # Of the angle at which a chord meets the wall: a start at 0.9 of the free way meets it at 0.44.
 LEAST_COSINE = 0.2
 
 
-def cross_search(
-    prober: Prober, start_mm: FloatArray, travel: TravelModel | None = None
-) -> list[Touched]:
+# The paper's constants, mm: half the bit's width, and delta_crit.
+OFFSET_MM, TRAVEL_MM = 0.375, 0.4
+
+
+def cross_search(prober: Prober, start_mm: FloatArray, travel: TravelModel) -> list[Touched]:
     """Touch +X and -X from the start, then +Y and -Y from the middle of the two.
 
     Args:
@@ -59,24 +49,6 @@ def cross_search(
     return [*first, *second]
 
 
-def require_room(one: Touched, other: Touched, travel: TravelModel | None = None) -> None:
-    """Refuse two opposite contacts at one place.
-
-    Raises:
-        SearchError: The probe stands on the rim, or is jammed.
-    """
-    room_mm = float((one.reading_mm - other.reading_mm) @ one.direction)
-    least_mm = LEAST_ROOM_MM
-    if travel is not None:
-        least_mm = LEAST_FREE_MM + float(_taken([one, other], travel)[1].sum())
-    if room_mm < least_mm:
-        raise SearchError(
-            f"the probe touches on both sides within {max(room_mm, 0.0):.3f} mm of "
-            f"({one.start_mm[0]:.2f}, {one.start_mm[1]:.2f}) mm: it stands on the rim or is "
-            "jammed, or the hole is no wider than the bit; start inside the hole"
-        )
-
-
 def _taken(
     touches: list[Touched], travel: TravelModel
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -87,21 +59,18 @@ def _taken(
     return direction, taken_mm, reading - taken_mm[:, None] * direction
 
 
-def _require_circle(touches: list[Touched], travel: TravelModel | None) -> None:
+def _require_circle(touches: list[Touched], travel: TravelModel) -> None:
     """Refuse a first chord whose length contradicts the second chord.
 
     Raises:
         SearchError: Then at least one contact was none.
     """
-    point = np.array([touch.reading_mm for touch in touches])
-    if travel is not None:
-        point = _taken(touches, travel)[2]
+    point = _taken(touches, travel)[2]
     half_x, half_y = (point[0, 0] - point[1, 0]) / 2.0, (point[2, 1] - point[3, 1]) / 2.0
     off = float(touches[2].start_mm[1] - point[2:, 1].mean())
     expected = math.sqrt(max(half_y**2 - off**2, 0.0))
-    allowed = MISFIT_MM if travel is None else KNOWN_MISFIT_MM
     slope = float(half_y) / max(expected, LEAST_FREE_MM)  # how the misfit grows off the middle
-    if abs(float(half_x) - expected) > allowed * max(slope, 1.0):
+    if abs(float(half_x) - expected) > MISFIT_MM * max(slope, 1.0):
         raise SearchError(
             f"the contacts make no circle: half the chord along X is {half_x:.2f} mm, the contacts "
             f"along Y demand {expected:.2f} mm; the probe leans on the rim, a contact was false, "
@@ -116,9 +85,8 @@ def published_circle(touches: list[Touched], sigma_mm: float) -> Circle:
         touches: From :func:`cross_search`.
         sigma_mm: Standard deviation of one contact, mm; the paper states none.
     """
-    return _circle(np.array([touch.reading_mm for touch in touches]), sigma_mm).grown(
-        Compensation.published().total_mm
-    )
+    circle = _circle(np.array([touch.reading_mm for touch in touches]), sigma_mm)
+    return replace(circle, radius_mm=circle.radius_mm + (OFFSET_MM - TRAVEL_MM))
 
 
 def calibrated_circle(touches: list[Touched], travel: TravelModel) -> Circle:
@@ -138,7 +106,8 @@ def calibrated_circle(touches: list[Touched], travel: TravelModel) -> Circle:
     sigma = _spread_mm(point - circle.center_mm, direction, size, known)
     covariance = (gain * sigma**2) @ gain.T + travel.systematic_mm2(angle, gain)
     covariance[2, 2] += reach.offset_sigma_mm**2 / 2.0  # the same reach at opposite contacts
-    return replace(circle, covariance_mm2=covariance).grown(reach.offset_mm)
+    radius_mm = circle.radius_mm + reach.offset_mm
+    return replace(circle, radius_mm=radius_mm, covariance_mm2=covariance)
 
 
 def _spread_mm(
