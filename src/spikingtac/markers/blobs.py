@@ -12,6 +12,7 @@ serves two markers.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,9 @@ def find_blobs(
     from scipy import ndimage  # a tenth of a second that only this function needs
 
     # Single precision, as the map: 0.2 in double precision lies above 0.2 in the map.
-    labels, count = ndimage.label(state_map >= np.float32(threshold), EIGHT_CONNECTED)
+    above = state_map >= np.float32(threshold)
+    found: Any = ndimage.label(above, EIGHT_CONNECTED)
+    labels, count = found
     y, x = np.nonzero(labels)
     height, width = labels.shape
     at_border = (x == 0) | (y == 0) | (x == width - 1) | (y == height - 1)

@@ -260,7 +260,7 @@ def unpack(message: bytes | bytearray) -> LiveFrame:
     """Return the frame of a message of :func:`follow_sensor`."""
     t_us, *told = HEAD.unpack_from(message)
     columns = np.frombuffer(message, offset=HEAD.size).reshape(-1, MARKER_BYTES // 8).T
-    places = (columns[first : first + 2].T for first in (0, 2, 4))
-    return LiveFrame(
-        t_us, *places, columns[6] > 0.0, columns[7], SourceHealth(*told[4:]), *told[:4]
-    )
+    detected_px, position_px, displacement_px = columns[:2].T, columns[2:4].T, columns[4:6].T
+    columns = detected_px, position_px, displacement_px, columns[6] > 0.0, columns[7]
+    number, told_ns, behind_ms, most_ms, *health = told
+    return LiveFrame(t_us, *columns, SourceHealth(*health), number, told_ns, behind_ms, most_ms)

@@ -90,8 +90,7 @@ def run(args: Args) -> int:
         ]
         prepare_folder(args.output, args.overwrite)
         opened.enter_context(ending_on_interrupt(*sources))
-        told: set[str] = set()
-        show = partial(_show, told)
+        show = partial(_show, set())
         summary = record(sources, args.output, split=split, seconds=seconds, show=show)
     shown: list[Table | str] = [_table(f"recording {summary['output']}", summary)]
     if "second" in summary:
