@@ -3,7 +3,7 @@
 The scenes are the twin's ``train-*`` ones, on other sensors and with other seeds than any scored
 trial; both camera presets count. Each method's parameters are searched on a small grid around what
 its source prints; the set with the least mean error against truth, lost markers included as they
-are, is taken. The chosen values are the defaults of the config classes; a test compares the two.
+are, is taken. The chosen values are the defaults of the trackers; a test compares the two.
 
     python benchmarks/tune_baselines.py FOLDER [METHOD ...]
 
@@ -23,9 +23,9 @@ import numpy as np
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.markers.registry import MarkerTracker, make_tracker
-from spikingtac_paper.baselines.ekalibr import EkalibrConfig, EkalibrTracker
-from spikingtac_paper.baselines.evetac import EvetacConfig, EvetacTracker
-from spikingtac_paper.baselines.neutac import NeutacConfig, neutac_tracker
+from spikingtac_paper.baselines.ekalibr import EkalibrTracker
+from spikingtac_paper.baselines.evetac import EvetacTracker
+from spikingtac_paper.baselines.neutac import neutac_tracker
 from spikingtac_paper.trials.methods import Method, main_methods
 from spikingtac_paper.trials.metrics import point_scores
 from spikingtac_paper.trials.runner import KEPT_HZ
@@ -80,14 +80,14 @@ GRIDS: dict[str, dict[str, list[Any]]] = {
 def build(name: str, values: dict[str, Any], calibration: Calibration) -> MarkerTracker:
     """Return a tracker with the values of one point of a grid."""
     if name.startswith("evetac"):
-        return EvetacTracker(EvetacConfig(**values), calibration)
+        return EvetacTracker(calibration, **values)
     if name == "ekalibr":
-        return EkalibrTracker(EkalibrConfig(**values), calibration)
+        return EkalibrTracker(calibration, **values)
     published = load_config("paper").tracking
     if name == "paper":
         blobs = replace(published.blobs, **values)
         return make_tracker(replace(published, blobs=blobs), calibration)
-    return neutac_tracker(NeutacConfig(**values), calibration)
+    return neutac_tracker(calibration, **values)
 
 
 def rate_hz(name: str) -> float:
@@ -123,7 +123,6 @@ def tuned(name: str, folder: Path, tell: Callable[[str], None]) -> list[dict[str
             tracker=name,
             rate_hz=rate_hz(name),
             build=lambda calibration, v=values: build(name, v, calibration),
-            settings=values,
         )
         scores = [
             point_scores(method.track(events, calibration, KEPT_HZ), truth)

@@ -1,12 +1,13 @@
 """The ratchet: how large the packages may be. The figures only fall."""
 
 import ast
+import re
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import pytest
 
-from stand_ins.source_trees import SOURCES, code_lines
+from stand_ins.source_trees import FILES, SOURCES, code_lines, tree_of
 
 PROJECT = SOURCES.parent
 
@@ -47,3 +48,13 @@ def test_a_package_does_not_grow(folder: str) -> None:
     found, most = size_of(PROJECT / folder), MOST[folder]
     over = [n > m for n, m in zip(astuple(found), astuple(most), strict=True)]
     assert not any(over), f"{folder} has {found}, at most {most}: remove something first"
+
+
+def test_settings_do_not_grow() -> None:
+    """Counts the fields of all that settings files, scenes and options fill in."""
+    of_settings = re.compile(r"Config$|^(Scene|CameraChoice|Ellipsoid|Punch|Rods|SoftLayer)$")
+    nodes = [node for path in FILES for node in ast.walk(tree_of(path))]
+    found = [
+        node for node in nodes if isinstance(node, ast.ClassDef) and of_settings.search(node.name)
+    ]
+    assert sum(isinstance(line, ast.AnnAssign) for node in found for line in node.body) <= 178

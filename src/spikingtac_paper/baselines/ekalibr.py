@@ -18,8 +18,6 @@ the circle must be near the calibrated ones.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -53,32 +51,27 @@ DAMPING = np.array([1e-6, 1e-6, 1e-2, 1e-2, 1e-2, 1e-1])
 PROXIMITY_FRACTION = 0.5
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class EkalibrConfig:
-    """Parameters of the original that were tuned, and one that tracking adds.
-
-    Attributes:
-        window_us: Time for which an event is active, us (original: 20 ms).
-        dilate_px: Largest distance of pixels of one cluster, px (original: 3; tuned).
-        radius_tolerance: Largest relative deviation of the radius from the calibrated one.
-    """
-
-    window_us: int = 20_000
-    dilate_px: int = 5
-    radius_tolerance: float = 0.35
-
-
 class EkalibrTracker:
     """Detects moving circles anew at every estimate."""
 
-    def __init__(self, config: EkalibrConfig, calibration: Calibration) -> None:
+    def __init__(
+        self,
+        calibration: Calibration,
+        *,
+        window_us: int = 20_000,
+        dilate_px: int = 5,
+        radius_tolerance: float = 0.35,
+    ) -> None:
         """Start at the calibrated rest positions.
 
         Args:
-            config: Parameters.
             calibration: Rest positions, radii and polarity of the markers.
+            window_us: Time for which an event is active, us (original: 20 ms).
+            dilate_px: Largest distance of pixels of one cluster, px (original: 3; tuned).
+            radius_tolerance: Largest relative deviation of the radius from the calibrated one.
         """
-        self._config, self._calibration = config, calibration
+        self._calibration, self._window_us = calibration, window_us
+        self._dilate_px, self._radius_tolerance = dilate_px, radius_tolerance
         self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
         self._radius_px = float(calibration.radius_px.mean())
         spacing_px = smallest_spacing_px(calibration.reference_px)
@@ -104,7 +97,7 @@ class EkalibrTracker:
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the markers at ``t_us``. A marker without a circle keeps its last place."""
-        since_us = t_us - self._config.window_us
+        since_us = t_us - self._window_us
         self._recent = [packet for packet in self._recent if packet.t[-1] >= since_us]
         center_px = self._circles(t_us, since_us)
         match = associate(self._detected_px, center_px, self._proximity_px)
@@ -123,7 +116,7 @@ class EkalibrTracker:
         """Return the centres ``(n, 2)`` of the circles at ``t_us``, px."""
         labels, arcs = [], []
         for last_us in self._last_us:
-            found = find_arcs(normal_flow(last_us, since_us), last_us >= since_us, self._config)
+            found = find_arcs(normal_flow(last_us, since_us), last_us >= since_us, self._dilate_px)
             labels.append(found[0])
             arcs.append(found[1])
         pairs = pair_arcs(arcs[0], arcs[1], 3.0 * self._radius_px)
@@ -148,12 +141,12 @@ class EkalibrTracker:
         x, y, p, t = (
             np.concatenate([getattr(packet, name) for packet in self._recent]) for name in "xypt"
         )
-        recent = t >= t_us - self._config.window_us
+        recent = t >= t_us - self._window_us
         x, y, p, t = x[recent], y[recent], p[recent], t[recent]
         bright = p != (self._calibration.polarity == "dark")
         group = np.where(bright, labels[1][y, x] + labels[0].max() + 1, labels[0][y, x])
         order = np.argsort(group, kind="stable")
-        points = np.column_stack([x, y, (t - t_us) / self._config.window_us])[order]
+        points = np.column_stack([x, y, (t - t_us) / self._window_us])[order]
         groups, first = np.unique(group[order], return_index=True)
         return points.astype(np.float64), groups, np.append(first, len(points))
 
@@ -164,12 +157,12 @@ class EkalibrTracker:
             points: ``(n, 3)`` events: x px, y px, time from the estimate in windows.
             arcs: ``(4,)`` mean centre, px, and mean flow, px/us, of the two arcs.
         """
-        speed = arcs[2:] * self._config.window_us
+        speed = arcs[2:] * self._window_us
         # Half of the window ago the marker was in the middle of its arcs.
         start = np.array([*(arcs[:2] + 0.5 * speed), *speed, self._radius_px, 0.0])
         fit, residual_px = moving_circle(points, start, ITERATIONS)
         deviation = abs(fit[4] - self._radius_px) / self._radius_px
-        fits = residual_px < RESIDUAL_PX and deviation < self._config.radius_tolerance
+        fits = residual_px < RESIDUAL_PX and deviation < self._radius_tolerance
         return fit[:2] if fits else None
 
 
@@ -248,21 +241,21 @@ def moving_circle(points: Field, start: Field, iterations: int) -> tuple[Field, 
 
 
 def find_arcs(
-    flow: Field, active: NDArray[np.bool_], config: EkalibrConfig
+    flow: Field, active: NDArray[np.bool_], dilate_px: int
 ) -> tuple[NDArray[np.int32], Field]:
     """Cluster the active pixels of one polarity that have a flow.
 
     Args:
         flow: ``(2, height, width)`` normal flow, px/us; 0 where there is none.
         active: ``(height, width)`` active pixels.
-        config: How near the pixels of a cluster are.
+        dilate_px: Largest distance of pixels of one cluster, px.
 
     Returns:
         ``(height, width)`` label image (0 is none), and the arcs ``(k, 5)``: label, mean place x,
         y, px, mean flow x, y, px/us.
     """
     moving = active & flow.any(axis=0)
-    grown = ndimage.maximum_filter(moving, 2 * (config.dilate_px // 2) + 1, mode="constant")
+    grown = ndimage.maximum_filter(moving, 2 * (dilate_px // 2) + 1, mode="constant")
     label = np.zeros(grown.shape, np.int32)
     ndimage.label(grown, np.ones((3, 3)), output=label)
     count = int(label.max())

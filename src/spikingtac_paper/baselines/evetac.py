@@ -21,8 +21,7 @@ are run.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
-from typing import Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,52 +42,44 @@ SLICE_US = 1_000  # Length of a slice, us (original: 1 ms).
 TURN_RATIO = 1.25  # R divided by the outer radius of the ring (original).
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class EvetacConfig:
-    """Parameters of the original that were tuned for another sensor.
-
-    Attributes:
-        gain: Step per unit of attraction (original: 0.003).
-        regularizer: Weight of the regulariser, inside of the gain (original: 7.5e-5).
-        reach_ratio: Outer radius of the ring divided by the disc's radius (original: 1 / 0.3 to 1 /
-            0.5).
-        gate: Smallest number of non-zero components of the attraction per slice (original: 10,
-            about 5 events).
-        support_us: Window of the background-activity filter, us (original: 100 ms; tuned).
-    """
-
-    gain: float = 0.002
-    regularizer: float = 7.5e-5
-    reach_ratio: float = 2.2
-    gate: int = 4
-    support_us: int = 50_000
-
-    @classmethod
-    def strong(cls) -> Self:
-        """Return the older variant of the original, which applies 7.5e-5 outside of the gain.
-
-        At the original's gain of 0.003 such a regulariser overshoots in every slice. Its gain was
-        tuned separately, behind the original's filter.
-        """
-        return cls(gain=1e-4, regularizer=7.5e-5 / 0.003, support_us=100_000)
+# Of the older variant of the original, which applies 7.5e-5 outside of the gain. At the original's
+# gain of 0.003 such a regulariser overshoots in every slice. Its gain was tuned separately, behind
+# the original's filter.
+STRONG: dict[str, Any] = {"gain": 1e-4, "regularizer": 7.5e-5 / 0.003, "support_us": 100_000}
 
 
 class EvetacTracker:
     """Tracks each dot by the events around it. A dot with too few events does not move."""
 
-    def __init__(self, config: EvetacConfig, calibration: Calibration) -> None:
+    def __init__(
+        self,
+        calibration: Calibration,
+        *,
+        gain: float = 0.002,
+        regularizer: float = 7.5e-5,
+        reach_ratio: float = 2.2,
+        gate: int = 4,
+        support_us: int = 50_000,
+    ) -> None:
         """Start at the calibrated rest positions.
 
         Args:
-            config: Parameters.
             calibration: Rest positions of the markers; polarity is not used.
+            gain: Step per unit of attraction (original: 0.003; tuned).
+            regularizer: Weight of the regulariser, inside of the gain (original: 7.5e-5).
+            reach_ratio: Outer radius of the ring divided by the disc's radius (original: 1 / 0.3 to
+                1 / 0.5; tuned).
+            gate: Smallest number of non-zero components of the attraction per slice (original: 10,
+                about 5 events; tuned).
+            support_us: Window of the background-activity filter, us (original: 100 ms; tuned).
         """
-        self._config, self._calibration = config, calibration
+        self._calibration, self._gate, self._support_us = calibration, gate, support_us
+        self._gain, self._regularizer = gain, regularizer
         self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
         rest_px = calibration.reference_px.astype(np.float64)
         pitch_px = marker_pitch_px(rest_px) if len(rest_px) > 1 else SOURCE_PITCH_PX
         self._scale = pitch_px / SOURCE_PITCH_PX
-        self._outer_px = config.reach_ratio * float(calibration.radius_px.mean())
+        self._outer_px = reach_ratio * float(calibration.radius_px.mean())
         away_px = np.linalg.norm(rest_px[:, None] - rest_px, axis=2)
         near = (away_px > 0.0) & (away_px < SOURCE_NEIGHBOUR_PX * self._scale)
         self._neighbour_px = np.where(near, away_px, np.nan)
@@ -110,27 +101,27 @@ class EvetacTracker:
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the dots after the last complete slice before ``t_us``."""
-        coasted = self._support < self._config.gate
+        coasted = self._support < self._gate
         given, moved = self._center_px.copy(), self._center_px - self._calibration.reference_px
         return MarkerFrame(t_us, given, given, moved, coasted, np.where(coasted, 0.0, 1.0))
 
     def reset(self) -> None:
         """Return to the calibrated rest positions."""
-        self._filter = BackgroundActivityFilter(self._calibration.size, self._config.support_us)
+        self._filter = BackgroundActivityFilter(self._calibration.size, self._support_us)
         self._waiting: list[EventPacket] = []
         self._center_px: FloatArray = self._calibration.reference_px.astype(np.float64)
         self._support = np.zeros(len(self._center_px), np.int64)
 
     def _advance(self, x: NDArray[np.uint16], y: NDArray[np.uint16]) -> None:
         """Move the dots by the events of one slice."""
-        config, scale = self._config, self._scale
+        scale = self._scale
         inner_px = max(self._outer_px - SOURCE_RING_PX * scale, 0.0)
         pull, self._support = attraction(x, y, self._center_px, (inner_px, self._outer_px))
         clamp_px, cap_px = SOURCE_CLAMP_PX * scale, SOURCE_CAP_PX * scale
-        weight = config.regularizer / scale**2
+        weight = self._regularizer / scale**2
         held = weight * regularizer(self._center_px, self._neighbour_px)
-        step_px = config.gain * (pull.clip(-clamp_px, clamp_px) - held)
-        step_px[self._support < config.gate] = 0.0
+        step_px = self._gain * (pull.clip(-clamp_px, clamp_px) - held)
+        step_px[self._support < self._gate] = 0.0
         self._center_px -= step_px.clip(-cap_px, cap_px)
 
 

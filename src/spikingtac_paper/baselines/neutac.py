@@ -17,8 +17,6 @@ last-polarity map the same pipeline is that preset without its law, which the ex
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,32 +30,25 @@ from spikingtac.types import EventPacket
 RATE_HZ = 300.0  # Estimates per second, Hz (table I of the SpikingTac paper).
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class NeutacConfig:
-    """The parameters of NeuTac that had to be chosen.
+def neutac_tracker(
+    calibration: Calibration,
+    *,
+    support_us: int = 5_000,
+    decay_us: float = 100_000_000.0,
+    level: float = 0.5,
+) -> BlobTracker:
+    """Assemble the published stages from those of this package, behind a filter of isolated events.
 
-    Attributes:
+    Args:
+        calibration: Rest positions of the markers; the initial surface is drawn from it.
         support_us: Window of the background-activity filter, us (tuned).
         decay_us: Time constant of the time surface, us (tuned).
         level: Threshold on the denoised time surface; 0.5 is grey (tuned).
     """
-
-    support_us: int = 5_000
-    decay_us: float = 100_000_000.0
-    level: float = 0.5
-
-
-def neutac_tracker(config: NeutacConfig, calibration: Calibration) -> BlobTracker:
-    """Assemble the published stages from those of this package, behind a filter of isolated events.
-
-    Args:
-        config: Surface and threshold.
-        calibration: Rest positions of the markers; the initial surface is drawn from it.
-    """
     denoiser = make_denoiser(load_config("paper").tracking.denoiser)
     start = paint_binary_discs(calibration.size, calibration.reference_px, calibration.radius_px)
-    surface = TimeSurface(start, config.decay_us, dark_markers=calibration.polarity == "dark")
-    blobs = BlobTrackerConfig(threshold=config.level, support_us=config.support_us, refresh_us=0)
+    surface = TimeSurface(start, decay_us, dark_markers=calibration.polarity == "dark")
+    blobs = BlobTrackerConfig(threshold=level, support_us=support_us, refresh_us=0)
     return BlobTracker(blobs, calibration, denoiser, state_map=surface)
 
 

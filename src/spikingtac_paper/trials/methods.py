@@ -5,12 +5,11 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from spikingtac import Calibration, MarkerTracker, follow, make_tracker, plugins
-from spikingtac.config import Config, digest, load_config
+from spikingtac.config import Config, load_config
 from spikingtac.markers import (
     TRACKERS,
     AnchoredLaw,
@@ -19,19 +18,14 @@ from spikingtac.markers import (
     PaperLawConfig,
     trackers,
 )
-from spikingtac.schema import to_mapping
 from spikingtac.types import EventPacket
 from spikingtac_paper.baselines.ekalibr import RATE_HZ as EKALIBR_HZ
-from spikingtac_paper.baselines.ekalibr import EkalibrConfig, EkalibrTracker
+from spikingtac_paper.baselines.ekalibr import EkalibrTracker
 from spikingtac_paper.baselines.evetac import RATE_HZ as EVETAC_HZ
-from spikingtac_paper.baselines.evetac import EvetacConfig, EvetacTracker
+from spikingtac_paper.baselines.evetac import STRONG, EvetacTracker
 from spikingtac_paper.baselines.neutac import RATE_HZ as NEUTAC_HZ
-from spikingtac_paper.baselines.neutac import NeutacConfig, neutac_tracker
-from spikingtac_paper.harness.run import code_digest
+from spikingtac_paper.baselines.neutac import neutac_tracker
 from spikingtac_paper.trials.trajectories import Prediction
-
-# Calibration fields of trackers that use neither steps nor contrast nor lag.
-READ_BY_BASELINES = ("reference_px", "radius_px", "polarity", "size")
 
 # Name of the method that returns the truth; its return distance is the gel's own residual.
 TRUTH = "truth"
@@ -44,14 +38,11 @@ class Method:
     Attributes:
         name: Name in the report.
         about: One line about it.
-        tracker: Name under which the estimates are kept: that of the method without a law.
+        tracker: Name of the method whose estimates it uses: its own without a law.
         rate_hz: Estimates per second of data time.
         build: Creates the tracker for a calibration.
-        settings: All its settings, for the digest and the report.
-        reads: Calibration fields that it reads; empty means all.
         before: Filter of the events before the tracker, or None.
         law: Creates the output law that takes the place of the tracker's own, or None.
-        law_settings: All settings of the law.
     """
 
     name: str
@@ -59,16 +50,8 @@ class Method:
     tracker: str
     rate_hz: float
     build: Callable[[Calibration], MarkerTracker]
-    settings: Any
-    reads: tuple[str, ...] = ()
     before: Callable[[Iterable[EventPacket], Calibration], Iterable[EventPacket]] | None = None
     law: Callable[[], OutputLaw] | None = None
-    law_settings: Any = None
-
-    def key(self) -> str:
-        """Return the digest of the tracker's configuration and code; a law is no part of it."""
-        about = {"name": self.tracker, "rate_hz": self.rate_hz, "settings": self.settings}
-        return digest({"method": about, "code": code_digest()})
 
     def track(
         self, events: Iterable[EventPacket], calibration: Calibration, kept_hz: float
@@ -80,12 +63,9 @@ class Method:
         every = max(1, round(self.rate_hz / kept_hz))
         return Prediction.collect(frames, calibration.reference_px, every)
 
-    def with_law(
-        self, suffix: str, about: str, law: Callable[[], OutputLaw], settings: Any = None
-    ) -> Method:
+    def with_law(self, suffix: str, about: str, law: Callable[[], OutputLaw]) -> Method:
         """Return the method that lays a law over the estimates of this one."""
-        name = f"{self.name}-{suffix}"
-        return replace(self, name=name, about=about, law=law, law_settings=to_mapping(settings))
+        return replace(self, name=f"{self.name}-{suffix}", about=about, law=law)
 
 
 def of_config(name: str, about: str, config: Config | None = None) -> Method:
@@ -97,20 +77,16 @@ def of_config(name: str, about: str, config: Config | None = None) -> Method:
         tracker=name,
         rate_hz=tracking.rate_hz,
         build=lambda calibration: make_tracker(tracking, calibration),
-        settings={"about": about, **to_mapping(tracking)},
-        reads=READ_BY_BASELINES if tracking.method == "blobs" else (),
     )
 
 
-# Trackers of other groups: name -> what it is, its configuration, its class, its rate, Hz.
-BASELINES: dict[str, tuple[str, Any, Callable[..., MarkerTracker], float]] = {
-    "evetac": ("attraction law, weak regulariser", EvetacConfig(), EvetacTracker, EVETAC_HZ),
-    "evetac-strong": ("attraction law, strong regulariser", EvetacConfig.strong(), EvetacTracker,
-                      EVETAC_HZ),
-    "neutac": ("time surface, denoiser of paper, detection, no law", NeutacConfig(),
-               neutac_tracker, NEUTAC_HZ),
-    "ekalibr": ("arcs paired, circle that moves in time", EkalibrConfig(), EkalibrTracker,
-                EKALIBR_HZ),
+# Trackers of other groups: name -> what it is, how it is made for a calibration, its rate, Hz.
+BASELINES: dict[str, tuple[str, Callable[[Calibration], MarkerTracker], float]] = {
+    "evetac": ("attraction law, weak regulariser", EvetacTracker, EVETAC_HZ),
+    "evetac-strong": ("attraction law, strong regulariser",
+                      functools.partial(EvetacTracker, **STRONG), EVETAC_HZ),
+    "neutac": ("time surface, denoiser of paper, detection, no law", neutac_tracker, NEUTAC_HZ),
+    "ekalibr": ("arcs paired, circle that moves in time", EkalibrTracker, EKALIBR_HZ),
 }  # fmt: skip
 
 
@@ -125,10 +101,8 @@ def main_methods() -> dict[str, Method]:
         of_config("paper", "filter of isolated events and refreshed map, binary map, "
                            "network, blobs, k-d tree, hold, published law, 350 Hz"),
         as_published("paper-printed", "the same without filter and refresh, as printed"),
-        *(Method(name=name, about=about, tracker=name, rate_hz=rate_hz,
-                 build=functools.partial(tracker, config), settings=to_mapping(config),
-                 reads=READ_BY_BASELINES)
-          for name, (about, config, tracker, rate_hz) in BASELINES.items()),
+        *(Method(name=name, about=about, tracker=name, rate_hz=rate_hz, build=build)
+          for name, (about, build, rate_hz) in BASELINES.items()),
         *(of_config(name, f"of {plugins.origin(plugins.TRACKERS, name)}",
                     default.with_tracking(method=name)) for name in others),
     )  # fmt: skip
@@ -156,7 +130,7 @@ def compared_laws() -> list[Method]:
     paper = PaperLawConfig()
     about = f"published law, gamma {paper.gamma:g}, delta {paper.delta_px:g} px"
     return [
-        default.with_law("law-paper", about, PaperLaw, paper),
+        default.with_law("law-paper", about, PaperLaw),
         default.with_law("law-anchored", "anchored law, gamma 0.3, 0.75 to 2 px", AnchoredLaw),
     ]
 

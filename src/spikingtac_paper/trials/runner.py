@@ -1,12 +1,13 @@
-"""Run methods on trials: predictions on disk, then scores.
+"""Run methods on trials, and score their estimates.
 
-A prediction is stored under the digest of the recording, of the calibration fields that the method
-reads, of its name and configuration, and of the source code behind it. Unchanged results are not
-computed again, and outdated ones are never used. One method on one trial is one job.
+Scores are stored under the digest of the recording, of the calibration and of the source code:
+unchanged results are not computed again, and outdated ones are never used. One tracker on one trial
+is one job.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -18,17 +19,16 @@ from spikingtac import Calibration
 from spikingtac.config import digest
 from spikingtac.errors import SpikingTacError
 from spikingtac_paper.harness.run import Progress, Record, RunOptions, code_digest, kept
-from spikingtac_paper.trials.methods import TRUTH, Method, apply_law
+from spikingtac_paper.trials.methods import Method, apply_law
 from spikingtac_paper.trials.metrics import point_scores
 from spikingtac_paper.trials.trajectories import GroundTruth, Prediction
 from spikingtac_paper.trials.trial import (
     RecordedTrial,
     Trial,
-    calibration_digest,
     calibration_of,
 )
 
-# Rate at which predictions are stored and scored, Hz. Faster trackers still run at their rate.
+# Rate at which predictions are scored, Hz. Faster trackers still run at their rate.
 KEPT_HZ = 500.0
 
 
@@ -51,7 +51,7 @@ class TrialJob:
         folder: Folder of the run.
         data: Folder of recordings from elsewhere, or None.
         score: Importable function from prediction, truth, calibration and trial to the scores.
-        kept_hz: Rate at which predictions are stored and scored, Hz.
+        kept_hz: Rate at which predictions are scored, Hz.
         calibrate: Whether the input to make is the calibration, or the recording.
     """
 
@@ -129,43 +129,47 @@ def make_input(job: TrialJob) -> SpikingTacError | None:
 
 
 def run_job(job: TrialJob) -> list[Record]:
-    """Return the records of a job's methods; they are read from disk where they exist."""
+    """Return the records of a job's methods, which use the estimates of one tracker."""
     calibration = calibration_of(job.trial, job.folder, job.data)
     table = job.table()
-    return [_score_method(job, table.get(name), name, calibration) for name in job.methods]
+    # Estimated at most once, and only where a score is not on disk.
+    predicted = functools.cache(lambda: _predicted(job, table.get(job.methods[0]), calibration))
+    return [_scored(job, name, table.get(name), predicted, calibration) for name in job.methods]
 
 
-def _score_method(
-    job: TrialJob, method: Method | None, name: str, calibration: Calibration
+def _predicted(job: TrialJob, method: Method | None, calibration: Calibration) -> Prediction:
+    """Return the estimates of a tracker; None is the truth."""
+    events, truth = job.trial.open(job.folder, job.data)
+    if method is not None:
+        return method.track(events, calibration, job.kept_hz)
+    truth = GroundTruth.load(truth) if isinstance(truth, Path) else truth
+    position_px = truth.marker_px.astype(np.float32)
+    return Prediction(truth.t_us, position_px, position_px, truth.reference_px)
+
+
+def _scored(
+    job: TrialJob,
+    name: str,
+    method: Method | None,
+    predicted: Callable[[], Prediction],
+    calibration: Calibration,
 ) -> Record:
-    """Return the record of one method; None is the truth."""
+    """Return the record of one method; it is read from disk where it exists."""
     trial = job.trial
-    about = {
-        "trial": trial.key(),
-        "calibration": calibration_digest(calibration, method.reads) if method else "",
-        "method": method.key() if method else TRUTH,
-        "kept_hz": job.kept_hz,
-    }
-    key, stem = digest(about), f"{trial.case.replace('/', '_')}-{trial.seed}"
-    if isinstance(trial, Trial):
-        stem += f"-{trial.scene}-{trial.serial}"
-    file = job.folder / "predictions" / (method.tracker if method else TRUTH) / f"{stem}.npz"
 
-    def predicted() -> Prediction:
-        if method is not None:
-            return method.track(trial.open(job.folder, job.data)[0], calibration, job.kept_hz)
-        truth = trial.open(job.folder, job.data)[1]
-        truth = GroundTruth.load(truth) if isinstance(truth, Path) else truth
-        position_px = truth.marker_px.astype(np.float32)
-        return Prediction(truth.t_us, position_px, position_px, truth.reference_px)
-
-    def scored() -> Record:
-        prediction = Prediction.kept(file, key, predicted)
+    def record() -> Record:
+        prediction = predicted()
         if method is not None and method.law is not None:
             prediction = apply_law(prediction, method.law())
         truth = trial.open(job.folder, job.data)[1]
         scores = job.score(prediction, truth, calibration, trial)
         return {"method": name, "trial": asdict(trial), "scores": scores}
 
-    scoring = {"prediction": key, "law": method and method.law_settings, "scoring": code_digest()}
-    return kept(job.folder / "scores" / name / f"{stem}.json", digest(scoring), scored)
+    about = {
+        "trial": trial.key(),
+        "calibration": trial.calibration_path(job.folder).name,
+        "kept_hz": job.kept_hz,
+        "code": code_digest(),
+    }
+    file = f"{trial.case.replace('/', '_')}-{trial.key()}.json"
+    return kept(job.folder / "scores" / name / file, digest(about), record)

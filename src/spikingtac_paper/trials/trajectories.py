@@ -1,6 +1,6 @@
 """Trajectories of the markers of one recording: the true ones, and a method's estimates."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -8,7 +8,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.atomic_files import replacing
 from spikingtac.errors import RecordingError
 from spikingtac.events import load_truth
 from spikingtac.types import FloatArray, MarkerFrame
@@ -117,31 +116,3 @@ class Prediction:
         )
         shape = (-1, len(reference_px), 2)
         return cls(t_us, detected.reshape(shape), position.reshape(shape), reference_px)
-
-    def _save(self, path: Path, key: str) -> None:
-        same = np.array_equal(self.detected_px, self.position_px)
-        with replacing(path) as temporary:
-            np.savez(
-                temporary,
-                key=np.array(key),
-                t_us=self.t_us,
-                detected_px=self.detected_px,
-                position_px=np.empty(0, np.float32) if same else self.position_px,
-                reference_px=self.reference_px,
-            )
-
-    @classmethod
-    def kept(cls, path: Path, key: str, make: Callable[[], Self]) -> Self:
-        """Return the prediction of a file if it has this key; else make it, and write it."""
-        try:
-            with np.load(path, allow_pickle=False) as archive:
-                values = {name: archive[name] for name in archive.files}
-        except (OSError, ValueError, EOFError, KeyError):
-            values = {}
-        if str(values.get("key")) != key:
-            made = make()
-            made._save(path, key)
-            return made
-        detected_px, position_px = values["detected_px"], values["position_px"]
-        given_px = position_px if position_px.size else detected_px
-        return cls(values["t_us"], detected_px, given_px, values["reference_px"])

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -220,24 +219,6 @@ def _first(contacts: tuple[ContactConfig, ...], motion_s: float) -> Iterator[Con
         shorter = replace(contact.motion, segments=(*kept, release))
         yield replace(contact, motion=shorter, repeats=repeats)
         begun_s += contact.repeats * once_s
-
-
-def calibration_digest(calibration: Calibration, names: tuple[str, ...] = ()) -> str:
-    """Return the digest of the calibration fields that a method reads.
-
-    Args:
-        calibration: Calibration of the sensor.
-        names: Names of the fields; empty means all but the provenance.
-    """
-    known = tuple(one.name for one in fields(calibration) if one.name != "provenance")
-    values = {name: getattr(calibration, name) for name in names or known}
-    return digest({name: _plain(value) for name, value in values.items()})
-
-
-def _plain(value: object) -> str:
-    if isinstance(value, np.ndarray):
-        return hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
-    return repr(value)
 
 
 def calibration_of(

@@ -1,24 +1,35 @@
 """The baselines run with the best values of their tuning, on scenes that nothing scores."""
 
+import inspect
 import json
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from spikingtac import MarkerTracker
 from spikingtac.config import load_config
-from spikingtac_paper.baselines.ekalibr import EkalibrConfig
-from spikingtac_paper.baselines.evetac import EvetacConfig
-from spikingtac_paper.baselines.neutac import NeutacConfig
+from spikingtac_paper.baselines.ekalibr import EkalibrTracker
+from spikingtac_paper.baselines.evetac import STRONG, EvetacTracker
+from spikingtac_paper.baselines.neutac import neutac_tracker
 from spikingtac_paper.point_tracking.cases import main_trials
 
 RECORD = Path(__file__).resolve().parents[3] / "benchmarks" / "records" / "tune_baselines.json"
+
+
+def defaults(tracker: Callable[..., MarkerTracker]) -> dict[str, Any]:
+    return {name: one.default for name, one in inspect.signature(tracker).parameters.items()}
+
+
 CONFIGS = {
-    "evetac": EvetacConfig(),
-    "evetac-strong": EvetacConfig.strong(),
-    "evetac-filter": EvetacConfig(),
-    "neutac": NeutacConfig(),
-    "ekalibr": EkalibrConfig(),
-    "paper": load_config("paper").tracking.blobs,
+    "evetac": defaults(EvetacTracker),
+    "evetac-strong": defaults(EvetacTracker) | STRONG,
+    "evetac-filter": defaults(EvetacTracker),
+    "neutac": defaults(neutac_tracker),
+    "ekalibr": defaults(EkalibrTracker),
+    "paper": asdict(load_config("paper").tracking.blobs),
 }
 
 
@@ -31,8 +42,7 @@ def record() -> dict:
 def test_the_defaults_are_the_best_of_the_record(record: dict, name: str) -> None:
     points = record[name]
     best = min(points, key=lambda point: point["error_mean_px"])
-    config = CONFIGS[name]
-    assert {key: getattr(config, key) for key in best["values"]} == pytest.approx(best["values"])
+    assert {key: CONFIGS[name][key] for key in best["values"]} == pytest.approx(best["values"])
 
 
 def test_tuning_and_scoring_share_no_scene_and_no_sensor(record: dict) -> None:

@@ -95,7 +95,7 @@ def excess_at(angle: np.ndarray, heading: float) -> np.ndarray:
 
 @pytest.mark.parametrize("radius_mm", [0.7, 1.2, 5.0])
 def test_the_reach_in_a_hole_is_where_the_corners_meet_it(radius_mm: float) -> None:
-    corner = Bit(across_mm=FLATS_MM, heading_rad=0.0).points_mm[:, :2]
+    corner = Bit(heading_rad=0.0).points_mm[:, :2]
     for angle in np.linspace(-4.0, 4.0, 41):
         reach = float(hexagon_reach_in_hole_mm(FLATS_MM, angle, radius_mm))
         center = (radius_mm - reach) * np.array([math.cos(angle), math.sin(angle)])

@@ -100,23 +100,25 @@ class HoleWall:
 Wall = NoWall | PlaneWall | HoleWall  # A rigid surface. All points must stay on its free side.
 
 
+# Diameter of the bit, or distance of opposite sides, mm (the paper's Section V-C).
+BIT_ACROSS_MM = 0.75
+
+
 @dataclass(frozen=True, kw_only=True)
 class Bit:
     """The end of the probe, a round or a hexagonal bit: balls of one radius around a few points.
 
     Attributes:
-        across_mm: Diameter, or distance of opposite sides, mm (0.75 in the paper, Section V-C).
         heading_rad: Direction of one corner of a hexagon in the base's xy-plane, rad; None for a
             round bit. Its corners meet a concave wall; a corner or a side meets a flat one.
     """
 
-    across_mm: float = 0.75
     heading_rad: float | None = None
 
     @property
     def radius_mm(self) -> float:
         """Radius around each point, mm: the paper's R_offset of a round bit, 0 of a corner."""
-        return self.across_mm / 2 if self.heading_rad is None else 0.0
+        return BIT_ACROSS_MM / 2 if self.heading_rad is None else 0.0
 
     @property
     def points_mm(self) -> FloatArray:
@@ -124,7 +126,7 @@ class Bit:
         if self.heading_rad is None:
             return np.zeros((1, 3))
         angle = self.heading_rad + np.arange(HEXAGON_CORNERS) * (2 * np.pi / HEXAGON_CORNERS)
-        corner_mm = self.across_mm / 2 / np.cos(np.pi / HEXAGON_CORNERS)
+        corner_mm = BIT_ACROSS_MM / 2 / np.cos(np.pi / HEXAGON_CORNERS)
         return corner_mm * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(6)])
 
 
