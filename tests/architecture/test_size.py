@@ -23,7 +23,7 @@ class Size:
 
 # Folder -> what it may hold.
 MOST = {
-    "src/spikingtac": Size(251, 26_970, 24_640),
+    "src/spikingtac": Size(248, 26_930, 24_560),
     "src/spikingtac_paper": Size(60, 5_940, 4_870),
     "src/spikingtac_hardware": Size(11, 1_260, 1_180),
     "integrations": Size(23, 1_670, 1_580),

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import CameraLostError, ConfigError, RecordingError
-from spikingtac.events.address import Address, is_address
-from spikingtac.events.camera import Camera, open_camera
+from spikingtac.events.camera import Address, Camera, is_address, open_camera
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.formats.packing import ColumnCheck

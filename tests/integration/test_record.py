@@ -16,8 +16,7 @@ import pytest
 
 from spikingtac.errors import CameraLostError, ConfigError
 from spikingtac.events import camera_source
-from spikingtac.events.address import Address
-from spikingtac.events.camera import Camera
+from spikingtac.events.camera import Address, Camera
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.events.address import Address
+from spikingtac.events.camera import Address
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events

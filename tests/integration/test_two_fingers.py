@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.events.address import Address
+from spikingtac.events.camera import Address
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events

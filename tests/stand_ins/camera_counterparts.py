@@ -21,8 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.events.address import Address
-from spikingtac.events.camera import Camera, open_camera
+from spikingtac.events.camera import Address, Camera, open_camera
 from spikingtac.events.evt.encode import Evt2Encoder, Evt3Encoder, Evt21Encoder
 from spikingtac.events.evt.raw import format_header
 from spikingtac.types import EventPacket

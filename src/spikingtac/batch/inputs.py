@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from spikingtac.errors import ConfigError
-from spikingtac.events.address import is_address
+from spikingtac.events.camera import is_address
 from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
 from spikingtac.events.open import READABLE, RECORDING_NAME
 

@@ -15,7 +15,7 @@ import numpy as np
 from spikingtac.cameras.libraries import LibraryCamera, require
 from spikingtac.cameras.words import CameraWords
 from spikingtac.errors import CameraLostError, DeviceError
-from spikingtac.events.address import Address
+from spikingtac.events.camera import Address
 from spikingtac.events.evt.raw import RawHeader
 from spikingtac.events.formats.file_source import Rows
 

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Self
 from spikingtac.cameras.libraries import LibraryCamera, openmv_boards, require
 from spikingtac.cameras.words import GENX320_SIZE, CameraWords
 from spikingtac.errors import ConfigError, DeviceError
-from spikingtac.events.address import Address
+from spikingtac.events.camera import Address
 from spikingtac.events.evt.raw import RawHeader
 from spikingtac.events.evt.words import Rows
 

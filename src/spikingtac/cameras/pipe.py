@@ -18,8 +18,7 @@ from spikingtac.errors import (
     FormatError,
     RecordingError,
 )
-from spikingtac.events.address import Address
-from spikingtac.events.camera import Camera
+from spikingtac.events.camera import Address, Camera
 from spikingtac.events.evt.raw import HEADER_LIMIT_BYTES, RawHeader, read_header
 from spikingtac.events.evt.wire import NAMES
 from spikingtac.events.evt.words import Rows

@@ -14,8 +14,7 @@ from typing import Any, ClassVar, Self
 
 from spikingtac.cameras.words import WORD_OPTIONS, CameraWords, header_of
 from spikingtac.errors import DeviceError, FormatError
-from spikingtac.events.address import Address
-from spikingtac.events.camera import Camera
+from spikingtac.events.camera import Address, Camera
 from spikingtac.events.evt.words import Rows
 
 # Where is listened unless an address of this machine is given; 0.0.0.0 hears every network.

@@ -19,8 +19,7 @@ import numpy as np
 
 from spikingtac.cameras.words import WORD_FORMS, WORD_OPTIONS, CameraWords, header_of
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError
-from spikingtac.events.address import Address
-from spikingtac.events.camera import Camera
+from spikingtac.events.camera import Address, Camera
 from spikingtac.events.evt.words import Rows
 
 FRAME = (4096, 391)  # Width and height of a frame, bytes.

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from spikingtac.errors import ConfigError
-from spikingtac.events.address import Address
+from spikingtac.events.camera import Address
 from spikingtac.events.evt.raw import RawHeader
 from spikingtac.events.evt.wire import (
     BYTE_ORDERS,

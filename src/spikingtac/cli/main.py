@@ -54,6 +54,7 @@ VERBS: dict[str, str] = {
 # Verb -> module that holds it beside another one, as a function of the verb's name.
 BESIDE = {
     "demo": "view",
+    "simulate": "view",
     "export": "convert",
     "align": "record",
     "foxglove": "ros2",

@@ -14,7 +14,7 @@ import spikingtac as st
 from spikingtac import events
 from spikingtac.cli.messages import remark, warn
 from spikingtac.errors import ConfigError
-from spikingtac.events.address import is_address, is_stream
+from spikingtac.events.camera import is_address, is_stream
 
 if TYPE_CHECKING:
     from spikingtac.pipeline.follow import CheckedSource

@@ -1,7 +1,7 @@
 """Public names of the room ``events``."""
 
-from .address import Address as Address
-from .address import is_stream as is_stream
+from .camera import Address as Address
+from .camera import is_stream as is_stream
 from .camera_source import CameraSource as CameraSource
 from .create import create_events as create_events
 from .filters import BackgroundActivityFilter as BackgroundActivityFilter

@@ -250,14 +250,18 @@ class Poses(NamedTuple):
             np.savez(file, **self._replace(t_us=time_map(self.t_us))._asdict())
 
 
-def load_poses(path: Path) -> Poses:
+def load_poses(path: Path, what: str = "poses") -> Poses:
     """Read a CSV with a header: one time column (``t_us``, ``t_s`` ...), and columns of numbers.
+
+    Args:
+        path: The table.
+        what: What its columns hold, for the error.
 
     Raises:
         RecordingError: It cannot be read as that.
     """
     try:
-        head, *lines = path.read_text(encoding="utf-8").splitlines()
+        head, *lines = path.read_text(encoding="utf-8-sig").splitlines()
         names = [name.strip(' "') for name in head.split(",")]
         (column,) = (number for number, name in enumerate(names) if name in TIME_COLUMNS)
         values = np.loadtxt(lines or ["nan"], delimiter=",", ndmin=2, comments=None, quotechar='"')
@@ -268,8 +272,8 @@ def load_poses(path: Path) -> Poses:
             raise ValueError("its times run backwards; sort the rows")
     except (OSError, ValueError) as error:
         raise RecordingError(
-            f"{str(path)!r} is no table of poses: {error}; it needs a header with one time column "
-            f"({', '.join(TIME_COLUMNS)}) and columns of numbers, such as x_mm,y_mm,z_mm"
+            f"{str(path)!r} is no table of {what}: {error}; it needs a header with one time column "
+            f"({', '.join(TIME_COLUMNS)}) and columns of numbers, such as x_mm,y_mm or fx,fy,fz"
         ) from error
     return Poses(t_us, np.delete(values, column, axis=1), tuple(names))
 

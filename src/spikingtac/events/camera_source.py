@@ -10,8 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from spikingtac.errors import CameraLostError, DeviceError, RecordingError
-from spikingtac.events.address import Address
-from spikingtac.events.camera import Camera, open_camera
+from spikingtac.events.camera import Address, Camera, open_camera
 from spikingtac.events.clock import US_PER_S, ClockFit
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.formats.packing import ColumnCheck

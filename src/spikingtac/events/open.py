@@ -7,7 +7,7 @@ from pathlib import Path
 
 from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
-from spikingtac.events.address import Address, is_address, is_stream
+from spikingtac.events.camera import Address, is_address, is_stream
 from spikingtac.events.evt.raw import RawSource, later_parts, read_header
 from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, UTF16_MARKS
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions

@@ -15,7 +15,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import Config, load_config
 from spikingtac.contact.detector import DetectorSummary, Window, packets_of
 from spikingtac.errors import CalibrationError, ConfigError
-from spikingtac.events.address import is_stream
+from spikingtac.events.camera import is_stream
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.open import open_events

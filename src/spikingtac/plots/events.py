@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, named
 from spikingtac.events.hot_pixels import hot_pixels_of
-from spikingtac.plots.figure import FONT_PT, US_PER_S, Theme, new_figure, style_axes
+from spikingtac.plots.figure import FONT_PT, Theme, new_figure, style_axes
+from spikingtac.types import US_PER_S
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

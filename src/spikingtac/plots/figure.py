@@ -29,7 +29,6 @@ PAD_IN = 0.03  # Free space around a figure, inches: Matplotlib's own of its lay
 COLORS = 256  # Steps of a colour map: those of a picture of 8 bits.
 FONT_PT = 8.0  # Size of text in a figure of one column, points.
 PICTURE_ENDINGS = (".png", ".svg", ".pdf")
-US_PER_S = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError
-from spikingtac.plots.figure import US_PER_S, check_target, new_figure, save_gif, style_axes
+from spikingtac.plots.figure import check_target, new_figure, save_gif, style_axes
 from spikingtac.plots.tracks import (
     draw_course,
     draw_field,
@@ -21,6 +21,7 @@ from spikingtac.plots.tracks import (
     view_px,
 )
 from spikingtac.tracks import Tracks
+from spikingtac.types import US_PER_S
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.errors import ConfigError, named, require_type
 from spikingtac.plots.figure import (
     FONT_PT,
     PAD_IN,
-    US_PER_S,
     Theme,
     legend_above,
     new_figure,
@@ -21,6 +21,7 @@ from spikingtac.plots.figure import (
 from spikingtac.touch.field import GradientOperator
 from spikingtac.tracks import Tracks
 from spikingtac.tracks.comparison import LOADED, Comparison
+from spikingtac.types import US_PER_S
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -134,11 +135,7 @@ def draw_course(axes: Axes, tracks: Tracks, theme: Theme, most_points: int | Non
 
 def pitch_px(rest: NDArray[np.floating]) -> float:
     """Return the median distance of the nearest neighbour, px."""
-    if len(rest) < 2:
-        return MARGIN_PX
-    apart = np.hypot(*np.moveaxis(rest[:, np.newaxis] - rest, 2, 0))
-    np.fill_diagonal(apart, np.inf)
-    return float(np.median(apart.min(axis=1)))
+    return marker_pitch_px(rest.astype(np.float64)) if len(rest) > 1 else MARGIN_PX
 
 
 def view_px(rest_px: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:

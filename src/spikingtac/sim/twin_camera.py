@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.events.address import Address, is_address
-from spikingtac.events.camera import Camera
+from spikingtac.events.camera import Address, Camera, is_address
 from spikingtac.events.formats.file_source import Rows
 from spikingtac.sim import catalog
 from spikingtac.sim.camera.config import CAMERA_NAMES

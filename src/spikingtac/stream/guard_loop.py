@@ -18,7 +18,7 @@ import numpy as np
 from spikingtac.cameras.words import warm_up
 from spikingtac.contact.detector import WINDOW_US, ContactDetector, Window, packets_of
 from spikingtac.errors import DeviceError
-from spikingtac.events.address import Address, is_address, is_stream
+from spikingtac.events.camera import Address, is_address, is_stream
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.evt.wire import ENCODINGS
 from spikingtac.events.formats.file_source import ReadOptions

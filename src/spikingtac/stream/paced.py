@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from spikingtac.events.address import is_stream
+from spikingtac.events.camera import is_stream
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.windows import windows

@@ -11,8 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError
-from spikingtac.events.address import Address
-from spikingtac.events.camera import Camera
+from spikingtac.events.camera import Address, Camera
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource, Rows
 from spikingtac.stream.ring import CLOSED, NOTE, SharedRing

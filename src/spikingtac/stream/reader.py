@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from spikingtac.events.address import is_stream
+from spikingtac.events.camera import is_stream
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.open import open_events

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spikingtac.calibration.lens import marker_pitch_px
-from spikingtac.touch.field import FieldGauge, GradientOperator
-from spikingtac.touch.lost_markers import LostMarkers, spread_of
+from spikingtac.touch.field import FieldGauge, GradientOperator, LostMarkers, spread_of
 from spikingtac.touch.onset import OnsetMemory
 from spikingtac.touch.patch import Patch, PatchEstimator
 from spikingtac.touch.touch import (

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import jv
 
 from spikingtac.errors import ConfigError
-from spikingtac.touch.series import WrenchSeries
+from spikingtac.touch.series import N_MM_PER_NM, WrenchSeries
 from spikingtac.types import FloatArray as Field
 
 # Limit of kh, before cosh overflows; 1/cosh² is zero in double precision long before.
@@ -145,7 +145,6 @@ class SurfaceResponse:
         return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
 
 
-N_MM_PER_NM = 1e3
 US_PER_FRAME = 1_000
 
 # Distance between the places at which forces act, mm (a third of a marker's pitch).

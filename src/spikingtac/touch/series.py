@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import RecordingError
+from spikingtac.events.align import load_poses
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.events.formats.array_schema import load_truth
-from spikingtac.types import US_PER_S, one_line
 from spikingtac.types import FloatArray as Field
+from spikingtac.types import one_line
 
 Times = NDArray[np.int64]
 
@@ -165,23 +166,12 @@ def _from_truth(path: Path) -> tuple[Times, Field]:
 
 
 def _from_csv(path: Path) -> tuple[Times, Field]:
-    try:
-        header, *rows = path.read_text(encoding="utf-8-sig").splitlines() or [""]
-        table = (
-            np.loadtxt(rows, delimiter=",", quotechar='"', ndmin=2) if rows else np.empty((0, 0))
-        )
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"cannot read forces from {str(path)!r}: {error}") from error
-    names = [name.strip(' "').lower() for name in header.split(",")]
-    clock = next((name for name in ("t_us", "t_s") if name in names), None)
+    table = load_poses(path, "forces")
+    names = [name.lower() for name in table.names]
     kept = [name for name in COMPONENTS if name in names]
-    whole = table.shape[1] == len(names) and kept in (list(COMPONENTS), list(COMPONENTS[:3]))
-    if clock is None or not whole:
+    if kept not in (list(COMPONENTS), list(COMPONENTS[:3])):
         raise RecordingError(
-            f"{str(path)!r} needs a header and rows with t_us or t_s, fx, fy, fz, and all of mx, "
-            f"my, mz or none; it has {', '.join(names) or 'nothing'}"
+            f"{str(path)!r} needs columns fx, fy, fz, and all of mx, my, mz or none; it has "
+            f"{', '.join(table.names) or 'nothing'}"
         )
-    t_us = table[:, names.index(clock)] * (US_PER_S if clock == "t_s" else 1.0)
-    if not (np.isfinite(table).all() and (np.diff(t_us) > 0).all()):
-        raise RecordingError(f"{str(path)!r}: every value must be finite, and its times increase")
-    return np.round(t_us).astype(np.int64), table[:, [names.index(name) for name in kept]]
+    return table.t_us, table.state[:, [names.index(name) for name in kept]]

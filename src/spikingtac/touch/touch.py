@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.touch.field import FieldQuantities, GradientOperator
-from spikingtac.touch.lost_markers import spread_of
+from spikingtac.touch.field import FieldQuantities, GradientOperator, spread_of
 from spikingtac.types import FloatArray as Field
 from spikingtac.types import one_line
 

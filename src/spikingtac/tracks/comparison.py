@@ -115,7 +115,9 @@ def _compared(
     if not common.any():
         raise ConfigError("the two have no time in common; compare tracks of the same recording")
     at_us = one.t_us[common]
-    expected = _interpolated(t_us, position_px, at_us)
+    columns = position_px.reshape(len(t_us), -1).T
+    expected = np.stack([np.interp(at_us, t_us, column) for column in columns], axis=1)
+    expected = expected.reshape(len(at_us), markers, 2)
     own, scale = own_px[common], one.skin_scale
     return Comparison(
         t_us=at_us,
@@ -125,15 +127,3 @@ def _compared(
         if scale is None
         else np.linalg.norm(scale.to_mm(own) - scale.to_mm(expected), axis=2),
     )
-
-
-def _interpolated(
-    t_us: NDArray[Any], position_px: NDArray[Any], at_us: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Return positions at other times, linearly between those that are known."""
-    late = np.searchsorted(t_us, at_us).clip(1, max(len(t_us) - 1, 1))
-    if len(t_us) == 1:
-        return np.broadcast_to(position_px[0], (len(at_us), *position_px.shape[1:])).astype(float)
-    share = (at_us - t_us[late - 1]) / (t_us[late] - t_us[late - 1])
-    before, after = position_px[late - 1].astype(float), position_px[late].astype(float)
-    return before + share[:, np.newaxis, np.newaxis] * (after - before)

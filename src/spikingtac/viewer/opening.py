@@ -12,7 +12,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.contact.registry import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
-from spikingtac.events.address import Address, is_address, is_stream
+from spikingtac.events.camera import Address, is_address, is_stream
 from spikingtac.events.formats.array_schema import load_truth
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import MANIFEST, TRUTH, read_manifest

@@ -7,7 +7,7 @@ import numpy as np
 
 from spikingtac.errors import ConfigError
 from spikingtac.plots.moments import Moment, Picture, save_summary
-from spikingtac.types import MarkerFrame
+from spikingtac.types import US_PER_S, MarkerFrame
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.snapshot import OFF_CODE, activity, events_per_s, view_step
 
@@ -16,7 +16,6 @@ EXPOSURE_US = 30_000  # Events of the last two frames of an ordinary camera, as 
 # Moments kept: 68 s at 60 per second; a longer record keeps every second, fourth... of them. A
 # row of 64 markers holds 512 bytes, so that a record stays at some 3 MiB however long it lasts.
 MOST_ROWS = 4_096
-US_PER_S = 1e6
 
 
 class Record:

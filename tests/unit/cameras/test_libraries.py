@@ -8,8 +8,7 @@ import pytest
 
 from spikingtac.cameras import openmv
 from spikingtac.errors import DeviceError, MissingExtraError
-from spikingtac.events.address import Address
-from spikingtac.events.camera import KINDS, open_camera
+from spikingtac.events.camera import KINDS, Address, open_camera
 from stand_ins.camera_counterparts import with_module
 from stand_ins.camera_modules import hal_module
 from stand_ins.openmv_board import OpenMvBoard

@@ -9,7 +9,7 @@ import pytest
 from spikingtac.cameras import udp
 from spikingtac.cameras.udp import UdpCamera
 from spikingtac.errors import DeviceError, FormatError
-from spikingtac.events.address import Address
+from spikingtac.events.camera import Address
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import datagrams, events
 

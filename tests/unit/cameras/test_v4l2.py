@@ -9,8 +9,7 @@ import pytest
 
 from spikingtac.cameras.v4l2 import FRAME, READ_BYTES
 from spikingtac.errors import DeviceError
-from spikingtac.events.address import Address
-from spikingtac.events.camera import open_camera
+from spikingtac.events.camera import Address, open_camera
 from spikingtac.events.open import open_events
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import ENCODERS, END_MARKS, events

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, DeviceError, RecordingError
-from spikingtac.events.address import Address
+from spikingtac.events.camera import Address
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import ReadOptions

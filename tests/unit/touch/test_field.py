@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.touch.field import FieldGauge, GradientOperator
-from spikingtac.touch.lost_markers import EVERY, LostMarkers
+from spikingtac.touch.field import EVERY, FieldGauge, GradientOperator, LostMarkers
 from spikingtac.touch.onset import STRING_PX, UNSEEN_LATER_PX, UNSEEN_REVERSED_PX, unseen_px
 
 MARKERS = 64

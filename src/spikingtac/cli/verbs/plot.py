@@ -14,9 +14,10 @@ from spikingtac.batch.run import write_rows
 from spikingtac.cli.messages import figures, tell
 from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.file_kinds import TOLD, kind_of
-from spikingtac.plots.figure import US_PER_S, EventKind, ThemeName, WidthName, save_figure
+from spikingtac.plots.figure import EventKind, ThemeName, WidthName, save_figure
 from spikingtac.plots.tracks import Kind, plot_comparison
 from spikingtac.tracks.comparison import Comparison
+from spikingtac.types import US_PER_S
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
@@ -153,10 +155,12 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **config: Any) 
     shown = StreamConfig(hardware=args.source.name, **own, **config)
     stream = SensorStream(publisher, feed.layout, shown)
     exempt_from_collection()  # a collection in the middle would hold up 200 frames
-    stop, begun_s = _Stop(), time.monotonic()
+    stop, begun_s = threading.Event(), time.monotonic()
     first_us: int | None = None
-    with ending_on_interrupt(feed.source, stop):
-        while time.monotonic() < begun_s + args.wait_s and not stop.asked:
+    # Tracks and recordings cannot be closed, and an interrupt in the middle of a message would end
+    # the process by the signal: publishing ends at the next frame.
+    with ending_on_interrupt(feed.source, SimpleNamespace(close=stop.set)):
+        while time.monotonic() < begun_s + args.wait_s and not stop.is_set():
             if publisher.readers(f"{shown.prefix}/field"):
                 break
             time.sleep(LOOK_S)
@@ -165,9 +169,9 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **config: Any) 
             stream.frame(frame, wrench, anomalies())
             first_us = frame.t_us if first_us is None else first_us
             over = args.seconds is not None and frame.t_us - first_us >= args.seconds * 1e6
-            if stop.asked or over:
+            if stop.is_set() or over:
                 break
-    if stop.asked:
+    if stop.is_set():
         remark("ended")
     time.sleep(ENDING_S)
     found = {
@@ -179,15 +183,3 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **config: Any) 
     sent = ", ".join(f"{count} {name}" for name, count in found["messages"].items())
     behind = f"at most {found['largest_lag_ms']:.0f} ms behind"
     return tell(args.json, found, f"published {sent}; {behind}")
-
-
-class _Stop:
-    """Ends the publishing of what cannot be closed, tracks and recordings, at the next frame.
-
-    An interrupt in the middle of a message would end the process by the signal, not with 0.
-    """
-
-    asked = False
-
-    def close(self) -> None:
-        self.asked = True
