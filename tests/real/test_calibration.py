@@ -8,6 +8,7 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.errors import CalibrationError
+from spikingtac.events.open import open_events
 from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration.calibrate import calibrate
 from spikingtac.markers.registry import make_tracker
@@ -73,6 +74,19 @@ def test_a_flawed_gel_with_pale_markers_is_tracked(data_dir: Path) -> None:
     assert scores["error_mean_px"] < 0.15
     assert scores["error_p95_px"] < 0.36, "0.35 over the whole sensor, whose corners are soft"
     assert scores["error_max_px"] < 5.0, "none is lost"
+
+
+@pytest.mark.slow
+def test_a_gel_calibrated_from_its_own_motion_loses_no_pale_marker(data_dir: Path) -> None:
+    """Two of its 64 hardly move: their places are guessed, but their events tell their steps."""
+    path = data_dir / "gel" / "gel.raw"
+    known = calibrate(open_events(path))
+    guessed = ~np.asarray(known.marker_measured)
+    assert np.count_nonzero(guessed) == 2
+    assert np.asarray(known.marker_step_on)[guessed].min() > 1.3 * float(known.step_on or 1.0)
+    scores = tracked(path, known.size, known)
+    assert scores["error_mean_px"] < 0.19
+    assert scores["lost_markers"] == 0
 
 
 def test_a_real_sensor_has_one_marker_that_never_moves(data_dir: Path) -> None:

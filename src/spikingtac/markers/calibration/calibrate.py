@@ -51,9 +51,10 @@ BEYOND_RADII = 0.5
 # Rounds of the refinement after each time that recovering pixels are tracked again.
 RETRACKED_ROUNDS = (3, 10)
 
-# Share of a pixel's own deviation from its marker's step that the tracker is given. In few swings
-# pixels differ by where the rim stops as well as by their thresholds. (Simulated: without it the
-# tracks of three sensors err by 2 to 4 % more; with all of it the twin's err by 0.017 px more.)
+HEARD_EVENTS = 400.0  # Events near a marker, beyond noise, that tell its steps: 2 px of way.
+
+# Share of a pixel's own deviation from its marker's step that the tracker is given: in few swings
+# the rim's way counts, too. (Simulated: 2 to 4 % more error without; 0.017 px more with all of it.)
 PIXEL_SHARE = 0.3
 
 
@@ -151,8 +152,7 @@ def completed(source: EventSource, known: Calibration) -> Calibration:
 def _learned(view: Overview, config: CalibrationConfig) -> Calibration:
     evidence, model = first_model(view)
     model = with_recovery(evidence, refine(evidence, model))
-    # Known as such, recovering pixels show the markers far better (the recorded presses: 0.97 px
-    # without, 0.75 px after ten rounds once, 0.73 px after three and ten).
+    # Known as such, recovering pixels show the markers better (recorded presses: .97 -> .73 px).
     for rounds in RETRACKED_ROUNDS if model.recovery_s else ():
         model = refine(evidence, tracked(view, model), rounds)
     quality = judged(evidence, model)
@@ -185,7 +185,7 @@ def _assembled(
         polarity=view.polarity,
         marker_measured=measured,
         recovery_s=model.recovery_s or None,
-        **_appearance(model, measured),
+        **_appearance(model, quality),
         **_step_maps(evidence, model, measured),
         provenance={
             "method": method,
@@ -204,8 +204,9 @@ def _assembled(
     )
 
 
-def _appearance(model: Model, measured: NDArray[np.bool_]) -> dict[str, Any]:
-    # Markers that were not measured look like the others.
+def _appearance(model: Model, quality: Quality) -> dict[str, Any]:
+    # Markers that were not measured look like the others; a pale one of their steps would be lost.
+    measured, heard = quality.measured, quality.events >= HEARD_EVENTS
     own = {
         "marker_edge_px": model.discs.edge_px,
         "marker_contrast": model.discs.contrast,
@@ -215,8 +216,9 @@ def _appearance(model: Model, measured: NDArray[np.bool_]) -> dict[str, Any]:
     }
     usual = {name: float(np.median(value[measured])) for name, value in own.items()}
     sensor = ("edge_px", "contrast", "step_on", "step_off")
+    known = {"marker_step_on": measured | heard, "marker_step_off": measured | heard}
     return {
-        **{name: np.where(measured, value, usual[name]) for name, value in own.items()},
+        **{name: np.where(known.get(name, measured), v, usual[name]) for name, v in own.items()},
         **{name: usual[f"marker_{name}"] for name in sensor},
     }
 
