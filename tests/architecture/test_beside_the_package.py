@@ -67,6 +67,14 @@ def test_an_example_is_short_and_uses_public_names_only(path: Path) -> None:
     assert used <= set(spikingtac.__all__)
 
 
+def test_an_attack_on_guards_without_an_arm_names_what_is_missing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(SystemExit, match="ur-rtde is missing"):
+        program("benchmarks/attack.py").guard(None)
+
+
 def test_every_mutation_applies_at_one_place_and_names_tests_that_exist() -> None:
     script = program("benchmarks/mutations.py")
     assert len({mutation.name for mutation in script.MUTATIONS}) == len(script.MUTATIONS)

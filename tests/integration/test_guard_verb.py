@@ -127,6 +127,15 @@ def test_a_guard_that_hangs_is_told_in_a_fifth_of_a_second(told: list[tuple[floa
     assert at_s - process.last_s < TOLD_S + SLACK_S
 
 
+def test_what_is_waited_for_is_told_and_no_arm_is_said_to_have_stopped() -> None:
+    waiting = {"phase": "starting", "reason": "the camera's events"}
+    assert list(guard._news(waiting, 3.0)) == ["waiting for the camera's events"]
+    leapt = {"phase": "ready", "precedes": True, "leaps": 1}
+    assert "the sensor's clock leapt ahead, 1 times so far" in guard._news(leapt, 0.0)
+    told = guard.failure_text({"connected": False, "reason": "no controller"})
+    assert told == "no arm was reached, nothing was stopped: no controller"
+
+
 def quiet_loop() -> ContactLoop:
     watchdog = Watchdog(WatchdogConfig(), lambda: None, time.monotonic)
     detector = BurstDetector()

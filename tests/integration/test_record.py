@@ -230,3 +230,14 @@ def test_info_shows_what_the_manifest_tells(tmp_path: Path, verbs: Verbs) -> Non
     assert (told["events"], told["manifest_events"]) == (2_000, 2_001)
     assert told["recorded_losses"] == {"overflow": 7}
     assert "the manifest tells 2001 events" in verbs.err
+    assert "sha256" not in verbs.err
+    data = (tmp_path / "events.raw").read_bytes()
+    (tmp_path / "events.raw").write_bytes(data + bytes(2))  # a word without an event
+    verbs.told("info", tmp_path)
+    assert "events.raw is not what was recorded" in verbs.err
+
+
+def test_an_input_that_is_empty_ends_a_recording(tmp_path: Path) -> None:
+    given = [str(COMMAND), "record", "-", "-o", str(tmp_path / "rec")]
+    done = subprocess.run(given, input=b"", capture_output=True, timeout=PATIENCE_S)
+    assert (done.returncode, b"before a RAW header came" in done.stderr) == (1, True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import struct
 import threading
 import time
@@ -26,6 +27,9 @@ from spikingtac.ros2.messages import definition, encode, ros_type
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
+
+_LOG = logging.getLogger(__name__)
+_LOG.disabled = True  # what a foreign client does wrong is nothing to the user
 
 # Names of the protocol's version 1, the newer one first.
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
@@ -114,6 +118,7 @@ class FoxglovePublisher:
             process_request=self._refuse,
             compression=None,
             close_timeout=PATIENCE_S,
+            logger=_LOG,
         ):
             begun.set()
             await self._ended.wait()

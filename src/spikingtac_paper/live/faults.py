@@ -207,8 +207,7 @@ def removed_folder(folder: Path, seconds: float) -> Outcome:
             time.sleep(LOOK_S)
         shutil.rmtree(recording.folder)
 
-    _, told = recorded_board(folder, seconds, remove)  # it ends before the board does
-    sent = told["received_events"] + lost_by_kernel(told)
+    sent, told = recorded_board(folder, seconds, remove)
     seen = f"exit {told['code']}: events.raw was removed or changed meanwhile"
     return recorded(sent, told, seen, told["code"] == 3 and "removed" in told["said"])
 

@@ -133,7 +133,9 @@ def test_foreign_pages_and_rebound_names_are_refused(publisher: FoxglovePublishe
             assert int(one.recv(64).split()[1]) == status, (origin, host)
 
 
-def test_nothing_that_a_client_sends_ends_the_server(connected: Callable[..., Client]) -> None:
+def test_nothing_that_a_client_does_ends_the_server(
+    connected: Callable[..., Client], caplog: pytest.LogCaptureFixture
+) -> None:
     rude = connected()
     asked: list[Any] = [
         [], {"op": "setParameters"}, {"op": "subscribe"},
@@ -141,7 +143,9 @@ def test_nothing_that_a_client_sends_ends_the_server(connected: Callable[..., Cl
     ]  # fmt: skip
     for text in ("no json", *map(json.dumps, asked)):
         rude.socket.send(text)
+    rude.socket.socket.shutdown(socket.SHUT_RDWR)  # it vanishes without a word
     assert connected().told[0]["name"] == "spikingtac"
+    assert caplog.text == ""
 
 
 def test_mistakes_are_told(

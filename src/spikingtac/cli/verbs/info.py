@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -167,6 +168,11 @@ def _summary(source: events.FileSource) -> dict[str, Any]:
     }
 
 
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def _told_by_the_camera(source: events.FileSource, count: int) -> dict[str, Any]:
     """Return how a camera delivers, or what its recorder noted; nothing of other files."""
     if isinstance(source, events.CameraSource):
@@ -179,5 +185,10 @@ def _told_by_the_camera(source: events.FileSource, count: int) -> dict[str, Any]
         return {}
     if count != noted["events"] and noted.get("complete"):
         remark(f"note: the manifest tells {noted['events']} events, the files hold {count}")
+    parts = noted["files"] if isinstance(noted.get("files"), list) else []
+    digests = {str(one.get("name")): one.get("sha256") for one in parts if isinstance(one, dict)}
+    for file in sorted(path.parent.glob("events*.raw")):
+        if digests.get(file.name) not in (None, _digest(file)):
+            remark(f"note: {file.name} is not what was recorded: its sha256 is another one")
     told = {"manifest_events": noted["events"], "lost_events": noted.get("lost_events", 0)}
     return told | {"recorded_losses": noted.get("losses") or {}}
