@@ -130,7 +130,7 @@ def test_an_interrupted_run_goes_on_where_it_was(
         (["convert", "a.raw"], "-o FOLDER --to npz"),
         (["convert", "a.raw", "b.raw", "-o", "x"], "--to npz"),
         (["convert", "a.raw", "b.raw", "-o", "x", "--to", "nzp"], "did you mean"),
-        (["convert", "a.raw", "-o", "x", "--to", "npz", "--encoding", "evt2"], "--to raw"),
+        (["convert", "a.raw", "-o", "x", "--to", "npz", "--encoding", "evt2"], ".raw files"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_written(

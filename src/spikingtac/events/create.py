@@ -5,6 +5,7 @@ import os
 import shutil
 import struct
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from spikingtac import plugins
 from spikingtac.atomic_files import WholeFile
-from spikingtac.errors import ConfigError, nearest
+from spikingtac.errors import ConfigError, named
 from spikingtac.events.evt.raw_writer import RawWriter
 from spikingtac.events.formats.aedat4 import EVENT, PACKET_HEAD, SIGNATURE
 from spikingtac.events.formats.array_file import ColumnFile
@@ -181,10 +182,24 @@ class Hdf5Writer(EventWriter):
 
 # Ending -> what writes it.
 _WRITERS: dict[str, Callable[..., EventWriter]] = {
-    ".raw": RawWriter, ".npz": NpzWriter, ".csv": TextWriter, ".txt": TextWriter,
-    ".h5": Hdf5Writer, ".hdf5": Hdf5Writer, ".aedat4": Aedat4Writer,
+    "raw": RawWriter, "npz": NpzWriter, "csv": TextWriter, "txt": TextWriter,
+    "h5": Hdf5Writer, "hdf5": Hdf5Writer, "aedat4": Aedat4Writer,
 }  # fmt: skip
-WRITABLE = tuple(_WRITERS)
+
+
+def writer_of(ending: str, encoding: str | None = None) -> Callable[..., EventWriter]:
+    """Return what writes files of an ending, with or without its point.
+
+    Raises:
+        ConfigError: The ending is unknown, or has no such encoding.
+    """
+    plain = ending.lower().removeprefix(".")
+    if encoding is not None and plain != "raw":
+        raise ConfigError(
+            f"encoding {encoding!r} is for .raw files, not for .{plain}; leave it out"
+        )
+    writer = named(with_plugins(_WRITERS, plugins.WRITERS), plain, "ending to write")
+    return writer if encoding is None else partial(writer, encoding=encoding)
 
 
 def create_events(
@@ -204,15 +219,4 @@ def create_events(
         FormatError: The sensor does not fit into the format.
         MissingExtraError: The format needs a library of the extra ``[formats]``.
     """
-    ending = Path(path).suffix.lower()
-    if encoding is not None and ending != ".raw":
-        raise ConfigError(f"encoding={encoding!r} is for .raw files, not for {ending!r}")
-    if ending in _WRITERS:
-        given = {} if encoding is None else {"encoding": encoding}
-        return _WRITERS[ending](path, size, **given)
-    foreign = with_plugins({}, plugins.WRITERS)
-    if ending.removeprefix(".") in foreign:
-        return foreign[ending.removeprefix(".")](path, size)
-    raise ConfigError(
-        f"cannot write {ending!r} files{nearest(ending, WRITABLE)} (valid: {', '.join(WRITABLE)})"
-    )
+    return writer_of(Path(path).suffix, encoding)(path, size)

@@ -97,26 +97,6 @@ def supported_kernel(
     return count
 
 
-def time_slice(
-    packets: Iterable[EventPacket], from_us: int | None = None, to_us: int | None = None
-) -> Iterator[EventPacket]:
-    """Keep the events in ``[from_us, to_us)``; None keeps the stream's own end on that side.
-
-    Raises:
-        ConfigError: The interval is empty.
-    """
-    if from_us is not None and to_us is not None and from_us >= to_us:
-        raise ConfigError(f"the interval from {from_us} to {to_us} us is empty")
-    for packet in packets:
-        start = packet.t_start_us if from_us is None else max(packet.t_start_us, from_us)
-        end = packet.t_end_us if to_us is None else min(packet.t_end_us, to_us)
-        if to_us is not None and packet.t_start_us >= to_us:
-            return
-        if start < end:
-            first, last = np.searchsorted(packet.t, (start, end))
-            yield packet.part(int(first), int(last), start, end)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Transform:
     """Changes in a fixed order: time, polarity, crop, flip, rotation.
@@ -153,8 +133,17 @@ class Transform:
         Raises:
             ConfigError: A change is not possible on such a sensor, or the interval is empty.
         """
-        for packet in time_slice(packets, self.from_us, self.to_us):
-            yield self._changed(packet)
+        from_us, to_us = self.from_us, self.to_us
+        if from_us is not None and to_us is not None and from_us >= to_us:
+            raise ConfigError(f"the interval from {from_us} to {to_us} us is empty")
+        for packet in packets:
+            start = packet.t_start_us if from_us is None else max(packet.t_start_us, from_us)
+            end = packet.t_end_us if to_us is None else min(packet.t_end_us, to_us)
+            if to_us is not None and packet.t_start_us >= to_us:
+                return
+            if start < end:
+                first, last = np.searchsorted(packet.t, (start, end))
+                yield self._changed(packet.part(int(first), int(last), start, end))
 
     def triggers(self, triggers: Triggers) -> Triggers:
         """Return the trigger edges within the part of the time, on the changed clock."""

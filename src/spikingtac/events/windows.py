@@ -18,8 +18,6 @@ from spikingtac.types import EventPacket
 # within a second, and a minute of windows or estimates takes seconds, not hours).
 SILENCE_LIMIT_US = 60_000_000
 
-_WINDOWS_AT_ONCE = 1000  # Windows of a long packet whose edges are searched together.
-
 
 def cut(packets: Iterable[EventPacket], edges_us: Iterator[int]) -> Iterator[EventPacket]:
     """Yield one packet for each stretch between consecutive edges.
@@ -140,7 +138,7 @@ def _pieces(
 def _regular(
     pieces: Iterable[tuple[int, EventPacket]], period_us: int, origin: int
 ) -> Iterator[EventPacket]:
-    """Do what :func:`cut` does at regular edges, searching many of them in a packet at once."""
+    """Yield the windows of a period, on one grid through all stretches."""
     parts: list[EventPacket] = []
     start, stretch = origin, 0
     for number, packet in pieces:
@@ -150,17 +148,10 @@ def _regular(
                 yield _joined(parts, start, start + period_us)
             parts, start = [], begin
         stretch = number
-        if packet.t_end_us - start >= period_us and (parts or packet.t_start_us > start):
+        while packet.t_end_us - start >= period_us:
             parts.append(_between(packet, start, start + period_us))
             yield _joined(parts, start, start + period_us)
             parts, start = [], start + period_us
-        while packet.t_end_us - start >= period_us:
-            count = min((packet.t_end_us - start) // period_us, _WINDOWS_AT_ONCE)
-            edges = range(start, start + count * period_us + 1, period_us)
-            places = packet.t.searchsorted(edges).tolist()
-            for first, last, begin in zip(places, places[1:], edges, strict=False):
-                yield packet.part(first, last, begin, begin + period_us)
-            start = edges[-1]
         if packet.t_end_us > start:
             parts.append(_between(packet, start, start + period_us))
     if parts:

@@ -254,7 +254,7 @@ def draw_stretch(
     most = int(min(seconds or LONGEST_S, LONGEST_S) * 1000 / frame_ms)
     with tracked(view, seconds, lambda _: None) as (playback, end_us):
         for _ in steps(playback, frame_ms * 1000, end_us):
-            if len(pictures) == most or playback.frame is None:
+            if len(pictures) == most or playback.state.frame is None:
                 break
             picture = picture_of(playback)
             if drawing is None:

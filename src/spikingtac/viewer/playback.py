@@ -86,11 +86,6 @@ class Playback:
         self.aim_us = store.t_start_us
         self.retune(view.config)
 
-    @property
-    def frame(self) -> MarkerFrame | None:
-        """The estimate at the last estimate time, or None before the first."""
-        return self.state.frame
-
     def aim(self, t_us: int) -> None:
         """Set where to go, before or after the position."""
         self.aim_us = max(t_us, self.store.t_start_us)

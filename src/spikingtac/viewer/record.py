@@ -47,7 +47,7 @@ class Record:
         if now_us == self._last_us:
             return
         self._last_us = now_us
-        frame, truth = playback.frame, playback.view.truth
+        frame, truth = playback.state.frame, playback.view.truth
         moved_px, error_px = np.empty(0, np.float32), None
         if frame is not None:
             moved_px = np.hypot(*frame.displacement_px.T).astype(np.float32)
@@ -67,7 +67,7 @@ class Record:
     def summary(self, playback: Playback) -> dict[str, Any]:
         """Return the figures so far."""
         p50_us, p99_us = playback.step_percentiles_us()
-        frame, view = playback.frame, playback.view
+        frame, view = playback.state.frame, playback.view
         document: dict[str, Any] = {
             "played_s": round(self._played_us / US_PER_S, 3),
             "calibration": view.calibrated_by or None,
@@ -105,7 +105,7 @@ class Record:
 
 def picture_of(playback: Playback) -> Picture:
     """Return what a page would show now."""
-    frame, store, calibration = playback.frame, playback.store, playback.view.calibration
+    frame, store, calibration = playback.state.frame, playback.store, playback.view.calibration
     now_us, step = playback.position_us, view_step(store.size)
     codes = activity(store.between(now_us - EXPOSURE_US, now_us))
     tracked = frame is not None and len(frame.position_px) == len(calibration.reference_px)

@@ -151,7 +151,7 @@ def snapshot(
         exposure_us: Span of the events in the image, us.
         with_map: Show the tracker's state map, where it has one.
     """
-    view, store, frame = playback.view, playback.store, playback.frame
+    view, store, frame = playback.view, playback.store, playback.state.frame
     now_us, state = playback.position_us, playback.state
     contacts = sorted(t_us for t_us in playback.contacts if t_us <= now_us)[-SHOWN_CONTACTS:]
     latest = playback.contacts[contacts[-1]] if contacts else None

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spikingtac.errors import ConfigError
-from spikingtac.events.filters import BackgroundActivityFilter, Transform, time_slice
+from spikingtac.events.filters import BackgroundActivityFilter, Transform
 from spikingtac.events.hot_pixels import HotPixelFilter, find_hot_pixels, judge_events
 from stand_ins.random_packets import packet_of, random_packet, rows
 
@@ -40,15 +40,15 @@ def test_background_activity_equals_its_twin(seed: int) -> None:
     assert 0 < len(expected) < 400
 
 
-def test_time_slice_is_half_open() -> None:
+def test_the_part_that_is_kept_is_half_open() -> None:
     whole = random_packet(4, 200, SIZE)
-    inside = list(time_slice([whole], 50, 200))
+    inside = list(Transform(from_us=50, to_us=200).packets([whole]))
     assert rows(*inside) == [row for row in rows(whole) if 50 <= row[0] < 200]
     assert (inside[0].t_start_us, inside[-1].t_end_us) == (50, 200)
-    assert rows(*time_slice([whole])) == rows(whole)
-    assert list(time_slice([whole], to_us=0)) == []
+    assert rows(*Transform().packets([whole])) == rows(whole)
+    assert list(Transform(to_us=0).packets([whole])) == []
     with pytest.raises(ConfigError, match="empty"):
-        list(time_slice([whole], 5, 5))
+        list(Transform(from_us=5, to_us=5).packets([whole]))
 
 
 CASES = {

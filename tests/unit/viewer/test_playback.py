@@ -37,8 +37,8 @@ def tracked_to(play: Playback, t_us: int) -> np.ndarray:
     play.aim(t_us)
     assert play.work(FOREVER_S)
     assert play.position_us == t_us
-    assert play.frame is not None
-    return play.frame.detected_px
+    assert play.state.frame is not None
+    return play.state.frame.detected_px
 
 
 def test_going_back_gives_what_was_there_before(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 import spikingtac as st
-from spikingtac import events, plugins
+from spikingtac import events
 from spikingtac.batch.inputs import find_recordings
 from spikingtac.cli.messages import Advance, Table, counted, figures, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
@@ -18,7 +18,6 @@ from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many, run_
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.datasets.export import data_set, write_zarr
 from spikingtac.datasets.lerobot import write_lerobot
-from spikingtac.errors import nearest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,18 +67,19 @@ def run(args: Args) -> int:
         raise st.ConfigError(f"--from-us {args.from_us} must be before --to-us {args.to_us}")
     if args.output is not None or args.to is not None:
         means_many(args, args.files)  # refuses options that do not go together
-        return run_many(WORK._replace(ending=_ending(args.to, args.encoding)), args, args.files)
+        from spikingtac.events.create import writer_of
+
+        if args.to is None:
+            raise st.ConfigError("of many files, convert needs the format to write: --to npz")
+        writer_of(args.to, args.encoding)  # refuses what cannot be written
+        ending = "." + args.to.lower().removeprefix(".")
+        return run_many(WORK._replace(ending=ending), args, args.files)
     if len(args.files) != 2 or means_many(args, args.files[:1]):
         raise st.ConfigError(
             "convert takes a file to read and a file to write; of many files, it takes "
             "all of them and the folder and format to write: -o FOLDER --to npz"
         )
-    target = args.files[1]
-    if args.encoding is not None and target.suffix.lower() != ".raw":
-        raise st.ConfigError(
-            f"--encoding {args.encoding} is for .raw files, not for {target.name!r}; leave it out"
-        )
-    return run_one(WORK, args, args.files[0], target)
+    return run_one(WORK, args, *args.files)
 
 
 def convert_one(args: Args, path: Path, target: Path, advance: Advance) -> dict[str, Any]:
@@ -157,24 +157,6 @@ def _changed(
         raise st.RecordingError(
             f"nothing is kept of {str(source.path)!r}: it {span}, asked was {begin} to {end}"
         )
-
-
-def _ending(name: str | None, encoding: str | None) -> str:
-    """Return the ending of a format, before any file is written in it."""
-    from spikingtac.events.create import WRITABLE
-
-    if name is None:
-        raise st.ConfigError("of many files, convert needs the format to write: --to npz")
-    ending = "." + name.lower().removeprefix(".")
-    valid = [*WRITABLE, *(f".{foreign}" for foreign in plugins.with_plugins({}, plugins.WRITERS))]
-    if ending not in valid:
-        text = ", ".join(known.removeprefix(".") for known in valid)
-        raise st.ConfigError(
-            f"--to {name!r} cannot be written{nearest(ending, valid)} (valid: {text})"
-        )
-    if encoding is not None and ending != ".raw":
-        raise st.ConfigError(f"--encoding {encoding!r} is for --to raw, not for --to {name!r}")
-    return ending
 
 
 def convert_row(found: dict[str, Any]) -> dict[str, Any]:

@@ -73,6 +73,7 @@ class Args(PageArgs, RealtimeArgs, TrackerArgs):
 def run(args: Args) -> int:
     """Serve the page, and print the summary at its end."""
     from spikingtac.viewer.calibrating import SaveTarget
+    from spikingtac.viewer.opening import open_view
 
     require_seconds(args.seconds)
     _check_together(args)
@@ -87,9 +88,9 @@ def run(args: Args) -> int:
     if target is not None and (args.export or target.suffix not in PICTURE_ENDINGS):
         # Events alone make a picture; what else is exported holds markers.
         alone = {"save": save} if target.suffix in PICTURE_ENDINGS else {}
-        summary = _exported(given | alone, args, target)
+        summary = _exported(partial(open_view, **given, **alone), args, target)
     else:
-        summary = _shown(_opener(given | {"save": save}), args, realtime=args.realtime)
+        summary = _shown(partial(open_view, **given, save=save), args, realtime=args.realtime)
     return _report(args.source, summary, args.json)
 
 
@@ -110,20 +111,14 @@ def _check_together(args: Args) -> None:
         require_live([args.source])
 
 
-def _opener(given: dict[str, Any]) -> Opener:
-    from spikingtac.viewer.opening import open_view
-
-    return partial(open_view, **given)
-
-
-def _exported(given: dict[str, Any], args: Args, target: Path) -> dict[str, Any]:
+def _exported(opener: Opener, args: Args, target: Path) -> dict[str, Any]:
     from spikingtac.viewer.export import ENDINGS, export
 
     if args.force is not None:
         raise ConfigError("an export shows no forces; leave out --force")
     check_target(target, ENDINGS, args.overwrite)
     with progress(f"exporting to {target.name}"):
-        view = _opener(given)()
+        view = opener()
         written = export(view, target, seconds=args.seconds)
     return {"export": str(target), "written": written, "calibration": view.calibrated_by or None}
 
@@ -170,10 +165,12 @@ class DemoArgs(PageArgs):
 
 def demo(args: DemoArgs) -> int:
     """Simulate, track and serve, and print the summary at the end."""
+    from spikingtac.viewer.opening import open_view
+
     require_seconds(args.seconds)
     remark("simulating a finger on the skin; the first start compiles its kernels")
-    given = {"source": SCENE, "preset": args.preset, "seed": args.seed}
-    return _report(SCENE, _shown(_opener(given), args, repeat=True), args.json)
+    opener = partial(open_view, SCENE, preset=args.preset, seed=args.seed)
+    return _report(SCENE, _shown(opener, args, repeat=True), args.json)
 
 
 @dataclass(frozen=True, kw_only=True)

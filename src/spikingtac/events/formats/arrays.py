@@ -64,11 +64,6 @@ class ArrayReader:
             return np.nan_to_num(values.astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0)
         return values
 
-    def holds_rows(self, name: str) -> bool:
-        """Return whether an array of this name is a table of events, or of structures."""
-        wide = self.width in TABLE_WIDTHS or (name == "events" and self.width == OPENMV_COLUMNS)
-        return self.plain and (wide or bool(self.type.names))
-
     def _exactly(self, size: int) -> bytes:
         data = self._file.read(size)
         if len(data) < size:
@@ -129,9 +124,12 @@ class ArraySource(columns.TableSource):
         if order is not None:
             return [self._names[order.place[role]] for role in ROLES]
         told, rows = told_kind(self.path), []
-        for name in self._names if told is None else ():
+        others = [name for name in self._names if name not in (*TRIGGERS, *_SIZES)]
+        for name in others if told is None else ():
             with suppress(FormatError):
-                if name not in (*TRIGGERS, *_SIZES) and arrays(name).holds_rows(name):
+                array = arrays(name)
+                widths = (*TABLE_WIDTHS, OPENMV_COLUMNS) if name == "events" else TABLE_WIDTHS
+                if array.plain and (array.width in widths or array.type.names):
                     rows.append(name)
         if len(rows) == 1:
             return rows
