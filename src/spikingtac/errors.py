@@ -7,7 +7,8 @@ The command line maps them to exit codes: 1 the input is at fault, 2 the argumen
 import difflib
 import os
 from collections.abc import Iterable, Mapping
-from typing import TypeVar
+from importlib import import_module
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
@@ -109,3 +110,23 @@ def require_type(given: object, kind: type, way: str) -> None:
     if not isinstance(given, kind):
         text = repr(given) if isinstance(given, str | os.PathLike) else type(given).__name__
         raise ConfigError(f"expected a {kind.__name__}, given {text}; make one: spikingtac.{way}")
+
+
+def import_extra(module: str, what: str, extra: str) -> Any:
+    """Return a module of an optional library.
+
+    Args:
+        module: Its name.
+        what: What needs it, for the error.
+        extra: The extra of this package that brings it.
+
+    Raises:
+        MissingExtraError: It is not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        library = module.partition(".")[0]
+        raise MissingExtraError(
+            f"{what} needs {library}; install it with: pip install 'spikingtac[{extra}]'"
+        ) from error

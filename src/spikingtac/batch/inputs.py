@@ -8,7 +8,7 @@ from pathlib import Path
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.camera import is_address
-from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
+from spikingtac.events.formats.pieces import ARCHIVE_DAMAGE
 from spikingtac.events.open import READABLE, RECORDING_NAME
 
 # Endings of many kinds of tables: in a folder they are no recordings, by name they may be.

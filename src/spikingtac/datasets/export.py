@@ -10,7 +10,7 @@ from spikingtac._version import package_version
 from spikingtac.atomic_files import whole_folder
 from spikingtac.batch.inputs import outputs_of
 from spikingtac.datasets.lerobot import INFO
-from spikingtac.errors import ConfigError, MissingExtraError
+from spikingtac.errors import ConfigError, import_extra
 from spikingtac.tracks import FRAMES_PER_CHUNK, Tracks
 from spikingtac.tracks.files import ATTRIBUTES, FORCES, PER_MARKER
 
@@ -65,10 +65,7 @@ def write_zarr(
         MissingExtraError: zarr is not installed.
         RecordingError: Tracks cannot be read.
     """
-    try:
-        import zarr
-    except ImportError as error:
-        raise MissingExtraError("Zarr needs: pip install 'spikingtac[zarr]'") from error
+    zarr = import_extra("zarr", "Zarr", "zarr")
     root, frames = zarr.create_group(str(folder), zarr_format=3), 0
     names = outputs_of(recordings, Path(), "")
     for number, (name, path) in enumerate(zip(names, recordings, strict=True), 1):

@@ -7,7 +7,7 @@ from .create import create_events as create_events
 from .filters import BackgroundActivityFilter as BackgroundActivityFilter
 from .filters import Transform as Transform
 from .formats.array_file import load_arrays as load_arrays
-from .formats.array_schema import load_truth as load_truth
+from .formats.array_file import load_truth as load_truth
 from .formats.codec import EventWriter as EventWriter
 from .formats.file_source import FileSource as FileSource
 from .formats.file_source import ReadOptions as ReadOptions

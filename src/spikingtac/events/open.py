@@ -9,8 +9,8 @@ from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
 from spikingtac.events.camera import Address, is_address, is_stream
 from spikingtac.events.evt.raw import RawSource, later_parts, read_header
-from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, UTF16_MARKS
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
+from spikingtac.events.formats.pieces import ARCHIVE_DAMAGE, UTF16_MARKS
 from spikingtac.events.recording import (
     RECORDING_NAME,
     RecordedClock,
@@ -218,7 +218,7 @@ _KINDS: dict[str, tuple[str, tuple[str, ...], tuple[bytes, ...]]] = {
         "ros:RosSource", (".db3", ".mcap", ".bag"),
         (b"SQLite format 3\x00", b"\x89MCAP", b"#ROSBAG"),
     ),
-    "packed": ("formats.array_file:open_packed", (".gz", ".zip"), (b"\x1f\x8b",)),
+    "packed": ("formats.pieces:open_packed", (".gz", ".zip"), (b"\x1f\x8b",)),
 }  # fmt: skip
 _BY_ENDING = {ending: kind for kind, (_, endings, _) in _KINDS.items() for ending in endings}
 READABLE = tuple(_BY_ENDING)  # Endings of what can be read; the content decides first.

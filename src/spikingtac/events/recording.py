@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import write_text
 from spikingtac.errors import RecordingError
 from spikingtac.events.clock import TimeMap
-from spikingtac.events.formats.array_file import ColumnFile
-from spikingtac.events.formats.array_schema import load_truth
+from spikingtac.events.formats.array_file import ColumnFile, load_truth
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.types import EventPacket, LossCounters

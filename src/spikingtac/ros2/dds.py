@@ -10,7 +10,7 @@ import socket
 from collections.abc import Mapping
 from typing import Any
 
-from spikingtac.errors import ConfigError, DeviceError, MissingExtraError
+from spikingtac.errors import ConfigError, DeviceError, import_extra
 from spikingtac.ros2.messages import OCTETS, encode, ros_type, type_store
 
 LOOPBACK = "lo"  # The interface name that stands for this machine alone.
@@ -74,20 +74,16 @@ class DdsPublisher:
         if not 0 <= domain <= LARGEST_DOMAIN:
             raise ConfigError(f"the domain is {domain}, it must be 0 to {LARGEST_DOMAIN}")
         settings = _settings(interface)
-        try:
-            from cyclonedds import core
-            from cyclonedds.domain import Domain, DomainParticipant
-        except ImportError as error:
-            raise MissingExtraError(
-                "ROS 2 needs cyclonedds; install it with: pip install 'spikingtac[ros2]'"
-            ) from error
+        entered = import_extra("cyclonedds.domain", "ROS 2", "ros2")
+        from cyclonedds import core
+
         self._reliable = reliable
         self._topics: dict[str, tuple[str, Any, Any]] = {}  # message, its type, writer
         try:
-            self._domain = Domain(domain, settings)
+            self._domain = entered.Domain(domain, settings)
             # ROS 2 takes a participant for one of its own by its enclave.
             qos = core.Qos(core.Policy.Userdata(b"enclave=/;"))
-            self._participant: Any = DomainParticipant(domain, qos=qos)
+            self._participant: Any = entered.DomainParticipant(domain, qos=qos)
         except core.DDSException as error:
             raise DeviceError(
                 f"DDS domain {domain} cannot be entered on {interface!r}: {error}; "

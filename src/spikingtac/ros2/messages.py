@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from spikingtac.errors import MissingExtraError
+from spikingtac.errors import import_extra
 
 NS_PER_S, NS_PER_US = 1_000_000_000, 1_000
 FRAME_ID = "tactile_sensor"
@@ -79,14 +79,9 @@ def type_store() -> Any:
     Raises:
         MissingExtraError: rosbags is not installed.
     """
-    try:
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-    except ImportError as error:
-        raise MissingExtraError(
-            "ROS 2 messages need rosbags; install it with: pip install 'spikingtac[ros2]'"
-        ) from error
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(EVENT_PACKET, "event_camera_msgs/msg/EventPacket"))
+    typesys = import_extra("rosbags.typesys", "ROS 2", "ros2")
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+    store.register(typesys.get_types_from_msg(EVENT_PACKET, "event_camera_msgs/msg/EventPacket"))
     return store
 
 

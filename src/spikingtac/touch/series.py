@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import RecordingError
 from spikingtac.events.align import load_poses
-from spikingtac.events.formats.array_file import load_arrays
-from spikingtac.events.formats.array_schema import load_truth
+from spikingtac.events.formats.array_file import load_arrays, load_truth
 from spikingtac.types import FloatArray as Field
 from spikingtac.types import one_line
 

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.atomic_files import WholeFile, write_text
-from spikingtac.errors import ConfigError, MissingExtraError
-from spikingtac.events.formats.array_file import ColumnFile
-from spikingtac.events.formats.array_schema import Specs
+from spikingtac.errors import ConfigError, import_extra
+from spikingtac.events.formats.array_file import ColumnFile, Specs
 from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.types import MarkerFrame
 
@@ -168,23 +167,19 @@ class _ParquetTable:
     """The columns of the CSV file, with their types: for pandas, Polars, R and DuckDB."""
 
     def __init__(self, path: Path, _: NDArray[np.float64]) -> None:
-        try:
-            import pyarrow
-            import pyarrow.parquet
-        except ImportError as error:
-            raise MissingExtraError(
-                "Parquet needs pyarrow; install it with: pip install 'spikingtac[parquet]'"
-            ) from error
-        self._arrow, self._target = pyarrow, WholeFile(path)
+        self._parquet = import_extra("pyarrow.parquet", "Parquet", "parquet")
+        self._target = WholeFile(path)
         self._file: Any = None
 
     def append(self, columns: Columns) -> None:
+        import pyarrow
+
         rows = long_columns(columns)
         rows["marker"] = rows["marker"].astype(np.int16)
-        table = self._arrow.table(rows)
+        table = pyarrow.table(rows)
         if self._file is None:
             # Neighbours in a float column share their high bytes, and hardly any value repeats.
-            self._file = self._arrow.parquet.ParquetWriter(
+            self._file = self._parquet.ParquetWriter(
                 self._target.partial,
                 table.schema,
                 compression="zstd",

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.lens import SkinScale
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
-from spikingtac.events.formats.array_file import load_arrays
-from spikingtac.events.formats.array_schema import require_shapes
+from spikingtac.errors import ConfigError, RecordingError, import_extra
+from spikingtac.events.formats.array_file import load_arrays, require_shapes
 from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.file_kinds import kind_of, told_kind
 from spikingtac.tracks.files import (
@@ -246,12 +245,7 @@ class Tracks:
         Raises:
             MissingExtraError: pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise MissingExtraError(
-                "tables need pandas; install it with: pip install 'spikingtac[tables]'"
-            ) from error
+        pandas = import_extra("pandas", "a table", "tables")
         columns = {name: getattr(self, name) for name in ("t_us", *VECTORS)}
         if self.px_per_mm is not None:
             columns["displacement_mm"] = self.displacement_mm

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spikingtac.atomic_files import replacing
-from spikingtac.errors import ConfigError, MissingExtraError, SpikingTacError
+from spikingtac.errors import ConfigError, SpikingTacError, import_extra
 from spikingtac.plots.figure import PICTURE_ENDINGS, check_target, save_gif
 from spikingtac.plots.moments import DPI, PANEL, SensorDrawing
 from spikingtac.ros2.messages import NS_PER_US, definition, encode, header, ros_type
@@ -167,11 +167,7 @@ class McapPublisher:
     """
 
     def __init__(self, path: Path) -> None:
-        try:
-            from mcap.writer import Writer
-        except ImportError as error:
-            raise MissingExtraError("MCAP needs: pip install 'spikingtac[formats]'") from error
-        self._writer = Writer(str(path))
+        self._writer = import_extra("mcap.writer", "MCAP", "formats").Writer(str(path))
         self._writer.start(profile="ros2", library="spikingtac")
         self._channels: dict[str, tuple[int, str]] = {}
         self.messages, self.close = 0, self._writer.finish

@@ -13,7 +13,7 @@ from spikingtac.config import load_config
 from spikingtac.contact.registry import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.events.camera import Address, is_address, is_stream
-from spikingtac.events.formats.array_schema import load_truth
+from spikingtac.events.formats.array_file import load_truth
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import MANIFEST, TRUTH, read_manifest
 from spikingtac.markers.registry import make_tracker

@@ -1,52 +1,25 @@
-"""Archives: NumPy's, and those that a recording was packed into; read without trust.
+"""NumPy's archives: read without trust, written column by column at constant memory.
 
-NumPy archives are written column by column at constant memory.
+One schema says which arrays a file holds: types, shapes that belong together, plausible numbers.
 """
 
-import codecs
-import gzip
 import math
 import shutil
-import struct
 import tempfile
-import weakref
 import zipfile
-import zlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
-from tokenize import TokenError
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing
-from spikingtac.errors import FormatError, RecordingError
-from spikingtac.events.formats.file_source import FileSource
-from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES, refuse_piece
-
-UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # How a text in UTF-16 begins.
-
-# What zipfile and NumPy's header parser raise on damaged archives.
-ARCHIVE_DAMAGE = (
-    OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError,
-    SyntaxError, TokenError, RuntimeError, MemoryError, OverflowError, TypeError,
-    KeyError, struct.error,
-)  # fmt: skip
-
-# What NumPy writes; Python unpacks others without a bound on what comes out.
-PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+from spikingtac.errors import RecordingError
+from spikingtac.events.formats.pieces import ARCHIVE_DAMAGE, PACKINGS, refuse_piece
 
 # Most that arrays beyond the limit may be compressed: stored ones take what their file takes.
 BOMB_RATIO = 20
-
-# Largest content of an archive that is unpacked, bytes.
-CONTENT_LIMIT_BYTES = 1 << 32
-
-# Most that content beyond one piece may be compressed; events gain 2 to 10.
-PACKED_RATIO = 100
-
-UNPACKED_BYTES = 1 << 12  # Bytes unpacked at once: what a damaged archive loses of its sound part.
 
 # The earliest date that ZIP knows: archives must not depend on the clock.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -181,81 +154,70 @@ def _begun(
     return member
 
 
-def open_packed(path: Path, opener: Callable[[Path], FileSource]) -> FileSource:
-    """Return the source of the recording inside an archive.
+# Name of an array -> type of its numbers and its shape: a letter is one length throughout.
+Specs = Mapping[str, tuple[type[np.generic], str]]
+INCREASING = ("t_us", "marker_t_us", "contact_t_us")  # Names of times that must increase.
+LARGEST = float(1 << 53)  # Largest number; times in us up to it are exact as floats.
+
+# Array of truth.npz -> type and shape: n and k times, m markers.
+TRUTH_SPECS: Specs = {
+    "marker_t_us": (np.int64, "n"),
+    "marker_px": (np.float32, "nm2"),
+    "reference_px": (np.float32, "m2"),
+    "radius_px": (np.float32, "m"),
+    "contact_t_us": (np.int64, "k"),
+    "in_contact": (np.bool_, "k"),
+    "force_n": (np.float64, "k3"),
+    "torque_n_mm": (np.float64, "k3"),
+}
+TRUE_MARKERS = ("marker_t_us", "marker_px")
+AGAIN = "render the recording again with: spikingtac simulate SCENE -o FOLDER"
+
+
+def load_truth(path: Path, needed: Collection[str] = TRUE_MARKERS) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a ``truth.npz``.
 
     Args:
-        path: A ``.gz`` of one file, a ``.zip`` that holds one file, or a text in UTF-16.
-        opener: Opens the unpacked file.
+        path: The file.
+        needed: The arrays that must be there.
 
     Raises:
-        FormatError: The archive cannot be read, holds several files, or unpacks beyond the limit.
+        RecordingError: It cannot be read, lacks an array, or holds one of another kind.
     """
-    folder = Path(tempfile.mkdtemp(prefix="spikingtac-"))
+    found = load_arrays(path, "ground truth")
     try:
-        inner, damage = _unpacked(path, folder)
-        source = opener(inner)
-    except BaseException as error:
-        shutil.rmtree(folder, ignore_errors=True)
-        if isinstance(error, RecordingError):
-            raise type(error)(str(error).replace(str(folder), str(path))) from error
-        raise
-    weakref.finalize(source, shutil.rmtree, folder, ignore_errors=True)
-    source.notes.append(f"unpacked from {path.name}")
-    if damage:
-        source.notes.append(f"{path.name} is damaged and was unpacked up to there: {damage}")
-        source.lost_before = {"truncated": 1}
-    return source
+        require_shapes(found, TRUTH_SPECS, needed)
+    except KeyError as error:
+        raise RecordingError(f"{str(path)!r} holds no {error.args[0]}; {AGAIN}") from error
+    except ValueError as error:
+        raise RecordingError(f"{str(path)!r}: {error}; {AGAIN}") from error
+    return found
 
 
-def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
-    """Return the unpacked file, and what ended it early."""
-    packed = path.stat().st_size
-    try:
-        with path.open("rb") as file:
-            if file.read(2) in UTF16_MARKS:
-                file.seek(0)
-                recoded: Any = codecs.EncodedFile(file, "utf-8", "utf-16")
-                return _copied(recoded, folder / path.name, packed, path)
-        if not zipfile.is_zipfile(path):
-            inner = folder / (path.stem if path.suffix.lower() in (".gz", ".gzip") else path.name)
-            with gzip.open(path) as content:
-                return _copied(content, inner, packed, path)
-        with zipfile.ZipFile(path) as archive:
-            files = [info for info in archive.infolist() if not info.is_dir()]
-            files = [info for info in files if not info.filename.startswith("__MACOSX/")]
-            if len(files) != 1 or files[0].compress_type not in PACKINGS:
-                names = ", ".join(info.filename for info in files[:5]) or "nothing"
-                raise FormatError(
-                    f"{str(path)!r} holds {names}; a zip with exactly one recording is read: "
-                    "unpack it and name a file"
-                )
-            with archive.open(files[0]) as content:
-                inner = folder / (Path(files[0].filename).name or "recording")
-                return _copied(content, inner, packed, path)
-    except ARCHIVE_DAMAGE as error:
-        raise FormatError(f"{str(path)!r} cannot be unpacked: {error}") from error
+def require_shapes(
+    values: Mapping[str, NDArray[Any]], specs: Specs, needed: Collection[str]
+) -> None:
+    """Refuse arrays that do not belong together; those that the specs do not name are let in.
 
-
-def _copied(
-    content: IO[bytes] | gzip.GzipFile, inner: Path, packed: int, path: Path
-) -> tuple[Path, str]:
-    """Copy content up to the limits; return the file, and what ended it early."""
-    written = 0
-    with inner.open("wb") as file:
-        while True:
-            try:
-                data = content.read(UNPACKED_BYTES)
-            except (OSError, EOFError, ValueError, zlib.error, zipfile.BadZipFile) as error:
-                if not written:
-                    raise
-                return inner, str(error)
-            if not data:
-                return inner, ""
-            written += len(data)
-            if written > min(CONTENT_LIMIT_BYTES, max(PACKED_RATIO * packed, PIECE_LIMIT_BYTES)):
-                raise FormatError(
-                    f"{str(path)!r} unpacks to more than {written >> 20} MiB from {packed} bytes; "
-                    "unpack it yourself if that is meant"
-                )
-            file.write(data)
+    Raises:
+        ValueError: A shape or a type does not fit, a number is not finite or beyond
+            :data:`LARGEST`, or times do not increase.
+        KeyError: An array is missing.
+    """
+    lengths = {"2": 2, "3": 3}
+    for name, (dtype, letters) in specs.items():
+        if name not in values and name not in needed:
+            continue
+        array = values[name]
+        for letter, length in zip(letters, array.shape, strict=False):
+            lengths.setdefault(letter, length)
+        shape = tuple(lengths.get(letter, 0) for letter in letters)
+        if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
+            raise ValueError(
+                f"{name} is {array.dtype} of shape {array.shape}, it must be "
+                f"{np.dtype(dtype)} of shape {shape}"
+            )
+        if not ((array >= -LARGEST) & (array <= LARGEST)).all():  # no comparison holds for NaN
+            raise ValueError(f"{name} holds a number that is not finite, or beyond {LARGEST:g}")
+        if name in INCREASING and not (np.diff(array) > 0).all():
+            raise ValueError(f"{name} does not increase")

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
 from spikingtac.events.formats import columns
-from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, open_member, read_array_header
+from spikingtac.events.formats.array_file import open_member, read_array_header
 from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.events.formats.columns import CHUNK_ROWS, ROLES, TABLE_WIDTHS, Order, Table
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.formats.packing import Counter
-from spikingtac.events.formats.pieces import refuse_piece
+from spikingtac.events.formats.pieces import ARCHIVE_DAMAGE, refuse_piece
 from spikingtac.file_kinds import told_kind
 
 _SIZES = ("size", "resolution", "sensor_size")

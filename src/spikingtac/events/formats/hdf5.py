@@ -14,13 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spikingtac.errors import FormatError, MissingExtraError, SpikingTacError
+from spikingtac.errors import FormatError, MissingExtraError, SpikingTacError, import_extra
 from spikingtac.events.formats import columns
-from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
 from spikingtac.events.formats.columns import CHUNK_ROWS, ROLES, TABLE_WIDTHS, Order, Table
 from spikingtac.events.formats.file_source import ReadOptions, chosen_sensor
 from spikingtac.events.formats.packing import TIME_LIMIT_US
-from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES, refuse_piece
+from spikingtac.events.formats.pieces import ARCHIVE_DAMAGE, PIECE_LIMIT_BYTES, refuse_piece
 
 DAMAGE = (*ARCHIVE_DAMAGE, IndexError, AttributeError)  # What h5py raises on damaged files.
 ECF_FILTER = 0x8ECF  # Prophesee's compression, which hdf5plugin does not bring.
@@ -130,10 +129,7 @@ def library() -> Any:
     Raises:
         MissingExtraError: It is not installed.
     """
-    try:
-        import h5py
-    except ImportError as error:
-        raise MissingExtraError("HDF5 files need: pip install 'spikingtac[formats]'") from error
+    h5py = import_extra("h5py", "HDF5", "formats")
     with suppress(ImportError):
         import hdf5plugin  # noqa: F401  (registers blosc, zstd, bitshuffle ...)
     return h5py

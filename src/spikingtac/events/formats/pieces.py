@@ -1,15 +1,27 @@
-"""Files made of pieces that tell their length: a damaged piece costs only itself.
+"""Packed content, read without trust: what it claims is believed up to a limit only.
 
-AEDAT4, MCAP and ROS 1 bags are such files. What a piece claims is believed up to a limit only.
+AEDAT4, MCAP and ROS 1 bags are made of pieces that tell their length: a damaged piece costs only
+itself. Any recording may come in an archive, or as a text in UTF-16.
 """
 
 import bz2
+import codecs
+import gzip
 import io
 import re
+import shutil
+import struct
+import tempfile
+import weakref
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator
-from typing import Any, BinaryIO, NamedTuple
+from pathlib import Path
+from tokenize import TokenError
+from typing import IO, Any, BinaryIO, NamedTuple
 
-from spikingtac.errors import FormatError, MissingExtraError
+from spikingtac.errors import FormatError, MissingExtraError, RecordingError
+from spikingtac.events.formats.file_source import FileSource
 
 # Largest piece of an input (a chunk, a message, an array) that is taken into memory, bytes: an hour
 # of tracks stays below, and a piece costs at most thrice as much while it is decoded.
@@ -18,6 +30,26 @@ PIECE_LIMIT_BYTES = 128 << 20
 # Bytes that are searched at once for the next piece after damage, and the longest mark of one.
 SEARCH_BYTES, MARK_BYTES = 1 << 20, 32
 CUT = -1  # Kind of the rest of a file in which no further piece is found.
+
+UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # How a text in UTF-16 begins.
+
+# What zipfile and NumPy's header parser raise on damaged archives.
+ARCHIVE_DAMAGE = (
+    OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError,
+    SyntaxError, TokenError, RuntimeError, MemoryError, OverflowError, TypeError,
+    KeyError, struct.error,
+)  # fmt: skip
+
+# What NumPy writes; Python unpacks others without a bound on what comes out.
+PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+
+# Largest content of an archive that is unpacked, bytes.
+CONTENT_LIMIT_BYTES = 1 << 32
+
+# Most that content beyond one piece may be compressed; events gain 2 to 10.
+PACKED_RATIO = 100
+
+UNPACKED_BYTES = 1 << 12  # Bytes unpacked at once: what a damaged archive loses of its sound part.
 
 Count = Callable[[str], object]  # Counts one more of a kind of damage.
 Read = Callable[[int, int], bytes]  # Returns up to so many bytes from a place on.
@@ -168,3 +200,83 @@ _DECOMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
     "zstd": _zstd,
     "bz2": lambda data, limit: _streamed(bz2.BZ2Decompressor(), data, limit),
 }
+
+
+def open_packed(path: Path, opener: Callable[[Path], FileSource]) -> FileSource:
+    """Return the source of the recording inside an archive.
+
+    Args:
+        path: A ``.gz`` of one file, a ``.zip`` that holds one file, or a text in UTF-16.
+        opener: Opens the unpacked file.
+
+    Raises:
+        FormatError: The archive cannot be read, holds several files, or unpacks beyond the limit.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="spikingtac-"))
+    try:
+        inner, damage = _unpacked(path, folder)
+        source = opener(inner)
+    except BaseException as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, RecordingError):
+            raise type(error)(str(error).replace(str(folder), str(path))) from error
+        raise
+    weakref.finalize(source, shutil.rmtree, folder, ignore_errors=True)
+    source.notes.append(f"unpacked from {path.name}")
+    if damage:
+        source.notes.append(f"{path.name} is damaged and was unpacked up to there: {damage}")
+        source.lost_before = {"truncated": 1}
+    return source
+
+
+def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
+    """Return the unpacked file, and what ended it early."""
+    packed = path.stat().st_size
+    try:
+        with path.open("rb") as file:
+            if file.read(2) in UTF16_MARKS:
+                file.seek(0)
+                recoded: Any = codecs.EncodedFile(file, "utf-8", "utf-16")
+                return _copied(recoded, folder / path.name, packed, path)
+        if not zipfile.is_zipfile(path):
+            inner = folder / (path.stem if path.suffix.lower() in (".gz", ".gzip") else path.name)
+            with gzip.open(path) as content:
+                return _copied(content, inner, packed, path)
+        with zipfile.ZipFile(path) as archive:
+            files = [info for info in archive.infolist() if not info.is_dir()]
+            files = [info for info in files if not info.filename.startswith("__MACOSX/")]
+            if len(files) != 1 or files[0].compress_type not in PACKINGS:
+                names = ", ".join(info.filename for info in files[:5]) or "nothing"
+                raise FormatError(
+                    f"{str(path)!r} holds {names}; a zip with exactly one recording is read: "
+                    "unpack it and name a file"
+                )
+            with archive.open(files[0]) as content:
+                inner = folder / (Path(files[0].filename).name or "recording")
+                return _copied(content, inner, packed, path)
+    except ARCHIVE_DAMAGE as error:
+        raise FormatError(f"{str(path)!r} cannot be unpacked: {error}") from error
+
+
+def _copied(
+    content: IO[bytes] | gzip.GzipFile, inner: Path, packed: int, path: Path
+) -> tuple[Path, str]:
+    """Copy content up to the limits; return the file, and what ended it early."""
+    written = 0
+    with inner.open("wb") as file:
+        while True:
+            try:
+                data = content.read(UNPACKED_BYTES)
+            except (OSError, EOFError, ValueError, zlib.error, zipfile.BadZipFile) as error:
+                if not written:
+                    raise
+                return inner, str(error)
+            if not data:
+                return inner, ""
+            written += len(data)
+            if written > min(CONTENT_LIMIT_BYTES, max(PACKED_RATIO * packed, PIECE_LIMIT_BYTES)):
+                raise FormatError(
+                    f"{str(path)!r} unpacks to more than {written >> 20} MiB from {packed} bytes; "
+                    "unpack it yourself if that is meant"
+                )
+            file.write(data)
