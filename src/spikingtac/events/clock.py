@@ -68,6 +68,10 @@ class TimeMap:
         """Return a time, or an array of them, on the base clock, us."""
         return self.base_us + (t_us - self.own_us) * (1.0 + self.drift_ppm * PPM)
 
+    def host_s(self, t_us: float) -> float:
+        """Return a time on the base clock, s."""
+        return self.at(t_us) / US_PER_S
+
     def __call__(self, t_us: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
         """Return ``(n,)`` times on the base clock, us; what was in order stays so."""
         return np.rint(self.at(t_us)).astype(np.int64)
@@ -104,7 +108,7 @@ class TimeMap:
     def clock_summary(self) -> dict[str, Any]:
         """Return a sensor's clock on its host's: time = offset + sensor time x (1 + drift)."""
         return {
-            "offset_s": self.at(0.0) / US_PER_S,
+            "offset_s": self.host_s(0.0),
             "drift_ppm": self.drift_ppm,
             "offset_error_us": self.error_us,
             "drift_error_ppm": self.drift_error_ppm,
