@@ -9,8 +9,6 @@ distance q outside of the nominal radius is
 1 in the disc, 0 on the ground, and above one half at the nominal radius.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The options of a verb: unknown ones are refused by their names, help shows no empty default."""
 
-from __future__ import annotations
-
 import inspect
 import shutil
 import textwrap

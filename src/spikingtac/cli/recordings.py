@@ -1,7 +1,5 @@
 """Verbs that work on recordings: on one, on those of two fingers, or on many into a folder."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

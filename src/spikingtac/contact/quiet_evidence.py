@@ -3,8 +3,6 @@
 A value that is exceeded once in a stated time is extrapolated from a much shorter recording.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ pixels of the map. The int8 network reads and writes bytes, in blocks as rows of
 ``(rows, columns, channels)``, so that one row of a block is one machine word.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -6,8 +6,6 @@ filters repeat the nearest pixel of the map (``mode="nearest"`` of scipy.ndimage
 at the border keeps its level.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Protocol

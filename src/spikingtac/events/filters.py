@@ -4,8 +4,6 @@ Filters with a state give the same events however the stream is cut into packets
 the package's convention: the origin is the centre of the top left pixel, y points down.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal

@@ -4,8 +4,6 @@ Every sensor has some, at 10 Hz to some kHz. One that lies beside a marker outwe
 counts of a calibration were wrong by up to five times, and a marker strayed by 7 px (simulated).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import takewhile

@@ -7,8 +7,6 @@ reach depend on the hole, so the fit is repeated a few times. Contacts far off t
 weight, since one in a thousand is false.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

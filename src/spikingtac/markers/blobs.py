@@ -9,8 +9,6 @@ centroid. Here a pair is matched only where each is the other's nearest, so that
 serves two markers.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -7,8 +7,6 @@ pixels contradict it. Needs no tracker, so that one which has adapted itself to 
 hides nothing.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -8,8 +8,6 @@ polarities, for the event's number in the series and for the edge's speed over t
 one polarity and one number.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple

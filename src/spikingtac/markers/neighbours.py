@@ -7,8 +7,6 @@ is shrinkage that fades with the difference (empirical Bayes, Carlin and Louis 2
 doi:10.1201/9781420057669).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """How markers are followed: settings, protocol, and the trackers and output laws by name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, get_args

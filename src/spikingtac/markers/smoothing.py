@@ -12,8 +12,6 @@ measured on v2e's recording and four scenes of the twin (simulated): 63 to 72 an
 errors lie within 1 and 1.96 of them; on a flawed skin, whose discs differ from their model, half.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 

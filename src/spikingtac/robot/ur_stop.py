@@ -10,8 +10,6 @@ RTDE (30004) takes packages. Sources: "Dashboard server", "Remote control via TC
 data exchange guide", universal-robots.com.
 """
 
-from __future__ import annotations
-
 import socket
 import struct
 import threading

@@ -8,8 +8,6 @@ event is not. Its variance grows with each event, since thresholds differ betwee
 shrinks when a fitted disc confirms it (:mod:`spikingtac.markers.graded.bands`).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -10,8 +10,6 @@ The paper begins with a null map and slides an object over the skin before each 
 IV-B). A sensor whose markers are known at rest can begin with a painted map instead.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Protocol
 

@@ -8,8 +8,6 @@ is its expectation, which removes most of the hysteresis, also at rest. Ours; th
 the paper's Eq. 1 is measured in ``docs/explanation/paper-map.md``.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The contact path in a process of its own, so that no other work delays it."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -5,8 +5,6 @@ copy that was kept before that time and tracks again from there. The result is e
 cutting of the stream gives the same result.
 """
 
-from __future__ import annotations
-
 import copy
 import time
 from collections import deque

@@ -6,8 +6,6 @@ the arrays begin at a multiple of 8 bytes, then the arrays, each padded likewise
 other description.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """``spikingtac calibrate``: learn where the markers rest and how they look; check recordings."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """``spikingtac cameras`` and ``doctor``: what this machine has, lacks, and how to mend it."""
 
-from __future__ import annotations
-
 import os
 import platform
 import re

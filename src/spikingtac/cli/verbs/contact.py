@@ -1,7 +1,5 @@
 """``spikingtac contact``: say when something touched, from raw events in 1 ms windows."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace

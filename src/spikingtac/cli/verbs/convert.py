@@ -1,7 +1,5 @@
 """``spikingtac convert`` and ``export``: recordings in other formats, tracks as data sets."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``spikingtac force``: learn forces from labelled displacements, check them, apply them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal

@@ -1,7 +1,5 @@
 """``spikingtac guard``: watch a camera's stream and stop an arm at the first contact."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Iterator

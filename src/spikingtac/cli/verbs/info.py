@@ -1,7 +1,5 @@
 """``spikingtac info``: the content of an event file, and its damage."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """``spikingtac plot`` and ``compare``: figures of tracks, of events, of errors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args

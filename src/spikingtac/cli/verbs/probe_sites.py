@@ -1,7 +1,5 @@
 """Where ``spikingtac probe`` searches: on the twin, or with a UR arm and its Robotiq gripper."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Iterator

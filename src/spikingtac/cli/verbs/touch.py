@@ -1,7 +1,5 @@
 """``spikingtac touch``: list the touches in a recording: when, where, how large, how they hold."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path

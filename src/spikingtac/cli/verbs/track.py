@@ -1,7 +1,5 @@
 """``spikingtac track``: follow every marker through a recording, or through many."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any

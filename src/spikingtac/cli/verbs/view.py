@@ -1,7 +1,5 @@
 """``spikingtac view``, ``demo`` and ``simulate``: a recording or a scene, shown or rendered."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -14,8 +14,6 @@ falls by half of its range or more has wrapped (as OpenEB has it). A fall of les
 from the last event.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Encode events as RAW words; the formats are described beside their decoders."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -8,8 +8,6 @@ Three repairs, each on one chunk: find the word boundaries again where bytes wer
 words that contradict their neighbours. Sound chunks never come here.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

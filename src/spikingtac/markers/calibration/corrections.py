@@ -6,8 +6,6 @@ derivatives. (Without the latter, a shift that is common to all states hardly sh
 never leaves some of its pixels stays where it was first seen, a pixel or more away.)
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -6,8 +6,6 @@ Levels begin at the ground and are added up as in
 the marker has left it and has come back: exactly then its steps can be learned.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, field
 

@@ -9,8 +9,6 @@ partial swings that give no event, and by steps that are large in one direction.
 A pixel swings fully from ground to marker or back: real events of such swings are counted.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise, starmap

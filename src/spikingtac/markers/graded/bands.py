@@ -9,8 +9,6 @@ do not add up. The idea of one state for pose and brightness is that of event-ba
 (Kim et al. 2014, doi:10.5244/C.28.26).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -22,8 +22,6 @@ their dead bands. So the direction is that of the neighbours together: some noti
 and eight jitter less than one.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -9,8 +9,6 @@ Sums are those of whole numbers. A sum of floating-point numbers depends on its 
 compiler suits to the processor's registers; whole numbers give the same tracks on every machine.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ costs nothing. Which marker an event asks for is read from an index: each marker
 around its disc where it stands.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np

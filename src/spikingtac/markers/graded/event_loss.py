@@ -11,8 +11,6 @@ Events are counted per marker, in the cell of the skin that is nearest to its re
 moves few markers, whose events would drown in the background of all the others.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -14,8 +14,6 @@ faster than its fit goes would be erased by the disc that is painted anew (measu
 at 10 px/ms; the marker was given 8 px off, with a confidence of 0.99).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

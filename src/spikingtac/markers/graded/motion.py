@@ -5,8 +5,6 @@ standard deviation sigma once per ms. Faster estimates read nearly the same map,
 variance grows as their period shrinks.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -16,8 +16,6 @@ silence: motion dies away towards it, and no neighbour stands beyond to vouch fo
 confidence falls.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

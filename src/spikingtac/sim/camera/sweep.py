@@ -3,8 +3,6 @@
 All other pixels see constant light, under which their state advances in closed form.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
