@@ -21,7 +21,7 @@ import pytest
 
 import spikingtac as st
 from spikingtac.cli.main import _parsed, function_of, verbs
-from spikingtac.robot import Watchdog, WatchdogConfig, WatchdogThread
+from spikingtac.robot import Watchdog, WatchdogThread
 from spikingtac.touch import SkinConfig, fit_force, synthetic_series
 from stand_ins.known import known
 from stand_ins.live import frame_of
@@ -137,7 +137,7 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
     rest = own.reference_px
     frames = [frame_of(t_us, rest, 0.0 * rest) for t_us in range(0, 600_000, 1_000)]
     arm = SimpleNamespace(stop=lambda: None, confirm_stop=lambda: None)
-    names = {"Watchdog": Watchdog, "WatchdogConfig": WatchdogConfig, "time": time, "arm": arm}
+    names = {"Watchdog": Watchdog, "time": time, "arm": arm}
     names |= {"WatchdogThread": WatchdogThread, "st": st, "calibration": own, "frame": frames[-1]}
     return folder, names | {"quiet_windows": windows[:300], "windows": windows, "frames": frames}
 

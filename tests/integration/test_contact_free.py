@@ -9,8 +9,8 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.events.windows import windows
 from spikingtac.sim.rig.pad import Pad
-from spikingtac.sim.rig.probe import Probe
-from spikingtac.sim.rig.rig import VIBRATION_MM, FingerConfig, RigConfig, SensingFinger
+from spikingtac.sim.rig.probe import Grasp, Probe
+from spikingtac.sim.rig.rig import VIBRATION_MM, FingerConfig, SensingFinger
 from spikingtac.sim.rig.walls import NoWall
 from spikingtac.types import EventPacket
 from spikingtac_paper.free_motion.free_rig import (
@@ -37,21 +37,17 @@ class Both:
     calibration: Calibration
 
 
-def rig_config(preset: str) -> RigConfig:
-    return RigConfig(vibration_mm=VIBRATION_MM[preset])
-
-
 @pytest.fixture(scope="module", params=["typical", "noisy"])
 def both(request: pytest.FixtureRequest) -> Both:
-    config, pad = rig_config(request.param), Pad()
+    vibration_mm, pad = VIBRATION_MM[request.param], Pad()
     finger = FingerConfig(camera=request.param, history="random")
-    vibration = VibrationPath(config.vibration_mm, np.random.default_rng(SEED))
-    bushing = FreeMotion(config.probe, vibration).advance(STEPS)
-    free_finger = SmallMotionFinger(finger, SEED, pad, config)
+    vibration = VibrationPath(vibration_mm, np.random.default_rng(SEED))
+    bushing = FreeMotion(vibration).advance(STEPS)
+    free_finger = SmallMotionFinger(finger, SEED, pad, vibration_mm)
     whole = SensingFinger(finger, SEED)
-    skins = [skin_state(pad, config.probe, one) for one in bushing]
+    skins = [skin_state(pad, one) for one in bushing]
     optics, camera = whole.optics, whole.camera
-    rest = skin_state(pad, config.probe, np.zeros(6))
+    rest = skin_state(pad, np.zeros(6))
     camera.settle(optics.project(rest), whole.history)
     images = [optics.project(replace(skin, t_us=1000 * (k + 1))) for k, skin in enumerate(skins)]
     image = free_finger.image
@@ -64,12 +60,12 @@ def per_window(packet: EventPacket) -> np.ndarray:
 
 
 def test_a_free_probe_is_its_impulse_response() -> None:
-    config = rig_config("noisy")
-    path = VibrationPath(config.vibration_mm, np.random.default_rng(3)).path(2_000, 0.001)
-    vibration = VibrationPath(config.vibration_mm, np.random.default_rng(3))
-    motion = FreeMotion(config.probe, vibration)
+    vibration_mm = VIBRATION_MM["noisy"]
+    path = VibrationPath(vibration_mm, np.random.default_rng(3)).path(2_000, 0.001)
+    vibration = VibrationPath(vibration_mm, np.random.default_rng(3))
+    motion = FreeMotion(vibration)
     fast = np.concatenate([motion.advance(length) for length in (200, 1, 299)])
-    probe = Probe(config.probe, NoWall(), np.zeros(3))
+    probe = Probe(Grasp(), NoWall(), np.zeros(3))
     slow = [probe.step(k, 0.001, arm_mm).bushing for k, arm_mm in enumerate(path, 1)]
     assert np.abs(fast - slow[1_500:]).max() < 1e-3 * np.abs(fast).max()
 
@@ -100,7 +96,9 @@ def test_rates_of_false_stops_agree(both: Both, name: str) -> None:
 
 
 def test_any_cutting_into_stretches_gives_the_same_events() -> None:
-    config, finger = rig_config("noisy"), FingerConfig(camera="noisy")
-    whole, cut = (FreeRig(config, finger, SEED, np.random.default_rng(SEED)) for _ in range(2))
+    finger, vibration_mm = FingerConfig(camera="noisy"), VIBRATION_MM["noisy"]
+    whole, cut = (
+        FreeRig(vibration_mm, finger, SEED, np.random.default_rng(SEED)) for _ in range(2)
+    )
     parts = [cut.advance(400)[0] for _ in range(3)]
     assert_equal(EventPacket.concatenate(parts), whole.advance(1_200)[0])

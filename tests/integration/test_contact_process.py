@@ -11,7 +11,7 @@ import pytest
 
 from spikingtac.robot.ur import WATCHDOG_HZ
 from spikingtac.robot.ur_stop import REST_MM_S
-from spikingtac.robot.watchdog import WatchdogConfig
+from spikingtac.robot.watchdog import Watchdog
 from spikingtac.stream.guard import ContactProcess
 from stand_ins.guarded import (
     NEVER,
@@ -41,8 +41,8 @@ TOUCH = 150  # Window at which something happens: 0.75 s after the stream was op
 
 # A touch whose time is compared: a busy machine, late at first, has caught up by then.
 LATE_TOUCH = 300
-CALM = WatchdogConfig(stale_s=STALE_S, backlog_s=60.0)
-PATIENT = WatchdogConfig(stale_s=60.0, backlog_s=60.0)
+CALM = partial(Watchdog, stale_s=STALE_S, backlog_s=60.0)
+PATIENT = partial(Watchdog, stale_s=60.0, backlog_s=60.0)
 
 
 @pytest.fixture
@@ -105,7 +105,7 @@ def test_windows_that_waited_before_the_watch_are_not_lag_and_later_ones_are(
     notes: Path, slow: tuple[int, int], trips: bool
 ) -> None:
     """The first question is the last thing before the watch; a guard tripped at once for 3.6 s."""
-    config = WatchdogConfig(stale_s=60.0, backlog_s=SLOW_S / 2.0)
+    config = partial(Watchdog, stale_s=60.0, backlog_s=SLOW_S / 2.0)
     arm = partial(SlowArm, notes=str(notes), slow=slow)
     with closing(ContactProcess(paced, watching({}), arm, config)) as process:
         status = wait(process, "ready", "tripped", "ended", "failed")

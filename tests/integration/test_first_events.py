@@ -14,7 +14,8 @@ import pytest
 from spikingtac.robot.arm import ArmState
 from spikingtac.sim.camera.config import BackgroundConfig, CameraConfig
 from spikingtac.sim.rig import probe
-from spikingtac.sim.rig.rig import FingerConfig, Rig, RigConfig, SensingFinger
+from spikingtac.sim.rig.rig import FingerConfig, Rig, SensingFinger
+from spikingtac.sim.rig.ur3 import UR3Twin
 from spikingtac.sim.rig.walls import PlaneWall
 
 FREE_MM = 0.2
@@ -69,7 +70,7 @@ def travel_mm(
     known: Any = "fresh" if history == "released" else history
     finger = SensingFinger(SilentFinger(history=known, serial=seed), seed)
     wall, rng = PlaneWall(way * (0.375 + FREE_MM), -way), np.random.default_rng(seed)
-    rig = Rig(RigConfig(vibration_mm=0.0), wall, finger, np.zeros(3), rng)
+    rig = Rig(UR3Twin(np.zeros(3), rng), wall, finger, rng, vibration_mm=0.0)
     if history == "released":
         press_and_release(rig, FREE_MM * way)
     rig.arm.move_linear(2.0 * way, SPEED_MM_S)

@@ -13,7 +13,7 @@ from spikingtac.cli.verbs import guard
 from spikingtac.errors import DeviceError
 from spikingtac.events.evt.encode import Evt2Encoder
 from spikingtac.events.evt.raw import format_header
-from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
+from spikingtac.robot.watchdog import Watchdog
 from spikingtac.stream.guard import ContactProcess
 from spikingtac.stream.guard_loop import ContactLoop, stream_arrivals
 from spikingtac.types import EventPacket
@@ -27,7 +27,7 @@ from stand_ins.waiting import SLACK_S
 
 pytestmark = pytest.mark.waits
 
-CALM = WatchdogConfig(stale_s=2.0, backlog_s=60.0)  # a busy machine is neither
+CALM = partial(Watchdog, stale_s=2.0, backlog_s=60.0)  # a busy machine is neither
 WIDE = (320, 320)
 TOLD_S = 0.2  # Longest time until a guard that hangs is told, s.
 TOUCH = 300  # Window at which something happens: 1.5 s after the stream was opened.
@@ -137,7 +137,7 @@ def test_what_is_waited_for_is_told_and_no_arm_is_said_to_have_stopped() -> None
 
 
 def quiet_loop() -> ContactLoop:
-    watchdog = Watchdog(WatchdogConfig(), lambda: None, time.monotonic)
+    watchdog = Watchdog(lambda: None, time.monotonic)
     detector = BurstDetector()
     detector.update = lambda window: None  # type: ignore[method-assign]
     return ContactLoop(detector, watchdog, lambda: None)

@@ -14,7 +14,7 @@ from spikingtac.cli.verbs.probe import Args
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import EventCountDetector
 from spikingtac.robot.arm import Arm, ArmState
-from spikingtac.sim.rig.hole_site import Grasp, HoleSite
+from spikingtac.sim.rig.hole_site import HoleSite
 from spikingtac.sim.rig.walls import HoleWall, NoWall, Wall
 from spikingtac.types import EventPacket
 from stand_ins.verbs import Verbs
@@ -32,7 +32,7 @@ class Watched:
     """A site of the twin whose force is looked at with every window."""
 
     def __init__(self) -> None:
-        self.site = HoleSite(Grasp.of(1000), 1)
+        self.site = HoleSite(1000, 1)
         self.most_n = 0.0
         self.pulled = 0
         self._since_placed = 0

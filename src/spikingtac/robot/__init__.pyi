@@ -11,7 +11,6 @@ from .robotiq import RobotiqGripper as RobotiqGripper
 # Watchdog
 from .watchdog import Health as Health
 from .watchdog import Watchdog as Watchdog
-from .watchdog import WatchdogConfig as WatchdogConfig
 from .watchdog import WatchdogThread as WatchdogThread
 
 # Closed loops: move until contact, search a hole

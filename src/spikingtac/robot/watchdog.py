@@ -11,7 +11,6 @@ import enum
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from spikingtac.errors import DeviceError
 
@@ -27,34 +26,20 @@ class Health(enum.Enum):
     NOT_STOPPED = "not_stopped"
 
 
-@dataclass(frozen=True, kw_only=True)
-class WatchdogConfig:
-    """When the stream counts as lost.
-
-    A heartbeat says that the camera's transport is alive. It does not depend on the rate of events,
-    since a sensor at rest sends none.
-
-    Attributes:
-        stale_s: Longest time without a heartbeat, s (the arm is to rest within 0.2 s of a
-            fault, of which the stop itself takes up to 0.11; the rest is room for a virtual
-            machine, which held up a process of real-time priority for 14 ms four times a minute,
-            and for 26 ms once in 40 minutes).
-        backlog_s: Longest delay of processed data behind the newest, s (five windows).
-    """
-
-    stale_s: float = 0.04
-    backlog_s: float = 0.005
-
-    def __post_init__(self) -> None:
-        if not (self.stale_s > 0.0 and self.backlog_s > 0.0):
-            raise ValueError("stale_s and backlog_s must be positive")
+# Longest time without a heartbeat, s. The arm is to rest within 0.2 s of a fault, of which the stop
+# itself takes up to 0.11; the rest is room for a virtual machine, which held up a process of
+# real-time priority for 14 ms four times a minute, and for 26 ms once in 40 minutes.
+STALE_S = 0.04
+BACKLOG_S = 0.005  # Longest delay of processed data behind the newest, s (five windows).
 
 
 class Watchdog:
     """Trips once and stays tripped until :meth:`reset`; at first it is disarmed and not tested.
 
+    A heartbeat says that the camera's transport is alive. It does not depend on the rate of events,
+    since a sensor at rest sends none.
+
     Args:
-        config: When to trip.
         stop: Tells the arm to stop and returns at once; called at each trip, also when it was
             called before.
         clock_s: A monotonic clock, s.
@@ -62,8 +47,11 @@ class Watchdog:
             :attr:`stop_failure` changes; it must not block. What it raises is ignored.
         confirm: Waits until the arm rests, and raises where it does not. What it or ``stop`` raises
             is kept in :attr:`stop_failure`, and every later :meth:`check` stops again.
+        stale_s: Longest time without a heartbeat, s.
+        backlog_s: Longest delay of processed data behind the newest, s.
 
     Attributes:
+        backlog_s: The same.
         health: OK, or the first fault since the last reset.
         reason: What tripped it, in words; empty while OK.
         stop_failure: What the last attempt to stop raised, or None.
@@ -72,15 +60,20 @@ class Watchdog:
 
     def __init__(
         self,
-        config: WatchdogConfig,
         stop: Callable[[], None],
         clock_s: Callable[[], float],
         on_trip: Callable[[], None] = lambda: None,
         confirm: Callable[[], None] = lambda: None,
+        *,
+        stale_s: float = STALE_S,
+        backlog_s: float = BACKLOG_S,
     ) -> None:
-        self._config, self._clock_s, self._on_trip = config, clock_s, on_trip
+        if not (stale_s > 0.0 and backlog_s > 0.0):
+            raise ValueError("stale_s and backlog_s must be positive")
+        self._stale_s, self.backlog_s = stale_s, backlog_s
+        self._clock_s, self._on_trip = clock_s, on_trip
         self._stop, self._confirm = stop, confirm
-        self._beat_s, self._backlog_s = clock_s(), 0.0
+        self._beat_s, self._lag_s = clock_s(), 0.0
         self._lock = threading.RLock()
         self.reset()
 
@@ -91,7 +84,7 @@ class Watchdog:
             backlog_s: How far the processed data lag behind the newest received, s.
         """
         self._beat_s = self._clock_s()
-        self._backlog_s = backlog_s
+        self._lag_s = backlog_s
 
     def disconnected(self, reason: str) -> None:
         """Say that the transport or the controller is gone for certain."""
@@ -143,7 +136,7 @@ class Watchdog:
             if self.armed or self.health is not Health.OK:
                 raise DeviceError("the watchdog's self-test needs it disarmed and reset")
             self._proven = False
-            self._beat_s = self._clock_s() - 2.0 * self._config.stale_s
+            self._beat_s = self._clock_s() - 2.0 * self._stale_s
             self._judge()
             tripped, failure = self.health is Health.STALE, self.stop_failure
             self._clear()
@@ -166,7 +159,7 @@ class Watchdog:
             )
         if not self._proven:
             raise DeviceError("run the watchdog's self_test before arming it")
-        self._beat_s, self._backlog_s = self._clock_s(), 0.0
+        self._beat_s, self._lag_s = self._clock_s(), 0.0
         self._patience_s, self.armed = patience_s, True
 
     def disarm(self) -> None:
@@ -180,10 +173,10 @@ class Watchdog:
 
     def _judge(self) -> None:
         silent_s = self._clock_s() - self._beat_s
-        if silent_s > self._config.stale_s + self._patience_s:
+        if silent_s > self._stale_s + self._patience_s:
             self._trip(Health.STALE, f"no heartbeat for {silent_s * 1e3:.1f} ms")
-        elif self._backlog_s > self._config.backlog_s:
-            lag_ms, most_ms = 1e3 * self._backlog_s, 1e3 * self._config.backlog_s
+        elif self._lag_s > self.backlog_s:
+            lag_ms, most_ms = 1e3 * self._lag_s, 1e3 * self.backlog_s
             advice = f"{most_ms:g} ms are allowed: free the computer of other work"
             self._trip(Health.OVERLOAD, f"data lag {lag_ms:.1f} ms behind, {advice}")
 

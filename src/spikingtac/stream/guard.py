@@ -13,7 +13,7 @@ from typing import Any
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState
-from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
+from spikingtac.robot.watchdog import Health, Watchdog, WatchdogThread
 from spikingtac.stream import real_time
 from spikingtac.stream.guard_loop import (
     LONGEST_REASON,
@@ -53,7 +53,7 @@ class ContactProcess:
         arrivals: Opens the stream of windows, in the process: a camera is opened there.
         detector: Makes the detector.
         arm: Makes the arm's driver: the stop command passes through no other process.
-        watchdog: When the stream counts as lost.
+        watchdog: Makes the watchdog; a partial of it sets when the stream counts as lost.
 
     Attributes:
         alive: Returns whether the process runs.
@@ -65,14 +65,13 @@ class ContactProcess:
         arrivals: Callable[[], Iterator[Arrival]],
         detector: Callable[[], ContactDetector],
         arm: Callable[[], Arm],
-        watchdog: WatchdogConfig | None = None,
+        watchdog: Callable[..., Watchdog] = Watchdog,
     ) -> None:
         self._ring = SharedRing.for_latest(STATUS_BYTES)
         self._seen, self._last = 0, dict[str, Any]()
-        config, name = watchdog or WatchdogConfig(), self._ring.name
         self._host = Host(
             partial(_guard, arrivals=arrivals, make_detector=detector, make_arm=arm,
-                    config=config, ring_name=name)
+                    make_watchdog=watchdog, ring_name=self._ring.name)
         )  # fmt: skip
         self.alive, self.kill = self._host.alive, self._host.kill
 
@@ -150,7 +149,7 @@ def _guard(
     arrivals: Callable[[], Iterator[Arrival]],
     make_detector: Callable[[], ContactDetector],
     make_arm: Callable[[], Arm],
-    config: WatchdogConfig,
+    make_watchdog: Callable[..., Watchdog],
     ring_name: str,
 ) -> None:
     asker.grace_s = SHUTDOWN_S
@@ -166,7 +165,7 @@ def _guard(
         status.publish("failed", reason=f"{type(error).__name__}: {error}")
         return
     status.publish("starting", reason="the self-test", connected=True)
-    _watch(status, stream, detector, arm, config)
+    _watch(status, stream, detector, arm, make_watchdog)
 
 
 def _watch(
@@ -174,11 +173,11 @@ def _watch(
     stream: Iterator[Arrival],
     detector: ContactDetector,
     arm: Arm,
-    config: WatchdogConfig,
+    make_watchdog: Callable[..., Watchdog],
 ) -> None:
     """Test the stop, catch up with the stream, and guard the arm until a contact or a fault."""
-    watchdog = Watchdog(
-        config, arm.stop, time.monotonic, lambda: status.tripped(watchdog), arm.confirm_stop
+    watchdog = make_watchdog(
+        arm.stop, time.monotonic, lambda: status.tripped(watchdog), arm.confirm_stop
     )
     rests = _obey_sigterm(watchdog)
     loop = ContactLoop(detector, watchdog, arm.stop)
@@ -194,7 +193,7 @@ def _watch(
         watchdog.arm(CATCHING_UP_S)  # a camera that stalls now is no longer waited for
         with WatchdogThread(watchdog):
             # Last: what piled up until here is no lag.
-            loop.stream_clock = catch_up(stream, config.backlog_s, watchdog.beat)
+            loop.stream_clock = catch_up(stream, watchdog.backlog_s, watchdog.beat)
             watchdog.arm()
             loop.guard(stream, lambda loop: status.check(loop, arm, watchdog))
         if loop.contact is not None:

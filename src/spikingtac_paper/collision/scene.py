@@ -14,13 +14,14 @@ from spikingtac.config import digest
 from spikingtac.schema import to_mapping
 from spikingtac.sim import (
     ACCELERATION_MM_S2,
+    REPEATABILITY_MM,
     SERVO_LAG_S,
     VIBRATION_MM,
     Bit,
     FingerConfig,
+    Grasp,
     PlaneWall,
     Rig,
-    RigConfig,
     SensingFinger,
     SkinConfig,
     UR3Twin,
@@ -59,9 +60,10 @@ class CollisionScene:
         """Return the sensing finger."""
         return FingerConfig(camera=self.preset, history="rested", serial=self.serial)
 
-    def rig_config(self) -> RigConfig:
-        """Return probe, pads, arm and the preset's vibration."""
-        return RigConfig(vibration_mm=VIBRATION_MM[self.preset])
+    @property
+    def vibration_mm(self) -> float:
+        """Root mean square of the arm's vibration per axis, mm."""
+        return VIBRATION_MM[self.preset]
 
     def make_rig(self, seed: int) -> Rig:
         """Return the whole twin, the tip :data:`NEAR_MM` before the wall."""
@@ -69,12 +71,13 @@ class CollisionScene:
         wall = PlaneWall(way * Bit().radius_mm, -way)
         finger = SensingFinger(self.finger(), seed)
         rng = np.random.default_rng(seed)
-        return Rig(self.rig_config(), wall, finger, -NEAR_MM * way, rng)
+        arm = UR3Twin(-NEAR_MM * way, rng)
+        return Rig(arm, wall, finger, rng, vibration_mm=self.vibration_mm)
 
     def make_free_rig(self, seed: int, history: Literal["rested", "random"]) -> FreeRig:
         """Return the fast path of the same sensor and probe, without a wall."""
         finger = replace(self.finger(), history=history)
-        return FreeRig(self.rig_config(), finger, seed, np.random.default_rng(seed))
+        return FreeRig(self.vibration_mm, finger, seed, np.random.default_rng(seed))
 
     def calibration(self, free: FreeRig) -> Calibration:
         """Return the true calibration of the sensor in the grip."""
@@ -94,7 +97,11 @@ class CollisionScene:
         finger = self.finger()
         return {
             "scene": to_mapping(self),
-            "rig": to_mapping(self.rig_config()),
+            "rig": {
+                "probe": to_mapping(Grasp()),
+                "vibration_mm": self.vibration_mm,
+                "repeatability_mm": REPEATABILITY_MM,
+            },
             "camera": to_mapping(finger.camera_config),
             "optics": to_mapping(finger.optics),
             "past": {"touch": PRIOR_TOUCH, "released_s": RELEASED_S},

@@ -25,12 +25,11 @@ from spikingtac.sim import (
     CameraConfig,
     EventCamera,
     FingerConfig,
+    Grasp,
     MarkerImage,
     NoWall,
     Pad,
     Probe,
-    ProbeConfig,
-    RigConfig,
     SensingFinger,
     SkinState,
     Vibration,
@@ -260,13 +259,12 @@ class FreeMotion:
     """The motion of a probe without contact under the vibration of the arm.
 
     Args:
-        config: The rod and its bushing.
         vibration: Vibration of the arm. A part of the length of the impulse response is drawn
             first, so that the rod does not start from rest.
     """
 
-    def __init__(self, config: ProbeConfig, vibration: VibrationPath) -> None:
-        self._response = impulse_response(config)
+    def __init__(self, vibration: VibrationPath) -> None:
+        self._response = impulse_response()
         self._vibration = vibration
         self._previous_mm = vibration.path(len(self._response), STEP_S)
 
@@ -281,13 +279,13 @@ class FreeMotion:
         return moved[len(self._response) :]
 
 
-@functools.lru_cache(maxsize=8)
-def impulse_response(config: ProbeConfig) -> FloatArray:
+@functools.cache
+def impulse_response() -> FloatArray:
     """Return ``(taps, 3, 6)``: the bushing after the arm was at 1 mm for one step, per axis."""
     taps = round(RESPONSE_S / STEP_S)
     response = np.empty((taps, AXES, DEGREES_OF_FREEDOM))
     for axis in range(AXES):
-        probe = Probe(config, NoWall(), np.zeros(AXES))
+        probe = Probe(Grasp(), NoWall(), np.zeros(AXES))
         for tap in range(taps):
             arm_mm = np.zeros(AXES)
             arm_mm[axis] = float(tap == 0)
@@ -295,9 +293,9 @@ def impulse_response(config: ProbeConfig) -> FloatArray:
     return response
 
 
-def skin_state(pad: Pad, config: ProbeConfig, bushing: FloatArray) -> SkinState:
+def skin_state(pad: Pad, bushing: FloatArray) -> SkinState:
     """Return the skin of a pad under a free probe with bushing displacement ``(6,)`` (mm, rad)."""
-    at_rest = Probe(config, NoWall(), np.zeros(AXES)).at_rest(0)
+    at_rest = Probe(Grasp(), NoWall(), np.zeros(AXES)).at_rest(0)
     return pad.skin(replace(at_rest, bushing=bushing))
 
 
@@ -314,14 +312,14 @@ class SmallMotionFinger(SensingFinger):
         config: Optics, camera and individual sensor.
         seed: Seed of its noise.
         pad: The pad that its camera sees.
-        rig: The probe and the vibration that moves it.
+        vibration_mm: Root mean square of the arm's vibration per axis, mm.
     """
 
-    def __init__(self, config: FingerConfig, seed: int, pad: Pad, rig: RigConfig) -> None:
+    def __init__(self, config: FingerConfig, seed: int, pad: Pad, vibration_mm: float) -> None:
         super().__init__(config, seed)
         self.sparse_camera = SmallMotionCamera(config.camera_config, seed, config.serial)
         self.camera = self.sparse_camera
-        self._pad, self._probe = pad, rig.probe
+        self._pad = pad
         self.image = self._at(np.zeros(DEGREES_OF_FREEDOM))
         self.camera.settle(self.image, self.history)
         steps = SLOPE_STEP * np.eye(DEGREES_OF_FREEDOM)
@@ -330,27 +328,27 @@ class SmallMotionFinger(SensingFinger):
             [(forth.center_px - back.center_px) / (2 * SLOPE_STEP) for forth, back in pairs],
             axis=-1,
         )
-        self.sparse_camera.linearise(self.image, pairs, bushing_covariance(rig))
+        self.sparse_camera.linearise(self.image, pairs, bushing_covariance(vibration_mm))
 
     def _at(self, bushing: FloatArray) -> MarkerImage:
-        return self.optics.project(skin_state(self._pad, self._probe, bushing))
+        return self.optics.project(skin_state(self._pad, bushing))
 
 
 class FreeRig:
     """A finger on a free probe under the vibration of the cruising arm.
 
     Args:
-        config: Probe, pads and vibration.
+        vibration_mm: Root mean square of the arm's vibration per axis, mm.
         finger: The finger, on pad A.
         seed: Seed of its noise.
         rng: Source of the vibration.
     """
 
     def __init__(
-        self, config: RigConfig, finger: FingerConfig, seed: int, rng: np.random.Generator
+        self, vibration_mm: float, finger: FingerConfig, seed: int, rng: np.random.Generator
     ) -> None:
-        self._motion = FreeMotion(config.probe, VibrationPath(config.vibration_mm, rng))
-        self._finger = SmallMotionFinger(finger, seed, Pad(), config)
+        self._motion = FreeMotion(VibrationPath(vibration_mm, rng))
+        self._finger = SmallMotionFinger(finger, seed, Pad(), vibration_mm)
 
     @property
     def image(self) -> MarkerImage:
@@ -369,8 +367,8 @@ class FreeRig:
 
 
 @functools.lru_cache(maxsize=16)
-def bushing_covariance(config: RigConfig) -> FloatArray:
+def bushing_covariance(vibration_mm: float) -> FloatArray:
     """Return the covariance ``(6, 6)`` of a free probe's bushing under the vibration of the arm."""
-    vibration = VibrationPath(config.vibration_mm, np.random.default_rng(COVARIANCE_SEED))
-    bushing = FreeMotion(config.probe, vibration).advance(COVARIANCE_STEPS)
+    vibration = VibrationPath(vibration_mm, np.random.default_rng(COVARIANCE_SEED))
+    bushing = FreeMotion(vibration).advance(COVARIANCE_STEPS)
     return bushing.T @ bushing / len(bushing)

@@ -30,7 +30,6 @@ from spikingtac.sim import (
     SIGMAS_MM,
     STYLES,
     WALL_MM,
-    Grasp,
     HoleSite,
     RecordingProber,
     flat_wall,
@@ -111,7 +110,7 @@ def run_calibration(job: HoleJob) -> Record:
     """Touch a flat wall in every direction of the searches, or read these touches from disk."""
 
     def touched() -> Record:
-        site = HoleSite(Grasp.of(job.seed), CALIBRATION_SEEDS + HOLE_SEEDS * job.seed)
+        site = HoleSite(job.seed, CALIBRATION_SEEDS + HOLE_SEEDS * job.seed)
         quiet = quiet_windows(site)
         save_windows(job.quiet_path, quiet)
         detector = make_detector(DETECTOR, DetectionConfig(), [site.calibration], quiet)
@@ -137,7 +136,7 @@ def _searched(job: HoleJob) -> Record:
     assert job.hole is not None
     calibration = run_calibration(replace(job, hole=None))
     trial = trial_of(job.seed, job.hole)
-    site = HoleSite(Grasp.of(job.seed), HOLE_SEEDS * job.seed + job.hole)
+    site = HoleSite(job.seed, HOLE_SEEDS * job.seed + job.hole)
     quiet = load_windows(job.quiet_path)
     detector = make_detector(DETECTOR, DetectionConfig(), [site.calibration], quiet)
     _make_past_contact(site, detector, np.random.default_rng([job.seed, PAST_STREAM, job.hole]))

@@ -8,7 +8,7 @@ import pytest
 from spikingtac.errors import DeviceError
 from spikingtac.robot.approacher import Approach, ApproachConfig, approach
 from spikingtac.robot.arm import ArmState
-from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
+from spikingtac.robot.watchdog import Watchdog
 from spikingtac.sim.rig.ur3 import UR3Twin
 from spikingtac.types import Contact
 
@@ -56,8 +56,7 @@ def test_it_stops_at_contact_and_reports_both_poses() -> None:
 
 def test_a_trip_of_the_watchdog_ends_the_approach() -> None:
     bench = Bench()
-    config = WatchdogConfig(stale_s=0.01)
-    watchdog = Watchdog(config, bench.arm.stop, lambda: bench.now_us * 1e-6)
+    watchdog = Watchdog(bench.arm.stop, lambda: bench.now_us * 1e-6, stale_s=0.01)
     watchdog.self_test()
     watchdog.arm()
     with pytest.raises(DeviceError, match=r"watchdog stopped the arm: stale, no heartbeat"):

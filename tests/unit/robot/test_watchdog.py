@@ -10,7 +10,7 @@ import pytest
 from spikingtac.errors import DeviceError
 from spikingtac.robot.ur_client import BoundedCalls
 from spikingtac.robot.ur_stop import Means, Report, VerifiedStop
-from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
+from spikingtac.robot.watchdog import Health, Watchdog
 
 
 class Bench:
@@ -20,7 +20,7 @@ class Bench:
         self.now_s = 100.0
         self.stops = 0
         self.broken = False
-        self.watchdog = Watchdog(WatchdogConfig(), self.stop, lambda: self.now_s)
+        self.watchdog = Watchdog(self.stop, lambda: self.now_s)
 
     def stop(self) -> None:
         self.stops += 1
@@ -108,7 +108,7 @@ def test_a_stop_that_is_not_confirmed_is_a_failure_and_is_told_again(bench: Benc
         if stuck and watchdog.armed is False and told:
             raise DeviceError("it moves")
 
-    watchdog = Watchdog(WatchdogConfig(), bench.stop, lambda: bench.now_s, tell, confirm)
+    watchdog = Watchdog(bench.stop, lambda: bench.now_s, tell, confirm)
     watchdog.self_test()
     watchdog.arm()
     bench.now_s += 1.0

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,8 +11,8 @@ from spikingtac.errors import MissingExtraError
 from spikingtac.sim.optics import MarkerImage, SkinState
 from spikingtac.sim.rig import probe as rod
 from spikingtac.sim.rig.pad import pad_response, rigid_modes
-from spikingtac.sim.rig.probe import Probe, ProbeConfig, ProbeState, bushing_stiffness, rod_inertia
-from spikingtac.sim.rig.rig import Rig, RigConfig, Vibration
+from spikingtac.sim.rig.probe import Grasp, Probe, ProbeState, bushing_stiffness, rod_inertia
+from spikingtac.sim.rig.rig import Rig, Vibration
 from spikingtac.sim.rig.ur3 import UR3Twin
 from spikingtac.sim.rig.walls import NoWall, PlaneWall
 from spikingtac.types import EventPacket
@@ -65,7 +66,7 @@ NO_CREEP = {"CREEP_FRACTIONS": np.empty(0), "CREEP_TIMES_S": np.empty(0)}
 
 def test_tip_stiffness_is_that_of_translation_and_rotation_in_series(rod_of) -> None:
     rod_of(GRAMS_PER_MM=0.0, **NO_CREEP)
-    probe = Probe(ProbeConfig(), NEAR_WALL, np.zeros(3))
+    probe = Probe(Grasp(), NEAR_WALL, np.zeros(3))
     state = drive(probe, np.linspace(np.zeros(3), [1.0, 0.0, 0.0], 200))[-1]
     compliance = 1.0 / 2.5 + 40.0**2 / 68.0
     assert -state.force_n[0] == pytest.approx(1.0 / compliance, rel=1e-6)
@@ -78,7 +79,7 @@ def test_creep_relaxes_the_force_as_the_kelvin_chain_says(rod_of) -> None:
     share, tau_s = 0.2, 0.05
     chain = {"CREEP_FRACTIONS": np.array([share]), "CREEP_TIMES_S": np.array([tau_s])}
     rod_of(GRAMS_PER_MM=0.0, **chain)
-    probe = Probe(ProbeConfig(), NEAR_WALL, np.zeros(3))
+    probe = Probe(Grasp(), NEAR_WALL, np.zeros(3))
     hold = np.tile([1.0, 0.0, 0.0], (400, 1))
     force = np.array([-state.force_n[0] for state in drive(probe, hold)])
     time_s = DT_S * np.arange(1, 401)
@@ -89,10 +90,10 @@ def test_creep_relaxes_the_force_as_the_kelvin_chain_says(rod_of) -> None:
 
 def test_the_free_rod_rocks_at_the_frequency_of_its_inertia(rod_of) -> None:
     rod_of(DAMPING_RATIO=0.0, **NO_CREEP)
-    config = ProbeConfig()
-    mass, stiffness = rod_inertia(), np.diag(bushing_stiffness(config))
+    grasp = Grasp()
+    mass, stiffness = rod_inertia(), np.diag(bushing_stiffness(grasp))
     modes = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real) / (2 * np.pi)
-    probe = Probe(config, NoWall(), np.zeros(3))
+    probe = Probe(grasp, NoWall(), np.zeros(3))
     dt_s, path = 1e-4, []
     for k in range(5000):
         path.append(probe.step(100 * (k + 1), dt_s, np.array([0.01 * (k > 0), 0, 0])).bushing[5])
@@ -130,8 +131,9 @@ class PlainFinger:
 
 
 def make_rig(rms_mm: float = 0.0) -> Rig:
-    config, rng = RigConfig(vibration_mm=rms_mm), np.random.default_rng(1)
-    return Rig(config, WALL, PlainFinger(), np.zeros(3), rng)  # type: ignore[arg-type]
+    finger: Any = PlainFinger()
+    rng = np.random.default_rng(1)
+    return Rig(UR3Twin(np.zeros(3), rng), WALL, finger, rng, vibration_mm=rms_mm)
 
 
 def test_the_first_touch_is_where_the_tip_meets_the_wall() -> None:

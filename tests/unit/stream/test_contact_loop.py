@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from spikingtac.contact.registry import EventCountDetector
-from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
+from spikingtac.robot.watchdog import Health, Watchdog
 from spikingtac.stream.guard_loop import Arrival, ContactLoop
 from spikingtac.types import EventPacket
 from stand_ins.moving_rims import SIZE, windows
@@ -26,7 +26,7 @@ class Bench:
     def __init__(self) -> None:
         self.clock, self.order = Clock(), list[str]()
         stop = lambda: self.order.append("stop")  # noqa: E731
-        self.watchdog = Watchdog(WatchdogConfig(), stop, self.clock)
+        self.watchdog = Watchdog(stop, self.clock)
         self.watchdog.self_test()
         self.watchdog.arm()
         self.order.clear()

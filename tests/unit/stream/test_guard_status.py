@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
+from spikingtac.robot.watchdog import Health, Watchdog
 from spikingtac.stream import guard
 
 INSISTENCE_S = 0.2
@@ -29,7 +29,7 @@ def test_a_guard_that_is_told_to_end_stops_again_with_pauses_unless_its_arm_rest
 
     monkeypatch.setattr(guard, "INSISTENCE_S", INSISTENCE_S)
     monkeypatch.setattr(os, "_exit", leave)
-    watchdog, ended = Watchdog(WatchdogConfig(), stop, lambda: 0.0), threading.Event()
+    watchdog, ended = Watchdog(stop, lambda: 0.0), threading.Event()
     told, teller = socket.socketpair()
     with told, teller:
         teller.send(bytes([signal.SIGTERM]))

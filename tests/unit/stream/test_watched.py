@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterator
 
 from spikingtac.events.formats.codec import Triggers
-from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
+from spikingtac.robot.watchdog import Health, Watchdog
 from spikingtac.stream.guard_loop import watched_windows
 from spikingtac.stream.reader import EventReader
 from spikingtac.types import EventPacket, LossCounters
@@ -24,8 +24,8 @@ class Stream:
 
 
 def test_windows_come_in_order_and_a_consumer_that_lags_is_an_overload() -> None:
-    config = WatchdogConfig(stale_s=20.0, backlog_s=0.1)  # a busy machine is no stall
-    watchdog = Watchdog(config, lambda: None, time.monotonic)
+    # A busy machine is no stall.
+    watchdog = Watchdog(lambda: None, time.monotonic, stale_s=20.0, backlog_s=0.1)
     watchdog.self_test()
     watchdog.arm()
     seen: list[int] = []

@@ -28,7 +28,7 @@ QUIET_WINDOWS = 4000  # Windows of the arm at rest from which the detector learn
 
 # When a camera's stream counts as lost. The fastest touch then continues for 0.6 mm, or for 1.5
 # mm, which is a force of 0.06 N at 0.04 N/mm.
-LIVE = robot.WatchdogConfig(stale_s=0.1, backlog_s=0.25)
+STALE_S, BACKLOG_S = 0.1, 0.25
 
 # Wait after the gripper has closed, s: the gel has crept most of its way by then.
 GRIP_SETTLE_S = 1.0
@@ -141,7 +141,7 @@ def on_twin(args: Args) -> ProbedHole:
     Raises:
         SearchError: There is no wall, no room, or no circle; the arm is at rest.
     """
-    site = twin.HoleSite(twin.Grasp.of(args.seed), args.seed)
+    site = twin.HoleSite(args.seed, args.seed)
     trial = twin.hole_trial(args.radius_mm, np.zeros(2), twin.CORNER_MM, args.seed)
     remark("calibrating on a flat wall, then probing the hole; this takes about half a minute")
     with progress("calibrate on a flat wall, then probe") as advance:
@@ -205,7 +205,13 @@ def _search_hole(
     arm, watchdog = robot.URArm(args.arm or ""), None
     stack.callback(arm.close)
     if reader is not None:
-        watchdog = robot.Watchdog(LIVE, arm.stop, time.monotonic, confirm=arm.confirm_stop)
+        watchdog = robot.Watchdog(
+            arm.stop,
+            time.monotonic,
+            confirm=arm.confirm_stop,
+            stale_s=STALE_S,
+            backlog_s=BACKLOG_S,
+        )
         watchdog.self_test()
         reader.give_up()  # what waits is of the past
         stream = watched_windows(reader, watchdog)

@@ -20,9 +20,10 @@ from spikingtac.errors import SearchError
 from spikingtac.geometry.travel import TravelModel, fit_travel
 from spikingtac.robot.arm import ArmState
 from spikingtac.robot.prober import ArmProber, Prober, ProbingConfig, Touched
-from spikingtac.sim.rig.probe import ProbeConfig
-from spikingtac.sim.rig.rig import FingerConfig, Rig, RigConfig, SensingFinger
-from spikingtac.sim.rig.walls import Bit, HoleWall, NoWall, PlaneWall, Wall
+from spikingtac.sim.rig.probe import Grasp
+from spikingtac.sim.rig.rig import FingerConfig, Rig, SensingFinger
+from spikingtac.sim.rig.ur3 import UR3Twin
+from spikingtac.sim.rig.walls import HoleWall, NoWall, PlaneWall, Wall
 from spikingtac.sim.scene import SkinConfig
 from spikingtac.types import EventPacket, FloatArray
 
@@ -53,25 +54,6 @@ WALL_MM = 1.0  # Distance of the calibration's wall from the bit, mm.
 QUIET_WINDOWS = 4000  # Windows of the moving arm, 1 ms each, from which the detector learns.
 SETTLE_WINDOWS = 100  # Windows after the start of that motion that are not used.
 QUIET_SPEED_MM_S = 3.0  # Speed of the arm during the quiet windows, mm/s: that of the touches.
-
-
-class Grasp(NamedTuple):
-    """One grasp of the hexagonal bit, drawn anew for each seed, and the number of the sensor."""
-
-    probe: ProbeConfig
-    serial: int
-
-    @classmethod
-    def of(cls, seed: int) -> Grasp:
-        """Draw a grasp (assumed: ratios 0.8 to 1.5, friction 0.2 to 0.4, any heading)."""
-        rng = np.random.default_rng([seed, 1])
-        probe = ProbeConfig(
-            bit=Bit(heading_rad=float(rng.uniform(0.0, np.pi / 3))),
-            normal_ratio=float(rng.uniform(0.8, 1.5)),
-            tilt_ratio=float(rng.uniform(0.8, 1.5)),
-            tip_friction=float(rng.uniform(0.2, 0.4)),
-        )
-        return cls(probe, serial=2 * seed + 1)
 
 
 class HoleTrial(NamedTuple):
@@ -107,7 +89,7 @@ class HoleSite:
     time. The arm reports its pose without repeatability error.
 
     Args:
-        grasp: Properties of the grasp.
+        grasp_seed: Seed of the grasp and of the sensor specimen.
         seed: Seed of noise, vibration and the phase of the arm's controller.
 
     Attributes:
@@ -115,10 +97,11 @@ class HoleSite:
         calibration: Calibration of the finger with the bit in the grip.
     """
 
-    def __init__(self, grasp: Grasp, seed: int) -> None:
-        config = RigConfig(probe=grasp.probe, repeatability_mm=0.0)
-        finger = SensingFinger(FingerConfig(serial=grasp.serial), seed)
-        self.rig = Rig(config, NoWall(), finger, np.zeros(3), np.random.default_rng(seed))
+    def __init__(self, grasp_seed: int, seed: int) -> None:
+        finger = SensingFinger(FingerConfig(serial=2 * grasp_seed + 1), seed)
+        rng = np.random.default_rng(seed)
+        arm = UR3Twin(np.zeros(3), rng, repeatability_mm=0.0)
+        self.rig = Rig(arm, NoWall(), finger, rng, grasp=Grasp.of(grasp_seed))
         image = self.rig.image
         self.calibration = Calibration(  # the true one, which a user has to learn
             reference_px=np.asarray(image.center_px, np.float64),

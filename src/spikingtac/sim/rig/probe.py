@@ -8,6 +8,8 @@ Frames: the gripper's (x along pad A's image x, y along the rod towards the tip,
 pad A to pad B) for the bushing; the robot's base for arm, tip, wall and force. Units N, mm, s.
 """
 
+from __future__ import annotations
+
 import functools
 from dataclasses import dataclass, field, replace
 
@@ -46,8 +48,8 @@ STATIONARY = np.diag([1.0, (2.0 * np.pi * RESONANCE_HZ) ** 2])
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProbeConfig:
-    """The probe and its bushing (contract.md, "Pinned physics").
+class Grasp:
+    """One grasp of the probe: its tip, and the bushing (contract.md, "Pinned physics").
 
     Attributes:
         normal_ratio: Stiffness across the pads' planes divided by that along them; 1 as pinned,
@@ -61,6 +63,17 @@ class ProbeConfig:
     tilt_ratio: float = 1.0
     tip_friction: float = 0.3
     bit: Bit = field(default_factory=Bit)
+
+    @classmethod
+    def of(cls, seed: int) -> Grasp:
+        """Draw a grasp (assumed: ratios 0.8 to 1.5, friction 0.2 to 0.4, any heading)."""
+        rng = np.random.default_rng([seed, 1])
+        return cls(
+            bit=Bit(heading_rad=float(rng.uniform(0.0, np.pi / 3))),
+            normal_ratio=float(rng.uniform(0.8, 1.5)),
+            tilt_ratio=float(rng.uniform(0.8, 1.5)),
+            tip_friction=float(rng.uniform(0.2, 0.4)),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +107,7 @@ class Probe:
     """Advances the rod, its bushing and the contact at its tip.
 
     Args:
-        config: The rod and its bushing.
+        grasp: The rod and its bushing.
         wall: The wall that the tip can touch.
         arm_mm: ``(3,)`` initial position of the arm, mm.
 
@@ -102,9 +115,9 @@ class Probe:
         contact: Contact between tip and wall.
     """
 
-    def __init__(self, config: ProbeConfig, wall: Wall, arm_mm: FloatArray) -> None:
-        self.contact = TipContact(config.bit, wall, config.tip_friction)
-        self._config = config
+    def __init__(self, grasp: Grasp, wall: Wall, arm_mm: FloatArray) -> None:
+        self.contact = TipContact(grasp.bit, wall, grasp.tip_friction)
+        self._grasp = grasp
         self._bushing = np.zeros(6)
         self._rate = np.zeros(6)
         self._creep = np.zeros((len(CREEP_FRACTIONS), 6))
@@ -113,7 +126,7 @@ class Probe:
 
     def step(self, t_us: int, dt_s: float, arm_mm: FloatArray) -> ProbeState:
         """Advance by ``dt_s`` to ``t_us``, at which the arm is at ``arm_mm`` ``(3,)``."""
-        springs, moved, chain = step_matrices(self._config, round(dt_s * 1e9))
+        springs, moved, chain = step_matrices(self._grasp, round(dt_s * 1e9))
         (stiffness, damping, mass), (compliance, from_tip, tip_compliance) = springs, moved
         decay, gain = chain
         creep = decay @ self._creep
@@ -153,7 +166,7 @@ class Probe:
 
 
 @functools.lru_cache(maxsize=64)
-def step_matrices(config: ProbeConfig, dt_ns: int) -> tuple[tuple[FloatArray, ...], ...]:
+def step_matrices(grasp: Grasp, dt_ns: int) -> tuple[tuple[FloatArray, ...], ...]:
     """Return the matrices of a step of a length in nanoseconds.
 
     Returns:
@@ -163,7 +176,7 @@ def step_matrices(config: ProbeConfig, dt_ns: int) -> tuple[tuple[FloatArray, ..
     """
     dt_s = dt_ns * 1e-9
     decay = np.exp(-dt_s / CREEP_TIMES_S)
-    stiffness0 = bushing_stiffness(config)
+    stiffness0 = bushing_stiffness(grasp)
     stiffness = stiffness0 / (1.0 + CREEP_FRACTIONS @ (1.0 - decay))
     mass = rod_inertia()
     omega = np.sqrt(K_THETA_N_MM_RAD / mass[3, 3]) if mass[3, 3] > 0.0 else np.inf
@@ -176,9 +189,9 @@ def step_matrices(config: ProbeConfig, dt_ns: int) -> tuple[tuple[FloatArray, ..
     return (stiffness, damping, mass), motion, (decay, gain)
 
 
-def bushing_stiffness(config: ProbeConfig) -> FloatArray:
+def bushing_stiffness(grasp: Grasp) -> FloatArray:
     """Return the instantaneous stiffness ``(6,)`` in the gripper frame (N/mm and N mm/rad)."""
-    along, tilt = K_T_N_MM * config.normal_ratio, K_THETA_N_MM_RAD * config.tilt_ratio
+    along, tilt = K_T_N_MM * grasp.normal_ratio, K_THETA_N_MM_RAD * grasp.tilt_ratio
     return np.array([K_T_N_MM, K_T_N_MM, along, tilt, TORSION_N_MM_RAD, K_THETA_N_MM_RAD])
 
 

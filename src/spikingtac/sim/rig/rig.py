@@ -15,8 +15,8 @@ from spikingtac.sim.camera.config import CameraConfig
 from spikingtac.sim.camera.event_camera import EventCamera, ReferenceHistory
 from spikingtac.sim.optics import MarkerImage, Optics, OpticsConfig
 from spikingtac.sim.rig.pad import Pad
-from spikingtac.sim.rig.probe import Probe, ProbeConfig, Vibration
-from spikingtac.sim.rig.ur3 import REPEATABILITY_MM, UR3Twin
+from spikingtac.sim.rig.probe import Grasp, Probe, Vibration
+from spikingtac.sim.rig.ur3 import UR3Twin
 from spikingtac.sim.rig.walls import Wall
 from spikingtac.sim.scene import CameraChoice
 from spikingtac.types import EventPacket, FloatArray
@@ -82,21 +82,6 @@ class SensingFinger:
         self.history: ReferenceHistory = config.history
 
 
-@dataclass(frozen=True, kw_only=True)
-class RigConfig:
-    """Parts of the rig.
-
-    Attributes:
-        probe: The rod and its bushing.
-        vibration_mm: Root mean square of the arm's vibration per axis, mm.
-        repeatability_mm: Standard deviation of one reading of the arm per axis, mm.
-    """
-
-    probe: ProbeConfig = field(default_factory=ProbeConfig)
-    vibration_mm: float = VIBRATION_MM["typical"]
-    repeatability_mm: float = REPEATABILITY_MM
-
-
 class FirstContact(NamedTuple):
     """The first contact since :attr:`Rig.first_contact` was None, interpolated within a step.
 
@@ -115,11 +100,12 @@ class Rig:
     The second pad holds the probe as the first does, but it has no camera.
 
     Args:
-        config: Parts of the rig.
+        arm: The arm, where it holds the tip at first.
         wall: The wall that the tip can touch.
         finger: The sensing finger.
-        start_mm: ``(3,)`` initial position at which the arm holds the tip, base frame, mm.
-        rng: Source of all random numbers of arm and vibration.
+        rng: Source of the vibration.
+        grasp: The rod and its bushing; the usual ones unless given.
+        vibration_mm: Root mean square of the arm's vibration per axis, mm.
 
     Attributes:
         arm: The arm.
@@ -132,18 +118,21 @@ class Rig:
 
     def __init__(
         self,
-        config: RigConfig,
+        arm: UR3Twin,
         wall: Wall,
         finger: SensingFinger,
-        start_mm: FloatArray,
         rng: np.random.Generator,
+        *,
+        grasp: Grasp | None = None,
+        vibration_mm: float = VIBRATION_MM["typical"],
     ) -> None:
-        self.arm = UR3Twin(start_mm, rng, config.repeatability_mm)
-        self._vibration = Vibration(config.vibration_mm, rng)
+        self.arm = arm
+        self._vibration = Vibration(vibration_mm, rng)
         self.first_contact: FirstContact | None = None
         self.t_us = 0
         self._finger, self._pad = finger, Pad()
-        self.probe = Probe(config.probe, wall, start_mm + self._vibration.offset_mm)
+        held_mm = arm.true_position_mm() + self._vibration.offset_mm
+        self.probe = Probe(grasp or Grasp(), wall, held_mm)
         self.state = self.probe.at_rest(0)
         self.image = finger.optics.project(self._pad.skin(self.state))
         finger.camera.settle(self.image, finger.history)
