@@ -66,7 +66,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_an_experiment_compares_a_tracker() -> None:
     method = main_methods()["still"]
     assert "my-parts 1.2" in method.about
-    assert method.key() != main_methods()["default"].key()
+    assert type(method.build(calibration())).__name__ == "MovedBy"
 
 
 def test_a_format_is_written_and_read(package: Path) -> None:

@@ -1,5 +1,7 @@
 """How markers are followed: settings, protocol, and the trackers and output laws by name."""
 
+from __future__ import annotations  # the names of types stay short in the reference
+
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, get_args

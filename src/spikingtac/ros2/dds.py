@@ -74,8 +74,9 @@ class DdsPublisher:
         if not 0 <= domain <= LARGEST_DOMAIN:
             raise ConfigError(f"the domain is {domain}, it must be 0 to {LARGEST_DOMAIN}")
         settings = _settings(interface)
-        entered = import_extra("cyclonedds.domain", "ROS 2", "ros2")
+        import_extra("cyclonedds", "ROS 2", "ros2")
         from cyclonedds import core
+        from cyclonedds import domain as entered
 
         self._reliable = reliable
         self._topics: dict[str, tuple[str, Any, Any]] = {}  # message, its type, writer
