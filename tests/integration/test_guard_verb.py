@@ -23,7 +23,6 @@ from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows
 from stand_ins.piped_camera import PipedCamera
 from stand_ins.random_packets import save_events
 from stand_ins.verbs import Verbs
-from stand_ins.waiting import SLACK_S
 
 pytestmark = pytest.mark.waits
 
@@ -124,7 +123,7 @@ def test_a_guard_that_hangs_is_told_in_a_fifth_of_a_second(told: list[tuple[floa
     with pytest.raises(DeviceError, match="see whether the arm stands"):
         guard._wait(process)  # type: ignore[arg-type]
     at_s = next(at_s for at_s, text in told if "does not answer" in text)
-    assert at_s - process.last_s < TOLD_S + SLACK_S
+    assert at_s - process.last_s < TOLD_S
 
 
 def test_what_is_waited_for_is_told_and_no_arm_is_said_to_have_stopped() -> None:
