@@ -23,9 +23,9 @@ from spikingtac.stream.guard_loop import (
     failure_words,
 )
 from spikingtac.stream.host import Asker, Host
-from spikingtac.stream.ring import SharedRing
+from spikingtac.stream.ring import RingReader, SharedRing
 
-STATUS_BYTES = 1 << 14
+RING_BYTES = 1 << 16  # Room for states: for some of those with the longest reason.
 
 # Period at which the guard checks controller and parent, and publishes its status.
 STATUS_PERIOD_S = 0.02
@@ -44,7 +44,7 @@ INSISTENCE_S = 4.0
 INSISTENCE_PERIOD_S = 0.002
 
 
-class ContactProcess:
+class ContactProcess(Host):
     """Guards an arm in another process from its start until a contact or a fault.
 
     Each argument travels to the process: a function of a module, or a partial of one.
@@ -55,10 +55,10 @@ class ContactProcess:
         arm: Makes the arm's driver: the stop command passes through no other process.
         watchdog: Makes the watchdog; a partial of it sets when the stream counts as lost.
 
-    Attributes:
-        alive: Returns whether the process runs.
-        kill: Ends it at once; the robot's own watchdog then has to stop the arm.
+    Closing lets the process stop the arm; after :meth:`kill` the robot's own watchdog has to.
     """
+
+    patience_s = SHUTDOWN_S
 
     def __init__(
         self,
@@ -67,13 +67,9 @@ class ContactProcess:
         arm: Callable[[], Arm],
         watchdog: Callable[..., Watchdog] = Watchdog,
     ) -> None:
-        self._ring = SharedRing.for_latest(STATUS_BYTES)
-        self._seen, self._last = 0, dict[str, Any]()
-        self._host = Host(
-            partial(_guard, arrivals=arrivals, make_detector=detector, make_arm=arm,
-                    make_watchdog=watchdog, ring_name=self._ring.name)
-        )  # fmt: skip
-        self.alive, self.kill = self._host.alive, self._host.kill
+        made = {"make_detector": detector, "make_arm": arm, "make_watchdog": watchdog}
+        super().__init__("the guard", partial(_guard, arrivals=arrivals, **made), RING_BYTES)
+        self._states, self._last = RingReader(self.rings[0]), dict[str, Any]()
 
     def status(self) -> dict[str, Any]:
         """Return the latest state without waiting; empty before the first.
@@ -86,26 +82,16 @@ class ContactProcess:
         The rest is :meth:`~spikingtac.stream.guard_loop.ContactLoop.report`, and ``at_s`` on the
         monotonic clock.
         """
-        found = self._ring.latest(self._seen)
-        if found is not None:
-            self._seen, message = found
+        if (message := self._states.latest()) is not None:
             self._last = json.loads(message)
         return self._last
-
-    def close(self) -> None:
-        """Let the process stop the arm and end, if it still runs, and release the shared memory.
-
-        Harmless when repeated.
-        """
-        self._host.close(SHUTDOWN_S)
-        self._ring.close()
 
 
 class GuardStatus:
     """Publishes the guard's state, and checks regularly that controller and asker are there.
 
     Args:
-        ring: Where the asker reads the state; it holds some of :data:`STATUS_BYTES`.
+        ring: Where the asker reads the state; of :data:`RING_BYTES`.
         asker_gone: Set once the process that asked for the guard has ended.
     """
 
@@ -150,10 +136,9 @@ def _guard(
     make_detector: Callable[[], ContactDetector],
     make_arm: Callable[[], Arm],
     make_watchdog: Callable[..., Watchdog],
-    ring_name: str,
 ) -> None:
     asker.grace_s = SHUTDOWN_S
-    status = GuardStatus(SharedRing.attach(ring_name), asker.gone)
+    status = GuardStatus(asker.rings[0], asker.gone)
     try:
         detector = make_detector()
         status.publish("starting", reason="the camera's events")

@@ -30,7 +30,6 @@ from spikingtac.stream.reader import POLL_S, EventReader
 from spikingtac.types import Contact, EventPacket
 
 LONGEST_REASON = 1_000  # Largest number of characters of a reason (JSON takes up to 12 bytes each).
-RECENT_WINDOWS = 4096  # Decision times kept for the percentiles: 4 s at 1 kHz.
 
 # Longest silence that is filled with windows, us. The watchdog stops the arm far sooner; the empty
 # windows of a leap would only delay the ones after it.
@@ -63,7 +62,7 @@ class Arrival:
         return packets_of(self.window)[0].t_end_us
 
 
-def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arrival]:
+def stream_arrivals(path: str | Path) -> Iterator[Arrival]:
     """Yield the regular windows of a camera's pipe as they become complete.
 
     A :class:`~spikingtac.stream.guard.ContactProcess` takes it as
@@ -74,7 +73,6 @@ def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arriva
     Args:
         path: Named pipe, address of a camera, or anything that
             :func:`~spikingtac.events.open.open_events` reads.
-        period_us: Length of a window, us.
 
     Raises:
         RecordingError: The stream cannot be read; FormatError where it is not RAW.
@@ -89,7 +87,7 @@ def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arriva
         source = CameraSource(address, ReadOptions(), when_lost="raise")
     else:
         source = open_events(path)
-    for window in windows(source, period_us, silence_limit_us=SILENCE_US):
+    for window in windows(source, WINDOW_US, silence_limit_us=SILENCE_US):
         yield Arrival((window,), time.monotonic(), dict(source.losses))
 
 
@@ -157,8 +155,7 @@ class ContactLoop:
         self._detector, self._watchdog, self._stop = detector, watchdog, stop
         self.stream_clock, self._clock_s = StreamClock(), clock_s
         self._losses: Mapping[str, int] | None = None
-        self._windows, self._backlog_s = 0, 0.0
-        self._recent_us: deque[float] = deque(maxlen=RECENT_WINDOWS)
+        self._windows = 0
         self.contact: Contact | None = None
         self._latency: dict[str, float | None] | None = None
 
@@ -186,21 +183,16 @@ class ContactLoop:
         """Return the state now, as JSON can hold it.
 
         ``health`` and ``reason`` are the watchdog's. ``contact`` stopped the arm, and ``latency``
-        is that of this decision. ``backlog_s`` is the lag of the processed data, and
-        ``decision_p50_us`` and ``decision_p99_us`` are the times to decide over recent windows.
-        ``leaps`` of the sensor's clock were too small to stop the arm; ``losses`` are the stream's.
-        ``stop_failure`` says why the arm is not known to rest after a stop.
+        is that of this decision. ``leaps`` of the sensor's clock were too small to stop the arm;
+        ``losses`` are the stream's. ``stop_failure`` says why the arm is not known to rest after a
+        stop.
         """
-        p50_us, p99_us = np.percentile(np.array(self._recent_us or (0.0,)), (50, 99)).tolist()
         return {
             "health": self._watchdog.health.value,
             "reason": self._watchdog.reason,
             "contact": asdict(self.contact) if self.contact else None,
             "latency": self._latency,
             "windows": self._windows,
-            "backlog_s": self._backlog_s,
-            "decision_p50_us": p50_us,
-            "decision_p99_us": p99_us,
             "leaps": self.stream_clock.small_leaps,
             "losses": dict(self._losses or {}),
             "stop_failure": failure_words(self._watchdog.stop_failure),
@@ -208,23 +200,19 @@ class ContactLoop:
 
     def _process(self, arrival: Arrival) -> None:
         """Beat the watchdog with the backlog, decide, and stop the arm at a contact."""
-        begun_s, end_us = self._clock_s(), arrival.end_us
-        self._backlog_s = beat(
-            self._watchdog, self.stream_clock, end_us, arrival.received_s, begun_s
-        )
+        now_s = self._clock_s()
+        beat(self._watchdog, self.stream_clock, arrival.end_us, arrival.received_s, now_s)
         known = arrival.losses if self._losses is None else self._losses
         self._losses = arrival.losses
         if arrival.losses.get("time_jump", 0) > known.get("time_jump", 0):
             self._watchdog.time_jump("the stream reports that the sensor's clock leapt")
-        contact = self._detector.update(arrival.window)
-        decided_s = self._clock_s()
-        if contact is not None:
+        self.contact = self._detector.update(arrival.window)
+        self._windows += 1
+        if self.contact is not None:
+            decided_s = self._clock_s()
             self._watchdog.disarm()  # nothing beats while the arm brakes
             self._stop()
-            self.contact = contact
             self._latency = self._split(arrival, decided_s, self._clock_s())
-        self._recent_us.append((decided_s - begun_s) * US_PER_S)
-        self._windows += 1
 
     def _split(
         self, arrival: Arrival, decided_s: float, stopped_s: float
@@ -251,8 +239,8 @@ def failure_words(failure: Exception | None) -> str:
 
 def beat(
     watchdog: Watchdog, clock: StreamClock, end_us: int, received_s: float, now_s: float
-) -> float:
-    """Tell a watchdog how late data are, and that the sensor's clock leapt; return the backlog, s.
+) -> None:
+    """Tell a watchdog how late data are, and that the sensor's clock leapt.
 
     Args:
         watchdog: What is told.
@@ -262,11 +250,9 @@ def beat(
         now_s: When they are used, s.
     """
     leap_s = clock.arrive(end_us, received_s)
-    backlog_s = clock.backlog_s(end_us, now_s)
-    watchdog.beat(backlog_s)
+    watchdog.beat(clock.backlog_s(end_us, now_s))
     if leap_s > 0.0:
         watchdog.time_jump(f"the sensor's clock leapt ahead by {leap_s:.1f} s")
-    return backlog_s
 
 
 def watched_windows(reader: EventReader, watchdog: Watchdog) -> Iterator[Window]:

@@ -19,10 +19,11 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 from spikingtac.errors import DeviceError, SpikingTacError
 from spikingtac.stream.real_time import ordinary_priority
+from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket, LossCounters
 
 POLL_S = 0.05  # Longest wait for a simulation before it is asked whether it goes on, s.
@@ -33,26 +34,39 @@ TERMINATE_S = 2.0  # Wait between the request to end and the kill of a process t
 LONGEST_GRACE_S = 30.0
 
 
-class _Failure:
-    """An error as it can be sent to another process."""
+class _End(NamedTuple):
+    """The last thing that a process tells: what ended its work, or that it is done."""
 
-    def __init__(self, error: Exception) -> None:
+    error: Exception = EOFError()
+
+    @classmethod
+    def by(cls, error: Exception) -> Self:
+        """Return it with an error that can be sent to another process."""
         sendable = isinstance(error, SpikingTacError | OSError)
-        self.error = error if sendable else RuntimeError(f"{type(error).__name__}: {error}")
+        return cls(error if sendable else RuntimeError(f"{type(error).__name__}: {error}"))
 
 
 class Host:
     """Runs ``work`` in a process of its own; it ends when this object is closed or this process is.
 
     Args:
+        what: Whose process it is, for its errors.
         work: A function of a module with its arguments, as ``functools.partial`` holds them; it is
             called there with an :class:`Asker`.
+        *room_bytes: Room of each ring through which the work shows what it makes.
 
     Attributes:
         pid: The process's id.
+        lost: Whether it was found to have ended before its work was done.
+        rings: Those rings.
+        patience_s: Longest wait for the process to end once it is asked to, s.
     """
 
-    def __init__(self, work: Callable[[Asker], object]) -> None:
+    patience_s = TERMINATE_S
+
+    def __init__(self, what: str, work: Callable[[Asker], object], *room_bytes: int) -> None:
+        self._what, self._done, self.lost = what, False, False
+        self.rings = [SharedRing.create(room) for room in room_bytes]
         self._channel, theirs = multiprocessing.Pipe()
         number = theirs.fileno()
         paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
@@ -65,17 +79,12 @@ class Host:
         self.pid = self._process.pid
         theirs.close()
         try:
-            self._channel.send(work)
+            self._channel.send((work, [ring.name for ring in self.rings]))
         except BrokenPipeError:
             pass  # it has ended already, which is told by the first question
         except BaseException:
             self.close()
             raise
-
-    @property
-    def killed(self) -> bool:
-        """True once a signal has ended the process, from here or from elsewhere."""
-        return (self._process.poll() or 0) < 0
 
     @ordinary_priority()
     def alive(self) -> bool:
@@ -96,16 +105,24 @@ class Host:
         """Return the next thing that the work told, or None where it told nothing in time.
 
         Raises:
-            EOFError: The process has ended, and everything that it told was returned.
+            EOFError: The work is done, and everything that it told was returned.
+            DeviceError: The process has ended before that, and is :attr:`lost`.
             Exception: What the work raised, once.
         """
         try:
             # Connection.poll would make a selector each time, 30 us.
             ready = select.select([self._channel], [], [], timeout_s)[0]
             item = self._channel.recv() if ready else None
-        except OSError as error:  # reset, or closed here
-            raise EOFError from error
-        if isinstance(item, _Failure):
+        except (EOFError, OSError) as error:
+            if self._done:
+                raise EOFError from error
+            self.wait(END_S)
+            killed = (self._process.poll() or 0) < 0
+            how = "was killed; the machine may have run out of memory" if killed else "ended"
+            self.lost = True
+            raise DeviceError(f"the process of {self._what} {how}; start it again") from error
+        if isinstance(item, _End):
+            self._done = isinstance(item.error, EOFError)
             raise item.error
         return item
 
@@ -123,13 +140,18 @@ class Host:
         self._process.wait()
 
     @ordinary_priority()
-    def close(self, patience_s: float = TERMINATE_S) -> None:
-        """Ask the process to end, kill it where it does not, and release the channel."""
+    def close(self) -> None:
+        """Ask the process to end, kill it where it does not, and release rings and channel.
+
+        Harmless when repeated.
+        """
         if self._process.poll() is None:
             self._process.terminate()
-            if not self.wait(patience_s):
+            if not self.wait(self.patience_s):
                 self.kill()
         self._channel.close()
+        for ring in self.rings:
+            ring.close()
 
 
 class Asker:
@@ -140,9 +162,11 @@ class Asker:
     Attributes:
         gone: Set when the asker has ended or closed its side.
         grace_s: Time for the work to end by itself then, s; work that completes files sets it.
+        rings: Those of its :class:`Host`, to write into.
     """
 
-    def __init__(self, channel: Connection) -> None:
+    def __init__(self, channel: Connection, rings: Iterable[str]) -> None:
+        self.rings = [SharedRing.attach(name) for name in rings]
         self.gone = threading.Event()
         self.grace_s = 0.0
         self._channel, self._lock = channel, threading.Lock()
@@ -180,13 +204,6 @@ def end_in_order() -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
 
 
-def closed_by(host: Host, what: str) -> DeviceError:
-    """Return the error of a process that has ended without a word."""
-    host.wait(END_S)
-    how = "was killed; the machine may have run out of memory" if host.killed else "ended"
-    return DeviceError(f"the process of {what} {how}; start it again")
-
-
 class RemoteSource:
     """A simulation in a process of its own; it waits for its user, and loses nothing.
 
@@ -208,20 +225,16 @@ class RemoteSource:
     ) -> None:
         self.size, self.losses = size, LossCounters()
         self._take = take_side_data
-        self._host = Host(partial(_simulate, opened=opened))
+        self._host = Host("the events", partial(_simulate, opened=opened))
 
     def __iter__(self) -> Iterator[EventPacket]:
-        while True:
-            try:
+        with contextlib.suppress(EOFError):
+            while True:
                 told = self._host.receive(POLL_S)
-            except EOFError as error:
-                raise closed_by(self._host, "the events") from error
-            if told == ():
-                return
-            if told is not None:
-                packet, side_data = told
-                self._take(side_data)
-                yield packet
+                if told is not None:
+                    packet, side_data = told
+                    self._take(side_data)
+                    yield packet
 
     def close(self) -> None:
         """Stop the other process."""
@@ -232,7 +245,6 @@ def _simulate(asker: Asker, opened: Callable[[], Iterable[tuple[EventPacket, Any
     """Tell the asker each packet with its side data; it waits while the channel is full."""
     for told in opened():
         asker.tell(told)
-    asker.tell(())
 
 
 def serve(number: int) -> None:
@@ -240,18 +252,19 @@ def serve(number: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the asker's matter
     channel: Connection = Connection(number)
     try:
-        work: Callable[[Asker], object] = channel.recv()
+        work, rings = channel.recv()
     except EOFError:
         return
     except Exception as error:  # its module cannot be imported here
-        channel.send(_Failure(error))
+        channel.send(_End.by(error))
         raise SystemExit(1) from error
-    asker = Asker(channel)
+    asker = Asker(channel, rings)
     try:
         work(asker)
     except Exception as error:  # raised by the asker
-        asker.tell(_Failure(error))
+        asker.tell(_End.by(error))
         raise SystemExit(1) from error
+    asker.tell(_End())
 
 
 if __name__ == "__main__":

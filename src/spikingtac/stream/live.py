@@ -24,10 +24,10 @@ from spikingtac.config import load_config
 from spikingtac.markers.registry import TrackingConfig, make_tracker
 from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.pipeline.track import require_same_size
-from spikingtac.stream.host import Asker, Host, closed_by, end_in_order
+from spikingtac.stream.host import Asker, Host, end_in_order
 from spikingtac.stream.paced import NS_PER_MS, PLAY_US, PacedSource
 from spikingtac.stream.reader import opened_camera
-from spikingtac.stream.ring import SharedRing
+from spikingtac.stream.ring import RingReader
 from spikingtac.types import EventPacket, MarkerFrame, SourceHealth, one_line
 
 State = Literal["starting", "running", "ended", "failed", "killed"]
@@ -131,11 +131,10 @@ class Live:
     def __init__(self, source: str, calibration: Calibration, tracking: TrackingConfig) -> None:
         for name in SINGLE_THREAD:
             os.environ.setdefault(name, "1")
-        largest_bytes = HEAD.size + MARKER_BYTES * len(calibration.reference_px)
-        self._ring = SharedRing.for_latest(largest_bytes, SLOTS)
-        self._frames = self._ring.reader()
         given = {"source": source, "calibration": calibration, "tracking": tracking}
-        self._host = Host(partial(follow_sensor, **given, ring=self._ring.name))
+        largest_bytes = HEAD.size + MARKER_BYTES * len(calibration.reference_px)
+        self._host = Host("the sensor", partial(follow_sensor, **given), SLOTS * largest_bytes)
+        self._frames, self._newest = (RingReader(self._host.rings[0]) for _ in range(2))
         self._state: State = "starting"
         self._why, self._error = "", None
         self._clock: Mapping[str, Any] | None = None
@@ -150,7 +149,7 @@ class Live:
     def health(self) -> LiveHealth:
         """How the sensor is now."""
         self._listen()
-        told: dict[str, Any] = {"missed": self._frames.missed, "clock": self._clock}
+        told: dict[str, Any] = {"missed": self._frames.lost, "clock": self._clock}
         if (frame := self.latest()) is not None:
             told |= {
                 "frames": frame.number,
@@ -164,9 +163,8 @@ class Live:
 
     def latest(self) -> LiveFrame | None:
         """Return the latest frame at once; None before the first."""
-        found = self._ring.latest(self._frame.number if self._frame else 0)
-        if found is not None:
-            self._frame = unpack(found[1])
+        if (message := self._newest.latest()) is not None:
+            self._frame = unpack(message)
         return self._frame
 
     def __iter__(self) -> Iterator[LiveFrame]:
@@ -193,7 +191,6 @@ class Live:
     def close(self) -> None:
         """End the process and give the shared memory back."""
         self._host.close()
-        self._ring.close()
 
     def __enter__(self) -> Self:
         return self
@@ -203,11 +200,9 @@ class Live:
 
     def _listen(self) -> bool:
         """Take what the process has told; False once nothing more comes."""
+        going = ("starting", "running")
         try:
-            while self._state in ("starting", "running"):
-                told = self._host.receive()
-                if told is None:
-                    break
+            while self._state in going and (told := self._host.receive()) is not None:
                 word, value = told
                 if word == "clock":
                     self._clock = value
@@ -216,17 +211,15 @@ class Live:
                 else:
                     self._state = word
         except EOFError:
-            self._fail("killed", closed_by(self._host, "the sensor"))
+            self._state = "ended"
         except Exception as error:
-            self._fail("failed", error)
-        return self._state in ("starting", "running")
-
-    def _fail(self, state: State, error: Exception) -> None:
-        self._state, self._error, self._why = state, error, str(error)
+            self._state = "killed" if self._host.lost else "failed"
+            self._error, self._why = error, str(error)
+        return self._state in going
 
 
 def follow_sensor(
-    asker: Asker, source: str, calibration: Calibration, tracking: TrackingConfig, ring: str
+    asker: Asker, source: str, calibration: Calibration, tracking: TrackingConfig
 ) -> None:
     """Follow a sensor until its source ends; the whole work of its process."""
     end_in_order()
@@ -242,7 +235,6 @@ def follow_sensor(
     require_same_size(events.size, calibration.size)
     paced = PacedSource(events, lambda clock: asker.tell(("clock", clock)))
     checked = CheckedSource(paced, calibration, lambda why: asker.tell(("warning", why)))
-    out = SharedRing.attach(ring)
     asker.tell(("running", ""))
     frames = follow(checked, make_tracker(tracking, calibration), tracking.rate_hz)
     for number, frame in enumerate(frames, 1):
@@ -251,9 +243,7 @@ def follow_sensor(
         columns = frame.detected_px, frame.position_px, frame.displacement_px
         table = np.column_stack((*columns, frame.coasted, frame.confidence)).tobytes()
         made = number, time.monotonic_ns(), behind_ms, paced.pace.most_ms
-        out.publish(HEAD.pack(frame.t_us, *made, *lost), table)
-    out.close()
-    asker.tell(("ended", ""))
+        asker.rings[0].publish(HEAD.pack(frame.t_us, *made, *lost), table)
 
 
 def unpack(message: bytes | bytearray) -> LiveFrame:

@@ -14,7 +14,7 @@ from spikingtac.errors import CameraLostError, ConfigError, DeviceError
 from spikingtac.events.camera import Address, Camera
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource, Rows
-from spikingtac.stream.ring import CLOSED, NOTE, SharedRing
+from spikingtac.stream.ring import CLOSED, HEIGHT, WIDTH, RingReader, SharedRing
 from spikingtac.types import EventPacket, LossCounters
 
 ROOM_BYTES = 16 << 20  # Room for events that wait for their users: 1.3 million, 0.4 s at 3 Mev/s.
@@ -23,11 +23,11 @@ SHARED_BYTES = 32 << 20  # The same of a ring that is shared under a name.
 # Events of one message, and room of a ring for each of them, bytes: a message takes a fifth of
 # the ring at most. A longer packet is cut.
 MOST_EVENTS, ROOM_PER_EVENT = 1 << 17, 64
-_HEAD = struct.Struct("<qqdIII")  # span, arrival, counts of events and edges, length of the losses
 
-# Types of the columns of a message: t, x, y, p of the events; t, channel, edge of the triggers.
-EVENTS, EDGES = (np.int64, np.uint16, np.uint16, np.bool_), (np.int64, np.uint8, np.bool_)
-SIDE_BITS = 20
+# A message: span, arrival and count of the events, and their columns t, x, y, p; then as JSON what
+# the source has counted, and time, channel and edge of each trigger.
+_HEAD = struct.Struct("<qqdI")
+COLUMNS = (np.int64, np.uint16, np.uint16, np.bool_)
 
 MISSED = "missed"  # Kind of loss: events that a user of a ring was too slow for.
 LOOK_S = 0.0005  # Time between two looks at a ring that another process fills, s.
@@ -68,7 +68,8 @@ def new_ring(size: tuple[int, int], room_bytes: int = ROOM_BYTES, share: str = "
         DeviceError: Another process shares under it, or there is no room.
     """
     ring = SharedRing.create(room_bytes, shared_name(share) if share else None)
-    ring.put(NOTE, size[0] << SIDE_BITS | size[1])
+    ring.put(WIDTH, size[0])
+    ring.put(HEIGHT, size[1])
     return ring
 
 
@@ -82,7 +83,7 @@ class PacketWriter:
 
     def __init__(self, ring: SharedRing, source: Any) -> None:
         self._ring, self._source = ring, source
-        self._losses, self._passed = b"{}", 0
+        self._told: tuple[dict[str, int], int] = {}, 0  # losses, and number of edges
         self._most = max(min(MOST_EVENTS, ring.room // ROOM_PER_EVENT), 1)
 
     def write(self, packet: EventPacket) -> None:
@@ -91,8 +92,7 @@ class PacketWriter:
             last = min(first + self._most, len(packet))
             begin_us = packet.t_start_us if first == 0 else int(packet.t[first])
             end_us = packet.t_end_us if last == len(packet) else int(packet.t[last - 1]) + 1
-            part = packet.part(first, last, begin_us, end_us)
-            self._ring.publish(*self._message(part), weight=len(part))
+            self._publish(packet.part(first, last, begin_us, end_us))
 
     def write_rows(self, rows: Rows) -> None:
         """Write columns, which are in order."""
@@ -101,7 +101,7 @@ class PacketWriter:
 
     def finish(self) -> None:
         """Write what was counted after the last packet, and say that nothing follows."""
-        if self._losses != self._counted() or len(self._edges()) > self._passed:
+        if (self._source.losses, len(self._edges())) != self._told:
             self.write(EventPacket.empty(0, 0, self._source.size))
         self._ring.finish()
 
@@ -110,28 +110,21 @@ class PacketWriter:
         self.finish()
         self._ring.close()
 
-    def _counted(self) -> bytes:
-        return json.dumps(self._source.losses).encode()
-
     def _edges(self) -> Triggers:
         return getattr(self._source, "triggers", None) or Triggers()
 
-    def _message(self, packet: EventPacket) -> list[Any]:
-        edges = self._edges()
-        new = slice(self._passed, len(edges))
-        self._losses, self._passed = self._counted(), len(edges)
-        received_s = getattr(self._source, "received_s", None) or time.monotonic()
-        lengths = len(packet), new.stop - new.start, len(self._losses)
-        head = _HEAD.pack(packet.t_start_us, packet.t_end_us, received_s, *lengths)
-        columns = packet.t, packet.x, packet.y, packet.p
-        marks = edges.t_us[new], edges.channel[new], edges.edge[new]
+    def _publish(self, packet: EventPacket) -> None:
+        losses, edges = dict(self._source.losses), self._edges().rows
+        tail = json.dumps([losses, edges[self._told[1] :].tolist()]).encode()
+        self._told = losses, len(edges)
+        received_s = getattr(self._source, "received_s", time.monotonic())
+        head = _HEAD.pack(packet.t_start_us, packet.t_end_us, received_s, len(packet))
         # Views, without a copy where a column is in one piece.
         views = [
             np.ascontiguousarray(column, kind).view(np.uint8).data
-            for column, kind in zip((*columns, *marks), (*EVENTS, *EDGES), strict=True)
-            if len(column)
+            for column, kind in zip((packet.t, packet.x, packet.y, packet.p), COLUMNS, strict=True)
         ]
-        return [head, *views, self._losses]
+        self._ring.publish(head, *views, tail, weight=len(packet))
 
 
 class PacketReader:
@@ -143,40 +136,65 @@ class PacketReader:
         from_now: Begin with the next packet, and count from then on.
 
     Attributes:
-        size: ``(width, height)`` of the sensor, px; ``(0, 0)`` where the ring is not ready yet.
+        ring: As given.
         losses: What the source has counted, by kind, and under ``missed`` what was missed here.
+        error: What is raised at the end.
     """
 
     def __init__(
         self, ring: SharedRing, losses: LossCounters | None = None, *, from_now: bool = False
     ) -> None:
-        self._reader = ring.reader(from_now=from_now)
-        self.size = ring.get(NOTE) >> SIDE_BITS, ring.get(NOTE) & ((1 << SIDE_BITS) - 1)
+        self.ring, self._reader = ring, RingReader(ring, from_now=from_now)
+        self._size = ring.get(WIDTH), ring.get(HEIGHT)
         self.losses = LossCounters() if losses is None else losses
+        self.error: BaseException = EOFError()
         # By the source, and missed here, up to the latest packet.
         self._counted: dict[str, int] | None = None if from_now else {}
 
-    def next(self) -> Delivery | None:
-        """Return the next packet that is there, or None."""
-        data = self._reader.next()
-        if data is None:
-            return None
-        begin_us, end_us, received_s, events, edges, length = _HEAD.unpack_from(data)
-        place, columns = _HEAD.size, []  # the columns are views of the message
-        for kind, count in zip((*EVENTS, *EDGES), (events,) * 4 + (edges,) * 3, strict=True):
-            columns.append(np.frombuffer(data, kind, count, place))
-            place += columns[-1].nbytes
-        t, x, y, p, *marks = columns
-        triggers = Triggers()
-        triggers.append(*marks)
-        self._count(json.loads(data[place : place + length]))
-        packet = EventPacket(x, y, p, t, begin_us, end_us, self.size, True)
-        return Delivery(packet, received_s, triggers)
+    def take(self, timeout_s: float = 0.0) -> Delivery | None:
+        """Return what came next, or None where nothing came in time.
+
+        Raises:
+            EOFError: The stream has ended, and everything was taken or missed.
+            SpikingTacError: It failed, likewise.
+        """
+        until_s = time.monotonic() + timeout_s
+        while True:
+            written = self.ring.written  # asked first: the last events come before the end
+            if (data := self._reader.next()) is not None:
+                return self._delivery(data)
+            if not written:
+                self.give_up()
+                raise self.error
+            left_s = until_s - time.monotonic()
+            if left_s <= 0.0:
+                return None
+            self._wait(left_s)
 
     def give_up(self) -> None:
         """Count what waits as missed."""
         self._reader.give_up()
         self._count({})
+
+    def _wait(self, seconds: float) -> None:
+        """Wait for the next packet, but not longer."""
+        time.sleep(min(seconds, LOOK_S))
+
+    def _delivery(self, data: bytearray) -> Delivery:
+        """Return the packet of a message; its columns are views of it."""
+        begin_us, end_us, received_s, events = _HEAD.unpack_from(data)
+        place, columns = _HEAD.size, []
+        for kind in COLUMNS:
+            columns.append(np.frombuffer(data, kind, events, place))
+            place += columns[-1].nbytes
+        t, x, y, p = columns
+        losses, edges = json.loads(data[place:])
+        triggers = Triggers()
+        if edges:
+            triggers.append(*zip(*edges, strict=True))
+        self._count(losses)
+        packet = EventPacket(x, y, p, t, begin_us, end_us, self._size, True)
+        return Delivery(packet, received_s, triggers)
 
     def _count(self, told: dict[str, int]) -> None:
         before = told if self._counted is None else self._counted
@@ -221,9 +239,9 @@ class RingCamera(Camera):
 
     def __init__(self, ring: SharedRing, name: str) -> None:
         super().__init__()
-        self._ring: SharedRing | None = ring
         self._name, self._packets = name, PacketReader(ring, self.losses, from_now=True)
-        self.size = self._packets.size
+        self.size = ring.get(WIDTH), ring.get(HEIGHT)
+        self._ring: SharedRing | None = ring
         self.published, self._from = 0, ring.weight
 
     @classmethod
@@ -236,30 +254,27 @@ class RingCamera(Camera):
                 f"nothing is shared under {address.target!r}; let its reader share it, as: "
                 f"spikingtac record 'udp:7777?share={address.target}' -o FOLDER"
             ) from error
-        if not ring.get(NOTE) or not ring.written:
+        if not ring.get(WIDTH) or not ring.written:
             ring.close()
             raise DeviceError(f"what was shared under {address.target!r} has ended; start it again")
         return cls(ring, address.target)
 
     def read(self, timeout_s: float) -> Rows | None:
         """Return the next events; see :meth:`Camera.read`."""
-        until_s = time.monotonic() + timeout_s
-        while (ring := self._ring) is not None:
-            written = ring.written  # asked first: the last events come before the end
-            found = self._packets.next()
-            self.published = ring.weight - self._from
-            if found is not None:
-                self.triggers.extend(found.triggers)
-                packet = found.packet
-                return packet.x, packet.y, packet.p, packet.t
-            if not written and not ring.get(CLOSED):
-                raise CameraLostError(f"the process that shared {self._name!r} is gone")
-            if not written:
+        if self._ring is None:
+            return None
+        try:
+            found = self._packets.take(timeout_s)
+        except EOFError as error:
+            if self._ring.get(CLOSED):
                 return None
-            if time.monotonic() >= until_s:
-                return self.nothing()
-            time.sleep(LOOK_S)
-        return None
+            raise CameraLostError(f"the process that shared {self._name!r} is gone") from error
+        self.published = self._ring.weight - self._from
+        if found is None:
+            return self.nothing()
+        self.triggers.extend(found.triggers)
+        packet = found.packet
+        return packet.x, packet.y, packet.p, packet.t
 
     def close(self) -> None:
         """Leave the ring."""

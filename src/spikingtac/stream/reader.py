@@ -40,42 +40,12 @@ class EventReader(PacketReader):
         ring: SharedRing | None = None,
         losses: LossCounters | None = None,
     ) -> None:
-        self.ring = ring or new_ring(source.size)
-        super().__init__(self.ring, losses)
-        self._source, self._error = source, EOFError()
-        self._bell = threading.Event()
+        super().__init__(ring or new_ring(source.size), losses)
+        self._source, self._bell = source, threading.Event()
         self._close_ring = weakref.finalize(self, self.ring.close)
-        self._thread = threading.Thread(
+        threading.Thread(
             target=self._run, args=(stream,), name="spikingtac-reader", daemon=True
-        )
-        self._thread.start()
-
-    @property
-    def ended(self) -> bool:
-        """True once nothing more comes."""
-        return not self._thread.is_alive()
-
-    def take(self, timeout_s: float = 0.0) -> Delivery | None:
-        """Return what came next, or None where nothing came in time.
-
-        Raises:
-            EOFError: The stream has ended, and everything was taken or missed.
-            SpikingTacError: It failed, likewise.
-        """
-        until_s = time.monotonic() + timeout_s
-        while True:
-            self._bell.clear()
-            over = self.ended  # asked first: the last events come before the end
-            found = self.next()
-            if found is not None:
-                return found
-            if over:
-                self.give_up()
-                raise self._error
-            left_s = until_s - time.monotonic()
-            if left_s <= 0.0:
-                return None
-            self._bell.wait(left_s)
+        ).start()
 
     def __iter__(self) -> Iterator[Delivery]:
         """Yield what comes until the stream ends; see :meth:`take`."""
@@ -95,6 +65,10 @@ class EventReader(PacketReader):
         self.close()
         self._close_ring()
 
+    def _wait(self, seconds: float) -> None:
+        self._bell.wait(seconds)
+        self._bell.clear()
+
     def _run(self, stream: Iterable[EventPacket]) -> None:
         writer = PacketWriter(self.ring, self._source)
         try:
@@ -103,7 +77,7 @@ class EventReader(PacketReader):
                 self._bell.set()
             writer.finish()
         except BaseException as error:  # raised where the events are used
-            self._error = error
+            self.error = error
         with suppress(ValueError, TypeError):  # its user has given the ring back
             self.ring.finish()
         self._bell.set()

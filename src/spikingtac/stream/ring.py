@@ -1,8 +1,8 @@
 """A ring in shared memory through which one process shows its messages to others.
 
 The writer never waits for its readers. Each reader keeps its own place; what it was too slow for is
-gone, and the running counts in the messages tell exactly how much that was. A message carries its
-number and a checksum, so that one that is overwritten while it is read is never used.
+gone, and the running weight in the messages tells exactly how much that was. A message carries a
+checksum, so that one that is overwritten while it is read is never used.
 """
 
 from __future__ import annotations
@@ -18,51 +18,44 @@ from typing import Any
 
 from spikingtac.errors import DeviceError
 
-# Largest messages that a ring for the latest one holds: the writer publishes three more of them
-# before it overwrites the latest.
-SLOTS = 4
-
-# Offsets in the head, bytes: room for messages; places of the oldest message, of the end and of
-# the newest message; messages and weight so far; whether the writer has ended, and its process;
-# a number that the writer tells.
-ROOM, OLDEST, END, NEWEST, COUNT, WEIGHT, CLOSED, WRITER, NOTE = range(0, 72, 8)
-HEAD_BYTES = 128
-_NUMBER = struct.Struct("<Q")
-_MESSAGE = struct.Struct("<QQIII")  # number, weight before, weight, length, checksum
+# Offsets of the numbers in the head, bytes: places of the oldest message, of the end and of the
+# newest message; weight so far; whether the writer has ended, and its process; the size of the
+# sensor that is shown, px.
+OLDEST, END, NEWEST, WEIGHT, CLOSED, WRITER, WIDTH, HEIGHT = range(0, 64, 8)
+HEAD_BYTES = 64
+_NUMBER = struct.Struct("Q")  # as this machine holds it: it is read and written at once
+_MESSAGE = struct.Struct("<QQII")  # weight before, weight, length, checksum
 
 
 class SharedRing:
-    """One writer, any number of readers in any process.
+    """One writer, any number of :class:`RingReader` in any process.
 
     Attributes:
         name: Under which other processes attach.
+        room: Room for messages, bytes.
+        buffer: The memory: the numbers above, then the messages.
 
     Example:
         >>> ring = SharedRing.create(1024)
         >>> other = SharedRing.attach(ring.name)
         >>> ring.publish(b"first"), ring.publish(b"second")
         (True, True)
-        >>> other.latest(after=0)
-        (2, b'second')
-        >>> other.latest(after=2) is None
-        True
-        >>> [bytes(message) for message in other.reader()]
+        >>> [bytes(message) for message in RingReader(other)]
         [b'first', b'second']
         >>> other.close(); ring.close()
     """
 
     def __init__(self, memory: SharedMemory, owner: bool) -> None:
         assert memory.buf is not None
-        self._memory, self._owner, self.buffer = memory, owner, memory.buf
-        self.name = memory.name
-        self.room = self.get(ROOM)
+        self._memory, self._owner, self.name = memory, owner, memory.name
+        self.buffer, self.room = memory.buf, memory.size - HEAD_BYTES
 
     @classmethod
     def create(cls, room_bytes: int, name: str | None = None) -> SharedRing:
         """Make a ring; its creator removes it.
 
         Args:
-            room_bytes: Room for messages; a message needs :data:`_MESSAGE` besides.
+            room_bytes: Room for messages; each needs :data:`_MESSAGE` besides.
             name: Name under which others find it; one that is left by a process that has ended is
                 replaced.
 
@@ -93,16 +86,9 @@ class SharedRing:
                 f"no {room_bytes >> 20} MiB of shared memory are left ({error.strerror}); end "
                 "other programs, or make /dev/shm larger"
             ) from error
-        assert memory.buf is not None
-        memory.buf[:HEAD_BYTES] = bytes(HEAD_BYTES)
-        _NUMBER.pack_into(memory.buf, WRITER, os.getpid())
-        _NUMBER.pack_into(memory.buf, ROOM, room_bytes)
-        return cls(memory, True)
-
-    @classmethod
-    def for_latest(cls, largest_bytes: int, count: int = SLOTS) -> SharedRing:
-        """Make a ring for so many messages of a largest length."""
-        return cls.create(count * (largest_bytes + _MESSAGE.size))
+        ring = cls(memory, True)
+        ring.put(WRITER, os.getpid())
+        return ring
 
     @classmethod
     def attach(cls, name: str) -> SharedRing:
@@ -139,10 +125,10 @@ class SharedRing:
         """Set a number of the head."""
         _NUMBER.pack_into(self.buffer, what, value)
 
-    def publish(self, *parts: Any, weight: int = 0) -> bool:
+    def publish(self, *parts: Any, weight: int = 1) -> bool:
         """Append a message, given in parts; False where it does not fit into the ring at all.
 
-        A reader that misses it is told its ``weight``, as events.
+        A reader that misses it is told its ``weight``: one message, or its events.
         """
         length, checksum = sum(map(len, parts)), 0
         begin, oldest = self.get(END), self.get(OLDEST)
@@ -150,44 +136,25 @@ class SharedRing:
         if end - begin > self.room:
             return False
         while end - oldest > self.room:  # given up before it is overwritten
-            oldest += _MESSAGE.size + _MESSAGE.unpack(self._read(oldest, _MESSAGE.size))[3]
+            oldest += _MESSAGE.size + _MESSAGE.unpack(self._read(oldest, _MESSAGE.size))[2]
         self.put(OLDEST, oldest)
-        before, number, at = self.get(WEIGHT), self.get(COUNT) + 1, begin + _MESSAGE.size
+        before, at = self.weight, begin + _MESSAGE.size
         for part in parts:
             self._write(at, part)
             checksum, at = zlib.crc32(part, checksum), at + len(part)
-        self._write(begin, _MESSAGE.pack(number, before, weight, length, checksum))
+        self._write(begin, _MESSAGE.pack(before, weight, length, checksum))
         self.put(WEIGHT, before + weight)
-        self.put(COUNT, number)
         self.put(NEWEST, begin)
         self.put(END, end)
         return True
 
-    def latest(self, after: int) -> tuple[int, bytes] | None:
-        """Return ``(number, message)`` of the latest message, or None.
-
-        Args:
-            after: Number that the caller has; only a later one is returned.
-        """
-        at = self.get(NEWEST)
-        if self.get(COUNT) <= after:
-            return None
-        number, _, _, checksum, data = self.message(at)
-        whole = self.get(OLDEST) <= at and zlib.crc32(data) == checksum
-        return (number, bytes(data)) if whole and number > after else None
-
-    def reader(self, *, from_now: bool = False) -> RingReader:
-        """Return a reader of all messages in order, or of those from the next one on."""
-        return RingReader(self, from_now)
-
-    def message(self, at: int) -> tuple[int, int, int, int, bytearray]:
-        """Return number, weight before, weight, checksum and bytes of the message at a place.
+    def message(self, at: int) -> tuple[int, int, int, bytearray]:
+        """Return weight before, weight, checksum and bytes of the message at a place.
 
         They hold only where the oldest message is at this place or before it afterwards.
         """
-        number, before, weight, length, checksum = _MESSAGE.unpack(self._read(at, _MESSAGE.size))
-        data = self._read(at + _MESSAGE.size, min(length, self.room))
-        return number, before, weight, checksum, data
+        before, weight, length, checksum = _MESSAGE.unpack(self._read(at, _MESSAGE.size))
+        return before, weight, checksum, self._read(at + _MESSAGE.size, min(length, self.room))
 
     def finish(self) -> None:
         """Say that nothing follows."""
@@ -216,45 +183,45 @@ class SharedRing:
 
 
 class RingReader:
-    """Takes the messages of a ring in order; what it was too slow for is counted.
+    """Takes the messages of a ring in order, or the latest; what it was too slow for is counted.
+
+    Args:
+        ring: The ring.
+        from_now: Begin with the next message.
 
     Attributes:
-        number: That of the latest message.
-        taken: Messages that were returned.
-        missed: Messages that were overwritten before.
-        lost: Their weight.
+        lost: Weight of what was overwritten before it was taken, or passed over.
     """
 
-    def __init__(self, ring: SharedRing, from_now: bool) -> None:
+    def __init__(self, ring: SharedRing, *, from_now: bool = False) -> None:
         self._ring = ring
-        self._at = ring.get(END) if from_now else 0
-        self.number = ring.get(COUNT) if from_now else 0
-        self._weight = ring.get(WEIGHT) if from_now else 0
-        self.taken = self.missed = self.lost = 0
+        self._at, self._weight = (ring.get(END), ring.weight) if from_now else (0, 0)
+        self.lost = 0
 
     def next(self) -> bytearray | None:
         """Return the next message that is there, or None."""
         ring = self._ring
         while ring.get(END) > (at := max(self._at, ring.get(OLDEST))):
-            number, before, weight, checksum, data = ring.message(at)
+            before, weight, checksum, data = ring.message(at)
             if ring.get(OLDEST) > at:  # overwritten while it was read
                 continue
             self._at = at + _MESSAGE.size + len(data)
-            if zlib.crc32(data) != checksum:  # damaged: the next number tells
+            if zlib.crc32(data) != checksum:  # damaged: the next weight tells
                 continue
-            self.missed += number - 1 - self.number
             self.lost += before - self._weight
-            self.number, self._weight = number, before + weight
-            self.taken += 1
+            self._weight = before + weight
             return data
         return None
 
+    def latest(self) -> bytearray | None:
+        """Return the latest message, or None where it was taken already."""
+        self._at = max(self._at, self._ring.get(NEWEST))
+        return self.next()
+
     def give_up(self) -> None:
         """Count what was published and not taken as lost."""
-        number, weight = self._ring.get(COUNT), self._ring.get(WEIGHT)
-        self.missed += number - self.number
-        self.lost += weight - self._weight
-        self.number, self._weight, self._at = number, weight, self._ring.get(END)
+        self.lost += self._ring.weight - self._weight
+        self._weight, self._at = self._ring.weight, self._ring.get(END)
 
     def __iter__(self) -> Iterator[bytearray]:
         while (data := self.next()) is not None:

@@ -19,7 +19,7 @@ from spikingtac.events.open import open_events
 from spikingtac.events.source import EventSource
 from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
 from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
-from spikingtac.stream.host import Asker, Host, closed_by
+from spikingtac.stream.host import Asker, Host
 from spikingtac.types import EventPacket, MarkerFrame
 
 SHOWN_S = 0.25  # How often the guide's view is made anew: faster than it can be read, s.
@@ -164,7 +164,8 @@ class CalibrationDesk:
             with create_events(stored, events.size) as writer:
                 writer.write(events)
             opened = partial(open_events, path=stored)
-        self._host = Host(partial(_calibrate, open_source=opened, result=folder / "result.json"))
+        work = partial(_calibrate, open_source=opened, result=folder / "result.json")
+        self._host = Host("the calibration", work)
         self._begun_s = time.monotonic()
         self._tell("calibrating")
 
@@ -177,8 +178,7 @@ class CalibrationDesk:
                 return None
             found = Calibration.load(Path(self._scratch.name) / "result.json")
         except Exception as error:  # told by the page
-            gone = isinstance(error, EOFError)
-            self._tell("failed", str(closed_by(self._host, "the calibration") if gone else error))
+            self._tell("failed", str(error))
             self.close()
             return None
         self.close()

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from spikingtac.events.source import PacketSource
-from spikingtac.stream.host import Asker, Host, closed_by
+from spikingtac.stream.host import Asker, Host
 from spikingtac.stream.real_time import meet_deadlines
-from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.session import Session
@@ -34,40 +33,31 @@ STARTING = "getting ready; the first start on a machine compiles for some second
 # from the first 0.3 s.
 WARM_UP_US = 320_000
 PACKET_US = 10_000
+KEPT = 4  # Messages of the largest length that a ring holds: the latest is read meanwhile.
 BUDGET_S = 600.0  # Time for the compilation of all kernels, s.
 
 
-class SessionProcess:
+class SessionProcess(Host):
     """Starts a session in a process of its own and reads its latest frames.
 
     Args:
         open_view: Opens what is viewed, in the session's process.
         **session: Options of :func:`run_session`; a picture is whole once :meth:`stop` has
             returned.
+
+    Attributes:
+        frames: Ring of what changes.
+        greetings: Ring of what is constant.
     """
 
     def __init__(self, open_view: Callable[[], ViewSource], **session: Any) -> None:
-        self._rings = [SharedRing.for_latest(size) for size in (FRAME_BYTES, GREETING_BYTES)]
-        frames, greetings = self._rings
-        # The latest message with its number, or None if there is none newer than a number.
-        self.frame, self.greeting = frames.latest, greetings.latest
-        rings = frames.name, greetings.name
-        self._host = Host(partial(run_session, open_view=open_view, rings=rings, **session))
-        self.alive, self.pid = self._host.alive, self._host.pid
+        work = partial(run_session, open_view=open_view, **session)
+        super().__init__("the page", work, KEPT * FRAME_BYTES, KEPT * GREETING_BYTES)
+        self.frames, self.greetings = self.rings
 
     def command(self, name: str, value: Any) -> None:
         """Pass a command on; never waits, and loses one that the session does not take."""
-        self._host.tell((name, value))
-
-    def require_alive(self) -> None:
-        """Raise what ended the session, if it has ended: it ends only when it is told to."""
-        alive = self.alive()  # asked first: a failure is sent before the process ends
-        try:
-            self._host.receive()
-        except EOFError:
-            alive = not self._host.wait(SHUTDOWN_S)
-        if not alive:
-            raise closed_by(self._host, "the page")
+        self.tell((name, value))
 
     def stop(self) -> dict[str, Any] | None:
         """Stop the process, and return the summary of what was shown; None where it hangs.
@@ -76,12 +66,12 @@ class SessionProcess:
             Exception: What the session failed with.
         """
         summary = None
-        if self._host.tell((STOP, None)):
+        if self.tell((STOP, None)):
             until_s = time.monotonic() + SHUTDOWN_S
             with suppress(EOFError):
                 while time.monotonic() < until_s:
-                    summary = self._host.receive(LOOK_S) or summary
-            self._host.wait(SHUTDOWN_S)
+                    summary = self.receive(LOOK_S) or summary
+            self.wait(SHUTDOWN_S)
         return summary
 
     def close(self) -> None:
@@ -90,14 +80,12 @@ class SessionProcess:
             with suppress(Exception):  # it was told where it mattered
                 self.stop()
         finally:  # also where a second Ctrl-C cuts the wait short
-            for one in (self._host, *self._rings):
-                one.close()
+            super().close()
 
 
 def run_session(
     asker: Asker,
     open_view: Callable[[], ViewSource],
-    rings: tuple[str, str],
     repeat: bool = False,
     picture: Path | None = None,
     realtime: bool = False,
@@ -107,7 +95,6 @@ def run_session(
     Args:
         asker: Sends commands, and is told of an error.
         open_view: Opens what is viewed.
-        rings: Names of the rings for frames and greetings.
         repeat: Begin again at the end.
         picture: File for the summary picture, or None.
         realtime: Ask for what helps to keep deadlines.
@@ -116,7 +103,7 @@ def run_session(
         SpikingTacError: The view could not be opened, or failed.
     """
     asker.grace_s = SHUTDOWN_S
-    frames, greetings = (SharedRing.attach(name) for name in rings)
+    frames, greetings = asker.rings
     view = open_view()
     first = {"label": view.label, "simulated": view.simulated, "starting": STARTING}
     greetings.publish(json.dumps(first).encode())

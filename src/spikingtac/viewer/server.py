@@ -20,6 +20,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from spikingtac.stream.ring import RingReader
 from spikingtac.viewer.access import Gate, page_headers
 from spikingtac.viewer.process import SessionProcess
 
@@ -118,14 +119,12 @@ class Page:
 
     async def _serve(self) -> None:
         """Send the latest greeting and frames as fast as the page acknowledges them."""
-        greeted = framed = 0
+        frames, greetings = RingReader(self._session.frames), RingReader(self._session.greetings)
         loop = asyncio.get_running_loop()
         while not self._on_the_way or loop.time() - self._since_s < SILENT_S:
-            if found := self._session.greeting(greeted):
-                greeted, message = found
+            if message := greetings.latest():
                 await self._connection.send(message.decode())
-            if self._on_the_way < UNACKNOWLEDGED and (found := self._session.frame(framed)):
-                framed, message = found
+            if self._on_the_way < UNACKNOWLEDGED and (message := frames.latest()):
                 self._since_s = self._since_s if self._on_the_way else loop.time()
                 self._on_the_way += 1
                 await self._connection.send(message)

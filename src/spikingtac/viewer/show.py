@@ -66,7 +66,7 @@ def _serve(
 ) -> None:
     gate = Gate.for_host(options.host)
     life = _life(session, options.seconds or float("inf"), report)
-    while not session.greeting(0):  # no page without a view
+    while not session.greetings.weight:  # no page without a view
         next(life)
         time.sleep(WAIT_S)
     if hasattr(os, "nice"):  # a busy machine runs the session first, which has started
@@ -82,7 +82,7 @@ def _serve(
             webbrowser.open(here)
 
     serve(PageServer(session, gate), listening, lambda: next(life, False), ready)
-    session.require_alive()
+    session.receive()  # raises what ended it
 
 
 def _life(session: SessionProcess, seconds: float, report: Report) -> Iterator[bool]:
@@ -92,8 +92,8 @@ def _life(session: SessionProcess, seconds: float, report: Report) -> Iterator[b
         Exception: What ended the session before its first frame.
     """
     begun_s = told_s = time.monotonic()
-    while not session.frame(0):
-        session.require_alive()
+    while not session.frames.weight:
+        session.receive()  # raises what has ended it
         if time.monotonic() - told_s > STILL_STARTING_S:
             told_s = time.monotonic()
             report(

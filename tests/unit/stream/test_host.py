@@ -32,27 +32,27 @@ def endless(asker: Asker) -> None:
 
 
 def test_what_is_told_goes_both_ways() -> None:
-    host = Host(partial(echo, word="here"))
+    host = Host("the echo", partial(echo, word="here"))
     assert host.receive(PATIENCE_S) == "here"
     assert host.tell("there")
     assert host.receive(PATIENCE_S) == "there"
     with pytest.raises(EOFError):
         host.receive(PATIENCE_S)
     assert host.wait(PATIENCE_S)
-    assert not host.killed
     assert not host.tell("nobody")
     host.close()
 
 
 def test_an_error_is_raised_here_and_a_kill_is_known() -> None:
-    failing = Host(fail)
+    failing = Host("the camera", fail)
     with pytest.raises(DeviceError, match="no such camera"):
         failing.receive(PATIENCE_S)
     failing.close()
-    host = Host(endless)
+    host = Host("the sleeper", endless)
     assert host.receive(PATIENCE_S) == host.pid
     host.kill()
-    assert host.killed
+    with pytest.raises(DeviceError, match="the sleeper was killed"):
+        host.receive(PATIENCE_S)
     assert not host.alive()
     host.close()
 
@@ -61,7 +61,7 @@ SCRIPT = """
 import sys, time
 sys.path.insert(0, {tests!r})
 from test_host import Host, endless
-host = Host(endless)
+host = Host("the sleeper", endless)
 print(host.receive(60.0), flush=True)
 time.sleep(600.0)
 """

@@ -18,6 +18,7 @@ from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.stream.host import RemoteSource
 from spikingtac.stream.packets import RingCamera, new_ring
 from spikingtac.stream.reader import EventReader
+from spikingtac.stream.ring import RingReader
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import datagrams, events
 from stand_ins.packets import SIZE, Stream, packet
@@ -50,7 +51,7 @@ def test_everything_comes_in_order_with_losses_and_edges() -> None:
 
 def test_a_slow_user_is_told_what_it_missed_and_slows_nobody() -> None:
     reader = read(Stream(400, pause_s=0.0002), room_bytes=20_000)
-    slow, quick = reader.ring.reader(), reader.ring.reader()
+    slow, quick = RingReader(reader.ring), RingReader(reader.ring)
     taken = 0
     for one in reader:
         taken += len(one.packet)
@@ -58,8 +59,7 @@ def test_a_slow_user_is_told_what_it_missed_and_slows_nobody() -> None:
     assert reader.losses["missed"] > 0
     assert taken + reader.losses["missed"] == 40_000
     for other in (slow, quick):
-        count = sum(1 for _ in other)
-        assert 100 * count + other.lost == 40_000
+        assert 100 * sum(1 for _ in other) + other.lost == 40_000
     reader.release()
 
 
@@ -140,7 +140,7 @@ def test_a_user_that_is_too_slow_goes_on_with_the_oldest_events_and_is_told_what
     reader = EventReader(stream, stream, new_ring(SIZE, 20_000, NAME))
     camera = RingCamera.open(ADDRESS)
     before = reader.ring.weight
-    while not reader.ended:
+    while reader.ring.written:
         time.sleep(0.01)
     time.sleep(0.2)
     taken = all_of(camera)

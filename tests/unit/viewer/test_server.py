@@ -13,6 +13,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
 from spikingtac.errors import ConfigError, DeviceError
+from spikingtac.stream.ring import SharedRing
 from spikingtac.viewer import process as process_module
 from spikingtac.viewer import server
 from spikingtac.viewer import show as show_module
@@ -29,20 +30,15 @@ BRIEF_S = 0.05
 
 
 class Feed:
-    """A session that greets at once where it has frames; its first frame may come late."""
+    """A session that greets at once; its first frame may come late."""
 
     def __init__(self) -> None:
-        self.number = 0
+        self.frames, self.greetings = SharedRing.create(1_000), SharedRing.create(1_000)
+        self.greetings.publish(b"{}")
         self.commands: list[tuple[str, Any]] = []
 
     def command(self, name: str, value: Any) -> None:
         self.commands.append((name, value))
-
-    def frame(self, after: int) -> tuple[int, bytes] | None:
-        return (self.number, str(self.number).encode()) if self.number > after else None
-
-    def greeting(self, after: int) -> tuple[int, bytes] | None:
-        return (1, b"{}") if after < 1 else None
 
 
 def ask(request: bytes, token: str = "") -> bytes:
@@ -164,13 +160,15 @@ def attended(drive: Callable[[Feed, ClientConnection], Awaitable[None]]) -> None
 
 def test_a_stalled_page_gets_no_more_than_it_may_and_then_the_latest() -> None:
     async def drive(feed: Feed, page: ClientConnection) -> None:
-        for feed.number in range(1, UNACKNOWLEDGED + 1):
-            assert await page.recv() == str(feed.number).encode()
-        feed.number = 50
+        for number in range(UNACKNOWLEDGED):
+            feed.frames.publish(bytes([number]))
+            assert await page.recv() == bytes([number])
+        for number in range(10, 50):
+            feed.frames.publish(bytes([number]))
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(page.recv(), BRIEF_S)
         await page.send('{"ack": 1}')
-        assert await page.recv() == b"50"
+        assert await page.recv() == bytes([49])
 
     attended(drive)
 
@@ -194,7 +192,7 @@ def test_a_page_that_answers_nothing_is_hung_up_on(monkeypatch: pytest.MonkeyPat
 
     async def drive(feed: Feed, page: ClientConnection) -> None:
         await asyncio.sleep(8 * BRIEF_S)  # one that waits for the first start is not silent
-        feed.number = 1
+        feed.frames.publish(b"1")
         assert await page.recv() == b"1"
         with pytest.raises(ConnectionClosed):
             await page.recv()
@@ -209,7 +207,7 @@ def test_a_session_that_cannot_open_says_why() -> None:
         while session.alive() and time.monotonic() < until_s:
             time.sleep(0.02)
         with pytest.raises(FileNotFoundError, match=r"nowhere\.raw"):
-            session.require_alive()
+            session.receive()
     finally:
         session.close()
 

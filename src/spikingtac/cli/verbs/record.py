@@ -29,7 +29,7 @@ from spikingtac.events.align import (
 from spikingtac.events.recording import name_of
 
 if TYPE_CHECKING:
-    from spikingtac.stream.record import Session
+    from spikingtac.stream.recorder import Recorder
 
 MB = 1e6
 
@@ -74,8 +74,7 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Record, and print what was recorded; exit 3 where the disk refused to write."""
-    from spikingtac.stream.record import locked_folder, prepare_folder, record
-    from spikingtac.stream.recorder import Split
+    from spikingtac.stream.record import Split, locked_folder, prepare_folder, record
 
     require_seconds(args.seconds)
     split, seconds = Split.parse(args.split), args.seconds or math.inf
@@ -109,13 +108,13 @@ def run(args: Args) -> int:
     return 0
 
 
-def _show(told: set[str], sessions: Sequence[Session]) -> None:
+def _show(told: set[str], recorders: Sequence[Recorder]) -> None:
     """Tell once that a camera is gone, and that the disk is too slow."""
-    for session in sessions:
-        camera, address = session.source.health(), session.source.address
+    for one in recorders:
+        camera, address = one.source.health(), one.source.address
         for line, applies in (
             (f"{address} is gone; waiting for it", not camera.connected),
-            (f"the disk is too slow for {address}: events are lost", session.missed),
+            (f"the disk is too slow for {address}: events are lost", one.missed),
         ):
             if applies and line not in told:
                 told.add(line)
