@@ -47,9 +47,9 @@ sys.path.insert(0, str(ROOT / "tests"))
 from spikingtac.atomic_files import write_json  # noqa: E402
 from spikingtac.contact.detector import ContactDetector, DetectorSummary, Window  # noqa: E402
 from spikingtac.errors import DeviceError  # noqa: E402
+from spikingtac.robot.guard import ContactProcess  # noqa: E402
+from spikingtac.robot.guard_loop import Arrival  # noqa: E402
 from spikingtac.robot.ur import URArm  # noqa: E402
-from spikingtac.stream.guard import ContactProcess  # noqa: E402
-from spikingtac.stream.guard_loop import Arrival  # noqa: E402
 from spikingtac.stream.real_time import exempt_from_collection, take_precedence  # noqa: E402
 from spikingtac.types import Contact, EventPacket  # noqa: E402
 from stand_ins.hostile_files import (  # noqa: E402
@@ -262,7 +262,7 @@ def stream(kind: str, note: str) -> Iterator[Arrival]:
             time.sleep(PATIENCE_S)
         shift_us = number * 1_000 + (LEAP_US if wrong else 0)
         time.sleep(max(begun_s + (number + 1) * WINDOW_S - time.monotonic(), 0.0))
-        yield Arrival((_at(parts[number % POOL], shift_us),), time.monotonic())
+        yield Arrival(_at(parts[number % POOL], shift_us), time.monotonic())
         number += 1
 
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from spikingtac.robot.guard import ContactProcess
 from spikingtac.robot.ur import WATCHDOG_HZ
 from spikingtac.robot.ur_stop import REST_MM_S
 from spikingtac.robot.watchdog import Watchdog
-from spikingtac.stream.guard import ContactProcess
 from stand_ins.guarded import (
     NEVER,
     SLOW_S,

@@ -13,9 +13,9 @@ from spikingtac.cli.verbs import guard
 from spikingtac.errors import DeviceError
 from spikingtac.events.evt.encode import Evt2Encoder
 from spikingtac.events.evt.raw import format_header
+from spikingtac.robot.guard import ContactProcess
+from spikingtac.robot.guard_loop import ContactLoop, stream_arrivals
 from spikingtac.robot.watchdog import Watchdog
-from spikingtac.stream.guard import ContactProcess
-from spikingtac.stream.guard_loop import ContactLoop, stream_arrivals
 from spikingtac.types import EventPacket
 from stand_ins.guarded import SLOWED, NotingArm, detector, paced, stops
 from stand_ins.live import BurstDetector

@@ -21,7 +21,7 @@ from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
-from spikingtac.stream.guard_loop import stream_arrivals
+from spikingtac.robot.guard_loop import stream_arrivals
 from spikingtac.stream.record import Split, prepare_folder, record
 from spikingtac.stream.recorder import Recorder
 from spikingtac.types import EventPacket

@@ -14,7 +14,7 @@ from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import DetectionConfig, EventCountDetector, make_detector
 from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState
-from spikingtac.stream.guard_loop import Arrival
+from spikingtac.robot.guard_loop import Arrival
 from spikingtac.types import EventPacket, Pose
 from stand_ins.moving_rims import PERIOD_US, calibration, still, windows
 

@@ -13,6 +13,10 @@ from .watchdog import Health as Health
 from .watchdog import Watchdog as Watchdog
 from .watchdog import WatchdogThread as WatchdogThread
 
+# The guard of an arm, in a process of its own
+from .guard import ContactProcess as ContactProcess
+from .guard_loop import stream_arrivals as stream_arrivals
+
 # Closed loops: move until contact, search a hole
 from .approacher import CRUISE_TOLERANCE as CRUISE_TOLERANCE
 from .approacher import Approach as Approach

@@ -1,7 +1,8 @@
 """The digital twin as a camera: a scene's events as real time passes, in a process of their own."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from functools import partial
 from typing import Any, ClassVar, Self
 
@@ -13,15 +14,53 @@ from spikingtac.events.camera import Address, Camera, is_address
 from spikingtac.events.formats.file_source import Rows
 from spikingtac.sim import catalog
 from spikingtac.sim.camera.config import CAMERA_NAMES
-from spikingtac.stream.host import RemoteSource
-from spikingtac.types import US_PER_S, EventPacket
+from spikingtac.stream.host import Asker, Host
+from spikingtac.types import US_PER_S, EventPacket, LossCounters
 
 Options = tuple[int, str | None]  # Seed, and camera preset; None is the scene's own.
 LARGEST_SEED = (1 << 32) - 1
+POLL_S = 0.05  # Longest wait for a simulation before it is asked whether it goes on, s.
 NAP_S = 0.001  # Longest sleep before a packet is looked at again, s.
 
 # A packet that is given out later than this after its time is late, s (a frame's time).
 LATE_S = 0.02
+
+
+class RemoteSource(Host):
+    """A simulation in a process of its own; it waits for its user, and loses nothing.
+
+    It is an :class:`~spikingtac.events.source.EventSource`. A simulated sensor costs about as much
+    as a tracker; side by side in one process they would share an interpreter lock, and neither
+    would keep up.
+
+    Args:
+        opened: Opens it there: packets with side data.
+        size: ``(width, height)`` of the packets, px.
+        take_side_data: Called with each packet's side data before the packet is yielded.
+    """
+
+    def __init__(
+        self,
+        opened: Callable[[], Iterable[tuple[EventPacket, Any]]],
+        size: tuple[int, int],
+        take_side_data: Callable[[Any], None] = lambda _: None,
+    ) -> None:
+        self.size, self.losses, self._take = size, LossCounters(), take_side_data
+        super().__init__("the events", partial(_simulate, opened=opened))
+
+    def __iter__(self) -> Iterator[EventPacket]:
+        with suppress(EOFError):
+            while True:
+                if (told := self.receive(POLL_S)) is not None:
+                    packet, side_data = told
+                    self._take(side_data)
+                    yield packet
+
+
+def _simulate(asker: Asker, opened: Callable[[], Iterable[tuple[EventPacket, Any]]]) -> None:
+    """Tell the asker each packet with its side data; it waits while the channel is full."""
+    for told in opened():
+        asker.tell(told)
 
 
 class TwinCamera(Camera):

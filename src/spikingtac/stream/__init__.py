@@ -1,4 +1,4 @@
-"""Live operation: sensors in processes of their own, and the guard of an arm.
+"""Live operation: cameras that are read into rings, recorders, sensors in processes of their own.
 
 Public names are listed in ``__init__.pyi`` and imported when they are first used.
 """

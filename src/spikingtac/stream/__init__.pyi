@@ -14,7 +14,3 @@ from .packets import RingCamera as RingCamera
 
 # Windows of several sensors in step
 from .pair import live_windows as live_windows
-
-# The guard of an arm
-from .guard import ContactProcess as ContactProcess
-from .guard_loop import stream_arrivals as stream_arrivals

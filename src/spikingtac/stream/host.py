@@ -16,17 +16,14 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from functools import partial
+from collections.abc import Callable, Iterable
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple, Self
 
 from spikingtac.errors import DeviceError, SpikingTacError
 from spikingtac.stream.real_time import ordinary_priority
 from spikingtac.stream.ring import SharedRing
-from spikingtac.types import EventPacket, LossCounters
 
-POLL_S = 0.05  # Longest wait for a simulation before it is asked whether it goes on, s.
 END_S = 1.0  # Longest wait for how a process has ended, s.
 TERMINATE_S = 2.0  # Wait between the request to end and the kill of a process that hangs, s.
 
@@ -202,49 +199,6 @@ class Asker:
 def end_in_order() -> None:
     """Let a request to end this process unwind its work, which gives back what it holds."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-
-
-class RemoteSource:
-    """A simulation in a process of its own; it waits for its user, and loses nothing.
-
-    It is an :class:`~spikingtac.events.source.EventSource`. A simulated sensor costs about as much
-    as a tracker; side by side in one process they would share an interpreter lock, and neither
-    would keep up.
-
-    Args:
-        opened: Opens it there: packets with side data.
-        size: ``(width, height)`` of the packets, px.
-        take_side_data: Called with each packet's side data before the packet is yielded.
-    """
-
-    def __init__(
-        self,
-        opened: Callable[[], Iterable[tuple[EventPacket, Any]]],
-        size: tuple[int, int],
-        take_side_data: Callable[[Any], None] = lambda _: None,
-    ) -> None:
-        self.size, self.losses = size, LossCounters()
-        self._take = take_side_data
-        self._host = Host("the events", partial(_simulate, opened=opened))
-
-    def __iter__(self) -> Iterator[EventPacket]:
-        with contextlib.suppress(EOFError):
-            while True:
-                told = self._host.receive(POLL_S)
-                if told is not None:
-                    packet, side_data = told
-                    self._take(side_data)
-                    yield packet
-
-    def close(self) -> None:
-        """Stop the other process."""
-        self._host.close()
-
-
-def _simulate(asker: Asker, opened: Callable[[], Iterable[tuple[EventPacket, Any]]]) -> None:
-    """Tell the asker each packet with its side data; it waits while the channel is full."""
-    for told in opened():
-        asker.tell(told)
 
 
 def serve(number: int) -> None:

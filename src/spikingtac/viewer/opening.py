@@ -18,8 +18,7 @@ from spikingtac.events.open import open_events
 from spikingtac.events.recording import MANIFEST, TRUTH, read_manifest
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.track import require_same_size
-from spikingtac.sim.twin_camera import is_twin, twin_options
-from spikingtac.stream.host import RemoteSource
+from spikingtac.sim.twin_camera import RemoteSource, is_twin, twin_options
 from spikingtac.stream.reader import open_live
 from spikingtac.touch.force.model import load_force
 from spikingtac.viewer.calibrating import CalibrationDesk, NothingToTune, SaveTarget

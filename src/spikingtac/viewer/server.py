@@ -225,7 +225,7 @@ def serve(
 
     async def run() -> None:
         ended, loop = asyncio.Event(), asyncio.get_running_loop()
-        for number in before:
+        for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, ended.set)
         async with server.serving(listening):
             ready()
@@ -234,10 +234,5 @@ def serve(
                     async with asyncio.timeout(ALIVE_S):
                         await ended.wait()
 
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        with listening:
-            asyncio.run(run())
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with listening:
+        asyncio.run(run())

@@ -15,7 +15,7 @@ from spikingtac.events.camera import Address
 from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import ReadOptions
-from spikingtac.stream.host import RemoteSource
+from spikingtac.sim.twin_camera import RemoteSource
 from spikingtac.stream.packets import RingCamera, new_ring
 from spikingtac.stream.reader import EventReader
 from spikingtac.stream.ring import RingReader

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import tyro
 
 import spikingtac as st
-from spikingtac import contact, events, stream
+from spikingtac import contact, events, robot
 from spikingtac.cli.messages import remark, tell
 from spikingtac.cli.options import JsonArgs
 from spikingtac.cli.sources import checked, ended_by_sigterm, fitting
@@ -107,7 +107,7 @@ def failure_text(status: dict[str, Any]) -> str:
     return f"the guard stopped the arm without a contact: {status['reason']}"
 
 
-def start(args: Args) -> stream.ContactProcess:
+def start(args: Args) -> robot.ContactProcess:
     """Start the process that watches the stream and stops the arm.
 
     Files that the process could not learn from are refused before an arm is connected.
@@ -118,8 +118,8 @@ def start(args: Args) -> stream.ContactProcess:
         learning |= {"name": args.detector, "budget": args.budget}
     else:
         learning |= {"force": str(args.force), "limit_n": args.limit_n}
-    return stream.ContactProcess(
-        partial(stream.stream_arrivals, path=str(args.events)),
+    return robot.ContactProcess(
+        partial(robot.stream_arrivals, path=str(args.events)),
         partial(force_limit if args.force else learnt_detector, **learning),
         partial(st.open_arm, address=args.arm),
     )
@@ -162,7 +162,7 @@ def force_limit(calibration: str, quiet: str, force: str, limit_n: float) -> st.
     return limit
 
 
-def _wait(process: stream.ContactProcess) -> dict[str, Any]:
+def _wait(process: robot.ContactProcess) -> dict[str, Any]:
     """Return the last state of the guarding process, after a contact or a fault.
 
     Raises:

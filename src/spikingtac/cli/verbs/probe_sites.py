@@ -19,7 +19,7 @@ from spikingtac.cli.options import WriteArgs
 from spikingtac.cli.sources import ended_by_sigterm
 from spikingtac.geometry import Compensation
 from spikingtac.pipeline.track import require_same_size
-from spikingtac.stream.guard_loop import watched_windows
+from spikingtac.robot.guard_loop import watched_windows
 from spikingtac.stream.reader import EventReader
 from spikingtac.stream.real_time import exempt_from_collection
 from spikingtac.types import FloatArray

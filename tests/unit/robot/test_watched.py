@@ -4,8 +4,8 @@ import time
 from collections.abc import Iterator
 
 from spikingtac.events.formats.codec import Triggers
+from spikingtac.robot.guard_loop import watched_windows
 from spikingtac.robot.watchdog import Health, Watchdog
-from spikingtac.stream.guard_loop import watched_windows
 from spikingtac.stream.reader import EventReader
 from spikingtac.types import EventPacket, LossCounters
 from stand_ins.moving_rims import SIZE, windows

@@ -7,8 +7,8 @@ import threading
 
 import pytest
 
+from spikingtac.robot import guard
 from spikingtac.robot.watchdog import Health, Watchdog
-from spikingtac.stream import guard
 
 INSISTENCE_S = 0.2
 

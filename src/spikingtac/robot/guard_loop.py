@@ -13,10 +13,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from spikingtac.cameras.words import warm_up
-from spikingtac.contact.detector import WINDOW_US, ContactDetector, Window, packets_of
+from spikingtac.contact.detector import WINDOW_US, ContactDetector, Window
 from spikingtac.errors import DeviceError
 from spikingtac.events.camera import Address, is_address, is_stream
 from spikingtac.events.camera_source import CameraSource
@@ -47,25 +45,20 @@ class Arrival:
     """A window and the time of its arrival.
 
     Attributes:
-        window: The events.
+        packet: The events.
         received_s: When this machine had all of the window, on the clock of the loop, s.
         losses: What the source has counted so far, by kind; ``time_jump`` are leaps of its clock.
     """
 
-    window: Window
+    packet: EventPacket
     received_s: float
     losses: Mapping[str, int] = field(default_factory=dict)
-
-    @property
-    def end_us(self) -> int:
-        """End of the window, on the sensor's clock, us."""
-        return packets_of(self.window)[0].t_end_us
 
 
 def stream_arrivals(path: str | Path) -> Iterator[Arrival]:
     """Yield the regular windows of a camera's pipe as they become complete.
 
-    A :class:`~spikingtac.stream.guard.ContactProcess` takes it as
+    A :class:`~spikingtac.robot.guard.ContactProcess` takes it as
     ``partial(stream_arrivals, path=...)``; the pipe is then opened in the
     process that guards. A window is complete when an event after its end has come, which the
     sensor's noise ensures. To the watchdog, a wholly silent camera is a stalled stream.
@@ -88,7 +81,7 @@ def stream_arrivals(path: str | Path) -> Iterator[Arrival]:
     else:
         source = open_events(path)
     for window in windows(source, WINDOW_US, silence_limit_us=SILENCE_US):
-        yield Arrival((window,), time.monotonic(), dict(source.losses))
+        yield Arrival(window, time.monotonic(), dict(source.losses))
 
 
 def catch_up(
@@ -112,13 +105,13 @@ def catch_up(
     for arrival in stream:
         heard()
         last.append(arrival)
-        spanned_s = (arrival.end_us - last[0].end_us) / US_PER_S
+        spanned_s = (arrival.packet.t_end_us - last[0].packet.t_end_us) / US_PER_S
         at_pace = arrival.received_s - last[0].received_s >= LEAST_PACE * spanned_s
         if len(last) == LEARNED_WINDOWS and at_pace:
             clock = StreamClock()
             for one in last:
-                clock.arrive(one.end_us, one.received_s)
-                behind_s = clock.backlog_s(one.end_us, one.received_s)
+                clock.arrive(one.packet.t_end_us, one.received_s)
+                behind_s = clock.backlog_s(one.packet.t_end_us, one.received_s)
             if behind_s < backlog_s / 2.0:
                 return clock
         until_s = min(until_s, arrival.received_s + CATCH_UP_S)
@@ -200,13 +193,13 @@ class ContactLoop:
 
     def _process(self, arrival: Arrival) -> None:
         """Beat the watchdog with the backlog, decide, and stop the arm at a contact."""
-        now_s = self._clock_s()
-        beat(self._watchdog, self.stream_clock, arrival.end_us, arrival.received_s, now_s)
+        end_us, received_s = arrival.packet.t_end_us, arrival.received_s
+        beat(self._watchdog, self.stream_clock, end_us, received_s, self._clock_s())
         known = arrival.losses if self._losses is None else self._losses
         self._losses = arrival.losses
         if arrival.losses.get("time_jump", 0) > known.get("time_jump", 0):
             self._watchdog.time_jump("the stream reports that the sensor's clock leapt")
-        self.contact = self._detector.update(arrival.window)
+        self.contact = self._detector.update(arrival.packet)
         self._windows += 1
         if self.contact is not None:
             decided_s = self._clock_s()
@@ -223,10 +216,10 @@ class ContactLoop:
         time to its arrival beyond the fastest transport so far: the two clocks are not the same.
         ``decision_us`` holds any queue before the loop. ``stop_us`` ends as the arm's stop returns.
         """
-        times_us = np.concatenate([packet.t for packet in packets_of(arrival.window)])
+        packet, end_us = arrival.packet, arrival.packet.t_end_us
         return {
-            "window_us": float(arrival.end_us - times_us.mean()) if len(times_us) else None,
-            "transport_us": self.stream_clock.lag_s(arrival.end_us, arrival.received_s) * US_PER_S,
+            "window_us": float(end_us - packet.t.mean()) if len(packet) else None,
+            "transport_us": self.stream_clock.lag_s(end_us, arrival.received_s) * US_PER_S,
             "decision_us": (decided_s - arrival.received_s) * US_PER_S,
             "stop_us": (stopped_s - decided_s) * US_PER_S,
         }

@@ -13,15 +13,15 @@ from typing import Any
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState
-from spikingtac.robot.watchdog import Health, Watchdog, WatchdogThread
-from spikingtac.stream import real_time
-from spikingtac.stream.guard_loop import (
+from spikingtac.robot.guard_loop import (
     LONGEST_REASON,
     Arrival,
     ContactLoop,
     catch_up,
     failure_words,
 )
+from spikingtac.robot.watchdog import Health, Watchdog, WatchdogThread
+from spikingtac.stream import real_time
 from spikingtac.stream.host import Asker, Host
 from spikingtac.stream.ring import RingReader, SharedRing
 
@@ -79,7 +79,7 @@ class ContactProcess(Host):
         ``ended`` or ``failed``; ``reason`` says why, and ``stop_failure`` whether the arm is not
         known to rest. ``connected`` says whether an arm was reached. ``precedes`` says whether the
         system lets the guard run before ordinary work; a busy machine may trip one that does not.
-        The rest is :meth:`~spikingtac.stream.guard_loop.ContactLoop.report`, and ``at_s`` on the
+        The rest is :meth:`~spikingtac.robot.guard_loop.ContactLoop.report`, and ``at_s`` on the
         monotonic clock.
         """
         if (message := self._states.latest()) is not None:
@@ -143,7 +143,15 @@ def _guard(
         detector = make_detector()
         status.publish("starting", reason="the camera's events")
         stream = arrivals()
-        _prepare(stream, detector)
+        # The controller has to hear from this process all the time. What stops all threads comes
+        # before: the first window, which compiles the detector's kernels or loads them, and a
+        # garbage collection.
+        if (first := next(stream, None)) is None:
+            raise DeviceError("the event stream ended before the guard was ready")
+        detector.update(first.packet)
+        detector.reset()
+        real_time.exempt_from_collection()
+        real_time.lock_memory()
         status.publish("starting", reason="the arm")
         arm = make_arm()
     except Exception as error:  # the asker has no other way to learn of it
@@ -193,24 +201,6 @@ def _watch(
         watchdog.disconnected(f"{type(error).__name__}: {error}")
         status.publish("failed", **loop.report())
         raise
-
-
-def _prepare(stream: Iterator[Arrival], detector: ContactDetector) -> None:
-    """Get the process ready for an arm, whose controller has to hear from it all the time.
-
-    What stops all threads comes first: the first window, which compiles the detector's kernels or
-    loads them, and a garbage collection.
-
-    Raises:
-        DeviceError: The stream ended.
-    """
-    first = next(stream, None)
-    if first is None:
-        raise DeviceError("the event stream ended before the guard was ready")
-    detector.update(first.window)
-    detector.reset()
-    real_time.exempt_from_collection()
-    real_time.lock_memory()
 
 
 def _obey_sigterm(watchdog: Watchdog) -> threading.Event:

@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from spikingtac.contact.registry import EventCountDetector
+from spikingtac.robot.guard_loop import Arrival, ContactLoop
 from spikingtac.robot.watchdog import Health, Watchdog
-from spikingtac.stream.guard_loop import Arrival, ContactLoop
 from spikingtac.types import EventPacket
 from stand_ins.moving_rims import SIZE, windows
 
