@@ -100,8 +100,8 @@ MUTATIONS = (
     ),
     Mutation(
         name="turn-told-alone",
-        old="told += direction[index[m, k], axis]",
-        new="told += direction[m, axis]",
+        old="told_x += direction[index[m, k], 0]",
+        new="told_x += direction[m, 0]",
         tests=("tests/unit/markers/graded/test_corrections.py",),
     ),
     Mutation(
@@ -136,7 +136,7 @@ MUTATIONS = (
     ),
     Mutation(
         name="coasting-speed",
-        old="motion[VX] = motion[VY] = 0.0",
+        old="motions[m, VX] = motions[m, VY] = 0.0",
         new="pass",
         tests=("tests/unit/markers/graded/test_disc_locator.py",),
     ),

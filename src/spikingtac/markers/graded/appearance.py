@@ -225,7 +225,7 @@ class FitWindow(NamedTuple):
 
     Attributes:
         offset: ``int32[f, n]`` offsets into the flat padded map.
-        place_px: ``float32[f, 2, n]`` columns and rows, px.
+        around: ``float32[f, 3, n]`` distance from the centre, px, and direction (x, y) from it.
         within: ``int32[f, k]`` how many pixels are nearer to the centre than 0, 1, 2, ... RING_PX.
         coefficients: ``(m, 2, POLYNOMIAL_DEGREE + 1)`` float32 polynomials of each marker's S and
             -dS/dq over -1 (at the inner end) to 1.
@@ -234,7 +234,7 @@ class FitWindow(NamedTuple):
     """
 
     offset: NDArray[np.int32]
-    place_px: NDArray[np.float32]
+    around: NDArray[np.float32]
     within: NDArray[np.int32]
     coefficients: NDArray[np.float32]
     edge: NDArray[np.float32]
@@ -246,19 +246,23 @@ def fit_window(profiles: list[DiscProfile], width_px: int) -> FitWindow:
     dy, dx = np.indices((2 * PAD_PX, 2 * PAD_PX)).reshape(2, -1) - farthest_px
     rings_px = np.arange(0.0, farthest_px, RING_PX)
     middles_px = (np.arange(PHASES) + 0.5) / PHASES - 0.5
-    orders, within = [], []
+    orders, around, within = [], [], []
     for y_px, x_px in product(middles_px, middles_px):
-        distance = np.hypot(dx - x_px, dy - y_px)
-        orders.append(np.argsort(distance, kind="stable"))
-        within.append(np.searchsorted(distance[orders[-1]], rings_px))
-    order = np.array(orders)[:, : np.max(within)]
+        distance_px = np.hypot(dx - x_px, dy - y_px)
+        order = np.argsort(distance_px, kind="stable")
+        polar = distance_px, (dx - x_px) / distance_px, (dy - y_px) / distance_px
+        orders.append(order)
+        around.append(np.array(polar)[:, order])
+        within.append(np.searchsorted(distance_px[order], rings_px))
+    most = np.max(within)
+    order = np.array(orders)[:, :most]
     dx, dy = dx[order], dy[order]
     ends_px = np.array([_steep_stretch_px(profile) for profile in profiles])
     coefficients = _polynomials(profiles, ends_px)
-    edge = np.column_stack([ends_px, _units(coefficients, order.shape[1])])
+    edge = np.column_stack([ends_px, _units(coefficients, most)])
     return FitWindow(
         offset=(dy * (width_px + 2 * PAD_PX) + dx).astype(np.int32),
-        place_px=np.stack([dx, dy], axis=1).astype(np.float32),
+        around=np.array([polar[:, :most] for polar in around], np.float32),
         within=np.array(within, np.int32),
         coefficients=coefficients,
         edge=edge.astype(np.float32),

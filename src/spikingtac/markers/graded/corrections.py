@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import crossing_px
 from spikingtac.markers.graded.motion import AT_US, VX, VY, X, Y
-from spikingtac.markers.neighbours import Neighbourhood, around_kernel
+from spikingtac.markers.neighbours import Neighbourhood
 from spikingtac.state_map.graded import Array
 
 # Half of the way in which the direction of motion is told anew, in crossings (0.1 to 0.3
@@ -119,7 +119,7 @@ def correct_kernel(
     shares of their widths, and scratch; the time, the delay of the events, shares in steady motion
     and after a turn, and the difference that is as likely an error as deformation, px; the result.
     """
-    last_px, direction, way, ahead_px = states[0], states[1], states[2], states[3]
+    last_px, direction, way, moved_px = states[0], states[1], states[2], states[3]
     for m in range(crossings.size):
         since_s = (t_us - motions[m, AT_US]) * 1e-6
         now_x = motions[m, X] + since_s * motions[m, VX]
@@ -131,21 +131,27 @@ def correct_kernel(
             state[m, 0], state[m, 1] = x / length, y / length
         last_px[m, 0], last_px[m, 1] = now_x, now_y
     for m in range(crossings.size):
-        for axis in range(2):
-            told = 0.0
-            for k in range(index.shape[1]):
-                told += direction[index[m, k], axis] / index.shape[1]
-            ahead = crossings[m] * ((steady + turning) * told - turning * way[m, axis])
-            ahead_px[m, axis] = last_px[m, axis] + lag_s * motions[m, VX + axis] + ahead
+        told_x = told_y = 0.0
+        for k in range(index.shape[1]):
+            told_x += direction[index[m, k], 0]
+            told_y += direction[index[m, k], 1]
+        told = crossings[m] * (steady + turning) / index.shape[1]
+        ahead_x = told * told_x - crossings[m] * turning * way[m, 0] + lag_s * motions[m, VX]
+        ahead_y = told * told_y - crossings[m] * turning * way[m, 1] + lag_s * motions[m, VY]
+        moved_px[m, 0] = last_px[m, 0] + ahead_x - reference_px[m, 0]
+        moved_px[m, 1] = last_px[m, 1] + ahead_y - reference_px[m, 1]
     # A difference r from the neighbours' prediction shrinks by its share noise^2 / (r^2 + noise^2),
     # of which the marker takes the part that its own error has in it: 0.9 amid eight neighbours,
     # 0.6 in a corner. One far above the noise stays.
-    skin, noise2 = (reference_px, index, weight), noise_px * noise_px + TINY_PX2
+    noise2 = noise_px * noise_px + TINY_PX2
     for m in range(crossings.size):
-        x = ahead_px[m, 0] - reference_px[m, 0] - around_kernel(ahead_px, skin, m, 0)[0]
-        y = ahead_px[m, 1] - reference_px[m, 1] - around_kernel(ahead_px, skin, m, 1)[0]
+        x, y = moved_px[m, 0], moved_px[m, 1]
+        for k in range(index.shape[1]):
+            x -= weight[m, k] * moved_px[index[m, k], 0]
+            y -= weight[m, k] * moved_px[index[m, k], 1]
         taken = own_share[m] * noise2 / (x * x + y * y + noise2)
-        given_px[m, 0], given_px[m, 1] = ahead_px[m, 0] - taken * x, ahead_px[m, 1] - taken * y
+        given_px[m, 0] = reference_px[m, 0] + moved_px[m, 0] - taken * x
+        given_px[m, 1] = reference_px[m, 1] + moved_px[m, 1] - taken * y
 
 
 class ReleasedZero:

@@ -100,7 +100,7 @@ class DiscLocator(Locator):
         radius_px = calibration.radius_px
         self._window = fit_window(appearance_of(calibration).profiles, calibration.size[0])
         reach_px = radius_px.max() + self._window.edge[:, 1].max()
-        self._edges = np.zeros((len(radius_px), 5, int(ROOM * np.pi * reach_px**2)), np.float32)
+        self._edges = np.zeros((len(radius_px), 3, int(ROOM * np.pi * reach_px**2)), np.float32)
         per_px = events_per_px(calibration)
         self._due = np.maximum(np.ceil(np.outer([DUE_PX, HURRY_PX], per_px)), 1.0)
         self._fit_period_us = fit_period_us
@@ -213,28 +213,14 @@ def mark_moved_kernel(
 ) -> None:  # pragma: no cover - compiled
     """Mark the pixels around each marker that went MARKED_PX since they were marked."""
     for m in range(len(fits)):
-        motion, fit = motions[m], fits[m]
-        if max(abs(motion[X] - fit[MARKED_X]), abs(motion[Y] - fit[MARKED_Y])) > MARKED_PX:
+        x, y = motions[m, X] - fits[m, MARKED_X], motions[m, Y] - fits[m, MARKED_Y]
+        if max(abs(x), abs(y)) > MARKED_PX:
             mark_kernel(owners, m, motions, fits, outline_px, edge)
-
-
-@njit(cache=True, nogil=True, forceinline=True)
-def asked_kernel(
-    pending: int, due: Array, fit: Array, begin_us: int, period_us: int, t_us: int
-) -> bool:  # pragma: no cover - compiled
-    """Return whether the events around a marker ask for a fit; if they are few, in its turn.
-
-    ``due`` is events that ask in the marker's turn, and before; turns begin at ``begin_us``.
-    """
-    asked = pending >= due[0] or t_us - fit[SILENT_US] >= LATE_US
-    if not asked or period_us == 0 or pending >= due[1]:
-        return asked
-    return fit[FIT_US] < t_us - (t_us + begin_us) % period_us
 
 
 @njit(cache=True, nogil=True)
 def locate_discs_kernel(
-    padded: Array, edges: Array, read: Array, offset: Array, place_px: Array, within: Array,
+    padded: Array, edges: Array, read: Array, offset: Array, around: Array, within: Array,
     coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,
     pending: Array, coasted: Array, radius_px: Array, due: Array, owners: Array, period_us: int,
     first: int, after: int, alone: bool, t_us: int,
@@ -249,36 +235,36 @@ def locate_discs_kernel(
     time, us.
     """
     fitted, levels = 0, (padded.ravel(), owners.shape[1], owners.shape[0])
-    window, as_read = FitWindow(offset, place_px, within, coefficients, edge), (edges, read)
+    window, as_read = FitWindow(offset, around, within, coefficients, edge), (edges, read)
     for m in range(first, after):
-        motion, fit = motions[m], fits[m]
-        if motion[AT_US] < 0.0:
-            motion[AT_US] = fit[FIT_US] = fit[OUTLINED_US] = t_us
+        if motions[m, AT_US] < 0.0:
+            motions[m, AT_US] = fits[m, FIT_US] = fits[m, OUTLINED_US] = t_us
         if pending[m] == 0:
-            fit[SILENT_US] = t_us
-        dt_s = (t_us - motion[AT_US]) * 1e-6
-        asked = asked_kernel(pending[m], due[:, m], fit, m * period_us // after, period_us, t_us)
+            fits[m, SILENT_US] = t_us
+        dt_s = (t_us - motions[m, AT_US]) * 1e-6
+        asked = pending[m] >= due[0, m] or t_us - fits[m, SILENT_US] >= LATE_US
+        if asked and period_us and pending[m] < due[1, m]:
+            asked = fits[m, FIT_US] < t_us - (t_us + m * period_us // after) % period_us
         if not asked and (pending[m] > 0 or dt_s < MEASUREMENT_PERIOD_S):
             continue
-        motion[AT_US] = t_us
-        if not asked and abs(motion[VX]) + abs(motion[VY]) < STILL_PX_S:
+        motions[m, AT_US] = t_us
+        if not asked and abs(motions[m, VX]) + abs(motions[m, VY]) < STILL_PX_S:
             continue
-        predict_kernel(motion, dt_s)
+        predict_kernel(motions[m], dt_s)
         if asked:
             fitted += 1
-            gain, since_us = 0.0, t_us - fit[OUTLINED_US]
+            gain, since_us = 0.0, t_us - fits[m, OUTLINED_US]
             if since_us >= OUTLINE_US:
-                gain, fit[OUTLINED_US] = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * since_us), t_us
-            settings = ITERATIONS, gain, radius_px[m]
-            place = m, (motion[X], motion[Y]), outline_px[m], settings
+                gain, fits[m, OUTLINED_US] = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * since_us), t_us
+            place = m, (motions[m, X], motions[m, Y]), outline_px, (ITERATIONS, gain, radius_px[m])
             x, y, agreement, step_px = fit_disc_kernel(levels, as_read, window, *place)
-            fit[FIT_X], fit[FIT_Y], fit[FIT_US] = x, y, t_us
-            fit[AGREEMENT] = agreement if gain > 0.0 else fit[AGREEMENT]
+            fits[m, FIT_X], fits[m, FIT_Y], fits[m, FIT_US] = x, y, t_us
+            fits[m, AGREEMENT] = agreement if gain > 0.0 else fits[m, AGREEMENT]
             pending[m] = AT_ONCE if step_px >= SMALL_STEP_PX else 0
         if coasted[m]:
-            motion[VX] = motion[VY] = 0.0
+            motions[m, VX] = motions[m, VY] = 0.0
         else:
-            correct_kernel(motion, fit[FIT_X], fit[FIT_Y], dt_s)
+            correct_kernel(motions[m], fits[m, FIT_X], fits[m, FIT_Y], dt_s)
     if alone:
         mark_moved_kernel(owners, motions, fits, outline_px, edge)
     return fitted

@@ -59,10 +59,6 @@ SENDING_SHARE = 0.35
 # Standard deviations above its background from which a cell's events tell of a marker.
 CLEAR_SIGMAS = 3.0
 
-# Neighbours that may rest without acquitting a marker: they may be gone as well.
-RESTING_NEIGHBOURS = 2
-
-
 # Largest distance of a marker from the middle of its neighbours, as a share of their mean
 # distance, at which they surround it: 0 inside of a square grid, 0.6 at its border.
 SURROUNDED = 0.25
@@ -185,18 +181,24 @@ def trust_kernel(
 
 @njit(cache=True, nogil=True)
 def _asked_speed_kernel(
-    velocity_px_s: Array, speed_px_s: Array, index: Array, weight: Array
+    motions: Array, index: Array, weight: Array, m: int
 ) -> float:  # pragma: no cover - compiled
-    """Return the speed that a marker's neighbours vouch for, px/s; ``index`` are theirs."""
+    """Return the speed that a marker's neighbours vouch for, px/s.
+
+    Two of them may rest without acquitting it: they may be gone as well.
+    """
     x = y = 0.0
-    slowest = np.full(min(RESTING_NEIGHBOURS + 1, index.size), np.inf)
-    for k in range(index.size):
-        x += weight[k] * velocity_px_s[index[k], 0]
-        y += weight[k] * velocity_px_s[index[k], 1]
-        rising = speed_px_s[index[k]]  # sorted in: np.sort would compile for seconds
-        for place in range(slowest.size):
-            rising, slowest[place] = max(rising, slowest[place]), min(rising, slowest[place])
-    return min(slowest[-1], np.hypot(x, y))
+    slowest = second = third = np.inf
+    for k in range(index.shape[1]):
+        n = index[m, k]
+        x += weight[m, k] * motions[n, VX]
+        y += weight[m, k] * motions[n, VY]
+        speed_px_s = np.sqrt(motions[n, VX] ** 2 + motions[n, VY] ** 2)
+        third = min(third, max(second, speed_px_s))
+        second = min(second, max(slowest, speed_px_s))
+        slowest = min(slowest, speed_px_s)
+    few = second if index.shape[1] == 2 else slowest
+    return min(third if index.shape[1] > 2 else few, np.sqrt(x * x + y * y))
 
 
 @njit(cache=True, nogil=True)
@@ -229,11 +231,9 @@ def listen_kernel(
     per px of motion; the share that arrives, and the time, s; the travel and who is silent, which
     are changed.
     """
-    velocity_px_s = motions[:, VX : VY + 1]
-    speed_px_s = np.hypot(velocity_px_s[:, 0], velocity_px_s[:, 1])
     for m in range(events.size):
         events_per_px = share * whole_per_px[m]
-        asked = _asked_speed_kernel(velocity_px_s, speed_px_s, index[m], weight[m])
+        asked = _asked_speed_kernel(motions, index, weight, m)
         noise = noise_per_s[m] * dt_s
         told = SLOW_PX_S < asked < FAST_PX_S
         told = told and asked * events_per_px > BACKGROUND_SHARE * noise_per_s[m]
