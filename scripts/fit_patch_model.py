@@ -48,7 +48,8 @@ def drawn(work: Path, number: int) -> Path:
         rng = np.random.default_rng(FIRST_SEED + number)
         slide = draw_contact(rng, bodies=BODIES, kinds=KINDS, gels=GELS)
         scene = moved_scene(slide.scene, rng)
-        frames = [state for state, _ in SceneSource(scene, number).frames()][::EVERY]
+        source = SceneSource(scene, number, mechanics_hz=MECHANICS_HZ)
+        frames = [state for state, _ in source.frames()][::EVERY]
         np.savez(
             path,
             mm=np.array([state.marker_mm for state in frames], np.float32),
@@ -63,7 +64,7 @@ def moved_scene(scene: Scene, rng: np.random.Generator) -> Scene:
     x_mm, y_mm = rng.uniform(-PLACE_MM, PLACE_MM, 2).tolist()
     contact = scene.contacts[0]
     motion = replace(contact.motion, x_mm=x_mm, y_mm=y_mm)
-    return replace(scene, mechanics_hz=MECHANICS_HZ, contacts=(replace(contact, motion=motion),))
+    return replace(scene, contacts=(replace(contact, motion=motion),))
 
 
 @dataclass(frozen=True, slots=True)

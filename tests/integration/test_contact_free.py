@@ -10,7 +10,7 @@ from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.events.windows import windows
 from spikingtac.sim.rig.pad import Pad
 from spikingtac.sim.rig.probe import Grasp, Probe
-from spikingtac.sim.rig.rig import VIBRATION_MM, FingerConfig, SensingFinger
+from spikingtac.sim.rig.rig import VIBRATION_MM, SensingFinger
 from spikingtac.sim.rig.walls import NoWall
 from spikingtac.types import EventPacket
 from spikingtac_paper.free_motion.free_rig import (
@@ -39,12 +39,11 @@ class Both:
 
 @pytest.fixture(scope="module", params=["typical", "noisy"])
 def both(request: pytest.FixtureRequest) -> Both:
-    vibration_mm, pad = VIBRATION_MM[request.param], Pad()
-    finger = FingerConfig(camera=request.param, history="random")
-    vibration = VibrationPath(vibration_mm, np.random.default_rng(SEED))
+    pad = Pad()
+    vibration = VibrationPath(VIBRATION_MM[request.param], np.random.default_rng(SEED))
     bushing = FreeMotion(vibration).advance(STEPS)
-    free_finger = SmallMotionFinger(finger, SEED, pad, vibration_mm)
-    whole = SensingFinger(finger, SEED)
+    free_finger = SmallMotionFinger(request.param, SEED, history="random")
+    whole = SensingFinger(request.param, SEED, history="random")
     skins = [skin_state(pad, one) for one in bushing]
     optics, camera = whole.optics, whole.camera
     rest = skin_state(pad, np.zeros(6))
@@ -96,9 +95,6 @@ def test_rates_of_false_stops_agree(both: Both, name: str) -> None:
 
 
 def test_any_cutting_into_stretches_gives_the_same_events() -> None:
-    finger, vibration_mm = FingerConfig(camera="noisy"), VIBRATION_MM["noisy"]
-    whole, cut = (
-        FreeRig(vibration_mm, finger, SEED, np.random.default_rng(SEED)) for _ in range(2)
-    )
+    whole, cut = (FreeRig("noisy", SEED) for _ in range(2))
     parts = [cut.advance(400)[0] for _ in range(3)]
     assert_equal(EventPacket.concatenate(parts), whole.advance(1_200)[0])

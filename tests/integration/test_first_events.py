@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from spikingtac.robot.arm import ArmState
-from spikingtac.sim.camera.config import BackgroundConfig, CameraConfig
+from spikingtac.sim.camera.config import BackgroundConfig
+from spikingtac.sim.camera.event_camera import EventCamera, ReferenceHistory
 from spikingtac.sim.rig import probe
-from spikingtac.sim.rig.rig import FingerConfig, Rig, SensingFinger
+from spikingtac.sim.rig.rig import STILL_PX, Rig, SensingFinger, grip_camera
 from spikingtac.sim.rig.ur3 import UR3Twin
 from spikingtac.sim.rig.walls import PlaneWall
 
@@ -33,15 +34,15 @@ def rod_without_mass() -> Iterator[None]:
     probe.step_matrices.cache_clear()
 
 
-class SilentFinger(FingerConfig):
+class SilentFinger(SensingFinger):
     """A finger without background, and without leak unless its pixels had time to rest."""
 
-    @property
-    def camera_config(self) -> CameraConfig:
-        whole = super().camera_config
-        rested = self.history == "rested"
-        pixel = whole.pixel if rested else replace(whole.pixel, leak_hz=0.0)
-        return replace(whole, background=BackgroundConfig(), pixel=pixel)
+    def __init__(self, seed: int, history: ReferenceHistory) -> None:
+        super().__init__("typical", seed, history=history, serial=seed)
+        whole = grip_camera("typical")
+        pixel = whole.pixel if history == "rested" else replace(whole.pixel, leak_hz=0.0)
+        silent = replace(whole, background=BackgroundConfig(), pixel=pixel)
+        self.camera = EventCamera(silent, self.camera.size, seed, seed, STILL_PX)
 
 
 def press_and_release(rig: Rig, reach_mm: np.ndarray) -> None:
@@ -68,7 +69,7 @@ def travel_mm(
     """Return the arm's travel from the touch to the 20th and the 100th event, mm."""
     way = np.array(direction)
     known: Any = "fresh" if history == "released" else history
-    finger = SensingFinger(SilentFinger(history=known, serial=seed), seed)
+    finger = SilentFinger(seed, known)
     wall, rng = PlaneWall(way * (0.375 + FREE_MM), -way), np.random.default_rng(seed)
     rig = Rig(UR3Twin(np.zeros(3), rng), wall, finger, rng, vibration_mm=0.0)
     if history == "released":

@@ -18,8 +18,6 @@ steps = 3
 batch = 4
 crop_px = 32
 moments = 3
-[network]
-widths = [4, 4]
 """
 
 

@@ -74,8 +74,8 @@ class PlainPixel:
 def one_pixel(pixel: PixelConfig, intensity: float) -> Sensor:
     """Return a sensor of one pixel that rests at an intensity, with the mean leak and no jitter."""
     light = LightConfig(contrast=1.0 / intensity)
-    config = CameraConfig(size=(1, 1), light=light, pixel=pixel)
-    sensor = make_sensor(config, np.random.default_rng(0))
+    config = CameraConfig(light=light, pixel=pixel)
+    sensor = make_sensor(config, (1, 1), np.random.default_rng(0))
     sensor.pixels["mean_leak_per_us"] = sensor.pixels["threshold_on"] * pixel.leak_hz * 1e-6
     sensor.chip["leak_jitter"] = 0.0
     settle_sensor(sensor, np.zeros((1, 1), np.float32), 0.0, "fresh", np.random.default_rng(0))
@@ -191,8 +191,8 @@ def test_coverage_follows_the_definition_for_ellipses_chords_and_gaps():
     image = random_image(5, seed=1)
     discs = discs_of(image)
     light = LightConfig(blur_px=0.5)
-    config = CameraConfig(size=(64, 64), light=light)
-    chip = make_sensor(config, np.random.default_rng(0)).chip[0]
+    config = CameraConfig(light=light)
+    chip = make_sensor(config, (64, 64), np.random.default_rng(0)).chip[0]
     width_px = math.sqrt(0.25 + 1 / 12)
     expected = np.zeros((64, 64))
     for y in range(64):

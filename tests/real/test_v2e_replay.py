@@ -44,7 +44,7 @@ def images(truth: dict[str, np.ndarray], from_us: int, until_us: int) -> list[Ma
 
 def replay(folder: Path, name: str, from_us: int, until_us: int) -> Replay:
     truth = load_truth(folder, name)
-    camera = EventCamera(load_camera("v2e"), seed=11)
+    camera = EventCamera(load_camera("v2e"), (320, 320), seed=11)
     shots = images(truth, from_us, until_us)
     # v2e starts from the first frame; later on its references are wherever motion left them.
     camera.settle(shots[0], "fresh" if from_us == 0 else "random")

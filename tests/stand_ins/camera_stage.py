@@ -39,10 +39,10 @@ def strokes(speed_px_s: float, travel_px: float, length_px: float = 14.0) -> lis
 
 def camera(name="clean", contrast=6.0, seed=1, **pixel) -> EventCamera:
     """Return a small sensor without background and leak."""
-    config = replace(load_camera(name), size=SIZE, background=BackgroundConfig())
+    config = replace(load_camera(name), background=BackgroundConfig())
     light = replace(config.light, contrast=contrast)
     changed = replace(config.pixel, leak_hz=0.0, **pixel)
-    return EventCamera(replace(config, light=light, pixel=changed), seed)
+    return EventCamera(replace(config, light=light, pixel=changed), SIZE, seed)
 
 
 def film(sensor: EventCamera, images, history="random") -> EventPacket:

@@ -56,7 +56,7 @@ def _write(env: Any, policy: Any, seed: int, scratch: Path) -> tuple[Path, Path]
         reference_px=reference_px,
         radius_px=np.ones(len(reference_px)),
         grid=mount.grid,
-        size=mount.finger.optics.size,
+        size=mount.optics.size,
     )
     tracks, log = scratch / f"{seed:04d}.npz", scratch / f"{seed:04d}_log.npz"
     st.Tracks.of(frames, calibration).save(tracks)

@@ -93,7 +93,8 @@ class EventObserver:
     PRESET = "fast"  # Preset of the tracker.
 
     def __init__(self, mount: Mount, optics: Optics, seed: int) -> None:
-        self._finger, self._mount = SensingFinger(mount.finger, seed), mount
+        self._finger = SensingFinger(mount.camera, seed, optics=mount.optics)
+        self._mount = mount
         self._reference = self._finger.optics.project(at_rest(mount)).center_px
         self.packet: st.EventPacket | None = None
 
@@ -105,7 +106,7 @@ class EventObserver:
             reference_px=image.center_px,
             radius_px=image_radius_px(image),
             grid=self._mount.grid,
-            size=self._mount.finger.optics.size,
+            size=self._mount.optics.size,
         )
         self._tracker = st.make_tracker(st.load_config(self.PRESET).tracking, calibration)
         self._before = image.center_px - self._reference

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import spikingtac as st
-from spikingtac.sim import FingerConfig, OpticsConfig, SkinConfig
+from spikingtac.sim import OpticsConfig, SkinConfig
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +51,8 @@ class Mount:
         pad_mm: ``(2,)`` sides of the pad, mm.
         rest_mm: ``(m, 2)`` markers at rest (x right, y down), mm.
         grid: Rows and columns of the markers.
-        finger: Lens and event camera of the twin.
+        camera: Preset of the twin's event camera.
+        optics: Lens of the twin.
     """
 
     site: str
@@ -61,7 +62,8 @@ class Mount:
     pad_mm: Floats
     rest_mm: Floats
     grid: tuple[int, int]
-    finger: FingerConfig
+    camera: str
+    optics: OpticsConfig
 
 
 def load_spec(path: str | Path) -> mujoco.MjSpec:
@@ -125,7 +127,8 @@ def add_sensor(
         pad_mm=sides,
         rest_mm=rest_mm,
         grid=grid,
-        finger=FingerConfig(camera=camera, optics=optics),
+        camera=camera,
+        optics=optics,
     )
     kept = _keyframes(spec)
     _add_plate(place, mount, friction)

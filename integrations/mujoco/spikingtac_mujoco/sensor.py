@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import spikingtac as st
-from spikingtac.sim import Gel, GelConfig, GridConfig, Optics, SkinState
+from spikingtac.sim import Gel, GelConfig, GridConfig, Optics, SkinConfig, SkinState
 from spikingtac_mujoco.observers import EventObserver, MarkerObserver
 from spikingtac_mujoco.pad import AXES, FRICTION, Mount
 from spikingtac_mujoco.shapes import MM_PER_M, BodyIndenter
@@ -126,7 +126,7 @@ class Sensor:
             ) from error
         self._model, self.mount, self._fidelity = model, mount, fidelity
         self._joints = np.array([[joint.id for joint in six] for six in pads])
-        self._optics = Optics(mount.finger.optics, mount.finger.serial)
+        self._optics = Optics(mount.optics, SkinConfig().serial)
         self._held = [g for g in self._geoms(self._plate) if g != self._geom]
         self._indenters: dict[int, BodyIndenter] = {}
         self._build_gel(FRICTION)

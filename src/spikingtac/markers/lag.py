@@ -20,7 +20,7 @@ An edge hardly shows B: it is a prior, and its spread is part of the uncertainty
 depend on light at all (a bus, a driver's clock) stays unseen and has to be measured otherwise.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +98,8 @@ def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
     if calibration.contrast is None or calibration.edge_px is None:
         return None
     fit = "bands" if has_rare_off(calibration) else "disc"
-    tracker = GradedTracker(GradedTrackerConfig(lag_us=0.0, backlash=0.0), calibration, fit=fit)
+    undelayed = replace(calibration, lag_us=0.0)
+    tracker = GradedTracker(GradedTrackerConfig(backlash=0.0), undelayed, fit=fit)
     track = tracked(source, tracker, calibration)
     edge = DiscProfile(calibration.contrast, calibration.edge_px)
     estimate = estimate_lag(observe_crossings(source, track, source.size), edge)

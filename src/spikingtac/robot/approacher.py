@@ -4,6 +4,7 @@ The loop takes one window after another. On the twin this lets simulated time pa
 waits for the camera.
 """
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
@@ -20,6 +21,11 @@ W = TypeVar("W")
 # Largest share by which the reported speed differs from the commanded one at constant speed: while
 # the arm accelerates, the probe's own inertia moves the markers.
 CRUISE_TOLERANCE = 0.02
+
+WINDOW_S = 0.001  # Period of the detector's windows, s (Section V-B).
+
+# An arm that does not rest after so many times the time of its way, and these seconds, is faulty.
+PATIENCE, PATIENCE_S = 2.0, 1.0
 
 
 class Detector(Protocol):
@@ -38,12 +44,10 @@ class ApproachConfig:
         speed_mm_s: Speed of the tool, mm/s.
         settle_windows: Windows to wait at constant speed before the detector is used, until the
             probe's vibration has decayed.
-        patience_windows: Number of windows within which the arm must have come to rest.
     """
 
     speed_mm_s: float = 80.0
     settle_windows: int = 150
-    patience_windows: int = 60_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +77,7 @@ def approach(
 
     Args:
         arm: The arm, at rest.
-        windows: Regular windows of its sensor or sensors.
+        windows: Windows of 1 ms of its sensor or sensors.
         detector: Is given each window while the arm moves at constant speed; None never decides.
             See :func:`spikingtac.make_detector`.
         target_mm: ``(3,)`` target of the tool in the robot's base frame, mm.
@@ -86,11 +90,13 @@ def approach(
     """
     settings, stream = config or ApproachConfig(), iter(windows)
     direction = np.asarray(target_mm, np.float64) - arm.pose().position_mm
-    direction /= max(float(np.linalg.norm(direction)), np.finfo(float).tiny)
+    way_mm = float(np.linalg.norm(direction))
+    direction /= max(way_mm, np.finfo(float).tiny)
+    patience_s = PATIENCE * way_mm / settings.speed_mm_s + PATIENCE_S
     contact, read_mm, cruising = None, None, 0
     try:
         arm.move_linear(target_mm, settings.speed_mm_s)
-        for _ in range(settings.patience_windows):
+        for _ in range(math.ceil(patience_s / WINDOW_S)):
             window = next_window(stream, watchdog)
             if contact is None and detector is not None and cruising >= settings.settle_windows:
                 contact = detector.update(window)
@@ -106,8 +112,10 @@ def approach(
             if state is not ArmState.MOVING:
                 raise DeviceError(f"the arm stopped by itself: {state.value}")
         else:
-            span = f"{settings.patience_windows} windows (patience_windows)"
-            raise DeviceError(f"no rest within {span}; check the arm, speed and target")
+            raise DeviceError(
+                f"no rest within {patience_s:.1f} s, twice the time of the way; "
+                "check the arm, speed and target"
+            )
         if contact is not None:
             arm.confirm_stop()
     except BaseException as fault:

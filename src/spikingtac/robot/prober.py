@@ -132,8 +132,6 @@ MOST_TRIES = 3  # Number of pairs of touches before an error; about one touch in
 # Largest distance of finding and measuring touch, mm; beyond it, one of them is false (five
 # times the spread of a touch).
 AGREE_MM = 0.12
-TIME_LIMIT_S = 60.0  # Longest duration of one approach, s.
-WINDOW_S = 0.001  # Period of the detector's windows, s (Section V-B).
 
 
 @dataclass
@@ -242,12 +240,7 @@ class ArmProber:
     def _approach(
         self, to_mm: FloatArray, speed_mm_s: float, detector: ContactDetector | None
     ) -> Approach:
-        seconds = 2.0 * self.config.reach_mm / self.config.style.speed_mm_s + 1.0
-        settings = ApproachConfig(
-            speed_mm_s=speed_mm_s,
-            settle_windows=SETTLE_WINDOWS,
-            patience_windows=round(min(TIME_LIMIT_S, seconds) / WINDOW_S),
-        )
+        settings = ApproachConfig(speed_mm_s=speed_mm_s, settle_windows=SETTLE_WINDOWS)
         target_mm = np.array([*to_mm, self.arm.pose().position_mm[2]])
         return approach(self.arm, self._counted(), detector, target_mm, settings, self.watchdog)
 

@@ -12,7 +12,7 @@ from spikingtac.events.formats.file_source import FileSource
 from spikingtac.markers.registry import TrackingConfig, make_tracker
 from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.pipeline.track import require_same_size
-from spikingtac.ros2.stream import Layout, SensorStream, StreamConfig
+from spikingtac.ros2.stream import SensorInfo, SensorStream
 from spikingtac.stream.paced import Pace, PacedSource
 from spikingtac.touch.force.model import ForceModel
 from spikingtac.tracks import Tracks
@@ -34,16 +34,14 @@ class Feed:
     """Frames of a source.
 
     Attributes:
-        layout: The markers at rest.
+        sensor: The sensor.
         source: The events, None where there are none.
-        has_wrench: Whether the frames come with wrenches.
         pace: Tells how late they are.
         frames: Yields the frames when they are due; events go to the stream meanwhile.
     """
 
-    layout: Layout
+    sensor: SensorInfo
     source: FileSource | None = None
-    has_wrench: bool = False
     pace: Pace
     frames: Callable[[SensorStream], Iterator[Felt]]
 
@@ -72,9 +70,14 @@ def feed_of_tracks(
                 f"{len(calibration.reference_px)}; give the one that they were tracked with"
             )
         grid, size = calibration.grid, calibration.size
-    layout = Layout(rest_px, grid and (int(grid[0]), int(grid[1])), tracks.px_per_mm, size)
-    has_wrench = wrenches is not None or force is not None
-    return Feed(layout=layout, has_wrench=has_wrench, pace=pace, frames=frames)
+    sensor = SensorInfo(
+        rest_px,
+        grid and (int(grid[0]), int(grid[1])),
+        tracks.px_per_mm,
+        size,
+        has_wrench=wrenches is not None or force is not None,
+    )
+    return Feed(sensor=sensor, pace=pace, frames=frames)
 
 
 def feed_of_events(
@@ -117,9 +120,15 @@ def feed_of_events(
     def frames(stream: SensorStream) -> Iterator[Felt]:
         return felt(follow(published(stream), tracker, tracking.rate_hz, events.losses))
 
-    layout = Layout(rest_px, calibration.grid, calibration.px_per_mm, calibration.size)
-    has_wrench = force is not None
-    return Feed(layout=layout, source=events, has_wrench=has_wrench, pace=paced.pace, frames=frames)
+    sensor = SensorInfo(
+        rest_px,
+        calibration.grid,
+        calibration.px_per_mm,
+        calibration.size,
+        has_events=True,
+        has_wrench=force is not None,
+    )
+    return Feed(sensor=sensor, source=events, pace=paced.pace, frames=frames)
 
 
 def _felt_by(
@@ -135,15 +144,15 @@ def _felt_by(
     )
 
 
-def rehearse(layout: Layout) -> None:
+def rehearse(sensor: SensorInfo) -> None:
     """Publish a press without readers, so that nothing is left to compile at the first frame.
 
     Without, the first frames leave late: by a second, measured on tracks of 64 markers.
     """
-    rest_px = np.asarray(layout.reference_px, np.float64)
+    rest_px = np.asarray(sensor.reference_px, np.float64)
     away_px = REHEARSED_STRAIN * (rest_px - rest_px.mean(axis=0))
     none, sure = np.zeros(len(rest_px), bool), np.ones(len(rest_px))
-    stream = SensorStream(None, layout, StreamConfig(events=False))
+    stream = SensorStream(None, sensor)
     for step in range(REHEARSED):
         moved_px = away_px * (REHEARSED // 4 <= step < REHEARSED // 2)
         place_px = rest_px + moved_px

@@ -18,7 +18,8 @@ from spikingtac.touch.detector import TouchDetector
 from spikingtac.types import EventPacket, MarkerFrame
 
 US_PER_S = 1_000_000
-PREFIX = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")  # Absolute name of a topic.
+TOPIC_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")  # Absolute name of a topic.
+PREFIX = "/tactile"  # Begins the names of topics unless another is asked for.
 
 # Topic -> its message.
 TOPICS = {
@@ -51,48 +52,26 @@ LINE_MM = 0.08  # Width of an arrow's line, mm.
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
-    """The markers at rest, and how they are laid out.
+class SensorInfo:
+    """A sensor that is published: its markers at rest, and what comes with their frames.
 
     Attributes:
         reference_px: ``(m, 2)`` rest positions, px.
         grid: Rows and columns; their product is m. None for markers without rows, a single one.
         px_per_mm: Scale, None where it is unknown.
         size_px: Width and height of the image, None where they are unknown.
+        name: Its name in /diagnostics.
+        has_events: Whether its events are published, too.
+        has_wrench: Whether forces and moments are published, too.
     """
 
     reference_px: NDArray[np.floating]
     grid: tuple[int, int] | None
     px_per_mm: float | None
     size_px: tuple[int, int] | None = None
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class StreamConfig:
-    """What is published.
-
-    Attributes:
-        prefix: Begins the name of every topic but ``/diagnostics``.
-        hardware: Name of the sensor in /diagnostics.
-        events: Publish the events, too.
-        wrench: Publish forces and moments, too.
-        field_hz: Fields and wrenches per second, at most as many as there are frames.
-    """
-
-    prefix: str = "/tactile"
-    hardware: str = ""
-    events: bool = True
-    wrench: bool = False
-    field_hz: float = MOST_HZ
-
-    def __post_init__(self) -> None:
-        if not PREFIX.fullmatch(self.prefix):
-            raise ConfigError(
-                f"{self.prefix!r} is no name of a topic; valid are letters, digits and _ between "
-                "slashes, as /tactile/left"
-            )
-        if not 1.0 <= self.field_hz <= MOST_HZ:
-            raise ConfigError(f"field_hz is {self.field_hz:g}, it must be 1 to {MOST_HZ:g}")
+    name: str = ""
+    has_events: bool = False
+    has_wrench: bool = False
 
 
 class SensorStream:
@@ -100,28 +79,41 @@ class SensorStream:
 
     Args:
         publisher: Sends the messages; None for nobody.
-        layout: The markers at rest.
-        config: What is published.
+        sensor: The sensor.
+        prefix: Begins the name of every topic but ``/diagnostics``.
+        field_hz: Fields and wrenches per second, at most as many as there are frames.
         clock_ns: Time of day, ns. The first data time becomes this host's time, and the others
             follow as the sensor counts them. None keeps the data times.
 
     Attributes:
         counts: Topic -> messages sent.
+
+    Raises:
+        ConfigError: ``prefix`` is no name of a topic, or ``field_hz`` out of range.
     """
 
     def __init__(
         self,
         publisher: Publisher | None,
-        layout: Layout,
-        config: StreamConfig,
+        sensor: SensorInfo,
+        *,
+        prefix: str = PREFIX,
+        field_hz: float = MOST_HZ,
         clock_ns: Callable[[], int] | None = time.time_ns,
     ) -> None:
-        self._publisher, self._layout, self._config = publisher, layout, config
+        if not TOPIC_NAME.fullmatch(prefix):
+            raise ConfigError(
+                f"{prefix!r} is no name of a topic; valid are letters, digits and _ between "
+                "slashes, as /tactile/left"
+            )
+        if not 1.0 <= field_hz <= MOST_HZ:
+            raise ConfigError(f"field_hz is {field_hz:g}, it must be 1 to {MOST_HZ:g}")
+        self._publisher, self._sensor, self._field_us = publisher, sensor, US_PER_S / field_hz
         self._clock_ns, self._offset_ns = clock_ns, 0 if clock_ns is None else None
-        rest_px = np.asarray(layout.reference_px, float)
+        rest_px = np.asarray(sensor.reference_px, float)
         centre_px = (rest_px.min(axis=0) + rest_px.max(axis=0)) / 2
-        if layout.size_px is not None:
-            centre_px = (np.array(layout.size_px) - 1) / 2
+        if sensor.size_px is not None:
+            centre_px = (np.array(sensor.size_px) - 1) / 2
         self._rest_px = rest_px - centre_px
         self._due_us: dict[str, float] = {}
         self._touching: bool | None = None
@@ -132,12 +124,12 @@ class SensorStream:
         self.counts: Counter[str] = Counter()
         absent = {
             "contact": self._touches is None,
-            "wrench": not config.wrench,
-            "events": not config.events,
-            "camera_info": layout.size_px is None,
+            "wrench": not sensor.has_wrench,
+            "events": not sensor.has_events,
+            "camera_info": sensor.size_px is None,
         }
         self._topics = {
-            name: "/diagnostics" if name == "diagnostics" else f"{config.prefix}/{name}"
+            name: "/diagnostics" if name == "diagnostics" else f"{prefix}/{name}"
             for name in TOPICS
             if not absent.get(name, False)
         }
@@ -161,7 +153,7 @@ class SensorStream:
             figures: What /diagnostics tells of the sensor.
         """
         stamp_ns = self._stamp_ns(frame.t_us)
-        if self._due("field", frame.t_us, US_PER_S / self._config.field_hz):
+        if self._due("field", frame.t_us, self._field_us):
             self._send("field", self._field(frame), stamp_ns)
             if wrench is not None:
                 force, torque = (
@@ -181,7 +173,7 @@ class SensorStream:
 
     def events(self, packet: EventPacket) -> None:
         """Publish events; nothing is sent where there are none."""
-        if not self._config.events or not len(packet):
+        if not self._sensor.has_events or not len(packet):
             return
         if self.counts["events"] == 0:
             self._origin_us = packet.t_start_us
@@ -200,8 +192,8 @@ class SensorStream:
 
     def _field(self, frame: MarkerFrame) -> dict[str, Any]:
         cloud = np.zeros(len(frame.coasted), FIELD)
-        rows, columns = self._layout.grid or (1, len(cloud))
-        cloud["x"], cloud["y"] = (self._rest_px / (self._layout.px_per_mm or 1.0)).T
+        rows, columns = self._sensor.grid or (1, len(cloud))
+        cloud["x"], cloud["y"] = (self._rest_px / (self._sensor.px_per_mm or 1.0)).T
         cloud["u"], cloud["v"] = frame.position_px.T
         cloud["du"], cloud["dv"] = frame.displacement_px.T
         cloud["valid"] = ~frame.coasted
@@ -218,7 +210,7 @@ class SensorStream:
 
     def _arrows(self, frame: MarkerFrame, stamp_ns: int) -> dict[str, Any]:
         """Return the displacements as lines from rest to place, m."""
-        px_per_m = (self._layout.px_per_mm or 1.0 / DRAWN_MM_PER_PX) * MM_PER_M
+        px_per_m = (self._sensor.px_per_mm or 1.0 / DRAWN_MM_PER_PX) * MM_PER_M
         rest_m = self._rest_px / px_per_m
         ends_m = np.stack((rest_m, rest_m + frame.displacement_px / px_per_m), axis=1)
         lines = {
@@ -248,15 +240,15 @@ class SensorStream:
             "level": 1 if coasted else 0,
             "name": "spikingtac: tracking",
             "message": f"{coasted} markers held" if coasted else "all markers seen",
-            "hardware_id": self._config.hardware,
+            "hardware_id": self._sensor.name,
             "values": [{"key": key, "value": f"{value:g}"} for key, value in told.items()],
         }
         return {"status": [status]}
 
     def _tell_camera(self, stamp_ns: int) -> None:
-        if self._layout.size_px is not None:
+        if self._sensor.size_px is not None:
             # The lens was never calibrated: matrices and distortion are zero then, as ROS asks for.
-            width, height = map(int, self._layout.size_px)
+            width, height = map(int, self._sensor.size_px)
             self._send("camera_info", {"width": width, "height": height}, stamp_ns)
 
     def _send(self, name: str, message: Mapping[str, Any], stamp_ns: int) -> None:

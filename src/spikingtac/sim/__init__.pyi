@@ -52,8 +52,8 @@ from .camera.config import load_camera as load_camera
 
 # Robot rig: arm, grasped probe, gel pads and walls
 from .rig.rig import VIBRATION_MM as VIBRATION_MM
-from .rig.rig import FingerConfig as FingerConfig
 from .rig.rig import SensingFinger as SensingFinger
+from .rig.rig import grip_camera as grip_camera
 from .rig.hole_site import HoleSite as HoleSite
 from .rig.hole_site import HoleTrial as HoleTrial
 from .rig.hole_site import flat_wall as flat_wall

@@ -46,8 +46,8 @@ def load_scene(name: str | Path) -> Scene:
         name: Name of a scene, or path of a TOML file.
 
     Example:
-        >>> load_scene("quiet").duration_s
-        3.0
+        >>> load_scene("gelsight-7x10").size
+        (320, 240)
 
     Raises:
         ConfigError: No such name or file exists, or the file does not fit. The message names the

@@ -37,7 +37,18 @@ class SoftLayer:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ellipsoid:
+class Compliant:
+    """What all bodies have.
+
+    Attributes:
+        soft: Compliance of the body, or None if it is rigid.
+    """
+
+    soft: SoftLayer | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ellipsoid(Compliant):
     """A ball, a finger tip or a spoon's head: an ellipsoid in any orientation.
 
     It is given by its curvature at the deepest point.
@@ -46,13 +57,11 @@ class Ellipsoid:
         radius_x_mm: Radius of curvature along its own x, mm.
         radius_y_mm: Radius of curvature along its own y, mm.
         half_height_mm: Semi-axis along the normal, mm; None takes ``radius_x_mm`` (a ball).
-        soft: Compliance of the body, or None.
     """
 
     radius_x_mm: float = 4.0
     radius_y_mm: float = 4.0
     half_height_mm: float | None = None
-    soft: SoftLayer | None = None
 
     def __post_init__(self) -> None:
         require_within(self, radius_x_mm=LENGTH_MM, radius_y_mm=LENGTH_MM, half_height_mm=LENGTH_MM)
@@ -84,18 +93,16 @@ class Ellipsoid:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Punch:
+class Punch(Compliant):
     """A flat punch with a rounded rim. A tilt turns its face into an inclined plane.
 
     Attributes:
         radius_mm: Outer radius, mm.
         rim_mm: Radius of the rounded rim, mm (the broken edge of a machined punch).
-        soft: Compliance of the body, or None if it is rigid.
     """
 
     radius_mm: float = 3.0
     rim_mm: float = 0.5
-    soft: SoftLayer | None = None
 
     def __post_init__(self) -> None:
         require_within(self, radius_mm=LENGTH_MM, rim_mm=(0.0, self.radius_mm))
@@ -115,7 +122,7 @@ class Punch:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rods:
+class Rods(Compliant):
     """Parallel rods with round ends that lie in the gel: a comb's teeth, or one probe.
 
     Heights are of second order in a tilt.
@@ -125,14 +132,12 @@ class Rods:
         pitch_mm: Distance between neighbours, along the body's x, mm.
         radius_mm: Radius of a rod, mm.
         length_mm: Length along the body's y, mm, without the round ends.
-        soft: Compliance of the body, or None.
     """
 
     count: int = 6
     pitch_mm: float = 2.0
     radius_mm: float = 0.5
     length_mm: float = 6.0
-    soft: SoftLayer | None = None
 
     def __post_init__(self) -> None:
         require_within(self, count=(1, 1000), pitch_mm=LENGTH_MM, radius_mm=LENGTH_MM)

@@ -71,6 +71,9 @@ def image_radius_px(image: MarkerImage) -> FloatArray:
     return image.radius_px / np.sqrt(np.abs(np.linalg.det(image.shape)))
 
 
+# Most pixels of a sensor (1920 by 1080 fit); each takes 200 bytes while it is made.
+MOST_PIXELS = 1 << 21
+
 # Standard deviation of each coordinate of a disc about the grid, mm (assumed: 0.8 px).
 POSITION_SIGMA_MM = 0.05
 
@@ -145,6 +148,10 @@ class OpticsConfig:
     discs: DiscConfig = field(default_factory=DiscConfig)
 
     def __post_init__(self) -> None:
+        if min(self.size) < 1 or self.size[0] * self.size[1] > MOST_PIXELS:
+            raise ValueError(
+                f"size is {list(self.size)}, valid are 1 to {MOST_PIXELS} pixels in all"
+            )
         require_within(self, px_per_mm=(0.1, 1e4), distance_mm=(0.5, 1e3))
         corner = np.hypot(*self.size) / 2 / (self.px_per_mm * self.distance_mm)
         tangent_sq = np.linspace(0.0, corner, 100) ** 2

@@ -10,8 +10,10 @@ import numpy as np
 from spikingtac.atomic_files import whole_folder
 from spikingtac.errors import ConfigError, RecordingError, require_type
 from spikingtac.events.recording import MANIFEST, Recording, RecordingWriter
-from spikingtac.sim.scene import LENGTH_S, LOADED, Scene
+from spikingtac.sim.scene import LOADED, Scene
 from spikingtac.sim.source import SOURCE, SceneSource
+
+LENGTH_S = (1e-3, 1e5)  # Valid lengths of a recording, s: up to a day.
 
 
 def simulate(

@@ -55,7 +55,6 @@ class SkinConfig:
 
 # Most markers and contacts of a scene: they stay below 100 MB and a minute of planning.
 MOST_MARKERS, MOST_CONTACTS = 10_000, 10_000
-LENGTH_S = (1e-3, 1e5)  # Valid lengths of a scene, s: up to a day.
 LOADED = "load_scene('demo')"  # How a scene is made, for errors.
 
 
@@ -71,14 +70,14 @@ class CameraChoice:
     preset: str = "typical"
     settings: dict[str, Any] = field(default_factory=dict)
 
-    def resolve(self, size: tuple[int, int]) -> CameraConfig:
-        """Return the camera with its settings, for a sensor of ``size`` (px).
+    def resolve(self) -> CameraConfig:
+        """Return the camera with its settings.
 
         Raises:
             ConfigError: The preset or a setting is unknown or out of range.
         """
-        preset = merged(to_mapping(load_camera(self.preset)), self.settings)
-        return build(CameraConfig, preset | {"size": size}, "camera")
+        preset = to_mapping(load_camera(self.preset))
+        return build(CameraConfig, merged(preset, self.settings), "camera")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -176,8 +175,6 @@ class Scene:
         lead_in_s: Time without contact before the first contact, s.
         lead_out_s: Time after the end of the last motion, s (the return metrics are measured
             there).
-        duration_s: Length of a scene without contacts, s.
-        mechanics_hz: Lowest rate of the gel's steps, Hz. The camera interpolates between them.
         skin: The markers.
         gel: Mechanics of the gel.
         optics: Lens, sensor size and discs.
@@ -190,8 +187,6 @@ class Scene:
     about: str = ""
     lead_in_s: float = 0.5
     lead_out_s: float = 1.0
-    duration_s: float = 3.0
-    mechanics_hz: float = 250.0
     skin: SkinConfig = field(default_factory=SkinConfig)
     gel: GelConfig = field(default_factory=GelConfig)
     optics: OpticsConfig = field(default_factory=OpticsConfig)
@@ -201,8 +196,7 @@ class Scene:
     contacts: tuple[ContactConfig, ...] = ()
 
     def __post_init__(self) -> None:
-        require_within(self, lead_in_s=(0.0, 1e4), lead_out_s=(0.0, 1e4), duration_s=LENGTH_S)
-        require_within(self, mechanics_hz=(50.0, 2000.0))
+        require_within(self, lead_in_s=(0.0, 1e4), lead_out_s=(0.0, 1e4))
         contacts = sum(contact.repeats for contact in self.contacts)
         if contacts > MOST_CONTACTS:
             raise ValueError(f"the scene has {contacts} contacts, valid are up to {MOST_CONTACTS}")
@@ -210,7 +204,7 @@ class Scene:
         for index in (*self.optics.discs.broken, *self.optics.discs.missing):
             if not 0 <= index < markers:
                 raise ValueError(f"marker {index} does not exist, valid are 0 to {markers - 1}")
-        self.camera.resolve(self.optics.size)
+        self.camera.resolve()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -227,7 +221,7 @@ class Scene:
 
     def resolved(self) -> dict[str, Any]:
         """Return all values of the scene, with those of the camera preset."""
-        camera = to_mapping(self.camera.resolve(self.size))
+        camera = to_mapping(self.camera.resolve())
         return to_mapping(self) | {"camera": {"preset": self.camera.preset, "settings": camera}}
 
     def digest(self) -> str:

@@ -64,6 +64,8 @@ def touch_once(scene: Scene, seed: int) -> None:
         gel.step(TOUCH_STEP_S, *(timeline.at(step * TOUCH_STEP_S) or (None, None)))
 
 
+MECHANICS_HZ = 250.0  # Lowest rate of the gel's steps unless another is asked for, Hz.
+
 # Steps of the gel that a thread prepares while the camera renders (0.26 s at 250 Hz).
 PREFETCH_STEPS = 64
 
@@ -145,6 +147,7 @@ class SceneSource:
         seed: Seed of the variations and of the camera's noise. Equal seeds give equal events.
         duration_s: Length, s. None is the scene's own length; a shorter one cuts the scene, a
             longer one repeats its contacts; ``math.inf`` never ends.
+        mechanics_hz: Lowest rate of the gel's steps, Hz. The camera interpolates between them.
 
     Attributes:
         size: ``(width, height)`` of the sensor, px.
@@ -165,20 +168,26 @@ class SceneSource:
         [4000, 8000, 12000]
     """
 
-    def __init__(self, scene: Scene, seed: int = 0, duration_s: float | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        seed: int = 0,
+        duration_s: float | None = None,
+        mechanics_hz: float = MECHANICS_HZ,
+    ) -> None:
         require_type(scene, Scene, LOADED)
         self.scene, self.seed = scene, seed
         self.size = scene.size
         self._timeline = Timeline(scene, seed, duration_s)
-        self._period_us = round(1e6 / scene.mechanics_hz)
+        self._period_us = round(1e6 / mechanics_hz)
         end_s = self._timeline.duration_s
         self.t_end_us: int | None = None
         if not math.isinf(end_s):
             self.t_end_us = math.ceil(round(end_s * 1e6) / self._period_us) * self._period_us
         self._gel = Gel(scene.gel, scene.skin.rest_mm())
         self._optics = Optics(scene.optics, seed=scene.skin.serial)
-        camera = scene.camera.resolve(scene.size)
-        self._camera = EventCamera(camera, seed, serial=scene.skin.serial)
+        camera = scene.camera.resolve()
+        self._camera = EventCamera(camera, scene.size, seed, serial=scene.skin.serial)
         rest = self._optics.project(scene.skin.at_rest())
         self.reference_mm: FloatArray = scene.skin.rest_mm()
         self.cell_axis_mm: FloatArray = scene.gel.grid.axis_mm
@@ -193,7 +202,7 @@ class SceneSource:
 
     def manifest(self) -> dict[str, Any]:
         """Return what a manifest says of a simulation; it holds neither date nor machine."""
-        camera = self.scene.camera.resolve(self.size)
+        camera = self.scene.camera.resolve()
         return {
             "source": SOURCE,
             "grid": list(self.scene.skin.grid),

@@ -15,6 +15,7 @@ from spikingtac.sim.scene import HistoryConfig, Scene, VariationConfig
 from spikingtac.types import Pose
 
 FULL_TURN_DEG = 360.0
+QUIET_S = 3.0  # Length of a scene without contacts, s.
 
 
 def vary(
@@ -99,7 +100,7 @@ class Timeline:
         self._rng = np.random.default_rng([seed, _MOTION_STREAM])
         self._sequence = list(_contacts(scene, scene.lead_in_s, self._rng))
         ends_s = [contact.end_s + scene.lead_out_s for contact in self._sequence]
-        self.duration_s = [scene.duration_s, *ends_s][-1] if duration_s is None else duration_s
+        self.duration_s = [QUIET_S, *ends_s][-1] if duration_s is None else duration_s
         self._contacts = itertools.chain(self._sequence, self._repeats(scene))
         self._current = next(self._contacts, None)
 

@@ -14,7 +14,7 @@ from spikingtac.errors import ConfigError, SpikingTacError, import_extra
 from spikingtac.plots.figure import PICTURE_ENDINGS, check_target, save_gif
 from spikingtac.plots.moments import DPI, PANEL, SensorDrawing
 from spikingtac.ros2.messages import NS_PER_US, definition, encode, header, ros_type
-from spikingtac.ros2.stream import Layout, SensorStream, StreamConfig
+from spikingtac.ros2.stream import SensorInfo, SensorStream
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.record import EXPOSURE_US, Record, picture_of
@@ -199,10 +199,15 @@ def export_mcap(view: ViewSource, path: Path, seconds: float | None) -> int:
         ConfigError: As of :func:`export`.
     """
     calibration = view.calibration
-    layout = Layout(calibration.reference_px, calibration.grid, calibration.px_per_mm)
-    config = StreamConfig(hardware=view.label, field_hz=1e6 / MESSAGE_US)
+    sensor = SensorInfo(
+        calibration.reference_px,
+        calibration.grid,
+        calibration.px_per_mm,
+        name=view.label,
+        has_events=True,
+    )
     with closing(McapPublisher(path)) as publisher:
-        stream = SensorStream(publisher, layout, config, clock_ns=None)
+        stream = SensorStream(publisher, sensor, field_hz=1e6 / MESSAGE_US, clock_ns=None)
         publisher.advertise(IMAGE, "sensor_msgs/Image")
         with tracked(view, seconds, stream.frame) as (playback, last_us):
             store = playback.store

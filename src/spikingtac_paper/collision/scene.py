@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -18,13 +18,14 @@ from spikingtac.sim import (
     SERVO_LAG_S,
     VIBRATION_MM,
     Bit,
-    FingerConfig,
     Grasp,
+    OpticsConfig,
     PlaneWall,
     Rig,
     SensingFinger,
     SkinConfig,
     UR3Twin,
+    grip_camera,
 )
 from spikingtac.types import FloatArray as Vector
 from spikingtac_paper.free_motion.free_rig import FreeRig
@@ -56,10 +57,6 @@ class CollisionScene:
     preset: str = "typical"
     serial: int = 1
 
-    def finger(self) -> FingerConfig:
-        """Return the sensing finger."""
-        return FingerConfig(camera=self.preset, history="rested", serial=self.serial)
-
     @property
     def vibration_mm(self) -> float:
         """Root mean square of the arm's vibration per axis, mm."""
@@ -69,15 +66,14 @@ class CollisionScene:
         """Return the whole twin, the tip :data:`NEAR_MM` before the wall."""
         way = DIRECTION
         wall = PlaneWall(way * Bit().radius_mm, -way)
-        finger = SensingFinger(self.finger(), seed)
+        finger = SensingFinger(self.preset, seed, serial=self.serial)
         rng = np.random.default_rng(seed)
         arm = UR3Twin(-NEAR_MM * way, rng)
         return Rig(arm, wall, finger, rng, vibration_mm=self.vibration_mm)
 
     def make_free_rig(self, seed: int, history: Literal["rested", "random"]) -> FreeRig:
         """Return the fast path of the same sensor and probe, without a wall."""
-        finger = replace(self.finger(), history=history)
-        return FreeRig(self.vibration_mm, finger, seed, np.random.default_rng(seed))
+        return FreeRig(self.preset, seed, history=history, serial=self.serial)
 
     def calibration(self, free: FreeRig) -> Calibration:
         """Return the true calibration of the sensor in the grip."""
@@ -89,12 +85,11 @@ class CollisionScene:
             reference_px=np.array(reference_px),
             radius_px=np.array(radius_px),
             grid=SkinConfig().grid,
-            size=self.finger().optics.size,
+            size=OpticsConfig().size,
         )
 
     def resolved(self) -> dict[str, Any]:
         """Return every value of the scene, with those of the camera's preset."""
-        finger = self.finger()
         return {
             "scene": to_mapping(self),
             "rig": {
@@ -102,8 +97,8 @@ class CollisionScene:
                 "vibration_mm": self.vibration_mm,
                 "repeatability_mm": REPEATABILITY_MM,
             },
-            "camera": to_mapping(finger.camera_config),
-            "optics": to_mapping(finger.optics),
+            "camera": to_mapping(grip_camera(self.preset)),
+            "optics": to_mapping(OpticsConfig()),
             "past": {"touch": PRIOR_TOUCH, "released_s": RELEASED_S},
         }
 

@@ -22,19 +22,20 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter, oaconvolve
 
 from spikingtac.sim import (
-    CameraConfig,
+    VIBRATION_MM,
     EventCamera,
-    FingerConfig,
     Grasp,
     MarkerImage,
     NoWall,
     Pad,
     Probe,
+    ReferenceHistory,
     SensingFinger,
     SkinState,
     Vibration,
     background_events_kernel,
     discs_of,
+    grip_camera,
     transition,
 )
 from spikingtac.types import EventPacket, FloatArray
@@ -70,13 +71,14 @@ class SmallMotionCamera(EventCamera):
     """An event camera whose markers move with a free probe.
 
     Args:
-        config: Settings of the sensor.
+        preset: Its camera preset.
+        size: ``(width, height)``, px.
         seed: Seed of the noise.
         serial: Number of the individual sensor.
     """
 
-    def __init__(self, config: CameraConfig, seed: int, serial: int | None = None) -> None:
-        super().__init__(config, seed, serial)
+    def __init__(self, preset: str, size: tuple[int, int], seed: int, serial: int) -> None:
+        super().__init__(grip_camera(preset), size, seed, serial)
         self._lags_us = np.zeros(0)
 
     def linearise(
@@ -309,17 +311,19 @@ class SmallMotionFinger(SensingFinger):
     """A sensing finger whose markers move by a small amount only.
 
     Args:
-        config: Optics, camera and individual sensor.
+        preset: Its camera preset, which fixes the arm's vibration, too.
         seed: Seed of its noise.
-        pad: The pad that its camera sees.
-        vibration_mm: Root mean square of the arm's vibration per axis, mm.
+        history: Initial reference levels of the pixels.
+        serial: Number of the individual sensor.
     """
 
-    def __init__(self, config: FingerConfig, seed: int, pad: Pad, vibration_mm: float) -> None:
-        super().__init__(config, seed)
-        self.sparse_camera = SmallMotionCamera(config.camera_config, seed, config.serial)
+    def __init__(
+        self, preset: str, seed: int, *, history: ReferenceHistory = "rested", serial: int = 1
+    ) -> None:
+        super().__init__(preset, seed, history=history, serial=serial)
+        self.sparse_camera = SmallMotionCamera(preset, self.camera.size, seed, serial)
         self.camera = self.sparse_camera
-        self._pad = pad
+        self._pad = Pad()
         self.image = self._at(np.zeros(DEGREES_OF_FREEDOM))
         self.camera.settle(self.image, self.history)
         steps = SLOPE_STEP * np.eye(DEGREES_OF_FREEDOM)
@@ -328,7 +332,7 @@ class SmallMotionFinger(SensingFinger):
             [(forth.center_px - back.center_px) / (2 * SLOPE_STEP) for forth, back in pairs],
             axis=-1,
         )
-        self.sparse_camera.linearise(self.image, pairs, bushing_covariance(vibration_mm))
+        self.sparse_camera.linearise(self.image, pairs, bushing_covariance(VIBRATION_MM[preset]))
 
     def _at(self, bushing: FloatArray) -> MarkerImage:
         return self.optics.project(skin_state(self._pad, bushing))
@@ -338,17 +342,18 @@ class FreeRig:
     """A finger on a free probe under the vibration of the cruising arm.
 
     Args:
-        vibration_mm: Root mean square of the arm's vibration per axis, mm.
-        finger: The finger, on pad A.
-        seed: Seed of its noise.
-        rng: Source of the vibration.
+        preset: Preset of camera and vibration.
+        seed: Seed of noise and vibration.
+        history: Initial reference levels of the pixels.
+        serial: Number of the individual sensor.
     """
 
     def __init__(
-        self, vibration_mm: float, finger: FingerConfig, seed: int, rng: np.random.Generator
+        self, preset: str, seed: int, *, history: ReferenceHistory = "rested", serial: int = 1
     ) -> None:
-        self._motion = FreeMotion(VibrationPath(vibration_mm, rng))
-        self._finger = SmallMotionFinger(finger, seed, Pad(), vibration_mm)
+        vibration = VibrationPath(VIBRATION_MM[preset], np.random.default_rng(seed))
+        self._motion = FreeMotion(vibration)
+        self._finger = SmallMotionFinger(preset, seed, history=history, serial=serial)
 
     @property
     def image(self) -> MarkerImage:

@@ -62,7 +62,6 @@ def default_variants() -> dict[str, Method]:
     levels = base.with_tracking(rare_off_method="")
     configs = {
         "default": ("unchanged", base),
-        "default-no-lag": ("no lag correction", disc(lag_us=0.0)),
         "default-no-leak": ("the map never leaks", disc(leak_per_s=0.0)),
         "default-no-adaptation": ("steps fixed under event loss", disc(adapt_to_loss=False)),
         "default-no-backlash": ("no backlash correction", disc(backlash=0.0)),
@@ -127,6 +126,7 @@ def _shifted(calibration: Calibration) -> Calibration:
 
 # Methods that take the calibration for another: name -> what differs, and how.
 WRONG_CALIBRATIONS: dict[str, tuple[str, Callable[[Calibration], Calibration]]] = {
+    "default-no-lag": ("no lag correction", lambda one: replace(one, lag_us=0.0)),
     "default-binary-map": (
         "every event sets its pixel, as in the paper",
         lambda one: replace(one, step_on=1.0, step_off=1.0, step_on_map=None, step_off_map=None),

@@ -62,8 +62,8 @@ def bench_stream(camera: str, seed: int, turns: int) -> BenchStream:
 
 def _circling(scene: Scene, seed: int, turns_hz: float, duration_us: int) -> BenchStream:
     """Return the events and the truth of a scene's skin that moves on a circle as a whole."""
-    serial, settings = scene.skin.serial, scene.camera.resolve(scene.size)
-    optics, camera = Optics(scene.optics, seed=serial), EventCamera(settings, seed, serial=serial)
+    serial, optics = scene.skin.serial, Optics(scene.optics, seed=scene.skin.serial)
+    camera = EventCamera(scene.camera.resolve(), scene.size, seed, serial=serial)
     times_us = np.arange(0, duration_us + 1, IMAGE_US)
     angle = 2.0 * np.pi * turns_hz * 1e-6 * times_us
     # Leaves the rest smoothly: the circle passes through it.

@@ -142,6 +142,11 @@ class DrawnContact:
     speed_mm_s: float
     scene: Scene
 
+    @property
+    def mechanics_hz(self) -> float:
+        """Rate of the gel's steps that this motion needs, Hz."""
+        return 500.0 if self.speed_mm_s > FAST_MM_S or self.kind.endswith("twist") else 250.0
+
 
 def draw_contact(
     rng: np.random.Generator,
@@ -178,7 +183,6 @@ def draw_contact(
         about=f"{kind} of a {body.name}",
         lead_in_s=0.15,
         lead_out_s=0.1,
-        mechanics_hz=500.0 if motion.speed > FAST_MM_S or kind.endswith("twist") else 250.0,
         gel=replace(gel, friction=friction),
         contacts=(ContactConfig(indenter=indenter, motion=course),),
     )

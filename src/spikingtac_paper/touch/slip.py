@@ -142,7 +142,8 @@ class WatchedContact:
 
 def watch_contact(contact: DrawnContact, seed: int) -> WatchedContact:
     """Return a contact seen by the camera ``typical`` and the tracker ``default``."""
-    source = SceneSource(contact.scene.with_camera("typical"), seed)
+    scene = contact.scene.with_camera("typical")
+    source = SceneSource(scene, seed, mechanics_hz=contact.mechanics_hz)
     detector, frames = TouchDetector(source.reference_px), []
     truth: list[NDArray[np.int64]] = []
 

@@ -9,7 +9,6 @@ al., "EV-FlowNet", RSS 2018, doi:10.15607/RSS.2018.XIV.062). It needs 20 GMAC fo
 The conversion to blocks is outside of the network (:mod:`spikingtac.denoise.blocks`).
 """
 
-from dataclasses import dataclass
 from typing import Literal
 
 import torch
@@ -23,38 +22,14 @@ SMOOTHING = (1.0, 4.0, 6.0, 4.0, 1.0)  # Binomial weights of the smoothed map, a
 # Initial weight of the smoothed map in the logit. An untrained network is a sharpened blur.
 SMOOTH_GAIN = 6.0
 HALF = 0.5  # Level between ground and marker; it is subtracted from the smoothed map.
-LEAN_LEVELS = 2  # Number of resolutions of the lean network: blocks, and pairs of blocks.
+LEAN_WIDTHS = (32, 32)  # Channels of the lean network, of blocks and of pairs of blocks.
+LEAN_DEPTH = 2  # Number of convolutions at its coarse resolution, after the strided one.
 
+NetworkKind = Literal["lean", "evflownet"]  # The latter is what the paper names.
+FOLD: dict[NetworkKind, int] = {"lean": 8, "evflownet": 1}  # Side of a block, px.
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class NetworkConfig:
-    """Size of the network.
-
-    Attributes:
-        kind: ``lean`` or ``evflownet`` (as the paper names it).
-        fold: Side of a block, px; with 1 each pixel is a block.
-        widths: For ``lean``: channels at the two resolutions.
-        depth: For ``lean``: number of convolutions at the coarse resolution, after the strided one.
-        base: For ``evflownet``: channels of the first encoder (64 as published).
-    """
-
-    kind: Literal["lean", "evflownet"] = "lean"
-    fold: int = 8
-    widths: tuple[int, int] = (32, 32)
-    depth: int = 2
-    base: int = 64
-
-    def __post_init__(self) -> None:
-        if self.fold not in (1, 2, 4, 8):
-            raise ValueError(f"fold is {self.fold}, valid are 1, 2, 4 and 8")
-        if min(*self.widths, self.depth, self.base) < 1:
-            raise ValueError("widths, depth and base must be positive")
-
-    @property
-    def multiple_px(self) -> int:
-        """The sides of a map are padded to a multiple of this, px."""
-        levels = LEAN_LEVELS - 1 if self.kind == "lean" else EVFLOWNET_LEVELS
-        return self.fold * 2**levels
+# The sides of a map are padded to a multiple of this, px: a pair of blocks, or 2^4 pixels.
+MULTIPLE_PX = 16
 
 
 def _block(inputs: int, outputs: int, stride: int = 1, kernel: int = 3) -> nn.Sequential:
@@ -69,19 +44,16 @@ class LeanUNet(nn.Module):
     and learned next to nothing; without any, the edges were too smooth. The smoothed map has the
     edges and little of the noise. The convolutions give the places of markers and the weight of the
     smoothed map.
-
-    Args:
-        config: Size of the network.
     """
 
-    def __init__(self, config: NetworkConfig) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        pixels = config.fold**2
-        fine, coarse = config.widths
+        pixels = FOLD["lean"] ** 2
+        fine, coarse = LEAN_WIDTHS
         # The first and the last convolution see their own block only.
         self.stem = _block(pixels, fine, kernel=1)
         self.down = _block(fine, coarse, stride=2)
-        self.middle = nn.Sequential(*(_block(coarse, coarse) for _ in range(config.depth)))
+        self.middle = nn.Sequential(*(_block(coarse, coarse) for _ in range(LEAN_DEPTH)))
         self.up = _block(fine + coarse, fine)
         self.head = nn.Conv2d(fine, pixels, 1)
         self.trust = nn.Conv2d(fine, 1, 1)
@@ -117,19 +89,19 @@ class EvFlowNet(nn.Module):
     """EV-FlowNet's encoder-decoder with one output channel per pixel of a block.
 
     Args:
-        config: Size of the network.
+        base: Channels of the first encoder (64 as published).
     """
 
-    def __init__(self, config: NetworkConfig) -> None:
+    def __init__(self, base: int = 64) -> None:
         super().__init__()
-        pixels = config.fold**2
-        widths = [config.base * 2**level for level in range(EVFLOWNET_LEVELS)]
+        pixels = FOLD["evflownet"] ** 2
+        widths = [base * 2**level for level in range(EVFLOWNET_LEVELS)]
         self.encoders = nn.ModuleList(
             _block(inputs, outputs, stride=2)
             for inputs, outputs in zip([pixels, *widths[:-1]], widths, strict=True)
         )
         self.residuals = nn.Sequential(*(_Residual(widths[-1]) for _ in range(RESIDUAL_BLOCKS)))
-        after = [*reversed(widths[:-1]), config.base // 2]
+        after = [*reversed(widths[:-1]), base // 2]
         self.decoders = nn.ModuleList(
             _block(2 * inputs, outputs)
             for inputs, outputs in zip(reversed(widths), after, strict=True)
@@ -150,9 +122,9 @@ class EvFlowNet(nn.Module):
         return self.head(values)
 
 
-def make_network(config: NetworkConfig) -> nn.Module:
+def make_network(kind: NetworkKind) -> nn.Module:
     """Return an untrained network. Its weights come from torch's global generator."""
-    return LeanUNet(config) if config.kind == "lean" else EvFlowNet(config)
+    return LeanUNet() if kind == "lean" else EvFlowNet()
 
 
 def apply_network(network: nn.Module, maps: Tensor, fold: int) -> Tensor:

@@ -38,7 +38,13 @@ from spikingtac.denoise import (
     OUTPUT,
 )
 from spikingtac.touch import OPSET
-from spikingtac_paper.training.architecture import NetworkConfig, apply_network
+from spikingtac_paper.training.architecture import (
+    FOLD,
+    LEAN_DEPTH,
+    MULTIPLE_PX,
+    NetworkKind,
+    apply_network,
+)
 from spikingtac_paper.training.small_networks import export
 
 IR_VERSION = 9  # ONNX file version of that operator set.
@@ -52,29 +58,29 @@ Weights = tuple[NDArray[np.float32], NDArray[np.float32]]  # Kernel and bias of 
 
 
 def export_network(
-    network: nn.Module, config: NetworkConfig, folder: Path, maps: Tensor
+    network: nn.Module, kind: NetworkKind, folder: Path, maps: Tensor
 ) -> tuple[Path, Path | None]:
     """Write ``KIND.onnx``, for the lean network ``lean-int8.onnx``, and their digests.
 
     Args:
         network: A trained network.
-        config: Its size.
+        kind: Its kind.
         folder: Folder to write to.
         maps: ``(n, 1, height, width)`` noisy state maps, which give the int8 ranges.
 
     Returns:
         Paths of the float32 and of the int8 network; only the lean one has the latter.
     """
-    about = {"format": FORMAT, "fold": str(config.fold), "multiple_px": str(config.multiple_px)}
+    about = {"format": FORMAT, "fold": str(FOLD[kind]), "multiple_px": str(MULTIPLE_PX)}
     folder.mkdir(parents=True, exist_ok=True)
-    lean = config.kind == "lean"
+    lean = kind == "lean"
     names = (INPUT, EVIDENCE) if lean else (INPUT,)
-    example = torch.zeros(1, config.fold**2, 16, 32)
+    example = torch.zeros(1, FOLD[kind] ** 2, 16, 32)
     axes = {2: "rows", 3: "columns"}
     content = export(_Probability(network), dict.fromkeys(names, example), [OUTPUT], {}, axes)
-    models = {f"{config.kind}.onnx": (onnx.load_from_string(content), about)}
+    models = {f"{kind}.onnx": (onnx.load_from_string(content), about)}
     if lean:
-        models["lean-int8.onnx"] = _int8_model(network.cpu().eval(), config, maps, about)
+        models["lean-int8.onnx"] = _int8_model(network.cpu().eval(), maps, about)
     digests = {}
     for name, (model, properties) in models.items():
         helper.set_model_props(model, properties)
@@ -100,11 +106,12 @@ class _Probability(nn.Module):
 
 
 def _int8_model(
-    network: nn.Module, config: NetworkConfig, maps: Tensor, about: dict[str, str]
+    network: nn.Module, maps: Tensor, about: dict[str, str]
 ) -> tuple[onnx.ModelProto, dict[str, str]]:
     """Return the int8 graph of a lean network and its metadata."""
-    middle = [f"middle.{number}" for number in range(config.depth)]
-    ranges = _ranges(network, ["stem", "down", *middle, "up", "head", "trust"], config.fold, maps)
+    fold = FOLD["lean"]
+    middle = [f"middle.{number}" for number in range(LEAN_DEPTH)]
+    ranges = _ranges(network, ["stem", "down", *middle, "up", "head", "trust"], maps)
     tops = {name: high / LEVELS for name, (_, high) in ranges.items()}
     # The two inputs of the concatenation share one step.
     tops["stem"] = tops[middle[-1]] = max(tops["stem"], tops[middle[-1]])
@@ -130,7 +137,7 @@ def _int8_model(
 
     given, answer = (
         helper.make_tensor_value_info(name, TensorProto.UINT8, [1, "rows", "columns", channels])
-        for name, channels in ((BLOCKS, config.fold**2), (ANSWER, config.fold**2 + config.fold))
+        for name, channels in ((BLOCKS, fold**2), (ANSWER, fold**2 + fold))
     )
     model = helper.make_model(
         helper.make_graph(graph.nodes, "denoiser", [given], [answer], graph.constants),
@@ -143,7 +150,7 @@ def _int8_model(
 
 @torch.no_grad()
 def _ranges(
-    network: nn.Module, layers: Sequence[str], fold: int, maps: Tensor
+    network: nn.Module, layers: Sequence[str], maps: Tensor
 ) -> dict[str, tuple[float, float]]:
     """Return the smallest and the largest output of some layers on state maps, but for outliers."""
     seen: dict[str, list[NDArray[np.float32]]] = {name: [] for name in layers}
@@ -156,7 +163,7 @@ def _ranges(
         for name in layers
     ]
     for state_map in maps:
-        apply_network(network, state_map[None], fold)
+        apply_network(network, state_map[None], FOLD["lean"])
     for hook in hooks:
         hook.remove()
     ends = (RANGE_FRACTION, 1.0 - RANGE_FRACTION)

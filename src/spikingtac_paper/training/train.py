@@ -8,7 +8,7 @@ recording is never opened.
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib import resources
 from itertools import product
 from pathlib import Path
@@ -24,7 +24,13 @@ from torch import Tensor, nn
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.schema import build, read_toml, to_mapping
-from spikingtac_paper.training.architecture import NetworkConfig, apply_network, make_network
+from spikingtac_paper.training.architecture import (
+    FOLD,
+    MULTIPLE_PX,
+    NetworkKind,
+    apply_network,
+    make_network,
+)
 from spikingtac_paper.training.dataset import LEVELS, Clip, Pairs, load_clip, make_pairs, map_after
 from spikingtac_paper.training.export import export_network
 
@@ -59,18 +65,18 @@ class TrainConfig:
 
     Attributes:
         moments: Number of moments of each recording in one round.
-        network: Size of the network.
+        network: ``lean`` or ``evflownet`` (as the paper names it).
         seed: Seed of weights, degradations and crops.
         rounds: Number of times that each recording is degraded anew.
         steps: Steps of the optimiser in each round.
         batch: Crops in each step.
-        crop_px: Side of a crop, px; a multiple of the network's.
+        crop_px: Side of a crop, px; a multiple of 16.
         learning_rate: Initial learning rate; it decreases to zero along half a cosine.
         device: ``cpu`` or ``cuda``.
     """
 
     moments: int = 32
-    network: NetworkConfig = field(default_factory=NetworkConfig)
+    network: NetworkKind = "lean"
     seed: int = 1
     rounds: int = 60
     steps: int = 40
@@ -82,10 +88,8 @@ class TrainConfig:
     def __post_init__(self) -> None:
         if min(self.moments, self.rounds, self.steps, self.batch) < 1 or self.seed < 0:
             raise ValueError("moments, rounds, steps and batch must be positive, seed not negative")
-        if self.crop_px < 1 or self.crop_px % self.network.multiple_px:
-            raise ValueError(
-                f"crop_px is {self.crop_px}, it must be a multiple of {self.network.multiple_px}"
-            )
+        if self.crop_px < 1 or self.crop_px % MULTIPLE_PX:
+            raise ValueError(f"crop_px is {self.crop_px}, it must be a multiple of {MULTIPLE_PX}")
         if not self.learning_rate > 0:
             raise ValueError(f"learning_rate is {self.learning_rate}, it must be positive")
 
@@ -158,7 +162,7 @@ def train_and_export(
     """
     network = train(*recordings, config, folder, advance)
     random = np.random.default_rng([config.seed, CALIBRATION_SEED])
-    pairs = _whole_blocks(make_pairs(recordings[0], config.moments, random), config)
+    pairs = _whole_blocks(make_pairs(recordings[0], config.moments, random))
     count = len(pairs.inputs)
     chosen = random.choice(count, min(CALIBRATION_MAPS, count), replace=False)
     plain, int8 = export_network(network, config.network, folder, _levels(pairs.inputs[chosen]))
@@ -215,15 +219,14 @@ def train(
     check_pairs = None
     if held_out:
         random = np.random.default_rng([config.seed, HELD_OUT_SEED])
-        check_pairs = _whole_blocks(make_pairs(held_out, config.moments, random), config)
+        check_pairs = _whole_blocks(make_pairs(held_out, config.moments, random))
     for number in range(run.rounds, config.rounds):
         line = run.round(clips, number)
         if check_pairs is not None and (number + 1) % HELD_OUT_EVERY == 0:
             line["held_out"] = run.loss_on(check_pairs)
         run.finish(number + 1, line)
         advance((number + 1) / config.rounds)
-    about = {"network": json.dumps(to_mapping(config.network))}
-    _save(folder / WEIGHTS_FILE, run.network.state_dict(), about)
+    _save(folder / WEIGHTS_FILE, run.network.state_dict(), {"network": config.network})
     return run.network
 
 
@@ -262,7 +265,7 @@ class _Run:
     def _step(self, inputs: Tensor, targets: Tensor) -> float:
         config = self.config
         self.optimiser.zero_grad(set_to_none=True)
-        logits = apply_network(self.network, inputs.to(config.device), config.network.fold)
+        logits = apply_network(self.network, inputs.to(config.device), FOLD[config.network])
         loss = prediction_error(logits, targets.to(config.device))
         loss.backward()
         self.optimiser.step()
@@ -275,7 +278,7 @@ class _Run:
         for first in range(0, len(pairs.inputs), config.batch):
             chosen = slice(first, first + config.batch)
             inputs = _levels(pairs.inputs[chosen]).to(config.device)
-            logits = apply_network(self.network, inputs, config.network.fold)
+            logits = apply_network(self.network, inputs, FOLD[config.network])
             target = _levels(pairs.targets[chosen]).to(config.device)
             total += float(prediction_error(logits, target)) * len(inputs)
         return total / len(pairs.inputs)
@@ -334,10 +337,9 @@ def _crops(pairs: Pairs, config: TrainConfig, random: Generator) -> tuple[Tensor
     return _levels(inputs), _levels(targets)
 
 
-def _whole_blocks(pairs: Pairs, config: TrainConfig) -> Pairs:
+def _whole_blocks(pairs: Pairs) -> Pairs:
     """Return the pairs without what is left of their sides beyond whole blocks of the network."""
-    multiple = config.network.multiple_px
-    rows, columns = (side // multiple * multiple for side in pairs.inputs.shape[1:])
+    rows, columns = (side // MULTIPLE_PX * MULTIPLE_PX for side in pairs.inputs.shape[1:])
     return Pairs(*(maps[:, :rows, :columns] for maps in pairs))
 
 

@@ -121,14 +121,14 @@ def slides(amplitude_px: float = 16.0, duration_ms: int = 350) -> np.ndarray:
 def filmed(preset: str, bandwidth_hz: float) -> tuple[EventPacket, np.ndarray, np.ndarray]:
     """Return the twin's events of 16 discs that slide, their true paths and their radii."""
     base = load_camera(preset)
-    camera = replace(base, size=(150, 150), pixel=replace(base.pixel, bandwidth_hz=bandwidth_hz))
+    camera = replace(base, pixel=replace(base.pixel, bandwidth_hz=bandwidth_hz))
     place = np.arange(4) * 37.0 + 18.6
     rest = np.stack(np.meshgrid(place, place), -1).reshape(-1, 2)
     rest += np.random.default_rng(1).uniform(-0.8, 0.8, rest.shape)
     radius, shape = np.full(16, 7.0), np.tile(np.eye(2), (16, 1, 1))
     path = rest + slides()[:, None]
     images = [MarkerImage(1_000 * i, at, shape, radius) for i, at in enumerate(path)]
-    lens = EventCamera(camera, seed=3)
+    lens = EventCamera(camera, (150, 150), seed=3)
     lens.settle(images[0], "random")
     return lens.advance(images[1:]), path, radius
 

@@ -27,7 +27,7 @@ from spikingtac.cli.main import main
 from spikingtac.cli.verbs.ros2 import FOXGLOVE_ORIGINS
 from spikingtac.ros2 import messages
 from spikingtac.ros2.foxglove import BACKLOG_BYTES, FoxglovePublisher
-from spikingtac.ros2.stream import FIELD, Layout, SensorStream, StreamConfig
+from spikingtac.ros2.stream import FIELD, SensorInfo, SensorStream
 from spikingtac.viewer.access import Gate, listen
 from stand_ins.tracks import circling_tracks
 
@@ -82,8 +82,7 @@ def test_every_field_is_read_as_it_was_tracked_and_a_client_that_stalls_does_no_
     publisher: FoxglovePublisher, connected: Callable[..., Client]
 ) -> None:
     known = circling_tracks(estimates=FRAMES, px_per_mm=8.0)
-    layout = Layout(known.reference_px, (8, 8), 8.0)
-    stream = SensorStream(publisher, layout, StreamConfig(events=False))
+    stream = SensorStream(publisher, SensorInfo(known.reference_px, (8, 8), 8.0))
     frames = list(known.frames())
     stream.frame(frames[0])
     client = connected("/tactile/contact", "/tactile/field")

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 from spikingtac.events import open_events
 from spikingtac.ros2.feed import rehearse
 from spikingtac.ros2.messages import definition, encode, type_store
-from spikingtac.ros2.stream import FIELD, Layout, SensorStream, StreamConfig
+from spikingtac.ros2.stream import FIELD, SensorInfo, SensorStream
 from spikingtac.stream.paced import Pace
 from spikingtac.types import EventPacket, MarkerFrame
 from stand_ins.tracks import HELD_MARKER, circling_tracks
@@ -48,7 +49,8 @@ class Kept:
 
 
 TRACKS = circling_tracks(estimates=2_500, px_per_mm=8.0)
-LAYOUT = Layout(TRACKS.reference_px, (8, 8), 8.0, (320, 320))
+SENSOR = SensorInfo(TRACKS.reference_px, (8, 8), 8.0, (320, 320), "left", has_events=True)
+EVENTLESS = replace(SENSOR, has_events=False)
 
 
 @pytest.fixture
@@ -56,13 +58,12 @@ def kept() -> Kept:
     return Kept()
 
 
-def stream(kept: Kept, **config: Any) -> SensorStream:
-    given = StreamConfig(hardware="left", **config)
-    return SensorStream(kept, LAYOUT, given, clock_ns=lambda: NOW_NS)
+def stream(kept: Kept, sensor: SensorInfo = SENSOR, **settings: Any) -> SensorStream:
+    return SensorStream(kept, sensor, clock_ns=lambda: NOW_NS, **settings)
 
 
 def test_topics_and_their_types(kept: Kept) -> None:
-    stream(kept, wrench=True).frame(next(TRACKS.frames()), np.arange(1.0, 7.0))
+    stream(kept, replace(SENSOR, has_wrench=True)).frame(next(TRACKS.frames()), np.arange(1.0, 7.0))
     (message,) = kept.of("/tactile/wrench")
     assert message["wrench"]["force"] == {"x": 1.0, "y": 2.0, "z": 3.0}
     assert message["wrench"]["torque"] == {"x": 4.0, "y": 5.0, "z": 6.0}
@@ -76,7 +77,7 @@ def test_topics_and_their_types(kept: Kept) -> None:
         "/diagnostics": ("diagnostic_msgs/DiagnosticArray", False),
     }
     other = Kept()
-    stream(other, prefix="/hand/left", events=False)
+    stream(other, EVENTLESS, prefix="/hand/left")
     assert set(other.topics) == {
         "/hand/left/field", "/hand/left/arrows", "/hand/left/contact", "/diagnostics",
         "/hand/left/camera_info",
@@ -84,8 +85,8 @@ def test_topics_and_their_types(kept: Kept) -> None:
 
 
 def test_every_frame_is_a_field_and_the_rest_is_sent_when_due(kept: Kept) -> None:
-    publishing, thinned = stream(kept, events=False), Kept()
-    display = stream(thinned, events=False, field_hz=100.0)
+    publishing, thinned = stream(kept, EVENTLESS), Kept()
+    display = stream(thinned, EVENTLESS, field_hz=100.0)
     for frame in TRACKS.frames():
         publishing.frame(frame, figures={"overflow": 2})
         display.frame(frame)
@@ -126,7 +127,7 @@ def test_the_field_holds_what_was_tracked(kept: Kept) -> None:
 
 
 def test_contact_is_told_at_its_changes(kept: Kept) -> None:
-    publishing = stream(kept, events=False)
+    publishing = stream(kept, EVENTLESS)
     rest = TRACKS.reference_px.astype(float)
     away = rest - rest.mean(axis=0)
     for step in range(300):
@@ -163,7 +164,7 @@ def test_events_survive_their_messages(kept: Kept, tmp_path: Path) -> None:
 def test_every_branch_is_taken_in_a_rehearsal(monkeypatch: pytest.MonkeyPatch) -> None:
     told, real = [], SensorStream.frame
     monkeypatch.setattr(SensorStream, "frame", lambda *given: (real(*given), told.append(given[0])))
-    rehearse(LAYOUT)
+    rehearse(SENSOR)
     assert told[-1].counts["contact"] == 3  # rest, touch, rest
 
 

@@ -34,10 +34,10 @@ from stand_ins.random_packets import assert_equal
 
 @pytest.mark.parametrize("name", ["clean", "typical", "noisy"])
 def test_any_cutting_at_the_same_images_gives_the_same_bytes(name):
-    config = replace(load_camera(name), size=SIZE, readout=ReadoutConfig(cap_mev_s=1.0, loss=0.3))
+    config = replace(load_camera(name), readout=ReadoutConfig(cap_mev_s=1.0, loss=0.3))
     images = strokes(900.0, 60.0)
-    whole = film(EventCamera(config, seed=3), images)
-    sensor = EventCamera(config, seed=3)
+    whole = film(EventCamera(config, SIZE, seed=3), images)
+    sensor = EventCamera(config, SIZE, seed=3)
     sensor.settle(images[0], "random")
     parts, rng, at = [], np.random.default_rng(0), 0
     while at < len(images) - 1:
@@ -49,8 +49,8 @@ def test_any_cutting_at_the_same_images_gives_the_same_bytes(name):
 
 def test_equal_seeds_are_equal_to_the_byte_and_copies_go_on_alone():
     images = strokes(200.0, 20.0)
-    config = replace(load_camera("typical"), size=SIZE)
-    first, again, other = (EventCamera(config, seed) for seed in (7, 7, 8))
+    config = load_camera("typical")
+    first, again, other = (EventCamera(config, SIZE, seed) for seed in (7, 7, 8))
     one, same = film(first, images), film(again, images)
     assert_equal(same, one)
     assert film(other, images).t.tolist() != one.t.tolist()
@@ -67,7 +67,7 @@ def test_a_still_scene_makes_the_set_rates(name, leak_hz, noise_hz):
     quiet = replace(preset, background=replace(preset.background, hot_fraction=0.0))
     span_us, pixels = 2_000_000, 320 * 320
     still = [image(t) for t in range(0, span_us + 1, 100_000)]
-    packet = film(EventCamera(quiet, seed=5), still, "rested")
+    packet = film(EventCamera(quiet, (320, 320), seed=5), still, "rested")
     assert len(packet) / pixels / 2 == pytest.approx(leak_hz + noise_hz, rel=0.05)
     on, off = packet.p.sum(), (~packet.p).sum()
     assert off / pixels / 2 == pytest.approx(noise_hz / 2, rel=0.05)
@@ -120,12 +120,12 @@ def plain_sweep(sensor, sweep, _limits, out):
 @pytest.mark.parametrize("speed_px_s", [20.0, 300.0])
 def test_every_pixel_at_every_step_gives_what_the_edges_alone_give(speed_px_s, monkeypatch):
     monkeypatch.setattr(event_camera, "MAX_STEP_US", 200.0)
-    config = CameraConfig(size=SMALL, pixel=TYPICAL)
+    config = CameraConfig(pixel=TYPICAL)
     one_disc, times_us = np.array([[24.3, 30.2]]), range(0, 60_001, PERIOD_US)
     shots = [image(t_us, [speed_px_s * t_us * 1e-6] * 2, one_disc) for t_us in times_us]
-    one = film(EventCamera(config, seed=2), shots)
+    one = film(EventCamera(config, SMALL, seed=2), shots)
     monkeypatch.setattr(event_camera.sweep, "sweep_kernel", plain_sweep)
-    two = film(EventCamera(config, seed=2), shots)
+    two = film(EventCamera(config, SMALL, seed=2), shots)
     assert len(one) == pytest.approx(len(two), rel=0.005)
     places = [(packet.y * 64 + packet.x) * 2 + packet.p for packet in (one, two)]
     counts = [np.bincount(place.astype(int), minlength=64 * 64 * 2) for place in places]
@@ -225,6 +225,5 @@ def test_the_presets_hold_the_pinned_values(name):
     background = [camera.background.rate_hz, camera.background.hot_fraction]
     found = [camera.light.contrast, *pixel, *background, camera.readout.cap_mev_s]
     assert found == PINNED[name]
-    assert camera.size == (320, 320)
     assert camera.pixel.threshold_off == camera.pixel.threshold_on
     assert camera.readout.loss == 0.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 import threading
 import time
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -132,28 +132,36 @@ def feed_of(args: PublishArgs) -> Feed:
         events = open_live(args.source, strict=args.strict, sensor=args.sensor)
         told = refuse if args.strict else warn
         feed = feed_of_events(events, calibration, tracking, force, told)
-    rehearse(feed.layout)
+    rehearse(feed.sensor)
     return feed
 
 
-def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **config: Any) -> int:
+def publish(
+    args: PublishArgs,
+    feed: Feed,
+    publisher: Publisher,
+    *,
+    prefix: str = "/tactile",
+    field_hz: float | None = None,
+) -> int:
     """Publish until the source ends, --seconds of it are over, or Ctrl-C; tell the figures.
 
     Args:
         args: The verb's options.
         feed: The frames.
         publisher: Sends the messages.
-        **config: Further settings of :class:`spikingtac.ros2.stream.StreamConfig`.
+        prefix: Begins the name of every topic.
+        field_hz: Fields and wrenches per second; every frame unless given.
     """
-    from spikingtac.ros2.stream import SensorStream, StreamConfig
+    from spikingtac.ros2.stream import MOST_HZ, SensorStream
     from spikingtac.stream.real_time import exempt_from_collection
 
     def anomalies() -> dict[str, int]:
         return {} if feed.source is None else dict(feed.source.losses.kinds())
 
-    own = {"wrench": feed.has_wrench, "events": feed.source is not None}
-    shown = StreamConfig(hardware=args.source.name, **own, **config)
-    stream = SensorStream(publisher, feed.layout, shown)
+    sensor = replace(feed.sensor, name=args.source.name)
+    every_hz = MOST_HZ if field_hz is None else field_hz
+    stream = SensorStream(publisher, sensor, prefix=prefix, field_hz=every_hz)
     exempt_from_collection()  # a collection in the middle would hold up 200 frames
     stop, begun_s = threading.Event(), time.monotonic()
     first_us: int | None = None
@@ -161,7 +169,7 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **config: Any) 
     # the process by the signal: publishing ends at the next frame.
     with ending_on_interrupt(feed.source, SimpleNamespace(close=stop.set)):
         while time.monotonic() < begun_s + args.wait_s and not stop.is_set():
-            if publisher.readers(f"{shown.prefix}/field"):
+            if publisher.readers(f"{prefix}/field"):
                 break
             time.sleep(LOOK_S)
         for frame, wrench in feed.frames(stream):

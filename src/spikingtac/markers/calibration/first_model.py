@@ -155,7 +155,8 @@ def _followed(
     events: BufferedEvents, known: Calibration, at_us: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     fit = "bands" if has_rare_off(known) else "disc"
-    tracker = GradedTracker(GradedTrackerConfig(lag_us=0.0, backlash=0.0), known, fit=fit)
+    undelayed = replace(known, lag_us=0.0)
+    tracker = GradedTracker(GradedTrackerConfig(backlash=0.0), undelayed, fit=fit)
     places, begin_us = [], 0
     for end_us in at_us.tolist():
         tracker.absorb(events.packet(begin_us, end_us))

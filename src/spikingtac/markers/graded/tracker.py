@@ -57,7 +57,6 @@ class GradedTrackerConfig:
     """How the tracker follows discs; shares of 0 switch a correction off.
 
     Attributes:
-        lag_us: Delay of the events behind the motion, us; None takes the calibration's.
         leak_per_s: Rate at which map pixels give up their disagreement with the disc, 1/s. It cures
             what noise and lost events leave in the map.
         backlash: Share of the backlash that is made good.
@@ -67,7 +66,6 @@ class GradedTrackerConfig:
             between; 0 fits it whenever its events ask.
     """
 
-    lag_us: float | None = field(default=None, metadata={"valid": (0.0, 1e5)})
     leak_per_s: float = field(default=30.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
     backlash: float = field(default=1.0, metadata={"range": (0.0, 1.0)})
     shrink: float = field(default=1.0, metadata={"range": (0.0, 2.0)})
@@ -115,8 +113,8 @@ class GradedTracker:
             self._locator = BandLocator(calibration)
             self._leak_per_s, self._backlash = 0.0, 0.0
         self._shrink, self._longest_us = config.shrink, LONGEST_PERIOD_US[fit]
-        lag_us = config.lag_us if config.lag_us is not None else calibration.lag_us
-        self.lag_s = (LAG_DEFAULT_US if lag_us is None else lag_us) * 1e-6
+        lag_us = LAG_DEFAULT_US if calibration.lag_us is None else calibration.lag_us
+        self.lag_s = lag_us * 1e-6
         self._start()
 
     @property

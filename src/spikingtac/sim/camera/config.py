@@ -16,8 +16,6 @@ CONFIGS = Path(str(importlib.resources.files("spikingtac") / "configs"))
 # The pinned presets, stored as ``configs/cameras/<name>.toml``.
 CAMERA_NAMES = ("clean", "typical", "noisy")
 
-# Most pixels of a sensor (1920 by 1080 fit); each takes 200 bytes while it is made.
-MOST_PIXELS = 1 << 21
 _STORED_NAMES = (*CAMERA_NAMES, "v2e", "real-like")
 
 
@@ -121,24 +119,16 @@ class CameraConfig:
     """The event camera: light, pixel, background and readout.
 
     Attributes:
-        size: ``(width, height)`` of the sensor, px.
         light: Light that reaches the pixels.
         pixel: Response of a pixel.
         background: Events that no motion causes.
         readout: Rate limit and losses of the readout.
     """
 
-    size: tuple[int, int] = (320, 320)
     light: LightConfig = field(default_factory=LightConfig)
     pixel: PixelConfig = field(default_factory=PixelConfig)
     background: BackgroundConfig = field(default_factory=BackgroundConfig)
     readout: ReadoutConfig = field(default_factory=ReadoutConfig)
-
-    def __post_init__(self) -> None:
-        if min(self.size) < 1 or self.size[0] * self.size[1] > MOST_PIXELS:
-            raise ValueError(
-                f"size is {list(self.size)}, valid are 1 to {MOST_PIXELS} pixels in all"
-            )
 
 
 def load_camera(name: str | Path) -> CameraConfig:

@@ -34,6 +34,7 @@ class EventCamera:
 
     Args:
         config: Settings of the sensor.
+        size: ``(width, height)``, px.
         seed: Seed of the noise, and of the individual sensor if ``serial`` is None.
         serial: Number of the individual sensor. It fixes threshold mismatch, hot pixels and texture
             for every seed.
@@ -47,21 +48,22 @@ class EventCamera:
     def __init__(
         self,
         config: CameraConfig,
+        size: tuple[int, int],
         seed: int = 0,
         serial: int | None = None,
         still_px: float = STILL_PX,
     ) -> None:
         noise_streams = np.random.default_rng(seed).spawn(4)
         sensor_streams = noise_streams if serial is None else np.random.default_rng(serial).spawn(4)
-        self.size, self._limits, self._rng = config.size, (MAX_STEP_US, still_px), noise_streams[3]
-        self._sensor = sensor.make_sensor(config, sensor_streams[0])
+        self.size, self._limits, self._rng = size, (MAX_STEP_US, still_px), noise_streams[3]
+        self._sensor = sensor.make_sensor(config, size, sensor_streams[0])
         pixels, log = self._sensor.pixels, self._sensor.chip["log_intensity"]
         self._noise = readout.make_noise(config.background, pixels.size, sensor_streams[1])
         if serial is not None:  # the same pixels, but not the same noise in every recording
             self._sensor.chip["key"] = noise_streams[0].integers(0, 1 << 63)
             self._noise = self._noise._replace(key=np.uint64(noise_streams[1].integers(0, 1 << 63)))
         loss_key = int(noise_streams[2].integers(0, 1 << 63))
-        self._readout = readout.Readout(config.readout, config.size, loss_key)
+        self._readout = readout.Readout(config.readout, size, loss_key)
         self.losses = self._readout.losses
         self._out = np.zeros(_INITIAL_OUTBOX, np.int64)
         self._discs = np.empty(0, coverage.DISC_DTYPE)

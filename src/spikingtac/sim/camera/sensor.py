@@ -55,14 +55,15 @@ class Sensor(NamedTuple):
     row_leak_due_us: FloatArray
 
 
-def make_sensor(config: CameraConfig, rng: np.random.Generator) -> Sensor:
+def make_sensor(config: CameraConfig, size: tuple[int, int], rng: np.random.Generator) -> Sensor:
     """Draw an individual sensor.
 
     Args:
         config: Settings of the sensor.
+        size: ``(width, height)``, px.
         rng: Source of mismatch, leak spread, texture and the key of the random numbers.
     """
-    (width, height), pixel, light = config.size, config.pixel, config.light
+    (width, height), pixel, light = size, config.pixel, config.light
     pixels = np.zeros((height, width), PIXEL_DTYPE)
     pixels["index"] = np.arange(height * width).reshape(height, width)
     spread = pixel.mismatch * rng.standard_normal((2, height, width))
@@ -76,7 +77,7 @@ def make_sensor(config: CameraConfig, rng: np.random.Generator) -> Sensor:
     # The brighter of marker and ground is 1; vignetting grows with the square of the radius.
     marker, ground = (1.0, 1.0 / light.contrast) if light.contrast >= 1 else (light.contrast, 1.0)
     x, y = np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2
-    square = (x[None, :] ** 2 + y[:, None] ** 2) / (max(config.size) / 2) ** 2
+    square = (x[None, :] ** 2 + y[:, None] ** 2) / (max(size) / 2) ** 2
     gain = (1.0 - light.vignetting * square).clip(DARKEST, None)
     bare = gain * ground
     if light.texture > 0:

@@ -21,7 +21,7 @@ from spikingtac.geometry.travel import TravelModel, fit_travel
 from spikingtac.robot.arm import ArmState
 from spikingtac.robot.prober import ArmProber, Prober, ProbingConfig, Touched
 from spikingtac.sim.rig.probe import Grasp
-from spikingtac.sim.rig.rig import FingerConfig, Rig, SensingFinger
+from spikingtac.sim.rig.rig import Rig, SensingFinger
 from spikingtac.sim.rig.ur3 import UR3Twin
 from spikingtac.sim.rig.walls import HoleWall, NoWall, PlaneWall, Wall
 from spikingtac.sim.scene import SkinConfig
@@ -98,7 +98,7 @@ class HoleSite:
     """
 
     def __init__(self, grasp_seed: int, seed: int) -> None:
-        finger = SensingFinger(FingerConfig(serial=2 * grasp_seed + 1), seed)
+        finger = SensingFinger("typical", seed, serial=2 * grasp_seed + 1)
         rng = np.random.default_rng(seed)
         arm = UR3Twin(np.zeros(3), rng, repeatability_mm=0.0)
         self.rig = Rig(arm, NoWall(), finger, rng, grasp=Grasp.of(grasp_seed))

@@ -6,7 +6,6 @@ wall, the markers of the pad follow, and the camera returns its events.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -38,37 +37,22 @@ STILL_PX = 0.005
 EDGE_SETTINGS = {"light": {"blur_px": 0.9}}
 
 
-@dataclass(frozen=True, kw_only=True)
-class FingerConfig:
-    """One sensing finger.
-
-    Attributes:
-        camera: Preset ``clean``, ``typical`` or ``noisy``.
-        optics: Lens and discs.
-        history: Initial reference levels of the pixels; see
-            :meth:`~spikingtac.sim.camera.event_camera.EventCamera.settle`.
-        serial: Number of the individual sensor. It fixes the discs, the mismatch of the pixels and
-            the hot pixels.
-    """
-
-    camera: str = "typical"
-    optics: OpticsConfig = field(default_factory=OpticsConfig)
-    history: ReferenceHistory = "rested"
-    serial: int = 1
-
-    @property
-    def camera_config(self) -> CameraConfig:
-        """The preset for this sensor, with the edge of the discs in the grip."""
-        choice = CameraChoice(preset=self.camera, settings=EDGE_SETTINGS)
-        return choice.resolve(self.optics.size)
+def grip_camera(preset: str) -> CameraConfig:
+    """Return a camera preset with the edge of the discs in the grip."""
+    return CameraChoice(preset=preset, settings=EDGE_SETTINGS).resolve()
 
 
 class SensingFinger:
     """Optics and event camera of one finger.
 
     Args:
-        config: Settings of the finger.
+        preset: Camera preset ``clean``, ``typical`` or ``noisy``.
         seed: Seed of its noise.
+        optics: Lens and discs; the twin's unless given.
+        history: Initial reference levels of the pixels; see
+            :meth:`~spikingtac.sim.camera.event_camera.EventCamera.settle`.
+        serial: Number of the individual sensor. It fixes the discs, the mismatch of the pixels and
+            the hot pixels.
 
     Attributes:
         optics: The lens.
@@ -76,10 +60,19 @@ class SensingFinger:
         history: Initial reference levels of its pixels.
     """
 
-    def __init__(self, config: FingerConfig, seed: int) -> None:
-        self.optics = Optics(config.optics, config.serial)
-        self.camera = EventCamera(config.camera_config, seed, config.serial, STILL_PX)
-        self.history: ReferenceHistory = config.history
+    def __init__(
+        self,
+        preset: str,
+        seed: int,
+        *,
+        optics: OpticsConfig | None = None,
+        history: ReferenceHistory = "rested",
+        serial: int = 1,
+    ) -> None:
+        lens = optics or OpticsConfig()
+        self.optics = Optics(lens, serial)
+        self.camera = EventCamera(grip_camera(preset), lens.size, seed, serial, STILL_PX)
+        self.history: ReferenceHistory = history
 
 
 class FirstContact(NamedTuple):
