@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.lens import Lens
-from spikingtac.errors import CalibrationError
+from spikingtac.errors import CalibrationError, nearest
 
 CALIBRATION_SCHEMA = 1
 
@@ -50,7 +50,14 @@ MAPS = ("step_on_map", "step_off_map")  # Keys that may be absent: packed maps.
 # One count of a packed map stands for 0.0001 of the full swing: a thousandth of a usual step.
 COUNTS_PER_UNIT = 10_000
 
-FORMER_KEY = "band_scale_on"  # Key of files of version 0.1, whose steps have another meaning.
+# Keys of files of version 0.1, whose steps have another meaning.
+FORMER_KEYS = ("band_scale_on", "band_scale_off")
+
+KEYS = (
+    *("schema", "size", "grid", "reference_px", "radius_px", "polarity"),
+    *(*NUMBERS, *MARKER_NUMBERS, MEASURED, HOT_PIXELS, *MAPS),
+    *("hysteresis", "lens", "provenance"),
+)
 
 
 def checked_document(document: Any, where: str) -> dict[str, Any]:
@@ -80,11 +87,17 @@ def _checked(document: Any) -> dict[str, Any]:
         raise ValueError("the document is not a JSON object")
     if document.get("schema") != CALIBRATION_SCHEMA:
         raise ValueError(f"schema is {document.get('schema')!r}, this version reads 1")
-    if document.get(FORMER_KEY) is not None:
-        raise ValueError(f"{FORMER_KEY} is a key of version 0.1; calibrate the sensor again")
+    for key in document:
+        if key in FORMER_KEYS and document[key] is not None:
+            raise ValueError(f"{key} is a key of version 0.1; calibrate the sensor again")
+        if key not in (*KEYS, *FORMER_KEYS):
+            raise ValueError(f"unknown key {key!r}{nearest(key, KEYS)} (valid: {', '.join(KEYS)})")
     polarity = document.get("polarity", "white")
     if polarity not in ("white", "dark"):
         raise ValueError(f"polarity is {polarity!r}, valid are 'white' and 'dark'")
+    for name, kind, what in (("hysteresis", str, "a name"), ("provenance", dict, "an object")):
+        if not isinstance(document.get(name), kind | None):
+            raise ValueError(f"{name} is {document[name]!r}, it must be {what}")
     size = _whole_pair(document["size"], "size")
     if size[0] * size[1] > LARGEST_AREA_PX:
         raise ValueError(f"a sensor of {size[0]}x{size[1]} px is not possible")
@@ -102,7 +115,7 @@ def _checked(document: Any) -> dict[str, Any]:
         "polarity": polarity,
         "hysteresis": document.get("hysteresis"),
         "lens": None if document.get("lens") is None else Lens.from_document(document["lens"]),
-        "provenance": dict(document.get("provenance") or {}),
+        "provenance": document.get("provenance") or {},
     }
 
 

@@ -18,6 +18,8 @@ from spikingtac.types import EventPacket
 # within a second, and a minute of windows or estimates takes seconds, not hours).
 SILENCE_LIMIT_US = 60_000_000
 
+WINDOWS_AT_ONCE = 1000  # Windows whose edges are searched together in a packet.
+
 
 def cut(packets: Iterable[EventPacket], edges_us: Iterator[int]) -> Iterator[EventPacket]:
     """Yield one packet for each stretch between consecutive edges.
@@ -148,10 +150,16 @@ def _regular(
                 yield _joined(parts, start, start + period_us)
             parts, start = [], begin
         stretch = number
-        while packet.t_end_us - start >= period_us:
+        if parts and packet.t_end_us - start >= period_us:
             parts.append(_between(packet, start, start + period_us))
             yield _joined(parts, start, start + period_us)
             parts, start = [], start + period_us
+        while packet.t_end_us - start >= period_us:
+            edges = range(start, packet.t_end_us + 1, period_us)[: WINDOWS_AT_ONCE + 1]
+            places = packet.t.searchsorted(edges).tolist()
+            for begin, (first, last) in zip(edges, itertools.pairwise(places), strict=False):
+                yield packet.part(first, last, begin, begin + period_us)
+            start = edges[-1]
         if packet.t_end_us > start:
             parts.append(_between(packet, start, start + period_us))
     if parts:

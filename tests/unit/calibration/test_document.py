@@ -38,6 +38,8 @@ def test_a_minimal_file_by_hand_is_accepted() -> None:
     np.testing.assert_array_equal(calibration.radius_px, [7.0, 7.5])
     one_radius = Calibration.from_document({**MINIMAL, "radius_px": 7.0})
     np.testing.assert_array_equal(one_radius.radius_px, [7.0, 7.0])
+    nulls = {"hysteresis": None, "provenance": None, "band_scale_on": None, "lens": None}
+    assert Calibration.from_document(MINIMAL | nulls).provenance == {}
     free = Calibration.from_document({**MINIMAL, "grid": None})
     assert free.scale() == {"grid": None}
     assert free.with_pitch(2.0).px_per_mm == 10.0
@@ -86,7 +88,12 @@ def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
         ({"hot_px": [[70, 0]]}, "hot_px holds a pixel off the sensor"),
         ({"hot_px": [5]}, "column and the row"),
         ({"hot_px": [[0.5, 1.0]]}, "column and the row"),
-        ({"provenance": ["a"]}, "needs schema 1"),
+        ({"provenance": ["a"]}, r"provenance is \['a'\], it must be an object"),
+        ({"provenance": 0}, "provenance is 0, it must be an object"),
+        ({"hysteresis": 3}, "hysteresis is 3, it must be a name"),
+        ({"hysteresis": ["paper"]}, "hysteresis is .* it must be a name"),
+        ({"step_onn": 0.15}, "unknown key 'step_onn'; did you mean 'step_on'.*valid: schema"),
+        ({"band_scale_off": 0.4}, "version 0.1; calibrate the sensor again"),
         ({"band_scale_on": 0.4}, "version 0.1; calibrate the sensor again"),
         ({"step_on": -0.1}, "step_on is -0.1"),
         ({"lag_us": True}, "lag_us is True, it must hold numbers"),

@@ -40,7 +40,7 @@ segments = [
         ("[gel.grid]\ncells = 1000000000", "cells is 1e[+]09, valid are 8 to 512"),
         ("[optics]\nsize = [100000, 100000]\nk1 = 0.0", "valid are 1 to 2097152 pixels in all"),
         (CONTACT.replace("]]\n", "]]\nrepeats = 1000000000\n"), "valid are 1 to 10000"),
-        ("duration_s = 1e15", "duration_s is 1e[+]15, valid are 0.001 to 100000"),
+        ("lead_in_s = 1e15", "lead_in_s is 1e[+]15, valid are 0 to 10000"),
         ("lead_in_s = 1" + "0" * 5000, "not valid TOML"),
         ("about = " + "[" * 100_000 + "]" * 100_000, "nested deeper than 32"),
         (".".join("a" * 100_000) + " = 1", "nested deeper than 32"),
