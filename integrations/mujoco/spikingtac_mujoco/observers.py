@@ -93,8 +93,7 @@ class EventObserver:
     PRESET = "fast"  # Preset of the tracker.
 
     def __init__(self, mount: Mount, optics: Optics, seed: int) -> None:
-        self._finger = SensingFinger(mount.camera, seed, optics=mount.optics)
-        self._mount = mount
+        self._finger, self._mount = SensingFinger(mount.camera, seed, optics=mount.optics), mount
         self._reference = self._finger.optics.project(at_rest(mount)).center_px
         self.packet: st.EventPacket | None = None
 

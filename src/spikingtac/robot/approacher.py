@@ -112,10 +112,7 @@ def approach(
             if state is not ArmState.MOVING:
                 raise DeviceError(f"the arm stopped by itself: {state.value}")
         else:
-            raise DeviceError(
-                f"no rest within {patience_s:.1f} s, twice the time of the way; "
-                "check the arm, speed and target"
-            )
+            raise DeviceError(f"no rest within {patience_s:.1f} s; check the arm, speed and target")
         if contact is not None:
             arm.confirm_stop()
     except BaseException as fault:

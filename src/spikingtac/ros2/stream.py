@@ -19,7 +19,6 @@ from spikingtac.types import EventPacket, MarkerFrame
 
 US_PER_S = 1_000_000
 TOPIC_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")  # Absolute name of a topic.
-PREFIX = "/tactile"  # Begins the names of topics unless another is asked for.
 
 # Topic -> its message.
 TOPICS = {
@@ -87,6 +86,7 @@ class SensorStream:
 
     Attributes:
         counts: Topic -> messages sent.
+        topics: Topic -> its whole name, of those that are published.
 
     Raises:
         ConfigError: ``prefix`` is no name of a topic, or ``field_hz`` out of range.
@@ -97,15 +97,10 @@ class SensorStream:
         publisher: Publisher | None,
         sensor: SensorInfo,
         *,
-        prefix: str = PREFIX,
+        prefix: str = "/tactile",
         field_hz: float = MOST_HZ,
         clock_ns: Callable[[], int] | None = time.time_ns,
     ) -> None:
-        if not TOPIC_NAME.fullmatch(prefix):
-            raise ConfigError(
-                f"{prefix!r} is no name of a topic; valid are letters, digits and _ between "
-                "slashes, as /tactile/left"
-            )
         if not 1.0 <= field_hz <= MOST_HZ:
             raise ConfigError(f"field_hz is {field_hz:g}, it must be 1 to {MOST_HZ:g}")
         self._publisher, self._sensor, self._field_us = publisher, sensor, US_PER_S / field_hz
@@ -122,19 +117,9 @@ class SensorStream:
             self._touches = TouchDetector(rest_px)
         self._encoder, self._origin_us = Evt3Encoder(), 0
         self.counts: Counter[str] = Counter()
-        absent = {
-            "contact": self._touches is None,
-            "wrench": not sensor.has_wrench,
-            "events": not sensor.has_events,
-            "camera_info": sensor.size_px is None,
-        }
-        self._topics = {
-            name: "/diagnostics" if name == "diagnostics" else f"{prefix}/{name}"
-            for name in TOPICS
-            if not absent.get(name, False)
-        }
+        self.topics = _topics(prefix, sensor, can_touch=self._touches is not None)
         if publisher is not None:
-            for name, topic in self._topics.items():
+            for name, topic in self.topics.items():
                 publisher.advertise(topic, TOPICS[name], state=name in STATES)
         if clock_ns is not None:
             self._tell_camera(clock_ns())
@@ -230,7 +215,7 @@ class SensorStream:
         now_ns = stamp_ns if self._clock_ns is None else self._clock_ns()
         told = {
             "frames": self.counts["field"],
-            "readers": self._publisher.readers(self._topics["field"]) if self._publisher else 0,
+            "readers": self._publisher.readers(self.topics["field"]) if self._publisher else 0,
             "behind_ms": (now_ns - stamp_ns) / 1e6,
             **figures,
             **frame.health.summary(),
@@ -254,7 +239,7 @@ class SensorStream:
     def _send(self, name: str, message: Mapping[str, Any], stamp_ns: int) -> None:
         if self._publisher is not None:
             whole = message if name in PLAIN else {**message, "header": header(stamp_ns)}
-            self._publisher.publish(self._topics[name], whole, stamp_ns)
+            self._publisher.publish(self.topics[name], whole, stamp_ns)
         self.counts[name] += 1
 
     def _due(self, name: str, t_us: int, period_us: float) -> bool:
@@ -269,3 +254,27 @@ class SensorStream:
         if self._offset_ns is None and self._clock_ns is not None:
             self._offset_ns = self._clock_ns() - t_us * NS_PER_US
         return t_us * NS_PER_US + (self._offset_ns or 0)
+
+
+def _topics(prefix: str, sensor: SensorInfo, *, can_touch: bool) -> dict[str, str]:
+    """Return the whole names of the topics that a sensor fills.
+
+    Raises:
+        ConfigError: The prefix is no name of a topic.
+    """
+    if not TOPIC_NAME.fullmatch(prefix):
+        raise ConfigError(
+            f"{prefix!r} is no name of a topic; valid are letters, digits and _ between "
+            "slashes, as /tactile/left"
+        )
+    absent = {
+        "contact": not can_touch,
+        "wrench": not sensor.has_wrench,
+        "events": not sensor.has_events,
+        "camera_info": sensor.size_px is None,
+    }
+    return {
+        name: "/diagnostics" if name == "diagnostics" else f"{prefix}/{name}"
+        for name in TOPICS
+        if not absent.get(name, False)
+    }

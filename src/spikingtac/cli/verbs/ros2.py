@@ -8,7 +8,7 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -136,32 +136,23 @@ def feed_of(args: PublishArgs) -> Feed:
     return feed
 
 
-def publish(
-    args: PublishArgs,
-    feed: Feed,
-    publisher: Publisher,
-    *,
-    prefix: str = "/tactile",
-    field_hz: float | None = None,
-) -> int:
+def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **settings: Any) -> int:
     """Publish until the source ends, --seconds of it are over, or Ctrl-C; tell the figures.
 
     Args:
         args: The verb's options.
         feed: The frames.
         publisher: Sends the messages.
-        prefix: Begins the name of every topic.
-        field_hz: Fields and wrenches per second; every frame unless given.
+        **settings: Further arguments of :class:`spikingtac.ros2.stream.SensorStream`.
     """
-    from spikingtac.ros2.stream import MOST_HZ, SensorStream
+    from spikingtac.ros2.stream import SensorStream
     from spikingtac.stream.real_time import exempt_from_collection
 
     def anomalies() -> dict[str, int]:
         return {} if feed.source is None else dict(feed.source.losses.kinds())
 
     sensor = replace(feed.sensor, name=args.source.name)
-    every_hz = MOST_HZ if field_hz is None else field_hz
-    stream = SensorStream(publisher, sensor, prefix=prefix, field_hz=every_hz)
+    stream = SensorStream(publisher, sensor, **settings)
     exempt_from_collection()  # a collection in the middle would hold up 200 frames
     stop, begun_s = threading.Event(), time.monotonic()
     first_us: int | None = None
@@ -169,7 +160,7 @@ def publish(
     # the process by the signal: publishing ends at the next frame.
     with ending_on_interrupt(feed.source, SimpleNamespace(close=stop.set)):
         while time.monotonic() < begun_s + args.wait_s and not stop.is_set():
-            if publisher.readers(f"{prefix}/field"):
+            if publisher.readers(stream.topics["field"]):
                 break
             time.sleep(LOOK_S)
         for frame, wrench in feed.frames(stream):
