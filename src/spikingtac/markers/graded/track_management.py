@@ -30,8 +30,8 @@ from spikingtac.markers.graded.event_loss import (
     SLOW_PX_S,
     EventLoss,
 )
-from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, VX, VY
-from spikingtac.markers.neighbours import Neighbourhood, around_kernel, smallest_spacing_px
+from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, FIT_X, FIT_Y, VX, VY
+from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
 from spikingtac.state_map.graded import Array
 
 LEAST_AGREEMENT = 0.35  # Share of the edge that must agree with the fitted disc.
@@ -94,7 +94,7 @@ class TrackManager:
         self._doubted_since_us = np.full(count, -1, np.int64)
         self._search_at_us = 0
         self._unheard_px, self._trust = np.zeros(count), np.ones(count)
-        self.coasted, self.silent, self.moved, self._doubted = np.zeros((4, count), np.bool_)
+        self.coasted, self.silent, self.moved = np.zeros((3, count), np.bool_)
         self.placed = False
         self.position_px = calibration.reference_px.copy()
 
@@ -128,15 +128,14 @@ class TrackManager:
                 (:mod:`spikingtac.markers.graded.motion`).
             levels: ``(height, width)`` the map.
         """
-        self.placed, near, doubted = False, self.neighbours, self._doubted
-        any_doubt = doubt_kernel(fits, near.skin, near.bound_px, doubted)
-        if not (any_doubt or self.silent.any() or self.coasted.any()):
-            self._doubted_since_us[:] = -1
+        self.placed, near, since_us = False, self.neighbours, self._doubted_since_us
+        gone = self.coasted, self.silent
+        if not doubt_kernel(
+            fits, near.reference_px, near.index, near.bound_px, gone, t_us, since_us
+        ):
             return
         fitted_px = fits[:, :FIT_US]
-        self._doubted_since_us[~doubted] = -1
-        self._doubted_since_us[doubted & (self._doubted_since_us < 0)] = t_us
-        lost = doubted & (t_us - self._doubted_since_us >= PATIENCE_US)
+        lost = (since_us >= 0) & (t_us - since_us >= PATIENCE_US)
         self.coasted |= lost | self.silent
         self.moved[:] = self.coasted
         if self.coasted.any():
@@ -203,18 +202,34 @@ def _asked_speed_kernel(
 
 @njit(cache=True, nogil=True)
 def doubt_kernel(
-    fits: Array, skin: tuple[Array, Array, Array], bound_px: Array, doubted: Array
-) -> bool:  # pragma: no cover - compiled
-    """Write which fits cannot be their markers; return whether any cannot."""
+    fits: Array, reference_px: Array, index: Array, bound_px: Array, gone: tuple[Array, Array],
+    t_us: int, since_us: Array,
+) -> bool:  # pragma: no cover - compiled # fmt: skip
+    """Note since when fits cannot be their markers, -1 for all others.
+
+    Returns whether there are any, or markers that are ``gone``: held, or silent.
+    """
     found = False
     for m in range(bound_px.size):
-        beyond2 = 0.0
-        for axis in range(2):
-            _, low, high = around_kernel(fits, skin, m, axis)
-            moved = fits[m, axis] - skin[0][m, axis]
-            beyond2 += (moved - min(max(moved, low), high)) ** 2
-        doubted[m] = fits[m, AGREEMENT] < LEAST_AGREEMENT or beyond2 > bound_px[m] * bound_px[m]
-        found = found or doubted[m]
+        low_x = low_y = np.inf
+        high_x = high_y = -np.inf
+        for k in range(index.shape[1]):
+            n = index[m, k]
+            x, y = fits[n, FIT_X] - reference_px[n, 0], fits[n, FIT_Y] - reference_px[n, 1]
+            low_x, high_x, low_y, high_y = (
+                min(low_x, x),
+                max(high_x, x),
+                min(low_y, y),
+                max(high_y, y),
+            )
+        x, y = fits[m, FIT_X] - reference_px[m, 0], fits[m, FIT_Y] - reference_px[m, 1]
+        x, y = max(low_x - x, x - high_x, 0.0), max(low_y - y, y - high_y, 0.0)
+        beyond = x * x + y * y > bound_px[m] * bound_px[m]
+        if not beyond and fits[m, AGREEMENT] >= LEAST_AGREEMENT:
+            since_us[m] = -1
+        elif since_us[m] < 0:
+            since_us[m] = t_us
+        found = found or since_us[m] >= 0 or gone[0][m] or gone[1][m]
     return found
 
 

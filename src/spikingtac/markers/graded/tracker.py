@@ -37,7 +37,7 @@ LAG_DEFAULT_US = 500.0
 # not 0.80.)
 LONGEST_PERIOD_US = {"disc": 2_000, "bands": 1_000}
 
-# Time between two turns of maintenance, us; in each the map leaks, and one other task in
+# Least time between two turns of maintenance, us; in each the map leaks, and one other task in
 # :data:`TASKS` is done. Putting turns off by 1 or 2 ms in steps with many fits costs 5 or 21 % of
 # the mean error of ``default`` on v2e's recording.
 TURN_US = 1_000
@@ -63,7 +63,7 @@ class GradedTrackerConfig:
         shrink: Share of a fit's error by which differences from the neighbours shrink.
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
         fit_period_us: A slow marker is fitted once in such a period at most, us, and predicted in
-            between; 0 fits it whenever its events ask.
+            between; 0 fits it whenever its events ask. Turns of maintenance are as far apart.
     """
 
     leak_per_s: float = field(default=30.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
@@ -103,6 +103,7 @@ class GradedTracker:
                 backlash: what has not fired pulls only where the disc would leave the band.
         """
         self._calibration = calibration
+        self._turn_period_us = max(TURN_US, config.fit_period_us)
         self._law = law or OutputLaw()
         self._adapts = config.adapt_to_loss and fit == "disc"
         self._locator: DiscLocator | BandLocator
@@ -208,7 +209,7 @@ class GradedTracker:
     def _maintain(self, t_us: int) -> None:
         """Take a turn: is the stream whole, is every marker there, what leaves the map."""
         since_s = 0.0 if self._turned_us is None else (t_us - self._turned_us) * 1e-6
-        self._turned_us, self._turn_us = t_us, t_us + TURN_US
+        self._turned_us, self._turn_us = t_us, t_us + self._turn_period_us
         locator, manager, kept, task = self._locator, self._manager, self._kept, self._turn % TASKS
         self._turn += 1
         if task == 0:
