@@ -12,8 +12,8 @@ from .types import LossCounters as LossCounters
 
 # Calibration
 from .calibration.sensor_calibration import Calibration as Calibration
-from .markers.calibration.calibrate import CalibrationConfig as CalibrationConfig
 from .markers.calibration.calibrate import calibrate as calibrate
+from .markers.calibration.find_markers import CalibrationConfig as CalibrationConfig
 
 # Tracking: events in, marker displacements out
 from .pipeline.track import track as track

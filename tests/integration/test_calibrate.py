@@ -9,7 +9,8 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
 from spikingtac.events.open import open_events
 from spikingtac.events.source import PacketSource
-from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
+from spikingtac.markers.calibration.calibrate import calibrate
+from spikingtac.markers.calibration.find_markers import CalibrationConfig
 from spikingtac.sim.render import simulate
 from spikingtac.types import EventPacket
 from stand_ins.ideal_events import ideal_events

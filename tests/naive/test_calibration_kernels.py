@@ -15,8 +15,8 @@ from spikingtac.markers.calibration.corrections import (
     rims,
 )
 from spikingtac.markers.calibration.first_model import steps_of_counts
-from spikingtac.markers.calibration.ideal_pixels import PHASES, Comparison, Paths, compare
-from spikingtac.markers.calibration.level_maps import MeanSteps, level_maps, swings_kernel
+from spikingtac.markers.calibration.ideal_pixels import PHASES, Comparison, compare
+from spikingtac.markers.calibration.level_maps import level_maps, swings_kernel
 from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.markers.calibration_check import (
     NEIGHBOUR_US,
@@ -65,28 +65,28 @@ def level(
 
 @pytest.mark.parametrize("count", [0, 1, 500])
 def test_level_maps_equal_the_twin(count: int) -> None:
-    events, steps = some_events(count, 3, codes=8), MeanSteps(0.2, 0.3)
+    events, steps = some_events(count, 3, codes=8), np.array([0.2, 0.3], np.float32)
     index = np.unique(np.array([0, count // 3, count]))
     start = np.linspace(0.0, 1.0, events.pixels, dtype=np.float32).reshape(events.shape)
     got = level_maps(events, steps, index, start)
     value = start.ravel().astype(np.float64)
     forward, backward = [], []
     for code in events.code.tolist():
-        change = steps.on if code & 1 else -steps.off
+        change = steps[0] if code & 1 else -steps[1]
         value[code >> 1] = min(max(value[code >> 1] + change, 0.0), 1.0)
     for at in range(count, -1, -1):
         if at in index:
             backward.insert(0, value.copy())
         if at:
             code = int(events.code[at - 1])
-            change = steps.on if code & 1 else -steps.off
+            change = steps[0] if code & 1 else -steps[1]
             value[code >> 1] = min(max(value[code >> 1] - change, 0.0), 1.0)
     for at in range(count + 1):
         if at in index:
             forward.append(value.copy())
         if at < count:
             code = int(events.code[at])
-            change = steps.on if code & 1 else -steps.off
+            change = steps[0] if code & 1 else -steps[1]
             value[code >> 1] = min(max(value[code >> 1] + change, 0.0), 1.0)
     expected = 0.5 * (np.array(forward) + np.array(backward))
     np.testing.assert_allclose(got.reshape(len(index), -1), expected, atol=1e-5)
@@ -95,9 +95,11 @@ def test_level_maps_equal_the_twin(count: int) -> None:
 def test_swings_are_what_lies_between_two_turns() -> None:
     # Six up, four down, seven up, five down: the first and the last have no turn on both sides.
     ways = [1] * 6 + [0] * 4 + [1] * 7 + [0] * 5
-    histogram = np.zeros(100, np.int64)
-    swings_kernel(np.array(ways, np.uint32), 1.0, np.zeros((4, 1), np.float32), histogram)
-    assert {int(i): int(histogram[i]) for i in np.flatnonzero(histogram)} == {24: 1, 16: 1, 28: 1}
+    histogram, group = np.zeros((2, 100), np.int64), np.ones(1, np.int64)
+    swings_kernel(np.array(ways, np.uint32), 1.0, np.zeros((4, 1), np.float32), group, histogram)
+    found = {int(i): int(histogram[1, i]) for i in np.flatnonzero(histogram[1])}
+    assert found == {24: 1, 16: 1, 28: 1}
+    assert not histogram[0].any()
 
 
 @pytest.mark.parametrize("stretch", [UNSTRETCHED, STRETCH])
@@ -112,15 +114,15 @@ def test_discs_are_drawn_as_the_profile_says(stretch: np.ndarray) -> None:
 
 
 def plain_comparison(
-    paths: Paths, steps: Steps, kept: np.ndarray
+    paths: tuple[np.ndarray, np.ndarray], steps: Steps, kept: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Mean sums of ideal pixels' steps at each sample, and all events that they fire."""
     on, off = (step.astype(float).reshape(SHAPE) for step in steps)
-    now = level(DISCS, paths.center_px[0], paths.stretch_px[0])[0]
+    now = level(DISCS, *(path[0] for path in paths))[0]
     shares = (np.arange(PHASES) + 0.5) / PHASES
     last = now[..., None] + off[..., None] - (on + off)[..., None] * shares
     means, fired, total, before = [], np.zeros(2), np.zeros(on.shape), now[..., None]
-    for place, stretch, share in zip(paths.center_px, paths.stretch_px, kept, strict=True):
+    for place, stretch, share in zip(*paths, kept, strict=True):
         now = level(DISCS, place, stretch)[0][..., None]
         lost = np.where(now != before, (last - 0.5 * (now + before)).clip(0.0), 0.0)
         last, before = last - (1.0 - share) * lost, now
@@ -140,8 +142,8 @@ def test_ideal_pixels_fire_as_plain_loops_have_it(recovery_s: float) -> None:
     events, steps = some_events(200, 9), random_steps(10)
     index = np.array([0, 50, 90, 150, 200])
     stretches = np.array([0.0, 1.0, 0.5, -1.0, 0.0])[:, None, None] * STRETCH
-    paths = Paths(index, PLACES + way[:, np.newaxis], stretches)
-    seen = compare(events, paths, np.arange(5), DISCS, steps, recovery_s)
+    paths = PLACES + way[:, np.newaxis], stretches
+    seen = compare(events, (index, *paths, np.arange(5)), DISCS, steps, recovery_s)
     after_s = np.diff(events.times_at(index), prepend=events.times_at(index)[:1]) * 1e-6
     kept = np.exp(-after_s / recovery_s) if recovery_s else np.ones(5)
     means, fired = plain_comparison(paths, steps, kept)
@@ -171,7 +173,8 @@ def test_full_swings_are_counted_pixel_by_pixel(back: bool) -> None:
     path = np.array([away, near, over, over, near, near, *([away] if back else [near]) * 4, near])
     index = np.array([0, 0, 3, 4, 5, 6, 6, 6, 6, 6, 7])
     steps = np.full(PIXELS, 0.5, np.float32), np.full(PIXELS, 0.25, np.float32)
-    seen = compare(events, Paths(index, path, np.zeros((11, 1, 3))), np.array([0]), discs, steps)
+    paths = index, path, np.zeros((11, 1, 3)), np.array([0])
+    seen = compare(events, paths, discs, steps)
     np.testing.assert_array_equal(seen.swings[pixel], [3, 1, 2, 1, 1, 0])
     assert seen.marker_swings[0, 1] > 50  # other pixels swung as well, without events
     assert seen.marker_swings[0, 0] == 3
@@ -207,18 +210,11 @@ def test_offsets_are_weighted_means_over_the_states_around() -> None:
 def evidence_and_model(places: np.ndarray) -> tuple[Evidence, Model]:
     states = np.arange(len(places))
     cell = np.where(np.arange(PIXELS) % SIZE[0] < 20, 0, 1)
-    known = Evidence(some_events(1, 1), states, np.empty((0, 3), np.int64), cell, np.zeros(2))
-    step, even, none = np.full(2, 0.1), np.ones((2, PIXELS)), np.zeros(2)
-    return known, Model(
-        Paths(states, places, np.zeros((len(places), 2, 3))),
-        DISCS,
-        step,
-        step,
-        even,
-        none,
-        np.zeros((2, 4)),
-        none,
-    )
+    still, none = np.empty((0, 3), np.int64), np.zeros(2)
+    known = Evidence(some_events(1, 1), states, states, still, cell, none)
+    step, even, stretch = np.full(2, 0.1), np.ones((2, PIXELS)), np.zeros((len(places), 2, 3))
+    model = Model(places, stretch, DISCS, step, step, even, none, np.zeros((2, 4)), none)
+    return known, model
 
 
 def test_normal_equations_are_sums_over_each_group() -> None:
@@ -237,7 +233,7 @@ def test_normal_equations_are_sums_over_each_group() -> None:
 @pytest.mark.parametrize(("stretch", "rows"), [(UNSTRETCHED, range(6)), (STRETCH, range(2, 6))])
 def test_slopes_of_a_disc_equal_numbers_from_differences(stretch: np.ndarray, rows: range) -> None:
     known, model = evidence_and_model(PLACES[np.newaxis])
-    model = replace(model, paths=replace(model.paths, stretch_px=stretch[np.newaxis]))
+    model = replace(model, stretch_px=stretch[np.newaxis])
     drawn, owner = level(DISCS, PLACES)
     around = rims(known, model, seen_at(drawn[np.newaxis], drawn[np.newaxis], owner[np.newaxis]))
     first = around.marker == 0

@@ -20,6 +20,7 @@ An edge hardly shows B: it is a prior, and its spread is part of the uncertainty
 depend on light at all (a bus, a driver's clock) stays unseen and has to be measured otherwise.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,6 +40,7 @@ from spikingtac.markers.crossings import (
 )
 from spikingtac.markers.graded.appearance import has_rare_off
 from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
+from spikingtac.types import EventPacket, MarkerFrame
 
 # Equally likely dark currents B, relative to white (0: none; 0.12: v2e's offset of 20 at a white
 # of 170).
@@ -97,26 +99,31 @@ def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
     """
     if calibration.contrast is None or calibration.edge_px is None:
         return None
-    fit = "bands" if has_rare_off(calibration) else "disc"
-    undelayed = replace(calibration, lag_us=0.0)
-    tracker = GradedTracker(GradedTrackerConfig(backlash=0.0), undelayed, fit=fit)
-    track = tracked(source, tracker, calibration)
+    track = edge_track(followed(windows(source, PERIOD_US), calibration), calibration)
     edge = DiscProfile(calibration.contrast, calibration.edge_px)
     estimate = estimate_lag(observe_crossings(source, track, source.size), edge)
     return None if estimate is None else estimate.lag_us
 
 
-def tracked(source: EventSource, tracker: GradedTracker, calibration: Calibration) -> MarkerTrack:
-    """Return where the edges of a recording's markers are, by a tracker without lag correction."""
+def followed(packets: Iterable[EventPacket], known: Calibration) -> Iterator[MarkerFrame]:
+    """Yield the markers at the end of each packet, by a tracker without lag correction."""
+    fit = "bands" if has_rare_off(known) else "disc"
+    undelayed = replace(known, lag_us=0.0)
+    tracker = GradedTracker(GradedTrackerConfig(backlash=0.0), undelayed, fit=fit)
+    for packet in packets:
+        tracker.absorb(packet)
+        yield tracker.estimate(packet.t_end_us)
+
+
+def edge_track(frames: Iterable[MarkerFrame], calibration: Calibration) -> MarkerTrack:
+    """Return where the edges of markers are that were followed."""
     radius_px = calibration.radius_px
     chosen = np.unique(np.linspace(0, len(radius_px) - 1, MOST_MARKERS).astype(np.int64))
     t_us, center_px = [], []
-    for window in windows(source, PERIOD_US):
-        tracker.absorb(window)
-        frame = tracker.estimate(window.t_end_us)
+    for frame in frames:
         held = frame.coasted[chosen, np.newaxis]
         center_px.append(np.where(held, np.nan, frame.detected_px[chosen]))
-        t_us.append(window.t_end_us)
+        t_us.append(frame.t_us)
     places = np.array(center_px).reshape(len(t_us), len(chosen), 2)
     dark = calibration.polarity == "dark"
     return marker_track(np.array(t_us, np.int64), places, radius_px[chosen], dark)

@@ -17,7 +17,8 @@ from spikingtac.errors import SpikingTacError
 from spikingtac.events.create import create_events
 from spikingtac.events.open import open_events
 from spikingtac.events.source import EventSource
-from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
+from spikingtac.markers.calibration.calibrate import calibrate
+from spikingtac.markers.calibration.find_markers import CalibrationConfig
 from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
 from spikingtac.stream.host import Asker, Host
 from spikingtac.types import EventPacket, MarkerFrame

@@ -1,5 +1,6 @@
 """The lag from events: near on low-pass pixels, and on cameras whose lag is known."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 
@@ -9,6 +10,7 @@ import pytest
 from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.source import PacketSource
+from spikingtac.events.windows import windows
 from spikingtac.markers import lag
 from spikingtac.markers.crossings import (
     ORDERS,
@@ -176,22 +178,15 @@ def test_what_tells_too_little_gives_nothing(monkeypatch: pytest.MonkeyPatch) ->
     assert estimate_lag(crossings, EDGE) is None, "one polarity alone"
 
 
-class Late:
-    """A tracker that gives out a known path, late; its first marker is held, and wrong."""
-
-    def __init__(self, path: np.ndarray, lag_us: float) -> None:
-        self._track = delayed(path, lag_us)
-
-    def absorb(self, packet: EventPacket) -> None: ...
-
-    def reset(self) -> None: ...
-
-    def estimate(self, t_us: int) -> MarkerFrame:
-        row = min(int(np.searchsorted(self._track.t_us, t_us)), len(self._track.t_us) - 1)
-        at = self._track.center_px[row].copy()
+def late_frames(source: PacketSource, path: np.ndarray, lag_us: float) -> Iterator[MarkerFrame]:
+    """Yield a known path, late; its first marker is held, and wrong."""
+    track = delayed(path, lag_us)
+    for window in windows(source, lag.PERIOD_US):
+        row = min(int(np.searchsorted(track.t_us, window.t_end_us)), len(track.t_us) - 1)
+        at = track.center_px[row].copy()
         held = np.arange(len(at)) == 0
         at[held] += 1.0
-        return MarkerFrame(t_us, at, at, at, held, np.ones(len(at)))
+        yield MarkerFrame(window.t_end_us, at, at, at, held, np.ones(len(at)))
 
 
 def test_a_recording_is_tracked_and_its_lag_found_by_all_markers_or_a_part_of_them(
@@ -205,7 +200,7 @@ def test_a_recording_is_tracked_and_its_lag_found_by_all_markers_or_a_part_of_th
     samples = []
     for most in (128, 8):
         monkeypatch.setattr(lag, "MOST_MARKERS", most)
-        track = lag.tracked(source, Late(path, lag_us), known)  # type: ignore[arg-type]
+        track = lag.edge_track(late_frames(source, path, lag_us), known)
         crossings = observe_crossings(source, track, packet.size)
         estimate = estimate_lag(crossings, DiscProfile(6.0, 0.577 / 1.702))
         assert estimate is not None

@@ -6,20 +6,20 @@ how much of the recording it explains. Slides are motion like any other.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.document import MAPS, MARKER_NUMBERS, MEASURED
+from spikingtac.calibration.document import MARKER_NUMBERS, MEASURED
 from spikingtac.calibration.lens import fit_lens
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.errors import CalibrationError
 from spikingtac.events.source import EventSource, refuse_path
 from spikingtac.markers.calibration.corrections import Evidence, Model
 from spikingtac.markers.calibration.find_markers import (
-    FindingConfig,
+    CalibrationConfig,
     Overview,
     SeenMarkers,
     look_over,
@@ -34,8 +34,12 @@ from spikingtac.markers.calibration.quality import (
     refuse_without_grid,
 )
 from spikingtac.markers.calibration.recording import buffer_events, without_hot_pixels
-from spikingtac.markers.calibration.reference import Method, displaced_before, reference
-from spikingtac.markers.calibration.refine import STEP_BOUNDS, refine, with_recovery
+from spikingtac.markers.calibration.reference import Method, reference, touched_before
+from spikingtac.markers.calibration.refine import (
+    STEP_BOUNDS,
+    refine,
+    with_recovery,
+)
 from spikingtac.markers.lag import slide_lag_us
 
 # Learns ``lag_us`` from the recording and the calibration so far; None where it cannot.
@@ -48,6 +52,8 @@ FIRST_US = 15_000_000
 # less than a fifth of it, does not tell its place.
 BEYOND_RADII = 0.5
 
+STEPS = ("step_on", "step_off")
+
 # Rounds of the refinement after each time that recovering pixels are tracked again.
 RETRACKED_ROUNDS = (3, 10)
 
@@ -56,34 +62,6 @@ HEARD_EVENTS = 400.0  # Events near a marker, beyond noise, that tell its steps:
 # Share of a pixel's own deviation from its marker's step that the tracker is given: in few swings
 # the rim's way counts, too. (Simulated: 2 to 4 % more error without; 0.017 px more with all of it.)
 PIXEL_SHARE = 0.3
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CalibrationConfig(FindingConfig):
-    """What is known of a sensor beforehand; every field has a default.
-
-    Attributes:
-        pitch_mm: Distance of neighbouring markers on the skin, mm, for ``px_per_mm``.
-        lens: Whether to fit a lens to the grid, which must be flat and needs ``pitch_mm``.
-        method: How rests become a reference
-            (:mod:`spikingtac.markers.calibration.reference`).
-        allow_missing: So many markers may be missing: they are put where their neighbours expect
-            them, and named. None allows a third.
-    """
-
-    pitch_mm: float | None = None
-    lens: bool = False
-    method: Method = "rest-mean"
-    allow_missing: int | None = None
-
-    def __post_init__(self) -> None:
-        FindingConfig.__post_init__(self)
-        if self.pitch_mm is not None and not self.pitch_mm > 0.0:
-            raise ConfigError(f"pitch_mm is {self.pitch_mm}, it must be positive")
-        if self.lens and self.pitch_mm is None:
-            raise ConfigError("the lens is fitted to a grid of known pitch; give pitch_mm, too")
-        if self.allow_missing is not None and self.allow_missing < 0:
-            raise ConfigError(f"allow_missing is {self.allow_missing}, it must not be negative")
 
 
 def calibrate(
@@ -107,13 +85,14 @@ def calibrate(
     config = config or CalibrationConfig()
     events, hot_px = without_hot_pixels(buffer_events(source))
     view = look_over(events, config)
-    calibration = _within_sight(_learned(view, config))
+    learned = explained(view, config)
+    calibration = replace(_assembled(view, learned, config.method), hot_px=hot_px)
     if config.pitch_mm is not None and len(calibration.radius_px) > 1:
         calibration = calibration.with_pitch(config.pitch_mm)
         if config.lens:
             staggered = view.markers.layout.staggered
             calibration = with_lens(calibration, config.pitch_mm, staggered=staggered)
-    return _with_lag(replace(calibration, hot_px=hot_px), view, estimate_lag)
+    return _with_lag(calibration, view, estimate_lag)
 
 
 def completed(source: EventSource, known: Calibration) -> Calibration:
@@ -135,76 +114,94 @@ def completed(source: EventSource, known: Calibration) -> Calibration:
     try:
         events, hot_px = without_hot_pixels(buffer_events(source, FIRST_US))
         view = look_over(events, config, given)
-        learned = _with_lag(_learned(view, config), view, slide_lag_us)
+        seen = replace(known, **_looks(*explained(view, config)))
     except CalibrationError:
         return known
-    return replace(
-        learned,
-        reference_px=place_px,
-        hot_px=hot_px if known.hot_px is None else known.hot_px,
-        px_per_mm=known.px_per_mm,
-        lens=known.lens,
-        hysteresis=known.hysteresis,
-        provenance=known.provenance,
-    )
+    hot_px = hot_px if known.hot_px is None else known.hot_px
+    return _with_lag(replace(seen, hot_px=hot_px), view, slide_lag_us)
 
 
-def _learned(view: Overview, config: CalibrationConfig) -> Calibration:
+def explained(view: Overview, config: CalibrationConfig) -> tuple[Evidence, Model, Quality]:
+    """Return a recording, the model that explains it best, and how well it does.
+
+    Raises:
+        CalibrationError: Discs do not explain it, or too many of the markers hardly moved.
+    """
     evidence, model = first_model(view)
     model = with_recovery(evidence, refine(evidence, model))
     # Known as such, recovering pixels show the markers better (recorded presses: .97 -> .73 px).
     for rounds in RETRACKED_ROUNDS if model.recovery_s else ():
-        model = refine(evidence, tracked(view, model), rounds)
+        model = refine(evidence, tracked(view, evidence.index, model), rounds)
     quality = judged(evidence, model)
     refuse_without_grid(quality)
-    layout = view.markers.layout
-    if layout.shape is not None:
-        missing = np.flatnonzero(~quality.measured)
-        refuse_gaps(layout, view.events.size, missing, config.allow_missing)
-    return _assembled(view, (evidence, model), quality, config.method)
+    missing = np.flatnonzero(~quality.measured)
+    refuse_gaps(view.markers.layout, view.events.size, missing, config.allow_missing)
+    return evidence, model, quality
 
 
 def _assembled(
-    view: Overview, learned: tuple[Evidence, Model], quality: Quality, method: Method
+    view: Overview, learned: tuple[Evidence, Model, Quality], method: Method
 ) -> Calibration:
-    """Return the calibration that a refined model stands for."""
-    (evidence, model), measured = learned, quality.measured
-    rest_px = model.paths.center_px[evidence.still[view.unloaded, 1]]
-    rests_us, at_us = view.rests_us[view.unloaded], view.events.times_at(model.paths.index)
-    displaced_px = displaced_before(rests_us, rest_px, at_us, model.paths.center_px)
-    reference_px = reference(rest_px, rests_us, displaced_px, method)
-    layout = view.markers.layout
+    """Return the calibration that a model stands for.
+
+    Left out are markers beyond the border, with the rows that they leave, and, where there are no
+    rows, markers that were not measured: nothing tells their places.
+    """
+    (evidence, model, quality), layout, size = learned, view.markers.layout, view.events.size
+    measured, rests_us = quality.measured, view.rests_us[view.unloaded]
+    rests = evidence.still[view.unloaded, 1]
+    rest_px, touched = model.center_px[rests], touched_before(model.center_px, rests)
+    reference_px = reference(rest_px, np.diff(rests_us, axis=1)[:, 0], touched, method)
     if layout.shape is not None and not layout.staggered:
         expected_px = expected_places(reference_px, measured, layout.shape)
         reference_px[~measured] = expected_px[~measured]
+    looks = _looks(*learned)
+    keep = _in_sight(reference_px, looks["radius_px"], size)
+    if layout.shape is None:
+        keep &= measured
+    of_markers = ("radius_px", *MARKER_NUMBERS, MEASURED)
+    left_out_px = reference_px[~keep].round(2).tolist()
     scatter_px = np.sqrt(((rest_px - reference_px) ** 2).sum(axis=2).mean(axis=0))
     return Calibration(
-        reference_px=reference_px,
-        grid=layout.shape,
-        size=view.events.size,
+        reference_px=reference_px[keep],
+        grid=None if layout.shape is None else _whole_grid(keep.reshape(layout.shape)),
+        size=size,
         polarity=view.polarity,
-        marker_measured=measured,
-        recovery_s=model.recovery_s or None,
-        **_appearance(model, quality),
-        **_step_maps(evidence, model, measured),
+        **{name: value[keep] if name in of_markers else value for name, value in looks.items()},
         provenance={
             "method": method,
             "unloaded_rests_us": (view.events.t_start_us + rests_us).tolist(),
-            "missing": np.flatnonzero(~measured).tolist(),
-            "swings": np.round(model.swings, 1).tolist(),
-            "residual": np.round(model.residual, 4).tolist(),
-            "scatter_px": np.round(scatter_px, 4).tolist(),
+            "missing": np.flatnonzero(~measured[keep]).tolist(),
+            "swings": np.round(model.swings[keep], 1).tolist(),
+            "residual": np.round(model.residual[keep], 4).tolist(),
+            "scatter_px": np.round(scatter_px[keep], 4).tolist(),
             "quality": quality.word,
-            "doubtful": np.flatnonzero(quality.doubtful).tolist(),
-            "explained": np.round(quality.explained, 3).tolist(),
-            "events": np.round(quality.events).astype(int).tolist(),
+            "doubtful": np.flatnonzero(quality.doubtful[keep]).tolist(),
+            "explained": np.round(quality.explained[keep], 3).tolist(),
+            "events": np.round(quality.events[keep]).astype(int).tolist(),
             "stray_px": view.markers.stray_px.round(1).tolist(),
             "fitting_grid": layout.fits,
+            **({"left_out_px": left_out_px} if left_out_px else {}),
         },
     )
 
 
-def _appearance(model: Model, quality: Quality) -> dict[str, Any]:
+def _in_sight(
+    place_px: NDArray[np.float64], radius_px: NDArray[np.float64], size: tuple[int, int]
+) -> NDArray[np.bool_]:
+    reach_px = BEYOND_RADII * radius_px[:, np.newaxis]
+    return ((place_px >= -reach_px) & (place_px <= np.array(size) - 1 + reach_px)).all(axis=1)
+
+
+def _whole_grid(there: NDArray[np.bool_]) -> tuple[int, int] | None:
+    # What is left of a grid that has lost whole rows or columns; None where it has lost parts.
+    rows, columns = there.any(axis=1), there.any(axis=0)
+    whole = there[np.ix_(rows, columns)].all()
+    return (int(rows.sum()), int(columns.sum())) if whole else None
+
+
+def _looks(evidence: Evidence, model: Model, quality: Quality) -> dict[str, Any]:
+    """Return how the markers look and what events stand for, as :class:`Calibration` has it."""
     # Markers that were not measured look like the others; a pale one of their steps would be lost.
     measured, heard = quality.measured, quality.events >= HEARD_EVENTS
     own = {
@@ -215,63 +212,18 @@ def _appearance(model: Model, quality: Quality) -> dict[str, Any]:
         "radius_px": model.discs.radius_px,
     }
     usual = {name: float(np.median(value[measured])) for name, value in own.items()}
-    sensor = ("edge_px", "contrast", "step_on", "step_off")
     known = {"marker_step_on": measured | heard, "marker_step_off": measured | heard}
-    return {
-        **{name: np.where(known.get(name, measured), v, usual[name]) for name, v in own.items()},
-        **{name: usual[f"marker_{name}"] for name in sensor},
+    looks: dict[str, Any] = {
+        name: np.where(known.get(name, measured), value, usual[name]) for name, value in own.items()
     }
-
-
-def _step_maps(evidence: Evidence, model: Model, measured: NDArray[np.bool_]) -> dict[str, Any]:
+    looks |= {name: usual[f"marker_{name}"] for name in ("edge_px", "contrast", *STEPS)}
     # Pixels without a full swing, and those of markers that were not measured, have no own step.
-    maps, known = {}, measured[evidence.cell]
-    for name, step, share in zip(MAPS, (model.on, model.off), model.pixel, strict=True):
-        own = step[evidence.cell] * share**PIXEL_SHARE
-        own = np.where(known & (np.abs(share - 1.0) > 1e-9), own.clip(*STEP_BOUNDS), 0.0)
-        maps[name] = own.reshape(evidence.events.shape).astype(np.float32)
-    return maps
-
-
-def _within_sight(calibration: Calibration) -> Calibration:
-    """Return a calibration without markers beyond the border, and without rows that they leave.
-
-    Where there are no rows, markers that were not measured are left out, too: nothing tells their
-    places.
-    """
-    place_px, size = calibration.reference_px, np.array(calibration.size)
-    reach_px = BEYOND_RADII * calibration.radius_px[:, np.newaxis]
-    inside = (place_px >= -reach_px) & (place_px <= size - 1 + reach_px)
-    keep = np.asarray(inside.all(axis=1), bool)
-    if calibration.grid is None and calibration.marker_measured is not None:
-        keep &= calibration.marker_measured
-    if keep.all() or not keep.any():
-        return calibration
-    left_out = {"left_out_px": place_px[~keep].round(2).tolist()}
-    provenance = {name: _kept(value, keep, name) for name, value in calibration.provenance.items()}
-    names = ("reference_px", "radius_px", *MARKER_NUMBERS, MEASURED)
-    of_markers = {name: getattr(calibration, name)[keep] for name in names}
-    grid = _whole_grid(keep, calibration.grid)
-    return replace(calibration, grid=grid, provenance=provenance | left_out, **of_markers)
-
-
-def _kept(value: Any, keep: NDArray[np.bool_], name: str) -> Any:
-    # What a note says of the markers that are kept: numbers of markers, or a value for each.
-    if name in ("missing", "doubtful"):
-        return [int(np.count_nonzero(keep[:one])) for one in value if keep[one]]
-    if isinstance(value, list) and len(value) == len(keep):
-        return [one for one, stays in zip(value, keep, strict=True) if stays]
-    return value
-
-
-def _whole_grid(keep: NDArray[np.bool_], grid: tuple[int, int] | None) -> tuple[int, int] | None:
-    # What is left of a grid that has lost whole rows or columns; None where it has lost parts.
-    if grid is None:
-        return None
-    there = keep.reshape(grid)
-    rows, columns = there.any(axis=1), there.any(axis=0)
-    whole = there[np.ix_(rows, columns)].all()
-    return (int(rows.sum()), int(columns.sum())) if whole else None
+    of_measured = measured[evidence.cell]
+    for name, step, share in zip(STEPS, (model.on, model.off), model.pixel, strict=True):
+        single = (step[evidence.cell] * share**PIXEL_SHARE).clip(*STEP_BOUNDS)
+        single = np.where(of_measured & (np.abs(share - 1.0) > 1e-9), single, 0.0)
+        looks[f"{name}_map"] = single.reshape(evidence.events.shape).astype(np.float32)
+    return looks | {MEASURED: measured, "recovery_s": model.recovery_s or None}
 
 
 def _with_lag(

@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import Discs
-from spikingtac.markers.calibration.ideal_pixels import Comparison, Paths, compare
+from spikingtac.markers.calibration.ideal_pixels import Comparison, compare
 from spikingtac.markers.calibration.recording import BufferedEvents
 
 # Added to the curvature of a place at one state, and of what all states of a disc share: shift
@@ -48,7 +48,8 @@ class Model:
     """All that explains the events.
 
     Attributes:
-        paths: Where the markers went.
+        center_px: ``(n, m, 2)`` where the markers were at each sample, px.
+        stretch_px: ``(n, m, 3)`` how they were stretched there, as ``draw_kernel`` has it, px.
         discs: How they look.
         on: ``(m,)`` share of a full swing of each marker's ON event.
         off: The same for OFF events.
@@ -59,7 +60,8 @@ class Model:
         recovery_s: Time in which pixels forget light that they lost without an event, s; 0: never.
     """
 
-    paths: Paths
+    center_px: NDArray[np.float64]
+    stretch_px: NDArray[np.float64]
     discs: Discs
     on: NDArray[np.float64]
     off: NDArray[np.float64]
@@ -76,6 +78,7 @@ class Evidence:
 
     Attributes:
         events: The recording, markers brighter than the ground.
+        index: ``(n,)`` how many events came before each sample.
         states: ``(k,)`` samples at which real and ideal pixels are compared.
         still: ``(rests, 3)`` first, typical and last sample of each rest: nothing moves in it.
         cell: ``(pixels,)`` nearest marker of each pixel.
@@ -83,6 +86,7 @@ class Evidence:
     """
 
     events: BufferedEvents
+    index: NDArray[np.int64]
     states: NDArray[np.int64]
     still: NDArray[np.int64]
     cell: NDArray[np.int64]
@@ -94,15 +98,15 @@ class Evidence:
             (step[self.cell] * share).astype(np.float32)
             for step, share in zip((model.on, model.off), model.pixel, strict=True)
         )
-        about = self.states, model.discs, (on, off), model.recovery_s
-        return compare(self.events, model.paths, *about)
+        paths = self.index, model.center_px, model.stretch_px, self.states
+        return compare(self.events, paths, model.discs, (on, off), model.recovery_s)
 
     def at_rest(self, model: Model) -> Model:
         """Return a model whose markers stand still in each rest."""
-        center_px = model.paths.center_px.copy()
+        center_px = model.center_px.copy()
         for first, typical, last in self.still:
             center_px[first : last + 1] = center_px[typical]
-        return replace(model, paths=replace(model.paths, center_px=center_px))
+        return replace(model, center_px=center_px)
 
 
 class Changes:
@@ -178,7 +182,7 @@ def rims(evidence: Evidence, model: Model, seen: Comparison) -> Rims:
     y, x = np.divmod(pixel, evidence.events.size[0])
     center_px, stretch_px = (
         path[evidence.states].astype(np.float32)[state, marker]
-        for path in (model.paths.center_px, model.paths.stretch_px)
+        for path in (model.center_px, model.stretch_px)
     )
     dx, dy = x.astype(np.float32) - center_px[:, 0], y.astype(np.float32) - center_px[:, 1]
     rho = np.hypot(dx, dy)
@@ -220,7 +224,7 @@ def corrections(
     towards_px = np.hstack([np.zeros((markers, 2)), np.median(shapes_px, axis=0) - shapes_px])
     common_px = _solved(around.marker, (shared, error, weight), SHARED_PRIOR, towards_px)
     error = error - (common_px.astype(np.float32)[around.marker] * shared).sum(axis=1)
-    stretch_px = model.paths.stretch_px[evidence.states].reshape(-1, 3)
+    stretch_px = model.stretch_px[evidence.states].reshape(-1, 3)
     drawn_px = np.hstack([np.zeros((len(stretch_px), 2)), -stretch_px])
     own = around.slopes[:, [0, 1, 2, 4, 5]], error, weight
     prior = (PLACE_PRIOR, PLACE_PRIOR, *[STRETCH_PRIOR] * 3)

@@ -11,7 +11,6 @@ from spikingtac.markers.blobs import find_blobs
 from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.layout import Layout, find_layout
 from spikingtac.markers.calibration.level_maps import (
-    MeanSteps,
     level_maps,
     mean_steps,
     starting_levels,
@@ -20,8 +19,10 @@ from spikingtac.markers.calibration.recording import (
     BufferedEvents,
     find_rests,
     moving_events,
+    noise_events,
     unloaded_rests,
 )
+from spikingtac.markers.calibration.reference import Method
 from spikingtac.types import Polarity
 
 # Width of the Gaussian that takes single pixels' noise off before discs are looked for.
@@ -48,24 +49,40 @@ EVEN_MAPS = 16  # Maps at regular times where a recording has no rest.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class FindingConfig:
-    """What is known of the markers before they are looked for.
+class CalibrationConfig:
+    """What is known of a sensor beforehand; every field has a default.
 
     Attributes:
         grid: ``(rows, columns)``, or None to find it.
         layout: What the markers are; "auto" tells grids from staggered rows.
         polarity: White markers on dark ground, dark on light, or "auto" to find out.
+        pitch_mm: Distance of neighbouring markers on the skin, mm, for ``px_per_mm``.
+        lens: Whether to fit a lens to the grid, which must be flat and needs ``pitch_mm``.
+        method: How rests become a reference
+            (:mod:`spikingtac.markers.calibration.reference`).
+        allow_missing: So many markers may be missing: they are put where their neighbours expect
+            them, and named. None allows a third.
     """
 
     grid: tuple[int, int] | None = None
     layout: LayoutKind = "auto"
     polarity: Literal["auto"] | Polarity = "auto"
+    pitch_mm: float | None = None
+    lens: bool = False
+    method: Method = "rest-mean"
+    allow_missing: int | None = None
 
     def __post_init__(self) -> None:
         if self.grid is not None and min(self.grid) < 1:
             raise ConfigError(f"grid is {self.grid}, rows and columns must be positive")
         if self.grid is not None and self.layout == "free":
             raise ConfigError("a free layout has no rows and columns; give no grid")
+        if self.pitch_mm is not None and not self.pitch_mm > 0.0:
+            raise ConfigError(f"pitch_mm is {self.pitch_mm}, it must be positive")
+        if self.lens and self.pitch_mm is None:
+            raise ConfigError("the lens is fitted to a grid of known pitch; give pitch_mm, too")
+        if self.allow_missing is not None and self.allow_missing < 0:
+            raise ConfigError(f"allow_missing is {self.allow_missing}, it must not be negative")
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +114,8 @@ class Overview:
     Attributes:
         events: The recording, markers brighter than the ground.
         polarity: White or dark markers.
-        steps: What an event stands for on the average.
+        steps: ``(2,)`` what an ON and an OFF event stand for on the average, shares of a full
+            swing.
         rests_us: ``(rests, 2)`` when the skin rested, us since the start.
         unloaded: ``bool[rests]`` at which of them nothing touched it.
         markers: Where the markers are.
@@ -105,24 +123,14 @@ class Overview:
 
     events: BufferedEvents
     polarity: Polarity
-    steps: MeanSteps
+    steps: NDArray[np.float32]
     rests_us: NDArray[np.int64]
     unloaded: NDArray[np.bool_]
     markers: SeenMarkers
 
-    def noise(self, reach_px: float) -> NDArray[np.float64]:
-        """Return ON and OFF events within a reach over the recording, as the rests have them."""
-        silent = ~moving_events(self.events, self.rests_us)
-        silence_us = float(np.diff(self.rests_us, axis=1).sum())
-        if not len(self.rests_us) or silent.all():
-            return np.zeros(2)
-        off, on = np.bincount(self.events.code[silent] & 1, minlength=2)
-        share = np.pi * reach_px**2 / self.events.pixels
-        return np.array([on, off]) * share * self.events.duration_us / max(silence_us, 1.0)
-
 
 def look_over(
-    events: BufferedEvents, config: FindingConfig, known: SeenMarkers | None = None
+    events: BufferedEvents, config: CalibrationConfig, known: SeenMarkers | None = None
 ) -> Overview:
     """Find out polarity, rests and markers of a recording.
 
@@ -138,10 +146,7 @@ def look_over(
     try:
         return _overview(events, events, rests_us, config, known)
     except CalibrationError:
-        silence_us = float(np.diff(rests_us, axis=1).sum())
-        silent = np.count_nonzero(~moving_events(events, rests_us))
-        noise = silent / events.pixels * events.duration_us
-        if noise < HAZE_EVENTS * silence_us or not silence_us:
+        if noise_events(events, rests_us).sum() < HAZE_EVENTS:
             raise
     return _overview(events, events.supported(), rests_us, config, known)
 
@@ -150,7 +155,7 @@ def _overview(
     events: BufferedEvents,
     shown: BufferedEvents,
     rests_us: NDArray[np.int64],
-    config: FindingConfig,
+    config: CalibrationConfig,
     known: SeenMarkers | None,
 ) -> Overview:
     steps = mean_steps(shown, moving_events(shown, rests_us))
@@ -164,7 +169,7 @@ def _overview(
     for polarity in polarities:
         if config.polarity in ("auto", polarity):
             white = polarity == "white"
-            seen, mean = (shown, steps) if white else (shown.inverted(), steps.inverted())
+            seen, mean = (shown, steps) if white else (shown.inverted(), steps[::-1].copy())
             start = starting_levels(seen, rests_us, mean)
             views[polarity] = level_maps(seen, mean, index, start)
     polarity = min(views, key=lambda name: lit_share(views[name]))
@@ -173,7 +178,7 @@ def _overview(
     level = np.average(views[polarity][unloaded], axis=0, weights=length_us[unloaded])
     markers = known or see_markers(level.astype(np.float32), config)
     if polarity == "dark":
-        events, steps = events.inverted(), steps.inverted()
+        events, steps = events.inverted(), steps[::-1].copy()
     return Overview(events, polarity, steps, spans_us, unloaded, markers)
 
 
@@ -192,7 +197,7 @@ def _smoothed(level: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(gaussian_filter(level, SMOOTH_PX), np.float32)
 
 
-def see_markers(level: NDArray[np.float32], config: FindingConfig) -> SeenMarkers:
+def see_markers(level: NDArray[np.float32], config: CalibrationConfig) -> SeenMarkers:
     """Find the markers in a map ``(height, width)`` of the skin at rest.
 
     Raises:

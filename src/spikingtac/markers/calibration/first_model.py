@@ -1,11 +1,11 @@
 """A first model of a recording: where the tracker sees the markers, and what an event stands for.
 
-A marker that is paler than the others is seen, but steps of the others' size never erase it from
-the map, so that it seems to stand still while it sends events. It is led by its neighbours once;
-along that way its own steps show, and with them it is tracked like the others.
+The tracker begins with steps of each marker's own: of one that is paler than the others, steps of
+their size would never erase what it left behind, and it would seem to stand still.
 """
 
 from dataclasses import replace
+from itertools import pairwise, starmap
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,10 @@ from spikingtac.calibration.disc_profile import REACH_EDGES, Discs
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.corrections import Evidence, Model
 from spikingtac.markers.calibration.find_markers import Overview
-from spikingtac.markers.calibration.ideal_pixels import Paths
-from spikingtac.markers.calibration.level_maps import MeanSteps
-from spikingtac.markers.calibration.recording import BufferedEvents, moving_events
-from spikingtac.markers.graded.appearance import has_rare_off, nearest_marker
-from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
+from spikingtac.markers.calibration.level_maps import SwingHistogram
+from spikingtac.markers.calibration.recording import BufferedEvents, noise_events
+from spikingtac.markers.graded.appearance import nearest_marker
+from spikingtac.markers.lag import followed
 
 # Edge width and contrast from which the refinement begins.
 FIRST_EDGE_PX, FIRST_CONTRAST = 0.8, 3.3
@@ -52,17 +51,11 @@ MOST_STATES, MOST_STATE_PIXELS = 80, 12_000_000
 # rest.
 REST_SHARES = (0.35, 0.8, 0.95)
 
-# A marker with fewer full swings than this share of the others', but not so few events, was not
-# followed.
-STUCK_SHARE = 0.1
-
-LEADERS = 4  # Nearest markers whose mean motion stands for that of a marker that was not followed.
-
 # Full swings at its neighbours' counts that each marker is given beforehand (light and lens change
 # slowly over the skin), and at its marker's counts that each pixel is given.
 NEIGHBOUR_SWINGS, PIXEL_SWINGS = 10.0, 3.0
 
-FEWEST_SWINGS = 50.0  # Full swings in all below which the sensor's mean steps are kept.
+FEWEST_SWINGS = 50.0  # Swings, of a marker or in all, below which the sensor's mean steps are kept.
 
 FEWEST_EVENTS = 0.3  # Least mean count of a full swing: a rarer event tells nothing.
 
@@ -79,17 +72,27 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
         np.full(markers, FIRST_CONTRAST),
     )
     cell = nearest_marker(view.markers.center_px, events.size).ravel().astype(np.int64)
-    noise = view.noise(float(discs.radius_px[0]) + REACH_EDGES * FIRST_EDGE_PX)
-    evidence = Evidence(events, choose_states(len(index), still, events.pixels), still, cell, noise)
-    on, off = np.full(markers, view.steps.on), np.full(markers, view.steps.off)
-    even, none = np.ones((2, events.pixels)), np.zeros(markers)
-    paths = Paths(index, *(np.zeros((len(index), markers, width)) for width in (2, 3)))
-    model = Model(paths, discs, on, off, even, none, np.zeros((markers, 4)), none)
-    model = with_steps(evidence, tracked(view, model), view)
-    stuck = _stuck(view, model, cell)
-    if stuck.any():
-        led = with_steps(evidence, _led(model, view.markers.center_px, stuck), view)
-        model = with_steps(evidence, tracked(view, led), view)
+    reach_px = float(discs.radius_px[0]) + REACH_EDGES * FIRST_EDGE_PX
+    noise = np.pi * reach_px**2 * noise_events(events, view.rests_us)
+    states = choose_states(len(index), still, events.pixels)
+    evidence = Evidence(events, index, states, still, cell, noise)
+    on_per_off, swings = float(view.steps[1] / view.steps[0]), SwingHistogram(cell)
+    swings.absorb(events.code, on_per_off)
+    many = swings.counts.sum(axis=1) > FEWEST_SWINGS
+    steps = np.where(many, swings.steps(on_per_off), view.steps[:, np.newaxis]).astype(np.float64)
+    on, off = steps.clip(*STEP_BOUNDS)
+    model = Model(
+        center_px=np.zeros((len(index), markers, 2)),
+        stretch_px=np.zeros((len(index), markers, 3)),
+        discs=discs,
+        on=on,
+        off=off,
+        pixel=np.ones((2, events.pixels)),
+        residual=np.zeros(markers),
+        events=np.zeros((markers, 4)),
+        swings=np.zeros(markers),
+    )
+    model = with_steps(evidence, tracked(view, index, model), view.markers.center_px)
     contrast = np.exp(THRESHOLD / np.sqrt(model.on * model.off)).clip(*CONTRASTS)
     return evidence, replace(model, discs=replace(discs, contrast=contrast))
 
@@ -104,7 +107,7 @@ def choose_samples(view: Overview) -> tuple[NDArray[np.int64], NDArray[np.int64]
     events, markers = view.events, len(view.markers.center_px)
     # Both rims of a disc that moves by a pixel sweep its diameter, one up and one down a swing.
     diameter_px = 2.0 * view.markers.radius_px * markers
-    events_per_px = diameter_px * (1.0 / view.steps.on + 1.0 / view.steps.off)
+    events_per_px = diameter_px * float((1.0 / view.steps).sum())
     fewest = min(FEWEST_SAMPLES, FEWEST_FITS // markers)
     apart = min(int(SAMPLE_PX * events_per_px), len(events) // max(fewest, 1))
     apart = max(apart, len(events) // MOST_SAMPLES, 1)
@@ -124,8 +127,8 @@ def choose_states(samples: int, still: NDArray[np.int64], pixels: int) -> NDArra
     return np.unique(np.concatenate([even, still[:, 1]]))
 
 
-def tracked(view: Overview, model: Model) -> Model:
-    """Return a model with the paths on which the tracker sees the markers.
+def tracked(view: Overview, index: NDArray[np.int64], model: Model) -> Model:
+    """Return a model with the places at which the tracker sees the markers at each sample.
 
     Where pixels recover they are the mean of both ways in time, whose errors are opposed.
     """
@@ -142,30 +145,23 @@ def tracked(view: Overview, model: Model) -> Model:
         marker_step_off=model.off,
         recovery_s=model.recovery_s or None,
     )
-    index = model.paths.index
-    center_px = _followed(view.events, known, view.events.times_at(index))
+    at_us = view.events.times_at(index)
+    center_px = _places(view.events, known, at_us)
     if known.recovery_s is not None:
         backward = view.events.backward()
-        at_us = backward.duration_us - view.events.times_at(index[::-1])
-        center_px = 0.5 * (center_px + _followed(backward, known, at_us)[::-1])
-    return replace(model, paths=replace(model.paths, center_px=center_px))
+        back_px = _places(backward, known, backward.duration_us - at_us[::-1])
+        center_px = 0.5 * (center_px + back_px[::-1])
+    return replace(model, center_px=center_px)
 
 
-def _followed(
+def _places(
     events: BufferedEvents, known: Calibration, at_us: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    fit = "bands" if has_rare_off(known) else "disc"
-    undelayed = replace(known, lag_us=0.0)
-    tracker = GradedTracker(GradedTrackerConfig(backlash=0.0), undelayed, fit=fit)
-    places, begin_us = [], 0
-    for end_us in at_us.tolist():
-        tracker.absorb(events.packet(begin_us, end_us))
-        places.append(tracker.estimate(events.t_start_us + end_us).detected_px.copy())
-        begin_us = end_us
-    return np.array(places)
+    packets = starmap(events.packet, pairwise([0, *at_us.tolist()]))
+    return np.array([frame.detected_px.copy() for frame in followed(packets, known)])
 
 
-def with_steps(evidence: Evidence, model: Model, view: Overview) -> Model:
+def with_steps(evidence: Evidence, model: Model, rest_px: NDArray[np.float64]) -> Model:
     """Return a model with what one event of each marker and of each pixel stands for.
 
     With a and b the shares of a full swing that an ON and an OFF event stand for, the mean counts
@@ -176,35 +172,39 @@ def with_steps(evidence: Evidence, model: Model, view: Overview) -> Model:
     since the level at which the pixel fired last lies anywhere within a step before the swing
     begins. What falls back on the way up, and rises on the way down, is taken off: a marker that
     turns round over a pixel, or noise near a threshold, fires pairs of events that add up to
-    nothing.
+    nothing. Where too few swings are seen the steps stay.
 
     Args:
         evidence: The recording.
         model: Where the markers went, and how they look.
-        view: Where they rest; its mean steps are kept where too few swings were seen.
+        rest_px: ``(m, 2)`` where they rest, px.
     """
     seen = evidence.seen(model)
     by_marker, by_pixel = seen.marker_swings.copy(), seen.swings.copy()
-    on_per_off = np.divide(*_mean_counts(by_marker, view.steps))
+    model = replace(model, swings=by_marker[:, 1] + by_marker[:, 3])
+    on, rises, off, falls = by_marker.sum(axis=0)[:4].tolist()
+    if min(rises, falls) < FEWEST_SWINGS:
+        return model
+    on_per_off = (on / rises) / (off / falls)
     for swings in by_marker, by_pixel:
         swings[:, 0] -= on_per_off * swings[:, 4]
         swings[:, 2] -= swings[:, 5] / on_per_off
+    on, _, off, _ = by_marker.sum(axis=0)[:4].tolist()
     # Each marker's counts are a little drawn to its neighbours', a Gaussian as wide as the pitch.
-    rest_px, mean = view.markers.center_px, _mean_counts(by_marker, view.steps)
     apart = np.hypot(*(rest_px[:, np.newaxis] - rest_px[np.newaxis]).transpose(2, 0, 1))
     pitch = float(np.median(np.sort(apart, axis=1)[:, 1])) if len(rest_px) > 1 else 1.0
     near = np.exp(-0.5 * (apart / pitch) ** 2) @ by_marker
     counts, single = [], []
-    for usual, column in zip(mean, (0, 2), strict=True):
+    for usual, column in ((on / rises, 0), (off / falls, 2)):
         expected = (near[:, column] + usual) / (near[:, column + 1] + 1.0)
         known, number = by_marker[:, column], by_marker[:, column + 1]
         counts.append((known + NEIGHBOUR_SWINGS * expected) / (number + NEIGHBOUR_SWINGS))
         own, number = by_pixel[:, column], by_pixel[:, column + 1]
         beforehand = PIXEL_SWINGS * counts[-1][evidence.cell]
         single.append((own + beforehand) / (number + PIXEL_SWINGS))
-    on, off = steps_of_counts(*counts)
-    pixel = np.array(steps_of_counts(*single)) / np.array([on, off])[:, evidence.cell]
-    return replace(model, on=on, off=off, pixel=pixel, swings=by_marker[:, 1] + by_marker[:, 3])
+    steps = np.array(steps_of_counts(*counts))
+    pixel = np.array(steps_of_counts(*single)) / steps[:, evidence.cell]
+    return replace(model, on=steps[0], off=steps[1], pixel=pixel)
 
 
 def steps_of_counts(
@@ -226,30 +226,3 @@ def steps_of_counts(
     both = rises * falls - 0.25
     on_step = ((falls - 0.5) / both).clip(*STEP_BOUNDS)
     return on_step, ((rises - 0.5) / both).clip(*STEP_BOUNDS)
-
-
-def _mean_counts(by_marker: NDArray[np.float64], start: MeanSteps) -> tuple[float, float]:
-    total = by_marker.sum(axis=0)
-    if min(total[1], total[3]) < FEWEST_SWINGS:
-        # The inverse of steps_of_counts.
-        return (1.0 - 0.5 * start.off) / start.on - 0.5, (1.0 - 0.5 * start.on) / start.off - 0.5
-    return float(total[0] / total[1]), float(total[2] / total[3])
-
-
-def _stuck(view: Overview, model: Model, cell: NDArray[np.int64]) -> NDArray[np.bool_]:
-    # Pale markers: they send events, but steps of the others' size never erase them from the map.
-    moving = moving_events(view.events, view.rests_us)
-    sent = np.bincount(cell[view.events.code[moving] >> 1], minlength=len(model.on))
-    few = model.swings < STUCK_SHARE * np.median(model.swings)
-    return few & (sent > STUCK_SHARE * np.median(sent))
-
-
-def _led(model: Model, rest_px: NDArray[np.float64], stuck: NDArray[np.bool_]) -> Model:
-    # Stuck markers go where the nearest others go on the average.
-    free, center_px = np.flatnonzero(~stuck), model.paths.center_px.copy()
-    for marker in np.flatnonzero(stuck):
-        apart_px = np.hypot(*(rest_px[free] - rest_px[marker]).T)
-        leaders = free[np.argsort(apart_px, kind="stable")[:LEADERS]]
-        moved_px = (model.paths.center_px[:, leaders] - rest_px[leaders]).mean(axis=1)
-        center_px[:, marker] = rest_px[marker] + moved_px
-    return replace(model, paths=replace(model.paths, center_px=center_px))

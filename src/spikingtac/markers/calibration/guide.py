@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.find_markers import (
-    FindingConfig,
+    CalibrationConfig,
     SeenMarkers,
     lit_share,
     see_markers,
 )
-from spikingtac.markers.calibration.level_maps import MeanSteps, SwingHistogram
+from spikingtac.markers.calibration.level_maps import SwingHistogram
 from spikingtac.markers.calibration.quality import region
-from spikingtac.markers.calibration.recording import RestWatch
+from spikingtac.markers.calibration.recording import BIN_US, coded, quiet_spans
 from spikingtac.types import EventPacket, Polarity
 
 # A pixel has shown a marker when it came from the ground to this level: steps are estimated to 30
@@ -52,49 +52,15 @@ CORE_SHARE = 0.8  # Share of its radius within which a disc is measured: the rim
 # Share of the markers that may lack motion while the guide says that all is there.
 MOST_UNMOVED_SHARE = 0.05
 
+# Standard deviations of Poisson noise, above the quietest, that are no motion: counts reach from
+# 1.6 below their mean (the fifth percentile) to some three above it.
+NOISE_DEVIATIONS = 5.0
+
 # Rests without which a calibration is less sure: one before and one after the contacts (slides of
 # the twin: 0.137 px mean error from one slide before the second rest, 0.110 px after it).
 FEWEST_RESTS = 2
 
 MOST_REGIONS = 3  # Regions that a sentence names.
-
-
-class StreamedLevels:
-    """Levels of all pixels for white and for dark markers, and which of them swung.
-
-    Attributes:
-        steps: What one event stands for, as far as it is known.
-        level: ``(2, height, width)`` from 0 (ground) to 1 (marker), for white and dark markers.
-        swung: The same shape: which pixels came from the ground to a marker.
-    """
-
-    def __init__(self, size: tuple[int, int]) -> None:
-        self._width, shape = size[0], (2, size[1], size[0])
-        self.steps = MeanSteps(FIRST_STEP, FIRST_STEP)
-        self.level, self.swung = np.zeros(shape, np.float32), np.zeros(shape, np.bool_)
-        self._left_us = np.zeros(shape, np.int64)
-        self._swings = SwingHistogram(size[0] * size[1])
-        self._counts = np.zeros(2, np.int64)
-
-    def absorb(self, packet: EventPacket) -> None:
-        """Take the next events."""
-        self._counts += np.bincount(packet.p, minlength=2)
-        pixel = packet.y.astype(np.uint32) * np.uint32(self._width) + packet.x
-        code = pixel * np.uint32(2) + packet.p
-        self._swings.absorb(code, self._on_per_off)
-        level, swung = self.level.reshape(2, -1), self.swung.reshape(2, -1)
-        left_us = self._left_us.reshape(2, -1)
-        levels_kernel(code, packet.t, self.steps.pair, (level, swung, left_us))
-
-    def refresh(self) -> None:
-        """Estimate the steps anew from the swings so far."""
-        if self._swings.counts.any():
-            self.steps = self._swings.steps(self._on_per_off)
-
-    @property
-    def _on_per_off(self) -> float:
-        off, on = self._counts.tolist()
-        return 1.0 if on + off < FEWEST_EVENTS else float(np.clip(on / max(off, 1), *BALANCE))
 
 
 @njit(cache=True)
@@ -227,27 +193,47 @@ class CalibrationGuide:
         config: What is known of the markers beforehand.
     """
 
-    def __init__(self, size: tuple[int, int], config: FindingConfig | None = None) -> None:
-        self._config = config or FindingConfig()
+    def __init__(self, size: tuple[int, int], config: CalibrationConfig | None = None) -> None:
+        self._config = config or CalibrationConfig()
         self._size = size
         self.reset()
 
     def reset(self) -> None:
         """Forget all events."""
-        self._levels, self._rests = StreamedLevels(self._size), RestWatch()
+        width, height = self._size
+        # Levels from 0 (ground) to 1 (marker), for white and for dark markers; which pixels came
+        # from the ground to a marker; and when each left the ground last.
+        self._level = np.zeros((2, height, width), np.float32)
+        self._swung = np.zeros((2, height, width), np.bool_)
+        self._left_us = np.zeros((2, height * width), np.int64)
+        self._steps = np.full(2, FIRST_STEP, np.float32)
+        self._swings = SwingHistogram(np.zeros(height * width, np.int64))
+        self._on_per_off, self._events = 1.0, np.zeros(2, np.int64)
         self._seen: SeenMarkers | None = None
-        self._looked_us: int | None = None
-        self._t_us = 0
+        self._begin_us: int | None = None
+        self._looked_us = self._t_us = self._rests = 0
+        self._counts: list[int] = []
+        self._resting = False
         self._polarity: Polarity = "white"
 
     def absorb(self, packet: EventPacket) -> None:
         """Take the next events, in order of time."""
         packet = packet.sound()
-        self._levels.absorb(packet)
-        self._rests.absorb(packet)
+        self._events += np.bincount(packet.p, minlength=2)
+        if self._events.sum() >= FEWEST_EVENTS:
+            self._on_per_off = float(np.clip(self._events[1] / max(self._events[0], 1), *BALANCE))
+        code = coded(packet)
+        self._swings.absorb(code, self._on_per_off)
+        maps = self._level.reshape(2, -1), self._swung.reshape(2, -1), self._left_us
+        levels_kernel(code, packet.t, self._steps, maps)
         self._t_us = packet.t_end_us
-        if self._looked_us is None:
-            self._looked_us = packet.t_start_us
+        if self._begin_us is None:
+            self._begin_us = self._looked_us = packet.t_start_us
+        bins = (packet.t_end_us - self._begin_us) // BIN_US + 1
+        self._counts += [0] * (bins - len(self._counts))
+        found = np.unique((packet.t - self._begin_us) // BIN_US, return_counts=True)
+        for number, count in zip(*(part.tolist() for part in found), strict=True):
+            self._counts[number] += count
         if packet.t_end_us - self._looked_us >= LOOK_US:
             self._looked_us = packet.t_end_us
             self._look()
@@ -255,28 +241,32 @@ class CalibrationGuide:
     @property
     def complete(self) -> bool:
         """Whether all is there and the skin rests again: a good moment to end a recording."""
-        return self._rests.resting and self._looked_us == self._t_us and self.view().ready
+        return self._resting and self._looked_us == self._t_us and self.view().ready
 
     @property
     def level(self) -> NDArray[np.float32]:
         """``(height, width)`` how bright each pixel is, from 0 (ground) to 1 (marker)."""
-        return self._levels.level[int(self._polarity == "dark")]
+        return self._level[int(self._polarity == "dark")]
 
     def view(self) -> GuideView:
         """Return what is known now."""
-        seen, about = self._seen, (self._size, self._t_us, self._rests.rests)
+        seen, about = self._seen, (self._size, self._t_us, self._rests)
         if seen is None:
             return GuideView(*about)
-        swung = self._levels.swung[int(self._polarity == "dark")]
+        swung = self._swung[int(self._polarity == "dark")]
         share = coverage(swung, seen.center_px, CORE_SHARE * seen.radius_px)
         known = seen.layout.shape, seen.center_px, seen.radius_px
         return GuideView(*about, *known, share[:, 0], share[:, 1:])
 
     def _look(self) -> None:
-        self._levels.refresh()
+        if self._swings.counts.any():
+            self._steps = self._swings.steps(self._on_per_off)[:, 0]
+        counts = np.array(self._counts[:-1])  # the last bin has not ended
+        spans = quiet_spans(counts, NOISE_DEVIATIONS)
+        self._rests, self._resting = len(spans), bool((spans[-1:, 1] == len(counts)).any())
         polarity = self._config.polarity
         if polarity == "auto":
-            lit = [lit_share(level[np.newaxis]) for level in self._levels.level]
+            lit = [lit_share(level[np.newaxis]) for level in self._level]
             polarity = self._polarity if lit[0] == lit[1] else ("white", "dark")[np.argmin(lit)]
         if polarity != self._polarity:
             self._polarity, self._seen = polarity, None
@@ -286,5 +276,5 @@ class CalibrationGuide:
             return
         known = 0 if self._seen is None else self._seen.count
         # While markers move they are seen elsewhere; only what is new is worth that.
-        if seen.count > known or (self._rests.resting and seen.count >= 0.9 * known):
+        if seen.count > known or (self._resting and seen.count >= 0.9 * known):
             self._seen = seen

@@ -34,21 +34,6 @@ SETTLE_SAMPLES = 3  # Events that come so many samples late still count for a sw
 
 
 @dataclass(frozen=True, slots=True)
-class Paths:
-    """Where the markers went.
-
-    Attributes:
-        index: ``(n,)`` how many events came before each sample.
-        center_px: ``(n, m, 2)`` places, px.
-        stretch_px: ``(n, m, 3)`` how the discs are stretched there, as ``draw_kernel`` has it, px.
-    """
-
-    index: NDArray[np.int64]
-    center_px: NDArray[np.float64]
-    stretch_px: NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
 class Comparison:
     """Real and ideal pixels at chosen samples.
 
@@ -76,8 +61,7 @@ class Comparison:
 
 def compare(
     events: BufferedEvents,
-    paths: Paths,
-    states: NDArray[np.int64],
+    paths: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
     discs: Discs,
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
     recovery_s: float = 0.0,
@@ -86,16 +70,18 @@ def compare(
 
     Args:
         events: The recording, markers brighter than the ground.
-        paths: Where the markers went.
-        states: Which samples to keep, increasing, no sample twice.
+        paths: ``(n,)`` how many events came before each sample, ``(n, m, 2)`` where the markers
+            were, px, ``(n, m, 3)`` how they were stretched there, as ``draw_kernel`` has it, px,
+            and which samples to keep, increasing, no sample twice.
         discs: How the markers look.
         steps: ``(pixels,)`` what an ON and an OFF event of each pixel stands for.
         recovery_s: Time in which pixels forget light that they lost without an event, s; 0: never.
     """
+    index, center_px, stretch_px, states = paths
     kept = np.zeros((3, len(states), events.pixels), np.float32)
     owner = np.zeros((len(states), events.pixels), np.int32)
     swings = np.zeros((events.pixels, 6))
-    at_s = np.multiply(events.times_at(paths.index), 1e-6)
+    at_s = np.multiply(events.times_at(index), 1e-6)
     looks, width = discs.looks, events.size[0]
 
     def compare_rows(rows: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -103,7 +89,7 @@ def compare(
         pixels = slice(rows.start * width, rows.stop * width)
         compare_kernel(
             (events.code, pixels.start, width),
-            (paths.index, paths.center_px - [0.0, rows.start], paths.stretch_px, states),
+            (index, center_px - [0.0, rows.start], stretch_px, states),
             looks,
             (steps[0][pixels], steps[1][pixels]),
             (at_s, 1.0 / recovery_s if recovery_s > 0.0 else 0.0),
@@ -265,7 +251,7 @@ def compare_kernel(
     by pixel and by marker.
     """
     (code, first, width), (at_s, per_s), (levels, owners, near, swings) = real, recovery, out
-    (index, places, stretches, states), (on, off) = paths, steps
+    (index, center_px, stretch_px, states), (on, off) = paths, steps
     shape = (levels.shape[2] // width, width)
     image, owner = np.zeros(shape, np.float32), np.full(shape, -1, np.int32)
     now, whose, count = image.ravel(), owner.ravel(), image.size
@@ -279,7 +265,7 @@ def compare_kernel(
     for sample in range(len(index)):
         count_events_kernel(code[at : index[sample]], first, counts, last_owner, near)
         at, clock = index[sample], (seen_s, at_s[sample], per_s)
-        place = places[sample], stretches[sample]
+        place = center_px[sample], stretch_px[sample]
         covered = touched[: draw_kernel(place, looks, (image, owner), touched)]
         if sample == 0:
             begin_kernel(now, steps, (before, phases), ends[0])

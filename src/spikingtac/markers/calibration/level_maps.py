@@ -5,16 +5,12 @@ backwards from the end. Clipping anchors the sum at both ends, so that neither n
 unlike thresholds make it drift. Both directions are averaged, since their errors are opposed.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
-from spikingtac.markers.calibration.recording import BufferedEvents, moving_events
+from spikingtac.markers.calibration.recording import BufferedEvents, moving_events, noise_events
 
 # Resolution and range of the histogram of brightness swings, in ON events.
 BINS_PER_EVENT, LARGEST_SWING = 4, 100
@@ -32,33 +28,12 @@ SWING_QUANTILE = 0.5
 ON_SHARES = (0.02, 0.98)
 
 
-@dataclass(frozen=True, slots=True)
-class MeanSteps:
-    """What one event of the sensor stands for on the average, in shares of a full swing.
+def mean_steps(events: BufferedEvents, moving: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return ``(2,)`` what an ON and an OFF event stand for, in shares of a full swing.
 
-    Attributes:
-        on: Share of an ON event.
-        off: Share of an OFF event.
-    """
-
-    on: float
-    off: float
-
-    def inverted(self) -> MeanSteps:
-        """Return the steps for swapped polarities."""
-        return MeanSteps(self.off, self.on)
-
-    @property
-    def pair(self) -> NDArray[np.float32]:
-        """``(2,)`` ON and OFF step, for kernels."""
-        return np.array([self.on, self.off], np.float32)
-
-
-def mean_steps(events: BufferedEvents, moving: NDArray[np.bool_]) -> MeanSteps:
-    """Estimate the steps from the balance of ON and OFF events and from the size of swings.
-
-    Over a recording in which brightness comes back to where it was, the sum of all ON steps equals
-    that of all OFF steps.
+    They are estimated from the balance of ON and OFF events and from the size of swings. Over a
+    recording in which brightness comes back to where it was, the sum of all ON steps equals that of
+    all OFF steps.
 
     Args:
         events: The recording.
@@ -75,37 +50,40 @@ def mean_steps(events: BufferedEvents, moving: NDArray[np.bool_]) -> MeanSteps:
             f"{share:.0%} of the events of motion are ON events, so brightness never comes back "
             "and no marker can be followed; check the camera's thresholds (biases)"
         )
-    swings = SwingHistogram(events.pixels)
+    swings = SwingHistogram(np.zeros(events.pixels, np.int64))
     swings.absorb(events.code, on / off)
-    return swings.steps(on / off)
+    return swings.steps(on / off)[:, 0]
 
 
 class SwingHistogram:
-    """How far brightness goes between two turns, in ON events, of all pixels together.
+    """How far brightness goes between two turns, in ON events, of groups of pixels.
+
+    Args:
+        group: ``(pixels,)`` number of each pixel's group.
 
     Attributes:
-        counts: Swings by size, in bins of 1 / BINS_PER_EVENT.
+        counts: ``(groups, bins)`` swings by size, in bins of 1 / BINS_PER_EVENT.
     """
 
-    def __init__(self, pixels: int) -> None:
-        self.counts = np.zeros(LARGEST_SWING * BINS_PER_EVENT, np.int64)
-        self._turns = np.zeros((4, pixels), np.float32)
+    def __init__(self, group: NDArray[np.int64]) -> None:
+        self.counts = np.zeros((int(group.max()) + 1, LARGEST_SWING * BINS_PER_EVENT), np.int64)
+        self._group, self._turns = group, np.zeros((4, len(group)), np.float32)
 
     def absorb(self, code: NDArray[np.uint32], on_per_off: float) -> None:
         """Take the next events, by pixel and polarity as in :class:`BufferedEvents`."""
-        swings_kernel(code, on_per_off, self._turns, self.counts)
+        swings_kernel(code, on_per_off, self._turns, self._group, self.counts)
 
-    def steps(self, on_per_off: float) -> MeanSteps:
-        """Return the steps of which :data:`SWING_QUANTILE` of the swings are a full one."""
-        weight = self.counts * np.arange(1, len(self.counts) + 1)
-        reached = np.cumsum(weight) >= SWING_QUANTILE * weight.sum()
-        step = 1.0 / (max(float(np.argmax(reached)) / BINS_PER_EVENT, 1.0) + 0.5)
-        return MeanSteps(min(step, 1.0), min(step * on_per_off, 1.0))
+    def steps(self, on_per_off: float) -> NDArray[np.float32]:
+        """Return ``(2, groups)`` ON and OFF steps: SWING_QUANTILE of the swings are a full one."""
+        weight = np.cumsum(self.counts * np.arange(1, self.counts.shape[1] + 1), axis=1)
+        full = (weight >= SWING_QUANTILE * weight[:, -1:]).argmax(axis=1) / BINS_PER_EVENT
+        step = 1.0 / (np.maximum(full, 1.0) + 0.5)
+        return np.array([step, step * on_per_off], np.float32).clip(max=1.0)
 
 
 def level_maps(
     events: BufferedEvents,
-    steps: MeanSteps,
+    steps: NDArray[np.float32],
     index: NDArray[np.int64],
     start: NDArray[np.float32],
 ) -> NDArray[np.float32]:
@@ -113,12 +91,12 @@ def level_maps(
 
     Args:
         events: The recording, markers brighter than the ground.
-        steps: What one event stands for.
+        steps: ``(2,)`` what an ON and an OFF event stand for.
         index: How many events came before each map, increasing.
         start: ``(height, width)`` levels when the recording begins.
     """
     level = start.ravel().copy()
-    add_kernel(level, events.code, steps.pair)
+    add_kernel(level, events.code, steps)
     maps = np.empty((len(index), events.pixels), np.float32)
     last = len(events)
     for row in range(len(index) - 1, -1, -1):
@@ -128,15 +106,17 @@ def level_maps(
     _undo(level, events.code[:last], steps)
     last = 0
     for row, at in enumerate(index):
-        add_kernel(level, events.code[last:at], steps.pair)
+        add_kernel(level, events.code[last:at], steps)
         last = int(at)
         maps[row] = 0.5 * (maps[row] + level)
     return maps.reshape(len(index), *events.shape)
 
 
-def _undo(level: NDArray[np.float32], code: NDArray[np.uint32], steps: MeanSteps) -> None:
+def _undo(level: NDArray[np.float32], code: NDArray[np.uint32], steps: NDArray[np.float32]) -> None:
     # Take each event's step back, last event first: the inverted events, backwards in time.
-    add_kernel(level, np.ascontiguousarray(code[::-1] ^ np.uint32(1)), steps.inverted().pair)
+    add_kernel(
+        level, np.ascontiguousarray(code[::-1] ^ np.uint32(1)), np.ascontiguousarray(steps[::-1])
+    )
 
 
 @njit(cache=True)
@@ -144,9 +124,10 @@ def swings_kernel(
     code: NDArray[np.uint32],
     ratio: float,
     state: NDArray[np.float32],
+    group: NDArray[np.int64],
     histogram: NDArray[np.int64],
 ) -> None:
-    """Count how far brightness goes between two turns, pixel by pixel.
+    """Count how far brightness goes between two turns, pixel by pixel, by their groups.
 
     ``state`` holds for each pixel its brightness, the outermost value since the last turn, the
     value at that turn, and the direction (1 up, -1 down, 0 not known).
@@ -166,7 +147,8 @@ def swings_kernel(
             state[1, pixel] = state[0, pixel]
         elif back >= turn:
             size = abs(state[1, pixel] - state[2, pixel])
-            histogram[min(int(size * BINS_PER_EVENT), len(histogram) - 1)] += 1
+            size_bin = min(int(size * BINS_PER_EVENT), histogram.shape[1] - 1)
+            histogram[group[pixel], size_bin] += 1
             state[2, pixel] = state[1, pixel]
             state[1, pixel] = state[0, pixel]
             state[3, pixel] = -way
@@ -209,14 +191,14 @@ LEAST_LIT = 0.1
 
 
 def starting_levels(
-    events: BufferedEvents, rests_us: NDArray[np.int64], steps: MeanSteps
+    events: BufferedEvents, rests_us: NDArray[np.int64], steps: NDArray[np.float32]
 ) -> NDArray[np.float32]:
     """Return ``(height, width)`` levels when the recording begins: 0 (ground) or 1 (marker).
 
     Args:
         events: The recording, markers brighter than the ground.
         rests_us: ``(rests, 2)`` when the skin rested, us since the start.
-        steps: What an event stands for on the average.
+        steps: ``(2,)`` what an ON and an OFF event stand for on the average.
     """
     # A late import: every verb's start would wait for it.
     from scipy import ndimage
@@ -224,9 +206,9 @@ def starting_levels(
     code = events.code[moving_events(events, rests_us)]
     sent = np.bincount(code >> 1, minlength=events.pixels).reshape(events.shape)
     smooth = ndimage.gaussian_filter(sent.astype(np.float32), SMOOTH_PX)
-    # The events of noise that a pixel sends while the skin moves, from its rests.
-    silence_us = max(float(np.diff(rests_us, axis=1).sum()), 1.0)
-    noise = (len(events) - len(code)) / events.pixels * (events.duration_us / silence_us - 1.0)
+    # The events of noise that a pixel sends while the skin moves.
+    moving_us = events.duration_us - np.diff(rests_us, axis=1).sum()
+    noise = noise_events(events, rests_us).sum() * moving_us / max(events.duration_us, 1)
     fires = smooth > max(FEWEST_EVENTS, OVER_NOISE * noise)
     # Levels of a map that ended dark, and of a bright one: they differ where a pixel never swings.
     dark, bright = np.zeros(events.shape, np.float32), np.ones(events.shape, np.float32)
@@ -256,12 +238,12 @@ def _widened(span: slice) -> slice:
 
 
 def _darkening(
-    events: BufferedEvents, code: NDArray[np.uint32], steps: MeanSteps
+    events: BufferedEvents, code: NDArray[np.uint32], steps: NDArray[np.float32]
 ) -> NDArray[np.bool_]:
     """Return where pixels darken at their first event of motion rather than brighten."""
     from scipy.ndimage import gaussian_filter
 
     pixel, first = np.unique(code >> 1, return_index=True)
     fell = np.zeros(events.pixels, np.float32)
-    fell[pixel] = np.where(code[first] & 1, -steps.on, steps.off)
+    fell[pixel] = np.where(code[first] & 1, -steps[0], steps[1])
     return gaussian_filter(fell.reshape(events.shape), SMOOTH_PX) > 0.0

@@ -6,12 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
-from spikingtac.markers.calibration.corrections import (
-    Changes,
-    Evidence,
-    Model,
-    rims,
-)
+from spikingtac.markers.calibration.corrections import Changes, Evidence, Model, rims
 from spikingtac.markers.calibration.layout import Layout
 
 # A marker with few events is measured when its disc explains this share of what the median disc
@@ -73,8 +68,7 @@ class Quality:
 def judged(evidence: Evidence, model: Model) -> Quality:
     """Separate the markers that a recording shows from those that it does not."""
     # Discs that keep their shape: a stretch would explain a part of whatever is there.
-    unstretched = replace(model.paths, stretch_px=np.zeros_like(model.paths.stretch_px))
-    model = replace(model, paths=unstretched)
+    model = replace(model, stretch_px=np.zeros_like(model.stretch_px))
     seen = evidence.seen(model)
     change, around = Changes(seen, OFFSET_STATES, 1.0), rims(evidence, model, seen)
     left_over, whole = (
@@ -108,7 +102,7 @@ def refuse_without_grid(quality: Quality) -> None:
 def refuse_gaps(
     layout: Layout, size: tuple[int, int], missing: NDArray[np.int64], allowed: int | None
 ) -> None:
-    """Refuse a layout of which too many markers are missing.
+    """Refuse a grid of which too many markers are missing.
 
     Args:
         layout: The layout.
@@ -120,9 +114,9 @@ def refuse_gaps(
         CalibrationError: More are missing; names them and says where to touch.
     """
     most = int(MOST_MISSING_SHARE * len(layout.point)) if allowed is None else allowed
-    if len(missing) <= most:
+    if layout.shape is None or len(missing) <= most:
         return
-    place = layout.expected_px
+    place, (rows, columns) = layout.expected_px, layout.shape
     named = [
         f"{marker_name(index, layout.shape)} "
         f"(expected near x {place[index][0]:.0f}, y {place[index][1]:.0f} px)"
@@ -130,9 +124,8 @@ def refuse_gaps(
     ]
     more = len(missing) - len(named)
     regions = sorted({region(place[index], size) for index in missing})
-    shape = "free layout" if layout.shape is None else "{}x{} grid".format(*layout.shape)
     raise CalibrationError(
-        f"{len(missing)} of {len(place)} markers of the {shape} were not "
+        f"{len(missing)} of {len(place)} markers of the {rows}x{columns} grid were not "
         f"found: {'; '.join(named)}{f'; and {more} more' if more else ''}. Press or slide on the "
         f"{' and the '.join(regions)} of the skin, until the markers there move by more than their "
         f"diameter, and record again; if they are broken, give --allow-missing {len(missing)}; if "

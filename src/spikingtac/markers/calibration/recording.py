@@ -6,7 +6,6 @@ without load: the skin looks the same at all rests without load, while presses d
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -104,7 +103,7 @@ class BufferedEvents:
         keep = BackgroundActivityFilter(self.size)
         kept = keep(self.packet(0, self.duration_us))
         time_us = (kept.t - self.t_start_us).astype(np.uint32)
-        return replace(self, code=_coded(kept), time_us=time_us)
+        return replace(self, code=coded(kept), time_us=time_us)
 
 
 def buffer_events(source: EventSource, most_us: int | None = None) -> BufferedEvents:
@@ -117,7 +116,7 @@ def buffer_events(source: EventSource, most_us: int | None = None) -> BufferedEv
     codes: list[NDArray[np.uint32]] = []
     times: list[NDArray[np.uint32]] = []
     start_us = end_us = events = 0
-    for packet in source:
+    for packet in map(EventPacket.sound, source):
         start_us = start_us if codes else packet.t_start_us
         end_us = packet.t_end_us
         events += len(packet)
@@ -127,7 +126,7 @@ def buffer_events(source: EventSource, most_us: int | None = None) -> BufferedEv
                 "some ten seconds are enough, cut them out with: "
                 "spikingtac convert RECORDING OUT --from-us N --to-us N"
             )
-        codes.append(_coded(packet))
+        codes.append(coded(packet))
         times.append((packet.t - start_us).astype(np.uint32))
         if most_us is not None and end_us - start_us >= most_us:
             break
@@ -140,8 +139,8 @@ def buffer_events(source: EventSource, most_us: int | None = None) -> BufferedEv
     return BufferedEvents(code, time_us, source.size, start_us, end_us - start_us)
 
 
-def _coded(packet: EventPacket) -> NDArray[np.uint32]:
-    packet = packet.sound()
+def coded(packet: EventPacket) -> NDArray[np.uint32]:
+    """Return events as :class:`BufferedEvents` has them."""
     pixel = packet.y.astype(np.uint32) * np.uint32(packet.size[0]) + packet.x
     return pixel * np.uint32(2) + packet.p
 
@@ -163,12 +162,12 @@ BIN_US, SMOOTH_BINS = 10_000, 5
 # ones (measured: creep after a contact is 0.01 to 0.02).
 QUIET_SHARE, QUIET_PERCENTILE = 0.03, 5.0
 
-SHORTEST_REST_US = 100_000  # A rest lasts at least this long; a slide turns round in less.
+SHORTEST_REST_BINS = 10  # A rest lasts at least 0.1 s; a slide turns round in less.
 
 MOST_RESTS = 40  # The longest so many rests are used: each keeps a map in memory.
 
 
-def quiet_limit(counts: NDArray[np.float64], deviations: float = 3.0) -> float:
+def quiet_limit(counts: NDArray[np.float64], deviations: float) -> float:
     """Return the count up to which a bin is quiet.
 
     Args:
@@ -182,17 +181,26 @@ def quiet_limit(counts: NDArray[np.float64], deviations: float = 3.0) -> float:
     return floor + max(QUIET_SHARE * (busy - floor), deviations * (np.sqrt(floor) + 1.0))
 
 
+def quiet_spans(counts: NDArray[np.integer], deviations: float = 3.0) -> NDArray[np.int64]:
+    """Return ``(n, 2)`` begin and end of each rest, in bins of :data:`BIN_US`, in order.
+
+    Args:
+        counts: Events of each bin.
+        deviations: As :func:`quiet_limit` has them.
+    """
+    sums = np.convolve(counts, np.ones(SMOOTH_BINS), "same")
+    quiet = np.concatenate([[0], sums <= quiet_limit(sums, deviations), [0]]).astype(int)
+    begins, ends = (np.flatnonzero(np.diff(quiet) == change) for change in (1, -1))
+    spans = np.column_stack([begins, ends])
+    return spans[ends - begins >= SHORTEST_REST_BINS]
+
+
 def find_rests(events: BufferedEvents) -> NDArray[np.int64]:
     """Return ``(n, 2)`` first and last time of each rest, us since the start, in order."""
     edges_us = np.arange(max(1, events.duration_us // BIN_US) + 1, dtype=np.int64) * BIN_US
-    single = np.diff(events.index_at(edges_us)).astype(float)
-    counts = np.convolve(single, np.ones(SMOOTH_BINS), "same")
-    quiet = np.concatenate([[0], counts <= quiet_limit(counts), [0]]).astype(int)
-    begins, ends = (np.flatnonzero(np.diff(quiet) == change) for change in (1, -1))
-    rests = np.column_stack([begins, ends]) * BIN_US
-    rests = rests[np.diff(rests, axis=1)[:, 0] >= SHORTEST_REST_US]
+    rests = quiet_spans(np.diff(events.index_at(edges_us)))
     longest = np.argsort(rests[:, 0] - rests[:, 1], kind="stable")[:MOST_RESTS]
-    return rests[np.sort(longest)]
+    return rests[np.sort(longest)] * BIN_US
 
 
 def moving_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -203,47 +211,15 @@ def moving_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArra
     return moving if moving.any() else ~moving
 
 
-MOST_BINS = 1_200  # Bins that are remembered: a minute of 50 ms each.
+def noise_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return ``(2,)`` ON and OFF events of noise of a pixel over the recording, as rests have it.
 
-# Quiet counts reach from 1.6 standard deviations of Poisson noise below their mean (the fifth
-# percentile) to some three above it.
-NOISE_DEVIATIONS = 5.0
-
-BIN_SUM_US = BIN_US * SMOOTH_BINS  # Length of a bin, us: as long as the calibration sums over.
-
-
-class RestWatch:
-    """Counts events in bins and separates rest from motion, as the calibration does afterwards.
-
-    Attributes:
-        rests: Rests so far, the present one included.
+    Without a rest nothing tells them, and they are 0.
     """
-
-    def __init__(self) -> None:
-        self._bins: deque[int] = deque(maxlen=MOST_BINS)
-        self._begin_us: int | None = None
-        self._count = self._quiet_bins = self.rests = 0
-
-    @property
-    def resting(self) -> bool:
-        """Whether the quiet has lasted for as long as a rest does."""
-        return self._quiet_bins * BIN_SUM_US >= SHORTEST_REST_US
-
-    def absorb(self, packet: EventPacket) -> None:
-        """Take the next events."""
-        if self._begin_us is None:
-            self._begin_us = packet.t_start_us
-        ended = max(packet.t_end_us - self._begin_us, 0) // BIN_SUM_US
-        counts = np.bincount((packet.t - self._begin_us) // BIN_SUM_US, minlength=ended + 1)
-        counts[0] += self._count
-        # Of a silence of more than a minute the last minute tells all.
-        for count in counts[max(ended - MOST_BINS, 0) : ended].tolist():
-            self._bins.append(count)
-            quiet = count <= quiet_limit(np.array(self._bins, float), NOISE_DEVIATIONS)
-            was, self._quiet_bins = self.resting, self._quiet_bins + 1 if quiet else 0
-            self.rests += self.resting and not was
-        self._count = int(counts[ended:].sum())
-        self._begin_us += ended * BIN_SUM_US
+    silence_us = max(float(np.diff(rests_us, axis=1).sum()), 1.0)
+    silent = events.code[~moving_events(events, rests_us)]
+    off, on = np.bincount(silent & 1, minlength=2)
+    return np.array([on, off]) / events.pixels * events.duration_us / silence_us
 
 
 SMOOTH_PX = 3  # Width of the box mean before two maps are compared: single pixels are noise.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.corrections import Changes, Evidence, Model, corrections
-from spikingtac.markers.calibration.ideal_pixels import Comparison, Paths
+from spikingtac.markers.calibration.ideal_pixels import Comparison
 
 # Times that the ideal pixels walk at most. Wide edges take many rounds: they grow by 0.1 px in
 # each.
@@ -60,13 +60,13 @@ def refine(evidence: Evidence, model: Model, rounds: int = MOST_ROUNDS) -> Model
         seen = evidence.seen(model)
         change = Changes(seen)
         common_px, own_px, residual = corrections(evidence, model, seen, change)
-        paths = _moved(model.paths, evidence.states, common_px, own_px)
+        model = _moved(evidence.states, model, common_px, own_px)
         growth = SHAPE_GAIN * common_px[:, 2:].clip(-LARGEST_GROWTH_PX, LARGEST_GROWTH_PX)
         radius_px, edge_px = model.discs.radius_px, model.discs.edge_px + growth[:, 1]
         bounds_px = np.multiply(RADIUS_SHARES, np.median(radius_px))
         radius_px = (radius_px + growth[:, 0]).clip(*bounds_px)
         discs = replace(model.discs, radius_px=radius_px, edge_px=edge_px.clip(*EDGE_BOUNDS_PX))
-        model = replace(model, paths=paths, discs=discs, residual=residual)
+        model = replace(model, discs=discs, residual=residual)
         model = _recounted(evidence, model, seen, change)
         # Medians: a marker that the recording hardly shows may never settle.
         largest_px = np.abs(own_px[..., :2]).mean(axis=(0, 2)), np.abs(common_px).max(axis=1)
@@ -76,26 +76,22 @@ def refine(evidence: Evidence, model: Model, rounds: int = MOST_ROUNDS) -> Model
 
 
 def _moved(
-    paths: Paths,
     states: NDArray[np.int64],
+    model: Model,
     common_px: NDArray[np.float64],
     own_px: NDArray[np.float64],
-) -> Paths:
+) -> Model:
     # Places and stretches are corrected on straight lines from state to state.
     change = PLACE_GAIN * own_px
     change[..., :2] += common_px[:, :2].clip(-LARGEST_MOVE_PX, LARGEST_MOVE_PX)
     length = np.linalg.norm(change[..., :2], axis=2, keepdims=True)
     change[..., :2] *= np.minimum(1.0, LARGEST_MOVE_PX / np.maximum(length, 1e-9))
-    at = np.arange(len(paths.index))
+    at = np.arange(len(model.center_px))
     flat = change.reshape(len(states), -1).T
     between = np.column_stack([np.interp(at, states, column) for column in flat])
     between = between.reshape(len(at), *change.shape[1:])
-    stretch_px = paths.stretch_px + between[..., 2:]
-    return replace(
-        paths,
-        center_px=paths.center_px + between[..., :2],
-        stretch_px=stretch_px.clip(-LARGEST_STRETCH_PX, LARGEST_STRETCH_PX),
-    )
+    stretch_px = (model.stretch_px + between[..., 2:]).clip(-LARGEST_STRETCH_PX, LARGEST_STRETCH_PX)
+    return replace(model, center_px=model.center_px + between[..., :2], stretch_px=stretch_px)
 
 
 def _recounted(evidence: Evidence, model: Model, seen: Comparison, change: Changes) -> Model:

@@ -1,10 +1,11 @@
 """A recording in memory is read again as it came; rests are told by the rate of the events."""
 
+from itertools import pairwise
+
 import numpy as np
-import pytest
 
 from spikingtac.events.source import PacketSource
-from spikingtac.markers.calibration.recording import RestWatch, buffer_events
+from spikingtac.markers.calibration.recording import buffer_events, find_rests
 from spikingtac.types import EventPacket
 
 SIZE = (30, 20)
@@ -28,29 +29,15 @@ def test_what_was_buffered_is_read_again() -> None:
         assert source.size == SIZE
 
 
-def packet(begin_us: int, end_us: int, rate_hz: float, seed: int = 0) -> EventPacket:
-    rng = np.random.default_rng([seed, begin_us])
-    count = rng.poisson(rate_hz * (end_us - begin_us) / 1e6)
-    t = np.sort(rng.integers(begin_us, end_us, count))
-    one = np.ones(count, np.uint16)
-    return EventPacket(one, one, one.astype(bool), t, begin_us, end_us, SIZE)
-
-
-def fed(*stretches: tuple[float, float], packet_us: int) -> tuple[RestWatch, list[bool]]:
-    """Feed stretches of (seconds, events per second); return whether each ended in a rest."""
-    watch, resting, now = RestWatch(), [], 5_000
-    for lasting_s, rate_hz in stretches:
-        end = now + int(lasting_s * 1e6)
-        while now < end:
-            step = min(packet_us, end - now)
-            watch.absorb(packet(now, now + step, rate_hz))
-            now += step
-        resting.append(watch.resting)
-    return watch, resting
-
-
-@pytest.mark.parametrize("packet_us", [1_000, 33_000, 400_000])
-def test_motion_between_two_rests(packet_us: int) -> None:
-    watch, resting = fed((1.0, 2_000), (1.0, 200_000), (1.0, 2_000), packet_us=packet_us)
-    assert resting == [True, False, True]
-    assert watch.rests == 2
+def test_motion_between_two_rests() -> None:
+    rng, ends_us = np.random.default_rng(0), (0, 1_000_000, 2_000_000, 3_000_000)
+    rates_hz = (2_000, 200_000, 2_000)
+    parts = [
+        rng.integers(begin, end, rng.poisson(rate))
+        for (begin, end), rate in zip(pairwise(ends_us), rates_hz, strict=True)
+    ]
+    t = np.sort(np.concatenate(parts))
+    one = np.ones(len(t), np.uint16)
+    whole = EventPacket(one, one, one.astype(bool), t, 0, ends_us[-1], SIZE)
+    rests_us = find_rests(buffer_events(PacketSource([whole], SIZE)))
+    np.testing.assert_allclose(rests_us, [[0, 1_000_000], [2_000_000, 3_000_000]], atol=30_000)

@@ -5,11 +5,11 @@ import pytest
 
 from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration import level_maps as module
-from spikingtac.markers.calibration.level_maps import MeanSteps, starting_levels
+from spikingtac.markers.calibration.level_maps import starting_levels
 from spikingtac.markers.calibration.recording import BufferedEvents, buffer_events
 from stand_ins.ideal_events import ideal_events
 
-SIZE, STEPS = (80, 60), MeanSteps(0.15, 0.15)
+SIZE, STEPS = (80, 60), np.full(2, 0.15, np.float32)
 CENTER, RADIUS_PX = (40.0, 30.0), 14.0
 WAYS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
