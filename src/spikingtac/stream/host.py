@@ -18,7 +18,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from multiprocessing.connection import Connection
-from typing import Any, NamedTuple, Self
+from typing import Any
 
 from spikingtac.errors import DeviceError, SpikingTacError
 from spikingtac.stream.real_time import ordinary_priority
@@ -29,18 +29,6 @@ TERMINATE_S = 2.0  # Wait between the request to end and the kill of a process t
 
 # Longest time that a process may take to complete its files once its asker is gone, s.
 LONGEST_GRACE_S = 30.0
-
-
-class _End(NamedTuple):
-    """The last thing that a process tells: what ended its work, or that it is done."""
-
-    error: Exception = EOFError()
-
-    @classmethod
-    def by(cls, error: Exception) -> Self:
-        """Return it with an error that can be sent to another process."""
-        sendable = isinstance(error, SpikingTacError | OSError)
-        return cls(error if sendable else RuntimeError(f"{type(error).__name__}: {error}"))
 
 
 class Host:
@@ -118,9 +106,9 @@ class Host:
             how = "was killed; the machine may have run out of memory" if killed else "ended"
             self.lost = True
             raise DeviceError(f"the process of {self._what} {how}; start it again") from error
-        if isinstance(item, _End):
-            self._done = isinstance(item.error, EOFError)
-            raise item.error
+        if isinstance(item, Exception):  # the last word: EOFError where the work is done
+            self._done = isinstance(item, EOFError)
+            raise item
         return item
 
     @ordinary_priority()
@@ -210,15 +198,21 @@ def serve(number: int) -> None:
     except EOFError:
         return
     except Exception as error:  # its module cannot be imported here
-        channel.send(_End.by(error))
+        channel.send(_sendable(error))
         raise SystemExit(1) from error
     asker = Asker(channel, rings)
     try:
         work(asker)
     except Exception as error:  # raised by the asker
-        asker.tell(_End.by(error))
+        asker.tell(_sendable(error))
         raise SystemExit(1) from error
-    asker.tell(_End())
+    asker.tell(EOFError())
+
+
+def _sendable(error: Exception) -> Exception:
+    """Return an error as it can be sent to another process."""
+    known = isinstance(error, SpikingTacError | OSError)
+    return error if known else RuntimeError(f"{type(error).__name__}: {error}")
 
 
 if __name__ == "__main__":

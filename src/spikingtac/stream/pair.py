@@ -24,7 +24,7 @@ from spikingtac.events.clock import PPM, TimeMap
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.recording import RetimedSource
 from spikingtac.events.source import EventSource
-from spikingtac.stream.packets import Delivery
+from spikingtac.stream.packets import MISSED, Delivery
 from spikingtac.stream.reader import EventReader
 from spikingtac.types import EventPacket
 
@@ -112,14 +112,13 @@ class _Sensor:
         Raises:
             SpikingTacError: Whatever reading the camera raised.
         """
-        missed = self.reader.losses["missed"]
         try:
             while not self.ended and (found := self.reader.take()) is not None:
                 self.received_s = found.received_s
                 self.waiting.append(found)
         except EOFError:
             self.ended = True
-        self.source.losses.add("missed", self.reader.losses["missed"] - missed)
+        self.source.losses.add(MISSED, self.reader.losses.pop(MISSED, 0))
 
     def packets(
         self, others: Sequence[_Sensor], silent_s: float, starting_s: float

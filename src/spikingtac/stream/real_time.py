@@ -57,16 +57,12 @@ def take_precedence(priority: int = PRIORITY) -> bool:
     hold up the others. Permission: root, or a line for the user in /etc/security/limits.conf
     (``rtprio``); who is permitted less than is asked for has :data:`PRIORITY`.
     """
-    return any(_take(wanted) for wanted in dict.fromkeys((priority, PRIORITY)))
-
-
-def _take(priority: int) -> bool:
-    try:
-        for thread in [0, *(int(path.name) for path in THREADS.iterdir())]:  # 0: this one
-            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
-    except (AttributeError, OSError):  # no such system, or not permitted
-        return False
-    return True
+    for wanted in (priority, PRIORITY):
+        with suppress(AttributeError, OSError):  # no such system, or not permitted
+            for thread in [0, *(int(path.name) for path in THREADS.iterdir())]:  # 0: this one
+                os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(wanted))
+            return True
+    return False
 
 
 @contextmanager
