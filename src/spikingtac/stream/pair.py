@@ -113,7 +113,7 @@ class _Sensor:
             SpikingTacError: Whatever reading the camera raised.
         """
         try:
-            while not self.ended and (found := self.reader.take()) is not None:
+            while (found := self.reader.take()) is not None:
                 self.received_s = found.received_s
                 self.waiting.append(found)
         except EOFError:
@@ -121,11 +121,11 @@ class _Sensor:
         self.source.losses.add(MISSED, self.reader.losses.pop(MISSED, 0))
 
     def packets(
-        self, others: Sequence[_Sensor], silent_s: float, starting_s: float
+        self, sensors: Sequence[_Sensor], silent_s: float, starting_s: float
     ) -> Iterator[EventPacket]:
         """Yield the packets; while it is silent, empty ones as far as the others have come."""
         while True:
-            for sensor in (self, *others):
+            for sensor in sensors:
                 sensor.fill()
             if self.waiting:
                 self.last = self.waiting.popleft()
@@ -138,7 +138,7 @@ class _Sensor:
                     yield packet.part(late, len(packet), begin_us, packet.t_end_us)
             elif self.ended:
                 return
-            elif ahead := self._overtaken(others, silent_s if self.last else starting_s):
+            elif ahead := self._overtaken(sensors, silent_s if self.last else starting_s):
                 first_us = min(one.packet.t_start_us for one in ahead)
                 begin_us = first_us if self.given_us == NEVER_US else self.given_us
                 self.given_us = max(one.packet.t_end_us for one in ahead)
@@ -146,10 +146,10 @@ class _Sensor:
             else:
                 time.sleep(LOOK_S)
 
-    def _overtaken(self, others: Sequence[_Sensor], patience_s: float) -> list[Delivery]:
+    def _overtaken(self, sensors: Sequence[_Sensor], patience_s: float) -> list[Delivery]:
         """Return what others delivered beyond this one's time, and that has waited long enough."""
         until_s = time.monotonic() - patience_s
-        known = [one for other in others for one in (other.last, *other.waiting) if one]
+        known = [one for sensor in sensors for one in (sensor.last, *sensor.waiting) if one]
         return [
             one
             for one in known
@@ -176,12 +176,8 @@ def live_windows(
         SpikingTacError: Whatever reading a camera raised.
     """
     sensors = [_Sensor(source) for source in sources]
-    given = [
-        one.packets([other for other in sensors if other is not one], silent_s, starting_s)
-        for one in sensors
-    ]
     try:
-        yield from paired_windows(given)
+        yield from paired_windows([one.packets(sensors, silent_s, starting_s) for one in sensors])
     finally:
         for sensor in sensors:
             sensor.reader.release()
