@@ -144,15 +144,12 @@ def plot_events(
 def _draw_moment(axes: Axes, figures: EventFigures, theme: Theme) -> None:
     from matplotlib.colors import LinearSegmentedColormap
 
-    # The colours of ON and OFF events on the page and in summaries.
-    colors = LinearSegmentedColormap.from_list(
-        "polarity", (theme.second, theme.ground, theme.strong)
-    )
+    colors = LinearSegmentedColormap.from_list("polarity", (theme.off, theme.ground, theme.on))
     size = np.abs(figures.moment)
     bound = float(np.median(size[size > 0])) if size.any() else 1.0  # busy pixels hide no others
     axes.imshow(figures.moment, cmap=colors, vmin=-bound, vmax=bound)
     at_s = (figures.at_us - figures.first_us) / US_PER_S
-    axes.set(title=f"ON (blue), OFF (orange)\n{RATE_US // 1000} ms from {at_s:.3f} s")
+    axes.set(title=f"ON (blue), OFF (purple)\n{RATE_US // 1000} ms from {at_s:.3f} s")
     axes.set(xlabel="x (px)", ylabel="y (px)")
 
 

@@ -41,6 +41,8 @@ class Theme:
         soft: What is in the background: grids, resting markers, single markers' lines.
         strong: What the figure is about.
         second: What it is compared with.
+        on: ON events, as on the page of ``view``.
+        off: OFF events.
         sequential: Part of viridis, a perceptually uniform map, for magnitudes: where it begins and
             ends, 0 to 1. What is small is near to the ground, what is large stands out from it.
     """
@@ -50,6 +52,8 @@ class Theme:
     soft: str
     strong: str
     second: str
+    on: str
+    off: str
     sequential: tuple[float, float]
 
     def magnitudes(self) -> Colormap:
@@ -65,11 +69,11 @@ class Theme:
 THEMES = {
     "light": Theme(
         ground="white", text="#1a1a1a", soft="#9aa3aa", strong="#0072b2", second="#d55e00",
-        sequential=(0.85, 0.0),
+        on="#1436b0", off="#e33be3", sequential=(0.85, 0.0),
     ),
     "dark": Theme(
         ground="#0b0d0e", text="#dbe0e3", soft="#6d777e", strong="#56b4e9", second="#e69f00",
-        sequential=(0.25, 1.0),
+        on="#2aa5ff", off="#7a5cff", sequential=(0.25, 1.0),
     ),
 }  # fmt: skip
 

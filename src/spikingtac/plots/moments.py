@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError
-from spikingtac.plots.figure import check_target, new_figure, save_gif, style_axes
+from spikingtac.plots.figure import THEMES, check_target, new_figure, save_gif, style_axes
 from spikingtac.plots.tracks import (
     draw_course,
     draw_field,
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from PIL.Image import Image
 
-ON_COLOR, OFF_COLOR = "#6fb3e0", "#d98a5b"
+DARK = THEMES["dark"]
 ARROW_COLOR, CONTACT_COLOR = "#e9b44c", "#ffd479"
 GROUND, PANEL, TEXT, SOFT = "#0b0d0e", "#161a1d", "#dbe0e3", "#8d979e"
 RING_COLOR = "#4b545b"
@@ -109,7 +109,7 @@ def save_summary(
     sensor, above, *below = figure.subplot_mosaic(layout, width_ratios=(1.25, 1)).values()
     SensorDrawing(sensor, picture)
     t_s = [moment.t_s for moment in course]
-    above.plot(t_s, [moment.rate_kev_s for moment in course], color=ON_COLOR, linewidth=0.9)
+    above.plot(t_s, [moment.rate_kev_s for moment in course], color=DARK.on, linewidth=0.9)
     above.set_ylabel("events, thousands per s", color=SOFT, fontsize=8)
     for axes in below:
         moved_px = np.array([moment.moved_px for moment in course])
@@ -143,7 +143,7 @@ class SensorDrawing:
         from matplotlib.colors import ListedColormap
 
         self._axes = axes
-        colors = ListedColormap([GROUND, ON_COLOR, OFF_COLOR])
+        colors = ListedColormap([GROUND, DARK.on, DARK.off])
         height, width = picture.image.shape
         self._events = axes.imshow(
             picture.image, cmap=colors, vmin=0, vmax=2, interpolation="nearest"

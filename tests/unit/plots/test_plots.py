@@ -1,5 +1,6 @@
 """Figures: what is drawn of tracks, events and holes is what was measured."""
 
+import re
 from pathlib import Path
 from typing import get_args
 
@@ -20,6 +21,7 @@ from spikingtac.plots.moments import FRAME_MS, save_animation
 from spikingtac.plots.tracks import ARROW_SHARE, Kind, plot_comparison, plot_tracks
 from spikingtac.tracks.comparison import compare_tracks, compare_with_truth
 from stand_ins.random_packets import packet_of, save_events
+from stand_ins.source_trees import PACKAGE
 from stand_ins.tracks import circling_tracks
 from stand_ins.viewer import PITCH_PX
 
@@ -175,6 +177,12 @@ def test_every_kind_is_drawn_with_its_axes(recorded: Path) -> None:
         plot_events(found, "momnt")
     with pytest.raises(ConfigError, match="the events last 2 s"):
         event_figures(open_events(recorded), at_s=2.5)
+
+
+def test_events_have_one_colour_on_the_page_and_in_figures() -> None:
+    style = (PACKAGE / "viewer" / "page" / "theme.css").read_text(encoding="utf-8")
+    found = re.findall(r"--on: (#\w+); --off: (#\w+);", style)
+    assert found == [(THEMES[name].on, THEMES[name].off) for name in ("dark", "light", "light")]
 
 
 def test_a_hole_is_drawn_as_its_legend_says() -> None:
