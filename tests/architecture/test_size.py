@@ -23,7 +23,7 @@ class Size:
 
 # Folder -> what it may hold.
 MOST = {
-    "src/spikingtac": Size(246, 26_700, 24_370),
+    "src/spikingtac": Size(246, 26_600, 24_280),
     "src/spikingtac_paper": Size(60, 5_940, 4_870),
     "src/spikingtac_hardware": Size(11, 1_260, 1_180),
     "integrations": Size(23, 1_670, 1_580),

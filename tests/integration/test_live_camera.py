@@ -104,7 +104,7 @@ def test_a_camera_that_stalls_stops_a_probing_arm(
 ) -> None:
     live = moving(tmp_path / "live.raw", 2000, seed=4)
     notes = tmp_path / "stops"
-    monkeypatch.setattr("spikingtac.cli.verbs.probe_sites.QUIET_WINDOWS", 300)
+    monkeypatch.setattr("spikingtac.cli.probe_sites.QUIET_WINDOWS", 300)
     monkeypatch.setattr(robot, "URArm", lambda address: NotingArm(str(notes)))
     finger = "--events", tmp_path / "pipe", "--calibration", tmp_path / "calibration.json"
     given = "probe", "--arm", "192.0.2.1", *finger, "--detector", "event_count"

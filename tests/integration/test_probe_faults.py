@@ -9,7 +9,7 @@ import pytest
 import spikingtac as st
 from spikingtac import robot
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.verbs import probe_sites as sites
+from spikingtac.cli import probe_sites as sites
 from spikingtac.cli.verbs.probe import Args
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import EventCountDetector

@@ -10,7 +10,7 @@ import pytest
 
 from spikingtac import robot
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.verbs import probe_sites as sites
+from spikingtac.cli import probe_sites as sites
 from spikingtac.cli.verbs.probe import Args, run
 from spikingtac.errors import ConfigError
 from spikingtac.robot.robotiq import RobotiqGripper

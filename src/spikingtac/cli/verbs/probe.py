@@ -11,9 +11,9 @@ import numpy as np
 import spikingtac as st
 from spikingtac import events
 from spikingtac.atomic_files import write_json
+from spikingtac.cli import probe_sites as sites
 from spikingtac.cli.messages import Table, tell
-from spikingtac.cli.verbs import probe_sites as sites
-from spikingtac.cli.verbs.probe_sites import Args, ProbedHole
+from spikingtac.cli.probe_sites import Args, ProbedHole
 from spikingtac.errors import named
 from spikingtac.schema import to_mapping
 
