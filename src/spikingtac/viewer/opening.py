@@ -176,7 +176,7 @@ def _scene(name: str, seed: int, camera: str | None) -> Fields:
             radius_px=at_rest.radius_px,
             grid=scene.skin.grid,
             size=scene.size,
-            polarity=_polarity(scene.camera.resolve(scene.size).light.contrast),
+            polarity=_polarity(scene.camera.resolve().light.contrast),
             provenance={"from": f"the scene {name!r} at rest"},
         ),
         "calibrated_by": "the scene at rest",
