@@ -70,11 +70,10 @@ def tracked(
     preset: str,
     packets: Sequence[EventPacket],
     rate_hz: float | None = None,
-    **changes: float | None,
+    **changes: float,
 ) -> Run:
-    config = load_config(preset).tracking
-    config = replace(config, disc=replace(config.disc, **changes))
-    frames = follow(packets, make_tracker(config, calibration()), rate_hz or config.rate_hz)
+    config, known = load_config(preset).tracking, replace(calibration(), **changes)
+    frames = follow(packets, make_tracker(config, known), rate_hz or config.rate_hz)
     found, film = Tracks.of(frames, calibration()), touches()
     error_px = found.detected_px - film.at(found.t_us)
     return Run(found.t_us, error_px, film.velocity_px_s(found.t_us), found.coasted)

@@ -73,7 +73,7 @@ OUTLINE_US = 1_000
 # How far beyond a disc's edge events ask for a fit, too: a prediction may be off by so much.
 FARTHER_PX = 1.0
 
-MARKED_PX = 1.5  # Way after which a marker marks its pixels anew, px.
+MARKED_PX = 2.5  # Way after which a marker marks its pixels anew, px.
 
 # Room for the pixels of an edge, over those of its resting disc as far as they are read.
 ROOM = 1.5
@@ -189,6 +189,18 @@ def absorb_discs_kernel(
     return found, until_us
 
 
+@njit(cache=True, nogil=True, forceinline=True)
+def _chord_kernel(
+    x: float, y: float, radius: float, row: int, width: int
+) -> tuple[int, int]:  # pragma: no cover - compiled
+    """Return the first pixel of a row in a circle, and that after the last."""
+    half2 = radius * radius - (row - y) ** 2
+    if half2 < 0.0:
+        return 0, 0
+    half = np.sqrt(half2)
+    return max(0, int(np.ceil(x - half))), max(0, min(width, int(np.floor(x + half)) + 1))
+
+
 @njit(cache=True, nogil=True)
 def mark_kernel(
     owners: Array, m: int, motions: Array, fits: Array, outline_px: Array, edge: Array,
@@ -196,15 +208,18 @@ def mark_kernel(
     """Mark the pixels around marker m with its number, and no longer those that it left."""
     outer = outline_px[m, 0] + edge[m, 1] + FARTHER_PX + MARKED_PX
     height, width, _ = owners.shape
-    for mark in (NOBODY, m):
-        if mark == m:
-            fits[m, MARKED_X], fits[m, MARKED_Y] = motions[m, X], motions[m, Y]
-        x, y = fits[m, MARKED_X], fits[m, MARKED_Y]
-        for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
-            half = np.sqrt(max(outer * outer - (row - y) ** 2, 0.0))
-            for column in range(max(0, int(np.ceil(x - half))), min(width - 1, int(x + half)) + 1):
-                if mark == m or owners[row, column, 1] == m:
-                    owners[row, column, 1] = mark
+    left_x, left_y, x, y = fits[m, MARKED_X], fits[m, MARKED_Y], motions[m, X], motions[m, Y]
+    fits[m, MARKED_X], fits[m, MARKED_Y] = x, y
+    top, bottom = min(y, left_y) - outer, max(y, left_y) + outer
+    for row in range(max(0, int(np.ceil(top))), min(height - 1, int(np.floor(bottom))) + 1):
+        first, after = _chord_kernel(x, y, outer, row, width)
+        first_left, after_left = _chord_kernel(left_x, left_y, outer, row, width)
+        for rim in ((first_left, min(after_left, first)), (max(first_left, after), after_left)):
+            for column in range(np.uint64(rim[0]), np.uint64(rim[1])):
+                if owners[row, column, 1] == m:
+                    owners[row, column, 1] = NOBODY
+        for column in range(np.uint64(first), np.uint64(after)):
+            owners[row, column, 1] = m
 
 
 @njit(cache=True, nogil=True)
