@@ -195,12 +195,12 @@ def serve(number: int) -> None:
     channel: Connection = Connection(number)
     try:
         work, rings = channel.recv()
+        asker = Asker(channel, rings)
     except EOFError:
         return
-    except Exception as error:  # its module cannot be imported here
+    except Exception as error:  # its module cannot be imported here, or its asker is gone
         channel.send(_sendable(error))
         raise SystemExit(1) from error
-    asker = Asker(channel, rings)
     try:
         work(asker)
     except Exception as error:  # raised by the asker
