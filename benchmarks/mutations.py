@@ -76,14 +76,14 @@ MUTATIONS = (
     ),
     Mutation(
         name="lag-sign",
-        old="locator.motion, self.lag_s)",
-        new="locator.motion, -self.lag_s)",
+        old="locator.motion, self.lag_s,",
+        new="locator.motion, -self.lag_s,",
         tests=(ACCURACY,),
     ),
     Mutation(
         name="lag-removed",
-        old="motion, self.lag_s)",
-        new="motion, 0.0)",
+        old="motion, self.lag_s,",
+        new="motion, 0.0,",
         tests=(ACCURACY,),
     ),
     Mutation(

@@ -27,7 +27,7 @@ calibration = Calibration(
     edge_px=1.2,
 )
 locator = DiscLocator(calibration)
-corrections = OutputCorrections(calibration, Neighbourhood(places), 1.0, 1.0)
+corrections = OutputCorrections(calibration, Neighbourhood(places), 1.0)
 digest = hashlib.sha256()
 for shift in range(12):
     discs = paint_binary_discs((320, 320), places + shift * 0.13, np.full(64, 9.2))
@@ -35,7 +35,7 @@ for shift in range(12):
     locator.map.values[:] = level
     locator.pending[:] = AT_ONCE
     locator.locate(1_000 * shift, np.zeros(64, np.bool_))
-    given_px = corrections.update(1_000 * shift, locator.motion, 2e-3)
+    given_px = corrections.update(1_000 * shift, locator.motion, 2e-3, 1.0)
     for found in (locator.motion, locator.fits, locator.outline_px, given_px):
         digest.update(found.tobytes())
 print(digest.hexdigest())

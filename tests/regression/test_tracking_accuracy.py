@@ -110,6 +110,14 @@ def test_errors_stay_small(preset: str, mean_px: float, p99_px: float) -> None:
     assert away_px[-1].max() < 0.4  # 0.14 and 0.21: nothing is left behind
 
 
+def test_no_backlash_is_made_good_before_the_loss_of_events_is_known() -> None:
+    """Steps are too large until then, and discs do not stay behind: touches began 6 ms early."""
+    made_good, without = whole_run("default"), tracked("default", touches().packets, backlash=0.0)
+    apart_px = np.abs(made_good.error_px - without.error_px).max(axis=(1, 2))
+    first_us = made_good.t_us[apart_px > 0.0][0]
+    assert FIRST_SLIDE_US + 20_000 < first_us < HOLD_US  # 54 ms after the slide's begin
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 def test_fast_motion_is_followed(preset: str) -> None:
     run = whole_run(preset)

@@ -74,33 +74,34 @@ FADE_PX = 2.0  # Displacement of a marker at which a third of it is still taken 
 class OutputCorrections:
     """Where the markers are, given where their discs were found."""
 
-    def __init__(
-        self, calibration: Calibration, neighbours: Neighbourhood, backlash: float, shrink: float
-    ) -> None:
+    def __init__(self, calibration: Calibration, neighbours: Neighbourhood, shrink: float) -> None:
         """Begin at rest: nothing is known of the last motion.
 
         Args:
             calibration: Steps and edges of the markers.
             neighbours: What markers say of each other.
-            backlash: Share of the backlash that is made good.
             shrink: Share of a fit's error by which differences from the neighbours shrink.
         """
         crossings = crossing_px(calibration)
         self._sensor = crossings, neighbours.own_share, *neighbours.skin
         self._states = np.zeros((4, len(crossings), 2))
         self._states[0] = neighbours.reference_px
-        self._shares = STEADY_SHARE * backlash, TURN_SHARE * backlash, shrink * SHRINK_PX
+        self._noise_px = shrink * SHRINK_PX
 
-    def update(self, t_us: int, motion: NDArray[np.float64], lag_s: float) -> NDArray[np.float64]:
+    def update(
+        self, t_us: int, motion: NDArray[np.float64], lag_s: float, backlash: float
+    ) -> NDArray[np.float64]:
         """Return ``(m, 2)`` where the markers are, px.
 
         Args:
             t_us: The time, us.
             motion: ``(m, 8)`` states (:mod:`spikingtac.markers.graded.motion`).
             lag_s: Delay of the events, s.
+            backlash: Share of the backlash that is made good.
         """
         given_px = np.empty((len(motion), 2))
-        settings = float(t_us), lag_s, *self._shares
+        shares = STEADY_SHARE * backlash, TURN_SHARE * backlash
+        settings = float(t_us), lag_s, *shares, self._noise_px
         correct_kernel(motion, *self._sensor, self._states, *settings, given_px)
         return given_px
 

@@ -99,6 +99,11 @@ class EventLoss:
         self.share = FIRST_SHARE
 
     @property
+    def judged(self) -> bool:
+        """Whether the share was measured yet."""
+        return self._expected >= FIRST_EVENTS
+
+    @property
     def noise_per_s(self) -> NDArray[np.float64]:
         """``(m,)`` background events that each marker's cell brings, 1/s."""
         background = self._background_hz_px
@@ -136,7 +141,7 @@ class EventLoss:
         kept = 1.0 - min(expected / MEMORY_EVENTS, 1.0)
         self._expected = kept * self._expected + expected
         self._arrived = kept * self._arrived + arrived
-        if self._expected < FIRST_EVENTS:
+        if not self.judged:
             return None
         share = self._arrived / self._expected
         share = 1.0 if share > FULL_SHARE else max(share, SMALLEST_SHARE)

@@ -174,7 +174,11 @@ class GradedTracker:
         locator.locate(t_us, manager.coasted)
         if t_us >= self._turn_us + (TURN_US if locator.busy and dt_s < SHORT_S else 0):
             self._maintain(t_us)
-        given_px = self._corrections.update(t_us, locator.motion, self.lag_s)
+        # Until the stream's loss was judged steps are taken for larger than they are, and discs are
+        # ahead as often as behind.
+        known = self._kept.judged or not self._adapts
+        backlash = self._backlash if known else 0.0
+        given_px = self._corrections.update(t_us, locator.motion, self.lag_s, backlash)
         if self._zero is not None:
             velocity_px_s = locator.motion[:, VX : VY + 1]
             given_px = self._zero.update(given_px, velocity_px_s, manager.coasted, dt_s)
@@ -196,9 +200,7 @@ class GradedTracker:
         self._turn = 0
         self._manager = TrackManager(self._calibration)
         neighbours = self._manager.neighbours
-        self._corrections = OutputCorrections(
-            self._calibration, neighbours, self._backlash, self._shrink
-        )
+        self._corrections = OutputCorrections(self._calibration, neighbours, self._shrink)
         recovers = self._calibration.recovery_s is not None
         self._zero = ReleasedZero(neighbours) if recovers else None
         self._kept = EventLoss(self._calibration)

@@ -36,13 +36,13 @@ def given(
     sensor: Calibration = SENSOR,
 ) -> np.ndarray:
     """Return ``(n, m, 2)`` the given displacements of fits that go along ``(n, m, 2)`` px."""
-    made = OutputCorrections(sensor, Neighbourhood(sensor.reference_px), backlash, shrink)
+    made = OutputCorrections(sensor, Neighbourhood(sensor.reference_px), shrink)
     states = np.zeros((len(sensor.reference_px), 8))
     states[:, 2:4] = velocity_px_s
     out = []
     for place_px in path_px:
         states[:, :2] = sensor.reference_px + place_px
-        out.append(made.update(0, states, 2e-3) - sensor.reference_px)
+        out.append(made.update(0, states, 2e-3, backlash) - sensor.reference_px)
     return np.array(out)
 
 
@@ -90,11 +90,11 @@ def test_after_a_turn_it_is_farther_ahead_and_the_fit_catches_up() -> None:
 
 
 def test_the_lag_is_made_good_from_the_last_time_of_the_filter_on() -> None:
-    made = OutputCorrections(SENSOR, Neighbourhood(SENSOR_PX), 0.0, 0.0)
+    made = OutputCorrections(SENSOR, Neighbourhood(SENSOR_PX), 0.0)
     states = np.zeros((COUNT, 8))
     states += np.array([0.0, 0.0, 40.0, -10.0, 0.0, 0.0, 0.0, 500.0])
     states[:, :2] = SENSOR_PX
-    moved_px = made.update(2_000, states, 2e-3) - SENSOR_PX
+    moved_px = made.update(2_000, states, 2e-3, 0.0) - SENSOR_PX
     np.testing.assert_allclose(moved_px, np.tile([40.0 * 3.5e-3, -10.0 * 3.5e-3], (COUNT, 1)))
 
 
