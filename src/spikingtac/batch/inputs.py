@@ -46,6 +46,7 @@ def find_recordings(
     """
     if not given:
         raise ConfigError("name a recording, several, a folder of them, or a pattern in quotes")
+    # A dictionary keeps the order, and each recording once.
     results = None if apart_from is None else apart_from.absolute()
     found: dict[Path, None] = {}
     for path in given:

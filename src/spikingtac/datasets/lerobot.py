@@ -93,9 +93,10 @@ def write_lerobot(
         )
     if not (find_spec("pyarrow") and find_spec("pandas")):
         raise MissingExtraError("LeRobot data sets need: pip install 'spikingtac[lerobot]'")
+    # Episode by episode; all must have the features of the first.
     kept, episodes, ages_us, described = list[Columns](), list[dict[str, Any]](), [0], {}
     for number, path in enumerate(recordings):
-        features, age_us = frames_of(path, fps, logs[number] if logs else None)
+        features, age_us = _frames_of(path, fps, logs[number] if logs else None)
         told = _described(features)
         if described and told != described:
             raise ConfigError(
@@ -107,9 +108,10 @@ def write_lerobot(
         episodes.append(_episode(kept[-1], number, before, task))
         ages_us.append(age_us)
         advance((number + 1) / len(recordings))
+    # Frames and episodes, then what describes them all: statistics and the layout.
     _write_tables(folder, kept, episodes, task)
     whole = {name: np.concatenate([columns[name] for columns in kept]) for name in kept[0]}
-    write_json(folder / "meta" / "stats.json", {k: statistics_of(v) for k, v in whole.items()})
+    write_json(folder / "meta" / "stats.json", {k: _statistics_of(v) for k, v in whole.items()})
     count = {"total_episodes": len(kept), "total_frames": len(whole["index"]), "fps": fps}
     splits = {"train": f"0:{len(kept)}"}
     write_json(folder / INFO, {**ABOUT, **count, "splits": splits, "features": described})
@@ -149,12 +151,12 @@ def _episode(columns: Columns, number: int, before: int, task: str) -> dict[str,
         **{
             f"stats/{name}/{kind}": values
             for name, column in columns.items()
-            for kind, values in statistics_of(column).items()
+            for kind, values in _statistics_of(column).items()
         },
     }
 
 
-def frames_of(path: Path, fps: int, log: Path | None = None) -> tuple[Columns, int]:
+def _frames_of(path: Path, fps: int, log: Path | None = None) -> tuple[Columns, int]:
     """Read tracks, and a log on the same clock, and bring them to the same frames.
 
     A frame gets the last values before it, as a robot would have had them; nothing is
@@ -238,7 +240,7 @@ def _array(pa: Any, column: NDArray[Any]) -> Any:
     return flat if column.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, column.shape[1])
 
 
-def statistics_of(values: NDArray[Any]) -> dict[str, list[float]]:
+def _statistics_of(values: NDArray[Any]) -> dict[str, list[float]]:
     """Return the statistics of ``(n,)`` or ``(n, k)`` values, with the names of LeRobot.
 
     Source: LeRobot 0.6, ``datasets/compute_stats.py``. Quantiles are exact; LeRobot estimates them.

@@ -108,7 +108,7 @@ def fit_circle(points_mm: FloatArray, start_mm: FloatArray, sigma_mm: FloatArray
     limits = {"xtol": TOLERANCE, "ftol": COST_TOLERANCE}
     found = least_squares(residuals, first, jacobian, method="lm", **limits)  # pyright: ignore[reportArgumentType]
     estimate = known = np.asarray(found.x, np.float64)
-    one_sided = largest_gap_rad(points, start) > math.pi
+    one_sided = _largest_gap_rad(points, start) > math.pi
     if one_sided:  # the circle through the same contacts that has at least a radius of the prior
         radius = max(float(estimate[2]), PRIOR_RADIUS_MM + PRIOR_SIGMA_MM[2])
         middle = points.mean(axis=0)
@@ -120,7 +120,7 @@ def fit_circle(points_mm: FloatArray, start_mm: FloatArray, sigma_mm: FloatArray
     return Circle(estimate[:2], float(estimate[2]), covariance, distances(estimate))
 
 
-def largest_gap_rad(points_mm: FloatArray, start_mm: FloatArray) -> float:
+def _largest_gap_rad(points_mm: FloatArray, start_mm: FloatArray) -> float:
     """Return the largest angle without a contact, seen from the start; above pi is one-sided."""
     away = points_mm - start_mm
     angle = np.sort(np.arctan2(away[:, 1], away[:, 0]))

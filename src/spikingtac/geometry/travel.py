@@ -49,7 +49,7 @@ def hexagon_reach_mm(across_flats_mm: float, angle_rad: float | FloatArray) -> F
     return corner_mm * np.cos(folded - HEXAGON_STEP_RAD / 2)
 
 
-def mean_hexagon_reach_mm(across_flats_mm: float) -> float:
+def _mean_hexagon_reach_mm(across_flats_mm: float) -> float:
     """Return the mean reach over all headings: 0.4135 mm for 0.75 mm across flats."""
     corner_mm = across_flats_mm / 2 / math.cos(HEXAGON_STEP_RAD / 2)
     return corner_mm * math.sin(HEXAGON_STEP_RAD / 2) / (HEXAGON_STEP_RAD / 2)
@@ -89,7 +89,7 @@ class Compensation:
         travel_sigma_mm: Standard deviation of the travel from touch to touch, mm.
     """
 
-    offset_mm: float = mean_hexagon_reach_mm(0.75)
+    offset_mm: float = _mean_hexagon_reach_mm(0.75)
     travel_mm: float = 0.4
     offset_sigma_mm: float = 0.0174
     travel_sigma_mm: float = 0.02
@@ -192,7 +192,7 @@ def fit_travel(
     if angle.shape != excess.shape or angle.ndim != 1 or len(angle) < 4:
         raise ValueError(f"got {angle.shape} angles and {excess.shape} touches; need equal, >= 4")
     if len(np.unique(np.round(angle / SAME_RAD))) < LEAST_DIRECTIONS:
-        reach = np.full(len(angle), mean_hexagon_reach_mm(across_flats_mm))
+        reach = np.full(len(angle), _mean_hexagon_reach_mm(across_flats_mm))
         return _fit(angle, excess + reach, across_flats_mm, None)
     tried = np.linspace(0.0, HEXAGON_STEP_RAD, HEADINGS, endpoint=False)
     reach = hexagon_reach_mm(across_flats_mm, angle - tried[:, None])

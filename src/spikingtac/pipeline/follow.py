@@ -59,6 +59,7 @@ def follow(
     begun_us = int(first.t[0])
     times = EstimateTimes(begun_us if origin_us is None else origin_us, rate_hz)
     yield tracker.estimate(times.at(times.index(begun_us))).with_health(meter.now())
+    # Each stretch between long silences is cut at the times of the estimates.
     for stretch in stretches(itertools.chain([first], stream)):
         begun = next(stretch)
         edges_us = map(times.at, itertools.count(times.index(begun.t_start_us)))

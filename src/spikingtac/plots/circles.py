@@ -63,6 +63,7 @@ def save_calibration_plot(calibration: Calibration, path: str | Path) -> None:
     axes = figure.add_subplot()
     style_axes(axes, theme)
     axes.imshow(_picture(calibration), cmap="gray", vmin=0.0, vmax=1.0)
+    # How well each marker is known, then its ring and number in that colour.
     notes, measured = calibration.provenance, calibration.marker_measured
     missing = notes.get("missing", []) if measured is None else np.flatnonzero(~measured).tolist()
     status = ["good"] * len(calibration.radius_px)

@@ -66,6 +66,7 @@ def event_figures(source: FileSource, at_s: float | None = None) -> EventFigures
     Raises:
         ConfigError: The recording holds no event, or none at that time.
     """
+    # First pass: events of each pixel, and the rate over time.
     width, height = source.size
     counts, rate = np.zeros(width * height, np.int64), np.zeros(0, np.int64)
     first_us = None
@@ -82,6 +83,7 @@ def event_figures(source: FileSource, at_s: float | None = None) -> EventFigures
     if at_s is not None and not 0.0 <= at_s < lasts_s:
         raise ConfigError(f"nothing was recorded at {at_s:g} s; the events last {lasts_s:g} s")
     after_us = int(rate.argmax()) * RATE_US if at_s is None else round(at_s * US_PER_S)
+    # Second pass: what the sensor shows at the moment.
     moment, last_us = _until(source, first_us + after_us)
     age_us = first_us + after_us + RATE_US - last_us
     return EventFigures(

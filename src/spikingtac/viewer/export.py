@@ -110,12 +110,12 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
             summarize(view, seconds=seconds, picture=partial)
             return 1
         if target.suffix == ".mcap":
-            return export_mcap(view, partial, seconds)
+            return _export_mcap(view, partial, seconds)
         if target.suffix == ".mp4":
-            pictures = draw_stretch(view, VIDEO_FRAME_MS, VIDEO_COLORS, seconds)
+            pictures = _draw_stretch(view, VIDEO_FRAME_MS, VIDEO_COLORS, seconds)
             write_mp4(pictures, VIDEO_FRAME_MS, partial)
         else:
-            pictures = draw_stretch(view, GIF_FRAME_MS, GIF_COLORS, seconds)
+            pictures = _draw_stretch(view, GIF_FRAME_MS, GIF_COLORS, seconds)
             save_gif(pictures, GIF_FRAME_MS, partial)
         return len(pictures)
 
@@ -153,7 +153,7 @@ def summarize(
     return summary
 
 
-class McapPublisher:
+class _McapPublisher:
     """Writes messages into a file; it is a :class:`~spikingtac.ros2.messages.Publisher`.
 
     Args:
@@ -189,7 +189,7 @@ class McapPublisher:
         return 1
 
 
-def export_mcap(view: ViewSource, path: Path, seconds: float | None) -> int:
+def _export_mcap(view: ViewSource, path: Path, seconds: float | None) -> int:
     """Track a view into MCAP with ROS 2 schemas: what `ros2` publishes, and the events as images.
 
     ROS 2 tools, Foxglove and Rerun read it without ROS being installed here.
@@ -206,7 +206,7 @@ def export_mcap(view: ViewSource, path: Path, seconds: float | None) -> int:
         name=view.label,
         has_events=True,
     )
-    with closing(McapPublisher(path)) as publisher:
+    with closing(_McapPublisher(path)) as publisher:
         stream = SensorStream(publisher, sensor, field_hz=1e6 / MESSAGE_US, clock_ns=None)
         publisher.advertise(IMAGE, "sensor_msgs/Image")
         with tracked(view, seconds, stream.frame) as (playback, last_us):
@@ -230,7 +230,7 @@ def export_mcap(view: ViewSource, path: Path, seconds: float | None) -> int:
     return publisher.messages
 
 
-def draw_stretch(
+def _draw_stretch(
     view: ViewSource, frame_ms: int, most_colors: int, seconds: float | None
 ) -> list[Image]:
     """Track a view and draw it at a regular rate, with a palette for each picture.

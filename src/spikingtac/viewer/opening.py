@@ -57,11 +57,13 @@ def open_view(
     """
     save: SaveTarget | None = more.get("save")
     anew = save is not None and save.anew
+    # The events, and the calibration: the named one, or the one that they bring.
     found = _events(source, own=calibration is None and not anew, **more)
     known = found.pop("calibration", None)
     if calibration is not None:
         known = Calibration.load(calibration)
         found |= {"calibrated_by": calibration, "own_calibration": False}
+    # Without one, events alone, to be calibrated with the page.
     tracked_by = partial(_tracked_by, preset=preset, rate_hz=rate_hz)
     if save is not None and (anew or (known is None and force is None)):
         return _to_calibrate(source, found, tracked_by, save)

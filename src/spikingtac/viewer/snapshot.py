@@ -107,6 +107,7 @@ def greeting(playback: Playback) -> dict[str, Any]:
     calibration, step = view.calibration, view_step(store.size)
     edges_us = np.linspace(store.t_start_us, max(store.t_end_us, 1), OVERVIEW_BINS + 1)
     quality = None
+    # Events alone are judged, so that the page can tell what to mend before they are calibrated.
     if not len(calibration.reference_px):
         end_us = min(store.t_end_us, store.t_start_us + JUDGED_US)
         found = judge_events(store.between(store.t_start_us, end_us))

@@ -58,10 +58,10 @@ def write_mp4(pictures: Sequence[Image], frame_ms: int, path: Path) -> None:
         animation, "AVIF", save_all=True, append_images=rest or [first], duration=frame_ms,
         quality=QUALITY, speed=SPEED,
     )  # fmt: skip
-    path.write_bytes(as_video(animation.getvalue()))
+    path.write_bytes(_as_video(animation.getvalue()))
 
 
-def as_video(animation: bytes) -> bytes:
+def _as_video(animation: bytes) -> bytes:
     """Return an AVIF animation as an MP4 video; every byte keeps its place.
 
     Args:
