@@ -154,7 +154,7 @@ MUTATIONS = (
     ),
     Mutation(
         name="one-sided-holes",
-        old="one_sided = largest_gap_rad(points, start) > math.pi",
+        old="one_sided = _largest_gap_rad(points, start) > math.pi",
         new="one_sided = False",
         tests=("tests/unit/geometry/test_hole.py",),
     ),
