@@ -93,7 +93,6 @@ def write_lerobot(
         )
     if not (find_spec("pyarrow") and find_spec("pandas")):
         raise MissingExtraError("LeRobot data sets need: pip install 'spikingtac[lerobot]'")
-    # Episode by episode; all must have the features of the first.
     kept, episodes, ages_us, described = list[Columns](), list[dict[str, Any]](), [0], {}
     for number, path in enumerate(recordings):
         features, age_us = _frames_of(path, fps, logs[number] if logs else None)

@@ -110,7 +110,6 @@ def track_to_file(
         CalibrationError: The recording's size is not the calibration's.
         ConfigError: The force model is of another sensor, or the tracker knows no smoothing.
     """
-    # What does not fit is refused before a file is begun.
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config, calibration)
     if force is not None:
@@ -130,7 +129,6 @@ def track_to_file(
             counts.add(frame, more.get("force_n"))
             if counts.estimates % PROGRESS_EVERY == 0:
                 advance(source.progress)
-        # Last, what is known once all has been read.
         _mark(writer, source, before=False)
         found = {"health": source.counters().summary(), "calibration_misfit": checked.misfit}
         writer.close({**_provenance(source, config), **calibration.scale(), **found})
