@@ -1,7 +1,8 @@
 """A first model of a recording: where the tracker sees the markers, and what an event stands for.
 
-The tracker begins with steps of each marker's own: of one that is paler than the others, steps of
-their size would never erase what it left behind, and it would seem to stand still.
+The tracker begins with steps of each marker's own where they are larger: of one that is paler than
+the others, steps of their size would never erase what it left behind, and it would seem to stand
+still.
 """
 
 from dataclasses import replace
@@ -78,8 +79,9 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
     evidence = Evidence(events, index, states, still, cell, noise)
     on_per_off, swings = float(view.steps[1] / view.steps[0]), SwingHistogram(cell)
     swings.absorb(events.code, on_per_off)
-    many = swings.counts.sum(axis=1) > FEWEST_SWINGS
-    steps = np.where(many, swings.steps(on_per_off), view.steps[:, np.newaxis]).astype(np.float64)
+    own, many = swings.steps(on_per_off), swings.counts.sum(axis=1) > FEWEST_SWINGS
+    # Never smaller: of a marker that hardly moves, noise and partial swings are seen.
+    steps = np.maximum(np.where(many, own, 0.0), view.steps[:, np.newaxis])
     on, off = steps.clip(*STEP_BOUNDS)
     model = Model(
         center_px=np.zeros((len(index), markers, 2)),

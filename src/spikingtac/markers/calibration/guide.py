@@ -52,10 +52,6 @@ CORE_SHARE = 0.8  # Share of its radius within which a disc is measured: the rim
 # Share of the markers that may lack motion while the guide says that all is there.
 MOST_UNMOVED_SHARE = 0.05
 
-# Standard deviations of Poisson noise, above the quietest, that are no motion: counts reach from
-# 1.6 below their mean (the fifth percentile) to some three above it.
-NOISE_DEVIATIONS = 5.0
-
 # Rests without which a calibration is less sure: one before and one after the contacts (slides of
 # the twin: 0.137 px mean error from one slide before the second rest, 0.110 px after it).
 FEWEST_RESTS = 2
@@ -262,7 +258,7 @@ class CalibrationGuide:
         if self._swings.counts.any():
             self._steps = self._swings.steps(self._on_per_off)[:, 0]
         counts = np.array(self._counts[:-1])  # the last bin has not ended
-        spans = quiet_spans(counts, NOISE_DEVIATIONS)
+        spans = quiet_spans(counts)
         self._rests, self._resting = len(spans), bool((spans[-1:, 1] == len(counts)).any())
         polarity = self._config.polarity
         if polarity == "auto":

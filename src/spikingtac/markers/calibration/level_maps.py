@@ -218,23 +218,14 @@ def starting_levels(
     enclosed = np.asarray(ndimage.binary_fill_holes(fires), bool) & ~fires
     silent = np.zeros(events.shape, np.int32)
     ndimage.label(enclosed, output=silent)
-    covered = np.zeros(events.shape, bool)
-    for number, (rows, columns) in enumerate(ndimage.find_objects(silent), start=1):
-        part = _widened(rows), _widened(columns)
-        one = silent[part] == number
-        near = np.asarray(ndimage.binary_dilation(one, iterations=RIM_PX), bool)
-        rim = near & (fires & ~undecided)[part]
-        covered[part] |= one & (
-            np.count_nonzero(lit[part][rim]) > LEAST_LIT * np.count_nonzero(rim)
-        )
+    away_px, nearest = ndimage.distance_transform_cdt(silent == 0, "taxicab", return_indices=True)
+    rim = (away_px <= RIM_PX) & fires & ~undecided
+    whose, parts = silent[tuple(nearest)][rim], int(silent.max()) + 1
+    bright = np.bincount(whose, lit[rim], parts) > LEAST_LIT * np.bincount(whose, minlength=parts)
+    covered = enclosed & bright[silent]
     around = covered | (fires & undecided & _darkening(events, code, steps))
     grown = ndimage.binary_dilation(covered, iterations=GROWN_PX, mask=around)
     return grown.astype(np.float32)
-
-
-def _widened(span: slice) -> slice:
-    """Return the rows or columns of some pixels and of the rim around them."""
-    return slice(max(span.start - RIM_PX, 0), span.stop + RIM_PX)
 
 
 def _darkening(

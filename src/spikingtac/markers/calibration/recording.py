@@ -162,34 +162,28 @@ BIN_US, SMOOTH_BINS = 10_000, 5
 # ones (measured: creep after a contact is 0.01 to 0.02).
 QUIET_SHARE, QUIET_PERCENTILE = 0.03, 5.0
 
+# Standard deviations of Poisson noise, above the quietest, that are no motion: counts reach from
+# 1.6 below their mean (the fifth percentile) to some three above it.
+NOISE_DEVIATIONS = 5.0
+
 SHORTEST_REST_BINS = 10  # A rest lasts at least 0.1 s; a slide turns round in less.
 
 MOST_RESTS = 40  # The longest so many rests are used: each keeps a map in memory.
 
 
-def quiet_limit(counts: NDArray[np.float64], deviations: float) -> float:
-    """Return the count up to which a bin is quiet.
-
-    Args:
-        counts: Events of each bin.
-        deviations: Standard deviations of Poisson noise, above the quietest, that are no motion.
-    """
-    floor = float(np.percentile(counts, QUIET_PERCENTILE))
-    # Half of all events fall into bins at least as busy as this one.
-    busiest = np.sort(counts)[::-1]
-    busy = float(busiest[np.searchsorted(np.cumsum(busiest), 0.5 * busiest.sum())])
-    return floor + max(QUIET_SHARE * (busy - floor), deviations * (np.sqrt(floor) + 1.0))
-
-
-def quiet_spans(counts: NDArray[np.integer], deviations: float = 3.0) -> NDArray[np.int64]:
+def quiet_spans(counts: NDArray[np.integer]) -> NDArray[np.int64]:
     """Return ``(n, 2)`` begin and end of each rest, in bins of :data:`BIN_US`, in order.
 
     Args:
         counts: Events of each bin.
-        deviations: As :func:`quiet_limit` has them.
     """
     sums = np.convolve(counts, np.ones(SMOOTH_BINS), "same")
-    quiet = np.concatenate([[0], sums <= quiet_limit(sums, deviations), [0]]).astype(int)
+    floor = float(np.percentile(sums, QUIET_PERCENTILE))
+    # Half of all events fall into bins at least as busy as this one.
+    busiest = np.sort(sums)[::-1]
+    busy = float(busiest[np.searchsorted(np.cumsum(busiest), 0.5 * busiest.sum())])
+    above = max(QUIET_SHARE * (busy - floor), NOISE_DEVIATIONS * (np.sqrt(floor) + 1.0))
+    quiet = np.concatenate([[0], sums <= floor + above, [0]]).astype(int)
     begins, ends = (np.flatnonzero(np.diff(quiet) == change) for change in (1, -1))
     spans = np.column_stack([begins, ends])
     return spans[ends - begins >= SHORTEST_REST_BINS]
