@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import appearance_of, profile_tables
 from spikingtac.markers.graded.disc_fit import SAME_BITS
-from spikingtac.markers.graded.motion import AGREEMENT, VX, VY, Locator, X, Y
+from spikingtac.markers.graded.motion import AGREEMENT, AT_US, FIT_US, VX, VY, Locator, X, Y
 from spikingtac.state_map.graded import PAD_PX, Array
 
 # Time in which a marker's agreement becomes usual, s (a fit that may still follow its
@@ -55,6 +55,9 @@ GROUND_TURNS = 256
 # Fall of the agreement that tells of a marker that snapped away (a snap of 14 px costs 0.15
 # within 3 ms; 0.05 to 0.10 are equally good on a small simulated sensor).
 LARGEST_FALL = 0.05
+
+# Time without a fit, and so without events, after which a marker has leaked, us.
+LEAKED_US = 1_000_000
 
 
 class MapLeak:
@@ -188,7 +191,8 @@ def take_turn_kernel(
     drawing, last = -math.expm1(-DRAWN_PER_S * dt_s * GROUPS), np.float32(tables.shape[2] - 1)
     entries = np.empty(width, np.int32)
     for m in range(turn % GROUPS, usual.size, GROUPS):
-        if fits[m, AGREEMENT] < usual[m] - LARGEST_FALL:
+        quiet = motions[m, AT_US] - fits[m, FIT_US] > LEAKED_US
+        if quiet or fits[m, AGREEMENT] < usual[m] - LARGEST_FALL:
             continue
         x, y = motions[m, X], motions[m, Y]
         rests = np.hypot(motions[m, VX], motions[m, VY]) <= AT_REST_PX_S

@@ -8,8 +8,8 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.markers.graded.disc_locator import DiscLocator
-from spikingtac.markers.graded.map_leak import LARGEST_FALL, MapLeak
-from spikingtac.markers.graded.motion import AGREEMENT
+from spikingtac.markers.graded.map_leak import LARGEST_FALL, LEAKED_US, MapLeak
+from spikingtac.markers.graded.motion import AGREEMENT, AT_US
 from spikingtac.markers.registry import make_tracker
 from spikingtac.types import EventPacket
 from stand_ins.camera_stage import CENTERS, RADIUS_PX, SIZE
@@ -25,15 +25,18 @@ BESIDE_PX = np.rint(CENTERS + np.array([RADIUS_PX + 3.0, 0.0])).astype(int)
 BESIDE = BESIDE_PX[:, 1], BESIDE_PX[:, 0]
 
 
-def leaked(duration_us: int, agreement_of_one: float) -> np.ndarray:
-    """Return what is left of a level of 0.9 beside each disc; one agrees less from then on."""
+def leaked(duration_us: int, agreement_of_one: float, quiet_us: int = 0) -> np.ndarray:
+    """Return what is left of a level of 0.9 beside each disc.
+
+    One agrees less from then on, and was fitted a time before now.
+    """
     locator = DiscLocator(CALIBRATION)
     leak = MapLeak(CALIBRATION, 30.0)
     for _ in range(50):
         leak.update(locator, 1e-3)
     locator.map.memory[BESIDE] += 0.9
     locator.map.values[BESIDE] += 0.9
-    locator.fits[1, AGREEMENT] = agreement_of_one
+    locator.fits[1, AGREEMENT], locator.motion[1, AT_US] = agreement_of_one, quiet_us
     for _ in range(duration_us // 1_000):
         leak.update(locator, 1e-3)
     return locator.map.memory[BESIDE]
@@ -44,6 +47,13 @@ def test_nothing_leaks_around_a_marker_whose_agreement_has_just_fallen() -> None
     assert left[1] > 0.85
     assert left[[0, 2, 3]].max() < 0.35
     assert leaked(100_000, 1.0 - 0.5 * LARGEST_FALL)[1] < 0.35
+
+
+def test_a_marker_that_sent_nothing_for_a_second_costs_nothing() -> None:
+    assert leaked(100_000, 1.0, LEAKED_US)[1] < 0.35
+    left = leaked(100_000, 1.0, LEAKED_US + 1)
+    assert left[1] > 0.85
+    assert left[[0, 2, 3]].max() < 0.35
 
 
 def noisy_rest(rate_hz: float, duration_us: int, on_share: float) -> EventPacket:
