@@ -143,25 +143,21 @@ class CalibrationDesk:
         if self._host is None:
             self._tell("guide")
 
-    def calibrate(
-        self, between: Callable[[int, int], EventPacket], begin_us: int, t_us: int
-    ) -> None:
+    def calibrate(self, between: Callable[[int, int], EventPacket], t_us: int) -> None:
         """Begin to calibrate from the events up to a time; does nothing while that goes on.
 
         Args:
-            between: Returns the events of a span, us.
-            begin_us: Where they begin, us.
-            t_us: Up to where a camera's events are taken, us.
+            between: Returns the events of a span, us; those of a camera are taken.
+            t_us: Up to where they are taken, us.
         """
         if self._host is not None:
             return
         self._scratch = tempfile.TemporaryDirectory(prefix="spikingtac-calibration-")
         folder, opened = Path(self._scratch.name), self._open_whole
         if opened is None:  # a camera: its latest events go into a file
-            begin_us = begin_us if self.tracker.begin_us is None else self.tracker.begin_us
-            events, stored = between(begin_us, t_us), folder / "events.raw"
-            if (first := len(events) - MOST_EVENTS) > 0:
-                events = events.part(first, len(events), int(events.t[first]), events.t_end_us)
+            events, stored = between(self.tracker.begin_us or 0, t_us), folder / "events.raw"
+            if len(events) > MOST_EVENTS:
+                events = between(int(events.t[-MOST_EVENTS]), t_us)
             with create_events(stored, events.size) as writer:
                 writer.write(events)
             opened = partial(open_events, path=stored)

@@ -17,8 +17,7 @@ from spikingtac.ros2.messages import NS_PER_US, definition, encode, header, ros_
 from spikingtac.ros2.stream import SensorInfo, SensorStream
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.playback import Playback
-from spikingtac.viewer.record import EXPOSURE_US, Record, picture_of
-from spikingtac.viewer.snapshot import OFF_CODE, activity
+from spikingtac.viewer.record import Record, picture_of
 from spikingtac.viewer.source import EventStore, ViewSource
 from spikingtac.viewer.video import write_mp4
 
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 ENDINGS = (".mcap", ".mp4", ".gif", *PICTURE_ENDINGS)
 
 # Grey values of a pixel without event, and of one whose last event was ON or OFF.
-GREY, ON_GREY, OFF_GREY = 128, 255, 0
+GREYS = np.array([128, 255, 0], np.uint8)
 
 # Time between two pictures, ms, and colours of a palette. GIF counts in 10 ms, and browsers slow
 # down what is below 20 ms; a video has twenty-five pictures a second, as in film.
@@ -63,16 +62,12 @@ def tracked(
     """
     if seconds is None and not view.ends:
         raise ConfigError("this source does not end by itself; give a length: --seconds N")
-    store = EventStore(view.source)
-    try:
+    with closing(EventStore(view.source)) as store:
         asked_us = float("inf") if seconds is None else store.t_start_us + round(seconds * 1e6)
         if view.ends:
             store.extend_to(float("inf"))
             asked_us = min(asked_us, store.t_end_us)
         yield Playback(store, view, on_frame), int(asked_us)
-    finally:
-        store.close()
-        view.close()
 
 
 def steps(playback: Playback, step_us: int, end_us: int) -> Iterator[int]:
@@ -216,15 +211,14 @@ def _export_mcap(view: ViewSource, path: Path, seconds: float | None) -> int:
                 # The events after the last whole step belong to the last message.
                 end_us = last_us if advanced_us < MESSAGE_US else now_us
                 stream.events(store.between(now_us - advanced_us, end_us))
-                codes = activity(store.between(now_us - EXPOSURE_US, now_us))
-                grey = np.where(codes == 0, GREY, np.where(codes < OFF_CODE, ON_GREY, OFF_GREY))
+                grey = GREYS[picture_of(playback).image]
                 image = {
                     "header": header(now_us * NS_PER_US),
-                    "height": codes.shape[0],
-                    "width": codes.shape[1],
+                    "height": grey.shape[0],
+                    "width": grey.shape[1],
                     "encoding": "mono8",
-                    "step": codes.shape[1],
-                    "data": grey.astype(np.uint8).tobytes(),
+                    "step": grey.shape[1],
+                    "data": grey.tobytes(),
                 }
                 publisher.publish(IMAGE, image, now_us * NS_PER_US)
     return publisher.messages

@@ -37,7 +37,7 @@ class State:
     """What depends on everything before the position."""
 
     tracker: MarkerTracker
-    detector: ContactDetector | None
+    detector: ContactDetector
     step: int = 0
     frame: MarkerFrame | None = None
 
@@ -105,13 +105,10 @@ class Playback:
     def work(self, budget_s: float) -> bool:
         """Track towards the aim for about ``budget_s``; True once it is reached."""
         until_s = time.perf_counter() + budget_s
-        while self.position_us < self.aim_us:
+        while self.position_us < self.aim_us and time.perf_counter() < until_s:
             if not self._advance():
                 self.aim_us = self.position_us
-                return True
-            if time.perf_counter() > until_s:
-                return self.position_us >= self.aim_us
-        return True
+        return self.position_us >= self.aim_us
 
     def step_percentiles_us(self) -> tuple[float, float]:
         """Return p50 and p99 of the time that a step (absorb and estimate) takes, us."""
@@ -156,7 +153,7 @@ class Playback:
             if self.position_us == resumes_us:
                 state.step = times.index(resumes_us) + 1
             return True
-        if edge_us == window_us and state.detector is not None:
+        if edge_us == window_us:
             contact = state.detector.update(store.between(window_us - WINDOW_US, window_us))
             if contact is not None:
                 self.contacts[contact.t_us] = contact

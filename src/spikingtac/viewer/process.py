@@ -7,7 +7,7 @@ threads share one interpreter lock. Each session therefore runs in another proce
 import json
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ STARTING = "getting ready; the first start on a machine compiles for some second
 # Stretch of silence that is tracked first, us: long enough for a contact detector that learns
 # from the first 0.3 s.
 WARM_UP_US = 320_000
-PACKET_US = 10_000
+APART_US = 5_000  # Time between two of its events, us.
 KEPT = 4  # Messages of the largest length that a ring holds: the latest is read meanwhile.
 BUDGET_S = 600.0  # Time for the compilation of all kernels, s.
 
@@ -54,10 +54,6 @@ class SessionProcess(Host):
         work = partial(run_session, open_view=open_view, **session)
         super().__init__("the page", work, KEPT * FRAME_BYTES, KEPT * GREETING_BYTES)
         self.frames, self.greetings = self.rings
-
-    def command(self, name: str, value: Any) -> None:
-        """Pass a command on; never waits, and loses one that the session does not take."""
-        self.tell((name, value))
 
     def stop(self) -> dict[str, Any] | None:
         """Stop the process, and return the summary of what was shown; None where it hangs.
@@ -136,17 +132,12 @@ def warm_up(view: ViewSource) -> None:
     A simulated sensor compiles its kernels in a process of its own. Compiling those of the tracker
     meanwhile, instead of waiting for the first event, halves the time of the first start.
     """
-    size, silence = view.source.size, []
-    for start_us in range(0, WARM_UP_US + PACKET_US, PACKET_US):
-        # Two events in each packet: kernels are compiled by what they are called with.
-        x, y = (np.full(2, side // 2, np.uint16) for side in size)
-        t_us, both = np.array([start_us, start_us + 1], np.int64), np.array([True, False])
-        silence.append(EventPacket(x, y, both, t_us, start_us, start_us + PACKET_US, size))
-    store = EventStore(PacketSource(silence, size))
-    try:
+    size, t_us = view.source.size, np.arange(0, WARM_UP_US, APART_US, np.int64)
+    # A few events of both polarities: kernels are compiled by what they are called with.
+    x, y = (np.full(len(t_us), side // 2, np.uint16) for side in size)
+    silence = EventPacket(x, y, t_us // APART_US % 2 == 0, t_us, 0, WARM_UP_US, size)
+    with closing(EventStore(PacketSource([silence], size))) as store:
         playback = Playback(store, view)
         playback.aim(WARM_UP_US)
         playback.work(BUDGET_S)
-        snapshot(playback, PACKET_US, False)
-    finally:
-        store.close()
+        snapshot(playback, APART_US, False)

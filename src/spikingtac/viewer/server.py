@@ -16,7 +16,6 @@ from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from websockets.asyncio import server as websockets
-from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
@@ -135,11 +134,11 @@ class Page:
         with suppress(CommandError, ConnectionClosed):
             async for message in self._connection:
                 name, value = parse_command(message if isinstance(message, str) else "")
-                if name != "ack":
-                    self._session.command(name, value)
-                    continue
-                self._on_the_way = max(self._on_the_way - 1, 0)
-                self._since_s = asyncio.get_running_loop().time()
+                if name == "ack":
+                    self._on_the_way = max(self._on_the_way - 1, 0)
+                    self._since_s = asyncio.get_running_loop().time()
+                else:
+                    self._session.tell((name, value))
 
 
 class PageServer:
@@ -181,11 +180,9 @@ class PageServer:
         asked = urlsplit(request.path)
         path, name = asked.path, asked.path.removeprefix("/") or "index.html"
         # The scripts hold no data; the page that loads them has shown its token.
-        open_to_all = bool(self._gate.token) and path != SOCKET and name != "index.html"
-        refusal = self._gate.host_refusal(headers.get("host", ""))
-        if not (refusal or open_to_all):
-            refusal = self._gate.refusal(headers, dict(parse_qsl(asked.query)).get("token"))
-        if refusal:
+        guarded = path == SOCKET or name == "index.html"
+        token = dict(parse_qsl(asked.query)).get("token") if guarded else self._gate.token
+        if refusal := self._gate.refusal(headers, token):
             return connection.respond(HTTPStatus.FORBIDDEN, refusal + "\n")
         if path == SOCKET:
             busy = HTTPStatus.SERVICE_UNAVAILABLE, "too many pages are open\n"
@@ -203,7 +200,7 @@ class PageServer:
         self, connection: websockets.ServerConnection, request: Request, response: Response
     ) -> None:
         """Give every answer the security headers, for the own name only."""
-        host = Headers(request.headers.raw_items()).get_all("Host")
+        host = request.headers.get_all("Host")
         known = host[0] if len(host) == 1 and not self._gate.host_refusal(host[0]) else ""
         response.headers.update(page_headers(known))
 

@@ -17,7 +17,7 @@ from spikingtac.viewer.record import EXPOSURE_US, Record
 from spikingtac.viewer.snapshot import encode, greeting, snapshot
 from spikingtac.viewer.source import EventStore, ViewSource
 
-Publish = Callable[[bytes], bool]  # Offers a message to whoever looks; never waits.
+Publish = Callable[[bytes], object]  # Offers a message to whoever looks; never waits.
 FRAME_HZ = 60.0  # Frames offered per second; displays show no more.
 
 # Share of a frame's time that tracking may take before the frame is published anyway.
@@ -34,7 +34,7 @@ class Session:
 
     Args:
         view: What is shown.
-        publish: Takes a frame message; returns False where it is too large.
+        publish: Takes a frame message.
         greet: Takes a greeting, JSON.
         repeat: Begin again at the end instead of pausing there.
 
@@ -71,7 +71,7 @@ class Session:
     def command(self, name: str, value: Any) -> None:
         """Carry out a command of a page (already parsed); a refusal becomes a notice."""
         playback = self.playback
-        desk, config = playback.view.desk, playback.view.config
+        desk, store = playback.view.desk, playback.store
         actions: dict[str, Callable[[], object]] = {
             "play": lambda: self._play(value),
             "speed": lambda: setattr(self, "speed", float(value)),
@@ -79,12 +79,10 @@ class Session:
             "exposure_us": lambda: setattr(self, "_exposure_us", value),
             "map": lambda: setattr(self, "_with_map", value),
             "set": lambda: self._retune(with_value(playback.config, *value)),
-            "defaults": lambda: self._retune(config),
+            "defaults": lambda: self._retune(playback.view.config),
         }
         if desk is not None:
-            actions["calibrate"] = lambda: desk.calibrate(
-                playback.store.between, playback.store.t_start_us, playback.position_us
-            )
+            actions["calibrate"] = lambda: desk.calibrate(store.between, playback.position_us)
             actions["begin_anew"] = desk.begin_anew
         try:
             actions.get(name, lambda: None)()
@@ -119,11 +117,9 @@ class Session:
 
     def close(self) -> None:
         """End what runs by itself: the source, and a calibration that goes on."""
-        view = self.playback.view
-        if view.desk is not None:
-            view.desk.close()
+        if (desk := self.playback.view.desk) is not None:
+            desk.close()
         self.playback.store.close()
-        view.close()
 
     def _show(self, store: EventStore, view: ViewSource) -> None:
         """Begin to track a view's events."""
@@ -150,11 +146,10 @@ class Session:
     def _adopt_calibration(self) -> None:
         """Track the markers from now on, once the page's calibration is there."""
         store, view, aim_us = self.playback.store, self.playback.view, self.playback.aim_us
-        found = None if view.desk is None else view.desk.poll()
-        if view.desk is None or found is None:
+        if (desk := view.desk) is None or (found := desk.poll()) is None:
             return
         self._notice = ""
-        self._show(store, replace(view, **view.desk.tracked_by(found)))
+        self._show(store, replace(view, **desk.tracked_by(found)))
         self.playback.aim(aim_us)
         if view.ends:  # a recording is played again, now with its markers
             self._play(True)
@@ -204,5 +199,4 @@ class Session:
             "failure": None if self.failure is None else str(self.failure),
             "notice": self._notice,
         }
-        if not self._send_frame(encode({**scalars, **status}, arrays)):
-            raise ValueError("a frame is larger than the ring's slots")
+        self._send_frame(encode({**scalars, **status}, arrays))

@@ -209,7 +209,5 @@ def events_per_s(playback: Playback) -> float:
 
 def _histogram(store: EventStore, edges_us: NDArray[np.int64]) -> NDArray[np.uint32]:
     """Return the events from each edge to the next."""
-    if len(edges_us) < 2:
-        return np.empty(0, np.uint32)
     times_us = store.between(int(edges_us[0]), int(edges_us[-1])).t
     return np.diff(np.searchsorted(times_us, edges_us)).astype(np.uint32)

@@ -8,7 +8,7 @@ import weakref
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -47,7 +47,7 @@ class ViewSource:
         calibration: Where the markers rest.
         config: Settings of the tracker; those with metadata become controls.
         make_tracker: Builds a tracker from settings.
-        make_detector: Builds the contact detector, or returns None.
+        make_detector: Builds the contact detector.
         truth: True positions, or None.
         rate_hz: Estimates per second.
         simulated: True where the events come from the digital twin.
@@ -64,7 +64,7 @@ class ViewSource:
     calibration: Calibration
     config: Any
     make_tracker: Callable[[Any], MarkerTracker]
-    make_detector: Callable[[], ContactDetector | None] = field(default=lambda: None)
+    make_detector: Callable[[], ContactDetector]
     truth: SampledTruth | None = None
     rate_hz: float = 1_000.0
     simulated: bool = False
@@ -73,10 +73,6 @@ class ViewSource:
     desk: CalibrationDesk | None = None
     calibrated_by: str = ""
     own_calibration: bool = False
-
-    def close(self) -> None:
-        """End a source that runs by itself, as a camera and a scene do."""
-        getattr(self.source, "close", lambda: None)()
 
 
 class SampledTruth:
@@ -124,7 +120,7 @@ class EventStore:
     """
 
     def __init__(self, source: EventSource) -> None:
-        self.size, self.losses = source.size, source.losses
+        self._source, self.size, self.losses = source, source.size, source.losses
         self.ended, self.t_end_us = False, 0
         self._stream: Iterator[EventPacket] = iter(source)
         self._columns: dict[str, NDArray[Any]] = {}
@@ -170,9 +166,13 @@ class EventStore:
         return EventPacket(x, y, p, t, t_start_us, t_end_us, self.size)
 
     def close(self) -> None:
-        """Remove the temporary files; packets that were returned stay valid."""
+        """Remove the temporary files; packets that were returned stay valid.
+
+        A source that runs by itself ends, as a camera and a scene do.
+        """
         self._columns.clear()
         self._close_files()
+        getattr(self._source, "close", lambda: None)()
 
     def _pull(self) -> EventPacket | None:
         packet = next(self._stream, None)

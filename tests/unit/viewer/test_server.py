@@ -37,8 +37,8 @@ class Feed:
         self.greetings.publish(b"{}")
         self.commands: list[tuple[str, Any]] = []
 
-    def command(self, name: str, value: Any) -> None:
-        self.commands.append((name, value))
+    def tell(self, command: tuple[str, Any]) -> None:
+        self.commands.append(command)
 
 
 def ask(request: bytes, token: str = "") -> bytes:
