@@ -22,6 +22,7 @@ from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
 from spikingtac.robot.guard_loop import stream_arrivals
+from spikingtac.stream import recorder
 from spikingtac.stream.record import Split, prepare_folder, record
 from spikingtac.stream.recorder import Recorder
 from spikingtac.types import EventPacket
@@ -184,11 +185,12 @@ def test_a_slow_disk_loses_nothing_in_silence(
 ) -> None:
     """The writer is held up; memory is bounded, and each event is on disk or counted."""
     monkeypatch.setattr(camera_source, "open_camera", Steady.open)
+    monkeypatch.setattr(recorder, "ROOM_BYTES", 9 * 10_000)
     write = Recorder.write
     monkeypatch.setattr(Recorder, "write", lambda *given: (time.sleep(0.2), write(*given))[1])
     source = CameraSource(Address.parse("steady:"), ReadOptions())
     prepare_folder(tmp_path / "rec", overwrite=False)
-    told = record([source], tmp_path / "rec", room_bytes=9 * 10_000)
+    told = record([source], tmp_path / "rec")
     assert told["lost_events"] > 0
     assert told["events"] + told["lost_events"] == told["received_events"] == 80_000
     assert len(whole(tmp_path / "rec")) == told["events"]

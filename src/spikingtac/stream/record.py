@@ -16,7 +16,6 @@ from spikingtac.events.recording import MANIFEST, TRUTH, name_of
 from spikingtac.stream.recorder import TIME_BASE, WAIT_S, Recorder
 from spikingtac.types import US_PER_S
 
-ROOM_BYTES = 256 << 20  # Memory for events that wait for the disk: 6 s at 3 Mev/s.
 SHOW_S = 0.2  # Time between two reports of how the recording stands, s.
 SENSORS = 2  # Sensors that one folder holds at most.
 
@@ -64,7 +63,6 @@ def record(
     *,
     split: Split = BY_SIZE,
     seconds: float = math.inf,
-    room_bytes: int = ROOM_BYTES,
     show: Callable[[Sequence[Recorder]], object] = lambda recorders: None,
 ) -> dict[str, Any]:
     """Record one or two cameras until they end, are closed, or the time is up.
@@ -74,7 +72,6 @@ def record(
         folder: An existing folder, see :func:`prepare_folder`.
         split: When the next file begins.
         seconds: How long to record from when the cameras are open, s.
-        room_bytes: Memory for events that wait for the disk.
         show: Told how they stand, a few times a second.
 
     Returns:
@@ -86,7 +83,7 @@ def record(
     begun_s = shown_s = time.monotonic()
     try:
         for number in range(len(sources)):
-            recorders.append(Recorder(sources, number, folder, split, room_bytes))
+            recorders.append(Recorder(sources, number, folder, split))
         while any([one.step(WAIT_S / len(recorders)) for one in recorders]):
             now_s = time.monotonic()
             if now_s - begun_s >= seconds:

@@ -31,6 +31,7 @@ from spikingtac.stream.packets import at_once, new_ring
 from spikingtac.stream.reader import EventReader
 from spikingtac.types import US_PER_S, EventPacket
 
+ROOM_BYTES = 256 << 20  # Memory for events that wait for the disk: 6 s at 3 Mev/s.
 JOINED_EVENTS = 1 << 16  # Small packets are joined up to so many events before they are encoded.
 WAIT_S = 0.02  # Longest wait for events before the recording looks at the time, s.
 TIME_BASE = "time_base"  # Key of the second manifest: the map from its clock to the first sensor's.
@@ -50,19 +51,13 @@ class Recorder:
         number: Which of them, from 0 on.
         folder: An existing folder.
         split: Size, bytes, and stretch of the sensor's time, us, from which on a file is complete.
-        room_bytes: Memory for events that wait for the disk.
 
     Attributes:
         source: The camera.
     """
 
     def __init__(
-        self,
-        sources: Sequence[CameraSource],
-        number: int,
-        folder: Path,
-        split: tuple[float, float],
-        room_bytes: int,
+        self, sources: Sequence[CameraSource], number: int, folder: Path, split: tuple[float, float]
     ) -> None:
         self.source, self._sources, self._number = sources[number], sources, number
         self._folder, (self._most_bytes, self._most_us) = folder, split
@@ -85,7 +80,7 @@ class Recorder:
             for name, values in fixed.items():
                 self._truth.set(name, values)
             camera.take_truth = self._truth.append
-        ring = new_ring(source.size, room_bytes)
+        ring = new_ring(source.size, ROOM_BYTES)
         self._reader: EventReader | None = EventReader(at_once(source), source, ring)
         self._describe()
 

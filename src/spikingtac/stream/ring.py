@@ -136,7 +136,7 @@ class SharedRing:
         if end - begin > self.room:
             return False
         while end - oldest > self.room:  # given up before it is overwritten
-            oldest += _MESSAGE.size + _MESSAGE.unpack(self._read(oldest, _MESSAGE.size))[2]
+            oldest += _MESSAGE.size + _MESSAGE.unpack(self.read(oldest, _MESSAGE.size))[2]
         self.put(OLDEST, oldest)
         before, at = self.weight, begin + _MESSAGE.size
         for part in parts:
@@ -147,14 +147,6 @@ class SharedRing:
         self.put(NEWEST, begin)
         self.put(END, end)
         return True
-
-    def message(self, at: int) -> tuple[int, int, int, bytearray]:
-        """Return weight before, weight, checksum and bytes of the message at a place.
-
-        They hold only where the oldest message is at this place or before it afterwards.
-        """
-        before, weight, length, checksum = _MESSAGE.unpack(self._read(at, _MESSAGE.size))
-        return before, weight, checksum, self._read(at + _MESSAGE.size, min(length, self.room))
 
     def finish(self) -> None:
         """Say that nothing follows."""
@@ -168,7 +160,7 @@ class SharedRing:
             with suppress(FileNotFoundError):
                 self._memory.unlink()
 
-    def _read(self, at: int, length: int) -> bytearray:
+    def read(self, at: int, length: int) -> bytearray:
         """Return the bytes at a place, which go on at the ring's beginning."""
         first = HEAD_BYTES + at % self.room
         data = bytearray(self.buffer[first : min(first + length, HEAD_BYTES + self.room)])
@@ -202,7 +194,8 @@ class RingReader:
         """Return the next message that is there, or None."""
         ring = self._ring
         while ring.get(END) > (at := max(self._at, ring.get(OLDEST))):
-            before, weight, checksum, data = ring.message(at)
+            before, weight, length, checksum = _MESSAGE.unpack(ring.read(at, _MESSAGE.size))
+            data = ring.read(at + _MESSAGE.size, min(length, ring.room))
             if ring.get(OLDEST) > at:  # overwritten while it was read
                 continue
             self._at = at + _MESSAGE.size + len(data)

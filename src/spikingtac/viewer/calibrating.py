@@ -207,9 +207,7 @@ class CalibrationDesk:
             self._made_s, self._view = time.monotonic(), self.tracker.guide.view()
         view, running_s = self._view, time.monotonic() - self._begun_s
         scalars = {
-            "state": self._state,
-            "said": self._said,
-            "result": self._result,
+            **self._told,
             "running_s": round(running_s, 1) if self._host else None,
             "grid": view.grid and list(view.grid),
             "markers": len(view.place_px),
@@ -221,7 +219,7 @@ class CalibrationDesk:
             "path": str(self._target.path.resolve()),
             "command": f"spikingtac calibrate {self._label} -o {self._target.path}",
         }
-        if self._state == "done" or not len(view.place_px):
+        if self._told["state"] == "done" or not len(view.place_px):
             return scalars, {}
         # Which way each marker should go: 0 is none, then left, right, up and down.
         return scalars, {
@@ -239,4 +237,4 @@ class CalibrationDesk:
         self._host = self._scratch = None
 
     def _tell(self, state: str, said: str = "", result: dict[str, Any] | None = None) -> None:
-        self._state, self._said, self._result = state, said, result
+        self._told = {"state": state, "said": said, "result": result}

@@ -19,7 +19,7 @@ from spikingtac.events.source import SLOT_US, slot_rate_ev_s, source_health
 from spikingtac.events.windows import SILENCE_LIMIT_US
 from spikingtac.markers.registry import MarkerTracker
 from spikingtac.pipeline.follow import EstimateTimes, check_rate
-from spikingtac.types import Contact, MarkerFrame, SourceHealth
+from spikingtac.types import Contact, MarkerFrame
 from spikingtac.viewer.source import EventStore, ViewSource
 
 RECENT_STEPS = 2_000  # Step times kept for the percentiles, 2 s at 1 kHz.
@@ -80,7 +80,7 @@ class Playback:
         self.view, self._on_frame = view, on_frame
         self._step_s: deque[float] = deque(maxlen=RECENT_STEPS)
         self._spent_s = 0.0
-        self._rated_us, self._rate_ev_s = -1, 0.0
+        self._rated_slot, self._rate_ev_s = -1, 0.0
         self.aim_us = store.t_start_us
         self.retune(view.config)
 
@@ -158,7 +158,7 @@ class Playback:
             if contact is not None:
                 self.contacts[contact.t_us] = contact
         if times is not None and edge_us >= times.first_us:  # tracking begins at the first event
-            self._track(max(self.position_us, times.first_us), edge_us, edge_us == estimate_us)
+            self._track(times.first_us, edge_us, edge_us == estimate_us)
         self.position_us = edge_us
         if edge_us == estimate_us:
             state.step += 1
@@ -168,26 +168,29 @@ class Playback:
         self._keep()
         return True
 
-    def _track(self, start_us: int, edge_us: int, estimate: bool) -> None:
-        tracker, packet = self.state.tracker, self.store.between(start_us, edge_us)
+    def _track(self, first_us: int, edge_us: int, estimate: bool) -> None:
+        """Track up to an edge, and estimate there, with the stream's health as `follow` gives it.
+
+        Args:
+            first_us: Time of the stream's first event, us.
+            edge_us: An estimate time or a window's end, us.
+            estimate: Whether it is an estimate time.
+        """
+        tracker, start_us = self.state.tracker, max(self.position_us, first_us)
+        packet = self.store.between(start_us, edge_us)
         begun_s = time.perf_counter()
         if start_us < edge_us:
             tracker.absorb(packet)
-        if estimate:
-            self.state.frame = tracker.estimate(edge_us).with_health(self._health(edge_us))
+        frame = tracker.estimate(edge_us) if estimate else None
         self._spent_s += time.perf_counter() - begun_s
-        if estimate:
-            self._step_s.append(self._spent_s)
-            self._spent_s = 0.0
-
-    def _health(self, t_us: int) -> SourceHealth:
-        """Return the stream's health at a time, as `follow` gives it."""
-        first_us = self.store.first_event_us
-        until_us = t_us // SLOT_US * SLOT_US
-        if first_us is not None and until_us != self._rated_us:
-            rate_ev_s = slot_rate_ev_s(t_us, first_us, lambda *span: len(self.store.between(*span)))
-            self._rated_us, self._rate_ev_s = until_us, rate_ev_s
-        return source_health(self.store.losses, self._rate_ev_s)
+        if frame is None:
+            return
+        self._step_s.append(self._spent_s)
+        self._spent_s = 0.0
+        if (slot := edge_us // SLOT_US) != self._rated_slot:
+            counted = slot_rate_ev_s(edge_us, first_us, lambda *at: len(self.store.between(*at)))
+            self._rated_slot, self._rate_ev_s = slot, counted
+        self.state.frame = frame.with_health(source_health(self.store.losses, self._rate_ev_s))
 
     def _keep(self) -> None:
         """Keep a copy of the state where the last one is far enough back."""

@@ -1,10 +1,10 @@
 """Serve the page of a view that runs in a process of its own; return what was shown at the end."""
 
 import os
-import socket
 import time
 import webbrowser
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from typing import Any
 
 from spikingtac.errors import DeviceError
@@ -42,35 +42,7 @@ def show(
         SpikingTacError: The view cannot be opened, a file cannot be written, the port is taken, or
             the session was killed.
     """
-    listening = listen(options.host, options.port)
-    session = SessionProcess(open_view, **played)
-    try:
-        _serve(session, options, report, listening)
-        summary = session.stop()
-    finally:
-        listening.close()
-        session.close()
-    if summary is None:
-        raise DeviceError(
-            f"the session did not end within {SHUTDOWN_S:g} s and was killed; nothing is known of "
-            "what it showed"
-        )
-    return summary
-
-
-def _serve(
-    session: SessionProcess,
-    options: PageOptions,
-    report: Report,
-    listening: socket.socket,
-) -> None:
     gate = Gate.for_host(options.host)
-    life = _life(session, options.seconds or float("inf"), report)
-    while not session.greetings.weight:  # no page without a view
-        next(life)
-        time.sleep(WAIT_S)
-    if hasattr(os, "nice"):  # a busy machine runs the session first, which has started
-        os.nice(NICENESS)
 
     def ready() -> None:
         port, query = listening.getsockname()[1], f"?token={gate.token}" if gate.token else ""
@@ -81,8 +53,25 @@ def _serve(
         if not options.no_browser:
             webbrowser.open(here)
 
-    serve(PageServer(session, gate), listening, lambda: next(life, False), ready)
-    session.receive()  # raises what ended it
+    with (
+        listen(options.host, options.port) as listening,
+        closing(SessionProcess(open_view, **played)) as session,
+    ):
+        life = _life(session, options.seconds or float("inf"), report)
+        while not session.greetings.weight:  # no page without a view
+            next(life)
+            time.sleep(WAIT_S)
+        if hasattr(os, "nice"):  # a busy machine runs the session first, which has started
+            os.nice(NICENESS)
+        serve(PageServer(session, gate), listening, lambda: next(life, False), ready)
+        session.receive()  # raises what ended it
+        summary = session.stop()
+    if summary is None:
+        raise DeviceError(
+            f"the session did not end within {SHUTDOWN_S:g} s and was killed; nothing is known of "
+            "what it showed"
+        )
+    return summary
 
 
 def _life(session: SessionProcess, seconds: float, report: Report) -> Iterator[bool]:

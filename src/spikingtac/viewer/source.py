@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 import weakref
 from bisect import bisect_right
@@ -191,8 +190,7 @@ class EventStore:
     def _grow(self, capacity: int) -> None:
         for name, dtype in COLUMNS.items():
             file = self._files[name]
-            os.truncate(file.fileno(), capacity * np.dtype(dtype).itemsize)
-            # asarray: slices of np.memmap itself cost microseconds each.
+            # It makes the file longer. asarray: slices of np.memmap itself cost microseconds each.
             self._columns[name] = np.asarray(np.memmap(file, dtype, mode="r+", shape=(capacity,)))
 
 
