@@ -22,8 +22,7 @@ from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
 from spikingtac.robot.guard_loop import stream_arrivals
-from spikingtac.stream import recorder
-from spikingtac.stream.record import Split, prepare_folder, record
+from spikingtac.stream.record import parse_split, prepare_folder, record
 from spikingtac.stream.recorder import Recorder
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import SIZE, datagrams, events, free_port
@@ -185,7 +184,7 @@ def test_a_slow_disk_loses_nothing_in_silence(
 ) -> None:
     """The writer is held up; memory is bounded, and each event is on disk or counted."""
     monkeypatch.setattr(camera_source, "open_camera", Steady.open)
-    monkeypatch.setattr(recorder, "ROOM_BYTES", 9 * 10_000)
+    monkeypatch.setattr("spikingtac.stream.recorder.ROOM_BYTES", 9 * 10_000)
     write = Recorder.write
     monkeypatch.setattr(Recorder, "write", lambda *given: (time.sleep(0.2), write(*given))[1])
     source = CameraSource(Address.parse("steady:"), ReadOptions())
@@ -213,8 +212,8 @@ def test_a_recording_is_replaced_only_by_a_camera_that_is_there(
 
 def test_what_cannot_be_recorded_says_what_to_do(tmp_path: Path, verbs: Verbs) -> None:
     with pytest.raises(ConfigError, match="60s"):
-        Split.parse("often")
-    assert Split.parse("2GB").most_bytes == 2e9
+        parse_split("often")
+    assert parse_split("2GB")[0] == 2e9
     told = verbs.said("record", tmp_path / "a.raw", "-o", tmp_path / "rec", code=2)
     assert "no camera" in told
 

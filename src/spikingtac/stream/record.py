@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.events.camera_source import CameraSource
@@ -27,41 +27,29 @@ _SPLIT = re.compile(r"(\d+(?:\.\d+)?)(MB|GB|s|min|h)")
 _UNITS = {"MB": 10**6, "GB": 10**9, "s": US_PER_S, "min": 60 * US_PER_S, "h": 3600 * US_PER_S}
 
 
-class Split(NamedTuple):
-    """When the next file begins: at a size, or after a stretch of the sensor's time.
+def parse_split(text: str) -> tuple[float, float]:
+    """Return size, bytes, and stretch of the sensor's time, us, from which on a file is complete.
 
-    Attributes:
-        most_bytes: Size from which on the next file begins, bytes.
-        most_us: Stretch that a file covers, us.
+    Args:
+        text: One of them, as ``500MB``, ``2GB``, ``60s``, ``10min``, ``1h``.
+
+    Raises:
+        ConfigError: It means none.
     """
-
-    most_bytes: float = 1e9
-    most_us: float = math.inf
-
-    @classmethod
-    def parse(cls, text: str) -> Split:
-        """Return the split that a text means, as ``500MB``, ``2GB``, ``60s``, ``10min``, ``1h``.
-
-        Raises:
-            ConfigError: It means none.
-        """
-        found = _SPLIT.fullmatch(text)
-        amount = float(found[1]) * _UNITS[found[2]] if found else 0.0
-        if found is None or amount < 1.0:
-            raise ConfigError(
-                f"--split is {text!r}; give a size (500MB, 2GB) or a duration (60s, 10min, 1h)"
-            )
-        return cls(most_bytes=amount) if "B" in found[2] else cls(math.inf, amount)
-
-
-BY_SIZE = Split()  # Files of 1 GB.
+    found = _SPLIT.fullmatch(text)
+    amount = float(found[1]) * _UNITS[found[2]] if found else 0.0
+    if found is None or amount < 1.0:
+        raise ConfigError(
+            f"--split is {text!r}; give a size (500MB, 2GB) or a duration (60s, 10min, 1h)"
+        )
+    return (amount, math.inf) if "B" in found[2] else (math.inf, amount)
 
 
 def record(
     sources: Sequence[CameraSource],
     folder: Path,
     *,
-    split: Split = BY_SIZE,
+    split: tuple[float, float] = (1e9, math.inf),
     seconds: float = math.inf,
     show: Callable[[Sequence[Recorder]], object] = lambda recorders: None,
 ) -> dict[str, Any]:
@@ -70,7 +58,7 @@ def record(
     Args:
         sources: The cameras; with ``when_lost="reconnect"`` one is waited for when it is gone.
         folder: An existing folder, see :func:`prepare_folder`.
-        split: When the next file begins.
+        split: When the next file begins; see :func:`parse_split`.
         seconds: How long to record from when the cameras are open, s.
         show: Told how they stand, a few times a second.
 

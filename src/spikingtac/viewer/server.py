@@ -150,7 +150,7 @@ class PageServer:
     """
 
     def __init__(self, session: SessionProcess, gate: Gate) -> None:
-        self._session, self._gate, self._pages = session, gate, 0
+        self._session, self._gate = session, gate
 
     def serving(self, listening: socket.socket) -> AbstractAsyncContextManager[object]:
         """Return a context during which pages are served; the socket is closed at its end."""
@@ -168,11 +168,7 @@ class PageServer:
         )
 
     async def _attend(self, connection: websockets.ServerConnection) -> None:
-        self._pages += 1
-        try:
-            await Page(self._session, connection).attend()
-        finally:
-            self._pages -= 1
+        await Page(self._session, connection).attend()
 
     def _answer(self, connection: websockets.ServerConnection, request: Request) -> Response | None:
         """Answer a request; None opens the socket."""
@@ -186,7 +182,8 @@ class PageServer:
             return connection.respond(HTTPStatus.FORBIDDEN, refusal + "\n")
         if path == SOCKET:
             busy = HTTPStatus.SERVICE_UNAVAILABLE, "too many pages are open\n"
-            return connection.respond(*busy) if self._pages >= MOST_PAGES else None
+            many = len(connection.server.connections) >= MOST_PAGES
+            return connection.respond(*busy) if many else None
         kind = KINDS.get(name.rpartition(".")[2])
         file = resources.files("spikingtac.viewer") / "page" / name
         if kind is None or "/" in name or "\\" in name or not file.is_file():
@@ -228,8 +225,7 @@ def serve(
             ready()
             while alive() and not ended.is_set():
                 with suppress(TimeoutError):
-                    async with asyncio.timeout(ALIVE_S):
-                        await ended.wait()
+                    await asyncio.wait_for(ended.wait(), ALIVE_S)
 
     with listening:
         asyncio.run(run())

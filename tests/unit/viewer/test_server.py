@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import pytest
 from websockets.asyncio.client import ClientConnection, connect
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.stream.ring import SharedRing
@@ -183,6 +183,16 @@ def test_garbage_ends_the_connection(garbage: str | bytes) -> None:
         with pytest.raises(ConnectionClosed):
             await page.recv()
         assert feed.commands == [("seek_us", 7)]
+
+    attended(drive)
+
+
+def test_pages_beyond_the_most_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "MOST_PAGES", 1)
+
+    async def drive(feed: Feed, page: ClientConnection) -> None:
+        with pytest.raises(InvalidStatus, match="503"):
+            await connect(f"ws://127.0.0.1:{page.remote_address[1]}/socket", proxy=None)
 
     attended(drive)
 

@@ -114,9 +114,7 @@ def live(monkeypatch: pytest.MonkeyPatch) -> Iterator[Opened]:
         yield made
 
 
-def test_what_came_before_a_source_was_lost_can_be_looked_at(
-    live: Opened,
-) -> None:
+def test_what_came_before_a_source_was_lost_can_be_looked_at(live: Opened) -> None:
     assert stepped(live, 3)[0]["failure"] is None
     meta, _ = stepped(live, 17)
     assert (meta["state"], meta["failure"]) == ("DISCONNECTED", "the sensor was unplugged")

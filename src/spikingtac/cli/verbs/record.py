@@ -74,10 +74,10 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Record, and print what was recorded; exit 3 where the disk refused to write."""
-    from spikingtac.stream.record import Split, locked_folder, prepare_folder, record
+    from spikingtac.stream.record import locked_folder, parse_split, prepare_folder, record
 
     require_seconds(args.seconds)
-    split, seconds = Split.parse(args.split), args.seconds or math.inf
+    split, seconds = parse_split(args.split), args.seconds or math.inf
     given = [args.source] if args.second is None else [args.source, args.second]
     addresses = [events.Address.parse(camera_address(source)) for source in given]
     remark(f"opening {' and '.join(map(str, addresses))}; Ctrl-C ends the recording")
