@@ -155,7 +155,7 @@ class PageServer:
     def serving(self, listening: socket.socket) -> AbstractAsyncContextManager[object]:
         """Return a context during which pages are served; the socket is closed at its end."""
         return websockets.serve(
-            self._attend,
+            lambda connection: Page(self._session, connection).attend(),
             sock=listening,
             process_request=self._answer,
             process_response=self._guard,
@@ -166,9 +166,6 @@ class PageServer:
             compression=None,
             server_header=None,
         )
-
-    async def _attend(self, connection: websockets.ServerConnection) -> None:
-        await Page(self._session, connection).attend()
 
     def _answer(self, connection: websockets.ServerConnection, request: Request) -> Response | None:
         """Answer a request; None opens the socket."""
