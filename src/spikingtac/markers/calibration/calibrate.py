@@ -34,7 +34,7 @@ from spikingtac.markers.calibration.quality import (
     refuse_without_grid,
 )
 from spikingtac.markers.calibration.recording import buffer_events, without_hot_pixels
-from spikingtac.markers.calibration.reference import Method, reference, touched_before
+from spikingtac.markers.calibration.reference import Method, displaced_before, reference
 from spikingtac.markers.calibration.refine import (
     STEP_BOUNDS,
     refine,
@@ -150,8 +150,9 @@ def _assembled(
     (evidence, model, quality), layout, size = learned, view.markers.layout, view.events.size
     measured, rests_us = quality.measured, view.rests_us[view.unloaded]
     rests = evidence.still[view.unloaded, 1]
-    rest_px, touched = model.center_px[rests], touched_before(model.center_px, rests)
-    reference_px = reference(rest_px, np.diff(rests_us, axis=1)[:, 0], touched, method)
+    rest_px, at_us = model.center_px[rests], view.events.times_at(evidence.index)
+    displaced_px = displaced_before(rests_us, rest_px, at_us, model.center_px)
+    reference_px = reference(rest_px, rests_us, displaced_px, method)
     if layout.shape is not None and not layout.staggered:
         expected_px = expected_places(reference_px, measured, layout.shape)
         reference_px[~measured] = expected_px[~measured]

@@ -1,10 +1,12 @@
 """Where markers rest without load, from where they stood whenever nothing touched them.
 
 The paper takes the middle of the box around all equilibrium states (section IV-D, the equation of
-P_init); ``bounding-box`` is that. The default ``rest-mean`` is ours. After any contact the skin is
-spread a little about its middle, which only a rest before all contacts can tell. That is taken off,
-and what is left is averaged: a skin that was just touched rests a little off, and the place at one
-rest alone may be wrong by a pixel where edges are wide.
+P_init); ``bounding-box`` is that. The default ``rest-mean`` is ours. A skin that was just touched
+rests a little off, to the side to which it was pressed: it creeps. That share of the displacement
+is the same for all markers and contacts, so that all rests together tell it; and after any contact
+the skin is spread a little about its middle, which only a rest before all contacts can tell. Both
+are taken off, and what is left is averaged: the place at one rest alone may be wrong by a pixel
+where edges are wide.
 """
 
 from typing import Any, Literal
@@ -16,55 +18,110 @@ Method = Literal["rest-mean", "bounding-box"]
 
 SETTLED_US = 3_000_000  # After so long a rest the skin has crept back (recorded presses).
 
+# The first part of a rest, in which the skin still creeps, tells little of where it ends up.
+CREPT_SHARE = 0.35
+
 # A rest so far from the weighted median counts half (Cauchy weights): the residual of creep.
 NEAR_PX = 0.15
 
+MOST_CREEP = 0.3  # Largest share of a displacement that a skin is believed to keep for a while.
+
 # Largest share by which contacts are believed to leave the whole skin spread. (The twin's plate
-# leaves 0.12 %, without which its rests are off by 0.12 instead of 0.04 px. Less than nothing is no
-# creep: pixels with wide edges show the first rest too far outside, since what they saw before is
-# not known.)
+# leaves 0.12 %. Less than nothing is no creep: pixels with wide edges show the first rest too far
+# outside, since what they saw before is not known.)
 MOST_SPREAD = 0.03
 
-TOUCHED_PX = 0.5  # Mean distance of the markers from their rests that only contacts reach.
+TOUCHED_PX = 0.2  # Mean displacement before a rest from which there was a contact.
+
+# A cause that differs by less than this between rests, on the average, tells nothing.
+TELLING_PX = 0.01
 
 
 def reference(
     position_px: NDArray[np.float64],
-    length_us: NDArray[np.int64],
-    touched: NDArray[np.bool_],
+    rests_us: NDArray[np.int64],
+    displaced_px: NDArray[np.float64],
     method: Method,
 ) -> NDArray[np.float64]:
     """Return ``(m, 2)`` reference positions, px.
 
     Args:
         position_px: ``(rests, m, 2)`` positions at the unloaded rests, px.
-        length_us: ``(rests,)`` how long each lasted, us: long ones count more.
-        touched: ``(rests,)`` whether something has touched the skin before.
+        rests_us: ``(rests, 2)`` when each began and ended, us since the start of the recording.
+        displaced_px: ``(rests, m, 2)`` mean displacement in the contact before each rest, px; zero
+            where there was none.
         method: How they are reduced to one.
     """
     if method == "bounding-box":
         return (position_px.min(axis=0) + position_px.max(axis=0)) / 2.0
+    length_us = np.diff(rests_us, axis=1)[:, 0]
+    creep, spread = creep_shares(position_px, displaced_px)
+    left_px = creep * displaced_px + spread * _about_middle(position_px, displaced_px)
+    return typical(position_px - left_px, length_us)
+
+
+def creep_shares(
+    position_px: NDArray[np.float64], displaced_px: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return what is left at the rests, of the displacements before, and as spread of the skin.
+
+    They are the least-squares slopes over all markers and rests; neither is negative. (Rests count
+    alike: the last one, often the longest, is the one that is known worst.) Without a rest before
+    the first contact nothing tells the spread, nor do equal contacts tell the share of the
+    displacements: they are 0.
+    """
+    off_px, moved_px, spread_px = (
+        values - values.mean(axis=0)
+        for values in (position_px, displaced_px, _about_middle(position_px, displaced_px))
+    )
+    causes = np.column_stack([moved_px.ravel(), spread_px.ravel()])
+    causes *= (causes**2).mean(axis=0) > TELLING_PX**2
+    from scipy.optimize import nnls  # 0.1 s that trackers need not wait
+
+    shares, _ = nnls(causes, off_px.ravel())
+    return min(float(shares[0]), MOST_CREEP), min(float(shares[1]), MOST_SPREAD)
+
+
+def _about_middle(
+    position_px: NDArray[np.float64], displaced_px: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    # (rests, m, 2) places from the middle of the skin on, 0 as long as nothing has touched it.
+    moved_px = np.linalg.norm(displaced_px, axis=2).mean(axis=1)
+    touched = np.maximum.accumulate(moved_px > TOUCHED_PX)
     place_px = np.median(position_px, axis=0)
-    away_px = touched[:, np.newaxis, np.newaxis] * (place_px - place_px.mean(axis=0))
-    off_px, cause_px = (values - values.mean(axis=0) for values in (position_px, away_px))
-    # The least-squares slope over all markers and rests.
-    spread = float((off_px * cause_px).sum() / max((cause_px**2).sum(), 1e-9))
-    position_px = position_px - min(max(spread, 0.0), MOST_SPREAD) * away_px
-    weight = np.minimum(length_us.astype(np.float64), SETTLED_US)
-    far_px = np.linalg.norm(position_px - weighted_median(position_px, weight), axis=2)
-    share = weight[:, np.newaxis] / (1.0 + (far_px / NEAR_PX) ** 2)
-    return (share[..., np.newaxis] * position_px).sum(axis=0) / share.sum(axis=0)[:, np.newaxis]
+    return touched[:, np.newaxis, np.newaxis] * (place_px - place_px.mean(axis=0))
 
 
-def touched_before(center_px: NDArray[np.float64], rests: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return ``(rests,)`` whether markers have moved before each rest.
+def displaced_before(
+    rests_us: NDArray[np.int64],
+    position_px: NDArray[np.float64],
+    course_us: NDArray[np.int64],
+    course_px: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return ``(rests, m, 2)`` mean displacement between each rest and the one before it, px.
 
     Args:
-        center_px: ``(n, m, 2)`` places at all samples, px.
-        rests: ``(rests,)`` samples of the rests, increasing.
+        rests_us: ``(rests, 2)`` when each began and ended, us since the start of the recording.
+        position_px: ``(rests, m, 2)`` positions at them, px.
+        course_us: ``(k,)`` times of the samples, us since the start of the recording.
+        course_px: ``(k, m, 2)`` places at them, px.
     """
-    away_px = np.linalg.norm(center_px - np.median(center_px[rests], axis=0), axis=2).mean(axis=1)
-    return np.asarray(np.maximum.accumulate(away_px)[rests] > TOUCHED_PX)
+    middle_px = weighted_median(position_px, np.diff(rests_us, axis=1)[:, 0])
+    starts_us = np.concatenate([[0], rests_us[:-1, 1]])
+    first, last = np.searchsorted(course_us, [starts_us, rests_us[:, 0]])
+    return np.array([
+        (course_px[begin:end] - middle_px).mean(axis=0) if end > begin else 0.0 * middle_px
+        for begin, end in zip(first, last, strict=True)
+    ])  # fmt: skip
+
+
+def typical(position_px: NDArray[np.float64], length_us: NDArray[Any]) -> NDArray[np.float64]:
+    """Return ``(m, 2)`` mean places: long rests count more, and those far from the others less."""
+    weight = np.minimum(np.asarray(length_us, float), SETTLED_US)
+    middle = weighted_median(position_px, weight)
+    off = np.linalg.norm(position_px - middle, axis=2)
+    share = weight[:, np.newaxis] / (1.0 + (off / NEAR_PX) ** 2)
+    return (share[..., np.newaxis] * position_px).sum(axis=0) / share.sum(axis=0)[:, np.newaxis]
 
 
 def weighted_median(values: NDArray[np.float64], weight: NDArray[Any]) -> NDArray[np.float64]:

@@ -1,52 +1,72 @@
-"""Rests become a reference: the paper's box, or a mean without what contacts leave behind."""
+"""Creep after presses is told from the reference; symmetrical slides still cancel."""
 
 import numpy as np
 
-from spikingtac.markers.calibration.reference import reference, touched_before
+from spikingtac.markers.calibration.reference import displaced_before, reference
 
 PLACES = np.array([[x, y] for y in (20.0, 60.0, 100.0) for x in (20.0, 60.0, 100.0)])
-OUTWARD = PLACES - PLACES.mean(axis=0)
 SECOND_US = 1_000_000
 
 
-def rest_mean(places: np.ndarray, touched: np.ndarray | bool = True) -> np.ndarray:
-    """Return the reference of rests of a second each, the first one without any contact before."""
-    before = np.broadcast_to(touched, len(places))
-    return reference(places, np.full(len(places), SECOND_US), before, "rest-mean")
+def rests(lengths_s: list[float], first_us: int = 0) -> np.ndarray:
+    begins = first_us + np.arange(len(lengths_s)) * 10 * SECOND_US
+    return np.column_stack([begins, begins + np.array(lengths_s) * SECOND_US]).astype(np.int64)
 
 
-def test_what_contacts_leave_spread_is_not_the_reference() -> None:
-    spread = np.array([PLACES, *[PLACES + 0.02 * OUTWARD] * 6])
-    np.testing.assert_allclose(rest_mean(spread, np.arange(7) > 0), PLACES, atol=1e-9)
-    # Without a rest before the first contact nothing tells it from the place.
-    np.testing.assert_allclose(rest_mean(spread[1:]), spread[1])
+def none(count: int) -> np.ndarray:
+    return np.zeros((count, *PLACES.shape))
+
+
+def test_what_presses_leave_spread_is_not_the_reference() -> None:
+    outward = (PLACES - PLACES.mean(axis=0)) * 0.2
+    displaced = np.array([0.0 * PLACES, *[outward] * 6])
+    spread = PLACES + 0.1 * displaced
+    lengths_s = [0.5, *[0.3] * 6]
+    found = reference(spread, rests(lengths_s), displaced, "rest-mean")
+    np.testing.assert_allclose(found, PLACES, atol=1e-9)
+    # Without a rest before the first press nothing tells creep from the place.
+    late = reference(spread[1:], rests(lengths_s[1:]), displaced[1:], "rest-mean")
+    np.testing.assert_allclose(late, PLACES + 0.1 * outward)
+
+
+def test_contacts_of_several_sizes_tell_creep_without_a_rest_before_them() -> None:
+    outward = (PLACES - PLACES.mean(axis=0)) * 0.2
+    displaced = np.array([outward, 2.0 * outward, 0.5 * outward])
+    found = reference(PLACES + 0.1 * displaced, rests([0.3] * 3), displaced, "rest-mean")
+    np.testing.assert_allclose(found, PLACES, atol=1e-9)
 
 
 def test_a_skin_that_slides_leave_spread_is_told_by_the_rest_before_them() -> None:
-    ways_px = 0.12 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])[:, np.newaxis]
-    places = np.array([PLACES, *(PLACES + 0.002 * OUTWARD + ways_px)])
-    np.testing.assert_allclose(rest_mean(places, np.arange(5) > 0), PLACES, atol=1e-6)
+    ways_px = np.array([[6.0, 0.0], [-6.0, 0.0], [0.0, 6.0], [0.0, -6.0]])[:, np.newaxis]
+    displaced = np.array([0.0 * PLACES, *(ways_px + 0.0 * PLACES)])
+    spread = 0.002 * (PLACES - PLACES.mean(axis=0))
+    places = np.array([PLACES, *[PLACES + spread] * 4]) + 0.02 * displaced
+    found = reference(places, rests([0.6, *[0.3] * 4]), displaced, "rest-mean")
+    np.testing.assert_allclose(found, PLACES, atol=1e-9)
 
 
 def test_a_first_rest_that_is_wrong_does_not_outvote_the_others() -> None:
-    places = np.array([PLACES + 0.02 * OUTWARD, *[PLACES] * 6])  # no skin creeps this way
-    assert np.abs(rest_mean(places, np.arange(7) > 0) - PLACES).max() < 0.08
+    outward = (PLACES - PLACES.mean(axis=0)) * 0.2
+    displaced = np.array([0.0 * PLACES, *[outward] * 6])
+    places = np.array([PLACES + 0.1 * outward, *[PLACES] * 6])  # no skin creeps this way
+    found = reference(places, rests([0.6] * 7), displaced, "rest-mean")
+    assert np.abs(found - PLACES).max() < 0.1 * np.abs(0.1 * outward).max()
 
 
-def test_long_rests_count_more_up_to_what_skins_take_to_settle() -> None:
-    places = np.array([PLACES, PLACES + 0.01])
-    found = reference(places, SECOND_US * np.array([1, 30]), np.ones(2, bool), "rest-mean")
-    np.testing.assert_allclose(found, PLACES + 0.0075, atol=1e-4)
-
-
-def test_a_contact_is_a_motion_of_the_markers() -> None:
-    moved_px = np.array([0.0, 0.1, 0.0, 4.0, 0.1, 0.0, 0.0])
+def test_the_displacement_before_a_rest_is_the_mean_since_the_rest_before() -> None:
+    spans_us = np.array([[0, 100], [200, 300], [400, 500]])
+    at_us = np.arange(0, 500, 10)
+    moved_px = np.where(
+        at_us < 100, 0.0, np.where(at_us < 200, 3.0, np.where(at_us < 300, 0.0, 5.0))
+    )
     course_px = PLACES + moved_px[:, np.newaxis, np.newaxis]
-    found = touched_before(course_px, np.array([0, 2, 5]))
-    assert found.tolist() == [False, False, True]
+    found = displaced_before(spans_us, np.array([PLACES] * 3), at_us, course_px)
+    np.testing.assert_allclose(found[0], 0.0)
+    np.testing.assert_allclose(found[1], 3.0)
+    np.testing.assert_allclose(found[2], 5.0)
 
 
 def test_the_bounding_box_is_the_papers() -> None:
     apart = np.array([PLACES, PLACES + 1.0, PLACES + 0.2])
-    found = reference(apart, np.full(3, SECOND_US), np.zeros(3, bool), "bounding-box")
+    found = reference(apart, rests([1.0, 1.0, 1.0]), none(3), "bounding-box")
     np.testing.assert_allclose(found, PLACES + 0.5)
