@@ -13,25 +13,23 @@ def rests(lengths_s: list[float], first_us: int = 0) -> np.ndarray:
     return np.column_stack([begins, begins + np.array(lengths_s) * SECOND_US]).astype(np.int64)
 
 
-def none(count: int) -> np.ndarray:
-    return np.zeros((count, *PLACES.shape))
+def outward(*shares: float) -> np.ndarray:
+    """Return displacements away from the middle of the skin, one for each share."""
+    return np.multiply.outer(shares, (PLACES - PLACES.mean(axis=0)) * 0.2)
 
 
 def test_what_presses_leave_spread_is_not_the_reference() -> None:
-    outward = (PLACES - PLACES.mean(axis=0)) * 0.2
-    displaced = np.array([0.0 * PLACES, *[outward] * 6])
+    displaced, lengths_s = outward(0, *[1] * 6), [0.5, *[0.3] * 6]
     spread = PLACES + 0.1 * displaced
-    lengths_s = [0.5, *[0.3] * 6]
     found = reference(spread, rests(lengths_s), displaced, "rest-mean")
     np.testing.assert_allclose(found, PLACES, atol=1e-9)
     # Without a rest before the first press nothing tells creep from the place.
     late = reference(spread[1:], rests(lengths_s[1:]), displaced[1:], "rest-mean")
-    np.testing.assert_allclose(late, PLACES + 0.1 * outward)
+    np.testing.assert_allclose(late, PLACES + outward(0.1)[0])
 
 
 def test_contacts_of_several_sizes_tell_creep_without_a_rest_before_them() -> None:
-    outward = (PLACES - PLACES.mean(axis=0)) * 0.2
-    displaced = np.array([outward, 2.0 * outward, 0.5 * outward])
+    displaced = outward(1.0, 2.0, 0.5)
     found = reference(PLACES + 0.1 * displaced, rests([0.3] * 3), displaced, "rest-mean")
     np.testing.assert_allclose(found, PLACES, atol=1e-9)
 
@@ -46,27 +44,21 @@ def test_a_skin_that_slides_leave_spread_is_told_by_the_rest_before_them() -> No
 
 
 def test_a_first_rest_that_is_wrong_does_not_outvote_the_others() -> None:
-    outward = (PLACES - PLACES.mean(axis=0)) * 0.2
-    displaced = np.array([0.0 * PLACES, *[outward] * 6])
-    places = np.array([PLACES + 0.1 * outward, *[PLACES] * 6])  # no skin creeps this way
-    found = reference(places, rests([0.6] * 7), displaced, "rest-mean")
-    assert np.abs(found - PLACES).max() < 0.1 * np.abs(0.1 * outward).max()
+    wrong = outward(0.1, *[0] * 6)  # no skin creeps this way
+    found = reference(PLACES + wrong, rests([0.6] * 7), outward(0, *[1] * 6), "rest-mean")
+    assert np.abs(found - PLACES).max() < 0.1 * np.abs(wrong).max()
 
 
 def test_the_displacement_before_a_rest_is_the_mean_since_the_rest_before() -> None:
     spans_us = np.array([[0, 100], [200, 300], [400, 500]])
     at_us = np.arange(0, 500, 10)
-    moved_px = np.where(
-        at_us < 100, 0.0, np.where(at_us < 200, 3.0, np.where(at_us < 300, 0.0, 5.0))
-    )
-    course_px = PLACES + moved_px[:, np.newaxis, np.newaxis]
+    course_px = np.add.outer(np.array([0.0, 3.0, 0.0, 5.0, 5.0])[at_us // 100], PLACES)
     found = displaced_before(spans_us, np.array([PLACES] * 3), at_us, course_px)
-    np.testing.assert_allclose(found[0], 0.0)
-    np.testing.assert_allclose(found[1], 3.0)
-    np.testing.assert_allclose(found[2], 5.0)
+    np.testing.assert_allclose(found.min(axis=(1, 2)), [0.0, 3.0, 5.0])
+    np.testing.assert_allclose(found.max(axis=(1, 2)), [0.0, 3.0, 5.0])
 
 
 def test_the_bounding_box_is_the_papers() -> None:
     apart = np.array([PLACES, PLACES + 1.0, PLACES + 0.2])
-    found = reference(apart, rests([1.0, 1.0, 1.0]), none(3), "bounding-box")
+    found = reference(apart, rests([1.0, 1.0, 1.0]), outward(0, 0, 0), "bounding-box")
     np.testing.assert_allclose(found, PLACES + 0.5)
