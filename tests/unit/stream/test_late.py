@@ -22,8 +22,7 @@ class Camera:
         self.losses, self._count = LossCounters(), count
 
     def __iter__(self) -> Iterator[EventPacket]:
-        zero_s = time.monotonic()
-        flat = np.zeros(EVENTS, np.uint16)
+        zero_s, flat = time.monotonic(), np.zeros(EVENTS, np.uint16)
         for number in range(self._count):
             t = np.arange(EVENTS) + round(1e6 * SPAN_S * number)
             time.sleep(max(zero_s + SPAN_S * number - time.monotonic(), 0.0))
@@ -31,8 +30,7 @@ class Camera:
 
 
 def test_what_waited_is_left_out_and_counted_until_the_work_is_at_the_present() -> None:
-    camera = Camera(400)
-    taken = [0]
+    camera, taken = Camera(400), [0]
     for packet in PacedSource(cast(Any, camera)):
         taken.append(packet.t_end_us)
         if len(taken) == 50:

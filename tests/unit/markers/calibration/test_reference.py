@@ -5,16 +5,14 @@ import numpy as np
 from spikingtac.markers.calibration.reference import displaced_before, reference
 
 PLACES = np.array([[x, y] for y in (20.0, 60.0, 100.0) for x in (20.0, 60.0, 100.0)])
-SECOND_US = 1_000_000
 
 
-def rests(lengths_s: list[float], first_us: int = 0) -> np.ndarray:
-    begins = first_us + np.arange(len(lengths_s)) * 10 * SECOND_US
-    return np.column_stack([begins, begins + np.array(lengths_s) * SECOND_US]).astype(np.int64)
+def rests(lengths_s: list[float]) -> np.ndarray:
+    begins_s = 10.0 * np.arange(len(lengths_s))
+    return np.rint(1e6 * np.column_stack([begins_s, begins_s + lengths_s])).astype(np.int64)
 
 
 def outward(*shares: float) -> np.ndarray:
-    """Return displacements away from the middle of the skin, one for each share."""
     return np.multiply.outer(shares, (PLACES - PLACES.mean(axis=0)) * 0.2)
 
 
@@ -35,10 +33,9 @@ def test_contacts_of_several_sizes_tell_creep_without_a_rest_before_them() -> No
 
 
 def test_a_skin_that_slides_leave_spread_is_told_by_the_rest_before_them() -> None:
-    ways_px = np.array([[6.0, 0.0], [-6.0, 0.0], [0.0, 6.0], [0.0, -6.0]])[:, np.newaxis]
-    displaced = np.array([0.0 * PLACES, *(ways_px + 0.0 * PLACES)])
-    spread = 0.002 * (PLACES - PLACES.mean(axis=0))
-    places = np.array([PLACES, *[PLACES + spread] * 4]) + 0.02 * displaced
+    ways_px = np.array([[0.0, 0.0], [6.0, 0.0], [-6.0, 0.0], [0.0, 6.0], [0.0, -6.0]])
+    displaced = ways_px[:, np.newaxis] + 0.0 * PLACES
+    places = PLACES + outward(0, *[0.01] * 4) + 0.02 * displaced
     found = reference(places, rests([0.6, *[0.3] * 4]), displaced, "rest-mean")
     np.testing.assert_allclose(found, PLACES, atol=1e-9)
 
@@ -51,14 +48,12 @@ def test_a_first_rest_that_is_wrong_does_not_outvote_the_others() -> None:
 
 def test_the_displacement_before_a_rest_is_the_mean_since_the_rest_before() -> None:
     spans_us = np.array([[0, 100], [200, 300], [400, 500]])
-    at_us = np.arange(0, 500, 10)
-    course_px = np.add.outer(np.array([0.0, 3.0, 0.0, 5.0, 5.0])[at_us // 100], PLACES)
-    found = displaced_before(spans_us, np.array([PLACES] * 3), at_us, course_px)
-    np.testing.assert_allclose(found.min(axis=(1, 2)), [0.0, 3.0, 5.0])
-    np.testing.assert_allclose(found.max(axis=(1, 2)), [0.0, 3.0, 5.0])
+    course_px = np.add.outer(np.repeat([0.0, 3.0, 0.0, 5.0, 5.0], 10), PLACES)
+    found = displaced_before(spans_us, np.array([PLACES] * 3), np.arange(0, 500, 10), course_px)
+    np.testing.assert_allclose(found, np.add.outer([0.0, 3.0, 5.0], 0.0 * PLACES))
 
 
 def test_the_bounding_box_is_the_papers() -> None:
-    apart = np.array([PLACES, PLACES + 1.0, PLACES + 0.2])
-    found = reference(apart, rests([1.0, 1.0, 1.0]), outward(0, 0, 0), "bounding-box")
+    places = np.add.outer([0.0, 1.0, 0.2], PLACES)
+    found = reference(places, rests([1.0] * 3), 0.0 * places, "bounding-box")
     np.testing.assert_allclose(found, PLACES + 0.5)
