@@ -53,6 +53,7 @@ FIRST_US = 15_000_000
 BEYOND_RADII = 0.5
 
 STEPS = ("step_on", "step_off")
+OF_MARKERS = ("radius_px", *MARKER_NUMBERS, MEASURED)  # What is told of each marker.
 
 # Rounds of the refinement after each time that recovering pixels are tracked again.
 RETRACKED_ROUNDS = (3, 10)
@@ -149,8 +150,8 @@ def _assembled(
     """
     (evidence, model, quality), layout, size = learned, view.markers.layout, view.events.size
     measured, rests_us = quality.measured, view.rests_us[view.unloaded]
-    rests = evidence.still[view.unloaded, 1]
-    rest_px, at_us = model.center_px[rests], view.events.times_at(evidence.index)
+    rest_px = model.center_px[evidence.still[view.unloaded, 1]]
+    at_us = view.events.times_at(evidence.index)
     displaced_px = displaced_before(rests_us, rest_px, at_us, model.center_px)
     reference_px = reference(rest_px, rests_us, displaced_px, method)
     if layout.shape is not None and not layout.staggered:
@@ -160,7 +161,6 @@ def _assembled(
     keep = _in_sight(reference_px, looks["radius_px"], size)
     if layout.shape is None:
         keep &= measured
-    of_markers = ("radius_px", *MARKER_NUMBERS, MEASURED)
     left_out_px = reference_px[~keep].round(2).tolist()
     scatter_px = np.sqrt(((rest_px - reference_px) ** 2).sum(axis=2).mean(axis=0))
     return Calibration(
@@ -168,7 +168,7 @@ def _assembled(
         grid=None if layout.shape is None else _whole_grid(keep.reshape(layout.shape)),
         size=size,
         polarity=view.polarity,
-        **{name: value[keep] if name in of_markers else value for name, value in looks.items()},
+        **{name: value[keep] if name in OF_MARKERS else value for name, value in looks.items()},
         provenance={
             "method": method,
             "unloaded_rests_us": (view.events.t_start_us + rests_us).tolist(),
