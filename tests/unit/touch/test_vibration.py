@@ -42,8 +42,7 @@ def test_slow_frames_make_a_longer_window() -> None:
     for step in range(63):
         monitor.update(20_000 * step, np.full((MARKERS, 2), shift[step]))
         assert monitor.spectrum() is None
-    found = spectrum_of(monitor, 20_000 * k[63:], shift[63:])
-    assert found.line_hz == pytest.approx(17.0, abs=0.2)
+    assert spectrum_of(monitor, 20_000 * k[63:], shift[63:]).line_hz == pytest.approx(17.0, abs=0.2)
     # Below 7.5 Hz there is touch, and no vibration.
     assert spectrum_of(VibrationMonitor(15.0), 66_667 * k, 0.1 * (k % 3)).line_hz is None
 
@@ -52,5 +51,4 @@ def test_slow_frames_make_a_longer_window() -> None:
 def test_the_frequency_is_that_of_the_times(period_us: int) -> None:
     t_us = period_us * np.arange(600)
     shift = 0.1 * np.sin(2e-6 * np.pi * 60.0 * t_us)
-    found = spectrum_of(VibrationMonitor(1_000.0), t_us, shift)
-    assert found.line_hz == pytest.approx(60.0, abs=0.2)
+    assert spectrum_of(VibrationMonitor(1e3), t_us, shift).line_hz == pytest.approx(60.0, abs=0.2)

@@ -8,8 +8,7 @@ PLACES = np.array([[x, y] for y in (20.0, 60.0, 100.0) for x in (20.0, 60.0, 100
 
 
 def rests(lengths_s: list[float]) -> np.ndarray:
-    begins_s = 10.0 * np.arange(len(lengths_s))
-    return np.rint(1e6 * np.column_stack([begins_s, begins_s + lengths_s])).astype(np.int64)
+    return 1e6 * (np.outer(lengths_s, [0, 1]) + 10.0 * np.arange(len(lengths_s))[:, np.newaxis])
 
 
 def outward(*shares: float) -> np.ndarray:
