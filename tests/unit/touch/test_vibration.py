@@ -21,8 +21,8 @@ def heard(amplitude_px: float, hz: float, seed: int = 0, rate_hz: float = 1_000.
     t_s = np.arange(round(0.6 * rate_hz))[:, None, None] / rate_hz
     shift = amplitude_px * np.sin(2.0 * np.pi * hz * t_s) * np.array([0.6, 0.8])
     noise = np.random.default_rng(seed).normal(0.0, 0.05, (len(t_s), MARKERS, 2))
-    t_us = np.rint(1e6 * t_s.ravel()).astype(np.int64)
-    return spectrum_of(VibrationMonitor(rate_hz), t_us, shift + 2.0 * t_s**2 + noise)
+    moved = shift + 2.0 * t_s**2 + noise
+    return spectrum_of(VibrationMonitor(rate_hz), (1e6 * t_s.ravel()).round().astype(int), moved)
 
 
 @pytest.mark.parametrize("hz", [20.0, 240.3, 497.0])

@@ -124,6 +124,10 @@ class GradedTracker:
         return self._locator.map
 
     @property
+    def _steps_known(self) -> bool:
+        return self._kept.judged or not self._adapts
+
+    @property
     def motion(self) -> NDArray[np.float64]:
         """``(m, 8)`` states of the filters (:mod:`spikingtac.markers.graded.motion`); a view."""
         return self._locator.motion
@@ -176,8 +180,7 @@ class GradedTracker:
             self._maintain(t_us)
         # Until the stream's loss was judged steps are taken for larger than they are, and discs are
         # ahead as often as behind.
-        known = self._kept.judged or not self._adapts
-        backlash = self._backlash if known else 0.0
+        backlash = self._backlash if self._steps_known else 0.0
         given_px = self._corrections.update(t_us, locator.motion, self.lag_s, backlash)
         if self._zero is not None:
             velocity_px_s = locator.motion[:, VX : VY + 1]
@@ -228,4 +231,4 @@ class GradedTracker:
             if manager.placed:
                 locator.place(manager.moved, manager.position_px)
         if self._leak is not None and since_s:
-            self._leak.update(locator, since_s)
+            self._leak.update(locator, since_s, self._steps_known)

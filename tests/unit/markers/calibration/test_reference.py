@@ -46,9 +46,9 @@ def test_a_first_rest_that_is_wrong_does_not_outvote_the_others() -> None:
 
 
 def test_the_displacement_before_a_rest_is_the_mean_since_the_rest_before() -> None:
-    spans_us = np.array([[0, 100], [200, 300], [400, 500]])
     course_px = np.add.outer(np.repeat([0.0, 3.0, 0.0, 5.0, 5.0], 10), PLACES)
-    found = displaced_before(spans_us, np.array([PLACES] * 3), np.arange(0, 500, 10), course_px)
+    spans_us, rest_px = 100 * np.arange(6).reshape(3, 2), np.array([PLACES] * 3)
+    found = displaced_before(spans_us, rest_px, np.arange(0, 500, 10), course_px)
     np.testing.assert_allclose(found, np.add.outer([0.0, 3.0, 5.0], 0.0 * PLACES))
 
 

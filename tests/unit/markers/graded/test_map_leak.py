@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
+from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.map_leak import LARGEST_FALL, LEAKED_US, MapLeak
 from spikingtac.markers.graded.motion import AGREEMENT, AT_US
@@ -14,31 +14,29 @@ from spikingtac.markers.registry import make_tracker
 from spikingtac.types import EventPacket
 from stand_ins.camera_stage import CENTERS, RADIUS_PX, SIZE
 from stand_ins.ideal_events import ideal_events
+from stand_ins.known import known as known_sensor
 
 REST_US = 20_000_000
 NINE_SIZE = (130, 130)
 NINE_PX = np.array([[28.0 + 37.0 * (k % 3), 28.0 + 37.0 * (k // 3)] for k in range(9)])
-CALIBRATION = Calibration(
-    reference_px=CENTERS, radius_px=np.full(4, RADIUS_PX), grid=(2, 2), size=SIZE, contrast=6.0
-)
+CALIBRATION = known_sensor(CENTERS, RADIUS_PX, SIZE, contrast=6.0)
+NINE = known_sensor(NINE_PX, RADIUS_PX, NINE_SIZE, step=0.13, contrast=6.0)
 BESIDE_PX = np.rint(CENTERS + np.array([RADIUS_PX + 3.0, 0.0])).astype(int)
 BESIDE = BESIDE_PX[:, 1], BESIDE_PX[:, 0]
 
 
-def leaked(duration_us: int, agreement_of_one: float, quiet_us: int = 0) -> np.ndarray:
-    """Return what is left of a level of 0.9 beside each disc.
-
-    One agrees less from then on, and was fitted a time before now.
-    """
-    locator = DiscLocator(CALIBRATION)
-    leak = MapLeak(CALIBRATION, 30.0)
+def leaked(
+    duration_us: int, of_one: float = 1.0, quiet_us: int = 0, level: float = 0.9, known: bool = True
+) -> np.ndarray:
+    """Return what is left of a level beside each disc; one agrees less, and was fitted before."""
+    locator, leak = DiscLocator(CALIBRATION), MapLeak(CALIBRATION, 30.0)
     for _ in range(50):
-        leak.update(locator, 1e-3)
-    locator.map.memory[BESIDE] += 0.9
-    locator.map.values[BESIDE] += 0.9
-    locator.fits[1, AGREEMENT], locator.motion[1, AT_US] = agreement_of_one, quiet_us
+        leak.update(locator, 1e-3, known)
+    for levels in (locator.map.memory, locator.map.values):
+        levels[BESIDE] += level
+    locator.fits[1, AGREEMENT], locator.motion[1, AT_US] = of_one, quiet_us
     for _ in range(duration_us // 1_000):
-        leak.update(locator, 1e-3)
+        leak.update(locator, 1e-3, known)
     return locator.map.memory[BESIDE]
 
 
@@ -56,39 +54,36 @@ def test_a_marker_that_sent_nothing_for_a_second_costs_nothing() -> None:
     assert left[[0, 2, 3]].max() < 0.35
 
 
+@pytest.mark.parametrize(("known", "share"), [(False, 1.0), (True, 0.6)])
+def test_half_a_step_leaks_only_once_the_loss_is_known(known: bool, share: float) -> None:
+    level = 0.5 * float(appearance_of(CALIBRATION).mean_step[0])
+    left = leaked(300_000, level=level, known=known) - leaked(0, level=0.0)
+    assert left.mean() / level == pytest.approx(share, abs=0.05)
+
+
 def noisy_rest(rate_hz: float, duration_us: int, on_share: float) -> EventPacket:
     rng = np.random.default_rng(1)
     count = rng.poisson(rate_hz * NINE_SIZE[0] * NINE_SIZE[1] * duration_us * 1e-6)
     x, y = (rng.integers(0, most, count).astype(np.uint16) for most in NINE_SIZE)
-    t = np.sort(rng.integers(0, duration_us, count))
-    return EventPacket(x, y, rng.random(count) < on_share, t, 0, duration_us, NINE_SIZE)
+    t, on = np.sort(rng.integers(0, duration_us, count)), rng.random(count) < on_share
+    return EventPacket(x, y, on, t, 0, duration_us, NINE_SIZE)
 
 
 @pytest.mark.parametrize("preset", ["default", "fast"])
 def test_noise_of_a_long_rest_draws_no_marker_away_from_its_motion(preset: str) -> None:
     # A step of each event stayed in the ground: ``default`` erred by 3.2 px on the average after
     # these 20 events a pixel, and after two minutes of 0.2 Hz by 4.1 px; now by 0.21 and 0.15 px.
-    calibration = Calibration(
-        reference_px=NINE_PX,
-        radius_px=np.full(9, RADIUS_PX),
-        grid=(3, 3),
-        size=NINE_SIZE,
-        contrast=6.0,
-        step_on=0.13,
-        step_off=0.13,
-    )
-    tracker = make_tracker(load_config(preset).tracking, calibration)
+    tracker = make_tracker(load_config(preset).tracking, NINE)
     tracker.absorb(noisy_rest(1.0, REST_US, 0.6))
-    swing_px = 6.0 * np.sin(np.linspace(0.0, np.pi, 201))[:, np.newaxis] * [1.0, 0.0]
-    course_px = NINE_PX + swing_px[:, np.newaxis]
+    course_px = NINE_PX + np.multiply.outer(np.sin(np.linspace(0.0, np.pi, 201)), [[6.0, 0.0]])
     moving = ideal_events(course_px, RADIUS_PX, NINE_SIZE)
-    end_us = moving.t_end_us + REST_US
-    moving = replace(moving, t=moving.t + REST_US, t_start_us=REST_US, t_end_us=end_us)
+    span_us = {"t_start_us": REST_US, "t_end_us": moving.t_end_us + REST_US}
+    moving = replace(moving, t=moving.t + REST_US, **span_us)
     error_px = []
     for step in range(10, 201, 10):
         part, moving = moving.split(REST_US + step * 1_000)
         tracker.absorb(part)
-        found = tracker.estimate(part.t_end_us).detected_px
-        error_px.append(np.linalg.norm(found - course_px[step], axis=1))
+        off_px = tracker.estimate(part.t_end_us).detected_px - course_px[step]
+        error_px.append(np.linalg.norm(off_px, axis=1))
     assert np.mean(error_px) < 0.35
     assert np.max(error_px) < 1.2
