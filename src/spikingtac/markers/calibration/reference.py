@@ -36,6 +36,10 @@ TOUCHED_PX = 0.2  # Mean displacement before a rest from which there was a conta
 # A cause that differs by less than this between rests, on the average, tells nothing.
 TELLING_PX = 0.01
 
+# Least share of the rests' variance that creep must explain, else it is chance (two simulated gels
+# that creep 0.60 and 0.79; the recorded one, which would keep a quarter of each press, 0.26).
+EXPLAINED_SHARE = 0.5
+
 
 def reference(
     position_px: NDArray[np.float64],
@@ -68,7 +72,7 @@ def creep_shares(
     They are the least-squares slopes over all markers and rests; neither is negative. (Rests count
     alike: the last one, often the longest, is the one that is known worst.) Without a rest before
     the first contact nothing tells the spread, nor do equal contacts tell the share of the
-    displacements: they are 0.
+    displacements: they are 0, as both are where they explain little.
     """
     off_px, moved_px, spread_px = (
         values - values.mean(axis=0)
@@ -78,7 +82,9 @@ def creep_shares(
     causes *= (causes**2).mean(axis=0) > TELLING_PX**2
     from scipy.optimize import nnls  # 0.1 s that trackers need not wait
 
-    shares, _ = nnls(causes, off_px.ravel())
+    shares, left_px = nnls(causes, off_px.ravel())
+    if left_px**2 > (1.0 - EXPLAINED_SHARE) * (off_px**2).sum():
+        return 0.0, 0.0
     return min(float(shares[0]), MOST_CREEP), min(float(shares[1]), MOST_SPREAD)
 
 

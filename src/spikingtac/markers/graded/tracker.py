@@ -63,7 +63,7 @@ class GradedTrackerConfig:
         shrink: Share of a fit's error by which differences from the neighbours shrink.
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
         fit_period_us: A slow marker is fitted once in such a period at most, us, and predicted in
-            between; 0 fits it whenever its events ask. Turns of maintenance are as far apart.
+            between; 0 fits it whenever its events ask.
     """
 
     leak_per_s: float = field(default=30.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
@@ -103,7 +103,6 @@ class GradedTracker:
                 backlash: what has not fired pulls only where the disc would leave the band.
         """
         self._calibration = calibration
-        self._turn_period_us = max(TURN_US, config.fit_period_us)
         self._law = law or OutputLaw()
         self._adapts = config.adapt_to_loss and fit == "disc"
         self._locator: DiscLocator | BandLocator
@@ -214,7 +213,7 @@ class GradedTracker:
     def _maintain(self, t_us: int) -> None:
         """Take a turn: is the stream whole, is every marker there, what leaves the map."""
         since_s = 0.0 if self._turned_us is None else (t_us - self._turned_us) * 1e-6
-        self._turned_us, self._turn_us = t_us, t_us + self._turn_period_us
+        self._turned_us, self._turn_us = t_us, t_us + TURN_US
         locator, manager, kept, task = self._locator, self._manager, self._kept, self._turn % TASKS
         self._turn += 1
         if task == 0:
