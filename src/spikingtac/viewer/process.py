@@ -132,7 +132,7 @@ def warm_up(view: ViewSource) -> None:
     A simulated sensor compiles its kernels in a process of its own. Compiling those of the tracker
     meanwhile, instead of waiting for the first event, halves the time of the first start.
     """
-    size, t_us = view.source.size, np.arange(0, WARM_UP_US, APART_US, np.int64)
+    size, t_us = view.source.size, np.arange(0, WARM_UP_US, APART_US, dtype=np.int64)
     # A few events of both polarities: kernels are compiled by what they are called with.
     x, y = (np.full(len(t_us), side // 2, np.uint16) for side in size)
     silence = EventPacket(x, y, t_us // APART_US % 2 == 0, t_us, 0, WARM_UP_US, size)

@@ -191,7 +191,8 @@ def _in_sight(
     place_px: NDArray[np.float64], radius_px: NDArray[np.float64], size: tuple[int, int]
 ) -> NDArray[np.bool_]:
     reach_px = BEYOND_RADII * radius_px[:, np.newaxis]
-    return ((place_px >= -reach_px) & (place_px <= np.array(size) - 1 + reach_px)).all(axis=1)
+    inside = (place_px >= -reach_px) & (place_px <= np.array(size) - 1 + reach_px)
+    return np.asarray(inside.all(axis=1))
 
 
 def _whole_grid(there: NDArray[np.bool_]) -> tuple[int, int] | None:

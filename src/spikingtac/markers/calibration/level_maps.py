@@ -5,6 +5,8 @@ backwards from the end. Clipping anchors the sum at both ends, so that neither n
 unlike thresholds make it drift. Both directions are averaged, since their errors are opposed.
 """
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -218,7 +220,8 @@ def starting_levels(
     enclosed = np.asarray(ndimage.binary_fill_holes(fires), bool) & ~fires
     silent = np.zeros(events.shape, np.int32)
     ndimage.label(enclosed, output=silent)
-    away_px, nearest = ndimage.distance_transform_cdt(silent == 0, "taxicab", return_indices=True)
+    transform: Any = ndimage.distance_transform_cdt  # its type does not tell what it returns
+    away_px, nearest = transform(silent == 0, "taxicab", return_indices=True)
     rim = (away_px <= RIM_PX) & fires & ~undecided
     whose, parts = silent[tuple(nearest)][rim], int(silent.max()) + 1
     bright = np.bincount(whose, lit[rim], parts) > LEAST_LIT * np.bincount(whose, minlength=parts)
