@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.document import MARKER_NUMBERS, MEASURED
+from spikingtac.calibration.document import MAPS, MARKER_NUMBERS, MEASURED
 from spikingtac.calibration.lens import fit_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
@@ -35,11 +35,7 @@ from spikingtac.markers.calibration.quality import (
 )
 from spikingtac.markers.calibration.recording import buffer_events, without_hot_pixels
 from spikingtac.markers.calibration.reference import Method, displaced_before, reference
-from spikingtac.markers.calibration.refine import (
-    STEP_BOUNDS,
-    refine,
-    with_recovery,
-)
+from spikingtac.markers.calibration.refine import STEP_BOUNDS, refine, with_recovery
 from spikingtac.markers.lag import slide_lag_us
 
 # Learns ``lag_us`` from the recording and the calibration so far; None where it cannot.
@@ -52,8 +48,8 @@ FIRST_US = 15_000_000
 # less than a fifth of it, does not tell its place.
 BEYOND_RADII = 0.5
 
-STEPS = ("step_on", "step_off")
 OF_MARKERS = ("radius_px", *MARKER_NUMBERS, MEASURED)  # What is told of each marker.
+SENSOR_NUMBERS = ("edge_px", "contrast", "step_on", "step_off")  # What medians tell of the sensor.
 
 # Rounds of the refinement after each time that recovering pixels are tracked again.
 RETRACKED_ROUNDS = (3, 10)
@@ -218,13 +214,13 @@ def _looks(evidence: Evidence, model: Model, quality: Quality) -> dict[str, Any]
     looks: dict[str, Any] = {
         name: np.where(known.get(name, measured), value, usual[name]) for name, value in own.items()
     }
-    looks |= {name: usual[f"marker_{name}"] for name in ("edge_px", "contrast", *STEPS)}
+    looks |= {name: usual[f"marker_{name}"] for name in SENSOR_NUMBERS}
     # Pixels without a full swing, and those of markers that were not measured, have no own step.
     of_measured = measured[evidence.cell]
-    for name, step, share in zip(STEPS, (model.on, model.off), model.pixel, strict=True):
+    for name, step, share in zip(MAPS, (model.on, model.off), model.pixel, strict=True):
         single = (step[evidence.cell] * share**PIXEL_SHARE).clip(*STEP_BOUNDS)
         single = np.where(of_measured & (np.abs(share - 1.0) > 1e-9), single, 0.0)
-        looks[f"{name}_map"] = single.reshape(evidence.events.shape).astype(np.float32)
+        looks[name] = single.reshape(evidence.events.shape).astype(np.float32)
     return looks | {MEASURED: measured, "recovery_s": model.recovery_s or None}
 
 
