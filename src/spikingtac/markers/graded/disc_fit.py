@@ -211,7 +211,7 @@ def _read_kernel(
     _edge_kernel(window.around, ring, disc, window.coefficients, edges, m)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def fit_disc_kernel(
     levels: tuple[Array, int, int], as_read: tuple[Array, Array], window: FitWindow, marker: int,
     center_px: tuple[float, float], outline_px: Array, settings: tuple[int, float, float],

@@ -83,8 +83,6 @@ LARGE = 256  # Markers of a skin from which on two threads share the fits.
 # One for all trackers of the process, begun when it is first needed.
 SECOND_THREAD = ThreadPoolExecutor(1, "spikingtac-fits")
 
-NOBODY = np.iinfo(np.uint16).max  # Mark of a pixel that belongs to no marker.
-
 
 class DiscLocator(Locator):
     """Robust Gauss-Newton fits and a Kalman filter for each marker."""
@@ -112,7 +110,7 @@ class DiscLocator(Locator):
         super().reset()
         self._edges[:] = 0.0
         self._read = np.full((len(self.fits), 7), np.inf)
-        self._owners[..., 0], self._owners[..., 1] = self._owner, NOBODY
+        self._owners[..., 0], self._owners[..., 1] = self._owner, len(self.fits)
         for m in range(len(self.fits)):
             mark_kernel(self._owners, m, self.motion, self.fits, self.outline_px, self._window.edge)
 
@@ -143,7 +141,7 @@ class DiscLocator(Locator):
         """
         states = self.motion, self.fits, self.outline_px, self.pending, coasted
         markers = self._radius_px, self._due, self._owners
-        maps, count = (self.map.padded, self._edges, self._read), len(self.pending)
+        maps, count = (self.map.padded, self._edges, self._read), len(self.fits)
 
         def fit(first: int, after: int, alone: bool) -> int:
             place = self._fit_period_us, first, after, alone, t_us
@@ -178,14 +176,13 @@ def absorb_discs_kernel(
     for i in range(x.size):
         if not keep[i]:
             continue
-        row, column = y[i], x[i]
+        # Unsigned, so that no index can be meant from the end.
+        row, column = np.uint64(y[i]), np.uint64(x[i])
         step = signed_steps[row, column, np.uint64(p[i] != dark_markers)]
         shown = integrate_event_kernel(memory, row, column, step)
-        padded[row + PAD_PX, column + PAD_PX] = shown
+        padded[row + np.uint64(PAD_PX), column + np.uint64(PAD_PX)] = shown
         counts[owners[row, column, 0]] += 1
-        m = owners[row, column, 1]
-        if m != NOBODY:
-            pending[m] += 1
+        pending[owners[row, column, 1]] += 1
     return found, until_us
 
 
@@ -217,7 +214,7 @@ def mark_kernel(
         for rim in ((first_left, min(after_left, first)), (max(first_left, after), after_left)):
             for column in range(np.uint64(rim[0]), np.uint64(rim[1])):
                 if owners[row, column, 1] == m:
-                    owners[row, column, 1] = NOBODY
+                    owners[row, column, 1] = len(fits)
         for column in range(np.uint64(first), np.uint64(after)):
             owners[row, column, 1] = m
 

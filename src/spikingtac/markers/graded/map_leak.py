@@ -214,8 +214,9 @@ def take_turn_kernel(
             shown = padded[row + PAD_PX, PAD_PX + first : PAD_PX + after]
             law = limit, portion, drawn
             _give_kernel(shown, memory[row, first:after], entry, tables[m], law)
+    follows = -math.expm1(-dt_s / USUAL_S)
     for m in range(usual.size):
-        usual[m] -= math.expm1(-dt_s / USUAL_S) * (fits[m, AGREEMENT] - usual[m])
+        usual[m] += follows * (fits[m, AGREEMENT] - usual[m])
     rows, share = (
         (turn % GROUND_TURNS, GROUND_TURNS),
         -math.expm1(-GROUND_PER_S * dt_s * GROUND_TURNS),

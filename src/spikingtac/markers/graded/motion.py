@@ -50,7 +50,7 @@ def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
     return motion
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def predict_kernel(motion: Array, dt_s: float) -> None:  # pragma: no cover
     """Move one marker's state on by ``dt_s``."""
     pp, pv, vv, q = motion[PP], motion[PV], motion[VV], ACCELERATION_NOISE_PX2_S3
@@ -61,7 +61,7 @@ def predict_kernel(motion: Array, dt_s: float) -> None:  # pragma: no cover
     motion[VV] = vv + q * dt_s
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def correct_kernel(motion: Array, x: float, y: float, dt_s: float) -> None:  # pragma: no cover
     """Take in one marker's measured place, px, ``dt_s`` after the last."""
     pp, pv = motion[PP], motion[PV]
@@ -95,7 +95,8 @@ class Locator:
         motion: ``(m, 8)`` states of the markers by the columns above.
         fits: ``(m, 8)`` what was fitted last, by the columns above.
         outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.
-        pending: ``(m,)`` events around each marker since its last fit.
+        pending: ``(m + 1,)`` events around each marker since its last fit, and those around none:
+            so no event needs a branch, which would cost half as much again.
         busy: Whether half of the markers or more were fitted last.
         counts: ``(m,)`` events in each marker's cell, nearest to its rest, since they were taken.
     """
@@ -118,11 +119,11 @@ class Locator:
         self.fits[:, MARKED_X : MARKED_Y + 1] = self._start_px
         self.fits[:, AGREEMENT] = 1.0
         self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
-        self.pending, self.counts = np.zeros((2, count), np.int64)
+        self.pending, self.counts = np.zeros(count + 1, np.int64), np.zeros(count, np.int64)
         self.busy = False
 
     def place(self, marker: NDArray[np.bool_], position_px: NDArray[np.float64]) -> None:
         """Put markers somewhere at rest, after they were found again or predicted."""
         self.motion[marker, X:VX] = position_px[marker]
         self.motion[marker, VX : VX + 2] = 0.0
-        self.pending[marker] = AT_ONCE
+        self.pending[:-1][marker] = AT_ONCE

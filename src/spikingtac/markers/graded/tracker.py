@@ -37,13 +37,14 @@ LAG_DEFAULT_US = 500.0
 # not 0.80.)
 LONGEST_PERIOD_US = {"disc": 2_000, "bands": 1_000}
 
-# Least time between two turns of maintenance, us; in each the map leaks, and one other task in
-# :data:`TASKS` is done. Putting turns off by 1 or 2 ms in steps with many fits costs 5 or 21 % of
-# the mean error of ``default`` on v2e's recording.
+# Least time between two leaks of the map, and between two tasks of :data:`TASKS`, us. Putting leaks
+# off by 1 or 2 ms in steps with many fits costs 5 or 21 % of the mean error of ``default`` on v2e's
+# recording.
 TURN_US = 1_000
 
-# Time between estimates below which a turn waits, up to another TURN_US, while half of all markers
-# are fitted: 10,000 estimates a second so have shorter peaks (p99 8 % less) and the same errors.
+# Time between estimates below which a leak waits, up to another TURN_US, while half of all markers
+# are fitted, and a task for an estimate without a leak: 10,000 estimates a second so have shorter
+# peaks and the same errors.
 SHORT_S = 0.5e-3
 
 BEFORE_ALL_US = -(1 << 62)  # A time before any estimate, us.
@@ -175,8 +176,12 @@ class GradedTracker:
         self._t_us, self._due_us = t_us, t_us + self._longest_us
         locator, manager = self._locator, self._manager
         locator.locate(t_us, manager.coasted)
-        if t_us >= self._turn_us + (TURN_US if locator.busy and dt_s < SHORT_S else 0):
-            self._maintain(t_us)
+        short = 0.0 < dt_s < SHORT_S
+        leaks = t_us >= self._leak_us + (TURN_US if locator.busy and short else 0)
+        if t_us >= self._task_us and not (leaks and short):
+            self._do_task(t_us)
+        if leaks:
+            self._let_leak(t_us)
         # Until the stream's loss was judged steps are taken for larger than they are, and discs are
         # ahead as often as behind.
         backlash = self._backlash if self._steps_known else 0.0
@@ -196,9 +201,9 @@ class GradedTracker:
     def _start(self) -> None:
         self._hot = HotPixelWatch(self._calibration.hot_px, self._calibration.size)
         self._t_us: int | None = None
-        self._turned_us: int | None = None
+        self._leaked_us: int | None = None
         self._counted_us: int | None = None
-        self._due_us = self._turn_us = BEFORE_ALL_US
+        self._due_us = self._leak_us = self._task_us = BEFORE_ALL_US
         self._turn = 0
         self._manager = TrackManager(self._calibration)
         neighbours = self._manager.neighbours
@@ -210,12 +215,16 @@ class GradedTracker:
         if self._adapts:
             self._locator.map.set_events_kept(self._kept.share)
 
-    def _maintain(self, t_us: int) -> None:
-        """Take a turn: is the stream whole, is every marker there, what leaves the map."""
-        since_s = 0.0 if self._turned_us is None else (t_us - self._turned_us) * 1e-6
-        self._turned_us, self._turn_us = t_us, t_us + TURN_US
+    def _let_leak(self, t_us: int) -> None:
+        since_s = 0.0 if self._leaked_us is None else (t_us - self._leaked_us) * 1e-6
+        self._leaked_us, self._leak_us = t_us, t_us + TURN_US
+        if self._leak is not None and since_s:
+            self._leak.update(self._locator, since_s, self._steps_known)
+
+    def _do_task(self, t_us: int) -> None:
+        """Look after one thing: is the stream whole, does every marker send, is each there."""
         locator, manager, kept, task = self._locator, self._manager, self._kept, self._turn % TASKS
-        self._turn += 1
+        self._task_us, self._turn = t_us + TURN_US, self._turn + 1
         if task == 0:
             counted_s = 0.0 if self._counted_us is None else (t_us - self._counted_us) * 1e-6
             self._counted_us, self._counted = t_us, (locator.counts.copy(), counted_s)
@@ -229,5 +238,3 @@ class GradedTracker:
             manager.judge(t_us, locator.fits, locator.map.values)
             if manager.placed:
                 locator.place(manager.moved, manager.position_px)
-        if self._leak is not None and since_s:
-            self._leak.update(locator, since_s, self._steps_known)

@@ -15,7 +15,6 @@ from spikingtac.markers.graded.disc_locator import (
     LARGE,
     LATE_US,
     MARKED_PX,
-    NOBODY,
     DiscLocator,
 )
 from spikingtac.markers.graded.motion import (
@@ -80,13 +79,13 @@ def test_the_filter_equals_the_textbook(dt: float, spread: float) -> None:
 
 def test_a_fit_waits_for_its_events_or_for_some_ms() -> None:
     locator, nobody = moved_by(0.5), np.zeros(2, np.bool_)
-    locator.pending[:] = 4, 3
+    locator.pending[:] = 4, 3, 0
     locator.locate(500, nobody)
     assert locator.fits[0, 0] == pytest.approx(30.5, abs=0.05)
     assert locator.fits[1, 0] == 70.0, "three events are not enough"
     locator.locate(LATE_US - 500, nobody)
     assert locator.fits[1, 0] == 70.0
-    assert locator.pending.tolist() == [0, 3]
+    assert locator.pending.tolist() == [0, 3, 0]
     locator.locate(LATE_US, nobody)
     assert locator.fits[1, 0] == pytest.approx(70.5, abs=0.05)
 
@@ -101,10 +100,10 @@ def test_slow_markers_take_turns_and_a_fast_one_is_fitted_at_once() -> None:
     turns = np.array(fitted[1:])  # at 0 both begin
     assert turns.sum(axis=0).tolist() == [2, 3], "each once in 2 ms"
     assert not turns.all(axis=1).any(), "not at one time"
-    locator.pending[:] = 5, 1_000
+    locator.pending[:] = 5, 1_000, 0
     locator.locate(6_200, nobody)
     assert (locator.fits[:, FIT_US] == 6_200).tolist() == [True, True]
-    locator.pending[:] = 5, 1_000
+    locator.pending[:] = 5, 1_000, 0
     locator.locate(6_400, nobody)
     assert (locator.fits[:, FIT_US] == 6_400).tolist() == [False, True]
 
@@ -128,7 +127,7 @@ def test_events_count_for_the_marker_around_which_they_lie_also_far_from_its_res
     columns = np.array([30, 37, 55, 48, 77, 70], np.uint16)
     events = columns, np.full(6, 30, np.uint16), np.ones(6, np.bool_), np.arange(6)
     locator.absorb(EventPacket(*events, 0, 6, (100, 60)), HotPixelWatch(None, (100, 60)))
-    assert locator.pending.tolist() == [2, 2], "not what it left"
+    assert locator.pending.tolist() == [2, 2, 2], "not what it left"
     assert locator.counts.tolist() == [3, 3]
 
 
@@ -145,8 +144,8 @@ def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
     away_px = np.hypot(*(np.column_stack([x, y])[:, np.newaxis] - REST_PX).transpose(2, 0, 1))
     assert locator.counts.tolist() == np.bincount(away_px.argmin(axis=1), minlength=2).tolist()
     near = away_px <= 7.0 + locator._window.edge[0, 1] + FARTHER_PX + MARKED_PX
-    assert locator.pending.tolist() == near.sum(axis=0).tolist()
-    assert {*np.unique(marked).tolist()} == {0, 1, NOBODY}
+    assert locator.pending.tolist() == [*near.sum(axis=0), (~near.any(axis=1)).sum()]
+    assert {*np.unique(marked).tolist()} == {0, 1, 2}
 
 
 def test_two_threads_find_what_one_finds(monkeypatch: pytest.MonkeyPatch) -> None:
