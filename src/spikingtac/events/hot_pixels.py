@@ -135,27 +135,23 @@ class HotPixelWatch:
         size: ``(width, height)`` of the sensor, px.
 
     Attributes:
+        seen: ``(height, width, 2)`` uint16 events of each pixel in this window, and in how many
+            windows it was busy alone.
         found: How many pixels became hot.
         until_us: End of the window that is being counted, us.
     """
 
     def __init__(self, hot_px: NDArray[np.int64] | None, size: tuple[int, int]) -> None:
-        self._counts = np.zeros(size[::-1], np.uint16)
-        self._windows = np.zeros(size[::-1], np.uint8)
+        self.seen = np.zeros((*size[::-1], 2), np.uint16)
         if hot_px is not None:
-            self._windows[hot_mask(hot_px, size)] = HOT
+            self.seen[hot_mask(hot_px, size), 1] = HOT
         self.until_us = int(np.iinfo(np.int64).min)
         self.found = 0
 
     @property
-    def maps(self) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-        """What :func:`watch_kernel` counts in: for kernels that watch and do more at once."""
-        return self._counts, self._windows
-
-    @property
     def hot(self) -> NDArray[np.bool_]:
         """``(height, width)`` which pixels are hot by now, the known ones included."""
-        return self._windows == HOT
+        return self.seen[..., 1] == HOT
 
     def kept(self, packet: EventPacket) -> EventPacket:
         """Return the packet without the events of hot pixels; itself if there is none.
@@ -165,17 +161,17 @@ class HotPixelWatch:
         """
         if not len(packet):
             return packet
-        packet.require_map(self._counts.shape)
+        packet.require_map(self.seen.shape[:2])
         keep = np.empty(len(packet), np.bool_)
         columns = packet.x, packet.y, packet.t
-        dropped, found, self.until_us = watch_kernel(self.maps, self.until_us, columns, keep)
+        dropped, found, self.until_us = watch_kernel(self.seen, self.until_us, columns, keep)
         self.found += found
         return packet.select(keep) if dropped else packet
 
 
 @njit(cache=True, nogil=True)
 def watch_kernel(
-    maps: tuple[NDArray[np.uint16], NDArray[np.uint8]],
+    seen: NDArray[np.uint16],
     until_us: int,
     events: tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64]],
     keep: NDArray[np.bool_],
@@ -183,47 +179,51 @@ def watch_kernel(
     """Count and mark the events; return the dropped ones, new hot pixels, and the window's end.
 
     Args:
-        maps: Events of each pixel in this window, and in how many windows it was busy alone.
+        seen: What :class:`HotPixelWatch` counts in.
         until_us: End of this window, us.
         events: Columns, rows and times, us.
         keep: Filled with which events to keep.
     """
-    counts, windows = maps
     x, y, t = events
     dropped = found = 0
     for i in range(len(t)):
         if t[i] >= until_us:
-            found += _judge_window(counts, windows)
-            counts[:] = 0
+            found += _judge_window(seen)
             if t[i] - WATCH_US >= until_us:  # a whole window without any event
-                _judge_window(counts, windows)
+                _judge_window(seen)
             until_us = (t[i] // WATCH_US + 1) * WATCH_US
-        keep[i] = windows[y[i], x[i]] != HOT
+        row, column = np.uint64(y[i]), np.uint64(x[i])
+        keep[i] = seen[row, column, 1] != HOT
         if keep[i]:
-            counts[y[i], x[i]] += counts[y[i], x[i]] < 65_535
+            seen[row, column, 0] += seen[row, column, 0] < 65_535
         else:
             dropped += 1
     return dropped, found, until_us
 
 
 @njit(cache=True, nogil=True)
-def _judge_window(counts: NDArray[np.uint16], windows: NDArray[np.uint8]) -> int:
-    """Count the window where a pixel was busy alone; return how many pixels are hot by now."""
+def _judge_window(seen: NDArray[np.uint16]) -> int:
+    """Count the window where a pixel was busy alone, and begin a new one; return how many are new.
+
+    They are hot from now on.
+    """
     found = 0
-    for row in range(counts.shape[0]):
-        for column in range(counts.shape[1]):
-            if windows[row, column] == HOT:
+    for row in range(seen.shape[0]):
+        for column in range(seen.shape[1]):
+            count = seen[row, column, 0]
+            if seen[row, column, 1] == HOT:
                 continue
-            if counts[row, column] < WATCH_EVENTS:
-                windows[row, column] = 0
+            if count < WATCH_EVENTS:
+                seen[row, column, 1] = 0
                 continue
             left, top = max(column - NEAR_PX, 0), max(row - NEAR_PX, 0)
-            near = counts[top : row + NEAR_PX + 1, left : column + NEAR_PX + 1]
-            if (OVER_NEIGHBOURS * near >= counts[row, column]).sum() == 1:  # itself alone
-                windows[row, column] += 1
-                if windows[row, column] == WATCH_WINDOWS:
-                    windows[row, column] = HOT
+            near = seen[top : row + NEAR_PX + 1, left : column + NEAR_PX + 1, 0]
+            if (OVER_NEIGHBOURS * near >= count).sum() == 1:  # itself alone
+                seen[row, column, 1] += 1
+                if seen[row, column, 1] == WATCH_WINDOWS:
+                    seen[row, column, 1] = HOT
                     found += 1
+    seen[..., 0] = 0
     return found
 
 

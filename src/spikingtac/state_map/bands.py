@@ -69,7 +69,7 @@ class BandStateMap(GradedStateMap):
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
         super().reset()
-        self.memory += self._middle  # into the middle of the band, as after an unknown contact
+        self.memory[:] += self._middle  # into the middle of the band, as after an unknown contact
         self.variance[:] = self._first_variance
         self.fired[:] = 0
         self.turn = 1

@@ -35,8 +35,8 @@ class GradedStateMap:
     Attributes:
         padded: ``(height + 2 PAD_PX, width + 2 PAD_PX)`` float32 levels with the margin at
             OUTSIDE_LEVEL; fits read it, the leak moves it.
-        memory: ``(height, width)`` float32 clipped sums behind :attr:`values`.
-        signed_steps: ``(height, width, 2)`` float32 steps in use: falling (negative), and rising.
+        pixels: ``(height, width, 3)`` float32 what an event changes and needs: the clipped sum
+            behind :attr:`values`, the falling step (negative), and the rising one.
         dark_markers: Whether markers are darker than the ground: polarities swap.
     """
 
@@ -63,9 +63,9 @@ class GradedStateMap:
         self.dark_markers = dark_markers
         self._step_on = self._checked_steps("step_on", step_on)
         self._step_off = self._checked_steps("step_off", step_off)
-        # Beside each other and signed, so that a polarity is an index and not a branch.
-        self.signed_steps = np.stack([-self._step_off, self._step_on], axis=-1)
-        self.memory = self._start.copy()
+        # Beside each other, so that an event finds them in one place. Signed steps make a polarity
+        # an index and not a branch.
+        self.pixels = np.stack([self._start, -self._step_off, self._step_on], axis=-1)
         height, width = start.shape
         self.padded = np.full((height + 2 * PAD_PX, width + 2 * PAD_PX), OUTSIDE_LEVEL)
         self.values[:] = self._start
@@ -76,6 +76,16 @@ class GradedStateMap:
         # Cut anew each time: a view that is stored would be torn off by a deep copy.
         return self.padded[PAD_PX:-PAD_PX, PAD_PX:-PAD_PX]
 
+    @property
+    def memory(self) -> NDArray[np.float32]:
+        """``(height, width)`` clipped sums; a view."""
+        return self.pixels[..., 0]
+
+    @property
+    def signed_steps(self) -> NDArray[np.float32]:
+        """``(height, width, 2)`` steps in use, falling and rising; a view."""
+        return self.pixels[..., 1:]
+
     def absorb(self, packet: EventPacket) -> None:
         """Add every event of a packet.
 
@@ -84,7 +94,7 @@ class GradedStateMap:
         """
         packet.require_map(self._start.shape)
         columns = packet.x, packet.y, packet.p
-        _integrate_kernel(self.memory, self.values, *columns, self.signed_steps, self.dark_markers)
+        _integrate_kernel(self.pixels, self.values, *columns, self.dark_markers)
 
     def set_events_kept(self, share: float) -> None:
         """Enlarge the steps for a stream that lost events.
@@ -126,31 +136,21 @@ class GradedStateMap:
 
 @njit(cache=True, nogil=True)
 def integrate_event_kernel(
-    memory: Array, row: int, column: int, step: float
+    pixels: Array, row: int, column: int, rises: bool
 ) -> float:  # pragma: no cover - compiled
     """Add an event's signed step to its pixel's sum; return the level to expect from then on."""
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-    value = min(max(memory[row, column] + step, zero), one)
-    memory[row, column] = value
+    step = pixels[row, column, np.uint64(1) + np.uint64(rises)]
+    value = min(max(pixels[row, column, 0] + step, zero), one)
+    pixels[row, column, 0] = value
     return min(max(value + half * step, zero), one)
 
 
 @njit(cache=True, nogil=True)
 def _integrate_kernel(
-    memory: Array,
-    level: Array,
-    x: Array,
-    y: Array,
-    p: Array,
-    signed_steps: Array,
-    dark_markers: bool,
+    pixels: Array, level: Array, x: Array, y: Array, p: Array, dark_markers: bool
 ) -> None:  # pragma: no cover - compiled
-    """Add the step of each event.
-
-    ``signed_steps`` is ``(height, width, 2)``, falling and rising. Arguments are plain: a tuple
-    would cost a microsecond at each call.
-    """
+    """Add the step of each event. Arguments are plain: a tuple would cost a us at each call."""
     for i in range(x.size):
         row, column = y[i], x[i]
-        step = signed_steps[row, column, np.uint64(p[i] != dark_markers)]
-        level[row, column] = integrate_event_kernel(memory, row, column, step)
+        level[row, column] = integrate_event_kernel(pixels, row, column, p[i] != dark_markers)

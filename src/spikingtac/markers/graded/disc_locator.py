@@ -121,14 +121,14 @@ class DiscLocator(Locator):
             ConfigError: The packet comes from a sensor of another size.
         """
         levels = self.map
-        packet.require_map(levels.memory.shape)
+        packet.require_map(levels.pixels.shape[:2])
         if not len(packet):
             return
         columns = packet.x, packet.y, packet.p, packet.t
-        maps = levels.memory, levels.padded, levels.signed_steps, levels.dark_markers
+        maps = levels.pixels, levels.padded, levels.dark_markers
         markers = self.counts, self._owners, self.pending
         found, watch.until_us = absorb_discs_kernel(
-            *columns, *watch.maps, watch.until_us, *maps, *markers
+            *columns, watch.seen, watch.until_us, *maps, *markers
         )
         watch.found += found
 
@@ -160,9 +160,8 @@ class DiscLocator(Locator):
 
 @njit(cache=True, nogil=True)
 def absorb_discs_kernel(
-    x: Array, y: Array, p: Array, t: Array, hot_counts: Array, hot_windows: Array, until_us: int,
-    memory: Array, padded: Array, signed_steps: Array, dark_markers: bool, counts: Array,
-    owners: Array, pending: Array,
+    x: Array, y: Array, p: Array, t: Array, seen: Array, until_us: int, pixels: Array,
+    padded: Array, dark_markers: bool, counts: Array, owners: Array, pending: Array,
 ) -> tuple[int, int]:  # pragma: no cover - compiled # fmt: skip
     """Add each event to the map, and count it for the markers around it.
 
@@ -172,14 +171,13 @@ def absorb_discs_kernel(
     many pixels became hot, and the end of their window.
     """
     keep = np.empty(x.size, np.bool_)
-    _, found, until_us = watch_kernel((hot_counts, hot_windows), until_us, (x, y, t), keep)
+    _, found, until_us = watch_kernel(seen, until_us, (x, y, t), keep)
     for i in range(x.size):
         if not keep[i]:
             continue
         # Unsigned, so that no index can be meant from the end.
         row, column = np.uint64(y[i]), np.uint64(x[i])
-        step = signed_steps[row, column, np.uint64(p[i] != dark_markers)]
-        shown = integrate_event_kernel(memory, row, column, step)
+        shown = integrate_event_kernel(pixels, row, column, p[i] != dark_markers)
         padded[row + np.uint64(PAD_PX), column + np.uint64(PAD_PX)] = shown
         counts[owners[row, column, 0]] += 1
         pending[owners[row, column, 1]] += 1
