@@ -40,7 +40,7 @@ def main(picture: str) -> None:
         lower.plot(t_us / 1e6, found_px[:, marker, axis] - true_px, color=color, lw=0.8)
     upper.set_ylabel("displacement, px")
     upper.set_title(f"Marker {marker} in the scene {SCENE} (simulated)", loc="left")
-    upper.legend(ncols=4, loc="lower right", fontsize="small")
+    upper.legend(ncols=4, loc="upper right", fontsize="small")
     lower.set_ylabel("track - truth, px")
     lower.set_xlabel("time, s")
     lower.set_ylim(-1.0, 1.0)
