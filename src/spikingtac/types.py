@@ -93,9 +93,9 @@ class EventPacket:
         return EventPacket(*columns, t_start_us, t_end_us, self.size, self.checked)
 
     def split(self, t_us: int) -> tuple[EventPacket, EventPacket]:
-        """Return what comes before a time within the span, us, and the rest (views)."""
+        """Return what comes before a time, us, and the rest (views)."""
         first = int(self.t.searchsorted(t_us))
-        before = self.part(0, first, self.t_start_us, t_us)
+        before = self.part(0, first, min(self.t_start_us, t_us), t_us)
         return before, self.part(first, len(self), t_us, self.t_end_us)
 
     def select(self, keep: NDArray[Any]) -> EventPacket:

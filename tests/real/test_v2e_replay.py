@@ -8,7 +8,6 @@ import pytest
 from scipy.stats import wasserstein_distance
 
 from spikingtac.events.open import open_events
-from spikingtac.events.windows import cut
 from spikingtac.sim.camera.config import load_camera
 from spikingtac.sim.camera.event_camera import EventCamera
 from spikingtac.sim.optics import MarkerImage
@@ -49,9 +48,9 @@ def replay(folder: Path, name: str, from_us: int, until_us: int) -> Replay:
     # v2e starts from the first frame; later on its references are wherever motion left them.
     camera.settle(shots[0], "fresh" if from_us == 0 else "random")
     ours = camera.advance(shots[1:])
-    span = iter((ours.t_start_us, ours.t_end_us))
-    theirs = next(iter(cut(open_events(folder / "v2e" / f"{name}.raw"), span)))
-    return Replay(ours, theirs, truth)
+    whole = EventPacket.concatenate(list(open_events(folder / "v2e" / f"{name}.raw")))
+    theirs, _ = whole.split(ours.t_end_us)
+    return Replay(ours, theirs.split(ours.t_start_us)[1], truth)
 
 
 def edge_distance_px(packet: EventPacket, truth: dict[str, np.ndarray]) -> np.ndarray:

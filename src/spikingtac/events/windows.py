@@ -1,4 +1,4 @@
-"""Cut a stream at given times; regular windows keep the empty ones, since silence is data.
+"""Cut a stream into regular windows, which keep the empty ones, since silence is data.
 
 Silence is filled up to a limit. A stream whose time leaps by hours (a wrong timestamp, a clock that
 was set) is not silent for hours, and filling the leap would never end: beyond the limit, windows
@@ -19,38 +19,6 @@ from spikingtac.types import EventPacket
 SILENCE_LIMIT_US = 60_000_000
 
 WINDOWS_AT_ONCE = 1000  # Windows whose edges are searched together in a packet.
-
-
-def cut(packets: Iterable[EventPacket], edges_us: Iterator[int]) -> Iterator[EventPacket]:
-    """Yield one packet for each stretch between consecutive edges.
-
-    The stream before the first edge is dropped. The last packet ends where the stream ends, if that
-    is before the next edge.
-
-    Args:
-        packets: Packets in order of time, of any length.
-        edges_us: Increasing times, us; endless iterators are fine.
-
-    Raises:
-        ConfigError: A packet's columns do not fit its sensor.
-    """
-    start = next(edges_us, None)
-    end = next(edges_us, None)
-    parts: list[EventPacket] = []
-    reached: int | None = None
-    for given in packets:
-        packet = given.sound()
-        while start is not None and end is not None and packet.t_end_us >= end:
-            parts.append(_between(packet, start, end))
-            yield _joined(parts, start, end)
-            parts, start, end = [], end, next(edges_us, None)
-        if start is None or end is None:
-            return
-        if packet.t_end_us > start:
-            parts.append(_between(packet, start, end))
-            reached = packet.t_end_us
-    if start is not None and end is not None and parts and reached is not None and reached > start:
-        yield _joined(parts, start, min(end, reached))
 
 
 def windows(

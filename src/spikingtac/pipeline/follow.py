@@ -2,8 +2,8 @@
 
 A source that it reads may be checked on the way: do the events fit the calibration?
 
-One driver cuts the stream at the estimate times, so that estimates never depend on how the events
-were packed. Times are data times; nothing here reads a clock.
+It cuts the stream at the estimate times, so that estimates never depend on how the events were
+packed. Times are data times; nothing here reads a clock.
 """
 
 import itertools
@@ -14,7 +14,7 @@ from typing import Any
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.source import EventSource, HealthMeter, refuse_path
-from spikingtac.events.windows import cut, stretches
+from spikingtac.events.windows import stretches
 from spikingtac.markers.calibration_check import CalibrationCheck
 from spikingtac.markers.registry import MarkerTracker
 from spikingtac.types import EventPacket, LossCounters, MarkerFrame
@@ -59,17 +59,23 @@ def follow(
     begun_us = int(first.t[0])
     times = EstimateTimes(begun_us if origin_us is None else origin_us, rate_hz)
     yield tracker.estimate(times.at(times.index(begun_us))).with_health(meter.now())
-    # Each stretch between long silences is cut at the times of the estimates.
-    for stretch in stretches(itertools.chain([first], stream)):
-        begun = next(stretch)
-        edges_us = map(times.at, itertools.count(times.index(begun.t_start_us)))
-        for window in cut(itertools.chain([begun], stretch), edges_us):
-            tracker.absorb(window)
-            meter.absorb(window)
-            if hot_pixels := getattr(tracker, "hot_pixels", 0):
-                counted["hot_pixels"] = hot_pixels
-            if times.at(times.index(window.t_end_us)) == window.t_end_us:
-                yield tracker.estimate(window.t_end_us).with_health(meter.now())
+
+    def absorb(packet: EventPacket) -> None:
+        tracker.absorb(packet)
+        meter.absorb(packet)
+        if hot_pixels := getattr(tracker, "hot_pixels", 0):
+            counted["hot_pixels"] = hot_pixels
+
+    for stretch in stretches(itertools.chain([first.split(begun_us)[1]], stream)):
+        index: int | None = None
+        for packet in stretch:
+            rest, index = packet, times.index(packet.t_start_us) if index is None else index
+            while (due_us := times.at(index + 1)) <= rest.t_end_us:
+                before, rest = rest.split(due_us)
+                absorb(before)
+                yield tracker.estimate(due_us).with_health(meter.now())
+                index += 1
+            absorb(rest)  # at once, so that little is left to do when the next estimate is due
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,10 +154,10 @@ class CheckedSource:
         """Yield the source's packets."""
         check = CalibrationCheck(self._calibration)
         for packet in self._source:
-            if not check.ended:
+            yield packet
+            if not check.ended:  # after its use, which is urgent
                 check.absorb(packet)
                 self._judge(check)
-            yield packet
         if not check.ended:
             check.finish()
             self._judge(check)

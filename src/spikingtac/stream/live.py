@@ -10,6 +10,7 @@ import asyncio
 import os
 import struct
 import time
+from collections import deque
 from collections.abc import AsyncIterator, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -25,8 +26,9 @@ from spikingtac.markers.registry import TrackingConfig, make_tracker
 from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.stream.host import Asker, Host, end_in_order
-from spikingtac.stream.paced import NS_PER_MS, PLAY_US, PacedSource
+from spikingtac.stream.paced import NS_PER_MS, PacedSource
 from spikingtac.stream.reader import opened_camera
+from spikingtac.stream.real_time import exempt_from_collection
 from spikingtac.stream.ring import RingReader
 from spikingtac.types import EventPacket, MarkerFrame, SourceHealth, one_line
 
@@ -34,9 +36,10 @@ State = Literal["starting", "running", "ended", "failed", "killed"]
 SLOTS = 2048  # Frames that a reader may be behind: 2 s at 1 kHz.
 
 # A frame in shared memory: time, number, when it was told, how late it was made, the most of that,
-# and the health of its events; then eight numbers for each marker.
-HEAD, MARKER_BYTES = struct.Struct("<qqqddqqqqd"), 64
+# and the health of its events; then seven numbers of each marker, and whether it is predicted.
+HEAD, NUMBERS = struct.Struct("<qqqddqqqqd"), 7
 LOOK_S = 0.0002  # Time between two looks for the next frame, s.
+WARM_UP_US = 100_000  # Length of the events that are followed before a sensor starts, us.
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,8 +135,8 @@ class Live:
         for name in SINGLE_THREAD:
             os.environ.setdefault(name, "1")
         given = {"source": source, "calibration": calibration, "tracking": tracking}
-        largest_bytes = HEAD.size + MARKER_BYTES * len(calibration.reference_px)
-        self._host = Host("the sensor", partial(follow_sensor, **given), SLOTS * largest_bytes)
+        frame_bytes = HEAD.size + (8 * NUMBERS + 1) * len(calibration.reference_px)
+        self._host = Host("the sensor", partial(follow_sensor, **given), SLOTS * frame_bytes)
         self._frames, self._newest = (RingReader(self._host.rings[0]) for _ in range(2))
         self._state: State = "starting"
         self._why, self._error = "", None
@@ -223,12 +226,9 @@ def follow_sensor(
 ) -> None:
     """Follow a sensor until its source ends; the whole work of its process."""
     end_in_order()
-    # Kernels are compiled, or loaded, before time passes: by two events of each polarity.
+    warm_up(tracking, calibration)
     tracker = make_tracker(tracking, calibration)
-    x, y = (np.full(4, side // 2, np.uint16) for side in calibration.size)
-    polarity, t_us = np.array([True, False, True, False]), np.arange(4, dtype=np.int64)
-    tracker.absorb(EventPacket(x, y, polarity, t_us, 0, PLAY_US, calibration.size))
-    tracker.estimate(PLAY_US)
+    exempt_from_collection()
     # Read here: a thread would wait for the tracker's turns of the interpreter, and a process of
     # its own adds 0.2 ms. What comes meanwhile waits in the system's buffers.
     events = opened_camera(source)
@@ -236,21 +236,34 @@ def follow_sensor(
     paced = PacedSource(events, lambda clock: asker.tell(("clock", clock)))
     checked = CheckedSource(paced, calibration, lambda why: asker.tell(("warning", why)))
     asker.tell(("running", ""))
-    frames = follow(checked, make_tracker(tracking, calibration), tracking.rate_hz)
+    frames = follow(checked, tracker, tracking.rate_hz)
     for number, frame in enumerate(frames, 1):
         behind_ms, health = paced.pace.behind_ms(), frame.health
         lost = health.gaps, health.overflows, health.damaged, health.reconnects, health.rate_ev_s
-        columns = frame.detected_px, frame.position_px, frame.displacement_px
-        table = np.column_stack((*columns, frame.coasted, frame.confidence)).tobytes()
         made = number, time.monotonic_ns(), behind_ms, paced.pace.most_ms
-        asker.rings[0].publish(HEAD.pack(frame.t_us, *made, *lost), table)
+        places = frame.detected_px, frame.position_px, frame.displacement_px
+        table = map(np.ascontiguousarray, (*places, frame.confidence, frame.coasted))
+        asker.rings[0].publish(HEAD.pack(frame.t_us, *made, *lost), *table)
+
+
+def warm_up(tracking: TrackingConfig, calibration: Calibration) -> None:
+    """Compile, or load, what events need before time passes: by 0.1 s of noise at the markers."""
+    rng, count = np.random.default_rng(0), 20_000
+    places_px = rng.choice(calibration.reference_px, count)
+    places_px += rng.normal(0.0, calibration.radius_px.mean(), (count, 2))
+    x, y = places_px.clip(0, np.subtract(calibration.size, 1)).astype(np.uint16).T.copy()
+    t_us = np.linspace(0, WARM_UP_US - 1, count).astype(np.int64)
+    noise = EventPacket(x, y, rng.random(count) < 0.5, t_us, 0, WARM_UP_US, calibration.size)
+    checked: Any = CheckedSource([noise], calibration)  # type: ignore[arg-type]
+    deque(follow(checked, make_tracker(tracking, calibration), tracking.rate_hz), maxlen=0)
 
 
 def unpack(message: bytes | bytearray) -> LiveFrame:
     """Return the frame of a message of :func:`follow_sensor`."""
-    t_us, *told = HEAD.unpack_from(message)
-    columns = np.frombuffer(message, offset=HEAD.size).reshape(-1, MARKER_BYTES // 8).T
-    detected_px, position_px, displacement_px = columns[:2].T, columns[2:4].T, columns[4:6].T
-    columns = detected_px, position_px, displacement_px, columns[6] > 0.0, columns[7]
-    number, told_ns, behind_ms, most_ms, *health = told
-    return LiveFrame(t_us, *columns, SourceHealth(*health), number, told_ns, behind_ms, most_ms)
+    t_us, number, told_ns, behind_ms, most_ms, *health = HEAD.unpack_from(message)
+    count = (len(message) - HEAD.size) // (8 * NUMBERS + 1)
+    numbers = np.frombuffer(message, np.float64, NUMBERS * count, HEAD.size)
+    coasted = np.frombuffer(message, np.bool_, count, HEAD.size + numbers.nbytes)
+    places = numbers[: 6 * count].reshape(3, count, 2)
+    told = SourceHealth(*health), number, told_ns, behind_ms, most_ms
+    return LiveFrame(t_us, *places, coasted, numbers[6 * count :], *told)

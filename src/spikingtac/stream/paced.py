@@ -90,11 +90,11 @@ class PacedSource:
                 since = t_us, now_s
             skips = behind_s > (CAUGHT_UP_S if skips else LATE_S)
             self.pace.due_ns = round(getattr(self._source, "received_s", now_s) * NS_PER_S)
-            if isinstance(self._source, CameraSource) and now_s - told_s > CLOCK_S:
-                told_s, mapping = now_s, self._source.clock.mapping()
-                if mapping is not None:
-                    self._tell_clock(mapping.clock_summary())
             if skips:
                 self.losses.add("missed", len(packet))
             else:
                 yield packet
+            if isinstance(self._source, CameraSource) and now_s - told_s > CLOCK_S:
+                told_s, mapping = now_s, self._source.clock.mapping()
+                if mapping is not None:
+                    self._tell_clock(mapping.clock_summary())

@@ -119,12 +119,8 @@ class PacketWriter:
         self._told = losses, len(edges)
         received_s = getattr(self._source, "received_s", time.monotonic())
         head = _HEAD.pack(packet.t_start_us, packet.t_end_us, received_s, len(packet))
-        # Views, without a copy where a column is in one piece.
-        views = [
-            np.ascontiguousarray(column, kind).view(np.uint8).data
-            for column, kind in zip((packet.t, packet.x, packet.y, packet.p), COLUMNS, strict=True)
-        ]
-        self._ring.publish(head, *views, tail, weight=len(packet))
+        columns = map(np.ascontiguousarray, (packet.t, packet.x, packet.y, packet.p), COLUMNS)
+        self._ring.publish(head, *columns, tail, weight=len(packet))
 
 
 class PacketReader:

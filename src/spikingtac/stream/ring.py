@@ -24,7 +24,10 @@ from spikingtac.errors import DeviceError
 OLDEST, END, NEWEST, WEIGHT, CLOSED, WRITER, WIDTH, HEIGHT = range(0, 64, 8)
 HEAD_BYTES = 64
 _NUMBER = struct.Struct("Q")  # as this machine holds it: it is read and written at once
-_MESSAGE = struct.Struct("<QQII")  # weight before, weight, length, checksum
+
+# What stands before a message: weight before, weight, length, checksum. A message begins at a
+# multiple of its size, so that these numbers never go on at the beginning of the ring.
+_MESSAGE = struct.Struct("<QQII")
 
 
 class SharedRing:
@@ -48,14 +51,15 @@ class SharedRing:
     def __init__(self, memory: SharedMemory, owner: bool) -> None:
         assert memory.buf is not None
         self._memory, self._owner, self.name = memory, owner, memory.name
-        self.buffer, self.room = memory.buf, memory.size - HEAD_BYTES
+        self.buffer = memory.buf
+        self.room = (memory.size - HEAD_BYTES) // _MESSAGE.size * _MESSAGE.size
 
     @classmethod
     def create(cls, room_bytes: int, name: str | None = None) -> SharedRing:
         """Make a ring; its creator removes it.
 
         Args:
-            room_bytes: Room for messages; each needs :data:`_MESSAGE` besides.
+            room_bytes: Room for messages; each needs 24 to 47 bytes besides.
             name: Name under which others find it; one that is left by a process that has ended is
                 replaced.
 
@@ -130,19 +134,21 @@ class SharedRing:
 
         A reader that misses it is told its ``weight``: one message, or its events.
         """
-        length, checksum = sum(map(len, parts)), 0
-        begin, oldest = self.get(END), self.get(OLDEST)
-        end = begin + _MESSAGE.size + length
+        data = b"".join(parts)
+        begin, oldest, before = self.get(END), self.get(OLDEST), self.weight
+        end = after(begin, len(data))
         if end - begin > self.room:
             return False
         while end - oldest > self.room:  # given up before it is overwritten
-            oldest += _MESSAGE.size + _MESSAGE.unpack(self.read(oldest, _MESSAGE.size))[2]
+            oldest = after(oldest, self.head(oldest)[2])
         self.put(OLDEST, oldest)
-        before, at = self.weight, begin + _MESSAGE.size
-        for part in parts:
-            self._write(at, part)
-            checksum, at = zlib.crc32(part, checksum), at + len(part)
-        self._write(begin, _MESSAGE.pack(before, weight, length, checksum))
+        place = begin % self.room + HEAD_BYTES
+        _MESSAGE.pack_into(self.buffer, place, before, weight, len(data), zlib.crc32(data))
+        place = (begin + _MESSAGE.size) % self.room + HEAD_BYTES
+        fits = HEAD_BYTES + self.room - place
+        self.buffer[place : place + min(len(data), fits)] = data[:fits]
+        if len(data) > fits:
+            self.buffer[HEAD_BYTES : HEAD_BYTES + len(data) - fits] = data[fits:]
         self.put(WEIGHT, before + weight)
         self.put(NEWEST, begin)
         self.put(END, end)
@@ -160,18 +166,21 @@ class SharedRing:
             with suppress(FileNotFoundError):
                 self._memory.unlink()
 
+    def head(self, at: int) -> tuple[int, int, int, int]:
+        """Return what stands before the message at a place."""
+        return _MESSAGE.unpack_from(self.buffer, at % self.room + HEAD_BYTES)
+
     def read(self, at: int, length: int) -> bytearray:
-        """Return the bytes at a place, which go on at the ring's beginning."""
-        first = HEAD_BYTES + at % self.room
-        data = bytearray(self.buffer[first : min(first + length, HEAD_BYTES + self.room)])
+        """Return the message of so many bytes at a place."""
+        place = (at + _MESSAGE.size) % self.room + HEAD_BYTES
+        data = bytearray(self.buffer[place : min(place + length, HEAD_BYTES + self.room)])
         data += self.buffer[HEAD_BYTES : HEAD_BYTES + length - len(data)]
         return data
 
-    def _write(self, at: int, data: Any) -> None:
-        first = at % self.room
-        fits = min(len(data), self.room - first)
-        self.buffer[HEAD_BYTES + first : HEAD_BYTES + first + fits] = data[:fits]
-        self.buffer[HEAD_BYTES : HEAD_BYTES + len(data) - fits] = data[fits:]
+
+def after(at: int, length: int) -> int:
+    """Return the place after a message of so many bytes at a place."""
+    return at + (length + 2 * _MESSAGE.size - 1) // _MESSAGE.size * _MESSAGE.size
 
 
 class RingReader:
@@ -194,11 +203,11 @@ class RingReader:
         """Return the next message that is there, or None."""
         ring = self._ring
         while ring.get(END) > (at := max(self._at, ring.get(OLDEST))):
-            before, weight, length, checksum = _MESSAGE.unpack(ring.read(at, _MESSAGE.size))
-            data = ring.read(at + _MESSAGE.size, min(length, ring.room))
+            before, weight, length, checksum = ring.head(at)
+            data = ring.read(at, min(length, ring.room))
             if ring.get(OLDEST) > at:  # overwritten while it was read
                 continue
-            self._at = at + _MESSAGE.size + len(data)
+            self._at = after(at, len(data))
             if zlib.crc32(data) != checksum:  # damaged: the next weight tells
                 continue
             self.lost += before - self._weight

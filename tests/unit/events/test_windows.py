@@ -12,7 +12,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.formats.codec import HARMLESS, KINDS
 from spikingtac.events.formats.packing import TimeCourse
 from spikingtac.events.source import SLOT_US, HealthMeter, slot_rate_ev_s, source_health
-from spikingtac.events.windows import SILENCE_LIMIT_US, cut, stretches, windows
+from spikingtac.events.windows import SILENCE_LIMIT_US, stretches, windows
 from spikingtac.types import EventPacket, LossCounters
 from stand_ins.random_packets import packet_at
 
@@ -25,11 +25,6 @@ def packet(times_us: Any, start_us: int, end_us: int) -> EventPacket:
 
 def spans(found: list[EventPacket]) -> list[tuple[int, int, list[int]]]:
     return [(w.t_start_us, w.t_end_us, w.t.tolist()) for w in found]
-
-
-def test_finite_edges_end_the_stream() -> None:
-    found = list(cut([packet([1, 5, 9], 0, 10)], iter([2, 4, 8])))
-    assert spans(found) == [(2, 4, []), (4, 8, [5])]
 
 
 def test_a_leap_of_18_000_years_takes_a_minute_of_windows() -> None:
