@@ -10,7 +10,6 @@ import asyncio
 import os
 import struct
 import time
-from collections import deque
 from collections.abc import AsyncIterator, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -22,6 +21,7 @@ import numpy as np
 from spikingtac.batch.worker_pool import SINGLE_THREAD
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
+from spikingtac.events.source import PacketSource
 from spikingtac.markers.registry import TrackingConfig, make_tracker
 from spikingtac.pipeline.follow import CheckedSource, follow
 from spikingtac.pipeline.track import require_same_size
@@ -39,7 +39,10 @@ SLOTS = 2048  # Frames that a reader may be behind: 2 s at 1 kHz.
 # and the health of its events; then seven numbers of each marker, and whether it is predicted.
 HEAD, NUMBERS = struct.Struct("<qqqddqqqqd"), 7
 LOOK_S = 0.0002  # Time between two looks for the next frame, s.
-WARM_UP_US = 100_000  # Length of the events that are followed before a sensor starts, us.
+
+# Events that a tracker follows before its sensor starts, and the time that they take, us: long
+# enough for a contact detector that learns from the first 0.3 s.
+NOISE_EVENTS, NOISE_US = 40_000, 320_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,8 +229,12 @@ def follow_sensor(
 ) -> None:
     """Follow a sensor until its source ends; the whole work of its process."""
     end_in_order()
-    warm_up(tracking, calibration)
     tracker = make_tracker(tracking, calibration)
+    # Kernels are compiled, or loaded, before time passes.
+    rehearsed = CheckedSource(noise(calibration.size), calibration)
+    for _ in follow(rehearsed, tracker, tracking.rate_hz):
+        pass
+    tracker.reset()
     exempt_from_collection()
     # Read here: a thread would wait for the tracker's turns of the interpreter, and a process of
     # its own adds 0.2 ms. What comes meanwhile waits in the system's buffers.
@@ -246,16 +253,13 @@ def follow_sensor(
         asker.rings[0].publish(HEAD.pack(frame.t_us, *made, *lost), *table)
 
 
-def warm_up(tracking: TrackingConfig, calibration: Calibration) -> None:
-    """Compile, or load, what events need before time passes: by 0.1 s of noise at the markers."""
-    rng, count = np.random.default_rng(0), 20_000
-    places_px = rng.choice(calibration.reference_px, count)
-    places_px += rng.normal(0.0, calibration.radius_px.mean(), (count, 2))
-    x, y = places_px.clip(0, np.subtract(calibration.size, 1)).astype(np.uint16).T.copy()
-    t_us = np.linspace(0, WARM_UP_US - 1, count).astype(np.int64)
-    noise = EventPacket(x, y, rng.random(count) < 0.5, t_us, 0, WARM_UP_US, calibration.size)
-    checked: Any = CheckedSource([noise], calibration)  # type: ignore[arg-type]
-    deque(follow(checked, make_tracker(tracking, calibration), tracking.rate_hz), maxlen=0)
+def noise(size: tuple[int, int]) -> PacketSource:
+    """Return events all over a sensor, which ask for every kernel of a tracker."""
+    rng = np.random.default_rng(0)
+    x, y = (rng.integers(0, side, NOISE_EVENTS).astype(np.uint16) for side in size)
+    t_us = np.sort(rng.integers(0, NOISE_US, NOISE_EVENTS))
+    packet = EventPacket(x, y, rng.random(NOISE_EVENTS) < 0.5, t_us, 0, NOISE_US, size)
+    return PacketSource([packet], size)
 
 
 def unpack(message: bytes | bytearray) -> LiveFrame:

@@ -12,13 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from spikingtac.events.source import PacketSource
 from spikingtac.stream.host import Asker, Host
+from spikingtac.stream.live import noise
 from spikingtac.stream.real_time import meet_deadlines
-from spikingtac.types import EventPacket
 from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.record import EXPOSURE_US
 from spikingtac.viewer.session import Session
 from spikingtac.viewer.snapshot import FRAME_BYTES, GREETING_BYTES, snapshot
 from spikingtac.viewer.source import EventStore, ViewSource
@@ -29,10 +27,6 @@ LOOK_S = 0.1  # Longest wait for a word of the session, s.
 STOP = "stop"  # The last command of a session; pages cannot send it.
 STARTING = "getting ready; the first start on a machine compiles for some seconds"
 
-# Stretch of silence that is tracked first, us: long enough for a contact detector that learns
-# from the first 0.3 s.
-WARM_UP_US = 320_000
-APART_US = 5_000  # Time between two of its events, us.
 KEPT = 4  # Messages of the largest length that a ring holds: the latest is read meanwhile.
 BUDGET_S = 600.0  # Time for the compilation of all kernels, s.
 
@@ -127,17 +121,13 @@ def run_session(
 
 
 def warm_up(view: ViewSource) -> None:
-    """Track a nearly silent stream with a tracker of the view's, and discard both.
+    """Track noise with a tracker of the view's, and discard both.
 
     A simulated sensor compiles its kernels in a process of its own. Compiling those of the tracker
     meanwhile, instead of waiting for the first event, halves the time of the first start.
     """
-    size, t_us = view.source.size, np.arange(0, WARM_UP_US, APART_US, dtype=np.int64)
-    # A few events of both polarities: kernels are compiled by what they are called with.
-    x, y = (np.full(len(t_us), side // 2, np.uint16) for side in size)
-    silence = EventPacket(x, y, t_us // APART_US % 2 == 0, t_us, 0, WARM_UP_US, size)
-    with closing(EventStore(PacketSource([silence], size))) as store:
+    with closing(EventStore(noise(view.source.size))) as store:
         playback = Playback(store, view)
-        playback.aim(WARM_UP_US)
+        playback.aim(store.t_end_us)
         playback.work(BUDGET_S)
-        snapshot(playback, APART_US, False)
+        snapshot(playback, EXPOSURE_US, False)
