@@ -148,16 +148,9 @@ def _recording(path: Path, own: bool) -> Fields:
     if own and beside.exists():
         found |= {"calibration": Calibration.load(beside), "calibrated_by": str(beside)}
     elif own and known and "grid" in manifest:
-        told = "the twin's truth at rest"
-        document = {
-            "schema": CALIBRATION_SCHEMA,
-            **{name: manifest.get(name) for name in ("size", "grid")},
-            **{name: known.get(name) for name in ("reference_px", "radius_px")},
-            "polarity": _polarity(manifest.get("contrast")),
-            "provenance": {"from": told},
-        }
-        calibration = Calibration.from_document(document, where=str(stored))
-        found |= {"calibration": calibration, "calibrated_by": told}
+        places = {name: known.get(name) for name in ("reference_px", "radius_px")}
+        told = places | {name: manifest.get(name) for name in ("size", "grid", "contrast")}
+        found |= _calibrated("the twin's truth at rest", str(stored), **told)
     return found
 
 
@@ -169,25 +162,29 @@ def _scene(name: str, seed: int, camera: str | None) -> Fields:
     scene = catalog.load_scene(name).with_camera(camera)
     at_rest, truth = SceneSource(scene, seed), SampledTruth()
     opened = partial(truthful_packets, name=name, seed=seed, camera=camera)
+    calibrated = _calibrated(
+        "the scene at rest",
+        name,
+        size=scene.size,
+        grid=scene.skin.grid,
+        contrast=scene.camera.resolve().light.contrast,
+        reference_px=at_rest.reference_px,
+        radius_px=at_rest.radius_px,
+    )
     return {
+        **calibrated,
         "label": Path(name).stem,
         "source": RemoteSource(opened, scene.size, lambda rows: truth.append(*rows)),
         "ends": False,
-        "calibration": Calibration(
-            reference_px=at_rest.reference_px,
-            radius_px=at_rest.radius_px,
-            grid=scene.skin.grid,
-            size=scene.size,
-            polarity=_polarity(scene.camera.resolve().light.contrast),
-            provenance={"from": f"the scene {name!r} at rest"},
-        ),
-        "calibrated_by": "the scene at rest",
         "truth": truth,
         "simulated": True,
         "own_calibration": True,
     }
 
 
-def _polarity(contrast: Any) -> str:
-    """Return which markers a scene has; one of unknown contrast (marker over ground) has white."""
-    return "dark" if isinstance(contrast, int | float) and contrast < 1 else "white"
+def _calibrated(told: str, where: str, *, contrast: Any, **known: Any) -> Fields:
+    """Return the calibration that a simulation knows; markers of unknown contrast are white."""
+    dark = isinstance(contrast, int | float) and contrast < 1
+    known |= {"polarity": "dark" if dark else "white", "provenance": {"from": told}}
+    document = {"schema": CALIBRATION_SCHEMA, **known}
+    return {"calibration": Calibration.from_document(document, where=where), "calibrated_by": told}

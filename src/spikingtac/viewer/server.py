@@ -58,7 +58,12 @@ def parse_command(text: str) -> tuple[str, Any]:
     """
     try:
         ((name, value),) = json.loads(text if len(text) <= LONGEST_COMMAND else "").items()
-        fits = _RULES[name](value)
+        kinds, low, high = _RULES[name]
+        control, given = "", value
+        if name == "set":
+            control, given = value if isinstance(value, list) else ()
+        fits = type(given) in kinds and (low is None or low <= given <= high)
+        fits &= isinstance(control, str)
     except (ValueError, AttributeError, KeyError, TypeError, RecursionError) as error:
         raise CommandError("no JSON object of one known key") from error
     if not fits:
@@ -66,27 +71,16 @@ def parse_command(text: str) -> tuple[str, Any]:
     return name, value
 
 
-def _whole(low: int, high: int) -> Callable[[Any], bool]:
-    return lambda value: type(value) is int and low <= value <= high
-
-
-def _setting(value: Any) -> bool:
-    if not isinstance(value, list):
-        return False
-    name, setting = value
-    return isinstance(name, str) and isinstance(setting, bool | int | float | str)
-
-
-# Command -> whether a value fits it.
-_RULES: dict[str, Callable[[Any], bool]] = {
-    "ack": _whole(0, LATEST_US),
-    "play": lambda value: isinstance(value, bool),
-    "speed": lambda value: type(value) in (int, float) and SLOWEST <= value <= FASTEST,
-    "seek_us": _whole(-LATEST_US, LATEST_US),
-    "exposure_us": _whole(SHORTEST_EXPOSURE_US, LONGEST_EXPOSURE_US),
-    "map": lambda value: isinstance(value, bool),
-    "set": _setting,
-    **dict.fromkeys(("defaults", "calibrate", "begin_anew"), lambda value: value is True),
+# Command -> types of its value, and its bounds; of a control the configuration knows them.
+_RULES: dict[str, tuple[tuple[type, ...], Any, Any]] = {
+    "ack": ((int,), 0, LATEST_US),
+    "play": ((bool,), False, True),
+    "speed": ((int, float), SLOWEST, FASTEST),
+    "seek_us": ((int,), -LATEST_US, LATEST_US),
+    "exposure_us": ((int,), SHORTEST_EXPOSURE_US, LONGEST_EXPOSURE_US),
+    "map": ((bool,), False, True),
+    "set": ((bool, int, float, str), None, None),
+    **dict.fromkeys(("defaults", "calibrate", "begin_anew"), ((bool,), True, True)),
 }
 
 

@@ -143,7 +143,7 @@ def test_commands_are_understood() -> None:
         '{"speed": 1e9}', '{"speed": NaN}', '{"speed": true}', '{"seek_us": 1.5}',
         '{"seek_us": 1e300}', '{"exposure_us": 1}', '{"set": ["gain"]}', '{"set": ["gain", [1]]}',
         '{"set": {"gain": 1, "b": 2}}', '{"set": "ab"}', '{"exec": "x"}', "[" * 900,
-        '{"set": ["' + "x" * 2000 + '", 1]}',
+        '{"set": [[], 1]}', '{"set": ["' + "x" * 2000 + '", 1]}',
     ],
 )  # fmt: skip
 def test_everything_else_is_refused(text: str) -> None:

@@ -7,7 +7,7 @@ const PX_PER_N = 25; // sensor pixels of arrow for a newton along the skin
 export function drawFelt(sensor, felt) {
   if (!felt?.force_n) return;
   const { context, hello, tone } = sensor;
-  context.strokeStyle = context.fillStyle = felt.extrapolated ? tone.lost : tone.force;
+  context.strokeStyle = context.fillStyle = tone.force;
   if (felt.outline_px?.length > 2) {
     context.lineWidth = 2 * devicePixelRatio;
     context.beginPath();
@@ -22,9 +22,9 @@ export function drawFelt(sensor, felt) {
 
 export function forceText(felt) {
   if (!felt?.force_n) return null;
-  const { force_n: force, half_width_n: half, extrapolated } = felt;
+  const { force_n: force, half_width_n: half } = felt;
   const [x, y, z] = force.map((value, i) => `${value.toFixed(2)} ± ${half[i].toFixed(2)}`);
-  return `${x}, ${y}, ${z} N${extrapolated ? " (beyond what was learned)" : ""}`;
+  return `${x}, ${y}, ${z} N`;
 }
 
 export function slipText(felt) {

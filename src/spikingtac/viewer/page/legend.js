@@ -13,7 +13,6 @@ const TEXTS = {
   chosen: ["chosen marker", "The one whose displacement is drawn beside the sensor."],
   patch: ["touched", "Outline of the part of the skin that something touches."],
   force: ["force along the skin", "Longer is stronger."],
-  beyond: ["force, not learned", "The skin moves in a way that the force model has not learned from."],
   "guide-todo": ["has to move on", "The ring closes with the share of the marker that has been seen; the tip points where to slide."],
   "guide-enough": ["has moved enough", "The calibration can learn this marker."],
 };
@@ -34,7 +33,7 @@ export function legendKeys(options, hello, meta, arrays) {
   }
   keys.push("chosen");
   if (meta.felt?.outline_px?.length) keys.push("patch");
-  if (meta.felt?.force_n) keys.push(meta.felt.extrapolated ? "beyond" : "force");
+  if (meta.felt?.force_n) keys.push("force");
   return keys;
 }
 
