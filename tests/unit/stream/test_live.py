@@ -21,6 +21,23 @@ with st.live("touch.raw", calibration="finger.json", preset="fast", rate_hz=200.
     print(sum(1 for frame in sensor), sensor.health.state, sensor.health.missed)
 """
 
+# Kernels that are compiled, or loaded, by the noise, and those that the touches ask for besides.
+KERNELS = """
+import gc
+from numba.core.dispatcher import Dispatcher
+import spikingtac as st
+from spikingtac.pipeline.follow import CheckedSource
+from spikingtac.stream.live import noise
+def follow(source):
+    list(st.follow(CheckedSource(source, sensor), st.make_tracker(tracking, sensor), 1000.0))
+    found = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
+    return {(one.py_func.__qualname__, kinds) for one in found for kinds in one.signatures}
+sensor, tracking = st.Calibration.load("finger.json"), st.load_config("fast").tracking
+touches = st.events.PacketSource(list(st.open_events("touch.raw")), sensor.size)
+known = follow(noise(sensor.size))
+print(len(known) > 5, sorted(name for name, _ in follow(touches) - known))
+"""
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -43,6 +60,12 @@ def test_a_plain_script_gets_every_frame(folder: Path, alone: list[st.MarkerFram
         [sys.executable, "plain.py"], cwd=folder, capture_output=True, text=True, timeout=300
     )
     assert done.stdout.split() == [str(len(alone)), "ended", "0"], done.stderr
+
+
+def test_no_kernel_is_left_to_compile_when_a_sensor_is_touched(folder: Path) -> None:
+    command = [sys.executable, "-c", KERNELS]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
+    assert done.stdout == "True []\n", done.stderr
 
 
 def test_frames_can_be_awaited_and_are_those_of_the_tracker(
