@@ -8,7 +8,7 @@ The filter's covariance, all but constant, tells of the scatter of fits alone. W
 for longer is what the dead bands of its pixels hide: little of a marker that never moved, most of
 one that went less than a px from its rest, and little again once every pixel of the edge has swung.
 A part is the error of the events' delay, in proportion to the speed. The standard deviations were
-measured on v2e's recording and four scenes of the twin (simulated): 63 to 72 and 91 to 94 % of the
+measured on v2e's recording and four scenes of the twin (simulated): 60 to 73 and 92 to 95 % of the
 errors lie within 1 and 1.96 of them; on a flawed skin, whose discs differ from their model, half.
 """
 
