@@ -37,11 +37,13 @@ class Blobs:
         center_px: ``(n, 2)`` centroids (x, y), weighted with the map's values, px.
         area_px: ``(n,)`` number of pixels at or above the threshold.
         cut: ``(n,)`` True where the blob touches the border: its centroid is biased inwards.
+        roundness: ``(n,)`` area over second moment, relative to a disc: 1, of all else less.
     """
 
     center_px: NDArray[np.float64]
     area_px: NDArray[np.float64]
     cut: NDArray[np.bool_]
+    roundness: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.area_px)
@@ -79,11 +81,15 @@ def find_blobs(
     height, width = labels.shape
     at_border = (x == 0) | (y == 0) | (x == width - 1) | (y == height - 1)
     blob, level = labels[y, x] - 1, state_map[y, x].astype(np.float64)
-    sums = [np.bincount(blob, of, count) for of in (None, at_border, level, level * x, level * y)]
-    area_px, cut, mass, *moments = np.array(sums, np.float64)
-    kept = (area_px >= areas_px[0]) & (area_px <= areas_px[1])
-    center_px = (np.array(moments)[:, kept] / mass[kept]).T
-    return Blobs(center_px, area_px[kept], cut[kept] > 0.0)
+    weights = (None, at_border, level, level * x, level * y, level * (x * x + y * y))
+    sums = np.array([np.bincount(blob, of, count) for of in weights], np.float64)
+    area_px, cut, mass, *moments, square = sums[
+        :, (sums[0] >= areas_px[0]) & (sums[0] <= areas_px[1])
+    ]
+    center_px = (np.array(moments) / mass).T
+    # Each pixel is a square, whose own second moment is 1 / 6.
+    spread_px2 = square / mass - (center_px**2).sum(axis=1) + 1.0 / 6.0
+    return Blobs(center_px, area_px, cut > 0.0, area_px / (2.0 * np.pi * spread_px2))
 
 
 def associate(

@@ -21,7 +21,7 @@ depend on light at all (a bus, a driver's clock) stays unseen and has to be meas
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,21 +73,6 @@ PERIOD_US = 1_000  # Time between tracked positions: at 100 px/s an edge moves b
 MOST_MARKERS = 128
 
 
-@dataclass(frozen=True, slots=True)
-class LagEstimate:
-    """How late tracked positions are.
-
-    Attributes:
-        lag_us: Delay behind the true motion, us.
-        uncertainty_us: One standard deviation, us.
-        samples: Events that were used.
-    """
-
-    lag_us: float
-    uncertainty_us: float
-    samples: int
-
-
 def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
     """Return the lag of a recording of slides, us, or None where it cannot be seen.
 
@@ -102,7 +87,7 @@ def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
     track = edge_track(followed(windows(source, PERIOD_US), calibration), calibration)
     edge = DiscProfile(calibration.contrast, calibration.edge_px)
     estimate = estimate_lag(observe_crossings(source, track, source.size), edge)
-    return None if estimate is None else estimate.lag_us
+    return None if estimate is None else estimate[0]
 
 
 def followed(packets: Iterable[EventPacket], known: Calibration) -> Iterator[MarkerFrame]:
@@ -131,18 +116,18 @@ def edge_track(frames: Iterable[MarkerFrame], calibration: Calibration) -> Marke
 
 def estimate_lag(
     crossings: Crossings, edge: DiscProfile, dark: tuple[float, ...] = DARK
-) -> LagEstimate | None:
-    """Return the lag of the positions with which the crossings were collected; None if unseen.
+) -> tuple[float, float] | None:
+    """Return the lag of positions and its standard deviation, us; None where it cannot be seen.
 
     Args:
-        crossings: From :func:`~spikingtac.markers.crossings.observe_crossings`.
+        crossings: Those of the tracked positions.
         edge: The calibrated edge.
         dark: Equally likely dark currents, relative to white.
     """
     rungs = rung_lines(crossings)
     level = edge.level(rungs[:, 1])
     told = (level > LOWEST_LEVEL) & (level < HIGHEST_LEVEL)
-    (facing, _, slope_s, error_s, bent, free, count), level = rungs[told].T, level[told]
+    (facing, _, slope_s, error_s, bent, free), level = rungs[told].T, level[told]
     if min(np.count_nonzero(facing == side) for side in (-1, 1)) < LEAST_RUNGS:
         return None
     fits = []
@@ -158,16 +143,16 @@ def estimate_lag(
     error_us = float(np.sqrt((spread_us**2).mean() + lag_us.var() + FLOOR_US**2))
     if not error_us < LARGEST_ERROR_US:
         return None
-    return LagEstimate(max(0.0, float(lag_us.mean())), error_us, int(count.sum()))
+    return max(0.0, float(lag_us.mean())), error_us
 
 
 def rung_lines(crossings: Crossings) -> NDArray[np.float64]:
     """Fit a straight line to the mean places of each rung over the speed.
 
     Returns:
-        ``(r, 7)``: 1 where the edge takes light away and -1 where it brings light; place q at
+        ``(r, 6)``: 1 where the edge takes light away and -1 where it brings light; place q at
         rest, px; way along the motion per speed, s, and its error; sum of the squares of what the
-        line leaves, in errors, and degrees of freedom; events.
+        line leaves, in errors, and degrees of freedom.
     """
     number, lines = crossings.count.sum(axis=3), []
     for rung in np.ndindex(number.shape[:2]):
@@ -180,9 +165,9 @@ def rung_lines(crossings: Crossings) -> NDArray[np.float64]:
         along_px = facing * mean_px
         line, covariance = np.polyfit(speed_px_s, along_px, 1, w=weight, cov="unscaled")
         bent = ((weight * (along_px - np.polyval(line, speed_px_s))) ** 2).sum()
-        slope, told = (line[0], np.sqrt(covariance[0, 0])), number[rung][bins]
-        lines.append((facing, facing * line[1], *slope, bent, len(told) - 2, told.sum()))
-    return np.array(lines).reshape(-1, 7)
+        slope, free = (line[0], np.sqrt(covariance[0, 0])), np.count_nonzero(bins) - 2
+        lines.append((facing, facing * line[1], *slope, bent, free))
+    return np.array(lines).reshape(-1, 6)
 
 
 def trimmed_means(

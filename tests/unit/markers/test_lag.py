@@ -82,9 +82,8 @@ def test_the_lag_of_low_pass_pixels_is_solved(white_us: float, skew_us: float) -
     estimate = estimate_lag(crossings, EDGE, (0.06,))
     assert estimate is not None
     # A pixel falls behind by less than in proportion to the speed.
-    assert estimate.lag_us == pytest.approx(lag_us, abs=3 * estimate.uncertainty_us, rel=0.12)
-    assert estimate.uncertainty_us < 0.08 * lag_us + 100.0
-    assert estimate.samples == crossings.count.sum()
+    assert estimate[0] == pytest.approx(lag_us, abs=3 * estimate[1], rel=0.12)
+    assert estimate[1] < 0.08 * lag_us + 100.0
 
 
 def roughened(crossings: Crossings, spread_px: float, seed: int) -> Crossings:
@@ -104,8 +103,8 @@ def test_places_that_do_not_fit_the_model_widen_the_uncertainty() -> None:
     for seed in range(5):
         rough = estimate_lag(roughened(smooth, 0.06, seed), EDGE, (0.06,))
         assert rough is not None
-        assert rough.uncertainty_us > 1.5 * stated.uncertainty_us
-        assert abs(rough.lag_us - lag_us) < 3.0 * rough.uncertainty_us
+        assert rough[1] > 1.5 * stated[1]
+        assert abs(rough[0] - lag_us) < 3.0 * rough[1]
 
 
 def slides(amplitude_px: float = 16.0, duration_ms: int = 350) -> np.ndarray:
@@ -158,11 +157,11 @@ def test_the_twins_lag_is_found(preset: str, bandwidth_hz: float) -> None:
     )
     assert estimate is not None
     print(
-        f"simulated, {preset} {bandwidth_hz:.0f} Hz: lag {estimate.lag_us:.0f} "
-        f"+- {estimate.uncertainty_us:.0f} us, true {middle_us:.0f} us"
+        f"simulated, {preset} {bandwidth_hz:.0f} Hz: lag {estimate[0]:.0f} "
+        f"+- {estimate[1]:.0f} us, true {middle_us:.0f} us"
     )
-    assert estimate.lag_us == pytest.approx(middle_us, rel=0.2, abs=200.0)
-    assert abs(estimate.lag_us - middle_us) < 2.0 * estimate.uncertainty_us
+    assert estimate[0] == pytest.approx(middle_us, rel=0.2, abs=200.0)
+    assert abs(estimate[0] - middle_us) < 2.0 * estimate[1]
 
 
 def test_what_tells_too_little_gives_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -202,8 +201,7 @@ def test_a_recording_is_tracked_and_its_lag_found_by_all_markers_or_a_part_of_th
         monkeypatch.setattr(lag, "MOST_MARKERS", most)
         track = lag.edge_track(late_frames(source, path, lag_us), known)
         crossings = observe_crossings(source, track, packet.size)
-        estimate = estimate_lag(crossings, DiscProfile(6.0, 0.577 / 1.702))
-        assert estimate is not None
-        assert estimate.lag_us == pytest.approx(lag_us, rel=0.2)
-        samples.append(estimate.samples)
-    assert 0.2 * samples[0] < samples[1] < 0.7 * samples[0]
+        estimate = estimate_lag(crossings, DiscProfile(6.0, 0.577 / 1.702)) or (0.0, 0.0)
+        assert estimate[0] == pytest.approx(lag_us, rel=0.2)
+        samples.append(crossings.count.sum())
+    assert 0.2 < samples[1] / samples[0] < 0.7

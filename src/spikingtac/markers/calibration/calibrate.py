@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.calibration.document import MAPS, MARKER_NUMBERS, MEASURED
 from spikingtac.calibration.lens import fit_lens
@@ -27,12 +26,7 @@ from spikingtac.markers.calibration.find_markers import (
 from spikingtac.markers.calibration.first_model import first_model, tracked
 from spikingtac.markers.calibration.lattice import expected_places
 from spikingtac.markers.calibration.layout import Layout
-from spikingtac.markers.calibration.quality import (
-    Quality,
-    judged,
-    refuse_gaps,
-    refuse_without_grid,
-)
+from spikingtac.markers.calibration.quality import Quality, judged, refuse_gaps
 from spikingtac.markers.calibration.recording import buffer_events, without_hot_pixels
 from spikingtac.markers.calibration.reference import Method, displaced_before, reference
 from spikingtac.markers.calibration.refine import STEP_BOUNDS, refine, with_recovery
@@ -106,7 +100,8 @@ def completed(source: EventSource, known: Calibration) -> Calibration:
         return known
     place_px = known.reference_px
     layout = Layout(known.grid, np.arange(len(place_px)), place_px)
-    given = SeenMarkers(layout, place_px, place_px[:0], float(np.median(known.radius_px)))
+    radius_px = float(np.median(known.radius_px))
+    given = SeenMarkers(layout, place_px, place_px[:0], radius_px, len(place_px))
     config = CalibrationConfig(polarity="dark" if known.polarity == "dark" else "white")
     try:
         events, hot_px = without_hot_pixels(buffer_events(source, FIRST_US))
@@ -130,7 +125,6 @@ def explained(view: Overview, config: CalibrationConfig) -> tuple[Evidence, Mode
     for rounds in RETRACKED_ROUNDS if model.recovery_s else ():
         model = refine(evidence, tracked(view, evidence.index, model), rounds)
     quality = judged(evidence, model)
-    refuse_without_grid(quality)
     missing = np.flatnonzero(~quality.measured)
     refuse_gaps(view.markers.layout, view.events.size, missing, config.allow_missing)
     return evidence, model, quality
@@ -154,14 +148,21 @@ def _assembled(
         expected_px = expected_places(reference_px, measured, layout.shape)
         reference_px[~measured] = expected_px[~measured]
     looks = _looks(*learned)
-    keep = _in_sight(reference_px, looks["radius_px"], size)
+    reach_px = BEYOND_RADII * looks["radius_px"][:, np.newaxis]
+    inside = (reference_px >= -reach_px) & (reference_px <= np.array(size) - 1 + reach_px)
+    keep, grid = inside.all(axis=1), None
     if layout.shape is None:
         keep &= measured
+    else:  # What is left of a grid that has lost whole rows or columns; None without parts.
+        kept = keep.reshape(layout.shape)
+        rows, columns = kept.any(axis=1), kept.any(axis=0)
+        if kept[np.ix_(rows, columns)].all():
+            grid = int(rows.sum()), int(columns.sum())
     left_out_px = reference_px[~keep].round(2).tolist()
     scatter_px = np.sqrt(((rest_px - reference_px) ** 2).sum(axis=2).mean(axis=0))
     return Calibration(
         reference_px=reference_px[keep],
-        grid=None if layout.shape is None else _whole_grid(keep.reshape(layout.shape)),
+        grid=grid,
         size=size,
         polarity=view.polarity,
         **{name: value[keep] if name in OF_MARKERS else value for name, value in looks.items()},
@@ -181,21 +182,6 @@ def _assembled(
             **({"left_out_px": left_out_px} if left_out_px else {}),
         },
     )
-
-
-def _in_sight(
-    place_px: NDArray[np.float64], radius_px: NDArray[np.float64], size: tuple[int, int]
-) -> NDArray[np.bool_]:
-    reach_px = BEYOND_RADII * radius_px[:, np.newaxis]
-    inside = (place_px >= -reach_px) & (place_px <= np.array(size) - 1 + reach_px)
-    return np.asarray(inside.all(axis=1))
-
-
-def _whole_grid(there: NDArray[np.bool_]) -> tuple[int, int] | None:
-    # What is left of a grid that has lost whole rows or columns; None where it has lost parts.
-    rows, columns = there.any(axis=1), there.any(axis=0)
-    whole = there[np.ix_(rows, columns)].all()
-    return (int(rows.sum()), int(columns.sum())) if whole else None
 
 
 def _looks(evidence: Evidence, model: Model, quality: Quality) -> dict[str, Any]:

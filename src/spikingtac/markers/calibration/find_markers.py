@@ -31,6 +31,14 @@ SMOOTH_PX = 1.0
 # Spots of a smaller or larger share of the median area are no markers, or two.
 AREA_SHARES = (0.25, 3.0)
 
+# A spot that is less round shows the part of its marker that moved. (Two random sensors: parts have
+# up to 0.72, and centroids that are off by 4 to 6 px; whole discs 0.83 and more.)
+LEAST_ROUND = 0.75
+
+# Ground around a marker, in radii: rings of neighbours that nearly touch begin there. (On the two
+# sensors 1.6 completes all twenty, 1.4 leaves three, 1.9 most.)
+RING = 1.6
+
 # Spots of the smoothed map that may be markers: radii of 2 px and more. Blur takes a little off
 # the level of small discs, so that the threshold is below one half.
 CANDIDATE_LEVEL, CANDIDATE_PX = 0.45, (12.0, 20_000.0)
@@ -94,17 +102,14 @@ class SeenMarkers:
         center_px: ``(m, 2)`` where each marker was seen; missing ones: is expected.
         stray_px: ``(k, 2)`` where spots are that belong to no marker.
         radius_px: Typical radius of the markers, px.
+        count: Markers that were seen.
     """
 
     layout: Layout
     center_px: NDArray[np.float64]
     stray_px: NDArray[np.float64]
     radius_px: float
-
-    @property
-    def count(self) -> int:
-        """Markers that were seen."""
-        return len(self.layout.point) - len(self.layout.missing)
+    count: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,24 +175,28 @@ def _overview(
         if config.polarity in ("auto", polarity):
             white = polarity == "white"
             seen, mean = (shown, steps) if white else (shown.inverted(), steps[::-1].copy())
-            start = starting_levels(seen, rests_us, mean)
-            views[polarity] = level_maps(seen, mean, index, start)
-    polarity = min(views, key=lambda name: lit_share(views[name]))
+            maps = level_maps(seen, mean, index, starting_levels(seen, rests_us, mean))
+            views[polarity] = seen, mean, maps
+    polarity = min(views, key=lambda name: sum(map(clutter, views[name][2])))
+    seen, steps, maps = views[polarity]
     length_us = np.diff(spans_us, axis=1)[:, 0]
-    unloaded = unloaded_rests(views[polarity], length_us)
-    level = np.average(views[polarity][unloaded], axis=0, weights=length_us[unloaded])
-    markers = known or see_markers(level.astype(np.float32), config)
-    if polarity == "dark":
-        events, steps = events.inverted(), steps[::-1].copy()
+    unloaded = unloaded_rests(maps, length_us)
+    level = np.average(maps[unloaded], axis=0, weights=length_us[unloaded])
+    unknown = np.full(events.shape, 0.5, np.float32)
+    told = level_maps(seen, steps, index[unloaded], unknown).mean(axis=0) - 0.5
+    markers = known or see_markers(level.astype(np.float32), config, told)
+    events = events if polarity == "white" else events.inverted()
     return Overview(events, polarity, steps, spans_us, unloaded, markers)
 
 
-def lit_share(maps: NDArray[np.float32]) -> float:
-    """Return which share of the pixels shows a marker, on the average over maps.
+def clutter(level: NDArray[np.float32]) -> float:
+    """Return how little a map looks like discs: its lit pixels over their roundness.
 
-    Of the two polarities the right one shows the fewer: discs, and not what they passed.
+    Of the two polarities the right one shows fewer and rounder spots: discs, and not what they
+    passed. (Markers that move by less than their diameter pass less than they cover.)
     """
-    return float(np.mean([_smoothed(level) > 0.5 for level in maps]))
+    spots = find_blobs(_smoothed(level), areas_px=(1.0, np.inf))
+    return float(spots.area_px.sum() ** 2 / max(spots.area_px @ spots.roundness, 1e-9))
 
 
 def _smoothed(level: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -197,8 +206,17 @@ def _smoothed(level: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(gaussian_filter(level, SMOOTH_PX), np.float32)
 
 
-def see_markers(level: NDArray[np.float32], config: CalibrationConfig) -> SeenMarkers:
+def see_markers(
+    level: NDArray[np.float32], config: CalibrationConfig, told: NDArray[np.float32] | None = None
+) -> SeenMarkers:
     """Find the markers in a map ``(height, width)`` of the skin at rest.
+
+    Args:
+        level: The map.
+        config: What is known beforehand.
+        told: The same map from -0.5 to 0.5, 0 where events do not tell the level. With it spots
+            that show a part of their markers, which moved by less than their diameter to one side,
+            are completed.
 
     Raises:
         CalibrationError: No markers are there; says what was seen instead.
@@ -215,6 +233,11 @@ def see_markers(level: NDArray[np.float32], config: CalibrationConfig) -> SeenMa
             f"at least {FEWEST_MARKERS}; record the sensor while something presses or slides on "
             "all of its skin, so that every marker moves by more than its diameter"
         )
+    kept = alike & ~spots.cut if (alike & ~spots.cut).any() else alike
+    radius_px = float(np.sqrt(np.median(spots.area_px[kept]) / np.pi))
+    partial = (spots.roundness < LEAST_ROUND)[alike] & ~spots.cut[alike]
+    if told is not None and partial.any():
+        center_px[partial] = _completed(center_px[partial], radius_px, told)
     layout = find_layout(center_px, size, config.grid, config.layout)
     seen = layout.point >= 0
     count, stray = int(seen.sum()), len(layout.stray)
@@ -226,6 +249,20 @@ def see_markers(level: NDArray[np.float32], config: CalibrationConfig) -> SeenMa
         )
     place_px = layout.expected_px.copy()
     place_px[seen] = center_px[layout.point[seen]]
-    kept = alike & ~spots.cut if (alike & ~spots.cut).any() else alike
-    radius_px = float(np.sqrt(np.median(spots.area_px[kept]) / np.pi))
-    return SeenMarkers(layout, place_px, center_px[layout.stray], radius_px)
+    return SeenMarkers(layout, place_px, center_px[layout.stray], radius_px, count)
+
+
+def _completed(
+    spot_px: NDArray[np.float64], radius_px: float, told: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    # Where discs of that radius, with dark rings around, fit best near some spots.
+    from scipy.signal import fftconvolve
+
+    reach = int(np.ceil(RING * radius_px))
+    away_px = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1])
+    disc = np.where(away_px <= radius_px, 1.0, -1.0) * (away_px <= RING * radius_px)
+    fit = fftconvolve(told, disc, "same")
+    y, x = np.indices(told.shape)
+    near = [np.hypot(x - column, y - row) <= radius_px for column, row in spot_px]
+    best = [np.where(part, fit, -np.inf).argmax() for part in near]
+    return np.column_stack([x.ravel()[best], y.ravel()[best]]).astype(np.float64)

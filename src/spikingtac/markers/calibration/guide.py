@@ -17,7 +17,7 @@ from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.find_markers import (
     CalibrationConfig,
     SeenMarkers,
-    lit_share,
+    clutter,
     see_markers,
 )
 from spikingtac.markers.calibration.level_maps import SwingHistogram
@@ -262,7 +262,7 @@ class CalibrationGuide:
         self._rests, self._resting = len(spans), bool((spans[-1:, 1] == len(counts)).any())
         polarity = self._config.polarity
         if polarity == "auto":
-            lit = [lit_share(level[np.newaxis]) for level in self._level]
+            lit = [clutter(level) for level in self._level]
             polarity = self._polarity if lit[0] == lit[1] else ("white", "dark")[np.argmin(lit)]
         if polarity != self._polarity:
             self._polarity, self._seen = polarity, None

@@ -113,15 +113,18 @@ def _arranged(lattice: Lattice, rectangle: Rectangle | None) -> Layout:
 def _rectangle(lattice: Lattice, size: tuple[int, int]) -> Rectangle | None:
     """Return the first row and column, and rows and columns; None where no rectangle fits."""
     first, there = lattice.there()
-    across = lattice.model[1]
+    expected_px = lattice.expected_px(cells_of(first, there.shape)).reshape(*there.shape, 2)
+    last_px, across = np.array(size) - 1, lattice.model[1]
     level = lattice.phase is None and abs(across[1]) <= LEVEL_SLOPE * abs(across[0])
     if not level and len(lattice.index) > 1:
-        return (
-            (first, (there.shape[0], there.shape[1])) if _enclosed(there, lattice).all() else None
-        )
-    expected_px = lattice.expected_px(cells_of(first, there.shape))
-    outside = (expected_px < 0) | (expected_px > np.array(size) - 1)
-    hidden = outside.any(axis=1).reshape(there.shape)
+        # The image cuts off what lies nearer to its border than the markers in sight; a marker far
+        # inside of them is missing.
+        border_px = np.minimum(expected_px, last_px - expected_px).min(axis=2)
+        deep = (border_px - border_px[there].min())[~_enclosed(there, lattice)] / lattice.pitch_px
+        missing = lattice.phase is None and deep.max(initial=0.0) > 1.0
+        whole = not deep.size or (missing and deep.min() > -ON_LATTICE)
+        return (first, (there.shape[0], there.shape[1])) if whole else None
+    hidden = ((expected_px < 0) | (expected_px > last_px)).any(axis=2)
     off_px = np.hypot(*(lattice.points[lattice.index] - lattice.expected_px(lattice.cell)).T)
     near = np.zeros(there.shape, bool)
     near[tuple((lattice.cell - first).T)] = off_px < ON_LATTICE * lattice.pitch_px

@@ -226,18 +226,11 @@ def starting_levels(
     whose, parts = silent[tuple(nearest)][rim], int(silent.max()) + 1
     bright = np.bincount(whose, lit[rim], parts) > LEAST_LIT * np.bincount(whose, minlength=parts)
     covered = enclosed & bright[silent]
-    around = covered | (fires & undecided & _darkening(events, code, steps))
-    grown = ndimage.binary_dilation(covered, iterations=GROWN_PX, mask=around)
-    return grown.astype(np.float32)
-
-
-def _darkening(
-    events: BufferedEvents, code: NDArray[np.uint32], steps: NDArray[np.float32]
-) -> NDArray[np.bool_]:
-    """Return where pixels darken at their first event of motion rather than brighten."""
-    from scipy.ndimage import gaussian_filter
-
+    # What darkens at its first event of motion, rather than brightens.
     pixel, first = np.unique(code >> 1, return_index=True)
     fell = np.zeros(events.pixels, np.float32)
     fell[pixel] = np.where(code[first] & 1, -steps[0], steps[1])
-    return gaussian_filter(fell.reshape(events.shape), SMOOTH_PX) > 0.0
+    darkening = ndimage.gaussian_filter(fell.reshape(events.shape), SMOOTH_PX) > 0.0
+    around = covered | (fires & undecided & darkening)
+    grown = ndimage.binary_dilation(covered, iterations=GROWN_PX, mask=around)
+    return grown.astype(np.float32)

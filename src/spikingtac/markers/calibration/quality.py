@@ -27,7 +27,7 @@ GRID_EXPLAINED = 0.15  # Median of the explained shares below which no grid of d
 OFFSET_STATES = 30.0
 
 # What the median of the explained shares is called.
-WORDS = ((0.75, "very good"), (0.55, "good"), (0.35, "usable"), (0.0, "poor"))
+WORDS = ((0.75, "very good"), (0.55, "good"), (0.35, "usable"), (-1.0, "poor"))
 
 
 MOST_MISSING_SHARE = 1 / 3  # A grid of which more is missing was not found.
@@ -43,30 +43,23 @@ class Quality:
         explained: ``(m,)`` share of the pixels' level changes that the marker's disc explains.
         events: ``(m,)`` events near the marker beyond the sensor's noise.
         measured: ``(m,) bool`` whether the recording tells where the marker is.
+        doubtful: ``(m,) bool`` measured markers that their disc explains badly.
+        word: The quality in a word or two.
     """
 
     explained: NDArray[np.float64]
     events: NDArray[np.float64]
     measured: NDArray[np.bool_]
-
-    @property
-    def median(self) -> float:
-        """Median explained share of the measured markers; 0 without any."""
-        return float(np.median(self.explained[self.measured])) if self.measured.any() else 0.0
-
-    @property
-    def doubtful(self) -> NDArray[np.bool_]:
-        """``(m,)`` measured markers that their disc explains badly."""
-        return self.measured & (self.explained < DOUBTFUL_SHARE * self.median)
-
-    @property
-    def word(self) -> str:
-        """The quality in a word or two."""
-        return next(word for least, word in WORDS if self.median >= least)
+    doubtful: NDArray[np.bool_]
+    word: str
 
 
 def judged(evidence: Evidence, model: Model) -> Quality:
-    """Separate the markers that a recording shows from those that it does not."""
+    """Separate the markers that a recording shows from those that it does not.
+
+    Raises:
+        CalibrationError: Discs on a grid do not explain the events.
+    """
     # Discs that keep their shape: a stretch would explain a part of whatever is there.
     model = replace(model, stretch_px=np.zeros_like(model.stretch_px))
     seen = evidence.seen(model)
@@ -76,27 +69,23 @@ def judged(evidence: Evidence, model: Model) -> Quality:
         for levels in (change.real - change.ideal, change.real)
     )
     explained = 1.0 - left_over / np.maximum(whole, 1e-9)
-    above = (model.events[:, :2] - evidence.noise).sum(axis=1)
-    busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
-    clear = explained >= FEWEST_EXPLAINED_SHARE * np.median(explained)
-    measured = (above >= FEWEST_EVENTS) & (busy | clear)
-    return Quality(explained.clip(-1.0, 1.0), above, measured)
-
-
-def refuse_without_grid(quality: Quality) -> None:
-    """Refuse what is no grid of discs.
-
-    Raises:
-        CalibrationError: Discs on a grid do not explain the events.
-    """
-    median = float(np.median(quality.explained))
-    if median < GRID_EXPLAINED:
+    usual = float(np.median(explained.clip(-1.0, 1.0)))
+    if usual < GRID_EXPLAINED:
         raise CalibrationError(
-            f"no grid of markers: discs in rows and columns explain {max(median, 0.0):.0%} of "
+            f"no grid of markers: discs in rows and columns explain {max(usual, 0.0):.0%} of "
             f"what the pixels saw, where a marker sensor gives {GRID_EXPLAINED:.0%} and more. If "
             "this is one, its markers hardly moved: press or slide until they move by more than "
             "their diameter; otherwise the recording shows something else"
         )
+    above = (model.events[:, :2] - evidence.noise).sum(axis=1)
+    busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
+    clear = explained >= FEWEST_EXPLAINED_SHARE * usual
+    measured = (above >= FEWEST_EVENTS) & (busy | clear)
+    explained = explained.clip(-1.0, 1.0)
+    usual = float(np.median(explained[measured])) if measured.any() else 0.0
+    doubtful = measured & (explained < DOUBTFUL_SHARE * usual)
+    word = next(word for least, word in WORDS if usual >= least)
+    return Quality(explained, above, measured, doubtful, word)
 
 
 def refuse_gaps(

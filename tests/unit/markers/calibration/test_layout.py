@@ -60,6 +60,11 @@ def test_missing_markers_are_named(seed: int) -> None:
     np.testing.assert_array_equal(order[grid.point[there]], np.flatnonzero(there))
 
 
+def test_a_silent_corner_of_a_turned_grid_is_missing() -> None:
+    points = np.delete(lattice(9, 9, turn_deg=8.0), [62, 70, 71, 78, 79, 80], axis=0)
+    assert find_layout(points, SIZE).shape == (9, 9)
+
+
 @pytest.mark.parametrize("seed", range(10))
 def test_stray_points_are_left_out(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -5,6 +5,7 @@ import pytest
 
 from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration import level_maps as module
+from spikingtac.markers.calibration.find_markers import clutter
 from spikingtac.markers.calibration.level_maps import starting_levels
 from spikingtac.markers.calibration.recording import BufferedEvents, buffer_events
 from stand_ins.ideal_events import ideal_events
@@ -35,9 +36,9 @@ def starts(events: BufferedEvents) -> np.ndarray:
 
 @pytest.mark.parametrize("amplitude_px", [3.0, 6.0])
 def test_what_a_disc_never_leaves_is_covered(amplitude_px: float) -> None:
-    covered, away = starts(discs_moved(amplitude_px, [CENTER])), away_px()
-    assert covered[away < RADIUS_PX - amplitude_px - 3.0].all()
-    assert not covered[away > RADIUS_PX + 1.0].any()
+    covered = starts(discs_moved(amplitude_px, [CENTER]))
+    assert covered[away_px() < RADIUS_PX - amplitude_px - 3.0].all()
+    assert not covered[away_px() > RADIUS_PX + 1.0].any()
 
 
 def test_ground_that_discs_enclose_is_no_marker(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -47,3 +48,7 @@ def test_ground_that_discs_enclose_is_no_marker(monkeypatch: pytest.MonkeyPatch)
     assert not starts(events)[middle].any()
     monkeypatch.setattr(module, "LEAST_LIT", -1.0)
     assert starts(events)[middle].all(), "it is enclosed, and only its rim tells it from a marker"
+
+
+def test_a_disc_is_less_clutter_than_a_smaller_ring_around_it() -> None:
+    assert clutter(1.0 * (away_px() < 14.0)) < clutter(1.0 * (np.abs(away_px() - 16.0) < 1.8))
