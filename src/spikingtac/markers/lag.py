@@ -85,8 +85,10 @@ def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
     if calibration.contrast is None or calibration.edge_px is None:
         return None
     track = edge_track(followed(windows(source, PERIOD_US), calibration), calibration)
-    edge = DiscProfile(calibration.contrast, calibration.edge_px)
-    estimate = estimate_lag(observe_crossings(source, track, source.size), edge)
+    estimate = estimate_lag(
+        observe_crossings(source, track, source.size),
+        DiscProfile(calibration.contrast, calibration.edge_px),
+    )
     return None if estimate is None else estimate[0]
 
 
@@ -110,8 +112,9 @@ def edge_track(frames: Iterable[MarkerFrame], calibration: Calibration) -> Marke
         center_px.append(np.where(held, np.nan, frame.detected_px[chosen]))
         t_us.append(frame.t_us)
     places = np.array(center_px).reshape(len(t_us), len(chosen), 2)
-    dark = calibration.polarity == "dark"
-    return marker_track(np.array(t_us, np.int64), places, radius_px[chosen], dark)
+    return marker_track(
+        np.array(t_us, np.int64), places, radius_px[chosen], calibration.polarity == "dark"
+    )
 
 
 def estimate_lag(

@@ -218,8 +218,8 @@ def corrections(
         dense.ravel()[around.at] = around.slopes[:, column]
         shared[:, column] = change.of(dense).ravel()[around.at]
     error, weight = around.weighted(change.real - change.ideal)
-    squares = np.bincount(around.marker, weight * error**2, markers)
-    residual = np.sqrt(squares / np.maximum(np.bincount(around.marker, weight, markers), 1e-9))
+    total = np.maximum(np.bincount(around.marker, weight, markers), 1e-9)
+    residual = np.sqrt(np.bincount(around.marker, weight * error**2, markers) / total)
     shapes_px = np.column_stack([model.discs.radius_px, model.discs.edge_px])
     towards_px = np.hstack([np.zeros((markers, 2)), np.median(shapes_px, axis=0) - shapes_px])
     common_px = _solved(around.marker, (shared, error, weight), SHARED_PRIOR, towards_px)

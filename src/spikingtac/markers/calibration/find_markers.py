@@ -163,8 +163,7 @@ def _overview(
     config: CalibrationConfig,
     known: SeenMarkers | None,
 ) -> Overview:
-    steps = mean_steps(shown, moving_events(shown, rests_us))
-    spans_us = rests_us
+    steps, spans_us = mean_steps(shown, moving_events(shown, rests_us)), rests_us
     if not len(rests_us):
         edges_us = np.linspace(0, events.duration_us, EVEN_MAPS + 1).astype(np.int64)
         spans_us = np.column_stack([edges_us[:-1], edges_us[1:]])
@@ -173,18 +172,17 @@ def _overview(
     views = {}
     for polarity in polarities:
         if config.polarity in ("auto", polarity):
-            white = polarity == "white"
-            seen, mean = (shown, steps) if white else (shown.inverted(), steps[::-1].copy())
+            swapped = shown.inverted(), steps[::-1].copy()
+            seen, mean = (shown, steps) if polarity == "white" else swapped
             maps = level_maps(seen, mean, index, starting_levels(seen, rests_us, mean))
             views[polarity] = seen, mean, maps
     polarity = min(views, key=lambda name: sum(map(clutter, views[name][2])))
     seen, steps, maps = views[polarity]
     length_us = np.diff(spans_us, axis=1)[:, 0]
     unloaded = unloaded_rests(maps, length_us)
-    level = np.average(maps[unloaded], axis=0, weights=length_us[unloaded])
-    unknown = np.full(events.shape, 0.5, np.float32)
-    told = level_maps(seen, steps, index[unloaded], unknown).mean(axis=0) - 0.5
-    markers = known or see_markers(level.astype(np.float32), config, told)
+    level = np.average(maps[unloaded], axis=0, weights=length_us[unloaded]).astype(np.float32)
+    told = level_maps(seen, steps, index[unloaded], np.full(events.shape, 0.5, np.float32))
+    markers = known or see_markers(level, config, told.mean(axis=0) - 0.5)
     events = events if polarity == "white" else events.inverted()
     return Overview(events, polarity, steps, spans_us, unloaded, markers)
 

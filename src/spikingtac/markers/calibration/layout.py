@@ -121,9 +121,8 @@ def _rectangle(lattice: Lattice, size: tuple[int, int]) -> Rectangle | None:
         # inside of them is missing.
         border_px = np.minimum(expected_px, last_px - expected_px).min(axis=2)
         deep = (border_px - border_px[there].min())[~_enclosed(there, lattice)] / lattice.pitch_px
-        missing = lattice.phase is None and deep.max(initial=0.0) > 1.0
-        whole = not deep.size or (missing and deep.min() > -ON_LATTICE)
-        return (first, (there.shape[0], there.shape[1])) if whole else None
+        missing = lattice.phase is None and deep.max(initial=0.0) > 1.0 and deep.min() > -ON_LATTICE
+        return (first, (there.shape[0], there.shape[1])) if missing or not deep.size else None
     hidden = ((expected_px < 0) | (expected_px > last_px)).any(axis=2)
     off_px = np.hypot(*(lattice.points[lattice.index] - lattice.expected_px(lattice.cell)).T)
     near = np.zeros(there.shape, bool)
