@@ -231,9 +231,9 @@ def see_markers(
             f"at least {FEWEST_MARKERS}; record the sensor while something presses or slides on "
             "all of its skin, so that every marker moves by more than its diameter"
         )
-    kept = alike & ~spots.cut if (alike & ~spots.cut).any() else alike
-    radius_px = float(np.sqrt(np.median(spots.area_px[kept]) / np.pi))
-    partial = (spots.roundness < LEAST_ROUND)[alike] & ~spots.cut[alike]
+    uncut = alike & ~spots.cut
+    radius_px = float(np.sqrt(np.median(spots.area_px[uncut if uncut.any() else alike]) / np.pi))
+    partial = (uncut & (spots.roundness < LEAST_ROUND))[alike]
     if told is not None and partial.any():
         center_px[partial] = _completed(center_px[partial], radius_px, told)
     layout = find_layout(center_px, size, config.grid, config.layout)

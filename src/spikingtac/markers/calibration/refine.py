@@ -87,9 +87,10 @@ def _moved(
     length = np.linalg.norm(change[..., :2], axis=2, keepdims=True)
     change[..., :2] *= np.minimum(1.0, LARGEST_MOVE_PX / np.maximum(length, 1e-9))
     at = np.arange(len(model.center_px))
-    flat = change.reshape(len(states), -1).T
-    between = np.column_stack([np.interp(at, states, column) for column in flat])
-    between = between.reshape(len(at), *change.shape[1:])
+    columns = change.reshape(len(states), -1).T
+    between = np.array([np.interp(at, states, column) for column in columns]).T.reshape(
+        len(at), *change.shape[1:]
+    )
     stretch_px = (model.stretch_px + between[..., 2:]).clip(-LARGEST_STRETCH_PX, LARGEST_STRETCH_PX)
     return replace(model, center_px=model.center_px + between[..., :2], stretch_px=stretch_px)
 
