@@ -120,9 +120,7 @@ class _Sensor:
             self.ended = True
         self.source.losses.add(MISSED, self.reader.losses.pop(MISSED, 0))
 
-    def packets(
-        self, sensors: Sequence[_Sensor], silent_s: float, starting_s: float
-    ) -> Iterator[EventPacket]:
+    def packets(self, sensors: Sequence[_Sensor]) -> Iterator[EventPacket]:
         """Yield the packets; while it is silent, empty ones as far as the others have come."""
         while True:
             for sensor in sensors:
@@ -138,7 +136,7 @@ class _Sensor:
                     yield packet.part(late, len(packet), begin_us, packet.t_end_us)
             elif self.ended:
                 return
-            elif ahead := self._overtaken(sensors, silent_s if self.last else starting_s):
+            elif ahead := self._overtaken(sensors):
                 first_us = min(one.packet.t_start_us for one in ahead)
                 begin_us = first_us if self.given_us == NEVER_US else self.given_us
                 self.given_us = max(one.packet.t_end_us for one in ahead)
@@ -146,9 +144,9 @@ class _Sensor:
             else:
                 time.sleep(LOOK_S)
 
-    def _overtaken(self, sensors: Sequence[_Sensor], patience_s: float) -> list[Delivery]:
+    def _overtaken(self, sensors: Sequence[_Sensor]) -> list[Delivery]:
         """Return what others delivered beyond this one's time, and that has waited long enough."""
-        until_s = time.monotonic() - patience_s
+        until_s = time.monotonic() - (SILENT_S if self.last else STARTING_S)
         known = [one for sensor in sensors for one in (sensor.last, *sensor.waiting) if one]
         return [
             one
@@ -158,9 +156,7 @@ class _Sensor:
         ]
 
 
-def live_windows(
-    sources: Sequence[EventSource], silent_s: float = SILENT_S, starting_s: float = STARTING_S
-) -> Iterator[Window]:
+def live_windows(sources: Sequence[EventSource]) -> Iterator[Window]:
     """Yield the 1 ms windows of sensors that deliver as time passes, until one of them ends.
 
     Where all deliver, the windows are those of
@@ -168,8 +164,6 @@ def live_windows(
 
     Args:
         sources: Cameras on one clock. Each is read in a thread of its own.
-        silent_s: A camera that delivered nothing for so long is not waited for, s.
-        starting_s: The same before its first delivery, s.
 
     Raises:
         RecordingError: A camera has ended without any event.
@@ -177,7 +171,7 @@ def live_windows(
     """
     sensors = [_Sensor(source) for source in sources]
     try:
-        yield from paired_windows([one.packets(sensors, silent_s, starting_s) for one in sensors])
+        yield from paired_windows([one.packets(sensors) for one in sensors])
     finally:
         for sensor in sensors:
             sensor.reader.release()

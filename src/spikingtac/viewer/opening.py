@@ -149,8 +149,8 @@ def _recording(path: Path, own: bool) -> Fields:
         found |= {"calibration": Calibration.load(beside), "calibrated_by": str(beside)}
     elif own and known and "grid" in manifest:
         places = {name: known.get(name) for name in ("reference_px", "radius_px")}
-        told = places | {name: manifest.get(name) for name in ("size", "grid", "contrast")}
-        found |= _calibrated("the twin's truth at rest", str(stored), **told)
+        stated = places | {name: manifest.get(name) for name in ("size", "grid", "contrast")}
+        found |= _calibrated("the twin's truth at rest", str(stored), **stated)
     return found
 
 

@@ -1,6 +1,5 @@
 """Two cameras in step: none waits long for one that is silent, and nothing else changes."""
 
-import itertools
 import threading
 from collections.abc import Iterator
 
@@ -10,6 +9,7 @@ import pytest
 from spikingtac.contact.detector import DetectorSummary, Window, packets_of
 from spikingtac.contact.recording import find_contacts, paired_windows
 from spikingtac.events.source import PacketSource
+from spikingtac.stream import pair
 from spikingtac.stream.pair import live_windows
 from spikingtac.types import Contact, EventPacket
 
@@ -17,13 +17,10 @@ SIZE = (4, 4)
 LONG_S = 20.0  # Nobody waits so long in a test that passes.
 
 
-def packet(*t_us: int, begin_us: int | None = None, end_us: int | None = None) -> EventPacket:
+def packet(*t_us: int) -> EventPacket:
     t = np.array(t_us, np.int64)
     flat = np.zeros(len(t), np.uint16)
-    begin = t_us[0] if begin_us is None else begin_us
-    return EventPacket(
-        flat, flat, flat > 0, t, begin, t_us[-1] + 1 if end_us is None else end_us, SIZE
-    )
+    return EventPacket(flat, flat, flat > 0, t, t_us[0], t_us[-1] + 1, SIZE)
 
 
 class Camera(PacketSource):
@@ -60,13 +57,11 @@ class OnFirst:
 
 def stream(*t_us: int, cuts: tuple[int, ...] = ()) -> list[EventPacket]:
     """Return events in packets that follow each other, cut at some times."""
-    edges = [t_us[0], *(t for t in cuts if t_us[0] < t < t_us[-1]), t_us[-1] + 1]
-    return [
-        packet(*inside, begin_us=begin, end_us=end)
-        if (inside := [t for t in t_us if begin <= t < end])
-        else EventPacket.empty(begin, end, SIZE)
-        for begin, end in itertools.pairwise(edges)
-    ]
+    parts = [packet(*t_us)]
+    for cut_us in cuts:
+        if t_us[0] < cut_us < t_us[-1]:
+            parts += parts.pop().split(cut_us)
+    return parts
 
 
 def told(windows: Iterator[tuple[EventPacket, ...]] | Iterator[Window]) -> list[object]:
@@ -76,18 +71,24 @@ def told(windows: Iterator[tuple[EventPacket, ...]] | Iterator[Window]) -> list[
     ]
 
 
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("SILENT_S", "STARTING_S"):
+        monkeypatch.setattr(pair, name, LONG_S)
+
+
 ONE, OTHER = (1_000, 1_400, 3_100, 7_999, 8_000, 11_400), (1_250, 2_250, 9_000, 9_001, 11_999)
 
 
 @pytest.mark.parametrize("cuts", [(), (3_100,), (2_000, 8_000), (1_001, 5_000, 5_001, 9_999)])
 def test_any_packets_of_two_cameras_give_the_windows_of_two_recordings(
-    cuts: tuple[int, ...],
+    cuts: tuple[int, ...], patient: None
 ) -> None:
     recorded = told(paired_windows([PacketSource(stream(*t), SIZE) for t in (ONE, OTHER)]))
     cameras = [PacketSource(stream(*ONE, cuts=cuts), SIZE), PacketSource(stream(*OTHER), SIZE)]
-    assert told(live_windows(cameras, silent_s=LONG_S, starting_s=LONG_S)) == recorded
+    assert told(live_windows(cameras)) == recorded
     cameras = [PacketSource(stream(*ONE), SIZE), PacketSource(stream(*OTHER, cuts=cuts), SIZE)]
-    assert told(live_windows(cameras, silent_s=LONG_S, starting_s=LONG_S)) == recorded
+    assert told(live_windows(cameras)) == recorded
     assert len(recorded) == 10
 
 
@@ -104,7 +105,7 @@ def test_the_first_fingers_contact_is_told_while_the_second_one_is_silent() -> N
 def test_what_comes_after_its_time_was_told_is_counted_and_later_events_count() -> None:
     busy = Camera([packet(1_000, 4_500)], [packet(9_500)])
     silent = Camera([packet(1_000)], [packet(2_500, 3_500, 8_500, 9_600)])
-    windows = live_windows([busy, silent], silent_s=0.01, starting_s=LONG_S)
+    windows = live_windows([busy, silent])
     assert [next(windows)[0].t_start_us for _ in range(3)] == [1_000, 2_000, 3_000]
     silent.speak.set()
     assert silent.said.wait(LONG_S)
@@ -114,12 +115,12 @@ def test_what_comes_after_its_time_was_told_is_counted_and_later_events_count() 
     assert rest[-1] == [(8_000, 9_000, []), (8_000, 9_000, [8_500])]
 
 
-def test_a_camera_whose_time_leaps_does_not_silence_the_other_one() -> None:
+def test_a_camera_whose_time_leaps_does_not_silence_the_other_one(patient: None) -> None:
     """A wrong time of one sensor is no reason to go on without the other, which still delivers."""
     hours_us = 7_200_000_000
     wrong = Camera([packet(1_000), packet(1_500, hours_us)], [])
     sound = Camera([packet(1_000 + 100 * n) for n in range(30)], [])
-    windows = live_windows([wrong, sound], silent_s=LONG_S, starting_s=LONG_S)
+    windows = live_windows([wrong, sound])
     assert [len(next(windows)[1]) for _ in range(2)] == [10, 10]
     sound.speak.set()
     wrong.speak.set()
