@@ -88,8 +88,8 @@ MUTATIONS = (
     ),
     Mutation(
         name="no-estimates-in-between",
-        old='{"disc": 2_000',
-        new='{"disc": 2_000_000_000',
+        old="LONGEST_PERIOD_US = 2_000",
+        new="LONGEST_PERIOD_US = 2_000_000_000",
         tests=(ACCURACY,),
     ),
     Mutation(

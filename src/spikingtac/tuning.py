@@ -18,7 +18,6 @@ T = TypeVar("T")
 # Method or law -> the fields of the tracking configuration that it reads.
 _STAGES = {
     "disc": ("disc",),
-    "bands": ("disc",),
     "blobs": ("denoiser", "blobs"),
     "paper": ("paper_law",),
 }

@@ -104,7 +104,7 @@ def test_the_mask_of_a_tracker_depends_on_no_packing_and_a_reset_forgets_it() ->
     t = np.concatenate([once.t + 1_500_000 * k for k in range(5)])
     hot = sending(*(REST_PX[0] + [RADIUS_PX + 2, 0]).astype(int), 400.0, (1.0, end_us / 1e6))
     whole = packet(*np.concatenate([np.column_stack([x, y, t]), hot]).T, PRESSED_SIZE)
-    tracker = GradedTracker(GradedTrackerConfig(), rare_off_calibration(), fit="disc")
+    tracker = GradedTracker(GradedTrackerConfig(), rare_off_calibration())
     for pieces in (1, 50):
         rest = whole
         for at_us in np.linspace(whole.t_start_us, end_us, pieces + 1)[1:-1].astype(int).tolist():

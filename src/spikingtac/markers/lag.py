@@ -38,7 +38,6 @@ from spikingtac.markers.crossings import (
     marker_track,
     observe_crossings,
 )
-from spikingtac.markers.graded.appearance import has_rare_off
 from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
 from spikingtac.types import EventPacket, MarkerFrame
 
@@ -94,9 +93,8 @@ def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
 
 def followed(packets: Iterable[EventPacket], known: Calibration) -> Iterator[MarkerFrame]:
     """Yield the markers at the end of each packet, by a tracker without lag correction."""
-    fit = "bands" if has_rare_off(known) else "disc"
     undelayed = replace(known, lag_us=0.0)
-    tracker = GradedTracker(GradedTrackerConfig(backlash=0.0), undelayed, fit=fit)
+    tracker = GradedTracker(GradedTrackerConfig(backlash=0.0), undelayed)
     for packet in packets:
         tracker.absorb(packet)
         yield tracker.estimate(packet.t_end_us)

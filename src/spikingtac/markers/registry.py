@@ -10,7 +10,6 @@ from spikingtac import plugins
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.classical import DENOISERS, make_denoiser
 from spikingtac.errors import named, require_type
-from spikingtac.markers.graded.appearance import has_rare_off
 from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
 from spikingtac.markers.laws import AnchoredLaw, OutputLaw, PaperLaw, PaperLawConfig
 from spikingtac.markers.paper import BlobTracker, BlobTrackerConfig
@@ -45,22 +44,18 @@ class TrackingConfig:
     """How markers are followed; the registry says which methods there are.
 
     Attributes:
-        method: ``disc``, ``bands`` or ``blobs``, or the name of another package's tracker.
-        rare_off_method: Method for sensors whose OFF events are rare, by their calibration (an OFF
-            step above 1.3 ON steps, and pixels that do not recover); empty for ``method``. Levels
-            alone do not place a disc there (simulated: 0.23 px; bands 0.17).
+        method: ``disc`` or ``blobs``, or the name of another package's tracker.
         rate_hz: Estimates per second of data time.
         hysteresis: Law of the output position: ``none``, ``paper`` or ``anchored``.
-        smooth: Whether tracks of files are smoothed backward, for ``disc`` and ``bands``.
+        smooth: Whether tracks of files are smoothed backward, for ``disc``.
         denoiser: For ``blobs``: a name in :data:`spikingtac.denoise.classical.DENOISERS`.
-        disc: For ``disc`` and ``bands``.
+        disc: For ``disc``.
         blobs: For ``blobs``.
         paper_law: For the law ``paper``.
         options: For a tracker from another package, which checks them itself.
     """
 
     method: str = "disc"
-    rare_off_method: str = ""
     rate_hz: float = field(default=1_000.0, metadata={"valid": (0.1, 1e6)})
     hysteresis: str = field(default="none", metadata={"choices": get_args(LawName)})
     smooth: bool = False
@@ -76,9 +71,6 @@ Builder = Callable[[TrackingConfig, Calibration, OutputLaw], MarkerTracker]
 # ``tracking.method`` -> builder, of this package.
 TRACKERS: dict[str, Builder] = {
     "disc": lambda config, calibration, law: GradedTracker(config.disc, calibration, law),
-    "bands": lambda config, calibration, law: GradedTracker(
-        config.disc, calibration, law, fit="bands"
-    ),
     "blobs": lambda config, calibration, law: BlobTracker(
         config.blobs, calibration, make_denoiser(config.denoiser), law=law
     ),
@@ -99,9 +91,7 @@ def make_tracker(config: TrackingConfig, calibration: Calibration) -> MarkerTrac
     """
     require_type(config, TrackingConfig, "load_config('default').tracking")
     require_type(calibration, Calibration, "Calibration.load('calibration.json')")
-    rare = config.rare_off_method and has_rare_off(calibration)
-    method = config.rare_off_method if rare else config.method
-    build = named(trackers(), method, "tracking method")
+    build = named(trackers(), config.method, "tracking method")
     return build(config, calibration, make_law(config))
 
 

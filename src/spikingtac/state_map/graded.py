@@ -25,6 +25,9 @@ PAD_PX = 24
 # Level of the margin: so far from any marker that a robust fit gives it no weight.
 OUTSIDE_LEVEL = np.float32(-1.0e4)
 
+# Steps by which a level is expected beyond the last crossing.
+HALF_STEP = 0.5
+
 # One event's share of the swing at contrast 6 and threshold 0.25: 0.25 / ln 6.
 STEP_DEFAULT = 0.139
 
@@ -47,6 +50,7 @@ class GradedStateMap:
         step_off: NDArray[np.float32] | float = STEP_DEFAULT,
         *,
         dark_markers: bool = False,
+        ahead: float = HALF_STEP,
     ) -> None:
         """Begin with a painted map, or with zeros for an unknown skin.
 
@@ -55,17 +59,24 @@ class GradedStateMap:
             step_on: ``(height, width)`` or one share of the swing per ON event.
             step_off: The same per OFF event.
             dark_markers: True where markers are darker than the ground: polarities swap.
+            ahead: Steps from an event's own level to the level to expect after it. With 0 levels
+                are those of the last events, and end half a step short of a full swing.
 
         Raises:
             ConfigError: A step has another shape than the map, or lies outside of (0, 1].
         """
         self._start = start.astype(np.float32)
         self.dark_markers = dark_markers
+        self.ahead = np.float32(ahead)
         self._step_on = self._checked_steps("step_on", step_on)
         self._step_off = self._checked_steps("step_off", step_off)
         # Beside each other, so that an event finds them in one place. Signed steps make a polarity
         # an index and not a branch.
-        self.pixels = np.stack([self._start, -self._step_off, self._step_on], axis=-1)
+        # A level of a last event lies in the middle of its band before the first one.
+        self._memory = self._start + (np.float32(HALF_STEP) - self.ahead) * (
+            self._step_off - self._step_on
+        )
+        self.pixels = np.stack([self._memory, -self._step_off, self._step_on], axis=-1)
         height, width = start.shape
         self.padded = np.full((height + 2 * PAD_PX, width + 2 * PAD_PX), OUTSIDE_LEVEL)
         self.values[:] = self._start
@@ -94,7 +105,7 @@ class GradedStateMap:
         """
         packet.require_map(self._start.shape)
         columns = packet.x, packet.y, packet.p
-        _integrate_kernel(self.pixels, self.values, *columns, self.dark_markers)
+        _integrate_kernel(self.pixels, self.values, *columns, self.dark_markers, self.ahead)
 
     def set_events_kept(self, share: float) -> None:
         """Enlarge the steps for a stream that lost events.
@@ -113,12 +124,12 @@ class GradedStateMap:
 
     def restore(self, pixels: NDArray[np.bool_]) -> None:
         """Paint ``(height, width)`` pixels as in the beginning."""
-        self.memory[pixels] = self._start[pixels]
+        self.memory[pixels] = self._memory[pixels]
         self.values[pixels] = self._start[pixels]
 
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
-        self.memory[:] = self._start
+        self.memory[:] = self._memory
         self.values[:] = self._start
         self.signed_steps[..., 0], self.signed_steps[..., 1] = -self._step_off, self._step_on
 
@@ -136,21 +147,24 @@ class GradedStateMap:
 
 @njit(cache=True, nogil=True)
 def integrate_event_kernel(
-    pixels: Array, row: int, column: int, rises: bool
+    pixels: Array, row: int, column: int, rises: bool, ahead: np.float32
 ) -> float:  # pragma: no cover - compiled
     """Add an event's signed step to its pixel's sum; return the level to expect from then on."""
-    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-    step = pixels[row, column, np.uint64(1) + np.uint64(rises)]
-    value = min(max(pixels[row, column, 0] + step, zero), one)
+    zero, half, one = np.float32(0.0), np.float32(HALF_STEP), np.float32(1.0)
+    step, short = pixels[row, column, np.uint64(1) + np.uint64(rises)], half - ahead
+    low, high = -short * pixels[row, column, 1], one - short * pixels[row, column, 2]
+    value = min(max(pixels[row, column, 0] + step, low), high)
     pixels[row, column, 0] = value
-    return min(max(value + half * step, zero), one)
+    return min(max(value + ahead * step, zero), one)
 
 
 @njit(cache=True, nogil=True)
 def _integrate_kernel(
-    pixels: Array, level: Array, x: Array, y: Array, p: Array, dark_markers: bool
+    pixels: Array, level: Array, x: Array, y: Array, p: Array, dark_markers: bool, ahead: float
 ) -> None:  # pragma: no cover - compiled
     """Add the step of each event. Arguments are plain: a tuple would cost a us at each call."""
     for i in range(x.size):
         row, column = y[i], x[i]
-        level[row, column] = integrate_event_kernel(pixels, row, column, p[i] != dark_markers)
+        level[row, column] = integrate_event_kernel(
+            pixels, row, column, p[i] != dark_markers, ahead
+        )

@@ -59,15 +59,13 @@ def default_variants() -> dict[str, Method]:
     def disc(**changes: float | bool) -> Config:
         return base.with_tracking(disc=replace(base.tracking.disc, **changes))  # type: ignore[arg-type]
 
-    levels = base.with_tracking(rare_off_method="")
     configs = {
         "default": ("unchanged", base),
         "default-no-leak": ("the map never leaks", disc(leak_per_s=0.0)),
         "default-no-adaptation": ("steps fixed under event loss", disc(adapt_to_loss=False)),
         "default-no-backlash": ("no backlash correction", disc(backlash=0.0)),
         "default-no-shrinkage": ("no shrinkage to neighbours", disc(shrink=0.0)),
-        "default-levels": ("levels also where OFF events are rare", levels),
-        "default-bands": ("band fit in place of the disc fit", base.with_tracking(method="bands")),
+        "default-levels": ("levels also where OFF events are rare", disc(dead_bands=False)),
     }
     for rate in RATES_HZ:
         faster = base.with_tracking(rate_hz=float(rate))

@@ -13,7 +13,7 @@ annulus lie beside each other, and one window serves markers of every size.
 
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,23 +22,20 @@ from spikingtac.calibration.disc_profile import DiscProfile, disc_profiles
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.state_map.binary import paint_discs
-from spikingtac.state_map.graded import PAD_PX, STEP_DEFAULT, GradedStateMap
-
-Map = TypeVar("Map", bound=GradedStateMap)
+from spikingtac.state_map.graded import HALF_STEP, PAD_PX, STEP_DEFAULT, GradedStateMap
 
 # Side of the blocks in which the nearest markers are looked up, px (16 and 64 take longer).
 BLOCK_PX = 32
 
 TABLE_ENTRIES = 1024  # Entries of a table: steps of 1/80 px for an edge scale of 1 px.
 # An OFF step over an ON step from which OFF events are rare (on six simulated sensors with
-# ratios of 1.1 to 4.2 bands err by 20 to 52 % less than levels, on v2e's, of 1, by more).
+# ratios of 1.1 to 4.2 dead bands err by 20 to 52 % less than levels, on v2e's, of 1, by more).
 RARE_OFF_RATIO = 1.3
 
 # ON and OFF steps of the map over the calibrated ones where pixels recover: they take part of a
 # darkening for granted without an event. Measured: on a recorded gel ON 1.4 to 2 with OFF 0.7 to 1
 # give 0.68 to 0.77 px under load, 1 and 1 give 1.3; four simulated sensors are alike from 1 to 1.6.
 RECOVERING_STEPS = 1.4, 0.85
-
 
 # Largest magnitude of a sum of the normal equations, in steps: it fits into 32 bits.
 LARGEST_SUM = 2.0**30
@@ -159,15 +156,16 @@ def profile_tables(
     return values, reach_px
 
 
-def painted_map(calibration: Calibration, kind: type[Map]) -> Map:
-    """Return the map of a sensor at rest, with the calibrated steps."""
+def painted_map(calibration: Calibration, ahead: float = HALF_STEP) -> GradedStateMap:
+    """Return the map of a sensor at rest; ``ahead`` is that of :class:`GradedStateMap`."""
     appearance, (on, off) = appearance_of(calibration), _step_shares(calibration)
     owner = nearest_marker(calibration.reference_px, calibration.size)
-    return kind(
+    return GradedStateMap(
         painted_levels(calibration),
         _steps(calibration.step_on_map, on, appearance.step_on[owner]),
         _steps(calibration.step_off_map, off, appearance.step_off[owner]),
         dark_markers=calibration.polarity == "dark",
+        ahead=ahead,
     )
 
 

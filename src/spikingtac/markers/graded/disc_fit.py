@@ -136,7 +136,7 @@ def outline_equations_kernel(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _step_kernel(
+def step_kernel(
     curvature: tuple[Any, Any, Any], gradient: tuple[Any, Any]
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
     """Solve the 2x2 system, cut to LARGEST_STEP_PX; no step where the edge says nothing.
@@ -174,7 +174,7 @@ def _ring_kernel(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _follow_kernel(
+def follow_kernel(
     outline_px: Array, m: Any, gradient: tuple[Any, Any, Any], step: float, rest_px: float
 ) -> None:  # pragma: no cover - compiled
     """Move an outline (r, b, c) along its gradient, within MOST_GROWTH of the radius at rest."""
@@ -254,7 +254,7 @@ def fit_disc_kernel(
         if not near:
             _read_kernel(window, ring, read, edges, m)
         moved = np.float32(dx), np.float32(dy), np.float32(grown)
-        step_x, step_y, length = _step_kernel(
+        step_x, step_y, length = step_kernel(
             *center_equations_kernel(window.around, ring, edges, m, moved, unit)
         )
         x, y = x + step_x, y + step_y
@@ -263,5 +263,5 @@ def fit_disc_kernel(
     if settings[1] == 0.0:
         return x, y, np.nan, length
     gradient, rr, agreement = outline_equations_kernel(window.around, ring, edges, m, moved, unit)
-    _follow_kernel(outline_px, m, gradient, settings[1] / (rr + 1e-3), settings[2])
+    follow_kernel(outline_px, m, gradient, settings[1] / (rr + 1e-3), settings[2])
     return x, y, agreement, length

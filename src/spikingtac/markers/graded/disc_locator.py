@@ -19,7 +19,9 @@ from spikingtac.markers.graded.appearance import (
     events_per_px,
     fit_window,
     painted_map,
+    profile_tables,
 )
+from spikingtac.markers.graded.dead_bands import fit_bands_kernel
 from spikingtac.markers.graded.disc_fit import (
     SMALL_STEP_PX,
     fit_disc_kernel,
@@ -35,16 +37,16 @@ from spikingtac.markers.graded.motion import (
     MARKED_Y,
     MEASUREMENT_PERIOD_S,
     OUTLINED_US,
-    SILENT_US,
     VX,
     VY,
     Locator,
     X,
     Y,
+    asks_kernel,
     correct_kernel,
     predict_kernel,
 )
-from spikingtac.state_map.graded import PAD_PX, Array, GradedStateMap, integrate_event_kernel
+from spikingtac.state_map.graded import HALF_STEP, PAD_PX, Array, integrate_event_kernel
 from spikingtac.types import EventPacket
 
 # Gauss-Newton steps of a disc fit at most: two suffice on average, a sudden release takes more.
@@ -53,10 +55,6 @@ ITERATIONS = 3
 STILL_PX_S = 0.2  # Filtered speed below which a marker without new events is not moved on.
 
 DUE_PX = 0.02  # Motion whose events ask for a fit at once, px.
-
-# Fewer events are looked at after this time, us: as long as a prediction serves (at 6 ms,
-# 10,000 estimates a second err by 7 % more on v2e's recording).
-LATE_US = 2_000
 
 # Motion whose events ask for a fit before a marker's turn, px. (At turns of 2.5 ms, v2e's recording
 # errs by 0.084 px; by 0.088 px at twice the motion.)
@@ -87,23 +85,29 @@ SECOND_THREAD = ThreadPoolExecutor(1, "spikingtac-fits")
 class DiscLocator(Locator):
     """Robust Gauss-Newton fits and a Kalman filter for each marker."""
 
-    def __init__(self, calibration: Calibration, fit_period_us: int = 0) -> None:
+    def __init__(
+        self, calibration: Calibration, fit_period_us: int = 0, dead_bands: bool = False
+    ) -> None:
         """Choose the pixels and the profiles for a sensor's markers.
 
         Args:
             calibration: Where the markers rest and how they look.
             fit_period_us: A slow marker is fitted once in such a period at most, us; the periods of
                 the markers begin one after the other. 0 fits whenever events ask.
+            dead_bands: Whether levels are known within their dead bands only
+                (:mod:`spikingtac.markers.graded.dead_bands`).
         """
         radius_px = calibration.radius_px
-        self._window = fit_window(appearance_of(calibration).profiles, calibration.size[0])
+        profiles = appearance_of(calibration).profiles
+        self._window = fit_window(profiles, calibration.size[0])
         reach_px = radius_px.max() + self._window.edge[:, 1].max()
         self._edges = np.zeros((len(radius_px), 3, int(ROOM * np.pi * reach_px**2)), np.float32)
         per_px = events_per_px(calibration)
         self._due = np.maximum(np.ceil(np.outer([DUE_PX, HURRY_PX], per_px)), 1.0)
         self._fit_period_us = fit_period_us
         self._owners = np.empty((calibration.size[1], calibration.size[0], 2), np.uint16)
-        super().__init__(calibration, painted_map(calibration, GradedStateMap))
+        self._dead_bands, self._tables = dead_bands, profile_tables(profiles)
+        super().__init__(calibration, painted_map(calibration, 0.0 if dead_bands else HALF_STEP))
 
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
@@ -125,7 +129,7 @@ class DiscLocator(Locator):
         if not len(packet):
             return
         columns = packet.x, packet.y, packet.p, packet.t
-        maps = levels.pixels, levels.padded, levels.dark_markers
+        maps = levels.pixels, levels.padded, levels.dark_markers, levels.ahead
         markers = self.counts, self._owners, self.pending
         found, watch.until_us = absorb_discs_kernel(
             *columns, watch.seen, watch.until_us, *maps, *markers
@@ -142,12 +146,13 @@ class DiscLocator(Locator):
         states = self.motion, self.fits, self.outline_px, self.pending, coasted
         markers = self._radius_px, self._due, self._owners
         maps, count = (self.map.padded, self._edges, self._read), len(self.fits)
+        bands = self.map.pixels, *self._tables, self._dead_bands
 
         def fit(first: int, after: int, alone: bool) -> int:
             place = self._fit_period_us, first, after, alone, t_us
-            return locate_discs_kernel(*maps, *self._window, *states, *markers, *place)
+            return locate_discs_kernel(*maps, *bands, *self._window, *states, *markers, *place)
 
-        if count < LARGE:
+        if count < LARGE or self._dead_bands:
             fitted = fit(0, count, True)
         else:
             beside = SECOND_THREAD.submit(fit, count // 2, count, False)
@@ -161,7 +166,7 @@ class DiscLocator(Locator):
 @njit(cache=True, nogil=True)
 def absorb_discs_kernel(
     x: Array, y: Array, p: Array, t: Array, seen: Array, until_us: int, pixels: Array,
-    padded: Array, dark_markers: bool, counts: Array, owners: Array, pending: Array,
+    padded: Array, dark_markers: bool, ahead: float, counts: Array, owners: Array, pending: Array,
 ) -> tuple[int, int]:  # pragma: no cover - compiled # fmt: skip
     """Add each event to the map, and count it for the markers around it.
 
@@ -177,7 +182,7 @@ def absorb_discs_kernel(
             continue
         # Unsigned, so that no index can be meant from the end.
         row, column = np.uint64(y[i]), np.uint64(x[i])
-        shown = integrate_event_kernel(pixels, row, column, p[i] != dark_markers)
+        shown = integrate_event_kernel(pixels, row, column, p[i] != dark_markers, ahead)
         padded[row + np.uint64(PAD_PX), column + np.uint64(PAD_PX)] = shown
         counts[owners[row, column, 0]] += 1
         pending[owners[row, column, 1]] += 1
@@ -230,15 +235,17 @@ def mark_moved_kernel(
 
 @njit(cache=True, nogil=True)
 def locate_discs_kernel(
-    padded: Array, edges: Array, read: Array, offset: Array, around: Array, within: Array,
-    coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,
-    pending: Array, coasted: Array, radius_px: Array, due: Array, owners: Array, period_us: int,
-    first: int, after: int, alone: bool, t_us: int,
+    padded: Array, edges: Array, read: Array, pixels: Array, tables: Array, reach_px: Array,
+    bands: bool, offset: Array, around: Array, within: Array, coefficients: Array, edge: Array,
+    motions: Array, fits: Array, outline_px: Array, pending: Array, coasted: Array,
+    radius_px: Array, due: Array, owners: Array, period_us: int, first: int, after: int,
+    alone: bool, t_us: int,
 ) -> int:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that enough events ask for, bring the filters up to the present; count fits.
 
     Arguments are plain, since a tuple costs a microsecond: the map with its margin, edges as they
-    were read, and where (:func:`fit_disc_kernel`); the fields of a :class:`FitWindow`; motions,
+    were read, and where (:func:`fit_disc_kernel`); levels and profiles for
+    :func:`fit_bands_kernel`, and whether it fits; the fields of a :class:`FitWindow`; motions,
     fits, outlines, pending events, who is held; radii at rest, px; ``(2, m)`` events that ask for a
     fit, in the marker's turn and before; who stands around each pixel; the period of the turns, us;
     the first marker and the one after the last; whether these are all, which are marked then; the
@@ -246,15 +253,12 @@ def locate_discs_kernel(
     """
     fitted, levels = 0, (padded.ravel(), owners.shape[1], owners.shape[0])
     window, as_read = FitWindow(offset, around, within, coefficients, edge), (edges, read)
+    known = pixels, padded, tables, reach_px
     for m in range(first, after):
         if motions[m, AT_US] < 0.0:
             motions[m, AT_US] = fits[m, FIT_US] = fits[m, OUTLINED_US] = t_us
-        if pending[m] == 0:
-            fits[m, SILENT_US] = t_us
         dt_s = (t_us - motions[m, AT_US]) * 1e-6
-        asked = pending[m] >= due[0, m] or t_us - fits[m, SILENT_US] >= LATE_US
-        if asked and period_us and pending[m] < due[1, m]:
-            asked = fits[m, FIT_US] < t_us - (t_us + m * period_us // after) % period_us
+        asked = asks_kernel(m, fits, pending, due, (period_us, after, bands, t_us))
         if not asked and (pending[m] > 0 or dt_s < MEASUREMENT_PERIOD_S):
             continue
         motions[m, AT_US] = t_us
@@ -262,12 +266,14 @@ def locate_discs_kernel(
             continue
         predict_kernel(motions[m], dt_s)
         if asked:
-            fitted += 1
-            gain, since_us = 0.0, t_us - fits[m, OUTLINED_US]
+            fitted, gain, since_us = fitted + 1, 0.0, t_us - fits[m, OUTLINED_US]
             if since_us >= OUTLINE_US:
                 gain, fits[m, OUTLINED_US] = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * since_us), t_us
             place = m, (motions[m, X], motions[m, Y]), outline_px, (ITERATIONS, gain, radius_px[m])
-            x, y, agreement, step_px = fit_disc_kernel(levels, as_read, window, *place)
+            if bands:
+                x, y, agreement, step_px = fit_bands_kernel(*known, *place)
+            else:
+                x, y, agreement, step_px = fit_disc_kernel(levels, as_read, window, *place)
             fits[m, FIT_X], fits[m, FIT_Y], fits[m, FIT_US] = x, y, t_us
             fits[m, AGREEMENT] = agreement if gain > 0.0 else fits[m, AGREEMENT]
             pending[m] = AT_ONCE if step_px >= SMALL_STEP_PX else 0

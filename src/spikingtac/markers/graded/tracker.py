@@ -1,11 +1,11 @@
 """The project's own tracker, one screen: presets ``default`` and ``fast``.
 
-Map of levels -> locator (disc fit, or band fit for sensors whose OFF events are rare) with a Kalman
-filter for each marker -> lag, backlash, and what the neighbours say
-(:mod:`spikingtac.markers.graded.corrections`). In its own time it does the rest: lost markers are
-predicted from their neighbours and found again (:mod:`spikingtac.markers.graded.track_management`),
-steps grow when events are lost (:mod:`spikingtac.markers.graded.event_loss`), and the map leaks
-towards the fitted discs (:mod:`spikingtac.markers.graded.map_leak`).
+Map of levels -> disc fits with a Kalman filter for each marker -> lag, backlash, and what the
+neighbours say (:mod:`spikingtac.markers.graded.corrections`). In its own time it does the rest:
+lost markers are predicted from their neighbours and found again
+(:mod:`spikingtac.markers.graded.track_management`), steps grow when events are lost
+(:mod:`spikingtac.markers.graded.event_loss`), and the map leaks towards the fitted discs
+(:mod:`spikingtac.markers.graded.map_leak`).
 """
 
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.hot_pixels import HotPixelWatch
-from spikingtac.markers.graded.bands import BandLocator
+from spikingtac.markers.graded.appearance import has_rare_off
 from spikingtac.markers.graded.corrections import OutputCorrections, ReleasedZero
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.event_loss import EventLoss
@@ -32,10 +32,8 @@ from spikingtac.types import EventPacket, MarkerFrame
 LAG_DEFAULT_US = 500.0
 
 # Longest time between estimates, us; where they are asked for more rarely, some are made in
-# between. (At 2 ms discs are as accurate as at 1 ms; at 30 ms they lose markers. The
-# prediction of a band fit is its prior, and strays: recorded gel, every 4 ms: 0.85 px pressed,
-# not 0.80.)
-LONGEST_PERIOD_US = {"disc": 2_000, "bands": 1_000}
+# between. (At 2 ms discs are as accurate as at 1 ms; at 30 ms they lose markers.)
+LONGEST_PERIOD_US = 2_000
 
 # Least time between two leaks of the map, and between two tasks of :data:`TASKS`, us. Putting leaks
 # off by 1 or 2 ms in steps with many fits costs 5 or 21 % of the mean error of ``default`` on v2e's
@@ -63,6 +61,8 @@ class GradedTrackerConfig:
         backlash: Share of the backlash that is made good.
         shrink: Share of a fit's error by which differences from the neighbours shrink.
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
+        dead_bands: Whether levels count as known within their dead bands only, where OFF events are
+            rare (an OFF step above 1.3 ON steps, and pixels that do not recover).
         fit_period_us: A slow marker is fitted once in such a period at most, us, and predicted in
             between; 0 fits it whenever its events ask.
     """
@@ -71,6 +71,7 @@ class GradedTrackerConfig:
     backlash: float = field(default=1.0, metadata={"range": (0.0, 1.0)})
     shrink: float = field(default=1.0, metadata={"range": (0.0, 2.0)})
     adapt_to_loss: bool = field(default=True, metadata={"range": (0, 1)})
+    dead_bands: bool = True
     fit_period_us: int = 0
 
     def __post_init__(self) -> None:
@@ -91,7 +92,6 @@ class GradedTracker:
         config: GradedTrackerConfig,
         calibration: Calibration,
         law: OutputLaw | None = None,
-        fit: str = "disc",
     ) -> None:
         """Paint the map from the calibration, so that no bootstrap slides are needed.
 
@@ -99,21 +99,18 @@ class GradedTracker:
             config: How it follows discs.
             calibration: Where the markers rest and how they look.
             law: From detected to given position; None gives out what was detected.
-            fit: ``disc`` or ``bands``. A band fit corrects levels itself, its steps do not grow
-                (motion is counted in full swings, which rare OFF events do not show), and it has no
-                backlash: what has not fired pulls only where the disc would leave the band.
         """
         self._calibration = calibration
         self._law = law or OutputLaw()
-        self._adapts = config.adapt_to_loss and fit == "disc"
-        self._locator: DiscLocator | BandLocator
-        if fit == "disc":
-            self._locator = DiscLocator(calibration, config.fit_period_us)
-            self._leak_per_s, self._backlash = config.leak_per_s, config.backlash
-        else:
-            self._locator = BandLocator(calibration)
-            self._leak_per_s, self._backlash = 0.0, 0.0
-        self._shrink, self._longest_us = config.shrink, LONGEST_PERIOD_US[fit]
+        # A fit to dead bands corrects levels itself, steps do not grow (motion is counted in full
+        # swings, which rare OFF events do not show), and nothing silent holds it back.
+        bands = config.dead_bands and has_rare_off(calibration)
+        self._adapts = config.adapt_to_loss and not bands
+        self._leak_per_s, self._backlash = (
+            (0.0, 0.0) if bands else (config.leak_per_s, config.backlash)
+        )
+        self._shrink = config.shrink
+        self._locator = DiscLocator(calibration, config.fit_period_us, bands)
         lag_us = LAG_DEFAULT_US if calibration.lag_us is None else calibration.lag_us
         self.lag_s = lag_us * 1e-6
         self._start()
@@ -146,7 +143,7 @@ class GradedTracker:
         # A fit looks for its disc nearby: where estimates are asked for rarely, some in between
         # keep it near.
         if self._due_us < packet.t_start_us:
-            self._due_us = packet.t_start_us + self._longest_us
+            self._due_us = packet.t_start_us + LONGEST_PERIOD_US
         while self._due_us < packet.t_end_us:
             before, packet = packet.split(self._due_us)
             self._take_in(before)
@@ -173,7 +170,7 @@ class GradedTracker:
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
         """Return where the markers are at ``t_us``, px, who is predicted, and how sure each is."""
         dt_s = 0.0 if self._t_us is None else (t_us - self._t_us) * 1e-6
-        self._t_us, self._due_us = t_us, t_us + self._longest_us
+        self._t_us, self._due_us = t_us, t_us + LONGEST_PERIOD_US
         locator, manager = self._locator, self._manager
         locator.locate(t_us, manager.coasted)
         short = 0.0 < dt_s < SHORT_S

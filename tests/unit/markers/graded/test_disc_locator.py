@@ -13,7 +13,6 @@ from spikingtac.markers.graded.appearance import painted_levels
 from spikingtac.markers.graded.disc_locator import (
     FARTHER_PX,
     LARGE,
-    LATE_US,
     MARKED_PX,
     DiscLocator,
 )
@@ -21,6 +20,7 @@ from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
     AT_ONCE,
     FIT_US,
+    LATE_US,
     MEASUREMENT_SIGMA_PX,
     START_VELOCITY_PX_S,
     VX,

@@ -1,0 +1,168 @@
+"""Fit a disc to levels that are known within dead bands only: where OFF events are rare.
+
+Between two events a pixel lies in the band between its thresholds around the level of its last
+event. Where an OFF threshold is a third of the swing, the middle of that band is wrong by as much,
+and a fit to it is held back. So a pixel counts with its whole residual M - S(|x - c| - R(phi)) only
+once, in the fit after its event, when it was at its level. A silent one counts where the disc would
+lie outside of its band, and then by how far. Both pull at the predicted centre by a few robust
+Gauss-Newton steps. Then the levels that disagree are drawn towards the fitted disc, so that
+thresholds that differ between pixels do not add up. The idea of one state for pose and brightness
+is that of event-based mosaicing (Kim et al. 2014, doi:10.5244/C.28.26).
+
+The map shows the level of a pixel that has fired, and after the fit what the disc and the band tell
+of it: a level that is shown as it was sent is new.
+"""
+
+import numpy as np
+from numba import njit
+
+from spikingtac.markers.graded.disc_fit import SOFT_LEVEL, follow_kernel, step_kernel
+from spikingtac.state_map.graded import PAD_PX, Array
+
+Outline = tuple[float, float, float]  # Radius and second harmonic of a disc, px.
+
+# Weight of the prediction, over that of a pixel that fired where an edge rises by a full swing in a
+# px (0.15 to 0.3 are alike within 7 % on simulated press sensors).
+PRIOR_WEIGHT = 0.2
+
+# Weight of a pixel that did not fire, over that of one that did (0.4 to 0.6: within 3 %).
+BAND_WEIGHT = 0.5
+
+SOFT_RESIDUAL = 0.4  # Residual at which a pixel counts half (Cauchy; 0.8 errs by up to 4 % more).
+
+GAIN = 0.4  # Share of a level's disagreement that one fit corrects (0.4 and 0.5: within 3 %).
+
+# Inertia of an outline, as a sum of squared slopes: a few new pixels do not tell a shape (2 to 5:
+# within 3 %; without any, markers are lost).
+OUTLINE_INERTIA = 4.0
+
+SMALL_STEP_PX = 0.005  # A fit whose last step was shorter has converged.
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _window_kernel(
+    x: float, y: float, outline: Outline, reach_px: float, shape: tuple[int, ...]
+) -> tuple[int, int, int, int]:  # pragma: no cover - compiled
+    """Return first row and column, and those after the last, of the pixels around a disc."""
+    far = outline[0] + abs(outline[1]) + abs(outline[2]) + reach_px
+    top, left = max(0, int(np.ceil(y - far))), max(0, int(np.ceil(x - far)))
+    bottom, right = min(shape[0], int(y + far) + 1), min(shape[1], int(x + far) + 1)
+    return top, left, bottom, right
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _entry_kernel(
+    dx: float, dy: float, outline: Outline, reach_px: float, last: int
+) -> int:  # pragma: no cover - compiled
+    """Return which entry of a disc's table belongs to a pixel; -1 beyond its ends."""
+    rho2 = dx * dx + dy * dy + 1e-9
+    bulge = (outline[1] * (dx * dx - dy * dy) + 2.0 * outline[2] * dx * dy) / rho2
+    place = 0.5 * last * ((np.sqrt(rho2) - outline[0] - bulge) / reach_px + 1.0)
+    return int(place) if 0.0 <= place < last else -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _residual_kernel(
+    pixel: Array, shown: float, disc: float
+) -> tuple[float, float]:  # pragma: no cover - compiled
+    """Return how far a level is from a disc's, and its weight.
+
+    That is all of it where the level is new, and else what lies beyond its band: a level may lie
+    above the disc's by an OFF step, and below by an ON step, without an event. Within it, it tells
+    nothing.
+    """
+    e, weight = pixel[0] - disc, 1.0
+    if shown != pixel[0]:
+        e, weight = max(e + pixel[1], 0.0) + min(e + pixel[2], 0.0), BAND_WEIGHT
+    return e, (e != 0.0) * weight / (1.0 + e * e / SOFT_RESIDUAL**2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _center_equations_kernel(
+    maps: tuple[Array, Array], disc: tuple[float, float, Outline], profile: tuple[Array, float]
+) -> tuple[tuple[float, float, float], tuple[float, float]]:  # pragma: no cover - compiled
+    """Return the curvature (xx, xy, yy) and the gradient (x, y) of a disc's pixels."""
+    (pixels, padded), (x, y, outline), (table, reach_px) = maps, disc, profile
+    xx = xy = yy = gx = gy = 0.0
+    top, left, bottom, right = _window_kernel(x, y, outline, reach_px, pixels.shape)
+    for row in range(top, bottom):
+        for column in range(left, right):
+            dx, dy = column - x, row - y
+            entry = _entry_kernel(dx, dy, outline, reach_px, table.shape[1] - 1)
+            if entry < 0:
+                continue
+            shown = padded[row + PAD_PX, column + PAD_PX]
+            e, weight = _residual_kernel(pixels[row, column], shown, table[0, entry])
+            slope = -table[2, entry] / np.sqrt(dx * dx + dy * dy + 1e-9)
+            jx, jy = slope * dx, slope * dy
+            xx, xy, yy = xx + weight * jx * jx, xy + weight * jx * jy, yy + weight * jy * jy
+            gx, gy = gx + weight * jx * e, gy + weight * jy * e
+    return (xx, xy, yy), (gx, gy)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _settle_kernel(
+    maps: tuple[Array, Array], disc: tuple[float, float, Outline], profile: tuple[Array, float]
+) -> tuple[tuple[float, float, float], float, float]:  # pragma: no cover - compiled
+    """Draw levels towards the fitted disc, and show what it tells of the silent ones.
+
+    Returns the gradients of r, b and c, the curvature of r, and the share of the edge that agrees.
+    """
+    (pixels, padded), (x, y, outline), (table, reach_px) = maps, disc, profile
+    gr = gb = gc = rr = agreeing = total = 0.0
+    top, left, bottom, right = _window_kernel(x, y, outline, reach_px, pixels.shape)
+    for row in range(top, bottom):
+        for column in range(left, right):
+            dx, dy = column - x, row - y
+            entry = _entry_kernel(dx, dy, outline, reach_px, table.shape[1] - 1)
+            if entry < 0:
+                continue
+            pixel, level, slope = pixels[row, column], table[0, entry], -table[2, entry]
+            apart = (pixel[0] - level) / SOFT_LEVEL
+            agreeing, total = agreeing + slope / (1.0 + apart * apart), total + slope
+            e, weight = _residual_kernel(pixel, padded[row + PAD_PX, column + PAD_PX], level)
+            pull, rho2 = weight * slope * e, dx * dx + dy * dy + 1e-9
+            gr += pull
+            gb += pull * (dx * dx - dy * dy) / rho2
+            gc += pull * 2.0 * dx * dy / rho2
+            rr += weight * slope * slope
+            pixel[0] -= np.float32(GAIN * e / (1.0 + e * e / SOFT_RESIDUAL**2))
+            bound = min(max(level, pixel[0] + pixel[1]), pixel[0] + pixel[2])
+            padded[row + PAD_PX, column + PAD_PX] = bound
+    return (gr, gb, gc), rr, agreeing / (total + 1e-6)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fit_bands_kernel(
+    pixels: Array, padded: Array, tables: Array, reach_px: Array, m: int,
+    center_px: tuple[float, float], outline_px: Array, settings: tuple[int, float, float],
+) -> tuple[float, float, float, float]:  # pragma: no cover - compiled # fmt: skip
+    """Fit a marker's centre, correct the levels, and let its outline follow.
+
+    Args:
+        pixels: ``(height, width, 3)`` levels of the last events, and steps; levels are changed.
+        padded: The map that is shown, with its margin; changed.
+        tables: Profiles (:func:`~spikingtac.markers.graded.appearance.profile_tables`).
+        reach_px: ``(m,)`` how far from minus to plus of the radius they go, px.
+        m: Which marker.
+        center_px: The predicted place, px.
+        outline_px: ``(m, 3)`` r, b and c of the discs, px; changed.
+        settings: Gauss-Newton steps at most; share of its own step that the outline makes; radius
+            at rest, px.
+
+    Returns:
+        x, y, the share of the edge that agrees, and the length of the last step.
+    """
+    maps, (x, y), length = (pixels, padded), center_px, 0.0
+    profile = tables[m], reach_px[m]
+    outline = outline_px[m, 0], outline_px[m, 1], outline_px[m, 2]
+    for _ in range(settings[0]):
+        (xx, xy, yy), (gx, gy) = _center_equations_kernel(maps, (x, y, outline), profile)
+        gx, gy = gx + PRIOR_WEIGHT * (center_px[0] - x), gy + PRIOR_WEIGHT * (center_px[1] - y)
+        step_x, step_y, length = step_kernel((xx + PRIOR_WEIGHT, xy, yy + PRIOR_WEIGHT), (gx, gy))
+        x, y = x + step_x, y + step_y
+        if length < SMALL_STEP_PX:
+            break
+    gradient, rr, agreement = _settle_kernel(maps, (x, y, outline), profile)
+    follow_kernel(outline_px, m, gradient, settings[1] / (rr + OUTLINE_INERTIA), settings[2])
+    return x, y, agreement, length
