@@ -73,9 +73,8 @@ class GradedStateMap:
         # Beside each other, so that an event finds them in one place. Signed steps make a polarity
         # an index and not a branch.
         # A level of a last event lies in the middle of its band before the first one.
-        self._memory = self._start + (np.float32(HALF_STEP) - self.ahead) * (
-            self._step_off - self._step_on
-        )
+        middle = (HALF_STEP - ahead) * (self._step_off - self._step_on)
+        self._memory = (self._start + middle).astype(np.float32)
         self.pixels = np.stack([self._memory, -self._step_off, self._step_on], axis=-1)
         height, width = start.shape
         self.padded = np.full((height + 2 * PAD_PX, width + 2 * PAD_PX), OUTSIDE_LEVEL)
@@ -160,7 +159,7 @@ def integrate_event_kernel(
 
 @njit(cache=True, nogil=True)
 def _integrate_kernel(
-    pixels: Array, level: Array, x: Array, y: Array, p: Array, dark_markers: bool, ahead: float
+    pixels: Array, level: Array, x: Array, y: Array, p: Array, dark_markers: bool, ahead: np.float32
 ) -> None:  # pragma: no cover - compiled
     """Add the step of each event. Arguments are plain: a tuple would cost a us at each call."""
     for i in range(x.size):

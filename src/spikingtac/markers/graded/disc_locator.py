@@ -166,7 +166,8 @@ class DiscLocator(Locator):
 @njit(cache=True, nogil=True)
 def absorb_discs_kernel(
     x: Array, y: Array, p: Array, t: Array, seen: Array, until_us: int, pixels: Array,
-    padded: Array, dark_markers: bool, ahead: float, counts: Array, owners: Array, pending: Array,
+    padded: Array, dark_markers: bool, ahead: np.float32, counts: Array, owners: Array,
+    pending: Array,
 ) -> tuple[int, int]:  # pragma: no cover - compiled # fmt: skip
     """Add each event to the map, and count it for the markers around it.
 
