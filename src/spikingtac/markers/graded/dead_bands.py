@@ -30,7 +30,7 @@ BAND_WEIGHT = 0.5
 
 SOFT_RESIDUAL = 0.4  # Residual at which a pixel counts half (Cauchy; 0.8 errs by up to 4 % more).
 
-GAIN = 0.4  # Share of a level's disagreement that one fit corrects (0.4 and 0.5: within 3 %).
+GAIN = 0.5  # Share of a level's disagreement that one fit corrects (0.4 and 0.5: within 3 %).
 
 # Inertia of an outline, as a sum of squared slopes: a few new pixels do not tell a shape (2 to 5:
 # within 3 %; without any, markers are lost).
