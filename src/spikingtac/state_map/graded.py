@@ -67,7 +67,7 @@ class GradedStateMap:
         """
         self._start = start.astype(np.float32)
         self.dark_markers = dark_markers
-        self.ahead = np.float32(ahead)
+        self.ahead = ahead
         self._step_on = self._checked_steps("step_on", step_on)
         self._step_off = self._checked_steps("step_off", step_off)
         # Beside each other, so that an event finds them in one place. Signed steps make a polarity
@@ -146,20 +146,21 @@ class GradedStateMap:
 
 @njit(cache=True, nogil=True)
 def integrate_event_kernel(
-    pixels: Array, row: int, column: int, rises: bool, ahead: np.float32
+    pixels: Array, row: int, column: int, rises: bool, ahead: float
 ) -> float:  # pragma: no cover - compiled
     """Add an event's signed step to its pixel's sum; return the level to expect from then on."""
     zero, half, one = np.float32(0.0), np.float32(HALF_STEP), np.float32(1.0)
-    step, short = pixels[row, column, np.uint64(1) + np.uint64(rises)], half - ahead
+    step, beyond = pixels[row, column, np.uint64(1) + np.uint64(rises)], np.float32(ahead)
+    short = half - beyond
     low, high = -short * pixels[row, column, 1], one - short * pixels[row, column, 2]
     value = min(max(pixels[row, column, 0] + step, low), high)
     pixels[row, column, 0] = value
-    return min(max(value + ahead * step, zero), one)
+    return min(max(value + beyond * step, zero), one)
 
 
 @njit(cache=True, nogil=True)
 def _integrate_kernel(
-    pixels: Array, level: Array, x: Array, y: Array, p: Array, dark_markers: bool, ahead: np.float32
+    pixels: Array, level: Array, x: Array, y: Array, p: Array, dark_markers: bool, ahead: float
 ) -> None:  # pragma: no cover - compiled
     """Add the step of each event. Arguments are plain: a tuple would cost a us at each call."""
     for i in range(x.size):

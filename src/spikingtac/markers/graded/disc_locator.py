@@ -6,6 +6,7 @@ around its disc where it stands.
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -106,7 +107,7 @@ class DiscLocator(Locator):
         self._due = np.maximum(np.ceil(np.outer([DUE_PX, HURRY_PX], per_px)), 1.0)
         self._fit_period_us = fit_period_us
         self._owners = np.empty((calibration.size[1], calibration.size[0], 2), np.uint16)
-        self._dead_bands, self._tables = dead_bands, profile_tables(profiles)
+        self._tables = profile_tables(profiles) if dead_bands else None
         super().__init__(calibration, painted_map(calibration, 0.0 if dead_bands else HALF_STEP))
 
     def reset(self) -> None:
@@ -146,13 +147,14 @@ class DiscLocator(Locator):
         states = self.motion, self.fits, self.outline_px, self.pending, coasted
         markers = self._radius_px, self._due, self._owners
         maps, count = (self.map.padded, self._edges, self._read), len(self.fits)
-        bands = self.map.pixels, *self._tables, self._dead_bands
+        # The kernel is compiled twice: None leaves the fit to dead bands out.
+        bands = (self.map.pixels, self.map.padded, *self._tables) if self._tables else None
 
         def fit(first: int, after: int, alone: bool) -> int:
             place = self._fit_period_us, first, after, alone, t_us
-            return locate_discs_kernel(*maps, *bands, *self._window, *states, *markers, *place)
+            return locate_discs_kernel(*maps, bands, *self._window, *states, *markers, *place)
 
-        if count < LARGE or self._dead_bands:
+        if count < LARGE or self._tables:
             fitted = fit(0, count, True)
         else:
             beside = SECOND_THREAD.submit(fit, count // 2, count, False)
@@ -236,17 +238,16 @@ def mark_moved_kernel(
 
 @njit(cache=True, nogil=True)
 def locate_discs_kernel(
-    padded: Array, edges: Array, read: Array, pixels: Array, tables: Array, reach_px: Array,
-    bands: bool, offset: Array, around: Array, within: Array, coefficients: Array, edge: Array,
-    motions: Array, fits: Array, outline_px: Array, pending: Array, coasted: Array,
-    radius_px: Array, due: Array, owners: Array, period_us: int, first: int, after: int,
-    alone: bool, t_us: int,
+    padded: Array, edges: Array, read: Array, bands: tuple[Any, ...] | None, offset: Array,
+    around: Array, within: Array, coefficients: Array, edge: Array, motions: Array, fits: Array,
+    outline_px: Array, pending: Array, coasted: Array, radius_px: Array, due: Array, owners: Array,
+    period_us: int, first: int, after: int, alone: bool, t_us: int,
 ) -> int:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that enough events ask for, bring the filters up to the present; count fits.
 
     Arguments are plain, since a tuple costs a microsecond: the map with its margin, edges as they
-    were read, and where (:func:`fit_disc_kernel`); levels and profiles for
-    :func:`fit_bands_kernel`, and whether it fits; the fields of a :class:`FitWindow`; motions,
+    were read, and where (:func:`fit_disc_kernel`); maps and profiles for
+    :func:`fit_bands_kernel`, or None; the fields of a :class:`FitWindow`; motions,
     fits, outlines, pending events, who is held; radii at rest, px; ``(2, m)`` events that ask for a
     fit, in the marker's turn and before; who stands around each pixel; the period of the turns, us;
     the first marker and the one after the last; whether these are all, which are marked then; the
@@ -254,12 +255,11 @@ def locate_discs_kernel(
     """
     fitted, levels = 0, (padded.ravel(), owners.shape[1], owners.shape[0])
     window, as_read = FitWindow(offset, around, within, coefficients, edge), (edges, read)
-    known = pixels, padded, tables, reach_px
     for m in range(first, after):
         if motions[m, AT_US] < 0.0:
             motions[m, AT_US] = fits[m, FIT_US] = fits[m, OUTLINED_US] = t_us
         dt_s = (t_us - motions[m, AT_US]) * 1e-6
-        asked = asks_kernel(m, fits, pending, due, (period_us, after, bands, t_us))
+        asked = asks_kernel(m, fits, pending, due, (period_us, after, bands is not None, t_us))
         if not asked and (pending[m] > 0 or dt_s < MEASUREMENT_PERIOD_S):
             continue
         motions[m, AT_US] = t_us
@@ -271,8 +271,8 @@ def locate_discs_kernel(
             if since_us >= OUTLINE_US:
                 gain, fits[m, OUTLINED_US] = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * since_us), t_us
             place = m, (motions[m, X], motions[m, Y]), outline_px, (ITERATIONS, gain, radius_px[m])
-            if bands:
-                x, y, agreement, step_px = fit_bands_kernel(*known, *place)
+            if bands is not None:
+                x, y, agreement, step_px = fit_bands_kernel(*bands, *place)
             else:
                 x, y, agreement, step_px = fit_disc_kernel(levels, as_read, window, *place)
             fits[m, FIT_X], fits[m, FIT_Y], fits[m, FIT_US] = x, y, t_us

@@ -91,8 +91,8 @@ def asks_kernel(
         fits[m, SILENT_US] = t_us
     asked = pending[m] >= due[0, m] or t_us - fits[m, SILENT_US] >= LATE_US
     if dead_bands:
-        return asked and t_us - fits[m, FIT_US] >= SHORTEST_PERIOD_US
-    if asked and period_us and pending[m] < due[1, m]:
+        asked = asked and t_us - fits[m, FIT_US] >= SHORTEST_PERIOD_US
+    elif asked and period_us and pending[m] < due[1, m]:
         asked = fits[m, FIT_US] < t_us - (t_us + m * period_us // after) % period_us
     return asked
 
