@@ -146,7 +146,7 @@ class GradedStateMap:
 
 @njit(cache=True, nogil=True)
 def integrate_event_kernel(
-    pixels: Array, row: int, column: int, rises: bool, ahead: float
+    pixels: Array, row: Any, column: Any, rises: bool, ahead: float
 ) -> float:  # pragma: no cover - compiled
     """Add an event's signed step to its pixel's sum; return the level to expect from then on."""
     zero, half, one = np.float32(0.0), np.float32(HALF_STEP), np.float32(1.0)

@@ -268,6 +268,6 @@ def unpack(message: bytes | bytearray) -> LiveFrame:
     count = (len(message) - HEAD.size) // (8 * NUMBERS + 1)
     numbers = np.frombuffer(message, np.float64, NUMBERS * count, HEAD.size)
     coasted = np.frombuffer(message, np.bool_, count, HEAD.size + numbers.nbytes)
-    places = numbers[: 6 * count].reshape(3, count, 2)
-    told = SourceHealth(*health), number, told_ns, behind_ms, most_ms
-    return LiveFrame(t_us, *places, coasted, numbers[6 * count :], *told)
+    detected_px, position_px, displacement_px = numbers[: 6 * count].reshape(3, count, 2)
+    columns = detected_px, position_px, displacement_px, coasted, numbers[6 * count :]
+    return LiveFrame(t_us, *columns, SourceHealth(*health), number, told_ns, behind_ms, most_ms)

@@ -61,7 +61,7 @@ def parse_command(text: str) -> tuple[str, Any]:
         kinds, low, high = _RULES[name]
         control, given = "", value
         if name == "set":
-            control, given = value if isinstance(value, list) else ()
+            control, given = value if isinstance(value, list) else []
         fits = type(given) in kinds and (low is None or low <= given <= high)
         fits &= isinstance(control, str)
     except (ValueError, AttributeError, KeyError, TypeError, RecursionError) as error:

@@ -194,9 +194,9 @@ def _in_sight(
     inside = (place_px >= -reach_px) & (place_px <= np.array(size) - 1 + reach_px)
     if layout.shape is None:
         return inside.all(axis=1) & measured, None
-    there = inside.all(axis=1).reshape(layout.shape)
-    rows, columns = there.any(axis=1), there.any(axis=0)
-    whole = there[np.ix_(rows, columns)].all()
+    there: NDArray[np.bool_] = np.reshape(inside.all(axis=1), layout.shape)
+    rows, columns = np.any(there, axis=1), np.any(there, axis=0)
+    whole = np.all(there[np.ix_(rows, columns)])
     return there.ravel(), (int(rows.sum()), int(columns.sum())) if whole else None
 
 

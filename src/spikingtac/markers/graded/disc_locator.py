@@ -6,7 +6,6 @@ around its disc where it stands.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 from numba import njit
@@ -78,6 +77,9 @@ MARKED_PX = 2.5  # Way after which a marker marks its pixels anew, px.
 ROOM = 1.5
 
 LARGE = 256  # Markers of a skin from which on two threads share the fits.
+
+# What a fit to dead bands reads: pixels and shown levels of the map, profiles, and their reach.
+Bands = tuple[Array, Array, Array, Array]
 
 # One for all trackers of the process, begun when it is first needed.
 SECOND_THREAD = ThreadPoolExecutor(1, "spikingtac-fits")
@@ -168,7 +170,7 @@ class DiscLocator(Locator):
 @njit(cache=True, nogil=True)
 def absorb_discs_kernel(
     x: Array, y: Array, p: Array, t: Array, seen: Array, until_us: int, pixels: Array,
-    padded: Array, dark_markers: bool, ahead: np.float32, counts: Array, owners: Array,
+    padded: Array, dark_markers: bool, ahead: float, counts: Array, owners: Array,
     pending: Array,
 ) -> tuple[int, int]:  # pragma: no cover - compiled # fmt: skip
     """Add each event to the map, and count it for the markers around it.
@@ -238,7 +240,7 @@ def mark_moved_kernel(
 
 @njit(cache=True, nogil=True)
 def locate_discs_kernel(
-    padded: Array, edges: Array, read: Array, bands: tuple[Any, ...] | None, offset: Array,
+    padded: Array, edges: Array, read: Array, bands: Bands | None, offset: Array,
     around: Array, within: Array, coefficients: Array, edge: Array, motions: Array, fits: Array,
     outline_px: Array, pending: Array, coasted: Array, radius_px: Array, due: Array, owners: Array,
     period_us: int, first: int, after: int, alone: bool, t_us: int,
