@@ -86,10 +86,11 @@ class Playback:
 
     def aim(self, t_us: int) -> None:
         """Set where to go, before or after the position."""
-        self.aim_us = max(t_us, self.store.t_start_us)
+        first_us = self.store.kept_from_us
+        self.aim_us = max(t_us, first_us)
         if self.aim_us >= self.position_us:
             return
-        before = [kept for kept in self._copies if kept[0] <= self.aim_us]
+        before = [kept for kept in self._copies if first_us <= kept[0] <= self.aim_us]
         if before:
             self.position_us, self.state = copy.deepcopy(before[-1])
         else:  # the later copies stay valid: the same events give the same states
@@ -131,8 +132,12 @@ class Playback:
         return next_us if too_long and t_us > last_us + SILENCE_LIMIT_US else None
 
     def _rewind(self) -> None:
-        self.position_us = self.store.t_start_us
+        self.position_us = self.store.kept_from_us
         self.state = State(self.view.make_tracker(self.config), self.view.make_detector())
+        first_us = self.store.first_event_us
+        if first_us is not None and self.position_us > first_us:  # what came before is forgotten
+            times = EstimateTimes(first_us, self.view.rate_hz)
+            self.state.step = times.index(self.position_us) + 1
 
     def _advance(self) -> bool:
         """Go on to the next estimate time or window's end; False where the source has ended."""

@@ -15,7 +15,7 @@ from spikingtac.types import MarkerFrame
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.record import EXPOSURE_US, Record
 from spikingtac.viewer.snapshot import encode, greeting, snapshot
-from spikingtac.viewer.source import EventStore, ViewSource
+from spikingtac.viewer.source import MOST_EVENTS, EventStore, ViewSource
 
 Publish = Callable[[bytes], object]  # Offers a message to whoever looks; never waits.
 FRAME_HZ = 60.0  # Frames offered per second; displays show no more.
@@ -55,7 +55,7 @@ class Session:
         # Looking at events needs no calibration.
         if len(view.calibration.reference_px) and not view.own_calibration:
             source = CheckedSource(source, view.calibration, self.warn)
-        store = EventStore(source)
+        store = EventStore(source, float("inf") if view.ends else MOST_EVENTS)
         if view.ends:
             store.extend_to(float("inf"))
         if view.desk is not None:
@@ -162,7 +162,7 @@ class Session:
 
     def _seek(self, t_us: int) -> None:
         store = self.playback.store
-        self._playhead_us = float(min(max(t_us, store.t_start_us), store.t_end_us))
+        self._playhead_us = float(min(max(t_us, store.kept_from_us), store.t_end_us))
         self.playback.aim(int(self._playhead_us))
 
     def _at_end(self) -> bool:

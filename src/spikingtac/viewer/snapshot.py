@@ -109,8 +109,8 @@ def greeting(playback: Playback) -> dict[str, Any]:
     quality = None
     # Events alone are judged, so that the page can tell what to mend before they are calibrated.
     if not len(calibration.reference_px):
-        end_us = min(store.t_end_us, store.t_start_us + JUDGED_US)
-        found = judge_events(store.between(store.t_start_us, end_us))
+        begin_us = store.kept_from_us
+        found = judge_events(store.between(begin_us, min(store.t_end_us, begin_us + JUDGED_US)))
         quality = {
             "on_fraction": None if found.on_fraction is None else round(found.on_fraction, 4),
             "noise_hz": round(found.noise_hz, 4),

@@ -30,6 +30,9 @@ BEYOND_US = 2_000
 
 # Events that the files hold before they grow; they double, and stay sparse on disk.
 FIRST_CAPACITY = 1 << 20
+
+# Events of a camera that are stored, 3.5 GB: minutes at 1 Mev/s. Then the latest are kept, us.
+MOST_EVENTS, KEPT_US = 1 << 28, 2_000_000
 SPECTRUM_EVERY_US = 100_000  # How often the spectrum is made anew: faster than it can be read, us.
 LARGEST_BINS = 250  # Bins of the spectrum that the page draws.
 
@@ -110,17 +113,25 @@ class EventStore:
 
     A source that goes on (a camera, a simulation) is pulled only as far as is asked for.
 
+    Args:
+        source: The events.
+        most_events: Where more come, only the last :data:`KEPT_US` of them are kept, and what
+            follows: a camera's may go on for days.
+
     Attributes:
         size: ``(width, height)`` of the sensor, px.
         losses: What the source has lost so far, by kind.
         ended: True once the source has nothing more.
         t_start_us: First microsecond of the stream.
+        kept_from_us: First microsecond whose events are still there.
+        first_event_us: Time of the first event, or None while none has been pulled.
         t_end_us: First microsecond that was not pulled yet.
     """
 
-    def __init__(self, source: EventSource) -> None:
+    def __init__(self, source: EventSource, most_events: float = float("inf")) -> None:
         self._source, self.size, self.losses = source, source.size, source.losses
-        self.ended, self.t_end_us = False, 0
+        self.ended, self.t_end_us, self._most = False, 0, most_events
+        self.first_event_us: int | None = None
         self._stream: Iterator[EventPacket] = iter(source)
         self._columns: dict[str, NDArray[Any]] = {}
         self._events = 0
@@ -130,12 +141,7 @@ class EventStore:
         self._close_files = weakref.finalize(self, opened.close)
         self._grow(FIRST_CAPACITY)
         first = self._pull()
-        self.t_start_us = 0 if first is None else first.t_start_us
-
-    @property
-    def first_event_us(self) -> int | None:
-        """Time of the first event, or None while none has been pulled."""
-        return int(self._columns["t"][0]) if self._events else None
+        self.t_start_us = self.kept_from_us = 0 if first is None else first.t_start_us
 
     def around(self, t_us: int) -> tuple[int | None, int | None]:
         """Return the times of the last event before ``t_us`` and of the next one from it on.
@@ -178,6 +184,10 @@ class EventStore:
         if packet is None:
             self.ended = True
             return None
+        if self._events + len(packet) > self._most:
+            self._forget()
+        if self.first_event_us is None and len(packet):
+            self.first_event_us = int(packet.t[0])
         self.t_end_us = packet.t_end_us
         after = self._events + len(packet)
         if after > len(self._columns["t"]):
@@ -186,6 +196,13 @@ class EventStore:
             column[self._events : after] = getattr(packet, name)
         self._events = after
         return packet
+
+    def _forget(self) -> None:
+        self.kept_from_us = max(self.kept_from_us, self.t_end_us - KEPT_US)
+        first = int(np.searchsorted(self._columns["t"][: self._events], self.kept_from_us))
+        for column in self._columns.values():
+            column[: self._events - first] = column[first : self._events].copy()
+        self._events -= first
 
     def _grow(self, capacity: int) -> None:
         for name, dtype in COLUMNS.items():

@@ -109,3 +109,19 @@ def test_any_stretch_equals_the_source(capacity: int, monkeypatch: pytest.Monkey
             np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[inside])
         assert (part.t_start_us, part.t_end_us, part.size) == (start_us, end_us, SIZE)
     store.close()
+
+
+def test_of_a_source_that_goes_on_the_latest_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(source, "KEPT_US", 30_000)
+    whole = EventPacket.concatenate(random_packets(3, 60))
+    play = counted(EventStore(random_source(seed=3, packets=60), len(whole) // 3), 1000.0)
+    first_us, last_us = play.store.t_start_us, play.store.t_start_us + 480_000
+    np.testing.assert_array_equal(tracked_to(play, last_us), tracked_to(playback(), last_us))
+    kept_us = play.store.kept_from_us
+    assert first_us < kept_us <= last_us
+    assert play.store.between(first_us, last_us).t.tolist() == [
+        t for t in whole.t.tolist() if kept_us <= t < last_us
+    ]
+    play.aim(first_us)
+    assert play.work(FOREVER_S)
+    assert play.position_us == kept_us

@@ -211,6 +211,7 @@ def _read_kernel(
     _edge_kernel(window.around, ring, disc, window.coefficients, edges, m)
 
 
+# Compiled into its loop: a call would count the references to all its arrays, a sixth of a fit.
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def fit_disc_kernel(
     levels: tuple[Array, int, int], as_read: tuple[Array, Array], window: FitWindow, marker: int,
