@@ -70,11 +70,11 @@ class GradedStateMap:
         self.ahead = ahead
         self._step_on = self._checked_steps("step_on", step_on)
         self._step_off = self._checked_steps("step_off", step_off)
-        # Beside each other, so that an event finds them in one place. Signed steps make a polarity
-        # an index and not a branch.
         # A level of a last event lies in the middle of its band before the first one.
         middle = (HALF_STEP - ahead) * (self._step_off - self._step_on)
         self._memory = (self._start + middle).astype(np.float32)
+        # Beside each other, so that an event finds them in one place. Signed steps make a polarity
+        # an index and not a branch.
         self.pixels = np.stack([self._memory, -self._step_off, self._step_on], axis=-1)
         height, width = start.shape
         self.padded = np.full((height + 2 * PAD_PX, width + 2 * PAD_PX), OUTSIDE_LEVEL)
