@@ -40,6 +40,9 @@ class GradedStateMap:
             OUTSIDE_LEVEL; fits read it, the leak moves it.
         pixels: ``(height, width, 3)`` float32 what an event changes and needs: the clipped sum
             behind :attr:`values`, the falling step (negative), and the rising one.
+        events_kept: Events that arrive over events that the calibration saw; above 0. Of n events
+            per swing only ``n * events_kept`` arrive, and a step is 1 / (n + 1): the one more is
+            the dead band in which a pixel reverses without an event. So steps grow with loss.
         dark_markers: Whether markers are darker than the ground: polarities swap.
     """
 
@@ -68,14 +71,13 @@ class GradedStateMap:
         self._start = start.astype(np.float32)
         self.dark_markers = dark_markers
         self.ahead = ahead
-        self._step_on = self._checked_steps("step_on", step_on)
-        self._step_off = self._checked_steps("step_off", step_off)
+        self.events_kept = 1.0
+        on, off = self._checked_steps("step_on", step_on), self._checked_steps("step_off", step_off)
         # A level of a last event lies in the middle of its band before the first one.
-        middle = (HALF_STEP - ahead) * (self._step_off - self._step_on)
-        self._memory = (self._start + middle).astype(np.float32)
+        self._memory = (self._start + (HALF_STEP - ahead) * (off - on)).astype(np.float32)
         # Beside each other, so that an event finds them in one place. Signed steps make a polarity
         # an index and not a branch.
-        self.pixels = np.stack([self._memory, -self._step_off, self._step_on], axis=-1)
+        self.pixels = np.stack([self._memory, -off, on], axis=-1)
         height, width = start.shape
         self.padded = np.full((height + 2 * PAD_PX, width + 2 * PAD_PX), OUTSIDE_LEVEL)
         self.values[:] = self._start
@@ -91,11 +93,6 @@ class GradedStateMap:
         """``(height, width)`` clipped sums; a view."""
         return self.pixels[..., 0]
 
-    @property
-    def signed_steps(self) -> NDArray[np.float32]:
-        """``(height, width, 2)`` steps in use, falling and rising; a view."""
-        return self.pixels[..., 1:]
-
     def absorb(self, packet: EventPacket) -> None:
         """Add every event of a packet.
 
@@ -103,23 +100,9 @@ class GradedStateMap:
             ConfigError: The packet comes from a sensor of another size.
         """
         packet.require_map(self._start.shape)
-        columns = packet.x, packet.y, packet.p
-        _integrate_kernel(self.pixels, self.values, *columns, self.dark_markers, self.ahead)
-
-    def set_events_kept(self, share: float) -> None:
-        """Enlarge the steps for a stream that lost events.
-
-        Of n events per swing only ``n * share`` arrive, and a step is 1 / (n + 1): the one more is
-        the dead band in which a pixel reverses without an event.
-
-        Args:
-            share: Events that arrive over events that the calibration saw; above 0.
-        """
-        for sign, calibrated, used in (
-            (-1.0, self._step_off, self.signed_steps[..., 0]),
-            (1.0, self._step_on, self.signed_steps[..., 1]),
-        ):
-            np.divide(sign, (1.0 / calibrated - 1.0) * share + 1.0, out=used)
+        maps = self.pixels, self.values
+        settings = self.dark_markers, self.ahead, self.events_kept
+        _integrate_kernel(*maps, packet.x, packet.y, packet.p, *settings)
 
     def restore(self, pixels: NDArray[np.bool_]) -> None:
         """Paint ``(height, width)`` pixels as in the beginning."""
@@ -130,7 +113,7 @@ class GradedStateMap:
         """Go back to the map that the object was made with."""
         self.memory[:] = self._memory
         self.values[:] = self._start
-        self.signed_steps[..., 0], self.signed_steps[..., 1] = -self._step_off, self._step_on
+        self.events_kept = 1.0
 
     def _checked_steps(self, name: str, step: NDArray[np.float32] | float) -> NDArray[np.float32]:
         if np.shape(step) not in ((), self._start.shape):
@@ -144,13 +127,15 @@ class GradedStateMap:
         return steps
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def integrate_event_kernel(
-    pixels: Array, row: Any, column: Any, rises: bool, ahead: float
+    pixels: Array, row: Any, column: Any, rises: bool, ahead: float, kept: float
 ) -> float:  # pragma: no cover - compiled
     """Add an event's signed step to its pixel's sum; return the level to expect from then on."""
     zero, half, one = np.float32(0.0), np.float32(HALF_STEP), np.float32(1.0)
-    step, beyond = pixels[row, column, np.uint64(1) + np.uint64(rises)], np.float32(ahead)
+    share, beyond = np.float32(kept), np.float32(ahead)
+    calibrated = pixels[row, column, np.uint64(1) + np.uint64(rises)]
+    step = calibrated / (share + (one - share) * abs(calibrated))
     short = half - beyond
     low, high = -short * pixels[row, column, 1], one - short * pixels[row, column, 2]
     value = min(max(pixels[row, column, 0] + step, low), high)
@@ -160,11 +145,12 @@ def integrate_event_kernel(
 
 @njit(cache=True, nogil=True)
 def _integrate_kernel(
-    pixels: Array, level: Array, x: Array, y: Array, p: Array, dark_markers: bool, ahead: float
-) -> None:  # pragma: no cover - compiled
+    pixels: Array, level: Array, x: Array, y: Array, p: Array, dark_markers: bool, ahead: float,
+    kept: float,
+) -> None:  # pragma: no cover - compiled # fmt: skip
     """Add the step of each event. Arguments are plain: a tuple would cost a us at each call."""
     for i in range(x.size):
         row, column = y[i], x[i]
         level[row, column] = integrate_event_kernel(
-            pixels, row, column, p[i] != dark_markers, ahead
+            pixels, row, column, p[i] != dark_markers, ahead, kept
         )

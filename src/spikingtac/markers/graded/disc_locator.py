@@ -132,10 +132,11 @@ class DiscLocator(Locator):
         if not len(packet):
             return
         columns = packet.x, packet.y, packet.p, packet.t
-        maps = levels.pixels, levels.padded, levels.dark_markers, levels.ahead
+        maps = levels.pixels, levels.padded
+        settings = levels.dark_markers, levels.ahead, levels.events_kept
         markers = self.counts, self._owners, self.pending
         found, watch.until_us = absorb_discs_kernel(
-            *columns, watch.seen, watch.until_us, *maps, *markers
+            *columns, watch.seen, watch.until_us, *maps, *settings, *markers
         )
         watch.found += found
 
@@ -170,7 +171,7 @@ class DiscLocator(Locator):
 @njit(cache=True, nogil=True)
 def absorb_discs_kernel(
     x: Array, y: Array, p: Array, t: Array, seen: Array, until_us: int, pixels: Array,
-    padded: Array, dark_markers: bool, ahead: float, counts: Array, owners: Array,
+    padded: Array, dark_markers: bool, ahead: float, kept: float, counts: Array, owners: Array,
     pending: Array,
 ) -> tuple[int, int]:  # pragma: no cover - compiled # fmt: skip
     """Add each event to the map, and count it for the markers around it.
@@ -187,7 +188,7 @@ def absorb_discs_kernel(
             continue
         # Unsigned, so that no index can be meant from the end.
         row, column = np.uint64(y[i]), np.uint64(x[i])
-        shown = integrate_event_kernel(pixels, row, column, p[i] != dark_markers, ahead)
+        shown = integrate_event_kernel(pixels, row, column, p[i] != dark_markers, ahead, kept)
         padded[row + np.uint64(PAD_PX), column + np.uint64(PAD_PX)] = shown
         counts[owners[row, column, 0]] += 1
         pending[owners[row, column, 1]] += 1

@@ -72,8 +72,6 @@ SILENT_CROSSINGS = 2.4
 
 LEAST_SILENT_PX = 0.1  # The same way at least, px: far below the shortest stroke that is asked.
 
-SHARE_CHANGE = 0.03  # Changes of the share smaller than this leave the steps alone.
-
 
 class EventLoss:
     """Watches the stream for loss.
@@ -112,19 +110,16 @@ class EventLoss:
 
     def update(
         self, motion: NDArray[np.float64], counts: NDArray[np.int64], dt_s: float
-    ) -> float | None:
+    ) -> None:
         """Judge what was counted.
 
         Args:
             motion: ``(m, 8)`` states of the markers (:mod:`spikingtac.markers.graded.motion`).
             counts: ``(m,)`` events in each marker's cell.
             dt_s: Time in which they came, s.
-
-        Returns:
-            The new share of events that arrive, when it changed; None otherwise.
         """
         if dt_s <= 0.0:
-            return None
+            return
         mean_px_s, expected, arrived = motion_kernel(
             motion, self._reference_px, self._turn_px, counts, self.noise_per_s,
             self.events_per_px, self._silent_px, self._roam_px, LEAST_STROKE_PX,
@@ -137,18 +132,13 @@ class EventLoss:
             gain = 1.0 - np.exp(-dt_s / BACKGROUND_MEMORY_S)
             self._background_hz_px += gain * (rate_hz_px - self._background_hz_px)
         if expected <= 0.0:
-            return None
+            return
         kept = 1.0 - min(expected / MEMORY_EVENTS, 1.0)
         self._expected = kept * self._expected + expected
         self._arrived = kept * self._arrived + arrived
-        if not self.judged:
-            return None
-        share = self._arrived / self._expected
-        share = 1.0 if share > FULL_SHARE else max(share, SMALLEST_SHARE)
-        if abs(share - self.share) < SHARE_CHANGE:
-            return None
-        self.share = share
-        return share
+        if self.judged:
+            share = self._arrived / self._expected
+            self.share = 1.0 if share > FULL_SHARE else max(share, SMALLEST_SHARE)
 
 
 @njit(cache=True, nogil=True)

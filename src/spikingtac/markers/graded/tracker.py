@@ -210,7 +210,7 @@ class GradedTracker:
         self._kept = EventLoss(self._calibration)
         self._leak = MapLeak(self._calibration, self._leak_per_s) if self._leak_per_s else None
         if self._adapts:
-            self._locator.map.set_events_kept(self._kept.share)
+            self._locator.map.events_kept = self._kept.share
 
     def _let_leak(self, t_us: int) -> None:
         since_s = 0.0 if self._leaked_us is None else (t_us - self._leaked_us) * 1e-6
@@ -226,9 +226,9 @@ class GradedTracker:
             counted_s = 0.0 if self._counted_us is None else (t_us - self._counted_us) * 1e-6
             self._counted_us, self._counted = t_us, (locator.counts.copy(), counted_s)
             locator.counts[:] = 0
-            share = kept.update(locator.motion, *self._counted) if self._adapts else None
-            if share is not None:
-                locator.map.set_events_kept(share)
+            if self._adapts:
+                kept.update(locator.motion, *self._counted)
+                locator.map.events_kept = kept.share
         elif task == 1:
             manager.listen(locator.motion, *self._counted, kept)
         elif task == 2:

@@ -37,14 +37,14 @@ def watched(kept: float, moving: int = 10, seconds: float = 3.0) -> EventLoss:
     velocity[:moving, 0] = SPEED_PX_S
     for _ in range(500):
         background = rng.poisson(BACKGROUND_PER_MS * kept / 10, 10)
-        assert watch.update(motion(REFERENCE_PX), background, 1e-3) is None
+        watch.update(motion(REFERENCE_PX), background, 1e-3)
+        assert not watch.judged
     signal = EVENTS_PER_PX * SPEED_PX_S * 1e-3 * kept * (np.arange(10) < moving)
     for _ in range(int(seconds * 1e3)):
         counts = rng.poisson(BACKGROUND_PER_MS * kept / 10 + signal)
         position += 1e-3 * velocity
         velocity[np.abs(position[:, 0] - REFERENCE_PX[:, 0]) > STROKE_PX / 2.0] *= -1.0
-        told = watch.update(motion(position, velocity), counts, 1e-3)
-        assert told is None or told == watch.share
+        watch.update(motion(position, velocity), counts, 1e-3)
     return watch
 
 
@@ -66,7 +66,8 @@ def test_snaps_creep_and_far_markers_are_not_asked() -> None:
         velocity = np.tile([velocity_px_s, 0.0], (10, 1))
         for _ in range(1_000):
             position_px = REFERENCE_PX + np.array([0.0, away_px])
-            assert watch.update(motion(position_px, velocity), NONE, 1e-3) is None
+            watch.update(motion(position_px, velocity), NONE, 1e-3)
+            assert not watch.judged
 
 
 def test_the_kernel_does_what_its_plain_twin_does() -> None:
