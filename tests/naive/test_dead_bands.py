@@ -41,9 +41,9 @@ def random_map(seed: int) -> GradedStateMap:
     rng, shape = np.random.default_rng(seed), (SIZE[1], SIZE[0])
     painted = levels(REST_PX).astype(np.float32)
     state_map = GradedStateMap(painted, STEP_ON, STEP_OFF, ahead=0.0)
-    state_map.memory[:] = painted + rng.normal(0.0, 0.2, shape)
+    state_map.pixels["level"] = painted + rng.normal(0.0, 0.2, shape)
     new = rng.random(shape) < 0.3
-    state_map.values[new] = state_map.memory[new]
+    state_map.values[new] = state_map.pixels["level"][new]
     return state_map
 
 
@@ -59,9 +59,9 @@ class Twin:
         q = rho - OUTLINE[0] - OUTLINE[1] * self.even - OUTLINE[2] * self.odd
         self.near = np.abs(q) < PROFILE.reach_px
         self.disc, self.slope = PROFILE.level(q), np.where(self.near, -PROFILE.slope(q), 0.0)
-        apart = state_map.memory - self.disc
+        apart = state_map.pixels["level"] - self.disc
         outside = np.where(apart > STEP_OFF, apart - STEP_OFF, np.minimum(apart + STEP_ON, 0.0))
-        new = state_map.values == state_map.memory
+        new = state_map.values == state_map.pixels["level"]
         self.e = np.where(self.near, np.where(new, apart, outside), 0.0)
         self.soft = 1.0 / (1.0 + (self.e / SOFT_RESIDUAL) ** 2)
         self.weight = np.where(new, 1.0, BAND_WEIGHT) * self.soft * (self.e != 0.0)
@@ -89,8 +89,8 @@ def test_the_fit_its_corrections_and_its_outline_equal_their_twin() -> None:
     np.testing.assert_allclose((x, y), expected_px, atol=0.01)
     assert np.hypot(x - start[0], y - start[1]) > 0.1
     assert 0.5 < agreement < 1.0
-    twin, after = Twin(start_map, x, y), state_map.memory
-    before = start_map.memory
+    twin, after = Twin(start_map, x, y), state_map.pixels["level"]
+    before = start_map.pixels["level"]
     corrected = before - GAIN * twin.e * twin.soft
     np.testing.assert_allclose(after[twin.near], corrected[twin.near], atol=0.02)
     np.testing.assert_array_equal(after[~twin.near], before[~twin.near])
@@ -105,7 +105,7 @@ def test_after_a_fit_the_disc_is_shown_within_the_bands_and_no_level_is_new() ->
     disc = *TABLES, 0, (24.0, 20.0), np.array([OUTLINE]), (3, 0.0, RADIUS_PX)
     x, y, *_ = fit_bands_kernel(state_map.pixels, state_map.padded, *disc)
     near = Twin(state_map, x, y).near
-    above = (state_map.values - state_map.memory)[near]
+    above = (state_map.values - state_map.pixels["level"])[near]
     assert (above >= -STEP_OFF - 1e-6).all()
     assert (above <= STEP_ON + 1e-6).all()
     assert (above != 0.0).all()

@@ -238,7 +238,7 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     discs = motions(REFERENCE_PX), np.ones((3, 8)), outline_px, np.ones(3), *TABLES
     for turn in range(3):
         law = RADIUS_PX, np.full(3, step), turn, own_s / GROUPS, -np.log1p(-share) / own_s
-        take_turn_kernel(state_map.padded, state_map.memory, *discs, *law, TOLERANCE)
+        take_turn_kernel(state_map.padded, state_map.pixels["level"], *discs, *law, TOLERANCE)
     expected = start.copy()
     steepest = PROFILE.slope(np.linspace(-4, 4, 4001)).min()
     for y in range(SIZE[1]):
@@ -255,9 +255,9 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
                 if rho <= r + reach:
                     expected[y, x] += drawing * (r - radius) * PROFILE.slope(q)
     expected = np.clip(expected, 0.0, 1.0)
-    below = state_map.memory[3:]  # the ground of the first rows has returned a little
+    below = state_map.pixels["level"][3:]  # the ground of the first rows has returned a little
     np.testing.assert_allclose(below, expected[3:], atol=0.01)
-    np.testing.assert_array_equal(state_map.values, state_map.memory)
+    np.testing.assert_array_equal(state_map.values, state_map.pixels["level"])
     assert np.abs(below - start[3:]).max() > 0.02
 
 
@@ -270,7 +270,7 @@ def test_the_ground_returns_to_its_level(first: int) -> None:
     every, (step, share) = 3, (0.14, 0.4)
     return_ground_kernel(
         state_map.padded,
-        state_map.memory,
+        state_map.pixels["level"],
         (first, every),
         (motions(center_px), reach_px),
         (step, share),
@@ -280,6 +280,6 @@ def test_the_ground_returns_to_its_level(first: int) -> None:
         for x in range(SIZE[0]):
             if (np.hypot(*(center_px - (x, y)).T) > reach_px).all():
                 expected[y, x] -= share * max(start[y, x] - step, 0.0)
-    np.testing.assert_allclose(state_map.memory, expected, atol=1e-6)
+    np.testing.assert_allclose(state_map.pixels["level"], expected, atol=1e-6)
     np.testing.assert_allclose(state_map.values, expected, atol=1e-6)
     assert (state_map.padded[:, :PAD_PX] == OUTSIDE_LEVEL).all()

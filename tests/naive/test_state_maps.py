@@ -35,7 +35,7 @@ def test_the_binary_and_the_graded_map_equal_their_twins(count: int, dark: bool)
     for state_map in (binary, graded):
         state_map.absorb(packet)
     np.testing.assert_array_equal(binary.values, painted.astype(np.float32))
-    np.testing.assert_allclose(graded.memory, memory, atol=1e-5)
+    np.testing.assert_allclose(graded.pixels["level"], memory, atol=1e-5)
     np.testing.assert_allclose(graded.values, level, atol=1e-5)
 
 
@@ -50,8 +50,8 @@ def test_levels_of_the_last_events_equal_their_twin_however_they_are_cut(dark: b
         memory[y, x] = min(max(memory[y, x] + step, 0.5 * off[y, x]), 1.0 - 0.5 * on[y, x])
     for first, last in ((0, 1), (1, 1), (1, 333), (333, 600)):
         state_map.absorb(packet.part(first, last, 0, 1))
-    np.testing.assert_allclose(state_map.memory, memory, atol=1e-5)
-    assert (state_map.values == state_map.memory)[packet.y, packet.x].all()
+    np.testing.assert_allclose(state_map.pixels["level"], memory, atol=1e-5)
+    assert (state_map.values == state_map.pixels["level"])[packet.y, packet.x].all()
     state_map.reset()
     np.testing.assert_array_equal(state_map.values, start)
 
@@ -61,7 +61,7 @@ def test_lost_events_enlarge_the_steps_by_the_dead_band_law() -> None:
     state_map.events_kept = 0.5  # four of five steps are events, two arrive: 1 / (2 + 1)
     one = np.array([1], np.uint16)
     state_map.absorb(EventPacket(one, one, one > 0, np.array([0]), 0, 1, SIZE))
-    assert state_map.memory[1, 1] == pytest.approx(1.0 / 3.0)
+    assert state_map.pixels["level"][1, 1] == pytest.approx(1.0 / 3.0)
 
 
 def test_unfit_steps_and_sizes_are_refused() -> None:

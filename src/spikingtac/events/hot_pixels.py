@@ -7,6 +7,7 @@ counts of a calibration were wrong by up to five times, and a marker strayed by 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import takewhile
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -44,6 +45,9 @@ WATCH_WINDOWS = 4
 # that a vibration keeps busy has one busy neighbour. So two that touch are not found.)
 NEAR_PX = 2
 HOT = 255  # Mark of a hot pixel among the counted windows.
+
+# Of each pixel, its events in this window, and in how many windows it was busy alone.
+WATCHED = np.dtype([("events", np.uint16), ("alone", np.uint16)])
 
 
 def quiet_events(
@@ -133,25 +137,31 @@ class HotPixelWatch:
     Args:
         hot_px: ``(h, 2)`` columns and rows of the known hot pixels, or None.
         size: ``(width, height)`` of the sensor, px.
+        pixels: ``(height, width)`` records with the fields of :data:`WATCHED` to count in.
 
     Attributes:
-        seen: ``(height, width, 2)`` uint16 events of each pixel in this window, and in how many
-            windows it was busy alone.
+        pixels: Those records.
         found: How many pixels became hot.
         until_us: End of the window that is being counted, us.
     """
 
-    def __init__(self, hot_px: NDArray[np.int64] | None, size: tuple[int, int]) -> None:
-        self.seen = np.zeros((*size[::-1], 2), np.uint16)
+    def __init__(
+        self,
+        hot_px: NDArray[np.int64] | None,
+        size: tuple[int, int],
+        pixels: NDArray[np.void] | None = None,
+    ) -> None:
+        self.pixels = np.empty(size[::-1], WATCHED) if pixels is None else pixels
+        self.pixels["events"] = self.pixels["alone"] = 0
         if hot_px is not None:
-            self.seen[hot_mask(hot_px, size), 1] = HOT
+            self.pixels["alone"][hot_mask(hot_px, size)] = HOT
         self.until_us = int(np.iinfo(np.int64).min)
         self.found = 0
 
     @property
     def hot(self) -> NDArray[np.bool_]:
         """``(height, width)`` which pixels are hot by now, the known ones included."""
-        return self.seen[..., 1] == HOT
+        return self.pixels["alone"] == HOT
 
     def kept(self, packet: EventPacket) -> EventPacket:
         """Return the packet without the events of hot pixels; itself if there is none.
@@ -161,69 +171,81 @@ class HotPixelWatch:
         """
         if not len(packet):
             return packet
-        packet.require_map(self.seen.shape[:2])
+        packet.require_map(self.pixels.shape)
         keep = np.empty(len(packet), np.bool_)
         columns = packet.x, packet.y, packet.t
-        dropped, found, self.until_us = watch_kernel(self.seen, self.until_us, columns, keep)
+        found, self.until_us = _watch_kernel(self.pixels, self.until_us, columns, keep)
         self.found += found
-        return packet.select(keep) if dropped else packet
+        return packet if keep.all() else packet.select(keep)
 
 
 @njit(cache=True, nogil=True)
-def watch_kernel(
-    seen: NDArray[np.uint16],
-    until_us: int,
-    events: tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64]],
-    keep: NDArray[np.bool_],
-) -> tuple[int, int, int]:
-    """Count and mark the events; return the dropped ones, new hot pixels, and the window's end.
-
-    Args:
-        seen: What :class:`HotPixelWatch` counts in.
-        until_us: End of this window, us.
-        events: Columns, rows and times, us.
-        keep: Filled with which events to keep.
-    """
+def _watch_kernel(
+    pixels: Any, until_us: int, events: tuple[Any, Any, Any], keep: NDArray[np.bool_]
+) -> tuple[int, int]:  # pragma: no cover - compiled
+    """Count columns, rows and times; fill in which to keep; return what next_window_kernel does."""
     x, y, t = events
-    dropped = found = 0
+    found = 0
     for i in range(len(t)):
         if t[i] >= until_us:
-            found += _judge_window(seen)
-            if t[i] - WATCH_US >= until_us:  # a whole window without any event
-                _judge_window(seen)
-            until_us = (t[i] // WATCH_US + 1) * WATCH_US
-        row, column = np.uint64(y[i]), np.uint64(x[i])
-        keep[i] = seen[row, column, 1] != HOT
-        if keep[i]:
-            seen[row, column, 0] += seen[row, column, 0] < 65_535
-        else:
-            dropped += 1
-    return dropped, found, until_us
+            found, until_us = next_window_kernel(pixels, until_us, t[i], found)
+        keep[i] = heard_kernel(pixels[y[i], x[i]])
+    return found, until_us
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def heard_kernel(pixel: Any) -> bool:  # pragma: no cover - compiled
+    """Return whether an event's pixel is not hot, and count the event then."""
+    pixel.events += pixel.events < 65_535
+    return pixel.alone != HOT
 
 
 @njit(cache=True, nogil=True)
-def _judge_window(seen: NDArray[np.uint16]) -> int:
+def next_window_kernel(
+    pixels: Any, until_us: int, t_us: int, found: int
+) -> tuple[int, int]:  # pragma: no cover - compiled
+    """Judge the window that ended; return ``found`` with new hot pixels, and the end of the next.
+
+    Args:
+        pixels: What :class:`HotPixelWatch` counts in.
+        until_us: End of the window that was counted, us.
+        t_us: Time of the first event after it, us.
+        found: How many pixels have become hot.
+    """
+    found += _judge_window(pixels)
+    if t_us - WATCH_US >= until_us:  # a whole window without any event
+        _judge_window(pixels)
+    return found, (t_us // WATCH_US + 1) * WATCH_US
+
+
+@njit(cache=True, nogil=True)
+def _judge_window(pixels: Any) -> int:  # pragma: no cover - compiled
     """Count the window where a pixel was busy alone, and begin a new one; return how many are new.
 
     They are hot from now on.
     """
     found = 0
-    for row in range(seen.shape[0]):
-        for column in range(seen.shape[1]):
-            count = seen[row, column, 0]
-            if seen[row, column, 1] == HOT:
+    height, width = pixels.shape
+    for row in range(height):
+        for column in range(width):
+            pixel = pixels[row, column]
+            if pixel.alone == HOT:
                 continue
-            if count < WATCH_EVENTS:
-                seen[row, column, 1] = 0
+            if pixel.events < WATCH_EVENTS:
+                pixel.alone = 0
                 continue
-            left, top = max(column - NEAR_PX, 0), max(row - NEAR_PX, 0)
-            near = seen[top : row + NEAR_PX + 1, left : column + NEAR_PX + 1, 0]
-            if (OVER_NEIGHBOURS * near >= count).sum() == 1:  # itself alone
-                seen[row, column, 1] += 1
-                if seen[row, column, 1] == WATCH_WINDOWS:
-                    seen[row, column, 1] = HOT
+            busy = 0  # pixels nearby that send as much, itself among them
+            for near_row in range(max(row - NEAR_PX, 0), min(row + NEAR_PX + 1, height)):
+                for near in range(max(column - NEAR_PX, 0), min(column + NEAR_PX + 1, width)):
+                    busy += OVER_NEIGHBOURS * pixels[near_row, near].events >= pixel.events
+            if busy == 1:
+                pixel.alone += 1
+                if pixel.alone == WATCH_WINDOWS:
+                    pixel.alone = HOT
                     found += 1
-    seen[..., 0] = 0
+    for row in range(height):
+        for column in range(width):
+            pixels[row, column].events = 0
     return found
 
 

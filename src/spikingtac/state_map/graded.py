@@ -31,6 +31,17 @@ HALF_STEP = 0.5
 # One event's share of the swing at contrast 6 and threshold 0.25: 0.25 / ln 6.
 STEP_DEFAULT = 0.139
 
+# What an event finds at its pixel, in one line of the processor's memory (in arrays of their own
+# they take twice as long): the clipped sum of its steps; the falling step (negative) and the rising
+# one; whose cell it lies in, and which marker stands around it; and what
+# :class:`~spikingtac.events.hot_pixels.HotPixelWatch` counts.
+PIXEL = np.dtype(
+    [
+        *((name, np.float32) for name in ("level", "off", "on")),
+        *((name, np.uint16) for name in ("cell", "around", "events", "alone")),
+    ]
+)
+
 
 class GradedStateMap:
     """Brightness per pixel, from 0 (ground) to 1 (marker), kept up to date by events.
@@ -38,8 +49,7 @@ class GradedStateMap:
     Attributes:
         padded: ``(height + 2 PAD_PX, width + 2 PAD_PX)`` float32 levels with the margin at
             OUTSIDE_LEVEL; fits read it, the leak moves it.
-        pixels: ``(height, width, 3)`` float32 what an event changes and needs: the clipped sum
-            behind :attr:`values`, the falling step (negative), and the rising one.
+        pixels: ``(height, width)`` of :data:`PIXEL`; a map keeps levels and steps alone.
         events_kept: Events that arrive over events that the calibration saw; above 0. Of n events
             per swing only ``n * events_kept`` arrive, and a step is 1 / (n + 1): the one more is
             the dead band in which a pixel reverses without an event. So steps grow with loss.
@@ -73,11 +83,11 @@ class GradedStateMap:
         self.ahead = ahead
         self.events_kept = 1.0
         on, off = self._checked_steps("step_on", step_on), self._checked_steps("step_off", step_off)
+        self.pixels = np.zeros(start.shape, PIXEL)
+        self.pixels["off"], self.pixels["on"] = -off, on
         # A level of a last event lies in the middle of its band before the first one.
-        self._memory = (self._start + (HALF_STEP - ahead) * (off - on)).astype(np.float32)
-        # Beside each other, so that an event finds them in one place. Signed steps make a polarity
-        # an index and not a branch.
-        self.pixels = np.stack([self._memory, -off, on], axis=-1)
+        self._start_level = (self._start + (HALF_STEP - ahead) * (off - on)).astype(np.float32)
+        self.pixels["level"] = self._start_level
         height, width = start.shape
         self.padded = np.full((height + 2 * PAD_PX, width + 2 * PAD_PX), OUTSIDE_LEVEL)
         self.values[:] = self._start
@@ -87,11 +97,6 @@ class GradedStateMap:
         """``(height, width)`` expected levels; a view that the next packet changes."""
         # Cut anew each time: a view that is stored would be torn off by a deep copy.
         return self.padded[PAD_PX:-PAD_PX, PAD_PX:-PAD_PX]
-
-    @property
-    def memory(self) -> NDArray[np.float32]:
-        """``(height, width)`` clipped sums; a view."""
-        return self.pixels[..., 0]
 
     def absorb(self, packet: EventPacket) -> None:
         """Add every event of a packet.
@@ -106,12 +111,12 @@ class GradedStateMap:
 
     def restore(self, pixels: NDArray[np.bool_]) -> None:
         """Paint ``(height, width)`` pixels as in the beginning."""
-        self.memory[pixels] = self._memory[pixels]
+        self.pixels["level"][pixels] = self._start_level[pixels]
         self.values[pixels] = self._start[pixels]
 
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
-        self.memory[:] = self._memory
+        self.pixels["level"] = self._start_level
         self.values[:] = self._start
         self.events_kept = 1.0
 
@@ -127,20 +132,20 @@ class GradedStateMap:
         return steps
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def integrate_event_kernel(
-    pixels: Array, row: Any, column: Any, rises: bool, ahead: float, kept: float
+    pixel: Any, rises: bool, ahead: float, kept: float
 ) -> float:  # pragma: no cover - compiled
     """Add an event's signed step to its pixel's sum; return the level to expect from then on."""
     zero, half, one = np.float32(0.0), np.float32(HALF_STEP), np.float32(1.0)
     share, beyond = np.float32(kept), np.float32(ahead)
-    calibrated = pixels[row, column, np.uint64(1) + np.uint64(rises)]
+    calibrated = pixel.on if rises else pixel.off
     step = calibrated / (share + (one - share) * abs(calibrated))
     short = half - beyond
-    low, high = -short * pixels[row, column, 1], one - short * pixels[row, column, 2]
-    value = min(max(pixels[row, column, 0] + step, low), high)
-    pixels[row, column, 0] = value
-    return min(max(value + beyond * step, zero), one)
+    low, high = -short * pixel.off, one - short * pixel.on
+    level = min(max(pixel.level + step, low), high)
+    pixel.level = level
+    return min(max(level + beyond * step, zero), one)
 
 
 @njit(cache=True, nogil=True)
@@ -150,7 +155,5 @@ def _integrate_kernel(
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Add the step of each event. Arguments are plain: a tuple would cost a us at each call."""
     for i in range(x.size):
-        row, column = y[i], x[i]
-        level[row, column] = integrate_event_kernel(
-            pixels, row, column, p[i] != dark_markers, ahead, kept
-        )
+        pixel = pixels[y[i], x[i]]
+        level[y[i], x[i]] = integrate_event_kernel(pixel, p[i] != dark_markers, ahead, kept)

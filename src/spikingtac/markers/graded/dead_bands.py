@@ -13,6 +13,8 @@ The map shows the level of a pixel that has fired, and after the fit what the di
 of it: a level that is shown as it was sent is new.
 """
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -63,7 +65,7 @@ def _entry_kernel(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _residual_kernel(
-    pixel: Array, shown: float, disc: float
+    pixel: Any, shown: float, disc: float
 ) -> tuple[float, float]:  # pragma: no cover - compiled
     """Return how far a level is from a disc's, and its weight.
 
@@ -71,9 +73,9 @@ def _residual_kernel(
     above the disc's by an OFF step, and below by an ON step, without an event. Within it, it tells
     nothing.
     """
-    e, weight = pixel[0] - disc, 1.0
-    if shown != pixel[0]:
-        e, weight = max(e + pixel[1], 0.0) + min(e + pixel[2], 0.0), BAND_WEIGHT
+    e, weight = pixel.level - disc, 1.0
+    if shown != pixel.level:
+        e, weight = max(e + pixel.off, 0.0) + min(e + pixel.on, 0.0), BAND_WEIGHT
     return e, (e != 0.0) * weight / (1.0 + e * e / SOFT_RESIDUAL**2)
 
 
@@ -118,7 +120,7 @@ def _settle_kernel(
             if entry < 0:
                 continue
             pixel, level, slope = pixels[row, column], table[0, entry], -table[2, entry]
-            apart = (pixel[0] - level) / SOFT_LEVEL
+            apart = (pixel.level - level) / SOFT_LEVEL
             agreeing, total = agreeing + slope / (1.0 + apart * apart), total + slope
             e, weight = _residual_kernel(pixel, padded[row + PAD_PX, column + PAD_PX], level)
             pull, rho2 = weight * slope * e, dx * dx + dy * dy + 1e-9
@@ -126,8 +128,8 @@ def _settle_kernel(
             gb += pull * (dx * dx - dy * dy) / rho2
             gc += pull * 2.0 * dx * dy / rho2
             rr += weight * slope * slope
-            pixel[0] -= np.float32(GAIN * e / (1.0 + e * e / SOFT_RESIDUAL**2))
-            bound = min(max(level, pixel[0] + pixel[1]), pixel[0] + pixel[2])
+            pixel.level -= np.float32(GAIN * e / (1.0 + e * e / SOFT_RESIDUAL**2))
+            bound = min(max(level, pixel.level + pixel.off), pixel.level + pixel.on)
             padded[row + PAD_PX, column + PAD_PX] = bound
     return (gr, gb, gc), rr, agreeing / (total + 1e-6)
 
@@ -140,7 +142,7 @@ def fit_bands_kernel(
     """Fit a marker's centre, correct the levels, and let its outline follow.
 
     Args:
-        pixels: ``(height, width, 3)`` levels of the last events, and steps; levels are changed.
+        pixels: ``(height, width)`` of PIXEL: levels of the last events, which change, and steps.
         padded: The map that is shown, with its margin; changed.
         tables: Profiles (:func:`~spikingtac.markers.graded.appearance.profile_tables`).
         reach_px: ``(m,)`` how far from minus to plus of the radius they go, px.

@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.events.hot_pixels import HotPixelWatch, watch_kernel
+from spikingtac.events.hot_pixels import HotPixelWatch, heard_kernel, next_window_kernel
 from spikingtac.markers.graded.appearance import (
     FitWindow,
     appearance_of,
@@ -78,8 +78,8 @@ ROOM = 1.5
 
 LARGE = 256  # Markers of a skin from which on two threads share the fits.
 
-# What a fit to dead bands reads: pixels and shown levels of the map, profiles, and their reach.
-Bands = tuple[Array, Array, Array, Array]
+# What a fit to dead bands reads beside the pixels: shown levels, profiles, and their reach.
+Bands = tuple[Array, Array, Array]
 
 # One for all trackers of the process, begun when it is first needed.
 SECOND_THREAD = ThreadPoolExecutor(1, "spikingtac-fits")
@@ -108,7 +108,6 @@ class DiscLocator(Locator):
         per_px = events_per_px(calibration)
         self._due = np.maximum(np.ceil(np.outer([DUE_PX, HURRY_PX], per_px)), 1.0)
         self._fit_period_us = fit_period_us
-        self._owners = np.empty((calibration.size[1], calibration.size[0], 2), np.uint16)
         self._tables = profile_tables(profiles) if dead_bands else None
         super().__init__(calibration, painted_map(calibration, 0.0 if dead_bands else HALF_STEP))
 
@@ -117,9 +116,10 @@ class DiscLocator(Locator):
         super().reset()
         self._edges[:] = 0.0
         self._read = np.full((len(self.fits), 7), np.inf)
-        self._owners[..., 0], self._owners[..., 1] = self._owner, len(self.fits)
+        pixels = self.map.pixels
+        pixels["cell"], pixels["around"] = self._cell, len(self.fits)
         for m in range(len(self.fits)):
-            mark_kernel(self._owners, m, self.motion, self.fits, self.outline_px, self._window.edge)
+            mark_kernel(pixels, m, self.motion, self.fits, self.outline_px, self._window.edge)
 
     def absorb(self, packet: EventPacket, watch: HotPixelWatch) -> None:
         """Bring the map up to date, and count the events by marker, but for those of hot pixels.
@@ -128,15 +128,14 @@ class DiscLocator(Locator):
             ConfigError: The packet comes from a sensor of another size.
         """
         levels = self.map
-        packet.require_map(levels.pixels.shape[:2])
+        packet.require_map(levels.pixels.shape)
         if not len(packet):
             return
         columns = packet.x, packet.y, packet.p, packet.t
-        maps = levels.pixels, levels.padded
+        maps = levels.pixels, levels.padded, watch.until_us
         settings = levels.dark_markers, levels.ahead, levels.events_kept
-        markers = self.counts, self._owners, self.pending
         found, watch.until_us = absorb_discs_kernel(
-            *columns, watch.seen, watch.until_us, *maps, *settings, *markers
+            *columns, *maps, *settings, self.counts, self.pending
         )
         watch.found += found
 
@@ -148,10 +147,10 @@ class DiscLocator(Locator):
             coasted: ``(m,)`` markers that are held: their motion stays.
         """
         states = self.motion, self.fits, self.outline_px, self.pending, coasted
-        markers = self._radius_px, self._due, self._owners
+        markers = self._radius_px, self._due, self.map.pixels
         maps, count = (self.map.padded, self._edges, self._read), len(self.fits)
         # The kernel is compiled twice: None leaves the fit to dead bands out.
-        bands = (self.map.pixels, self.map.padded, *self._tables) if self._tables else None
+        bands = (self.map.padded, *self._tables) if self._tables else None
 
         def fit(first: int, after: int, alone: bool) -> int:
             place = self._fit_period_us, first, after, alone, t_us
@@ -164,34 +163,34 @@ class DiscLocator(Locator):
             fitted = fit(0, count // 2, False)
             # On a busy machine the other thread may get no turn for milliseconds.
             fitted += fit(count // 2, count, False) if beside.cancel() else beside.result()
-            mark_moved_kernel(self._owners, *states[:3], self._window.edge)
+            mark_moved_kernel(self.map.pixels, *states[:3], self._window.edge)
         self.busy = 2 * fitted >= count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def absorb_discs_kernel(
-    x: Array, y: Array, p: Array, t: Array, seen: Array, until_us: int, pixels: Array,
-    padded: Array, dark_markers: bool, ahead: float, kept: float, counts: Array, owners: Array,
-    pending: Array,
+    x: Array, y: Array, p: Array, t: Array, pixels: Array, padded: Array, until_us: int,
+    dark_markers: bool, ahead: float, kept: float, counts: Array, pending: Array,
 ) -> tuple[int, int]:  # pragma: no cover - compiled # fmt: skip
     """Add each event to the map, and count it for the markers around it.
 
-    Arguments are plain, since a tuple costs a microsecond: columns of the events; what
-    :func:`watch_kernel` asks for; the map; events of the markers' cells; ``(height, width, 2)`` who
-    rests nearest to each pixel, and who stands around it; events around the markers. Returns how
-    many pixels became hot, and the end of their window.
+    Arguments are plain, since a tuple costs a microsecond: columns of the events; the map's pixels,
+    its levels with their margin, the end of the watch's window, us, and the map's settings; events
+    of the markers' cells, and around the markers. Returns how many pixels became hot, and the end
+    of the watch's window.
     """
-    keep = np.empty(x.size, np.bool_)
-    _, found, until_us = watch_kernel(seen, until_us, (x, y, t), keep)
+    found = 0
     for i in range(x.size):
-        if not keep[i]:
-            continue
+        if t[i] >= until_us:
+            found, until_us = next_window_kernel(pixels, until_us, t[i], found)
         # Unsigned, so that no index can be meant from the end.
         row, column = np.uint64(y[i]), np.uint64(x[i])
-        shown = integrate_event_kernel(pixels, row, column, p[i] != dark_markers, ahead, kept)
-        padded[row + np.uint64(PAD_PX), column + np.uint64(PAD_PX)] = shown
-        counts[owners[row, column, 0]] += 1
-        pending[owners[row, column, 1]] += 1
+        pixel = pixels[row, column]
+        if heard_kernel(pixel):
+            shown = integrate_event_kernel(pixel, p[i] != dark_markers, ahead, kept)
+            padded[row + np.uint64(PAD_PX), column + np.uint64(PAD_PX)] = shown
+            counts[pixel.cell] += 1
+            pending[pixel.around] += 1
     return found, until_us
 
 
@@ -209,11 +208,11 @@ def _chord_kernel(
 
 @njit(cache=True, nogil=True)
 def mark_kernel(
-    owners: Array, m: int, motions: Array, fits: Array, outline_px: Array, edge: Array,
+    pixels: Array, m: int, motions: Array, fits: Array, outline_px: Array, edge: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Mark the pixels around marker m with its number, and no longer those that it left."""
     outer = outline_px[m, 0] + edge[m, 1] + FARTHER_PX + MARKED_PX
-    height, width, _ = owners.shape
+    height, width = pixels.shape
     left_x, left_y, x, y = fits[m, MARKED_X], fits[m, MARKED_Y], motions[m, X], motions[m, Y]
     fits[m, MARKED_X], fits[m, MARKED_Y] = x, y
     top, bottom = min(y, left_y) - outer, max(y, left_y) + outer
@@ -222,41 +221,41 @@ def mark_kernel(
         first_left, after_left = _chord_kernel(left_x, left_y, outer, row, width)
         for rim in ((first_left, min(after_left, first)), (max(first_left, after), after_left)):
             for column in range(np.uint64(rim[0]), np.uint64(rim[1])):
-                if owners[row, column, 1] == m:
-                    owners[row, column, 1] = len(fits)
+                if pixels[row, column].around == m:
+                    pixels[row, column].around = len(fits)
         for column in range(np.uint64(first), np.uint64(after)):
-            owners[row, column, 1] = m
+            pixels[row, column].around = m
 
 
 @njit(cache=True, nogil=True)
 def mark_moved_kernel(
-    owners: Array, motions: Array, fits: Array, outline_px: Array, edge: Array
+    pixels: Array, motions: Array, fits: Array, outline_px: Array, edge: Array
 ) -> None:  # pragma: no cover - compiled
     """Mark the pixels around each marker that went MARKED_PX since they were marked."""
     for m in range(len(fits)):
         x, y = motions[m, X] - fits[m, MARKED_X], motions[m, Y] - fits[m, MARKED_Y]
         if max(abs(x), abs(y)) > MARKED_PX:
-            mark_kernel(owners, m, motions, fits, outline_px, edge)
+            mark_kernel(pixels, m, motions, fits, outline_px, edge)
 
 
 @njit(cache=True, nogil=True)
 def locate_discs_kernel(
     padded: Array, edges: Array, read: Array, bands: Bands | None, offset: Array,
     around: Array, within: Array, coefficients: Array, edge: Array, motions: Array, fits: Array,
-    outline_px: Array, pending: Array, coasted: Array, radius_px: Array, due: Array, owners: Array,
+    outline_px: Array, pending: Array, coasted: Array, radius_px: Array, due: Array, pixels: Array,
     period_us: int, first: int, after: int, alone: bool, t_us: int,
 ) -> int:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that enough events ask for, bring the filters up to the present; count fits.
 
     Arguments are plain, since a tuple costs a microsecond: the map with its margin, edges as they
-    were read, and where (:func:`fit_disc_kernel`); maps and profiles for
+    were read, and where (:func:`fit_disc_kernel`); levels and profiles for
     :func:`fit_bands_kernel`, or None; the fields of a :class:`FitWindow`; motions,
     fits, outlines, pending events, who is held; radii at rest, px; ``(2, m)`` events that ask for a
-    fit, in the marker's turn and before; who stands around each pixel; the period of the turns, us;
+    fit, in the marker's turn and before; the map's pixels; the period of the turns, us;
     the first marker and the one after the last; whether these are all, which are marked then; the
     time, us.
     """
-    fitted, levels = 0, (padded.ravel(), owners.shape[1], owners.shape[0])
+    fitted, levels = 0, (padded.ravel(), pixels.shape[1], pixels.shape[0])
     window, as_read = FitWindow(offset, around, within, coefficients, edge), (edges, read)
     for m in range(first, after):
         if motions[m, AT_US] < 0.0:
@@ -275,7 +274,7 @@ def locate_discs_kernel(
                 gain, fits[m, OUTLINED_US] = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * since_us), t_us
             place = m, (motions[m, X], motions[m, Y]), outline_px, (ITERATIONS, gain, radius_px[m])
             if bands is not None:
-                x, y, agreement, step_px = fit_bands_kernel(*bands, *place)
+                x, y, agreement, step_px = fit_bands_kernel(pixels, *bands, *place)
             else:
                 x, y, agreement, step_px = fit_disc_kernel(levels, as_read, window, *place)
             fits[m, FIT_X], fits[m, FIT_Y], fits[m, FIT_US] = x, y, t_us
@@ -286,5 +285,5 @@ def locate_discs_kernel(
         else:
             correct_kernel(motions[m], fits[m, FIT_X], fits[m, FIT_Y], dt_s)
     if alone:
-        mark_moved_kernel(owners, motions, fits, outline_px, edge)
+        mark_moved_kernel(pixels, motions, fits, outline_px, edge)
     return fitted

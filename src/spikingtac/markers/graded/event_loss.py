@@ -108,9 +108,7 @@ class EventLoss:
         hz_px = LEAST_BACKGROUND_HZ_PX if background is None else background
         return hz_px * self._area_px
 
-    def update(
-        self, motion: NDArray[np.float64], counts: NDArray[np.int64], dt_s: float
-    ) -> None:
+    def update(self, motion: NDArray[np.float64], counts: NDArray[np.int64], dt_s: float) -> None:
         """Judge what was counted.
 
         Args:

@@ -93,7 +93,7 @@ class MapLeak:
         if self._usual is None:
             self._usual = locator.fits[:, AGREEMENT].copy()
         discs = locator.motion, locator.fits, locator.outline_px, self._usual, *self._discs
-        levels = locator.map.padded, locator.map.memory
+        levels = locator.map.padded, locator.map.pixels["level"]
         take_turn_kernel(*levels, *discs, self._turn, dt_s, self._leak_per_s, tolerance)
 
 

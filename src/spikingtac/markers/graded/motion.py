@@ -115,7 +115,7 @@ class Locator:
         """Begin at rest."""
         self._start_px = calibration.reference_px.astype(np.float64)
         self._radius_px = calibration.radius_px.astype(np.float64)
-        self._owner = nearest_marker(calibration.reference_px, calibration.size)
+        self._cell = nearest_marker(calibration.reference_px, calibration.size)
         self.map = state_map
         self.reset()
 

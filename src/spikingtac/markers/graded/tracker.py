@@ -196,7 +196,8 @@ class GradedTracker:
         self._start()
 
     def _start(self) -> None:
-        self._hot = HotPixelWatch(self._calibration.hot_px, self._calibration.size)
+        hot_px, size = self._calibration.hot_px, self._calibration.size
+        self._hot = HotPixelWatch(hot_px, size, self._locator.map.pixels)
         self._t_us: int | None = None
         self._leaked_us: int | None = None
         self._counted_us: int | None = None

@@ -36,11 +36,9 @@ def test_pixels_without_a_step_of_their_own_take_their_markers() -> None:
     own = np.zeros((40, 80), np.float32)
     own[20, 20] = 0.05
     calibration = replace(PLAIN, marker_step_on=np.array([0.1, 0.2]), step_on_map=own)
-    steps = painted_map(calibration).pixels[..., 1:]
-    assert steps[20, 20, 1] == pytest.approx(0.05)
-    assert steps[20, 21, 1] == pytest.approx(0.1)
-    assert steps[20, 61, 1] == pytest.approx(0.2)
-    assert steps[20, 21, 0] == pytest.approx(-STEP_DEFAULT)
+    steps = painted_map(calibration).pixels
+    assert steps["on"][20, [20, 21, 61]] == pytest.approx([0.05, 0.1, 0.2])
+    assert steps["off"][20, 21] == pytest.approx(-STEP_DEFAULT)
 
 
 @pytest.mark.parametrize("whole", [True, False])

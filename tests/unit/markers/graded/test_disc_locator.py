@@ -126,19 +126,20 @@ def test_events_count_for_the_marker_around_which_they_lie_also_far_from_its_res
     locator.locate(2_000, nobody)
     columns = np.array([30, 37, 55, 48, 77, 70], np.uint16)
     events = columns, np.full(6, 30, np.uint16), np.ones(6, np.bool_), np.arange(6)
-    locator.absorb(EventPacket(*events, 0, 6, (100, 60)), HotPixelWatch(None, (100, 60)))
+    watch = HotPixelWatch(None, (100, 60), locator.map.pixels)
+    locator.absorb(EventPacket(*events, 0, 6, (100, 60)), watch)
     assert locator.pending.tolist() == [2, 2, 2], "not what it left"
     assert locator.counts.tolist() == [3, 3]
 
 
 def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
     locator, rng = moved_by(0.0), np.random.default_rng(4)
-    twin, marked = deepcopy(locator.map), locator._owners[..., 1]
+    twin, marked = deepcopy(locator.map), locator.map.pixels["around"]
     x, y, p = rng.integers(0, 100, 500), rng.integers(0, 60, 500), rng.random(500) < 0.5
     columns = x.astype(np.uint16), y.astype(np.uint16), p, np.arange(500)
     packet = EventPacket(*columns, 0, 500, (100, 60))
     locator.pending[:] = 0
-    locator.absorb(packet, HotPixelWatch(None, (100, 60)))
+    locator.absorb(packet, HotPixelWatch(None, (100, 60), locator.map.pixels))
     twin.absorb(packet)
     np.testing.assert_array_equal(locator.map.padded, twin.padded)
     away_px = np.hypot(*(np.column_stack([x, y])[:, np.newaxis] - REST_PX).transpose(2, 0, 1))
@@ -157,7 +158,7 @@ def test_two_threads_find_what_one_finds(monkeypatch: pytest.MonkeyPatch) -> Non
         locator.locate(1_000, np.zeros(2, np.bool_))
         found.append(locator)
     np.testing.assert_array_equal(found[1].motion, found[0].motion)
-    np.testing.assert_array_equal(found[1]._owners, found[0]._owners)
+    np.testing.assert_array_equal(found[1].map.pixels, found[0].map.pixels)
 
 
 def test_a_held_marker_stays_where_it_is_put_and_loses_its_speed() -> None:

@@ -32,12 +32,12 @@ def leaked(
     locator, leak = DiscLocator(CALIBRATION), MapLeak(CALIBRATION, 30.0)
     for _ in range(50):
         leak.update(locator, 1e-3, known)
-    for levels in (locator.map.memory, locator.map.values):
+    for levels in (locator.map.pixels["level"], locator.map.values):
         levels[BESIDE] += level
     locator.fits[1, AGREEMENT], locator.motion[1, AT_US] = of_one, quiet_us
     for _ in range(duration_us // 1_000):
         leak.update(locator, 1e-3, known)
-    return locator.map.memory[BESIDE]
+    return locator.map.pixels["level"][BESIDE]
 
 
 def test_nothing_leaks_around_a_marker_whose_agreement_has_just_fallen() -> None:
