@@ -27,7 +27,7 @@ from spikingtac.state_map.graded import HALF_STEP, PAD_PX, STEP_DEFAULT, GradedS
 # Side of the blocks in which the nearest markers are looked up, px (16 and 64 take longer).
 BLOCK_PX = 32
 
-TABLE_ENTRIES = 1024  # Entries of a table: steps of 1/80 px for an edge scale of 1 px.
+TABLE_ENTRIES = 256  # Entries of a table: steps of 1/80 px for an edge scale of 1 px.
 # An OFF step over an ON step from which OFF events are rare (on six simulated sensors with
 # ratios of 1.1 to 4.2 dead bands err by 20 to 52 % less than levels, on v2e's, of 1, by more).
 RARE_OFF_RATIO = 1.3
@@ -142,17 +142,17 @@ def profile_tables(
     """Tabulate every marker's profile, for kernels that visit the pixels around a disc.
 
     Returns:
-        ``(m, 3, TABLE_ENTRIES)`` float32 the level S(q), its flatness (1 where S is flat, 0 where
+        ``(m, TABLE_ENTRIES, 3)`` float32 the level S(q), its flatness (1 where S is flat, 0 where
         it is steepest), and dS/dq, 1/px; ``(m,)`` how far from minus to plus of the radius a table
         goes, px.
     """
     reach_px = np.array([profile.reach_px for profile in profiles])
-    values = np.empty((len(profiles), 3, TABLE_ENTRIES), np.float32)
+    values = np.empty((len(profiles), TABLE_ENTRIES, 3), np.float32)
     for table, profile, reach in zip(values, profiles, reach_px, strict=True):
         q_px = np.linspace(-reach, reach, TABLE_ENTRIES)
         level, slope = profile.level(q_px), profile.slope(q_px)
         level[0], level[-1], slope[0], slope[-1] = 1.0, 0.0, 0.0, 0.0
-        table[0], table[1], table[2] = level, 1.0 - np.sqrt(slope / slope.min()), slope
+        table[:] = np.column_stack([level, 1.0 - np.sqrt(slope / slope.min()), slope])
     return values, reach_px
 
 

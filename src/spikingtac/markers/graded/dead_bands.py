@@ -90,12 +90,12 @@ def _center_equations_kernel(
     for row in range(top, bottom):
         for column in range(left, right):
             dx, dy = column - x, row - y
-            entry = _entry_kernel(dx, dy, outline, reach_px, table.shape[1] - 1)
+            entry = _entry_kernel(dx, dy, outline, reach_px, len(table) - 1)
             if entry < 0:
                 continue
             shown = padded[row + PAD_PX, column + PAD_PX]
-            e, weight = _residual_kernel(pixels[row, column], shown, table[0, entry])
-            slope = -table[2, entry] / np.sqrt(dx * dx + dy * dy + 1e-9)
+            e, weight = _residual_kernel(pixels[row, column], shown, table[entry, 0])
+            slope = -table[entry, 2] / np.sqrt(dx * dx + dy * dy + 1e-9)
             jx, jy = slope * dx, slope * dy
             xx, xy, yy = xx + weight * jx * jx, xy + weight * jx * jy, yy + weight * jy * jy
             gx, gy = gx + weight * jx * e, gy + weight * jy * e
@@ -116,10 +116,10 @@ def _settle_kernel(
     for row in range(top, bottom):
         for column in range(left, right):
             dx, dy = column - x, row - y
-            entry = _entry_kernel(dx, dy, outline, reach_px, table.shape[1] - 1)
+            entry = _entry_kernel(dx, dy, outline, reach_px, len(table) - 1)
             if entry < 0:
                 continue
-            pixel, level, slope = pixels[row, column], table[0, entry], -table[2, entry]
+            pixel, level, slope = pixels[row, column], table[entry, 0], -table[entry, 2]
             apart = (pixel.level - level) / SOFT_LEVEL
             agreeing, total = agreeing + slope / (1.0 + apart * apart), total + slope
             e, weight = _residual_kernel(pixel, padded[row + PAD_PX, column + PAD_PX], level)

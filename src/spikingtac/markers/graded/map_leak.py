@@ -119,7 +119,7 @@ def _entries_kernel(
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def _give_kernel(
-    levels: Array, sums: Array, entry: Array, tables: Array, law: tuple[Any, Any, Any]
+    levels: Array, sums: Array, entry: Array, table: Array, law: tuple[Any, Any, Any]
 ) -> None:  # pragma: no cover - compiled
     """Let a row give up its excess; without a branch, which no processor could foresee.
 
@@ -129,10 +129,10 @@ def _give_kernel(
     limit, portion, drawn = law
     zero, one = np.float32(0.0), np.float32(1.0)
     for k in range(entry.size):
-        e = levels[k] - tables[0, entry[k]]
+        e = levels[k] - table[entry[k], 0]
         excess = e - min(max(e, -limit), limit)
         old = sums[k]
-        given_up = portion * tables[1, entry[k]] * excess - drawn * tables[2, entry[k]]
+        given_up = portion * table[entry[k], 1] * excess - drawn * table[entry[k], 2]
         new = min(max(old - given_up, zero), one)
         sums[k] = new
         levels[k] += new - old
@@ -194,7 +194,7 @@ def take_turn_kernel(
     """
     height, width = memory.shape
     portion = np.float32(-math.expm1(-leak_per_s * dt_s * GROUPS))
-    drawing, last = -math.expm1(-DRAWN_PER_S * dt_s * GROUPS), np.float32(tables.shape[2] - 1)
+    drawing, last = -math.expm1(-DRAWN_PER_S * dt_s * GROUPS), np.float32(tables.shape[1] - 1)
     entries = np.empty(width, np.int32)
     for m in range(turn % GROUPS, usual.size, GROUPS):
         quiet = motions[m, AT_US] - fits[m, FIT_US] > LEAKED_US
