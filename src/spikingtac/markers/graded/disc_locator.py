@@ -18,6 +18,7 @@ from spikingtac.markers.graded.appearance import (
     appearance_of,
     events_per_px,
     fit_window,
+    nearest_marker,
     painted_map,
     profile_tables,
 )
@@ -39,12 +40,14 @@ from spikingtac.markers.graded.motion import (
     OUTLINED_US,
     VX,
     VY,
-    Locator,
     X,
     Y,
     asks_kernel,
     correct_kernel,
+    mark_kernel,
+    mark_moved_kernel,
     predict_kernel,
+    resting_motion,
 )
 from spikingtac.state_map.graded import HALF_STEP, PAD_PX, Array, integrate_event_kernel
 from spikingtac.types import EventPacket
@@ -68,11 +71,6 @@ OUTLINE_PER_S = 150.0
 # notices a marker that snaps back too late, and erases it).
 OUTLINE_US = 1_000
 
-# How far beyond a disc's edge events ask for a fit, too: a prediction may be off by so much.
-FARTHER_PX = 1.0
-
-MARKED_PX = 2.5  # Way after which a marker marks its pixels anew, px.
-
 # Room for the pixels of an edge, over those of its resting disc as far as they are read.
 ROOM = 1.5
 
@@ -85,13 +83,24 @@ Bands = tuple[Array, Array, Array]
 SECOND_THREAD = ThreadPoolExecutor(1, "spikingtac-fits")
 
 
-class DiscLocator(Locator):
-    """Robust Gauss-Newton fits and a Kalman filter for each marker."""
+class DiscLocator:
+    """The states of one sensor's markers, and the map in which robust fits find them.
+
+    Attributes:
+        map: The map that it reads.
+        motion: ``(m, 8)`` states of the markers (:mod:`spikingtac.markers.graded.motion`).
+        fits: ``(m, 8)`` what was fitted last, by the columns there.
+        outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.
+        pending: ``(m + 1,)`` events around each marker since its last fit, and those around none:
+            so no event needs a branch, which would cost half as much again.
+        busy: Whether half of the markers or more were fitted last.
+        counts: ``(m,)`` events in each marker's cell, nearest to its rest, since they were taken.
+    """
 
     def __init__(
         self, calibration: Calibration, fit_period_us: int = 0, dead_bands: bool = False
     ) -> None:
-        """Choose the pixels and the profiles for a sensor's markers.
+        """Begin at rest, with the pixels and the profiles for a sensor's markers.
 
         Args:
             calibration: Where the markers rest and how they look.
@@ -100,26 +109,43 @@ class DiscLocator(Locator):
             dead_bands: Whether levels are known within their dead bands only
                 (:mod:`spikingtac.markers.graded.dead_bands`).
         """
-        radius_px = calibration.radius_px
+        self._start_px = calibration.reference_px.astype(np.float64)
+        self._radius_px = calibration.radius_px.astype(np.float64)
         profiles = appearance_of(calibration).profiles
         self._window = fit_window(profiles, calibration.size[0])
-        reach_px = radius_px.max() + self._window.edge[:, 1].max()
-        self._edges = np.zeros((len(radius_px), 3, int(ROOM * np.pi * reach_px**2)), np.float32)
+        reach_px = self._radius_px.max() + self._window.edge[:, 1].max()
+        self._room = int(ROOM * np.pi * reach_px**2)
         per_px = events_per_px(calibration)
         self._due = np.maximum(np.ceil(np.outer([DUE_PX, HURRY_PX], per_px)), 1.0)
         self._fit_period_us = fit_period_us
         self._tables = profile_tables(profiles) if dead_bands else None
-        super().__init__(calibration, painted_map(calibration, 0.0 if dead_bands else HALF_STEP))
+        self.map = painted_map(calibration, 0.0 if dead_bands else HALF_STEP)
+        self.map.pixels["cell"] = nearest_marker(calibration.reference_px, calibration.size)
+        self.reset()
 
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
-        super().reset()
-        self._edges[:] = 0.0
-        self._read = np.full((len(self.fits), 7), np.inf)
+        count = len(self._start_px)
+        self.map.reset()
+        self.motion = resting_motion(self._start_px)
+        self.fits = np.zeros((count, 8))
+        self.fits[:, :FIT_US] = self.fits[:, MARKED_X : MARKED_Y + 1] = self._start_px
+        self.fits[:, AGREEMENT] = 1.0
+        self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
+        self.pending, self.counts = np.zeros(count + 1, np.int64), np.zeros(count, np.int64)
+        self.busy = False
+        self._edges = np.zeros((count, 3, self._room), np.float32)
+        self._read = np.full((count, 7), np.inf)
         pixels = self.map.pixels
-        pixels["cell"], pixels["around"] = self._cell, len(self.fits)
-        for m in range(len(self.fits)):
+        pixels["around"] = count
+        for m in range(count):
             mark_kernel(pixels, m, self.motion, self.fits, self.outline_px, self._window.edge)
+
+    def place(self, marker: NDArray[np.bool_], position_px: NDArray[np.float64]) -> None:
+        """Put markers somewhere at rest, after they were found again or predicted."""
+        self.motion[marker, X:VX] = position_px[marker]
+        self.motion[marker, VX : VX + 2] = 0.0
+        self.pending[:-1][marker] = AT_ONCE
 
     def absorb(self, packet: EventPacket, watch: HotPixelWatch) -> None:
         """Bring the map up to date, and count the events by marker, but for those of hot pixels.
@@ -192,50 +218,6 @@ def absorb_discs_kernel(
             counts[pixel.cell] += 1
             pending[pixel.around] += 1
     return found, until_us
-
-
-@njit(cache=True, nogil=True, forceinline=True)
-def _chord_kernel(
-    x: float, y: float, radius: float, row: int, width: int
-) -> tuple[int, int]:  # pragma: no cover - compiled
-    """Return the first pixel of a row in a circle, and that after the last."""
-    half2 = radius * radius - (row - y) ** 2
-    if half2 < 0.0:
-        return 0, 0
-    half = np.sqrt(half2)
-    return max(0, int(np.ceil(x - half))), max(0, min(width, int(np.floor(x + half)) + 1))
-
-
-@njit(cache=True, nogil=True)
-def mark_kernel(
-    pixels: Array, m: int, motions: Array, fits: Array, outline_px: Array, edge: Array,
-) -> None:  # pragma: no cover - compiled # fmt: skip
-    """Mark the pixels around marker m with its number, and no longer those that it left."""
-    outer = outline_px[m, 0] + edge[m, 1] + FARTHER_PX + MARKED_PX
-    height, width = pixels.shape
-    left_x, left_y, x, y = fits[m, MARKED_X], fits[m, MARKED_Y], motions[m, X], motions[m, Y]
-    fits[m, MARKED_X], fits[m, MARKED_Y] = x, y
-    top, bottom = min(y, left_y) - outer, max(y, left_y) + outer
-    for row in range(max(0, int(np.ceil(top))), min(height - 1, int(np.floor(bottom))) + 1):
-        first, after = _chord_kernel(x, y, outer, row, width)
-        first_left, after_left = _chord_kernel(left_x, left_y, outer, row, width)
-        for rim in ((first_left, min(after_left, first)), (max(first_left, after), after_left)):
-            for column in range(np.uint64(rim[0]), np.uint64(rim[1])):
-                if pixels[row, column].around == m:
-                    pixels[row, column].around = len(fits)
-        for column in range(np.uint64(first), np.uint64(after)):
-            pixels[row, column].around = m
-
-
-@njit(cache=True, nogil=True)
-def mark_moved_kernel(
-    pixels: Array, motions: Array, fits: Array, outline_px: Array, edge: Array
-) -> None:  # pragma: no cover - compiled
-    """Mark the pixels around each marker that went MARKED_PX since they were marked."""
-    for m in range(len(fits)):
-        x, y = motions[m, X] - fits[m, MARKED_X], motions[m, Y] - fits[m, MARKED_Y]
-        if max(abs(x), abs(y)) > MARKED_PX:
-            mark_kernel(pixels, m, motions, fits, outline_px, edge)
 
 
 @njit(cache=True, nogil=True)

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import appearance_of, profile_tables
 from spikingtac.markers.graded.disc_fit import SAME_BITS
-from spikingtac.markers.graded.motion import AGREEMENT, AT_US, FIT_US, VX, VY, Locator, X, Y
+from spikingtac.markers.graded.disc_locator import DiscLocator
+from spikingtac.markers.graded.motion import AGREEMENT, AT_US, FIT_US, VX, VY, X, Y
 from spikingtac.state_map.graded import PAD_PX, Array
 
 # Time in which a marker's agreement becomes usual, s (a fit that may still follow its
@@ -80,7 +81,7 @@ class MapLeak:
         self._usual: NDArray[np.float64] | None = None
         self._turn = 0
 
-    def update(self, locator: Locator, dt_s: float, known: bool) -> None:
+    def update(self, locator: DiscLocator, dt_s: float, known: bool) -> None:
         """Do the next turn.
 
         Args:

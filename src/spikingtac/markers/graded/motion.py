@@ -1,4 +1,4 @@
-"""The motion of markers: constant-velocity Kalman filters, and the flat states that they fill.
+"""The motion of markers: constant-velocity Kalman filters, and the pixels that they stand around.
 
 White acceleration noise of density q (px^2/s^3) drives both axes; a fit measures the position with
 standard deviation sigma once per ms. Faster estimates read nearly the same map, so that their
@@ -9,9 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.appearance import nearest_marker
-from spikingtac.state_map.graded import Array, GradedStateMap
+from spikingtac.state_map.graded import Array
 
 # Finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none.
 ACCELERATION_NOISE_PX2_S3 = 5.0e5
@@ -32,6 +30,11 @@ LATE_US = 2_000
 SHORTEST_PERIOD_US = 1_000
 
 AT_ONCE = 1 << 30  # Events that are due for any marker.
+
+# How far beyond a disc's edge events ask for a fit, too: a prediction may be off by so much.
+FARTHER_PX = 1.0
+
+MARKED_PX = 2.5  # Way after which a marker marks its pixels anew, px.
 
 # Columns of a motion: place, px; velocity, px/s; the covariance of both axes; its time, us.
 X, Y, VX, VY, PP, PV, VV, AT_US = range(8)
@@ -97,43 +100,45 @@ def asks_kernel(
     return asked
 
 
-class Locator:
-    """The states of one sensor's markers, and the map that tells of them.
+@njit(cache=True, nogil=True, forceinline=True)
+def _chord_kernel(
+    x: float, y: float, radius: float, row: int, width: int
+) -> tuple[int, int]:  # pragma: no cover - compiled
+    """Return the first pixel of a row in a circle, and that after the last."""
+    half2 = radius * radius - (row - y) ** 2
+    if half2 < 0.0:
+        return 0, 0
+    half = np.sqrt(half2)
+    return max(0, int(np.ceil(x - half))), max(0, min(width, int(np.floor(x + half)) + 1))
 
-    Attributes:
-        map: The map that it reads.
-        motion: ``(m, 8)`` states of the markers by the columns above.
-        fits: ``(m, 8)`` what was fitted last, by the columns above.
-        outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.
-        pending: ``(m + 1,)`` events around each marker since its last fit, and those around none:
-            so no event needs a branch, which would cost half as much again.
-        busy: Whether half of the markers or more were fitted last.
-        counts: ``(m,)`` events in each marker's cell, nearest to its rest, since they were taken.
-    """
 
-    def __init__(self, calibration: Calibration, state_map: GradedStateMap) -> None:
-        """Begin at rest."""
-        self._start_px = calibration.reference_px.astype(np.float64)
-        self._radius_px = calibration.radius_px.astype(np.float64)
-        self._cell = nearest_marker(calibration.reference_px, calibration.size)
-        self.map = state_map
-        self.reset()
+@njit(cache=True, nogil=True)
+def mark_kernel(
+    pixels: Array, m: int, motions: Array, fits: Array, outline_px: Array, edge: Array,
+) -> None:  # pragma: no cover - compiled # fmt: skip
+    """Mark the pixels around marker m with its number, and no longer those that it left."""
+    outer = outline_px[m, 0] + edge[m, 1] + FARTHER_PX + MARKED_PX
+    height, width = pixels.shape
+    left_x, left_y, x, y = fits[m, MARKED_X], fits[m, MARKED_Y], motions[m, X], motions[m, Y]
+    fits[m, MARKED_X], fits[m, MARKED_Y] = x, y
+    top, bottom = min(y, left_y) - outer, max(y, left_y) + outer
+    for row in range(max(0, int(np.ceil(top))), min(height - 1, int(np.floor(bottom))) + 1):
+        first, after = _chord_kernel(x, y, outer, row, width)
+        first_left, after_left = _chord_kernel(left_x, left_y, outer, row, width)
+        for rim in ((first_left, min(after_left, first)), (max(first_left, after), after_left)):
+            for column in range(np.uint64(rim[0]), np.uint64(rim[1])):
+                if pixels[row, column].around == m:
+                    pixels[row, column].around = len(fits)
+        for column in range(np.uint64(first), np.uint64(after)):
+            pixels[row, column].around = m
 
-    def reset(self) -> None:
-        """Forget everything but the calibration: the markers rest, the map is as painted."""
-        count = len(self._start_px)
-        self.map.reset()
-        self.motion = resting_motion(self._start_px)
-        self.fits = np.zeros((count, 8))
-        self.fits[:, :FIT_US] = self._start_px
-        self.fits[:, MARKED_X : MARKED_Y + 1] = self._start_px
-        self.fits[:, AGREEMENT] = 1.0
-        self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
-        self.pending, self.counts = np.zeros(count + 1, np.int64), np.zeros(count, np.int64)
-        self.busy = False
 
-    def place(self, marker: NDArray[np.bool_], position_px: NDArray[np.float64]) -> None:
-        """Put markers somewhere at rest, after they were found again or predicted."""
-        self.motion[marker, X:VX] = position_px[marker]
-        self.motion[marker, VX : VX + 2] = 0.0
-        self.pending[:-1][marker] = AT_ONCE
+@njit(cache=True, nogil=True)
+def mark_moved_kernel(
+    pixels: Array, motions: Array, fits: Array, outline_px: Array, edge: Array
+) -> None:  # pragma: no cover - compiled
+    """Mark the pixels around each marker that went MARKED_PX since they were marked."""
+    for m in range(len(fits)):
+        x, y = motions[m, X] - fits[m, MARKED_X], motions[m, Y] - fits[m, MARKED_Y]
+        if max(abs(x), abs(y)) > MARKED_PX:
+            mark_kernel(pixels, m, motions, fits, outline_px, edge)

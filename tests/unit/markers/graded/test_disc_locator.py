@@ -10,17 +10,14 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.graded import disc_locator
 from spikingtac.markers.graded.appearance import painted_levels
-from spikingtac.markers.graded.disc_locator import (
-    FARTHER_PX,
-    LARGE,
-    MARKED_PX,
-    DiscLocator,
-)
+from spikingtac.markers.graded.disc_locator import LARGE, DiscLocator
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
     AT_ONCE,
+    FARTHER_PX,
     FIT_US,
     LATE_US,
+    MARKED_PX,
     MEASUREMENT_SIGMA_PX,
     START_VELOCITY_PX_S,
     VX,
