@@ -1,7 +1,7 @@
-"""Fit a disc to levels that are known within dead bands only: where OFF events are rare.
+"""Fit a disc to levels that are known within dead bands only: where steps are coarse.
 
 Between two events a pixel lies in the band between its thresholds around the level of its last
-event. Where an OFF threshold is a third of the swing, the middle of that band is wrong by as much,
+event. Where a threshold is a third of the swing, the middle of that band is wrong by as much,
 and a fit to it is held back. So a pixel counts with its whole residual M - S(|x - c| - R(phi)) only
 once, in the fit after its event, when it was at its level. A silent one counts where the disc would
 lie outside of its band, and then by how far. Both pull at the predicted centre by a few robust

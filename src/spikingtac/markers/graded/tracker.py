@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.hot_pixels import HotPixelWatch
-from spikingtac.markers.graded.appearance import has_rare_off
+from spikingtac.markers.graded.appearance import has_coarse_steps
 from spikingtac.markers.graded.corrections import OutputCorrections, ReleasedZero
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.event_loss import EventLoss
@@ -61,8 +61,8 @@ class GradedTrackerConfig:
         backlash: Share of the backlash that is made good.
         shrink: Share of a fit's error by which differences from the neighbours shrink.
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
-        dead_bands: Whether levels count as known within their dead bands only, where OFF events are
-            rare (an OFF step above 1.3 ON steps, and pixels that do not recover).
+        dead_bands: Whether levels count as known within their dead bands only, where an event
+            stands for much (a step above 0.3 of a swing, and pixels that do not recover).
         fit_period_us: A slow marker is fitted once in such a period at most, us, and predicted in
             between; 0 fits it whenever its events ask.
     """
@@ -103,8 +103,8 @@ class GradedTracker:
         self._calibration = calibration
         self._law = law or OutputLaw()
         # A fit to dead bands corrects levels itself, steps do not grow (motion is counted in full
-        # swings, which rare OFF events do not show), and nothing silent holds it back.
-        bands = config.dead_bands and has_rare_off(calibration)
+        # swings, which coarse steps do not show), and nothing silent holds it back.
+        bands = config.dead_bands and has_coarse_steps(calibration)
         self._adapts = config.adapt_to_loss and not bands
         self._leak_per_s, self._backlash = (
             (0.0, 0.0) if bands else (config.leak_per_s, config.backlash)
