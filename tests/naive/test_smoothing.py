@@ -22,6 +22,7 @@ DT_S = 1e-3
 COUNT = 200
 LAG_S = 2e-3
 REST_PX = np.array([[40.0, 30.0]])
+MARKERS = REST_PX, np.array([2.0])  # a pale one
 
 
 def filtered(path_px: np.ndarray) -> list[np.ndarray]:
@@ -46,7 +47,7 @@ def run(states: list[np.ndarray], held: int = -1) -> tuple[np.ndarray, np.ndarra
     for k, state in enumerate(states):
         given_px = state[np.newaxis, :2] + LAG_S * state[np.newaxis, 2:4] + 0.5
         kept.append(state_of(frame(k, given_px, k == held), state[np.newaxis], LAG_S))
-    return smooth_places(np.arange(len(states)) * 1e-3, np.array(kept, float), REST_PX, LAG_S)
+    return smooth_places(np.arange(len(states)) * 1e-3, np.array(kept, float), MARKERS, LAG_S)
 
 
 def textbook(states: list[np.ndarray], axis: int) -> np.ndarray:
@@ -91,6 +92,6 @@ def test_noise_shrinks_and_what_lies_before_a_hold_or_a_leap_is_left_alone() -> 
 def test_a_deviation_is_largest_where_dead_bands_hide_a_motion_and_grows_with_the_speed() -> None:
     way_px = np.array([[0.0, 0.0], [0.41, 0.0], [8.0, 0.0]])
     still, half, far = place_sigma_px(way_px, np.zeros((3, 2)))[:, 0]
-    assert still < far < 0.06 < half < 0.15
+    assert still < far < 0.06 < half < 0.2
     fast = place_sigma_px(way_px[2:], np.array([[1.0, 0.0]]))[0]
     assert fast[0] > fast[1] + 0.03

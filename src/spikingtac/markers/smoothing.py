@@ -7,9 +7,10 @@ Kalman filters.
 The filter's covariance, all but constant, tells of the scatter of fits alone. What a fit is off by
 for longer is what the dead bands of its pixels hide: little of a marker that never moved, most of
 one that went less than a px from its rest, and little again once every pixel of the edge has swung.
-A part is the error of the events' delay, in proportion to the speed. The standard deviations were
-measured on v2e's recording and four scenes of the twin (simulated): 60 to 73 and 92 to 95 % of the
-errors lie within 1 and 1.96 of them; on a flawed skin, whose discs differ from their model, half.
+A part is the error of the events' delay, in proportion to the speed. A pale or blurred marker,
+whose edge crosses a step in a longer way, is less certain by as much. The standard deviations were
+measured on both of v2e's recordings and four scenes of the twin (simulated): 63 to 74 and 89 to
+95 % of the errors lie within 1 and 1.96 of them.
 """
 
 from collections.abc import Iterable, Iterator
@@ -20,6 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
+from spikingtac.markers.graded.appearance import crossing_px
 from spikingtac.markers.graded.motion import AT_US, PP, PV, VV, VX, VY, X, Y, predict_kernel
 from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac.markers.laws import OutputLaw
@@ -27,12 +29,16 @@ from spikingtac.markers.registry import MarkerTracker
 from spikingtac.state_map.graded import Array
 from spikingtac.types import MarkerFrame
 
-SCATTER_PX = 0.039  # Standard deviation of places everywhere, px.
+SCATTER_PX = 0.034  # Standard deviation of places everywhere, px.
 
 # Standard deviation of what dead bands hide at worst, px, and the displacement where they do.
-DEAD_BAND_PX, DEAD_BAND_WAY_PX = 0.134, 0.41
+DEAD_BAND_PX, DEAD_BAND_WAY_PX = 0.156, 0.43
 
-DELAY_SHARE = 0.09  # Standard deviation of the delay's own error, as a share of it.
+DELAY_SHARE = 0.08  # Standard deviation of the delay's own error, as a share of it.
+
+# Way in which an edge crosses a step from which deviations grow with it, px. (That of v2e's plain
+# markers; the twin's is 0.2 px, and its markers are as uncertain.)
+CROSSING_PX = 0.33
 
 # Standard deviation of a marker that is held, px: it is looked for within about as much.
 LOST_PX = 10.0
@@ -71,7 +77,8 @@ def smoothed(
         return
     t_s = np.array([frame.t_us for frame in kept]) * 1e-6
     reference_px = kept[0].position_px - kept[0].displacement_px
-    places = smooth_places(t_s, np.array(states, np.float64), reference_px, lag_s)
+    doubt = np.maximum(crossing_px(tracker.calibration) / CROSSING_PX, 1.0)
+    places = smooth_places(t_s, np.array(states, np.float64), (reference_px, doubt), lag_s)
     for frame, place_px, sigma_px in zip(kept, *places, strict=True):
         position_px = law.update(place_px, reference_px)
         moved_px = position_px - reference_px
@@ -99,7 +106,7 @@ def state_of(frame: MarkerFrame, motion: NDArray[np.float64], lag_s: float) -> N
 def smooth_places(
     t_s: NDArray[np.float64],
     states: NDArray[np.float64],
-    reference_px: NDArray[np.float64],
+    markers: tuple[NDArray[np.float64], NDArray[np.float64]],
     lag_s: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
     """Return ``(n, m, 2)`` places, px, and their standard deviations.
@@ -107,13 +114,14 @@ def smooth_places(
     Args:
         t_s: ``(n,)`` times of the estimates, s.
         states: ``(n, m, 11)`` from :func:`state_of`; changed.
-        reference_px: ``(m, 2)`` rests, px.
+        markers: ``(m, 2)`` rests, px; ``(m,)`` factors of their standard deviations.
         lag_s: Delay of the events, s.
     """
+    reference_px, doubt = markers
     smooth_kernel(t_s, states)
     lag_px = lag_s * states[..., VX : VY + 1]
     place_px = states[..., X : Y + 1] + lag_px + states[..., AHEAD_X:HELD]
-    sigma_px = place_sigma_px(place_px - reference_px, lag_px)
+    sigma_px = doubt[:, np.newaxis] * place_sigma_px(place_px - reference_px, lag_px)
     sigma_px[states[..., HELD] > 0.0] = LOST_PX
     return place_px, sigma_px.astype(np.float32)
 
@@ -121,7 +129,7 @@ def smooth_places(
 def place_sigma_px(
     displacement_px: NDArray[np.float64], lag_px: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return ``(..., 2)`` standard deviations of places, px, smoothed or not.
+    """Return ``(..., 2)`` standard deviations of the places of plain markers, px, smoothed or not.
 
     Args:
         displacement_px: ``(..., 2)`` from the rests, px.

@@ -84,6 +84,7 @@ class GradedTracker:
     """Follows markers on a map of levels.
 
     Attributes:
+        calibration: Of the sensor.
         lag_s: Delay of the events behind the motion, s.
     """
 
@@ -100,7 +101,7 @@ class GradedTracker:
             calibration: Where the markers rest and how they look.
             law: From detected to given position; None gives out what was detected.
         """
-        self._calibration = calibration
+        self.calibration = calibration
         self._law = law or OutputLaw()
         # A fit to dead bands corrects levels itself, steps do not grow (motion is counted in full
         # swings, which coarse steps do not show), and nothing silent holds it back.
@@ -159,7 +160,7 @@ class GradedTracker:
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the markers at ``t_us``, the end of what was absorbed."""
         detected_px, coasted, confidence = self._locate(t_us)
-        reference_px = self._calibration.reference_px
+        reference_px = self.calibration.reference_px
         # A law may have a memory: it sees those estimates alone that were asked for.
         position_px = self._law.update(detected_px, reference_px)
         displacement_px = position_px - reference_px
@@ -196,20 +197,20 @@ class GradedTracker:
         self._start()
 
     def _start(self) -> None:
-        hot_px, size = self._calibration.hot_px, self._calibration.size
+        hot_px, size = self.calibration.hot_px, self.calibration.size
         self._hot = HotPixelWatch(hot_px, size, self._locator.map.pixels)
         self._t_us: int | None = None
         self._leaked_us: int | None = None
         self._counted_us: int | None = None
         self._due_us = self._leak_us = self._task_us = BEFORE_ALL_US
         self._turn = 0
-        self._manager = TrackManager(self._calibration)
+        self._manager = TrackManager(self.calibration)
         neighbours = self._manager.neighbours
-        self._corrections = OutputCorrections(self._calibration, neighbours, self._shrink)
-        recovers = self._calibration.recovery_s is not None
+        self._corrections = OutputCorrections(self.calibration, neighbours, self._shrink)
+        recovers = self.calibration.recovery_s is not None
         self._zero = ReleasedZero(neighbours) if recovers else None
-        self._kept = EventLoss(self._calibration)
-        self._leak = MapLeak(self._calibration, self._leak_per_s) if self._leak_per_s else None
+        self._kept = EventLoss(self.calibration)
+        self._leak = MapLeak(self.calibration, self._leak_per_s) if self._leak_per_s else None
         if self._adapts:
             self._locator.map.events_kept = self._kept.share
 
