@@ -23,10 +23,7 @@ from spikingtac.markers.graded.appearance import (
     profile_tables,
 )
 from spikingtac.markers.graded.dead_bands import fit_bands_kernel
-from spikingtac.markers.graded.disc_fit import (
-    SMALL_STEP_PX,
-    fit_disc_kernel,
-)
+from spikingtac.markers.graded.disc_fit import SMALL_STEP_PX, fit_disc_kernel
 from spikingtac.markers.graded.motion import (
     AGREEMENT,
     AT_ONCE,

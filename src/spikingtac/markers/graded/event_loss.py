@@ -11,6 +11,8 @@ Events are counted per marker, in the cell of the skin that is nearest to its re
 moves few markers, whose events would drown in the background of all the others.
 """
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -79,6 +81,7 @@ class EventLoss:
     Attributes:
         events_per_px: ``(m,)`` events of a whole stream per px of the marker's motion.
         share: Events that arrive over those that a whole stream would bring; 1 without loss.
+        background_hz_px: Events per px and second while the skin stands still.
     """
 
     def __init__(self, calibration: Calibration) -> None:
@@ -92,7 +95,7 @@ class EventLoss:
         # Farther from its rest a disc throws a part of its events into another marker's cell.
         self._roam_px = roam_px(calibration)
         self._turn_px = calibration.reference_px.astype(np.float64)
-        self._background_hz_px: float | None = None
+        self.background_hz_px, self._measured = LEAST_BACKGROUND_HZ_PX, False
         self._expected = self._arrived = 0.0
         self.share = FIRST_SHARE
 
@@ -104,9 +107,7 @@ class EventLoss:
     @property
     def noise_per_s(self) -> NDArray[np.float64]:
         """``(m,)`` background events that each marker's cell brings, 1/s."""
-        background = self._background_hz_px
-        hz_px = LEAST_BACKGROUND_HZ_PX if background is None else background
-        return hz_px * self._area_px
+        return self.background_hz_px * self._area_px
 
     def update(self, motion: NDArray[np.float64], counts: NDArray[np.int64], dt_s: float) -> None:
         """Judge what was counted.
@@ -125,10 +126,9 @@ class EventLoss:
         )  # fmt: skip
         if mean_px_s < STILL_PX_S:
             rate_hz_px = float(counts.sum()) / dt_s / float(self._area_px.sum())
-            if self._background_hz_px is None:
-                self._background_hz_px = rate_hz_px
-            gain = 1.0 - np.exp(-dt_s / BACKGROUND_MEMORY_S)
-            self._background_hz_px += gain * (rate_hz_px - self._background_hz_px)
+            gain = 1.0 - math.exp(-dt_s / BACKGROUND_MEMORY_S) if self._measured else 1.0
+            self.background_hz_px += gain * (rate_hz_px - self.background_hz_px)
+            self._measured = True
         if expected <= 0.0:
             return
         kept = 1.0 - min(expected / MEMORY_EVENTS, 1.0)

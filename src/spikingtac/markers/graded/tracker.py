@@ -183,7 +183,8 @@ class GradedTracker:
         # Until the stream's loss was judged steps are taken for larger than they are, and discs are
         # ahead as often as behind.
         backlash = self._backlash if self._steps_known else 0.0
-        given_px = self._corrections.update(t_us, locator.motion, self.lag_s, backlash)
+        noise = self._kept.background_hz_px, dt_s
+        given_px = self._corrections.update(t_us, locator.motion, self.lag_s, backlash, noise)
         if self._zero is not None:
             velocity_px_s = locator.motion[:, VX : VY + 1]
             given_px = self._zero.update(given_px, velocity_px_s, manager.coasted, dt_s)

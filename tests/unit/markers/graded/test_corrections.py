@@ -9,6 +9,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.appearance import crossing_px
 from spikingtac.markers.graded.corrections import (
+    FADING_PER_S,
     LONG_PLAY,
     SHORT_PLAY,
     SHRINK_PX,
@@ -34,6 +35,7 @@ def given(
     shrink: float = 0.0,
     velocity_px_s: np.ndarray | float = 0.0,
     sensor: Calibration = SENSOR,
+    noise_hz_px: float = 0.0,
 ) -> np.ndarray:
     """Return ``(n, m, 2)`` the given displacements of fits that go along ``(n, m, 2)`` px."""
     made = OutputCorrections(sensor, Neighbourhood(sensor.reference_px), shrink)
@@ -42,7 +44,8 @@ def given(
     out = []
     for place_px in path_px:
         states[:, :2] = sensor.reference_px + place_px
-        out.append(made.update(0, states, 2e-3, backlash) - sensor.reference_px)
+        given_px = made.update(0, states, 2e-3, backlash, (noise_hz_px, 0.01))
+        out.append(given_px - sensor.reference_px)
     return np.array(out)
 
 
@@ -51,11 +54,11 @@ def along_x(way_px: np.ndarray) -> np.ndarray:
     return np.repeat(way_px[:, np.newaxis, np.newaxis] * [1.0, 0.0], COUNT, axis=1)
 
 
-def play(path_px: np.ndarray, width_px: np.ndarray) -> np.ndarray:
+def play(path_px: np.ndarray, width_px: np.ndarray, kept: float) -> np.ndarray:
     """Return the states of play operators along a path, as shares of their widths."""
     state, last, states = np.zeros(path_px.shape[1:]), np.zeros(path_px.shape[1:]), []
     for place_px in path_px:
-        state = state + (place_px - last) / width_px[:, np.newaxis]
+        state = kept * state + (place_px - last) / width_px[:, np.newaxis]
         state = state / np.maximum(np.linalg.norm(state, axis=1, keepdims=True), 1.0)
         last = place_px
         states.append(state)
@@ -66,16 +69,16 @@ def test_the_kernel_does_what_the_plain_twin_does() -> None:
     rng = np.random.default_rng(3)
     path_px = np.cumsum(rng.normal(0.0, 0.08, (400, COUNT, 2)), axis=0)
     velocity_px_s = rng.normal(0.0, 50.0, (COUNT, 2))
-    near = Neighbourhood(SENSOR_PX)
-    told = play(path_px, SHORT_PLAY * CROSSING_PX)[:, near.index].mean(axis=2)
-    way = play(path_px, LONG_PLAY * CROSSING_PX)
-    assert np.linalg.norm(way, axis=2).max() > 0.9
+    near, kept = Neighbourhood(SENSOR_PX), np.exp(-FADING_PER_S * 2.0**2 * 0.01)
+    told = play(path_px, SHORT_PLAY * CROSSING_PX, kept)[:, near.index].mean(axis=2)
+    way = play(path_px, LONG_PLAY * CROSSING_PX, kept)
+    assert np.linalg.norm(way, axis=2).max() > 0.5
     ahead = (STEADY_SHARE + TURN_SHARE) * told - TURN_SHARE * way
     ahead_px = path_px + 2e-3 * velocity_px_s + CROSSING_PX[:, np.newaxis] * ahead
     apart_px = ahead_px - (near.weight[..., np.newaxis] * ahead_px[:, near.index]).sum(axis=2)
     own = 1.0 / (1.0 + (near.weight**2).sum(axis=1))[:, np.newaxis]
     taken = own * SHRINK_PX**2 / ((apart_px**2).sum(axis=2, keepdims=True) + SHRINK_PX**2)
-    found = given(path_px, shrink=1.0, velocity_px_s=velocity_px_s)
+    found = given(path_px, shrink=1.0, velocity_px_s=velocity_px_s, noise_hz_px=2.0)
     np.testing.assert_allclose(found, ahead_px - taken * apart_px, atol=1e-9)
 
 
@@ -94,7 +97,7 @@ def test_the_lag_is_made_good_from_the_last_time_of_the_filter_on() -> None:
     states = np.zeros((COUNT, 8))
     states += np.array([0.0, 0.0, 40.0, -10.0, 0.0, 0.0, 0.0, 500.0])
     states[:, :2] = SENSOR_PX
-    moved_px = made.update(2_000, states, 2e-3, 0.0) - SENSOR_PX
+    moved_px = made.update(2_000, states, 2e-3, 0.0, (0.0, 0.0)) - SENSOR_PX
     np.testing.assert_allclose(moved_px, np.tile([40.0 * 3.5e-3, -10.0 * 3.5e-3], (COUNT, 1)))
 
 
