@@ -111,9 +111,9 @@ MUTATIONS = (
         tests=("tests/unit/markers/graded/test_corrections.py",),
     ),
     Mutation(
-        name="silent-pixels-expected",
-        old="expected += asked * dt_s * (1.0 - silent)",
-        new="expected += asked * dt_s",
+        name="short-strokes-asked",
+        old="np.hypot(way_x, way_y) > stroke_px",
+        new="np.hypot(way_x, way_y) > 0.0",
         tests=("tests/unit/markers/graded/test_event_loss.py",),
     ),
     Mutation(

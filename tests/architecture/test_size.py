@@ -23,7 +23,7 @@ class Size:
 
 # Folder -> what it may hold.
 MOST = {
-    "src/spikingtac": Size(245, 26_400, 24_105),
+    "src/spikingtac": Size(245, 26_320, 24_060),
     "src/spikingtac_paper": Size(60, 5_940, 4_860),
     "src/spikingtac_hardware": Size(11, 1_260, 1_180),
     "integrations": Size(23, 1_670, 1_580),

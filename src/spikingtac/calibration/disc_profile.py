@@ -71,6 +71,12 @@ class DiscProfile:
         numerator = -k * inside * (1.0 - inside) / self.edge_px
         return numerator / (1.0 + k * inside) / np.log1p(k)
 
+    @property
+    def steepest(self) -> float:
+        """Largest fall of the level, 1/px."""
+        k = self.contrast - 1.0
+        return float((np.sqrt(self.contrast) - 1.0) ** 2 / (k * np.log1p(k) * self.edge_px))
+
 
 def disc_profiles(calibration: Calibration) -> list[DiscProfile]:
     """Return each marker's profile: its own where it is known, else the sensor's, else usual.

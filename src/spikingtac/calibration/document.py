@@ -1,7 +1,9 @@
-"""The JSON of a calibration: one schema, with the plausible range of every field."""
+"""The JSON of a calibration: one table of what its keys hold, for reading and writing."""
 
 import base64
+import reprlib
 import zlib
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,36 +16,91 @@ CALIBRATION_SCHEMA = 1
 
 LARGEST_AREA_PX = 1 << 24  # Largest sensor, px: 16 megapixels, of which a map takes 64 MB.
 
-# Range of what an event stands for: a thousandth of a usual step, and the full swing.
-STEP = (1e-4, 1.0)
+MARKERS, ANY = -1, -2  # Lengths that stand for the number of markers, and for any number.
 
-# Range of marker over ground intensity: above one, and the dynamic range of a camera, 80 dB.
-CONTRAST = (1.0001, 1e4)
 
-EDGE_PX = (1e-3, 100.0)  # Range of a marker's blur: beyond it nothing is an edge.
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """What a key holds.
 
-# Numbers that may be absent, and their ranges.
+    Attributes:
+        what: In words.
+        low: Least of its numbers.
+        high: Largest of them.
+        shape: How many there are along each axis; none for a single one.
+        kind: What they are: float, int or bool.
+        decimals: To so many they are written.
+    """
+
+    what: str
+    low: float
+    high: float
+    shape: tuple[int, ...] = ()
+    kind: type = float
+    decimals: int = 6
+
+    def read(self, name: str, value: Any, markers: int) -> NDArray[Any]:
+        """Return the numbers of parsed JSON; true, false and texts are none.
+
+        Raises:
+            ValueError: It holds something else; says what was given and what is valid.
+        """
+        shape = tuple(markers if length == MARKERS else length for length in self.shape)
+        found = np.array(value)
+        if ANY in shape:
+            found = found if found.size else found.reshape(0, *shape[1:])
+            shape = (len(found), *shape[1:])
+        fits = found.dtype.kind in ("b" if self.kind is bool else "iuf") and found.shape == shape
+        fits = fits and bool(((found >= self.low) & (found <= self.high)).all())
+        if not fits or not (found.astype(self.kind) == found).all():
+            raise ValueError(
+                f"{name} is {reprlib.repr(value)}, it must hold {self.what.format(markers)}, "
+                f"{self.low:g} to {self.high:g}"
+            )
+        return found.astype(self.kind)
+
+    def written(self, value: Any) -> Any:
+        """Return numbers as JSON has them."""
+        return np.round(np.asarray(value, np.float64), self.decimals).astype(self.kind).tolist()
+
+    def of_each_marker(self) -> "Numbers":
+        """Return the same for a list with a number for each marker."""
+        what = f"{self.what}, for each of {{}} markers"
+        return replace(self, what=what, shape=(MARKERS,), decimals=5)
+
+
+# What an event stands for: a thousandth of a usual step, and the full swing.
+STEP = Numbers("the share of a full swing of an event", 1e-4, 1.0)
+
+# Above one, and the dynamic range of a camera, 80 dB.
+CONTRAST = Numbers("marker over ground intensity", 1.0001, 1e4)
+
+EDGE = Numbers("the scale of a marker's edge, px", 1e-3, 100.0)  # Beyond it nothing is an edge.
+
+# Numbers of the sensor that each marker may have of its own: ``marker_`` and the name.
+OWN = {"step_on": STEP, "step_off": STEP, "contrast": CONTRAST, "edge_px": EDGE}
+
+MARKER_NUMBERS = {f"marker_{name}": one.of_each_marker() for name, one in OWN.items()}
+
+MEASURED = "marker_measured"
+
 NUMBERS = {
-    "step_on": STEP,
-    "step_off": STEP,
-    "contrast": CONTRAST,
-    "edge_px": EDGE_PX,
-    "lag_us": (0.0, 1e5),  # photoreceptors in the dark and USB together take less than 0.1 s
-    "px_per_mm": (1e-2, 1e4),  # from a pixel for 100 mm to 0.1 um a pixel
-    "recovery_s": (1e-3, 100.0),
+    "size": Numbers("width and height of the sensor, px", 1, LARGEST_AREA_PX, (2,), int),
+    "grid": Numbers("two whole numbers, rows and columns", 1, LARGEST_AREA_PX, (2,), int),
+    "reference_px": Numbers(
+        "x and y of each of {} markers, px", -1e6, 1e6, (MARKERS, 2), decimals=4
+    ),
+    "radius_px": Numbers("the radii of {} markers, px", 1e-3, 1e5, (MARKERS,), decimals=4),
+    **OWN,
+    # Photoreceptors in the dark and USB together take less than 0.1 s.
+    "lag_us": Numbers("a delay, us", 0.0, 1e5),
+    # From a pixel for 100 mm to 0.1 um a pixel.
+    "px_per_mm": Numbers("the pixels of a millimetre of skin", 1e-2, 1e4),
+    "recovery_s": Numbers("a time, s", 1e-3, 100.0),
+    **MARKER_NUMBERS,
+    MEASURED: Numbers("true or false for each of {} markers", 0, 1, (MARKERS,), bool),
+    "hot_px": Numbers("the column and the row of each hot pixel", 0, 1e6, (ANY, 2), int),
 }
-
-# Lists with a number for each marker that may be absent, and their ranges.
-MARKER_NUMBERS = {
-    "marker_contrast": CONTRAST,
-    "marker_edge_px": EDGE_PX,
-    "marker_step_on": STEP,
-    "marker_step_off": STEP,
-}
-
-MEASURED = "marker_measured"  # Key that may be absent: one true or false for each marker.
-
-HOT_PIXELS = "hot_px"  # Key that may be absent: column and row of each hot pixel.
 
 MAPS = ("step_on_map", "step_off_map")  # Keys that may be absent: packed maps.
 
@@ -53,11 +110,7 @@ COUNTS_PER_UNIT = 10_000
 # Keys of files of version 0.1, whose steps have another meaning.
 FORMER_KEYS = ("band_scale_on", "band_scale_off")
 
-KEYS = (
-    *("schema", "size", "grid", "reference_px", "radius_px", "polarity"),
-    *(*NUMBERS, *MARKER_NUMBERS, MEASURED, HOT_PIXELS, *MAPS),
-    *("hysteresis", "lens", "provenance"),
-)
+KEYS = ("schema", *NUMBERS, *MAPS, "polarity", "hysteresis", "lens", "provenance")
 
 
 def checked_document(document: Any, where: str) -> dict[str, Any]:
@@ -98,20 +151,11 @@ def _checked(document: Any) -> dict[str, Any]:
     for name, kind, what in (("hysteresis", str, "a name"), ("provenance", dict, "an object")):
         if not isinstance(document.get(name), kind | None):
             raise ValueError(f"{name} is {document[name]!r}, it must be {what}")
-    size = _whole_pair(document["size"], "size")
-    if size[0] * size[1] > LARGEST_AREA_PX:
-        raise ValueError(f"a sensor of {size[0]}x{size[1]} px is not possible")
-    grid = None if document["grid"] is None else _whole_pair(document["grid"], "grid")
-    reference_px, radius_px = _markers(document, grid, size)
+    found = _numbers(document)
+    size = found["size"]
     return {
-        "size": size,
-        "grid": grid,
-        "reference_px": reference_px,
-        "radius_px": radius_px,
-        **_numbers(document, len(radius_px)),
-        MEASURED: _measured(document.get(MEASURED), len(radius_px)),
+        **found,
         **{name: unpack_map(document[name], size, name) for name in MAPS if document.get(name)},
-        HOT_PIXELS: _pixels(document.get(HOT_PIXELS), size),
         "polarity": polarity,
         "hysteresis": document.get("hysteresis"),
         "lens": None if document.get("lens") is None else Lens.from_document(document["lens"]),
@@ -119,87 +163,52 @@ def _checked(document: Any) -> dict[str, Any]:
     }
 
 
-def _whole_pair(value: Any, name: str) -> tuple[int, int]:
-    first, second = (int(item) for item in value)
-    if [first, second] != list(value) or min(first, second) < 1:
-        raise ValueError(f"{name} is {value}, it must hold two whole numbers that must be positive")
-    return first, second
-
-
-def _markers(
-    document: dict[str, Any], grid: tuple[int, int] | None, size: tuple[int, int]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return rest positions and radii.
+def _numbers(document: dict[str, Any]) -> dict[str, Any]:
+    """Return all numbers.
 
     Raises:
-        ValueError: They do not fit the grid, or a marker lies wholly off the sensor, is larger than
-            it, or two share one pixel.
+        ValueError: Some are unfit, or a marker lies wholly off the sensor or is larger than it, two
+            share one pixel, or a hot pixel lies off the sensor.
     """
-    reference = _real(document["reference_px"], "reference_px")
-    radius = _real(document["radius_px"], "radius_px")
-    markers = len(reference) if grid is None else grid[0] * grid[1]
-    if reference.shape != (markers, 2) or not markers:
-        raise ValueError(f"the grid asks for {markers or 'some'} points, got {reference.shape}")
-    if radius.ndim == 0:
-        radius = np.full(markers, float(radius))
-    if radius.shape != (markers,):
-        raise ValueError(f"radius_px has shape {radius.shape}, expected ({markers},)")
-    if not (np.isfinite(reference).all() and np.isfinite(radius).all() and (radius > 0).all()):
-        raise ValueError("positions must be finite and radii positive")
-    if radius.max() > max(size):
-        raise ValueError(f"a radius of {radius.max():g} px is larger than the sensor")
-    reach = radius[:, np.newaxis]
-    off = ((reference < -reach) | (reference > np.array(size) + reach)).any(axis=1)
+    given = {name: document.get(name) for name in NUMBERS}
+    given |= {name: document[name] for name in ("size", "grid", "reference_px", "radius_px")}
+    found: dict[str, Any] = {"grid": None}
+    markers = len(given["reference_px"])
+    for name, numbers in NUMBERS.items():
+        value = given[name]
+        if name == "radius_px" and np.ndim(value) == 0:
+            value = [value] * markers
+        if value is not None:
+            told = numbers.read(name, value, markers)
+            found[name] = told if numbers.shape else float(told)
+        if name == "grid" and value is not None:
+            markers = int(found["grid"].prod())
+    found |= {
+        name: tuple(found[name].tolist()) for name in ("size", "grid") if found[name] is not None
+    }
+    (width, height), reference_px, radius_px = (
+        found["size"],
+        found["reference_px"],
+        found["radius_px"],
+    )
+    if width * height > LARGEST_AREA_PX:
+        raise ValueError(f"a sensor of {width}x{height} px is not possible")
+    if radius_px.max() > max(width, height):
+        raise ValueError(f"a radius of {radius_px.max():g} px is larger than the sensor")
+    inside_px = reference_px.clip(
+        -radius_px[:, np.newaxis], (width, height) + radius_px[:, np.newaxis]
+    )
+    off = (inside_px != reference_px).any(axis=1)
     if off.any():
         raise ValueError(
-            f"marker {np.argmax(off)} at {reference[np.argmax(off)].tolist()} px lies off the "
-            f"sensor of {size[0]}x{size[1]} px"
+            f"marker {np.argmax(off)} at {reference_px[np.argmax(off)].tolist()} px lies off the "
+            f"sensor of {width}x{height} px"
         )
-    if len(np.unique(np.round(reference), axis=0)) < markers:
+    if len(np.unique(np.round(reference_px), axis=0)) < len(reference_px):
         raise ValueError("two markers lie at one and the same pixel")
-    return reference, radius
-
-
-def _real(value: Any, name: str) -> NDArray[np.float64]:
-    """Return numbers; true, false and texts are none."""
-    found = np.array(value)
-    if found.dtype.kind not in "iuf":
-        raise ValueError(f"{name} is {value!r}, it must hold numbers")
-    return found.astype(np.float64)
-
-
-def _numbers(document: dict[str, Any], markers: int) -> dict[str, Any]:
-    values: dict[str, Any] = {}
-    for name, (low, high) in (NUMBERS | MARKER_NUMBERS).items():
-        if document.get(name) is None:
-            continue
-        value, shape = _real(document[name], name), () if name in NUMBERS else (markers,)
-        if value.shape != shape:
-            raise ValueError(f"{name} has shape {value.shape}, expected {shape}")
-        if not ((value >= low) & (value <= high)).all():
-            raise ValueError(f"{name} is {value}, it must lie in {low:g} to {high:g}")
-        values[name] = value if shape else float(value)
-    return values
-
-
-def _measured(value: Any, markers: int) -> NDArray[np.bool_] | None:
-    if value is None:
-        return None
-    measured = np.array(value)
-    if measured.shape != (markers,) or measured.dtype != np.bool_:
-        raise ValueError(f"{MEASURED} must hold true or false for each marker")
-    return measured
-
-
-def _pixels(value: Any, size: tuple[int, int]) -> NDArray[np.int64] | None:
-    if value is None:
-        return None
-    pixels = np.array(value) if len(value) else np.empty((0, 2), np.int64)
-    if pixels.dtype.kind != "i" or pixels.shape[1:] != (2,):
-        raise ValueError(f"{HOT_PIXELS} must hold the column and the row of each hot pixel")
-    if not ((pixels >= 0) & (pixels < size)).all():
-        raise ValueError(f"{HOT_PIXELS} holds a pixel off the sensor of {size[0]}x{size[1]} px")
-    return pixels.astype(np.int64)
+    if (found.get("hot_px", np.zeros((0, 2))) >= (width, height)).any():
+        raise ValueError(f"hot_px holds a pixel off the sensor of {width}x{height} px")
+    return found
 
 
 def pack_map(values: NDArray[np.floating]) -> str:

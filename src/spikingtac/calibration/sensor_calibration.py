@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -15,10 +14,7 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import write_text
 from spikingtac.calibration.document import (
     CALIBRATION_SCHEMA,
-    HOT_PIXELS,
     MAPS,
-    MARKER_NUMBERS,
-    MEASURED,
     NUMBERS,
     checked_document,
     pack_map,
@@ -127,29 +123,20 @@ class Calibration:
         Raises:
             CalibrationError: It holds what :meth:`load` refuses; nothing is written.
         """
-        document = self._document()
-        checked_document(document, where=f"{str(path)!r} is not written")
-        write_text(path, json.dumps(document, indent=1) + "\n")
-
-    def _document(self) -> dict[str, Any]:
-        def known(names: Iterable[str], packed: Callable[[Any], Any]) -> dict[str, Any]:
-            values = {name: getattr(self, name) for name in names}
-            return {name: packed(value) for name, value in values.items() if value is not None}
-
-        return {
+        known = {name: getattr(self, name) for name in (*NUMBERS, *MAPS)}
+        known = {name: value for name, value in known.items() if value is not None}
+        document = {
             "schema": CALIBRATION_SCHEMA,
-            "size": list(self.size),
-            "grid": self.rows_and_columns,
+            "grid": None,
+            **{name: NUMBERS[name].written(known[name]) for name in NUMBERS if name in known},
+            **{name: pack_map(known[name]) for name in MAPS if name in known},
             "polarity": self.polarity,
-            **known(NUMBERS, lambda value: round(float(value), 6)),
-            **known(["hysteresis"], str),
-            **known(["lens"], Lens.document),
-            **known([HOT_PIXELS, MEASURED], np.ndarray.tolist),
-            **known(["reference_px", "radius_px"], lambda values: np.round(values, 4).tolist()),
-            **known(MARKER_NUMBERS, lambda values: np.round(values, 5).tolist()),
-            **known(MAPS, pack_map),
+            **({} if self.hysteresis is None else {"hysteresis": self.hysteresis}),
+            **({} if self.lens is None else {"lens": self.lens.document()}),
             "provenance": self.provenance,
         }
+        checked_document(document, where=f"{str(path)!r} is not written")
+        write_text(path, json.dumps(document, indent=1) + "\n")
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

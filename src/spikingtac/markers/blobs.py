@@ -26,6 +26,12 @@ HALF_LEVEL = 0.5
 # markers of radius 15 px still pass, a lit half of the sensor does not.
 SMALLEST_PX, LARGEST_PX = 20.0, 2_000.0
 
+# Areas of a blob that may be a marker, as shares of the smallest and the largest disc. (A
+# smaller piece of a disc need not contain its centre; at a sudden release such pieces of the
+# erased footprint lie nearer than the marker and would capture its identity. Motion stretches a
+# marker in the map; two merged markers pass as well: the nearer one takes their joint centroid.)
+SMALLEST_SHARE, LARGEST_SHARE = 0.5, 2.5
+
 EIGHT_CONNECTED = np.ones((3, 3))  # Neighbours of a pixel.
 
 
@@ -90,6 +96,12 @@ def find_blobs(
     # Each pixel is a square, whose own second moment is 1 / 6.
     spread_px2 = square / mass - (center_px**2).sum(axis=1) + 1.0 / 6.0
     return Blobs(center_px, area_px, cut > 0.0, area_px / (2.0 * np.pi * spread_px2))
+
+
+def blob_areas_px(radius_px: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the smallest and the largest area of a blob that may be one of the markers, px."""
+    disc_px = np.pi * radius_px**2
+    return SMALLEST_SHARE * float(disc_px.min()), LARGEST_SHARE * float(disc_px.max())
 
 
 def associate(

@@ -16,7 +16,7 @@ from spikingtac.denoise.classical import Denoiser
 from spikingtac.errors import ConfigError
 from spikingtac.events.filters import BackgroundActivityFilter
 from spikingtac.events.hot_pixels import HotPixelWatch
-from spikingtac.markers.blobs import UNMATCHED, associate, find_blobs
+from spikingtac.markers.blobs import UNMATCHED, associate, blob_areas_px, find_blobs
 from spikingtac.markers.laws import OutputLaw
 from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.state_map.binary import BinaryStateMap, StateMap, paint_binary_discs
@@ -33,12 +33,6 @@ RARE_OFF_SUPPORT_US = 20_000
 # Level at which the cleaned map is binarised there (0.66 px, none lost, for 0.73 px, two
 # lost).
 RARE_OFF_THRESHOLD = 0.6
-
-# Areas of a blob that may be a marker, as shares of the smallest and the largest disc. (A
-# smaller piece of a disc need not contain its centre; at a sudden release such pieces of the
-# erased footprint lie nearer than the marker and would capture its identity. Motion stretches a
-# marker in the map; two merged markers pass as well: the nearer one takes their joint centroid.)
-SMALLEST_SHARE, LARGEST_SHARE = 0.5, 2.5
 
 # Association threshold as a share of the smallest distance between two resting markers: beyond one
 # half a neighbour could be nearer than the marker itself.
@@ -176,12 +170,6 @@ def _adapted(config: BlobTrackerConfig, calibration: Calibration) -> BlobTracker
     support_us = max(config.support_us, RARE_OFF_SUPPORT_US) if config.support_us else 0
     threshold = max(config.threshold, RARE_OFF_THRESHOLD)
     return replace(config, support_us=support_us, refresh_us=0, threshold=threshold)
-
-
-def blob_areas_px(radius_px: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the smallest and the largest area of a blob that may be one of the markers, px."""
-    disc_px = np.pi * radius_px**2
-    return SMALLEST_SHARE * float(disc_px.min()), LARGEST_SHARE * float(disc_px.max())
 
 
 def painted_binary_map(calibration: Calibration) -> BinaryStateMap:

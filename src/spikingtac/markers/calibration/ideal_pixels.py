@@ -88,11 +88,10 @@ def compare(
         near, ended = np.zeros((len(discs.radius_px), 4)), np.zeros((len(discs.radius_px), 6))
         pixels = slice(rows.start * width, rows.stop * width)
         compare_kernel(
-            (events.code, pixels.start, width),
+            (events.code, pixels.start, width, at_s, 1.0 / recovery_s if recovery_s > 0.0 else 0.0),
             (index, center_px - [0.0, rows.start], stretch_px, states),
             looks,
             (steps[0][pixels], steps[1][pixels]),
-            (at_s, 1.0 / recovery_s if recovery_s > 0.0 else 0.0),
             (kept[:, :, pixels], owner[:, pixels], near, (swings[pixels], ended)),
         )
         near[:, 2:] /= PHASES
@@ -217,40 +216,22 @@ def end_swings_kernel(
             last[q, 0], last[q, 1] = count[q, 0], count[q, 1]
 
 
-@njit(cache=True)
-def begin_kernel(
-    now: NDArray[np.float32],
-    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
-    copies: tuple[NDArray[np.float32], NDArray[np.float32]],
-    end: NDArray[np.int8],
-) -> None:
-    """Spread each pixel's copies evenly over the levels at which it may have fired last."""
-    (on, off), (before, phases) = steps, copies
-    for q in range(len(now)):
-        before[q] = now[q]
-        end[q] = 2 if now[q] > MARKER_LEVEL else 1 if now[q] < GROUND_LEVEL else 0
-        for phase in range(PHASES):
-            share = np.float32((phase + 0.5) / PHASES)
-            phases[q, phase] = now[q] + off[q] - (on[q] + off[q]) * share
-
-
 @njit(cache=True, nogil=True)
 def compare_kernel(
-    real: tuple[NDArray[np.uint32], int, int],
+    real: tuple[NDArray[np.uint32], int, int, NDArray[np.float64], float],
     paths: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
     looks: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
-    recovery: tuple[NDArray[np.float64], float],
     out: tuple[Any, ...],
 ) -> None:
     """Walk along the samples; fill some rows of a :class:`Comparison`.
 
-    ``real`` is the codes of all events, the number of the first pixel of these rows, and their
-    width; ``recovery`` is the time of each sample, s, and the rate at which pixels recover, 1/s;
-    ``out`` is the levels ``(3, states, pixels)``, the owners, the events ``(m, 4)``, and the swings
-    by pixel and by marker.
+    ``real`` is the codes of all events, the number of the first pixel of these rows, their width,
+    the time of each sample, s, and the rate at which pixels recover, 1/s; ``out`` is the levels
+    ``(3, states, pixels)``, the owners, the events ``(m, 4)``, and the swings by pixel and by
+    marker.
     """
-    (code, first, width), (at_s, per_s), (levels, owners, near, swings) = real, recovery, out
+    (code, first, width, at_s, per_s), (levels, owners, near, swings) = real, out
     (index, center_px, stretch_px, states), (on, off) = paths, steps
     shape = (levels.shape[2] // width, width)
     image, owner = np.zeros(shape, np.float32), np.full(shape, -1, np.int32)
@@ -267,10 +248,11 @@ def compare_kernel(
         at, clock = index[sample], (seen_s, at_s[sample], per_s)
         place = center_px[sample], stretch_px[sample]
         covered = touched[: draw_kernel(place, looks, (image, owner), touched)]
-        if sample == 0:
-            begin_kernel(now, steps, (before, phases), ends[0])
-        for q in covered:
-            last_owner[q] = whose[q]
+        if sample == 0:  # each pixel's copies may have fired last at any level within a step
+            before[:], ends[0][:] = now, 2 * (now > MARKER_LEVEL) + (now < GROUND_LEVEL)
+            for phase in range(PHASES):
+                phases[:, phase] = now + off - (on + off) * np.float32((phase + 0.5) / PHASES)
+        last_owner[covered] = whose[covered]
         for some in (former[:formers], covered):  # what may be ground now, then the discs
             follow_levels_kernel((some, last_owner), (now, before), copies, steps, near, clock)
         end_swings_kernel(former[:formers], (now, whose, True), ends, counted, swings)

@@ -145,10 +145,6 @@ LEAST_ON_SHARE = 0.6
 # not 0.08 at most; from four short presses it cannot be told).
 RECOVERY_GAIN = 0.1
 
-# After so many rounds it is given up where more than this share is left over (the recorded sensor
-# 0.92, two simulated ones that do not recover 1.23 and 1.34; seven rounds more take off a tenth).
-FIRST_ROUNDS, HOPELESS = 3, 1.1
-
 
 def with_recovery(evidence: Evidence, model: Model) -> Model:
     """Return what explains the events better: pixels that recover, or the model without.
@@ -160,14 +156,9 @@ def with_recovery(evidence: Evidence, model: Model) -> Model:
     """
     if float(np.mean(evidence.events.code & 1)) < LEAST_ON_SHARE:
         return model
-    recovering, seen = replace(model, recovery_s=RECOVERY_S), model.residual > 0.0
-    for rounds, most in (
-        (FIRST_ROUNDS, HOPELESS),
-        (MOST_ROUNDS - FIRST_ROUNDS, 1.0 - RECOVERY_GAIN),
-    ):
-        recovering = refine(evidence, recovering, rounds)
-        # Marker by marker: those that hardly move are explained as badly by both.
-        left_over = recovering.residual[seen] / model.residual[seen]
-        if not seen.any() or float(np.median(left_over)) > most:
-            return model
-    return recovering
+    recovering = refine(evidence, replace(model, recovery_s=RECOVERY_S))
+    # Marker by marker: those that hardly move are explained as badly by both.
+    seen = model.residual > 0.0
+    left_over = recovering.residual[seen] / model.residual[seen]
+    recovers = seen.any() and float(np.median(left_over)) <= 1.0 - RECOVERY_GAIN
+    return recovering if recovers else model

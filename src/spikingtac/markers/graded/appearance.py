@@ -62,8 +62,6 @@ CURVE_POINTS = 2001  # Points at which the polynomials are fitted: so many that 
 RING_PX = 0.25  # Steps of distance in which pixels are counted.
 PHASES = 4  # Places along a pixel's side for which its window is sorted.
 
-SLOPE_POINTS = 401  # Points at which the slope of an edge is asked for its steepest.
-
 # Events in steady motion over those of full swings: noise near a threshold adds some (1.04 to
 # 1.09 on training scenes, 1.05 on v2e's sensors, simulated).
 EXTRA_EVENTS = 1.05
@@ -200,11 +198,7 @@ def crossing_px(calibration: Calibration) -> NDArray[np.float64]:
         ``(m,)`` px.
     """
     appearance = appearance_of(calibration)
-    steepest = [
-        np.abs(p.slope(np.linspace(-p.reach_px, p.reach_px, SLOPE_POINTS))).max()
-        for p in appearance.profiles
-    ]
-    return appearance.mean_step / np.array(steepest)
+    return appearance.mean_step / np.array([profile.steepest for profile in appearance.profiles])
 
 
 def events_per_px(calibration: Calibration) -> NDArray[np.float64]:
@@ -272,7 +266,7 @@ def fit_window(profiles: list[DiscProfile], width_px: int) -> FitWindow:
 def _steep_stretch_px(profile: DiscProfile) -> tuple[float, float]:
     q_px = np.linspace(-REACH_PX, REACH_PX, CURVE_POINTS)
     steepness = -profile.slope(q_px)
-    steep_px = q_px[steepness > FLAT_SHARE * steepness.max()]
+    steep_px = q_px[steepness > FLAT_SHARE * profile.steepest]
     return float(steep_px[0]), float(steep_px[-1])
 
 

@@ -23,15 +23,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.blobs import UNMATCHED, associate, find_blobs
+from spikingtac.markers.blobs import UNMATCHED, associate, blob_areas_px, find_blobs
 from spikingtac.markers.graded.event_loss import (
     BACKGROUND_SHARE,
     FAST_PX_S,
     SLOW_PX_S,
     EventLoss,
 )
-from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, FIT_X, FIT_Y, VX, VY
-from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
+from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, FIT_X, VX, VY
+from spikingtac.markers.neighbours import Neighbourhood, around_kernel, smallest_spacing_px
 from spikingtac.state_map.graded import Array
 
 LEAST_AGREEMENT = 0.35  # Share of the edge that must agree with the fitted disc.
@@ -42,9 +42,6 @@ SEARCH_US = 20_000  # Time between two full-frame detections while a marker is h
 
 # Largest distance between prediction and detection, as a share of the smallest spacing.
 CAPTURE_SHARE = 0.3
-
-# Area of a blob that may be a lost marker, over that of its disc.
-SMALLEST_BLOB_SHARE, LARGEST_BLOB_SHARE = 0.4, 2.5
 
 FADE_S = 0.1  # Time in which the confidence in a held marker falls by a factor e, s.
 
@@ -86,9 +83,7 @@ class TrackManager:
         away_px = np.linalg.norm(around_px.mean(axis=1), axis=1)
         spread_px = np.linalg.norm(around_px, axis=2).mean(axis=1)
         self._surrounded = away_px < SURROUNDED * spread_px
-        disc_px = np.pi * calibration.radius_px**2
-        smallest, largest = float(disc_px.min()), float(disc_px.max())
-        self._areas_px = SMALLEST_BLOB_SHARE * smallest, LARGEST_BLOB_SHARE * largest
+        self._areas_px = blob_areas_px(calibration.radius_px)
         spacing_px = min(smallest_spacing_px(calibration.reference_px), max(calibration.size))
         self.capture_px = CAPTURE_SHARE * spacing_px
         self._doubted_since_us = np.full(count, -1, np.int64)
@@ -130,9 +125,7 @@ class TrackManager:
         """
         self.placed, near, since_us = False, self.neighbours, self._doubted_since_us
         gone = self.coasted, self.silent
-        if not doubt_kernel(
-            fits, near.reference_px, near.index, near.bound_px, gone, t_us, since_us
-        ):
+        if not doubt_kernel(fits, near.skin, near.bound_px, gone, t_us, since_us):
             return
         fitted_px = fits[:, :FIT_US]
         lost = (since_us >= 0) & (t_us - since_us >= PATIENCE_US)
@@ -202,7 +195,7 @@ def _asked_speed_kernel(
 
 @njit(cache=True, nogil=True)
 def doubt_kernel(
-    fits: Array, reference_px: Array, index: Array, bound_px: Array, gone: tuple[Array, Array],
+    fits: Array, skin: tuple[Array, Array, Array], bound_px: Array, gone: tuple[Array, Array],
     t_us: int, since_us: Array,
 ) -> bool:  # pragma: no cover - compiled # fmt: skip
     """Note since when fits cannot be their markers, -1 for all others.
@@ -211,21 +204,12 @@ def doubt_kernel(
     """
     found = False
     for m in range(bound_px.size):
-        low_x = low_y = np.inf
-        high_x = high_y = -np.inf
-        for k in range(index.shape[1]):
-            n = index[m, k]
-            x, y = fits[n, FIT_X] - reference_px[n, 0], fits[n, FIT_Y] - reference_px[n, 1]
-            low_x, high_x, low_y, high_y = (
-                min(low_x, x),
-                max(high_x, x),
-                min(low_y, y),
-                max(high_y, y),
-            )
-        x, y = fits[m, FIT_X] - reference_px[m, 0], fits[m, FIT_Y] - reference_px[m, 1]
-        x, y = max(low_x - x, x - high_x, 0.0), max(low_y - y, y - high_y, 0.0)
-        beyond = x * x + y * y > bound_px[m] * bound_px[m]
-        if not beyond and fits[m, AGREEMENT] >= LEAST_AGREEMENT:
+        beyond2 = 0.0
+        for axis in range(2):
+            _, low, high = around_kernel(fits, skin, m, axis)
+            moved = fits[m, FIT_X + axis] - skin[0][m, axis]
+            beyond2 += max(low - moved, moved - high, 0.0) ** 2
+        if beyond2 <= bound_px[m] ** 2 and fits[m, AGREEMENT] >= LEAST_AGREEMENT:
             since_us[m] = -1
         elif since_us[m] < 0:
             since_us[m] = t_us

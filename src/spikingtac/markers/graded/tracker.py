@@ -122,10 +122,6 @@ class GradedTracker:
         return self._locator.map
 
     @property
-    def _steps_known(self) -> bool:
-        return self._kept.judged or not self._adapts
-
-    @property
     def motion(self) -> NDArray[np.float64]:
         """``(m, 8)`` states of the filters (:mod:`spikingtac.markers.graded.motion`); a view."""
         return self._locator.motion
@@ -182,7 +178,7 @@ class GradedTracker:
             self._let_leak(t_us)
         # Until the stream's loss was judged steps are taken for larger than they are, and discs are
         # ahead as often as behind.
-        backlash = self._backlash if self._steps_known else 0.0
+        backlash = self._backlash if self._kept.judged or not self._adapts else 0.0
         noise = self._kept.background_hz_px, dt_s
         given_px = self._corrections.update(t_us, locator.motion, self.lag_s, backlash, noise)
         if self._zero is not None:
@@ -219,7 +215,7 @@ class GradedTracker:
         since_s = 0.0 if self._leaked_us is None else (t_us - self._leaked_us) * 1e-6
         self._leaked_us, self._leak_us = t_us, t_us + TURN_US
         if self._leak is not None and since_s:
-            self._leak.update(self._locator, since_s, self._steps_known)
+            self._leak.update(self._locator, since_s)
 
     def _do_task(self, t_us: int) -> None:
         """Look after one thing: is the stream whole, does every marker send, is each there."""

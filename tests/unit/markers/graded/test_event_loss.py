@@ -79,21 +79,18 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
         position = REFERENCE_PX + rng.normal(0, 8, (10, 2))
         velocity = rng.normal(0, 1, (10, 2)) * 10.0 ** rng.uniform(0, 3, (10, 1))
         noise, per_px = rng.uniform(50, 6000, 10), rng.uniform(100, 300, 10)
-        silent, settled = rng.uniform(0.5, 2.0, 10), rng.uniform()
         roam, dt, turned = 9.0, 1e-3, turn.copy()
-        cells = counts, noise, per_px, silent
         states = motion(position, velocity), REFERENCE_PX, turned
-        got = events_kept.motion_kernel(*states, *cells, roam, 6.0, settled, dt)
+        got = events_kept.motion_kernel(*states, counts, noise, per_px, roam, 6.0, dt)
         speed = np.hypot(*velocity.T)
         asked = (speed > events_kept.SLOW_PX_S) & (speed < events_kept.FAST_PX_S)
         asked &= per_px * speed > events_kept.BACKGROUND_SHARE * noise
         asked &= np.hypot(*(position - REFERENCE_PX).T) < roam
         way = position - turn
         asked &= np.hypot(*way.T) > 6.0
-        unheard = np.exp(-np.hypot(*way.T) / silent)
         turns = ((way * velocity).sum(axis=1) < 0.0) | (speed >= events_kept.FAST_PX_S)
         turn[turns] = position[turns]
-        expected = (per_px * speed * (1.0 - settled * unheard))[asked].sum() * dt
+        expected = (per_px * speed)[asked].sum() * dt
         arrived = (counts - noise * dt)[asked].sum()
         np.testing.assert_allclose(got, (speed.mean(), expected, arrived), rtol=1e-12)
         np.testing.assert_array_equal(turned, turn)
