@@ -18,9 +18,6 @@ Method = Literal["rest-mean", "bounding-box"]
 
 SETTLED_US = 3_000_000  # After so long a rest the skin has crept back (recorded presses).
 
-# The first part of a rest, in which the skin still creeps, tells little of where it ends up.
-CREPT_SHARE = 0.35
-
 # A rest so far from the weighted median counts half (Cauchy weights): the residual of creep.
 NEAR_PX = 0.15
 

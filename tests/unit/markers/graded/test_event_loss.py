@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,13 +62,12 @@ def test_the_share_that_arrives_is_found(kept: float, moving: int) -> None:
     assert watched(kept, moving).share == pytest.approx(kept, abs=0.04)
 
 
-def test_snaps_creep_and_far_markers_are_not_asked() -> None:
-    for velocity_px_s, away_px in ((900.0, 0.0), (5.0, 0.0), (200.0, 15.0)):
-        watch = EventLoss(CALIBRATION)
-        velocity = np.tile([velocity_px_s, 0.0], (10, 1))
+def test_snaps_creep_far_markers_and_short_strokes_of_wide_edges_are_not_asked() -> None:
+    for edge_px, speed_px_s, away_px in (0.5, 900, 0), (0.5, 5, 0), (0.5, 200, 15), (1.5, 200, 2):
+        watch = EventLoss(replace(CALIBRATION, edge_px=edge_px))
+        velocity = np.tile([speed_px_s, 0.0], (10, 1))
         for _ in range(1_000):
-            position_px = REFERENCE_PX + np.array([0.0, away_px])
-            watch.update(motion(position_px, velocity), NONE, 1e-3)
+            watch.update(motion(REFERENCE_PX + np.array([0.0, away_px]), velocity), NONE, 1e-3)
             assert not watch.judged
 
 
@@ -79,15 +80,15 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
         position = REFERENCE_PX + rng.normal(0, 8, (10, 2))
         velocity = rng.normal(0, 1, (10, 2)) * 10.0 ** rng.uniform(0, 3, (10, 1))
         noise, per_px = rng.uniform(50, 6000, 10), rng.uniform(100, 300, 10)
-        roam, dt, turned = 9.0, 1e-3, turn.copy()
+        roam, dt, turned, stroke = 9.0, 1e-3, turn.copy(), rng.uniform(2, 9, 10)
         states = motion(position, velocity), REFERENCE_PX, turned
-        got = events_kept.motion_kernel(*states, counts, noise, per_px, roam, 6.0, dt)
+        got = events_kept.motion_kernel(*states, counts, noise, per_px, roam, stroke, dt)
         speed = np.hypot(*velocity.T)
         asked = (speed > events_kept.SLOW_PX_S) & (speed < events_kept.FAST_PX_S)
         asked &= per_px * speed > events_kept.BACKGROUND_SHARE * noise
         asked &= np.hypot(*(position - REFERENCE_PX).T) < roam
         way = position - turn
-        asked &= np.hypot(*way.T) > 6.0
+        asked &= np.hypot(*way.T) > stroke
         turns = ((way * velocity).sum(axis=1) < 0.0) | (speed >= events_kept.FAST_PX_S)
         turn[turns] = position[turns]
         expected = (per_px * speed)[asked].sum() * dt
