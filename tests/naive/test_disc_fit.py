@@ -238,7 +238,7 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     discs = motions(REFERENCE_PX), np.ones((3, 8)), outline_px, np.ones(3), *TABLES
     for turn in range(3):
         law = RADIUS_PX, np.full(3, step), turn, own_s / GROUPS, -np.log1p(-share) / own_s
-        take_turn_kernel(state_map.padded, state_map.pixels["level"], *discs, *law)
+        take_turn_kernel(state_map.padded, state_map.pixels["level"], *discs, *law, TOLERANCE)
     expected = start.copy()
     steepest = PROFILE.slope(np.linspace(-4, 4, 4001)).min()
     for y in range(SIZE[1]):

@@ -31,7 +31,9 @@ from spikingtac.state_map.graded import PAD_PX, Array
 # marker does so within 0.1 s).
 USUAL_S = 0.2
 
-TOLERANCE = 0.3  # Disagreement that is left alone, in mean steps of the marker.
+# Disagreement that is left alone, in mean steps of the marker; and until it is known how many
+# events are lost: a faint touch brings too few to tell, and a leak that holds discs back blurs it.
+TOLERANCE, FIRST_TOLERANCE = 0.3, 1.0
 
 OUTER_PX = 3.5  # How far outside of a disc the leak works, px.
 
@@ -78,17 +80,19 @@ class MapLeak:
         self._usual = np.ones(len(radius_px))
         self._turn = 0
 
-    def update(self, locator: DiscLocator, dt_s: float) -> None:
+    def update(self, locator: DiscLocator, dt_s: float, known: bool) -> None:
         """Do the next turn.
 
         Args:
             locator: What fits the markers, and its map, which is changed.
             dt_s: Time since the last turn, s.
+            known: Whether it was seen how many events are lost.
         """
+        tolerance = TOLERANCE if known else FIRST_TOLERANCE
         self._turn += 1
         discs = locator.motion, locator.fits, locator.outline_px, self._usual, *self._discs
         levels = locator.map.padded, locator.map.pixels["level"]
-        take_turn_kernel(*levels, *discs, self._turn, dt_s, self._leak_per_s)
+        take_turn_kernel(*levels, *discs, self._turn, dt_s, self._leak_per_s, tolerance)
 
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
@@ -176,14 +180,15 @@ def return_ground_kernel(
 def take_turn_kernel(
     padded: Array, memory: Array, motions: Array, fits: Array, outline_px: Array, usual: Array,
     tables: Array, reach_px: Array, radius_px: Array, mean_step: Array, turn: int, dt_s: float,
-    leak_per_s: float,
+    leak_per_s: float, tolerance: float,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Let some markers' surroundings leak, and some rows of the ground return.
 
     Arguments are plain, since a tuple costs a microsecond: the map and its sums; motions, fits and
     outlines of the discs, and their usual agreements; their profiles
     (:func:`~spikingtac.markers.graded.appearance.profile_tables`), radii at rest, px, and steps;
-    the turn, the time since the last one, s, and the rate of the leak, 1/s.
+    the turn, the time since the last one, s, the rate of the leak, 1/s, and the disagreement that
+    is left alone, in steps.
     """
     height, width = memory.shape
     portion = np.float32(-math.expm1(-leak_per_s * dt_s * GROUPS))
@@ -196,7 +201,7 @@ def take_turn_kernel(
         x, y = motions[m, X], motions[m, Y]
         rests = np.hypot(motions[m, VX], motions[m, VY]) <= AT_REST_PX_S
         drawn = np.float32(drawing * rests * (outline_px[m, 0] - radius_px[m]))
-        limit, scale = np.float32(TOLERANCE * mean_step[m]), np.float32(0.5 * last / reach_px[m])
+        limit, scale = np.float32(tolerance * mean_step[m]), np.float32(0.5 * last / reach_px[m])
         outer, start = outline_px[m, 0] + OUTER_PX, np.float32(outline_px[m, 0] - reach_px[m])
         shape = np.float32(outline_px[m, 1]), np.float32(outline_px[m, 2]), start, scale, last
         for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
@@ -211,9 +216,7 @@ def take_turn_kernel(
     follows = -math.expm1(-dt_s / USUAL_S)
     for m in range(usual.size):
         usual[m] += follows * (fits[m, AGREEMENT] - usual[m])
-    rows, share = (
-        (turn % GROUND_TURNS, GROUND_TURNS),
-        -math.expm1(-GROUND_PER_S * dt_s * GROUND_TURNS),
-    )
+    rows = turn % GROUND_TURNS, GROUND_TURNS
+    share = -math.expm1(-GROUND_PER_S * dt_s * GROUND_TURNS)
     ground = motions, radius_px + OUTER_PX
     return_ground_kernel(padded, memory, rows, ground, (mean_step.mean(), share))

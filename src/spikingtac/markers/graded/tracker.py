@@ -107,9 +107,8 @@ class GradedTracker:
         # swings, which coarse steps do not show), and nothing silent holds it back.
         bands = config.dead_bands and has_coarse_steps(calibration)
         self._adapts = config.adapt_to_loss and not bands
-        self._leak_per_s, self._backlash = (
-            (0.0, 0.0) if bands else (config.leak_per_s, config.backlash)
-        )
+        self._leak_per_s = 0.0 if bands else config.leak_per_s
+        self._backlash = 0.0 if bands else config.backlash
         self._shrink = config.shrink
         self._locator = DiscLocator(calibration, config.fit_period_us, bands)
         lag_us = LAG_DEFAULT_US if calibration.lag_us is None else calibration.lag_us
@@ -174,11 +173,12 @@ class GradedTracker:
         leaks = t_us >= self._leak_us + (TURN_US if locator.busy and short else 0)
         if t_us >= self._task_us and not (leaks and short):
             self._do_task(t_us)
-        if leaks:
-            self._let_leak(t_us)
         # Until the stream's loss was judged steps are taken for larger than they are, and discs are
         # ahead as often as behind.
-        backlash = self._backlash if self._kept.judged or not self._adapts else 0.0
+        judged = self._kept.judged or not self._adapts
+        backlash = self._backlash if judged else 0.0
+        if leaks:
+            self._let_leak(t_us, judged)
         noise = self._kept.background_hz_px, dt_s
         given_px = self._corrections.update(t_us, locator.motion, self.lag_s, backlash, noise)
         if self._zero is not None:
@@ -211,11 +211,11 @@ class GradedTracker:
         if self._adapts:
             self._locator.map.events_kept = self._kept.share
 
-    def _let_leak(self, t_us: int) -> None:
+    def _let_leak(self, t_us: int, judged: bool) -> None:
         since_s = 0.0 if self._leaked_us is None else (t_us - self._leaked_us) * 1e-6
         self._leaked_us, self._leak_us = t_us, t_us + TURN_US
         if self._leak is not None and since_s:
-            self._leak.update(self._locator, since_s)
+            self._leak.update(self._locator, since_s, judged)
 
     def _do_task(self, t_us: int) -> None:
         """Look after one thing: is the stream whole, does every marker send, is each there."""

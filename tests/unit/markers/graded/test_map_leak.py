@@ -26,17 +26,17 @@ BESIDE = BESIDE_PX[:, 1], BESIDE_PX[:, 0]
 
 
 def leaked(
-    duration_us: int, of_one: float = 1.0, quiet_us: int = 0, level: float = 0.9
+    duration_us: int, of_one: float = 1.0, quiet_us: int = 0, level: float = 0.9, known: bool = True
 ) -> np.ndarray:
     """Return what is left of a level beside each disc; one agrees less, and was fitted before."""
     locator, leak = DiscLocator(CALIBRATION), MapLeak(CALIBRATION, 30.0)
     for _ in range(50):
-        leak.update(locator, 1e-3)
+        leak.update(locator, 1e-3, known)
     for levels in (locator.map.pixels["level"], locator.map.values):
         levels[BESIDE] += level
     locator.fits[1, AGREEMENT], locator.motion[1, AT_US] = of_one, quiet_us
     for _ in range(duration_us // 1_000):
-        leak.update(locator, 1e-3)
+        leak.update(locator, 1e-3, known)
     return locator.map.pixels["level"][BESIDE]
 
 
@@ -54,10 +54,11 @@ def test_a_marker_that_sent_nothing_for_a_second_costs_nothing() -> None:
     assert left[[0, 2, 3]].max() < 0.35
 
 
-def test_what_is_less_than_a_third_of_a_step_stays() -> None:
+@pytest.mark.parametrize(("known", "share"), [(False, 1.0), (True, 0.6)])
+def test_half_a_step_leaks_only_once_the_loss_is_known(known: bool, share: float) -> None:
     level = 0.5 * float(appearance_of(CALIBRATION).mean_step[0])
-    left = leaked(300_000, level=level) - leaked(0, level=0.0)
-    assert left.mean() / level == pytest.approx(0.6, abs=0.05)
+    left = leaked(300_000, level=level, known=known) - leaked(0, level=0.0)
+    assert left.mean() / level == pytest.approx(share, abs=0.05)
 
 
 def noisy_rest(rate_hz: float, duration_us: int, on_share: float) -> EventPacket:
