@@ -50,7 +50,7 @@ def test_spirals_and_combs_join() -> None:
     checkers = (np.indices((9, 9)).sum(axis=0) % 2).astype(np.float32)
     for state_map in (comb, comb[::-1].copy(), checkers):
         assert_equal_to_twin(state_map, 0.5)
-        assert len(find_blobs(state_map, areas_px=EVERYTHING)) == 1
+        assert len(find_blobs(state_map, areas_px=EVERYTHING).area_px) == 1
 
 
 def test_area_limits_and_cut_markers() -> None:

@@ -56,7 +56,7 @@ def rebuilt(diameters: float, angle: float) -> tuple[np.ndarray, np.ndarray]:
 def test_a_marker_is_rebuilt_from_nothing_after_its_diameter(angle: float) -> None:
     values, end = rebuilt(1.1, angle)
     blobs = find_blobs(values)
-    assert len(blobs) == 1
+    assert len(blobs.area_px) == 1
     ideal = paint_binary_discs(SIZE, blobs.center_px, np.array([RADIUS_PX]))
     agreement = np.minimum(values, ideal).sum() / np.maximum(values, ideal).sum()
     assert agreement > 0.85, "intersection over union with a whole disc at its place"

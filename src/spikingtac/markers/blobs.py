@@ -51,9 +51,6 @@ class Blobs:
     cut: NDArray[np.bool_]
     roundness: NDArray[np.float64]
 
-    def __len__(self) -> int:
-        return len(self.area_px)
-
 
 def find_blobs(
     state_map: NDArray[np.float32],

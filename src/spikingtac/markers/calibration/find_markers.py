@@ -242,8 +242,9 @@ def see_markers(
     if count < FEWEST_MARKERS or (stray > MOST_STRAY_SHARE * count and layout.fits is None):
         raise CalibrationError(
             f"no grid of markers: of {len(center_px)} spots only {count} lie in rows and columns; "
-            "the recording seems to show something else than a marker sensor. If its markers lie "
-            "in no rows, give --layout free"
+            "its markers hardly moved (they must by more than their diameter), noise hides them "
+            "(add light, raise the thresholds), or it shows something else than a marker sensor. "
+            "If its markers lie in no rows, give --layout free"
         )
     place_px = layout.expected_px.copy()
     place_px[seen] = center_px[layout.point[seen]]

@@ -75,7 +75,8 @@ def judged(evidence: Evidence, model: Model) -> Quality:
             f"no grid of markers: discs in rows and columns explain {max(usual, 0.0):.0%} of "
             f"what the pixels saw, where a marker sensor gives {GRID_EXPLAINED:.0%} and more. If "
             "this is one, its markers hardly moved: press or slide until they move by more than "
-            "their diameter; otherwise the recording shows something else"
+            "their diameter; or a flicker of the light or noise drowns their events: use direct "
+            "current, raise the thresholds (biases); otherwise the recording shows something else"
         )
     above = (model.events[:, :2] - evidence.noise).sum(axis=1)
     busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
