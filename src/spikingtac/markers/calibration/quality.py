@@ -68,8 +68,8 @@ def judged(evidence: Evidence, model: Model) -> Quality:
         around.squares(levels, len(model.on))
         for levels in (change.real - change.ideal, change.real)
     )
-    explained = 1.0 - left_over / np.maximum(whole, 1e-9)
-    usual = float(np.median(explained.clip(-1.0, 1.0)))
+    explained = (1.0 - left_over / np.maximum(whole, 1e-9)).clip(-1.0, 1.0)
+    usual = float(np.median(explained))
     if usual < GRID_EXPLAINED:
         raise CalibrationError(
             f"no grid of markers: discs in rows and columns explain {max(usual, 0.0):.0%} of "
@@ -82,7 +82,6 @@ def judged(evidence: Evidence, model: Model) -> Quality:
     busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
     clear = explained >= FEWEST_EXPLAINED_SHARE * usual
     measured = (above >= FEWEST_EVENTS) & (busy | clear)
-    explained = explained.clip(-1.0, 1.0)
     usual = float(np.median(explained[measured])) if measured.any() else 0.0
     doubtful = measured & (explained < DOUBTFUL_SHARE * usual)
     word = next(word for least, word in WORDS if usual >= least)

@@ -100,8 +100,7 @@ class BufferedEvents:
 
     def supported(self) -> BufferedEvents:
         """Return the events that a neighbour supports: most of the noise is left out."""
-        keep = BackgroundActivityFilter(self.size)
-        kept = keep(self.packet(0, self.duration_us))
+        kept = BackgroundActivityFilter(self.size)(self.packet(0, self.duration_us))
         time_us = (kept.t - self.t_start_us).astype(np.uint32)
         return replace(self, code=coded(kept), time_us=time_us)
 

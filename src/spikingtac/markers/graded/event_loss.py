@@ -113,10 +113,8 @@ class EventLoss:
         Args:
             motion: ``(m, 8)`` states of the markers (:mod:`spikingtac.markers.graded.motion`).
             counts: ``(m,)`` events in each marker's cell.
-            dt_s: Time in which they came, s.
+            dt_s: Time in which they came, s; above 0.
         """
-        if dt_s <= 0.0:
-            return
         mean_px_s, expected, arrived = motion_kernel(
             motion, self._reference_px, self._turn_px, counts, self.noise_per_s,
             self.events_per_px, self._roam_px, self._stroke_px, dt_s,

@@ -225,7 +225,7 @@ class GradedTracker:
             counted_s = 0.0 if self._counted_us is None else (t_us - self._counted_us) * 1e-6
             self._counted_us, self._counted = t_us, (locator.counts.copy(), counted_s)
             locator.counts[:] = 0
-            if self._adapts:
+            if self._adapts and counted_s > 0.0:
                 kept.update(locator.motion, *self._counted)
                 locator.map.events_kept = kept.share
         elif task == 1:
