@@ -26,7 +26,7 @@ MOST_NAMED = 8  # Stray spots that are named one by one.
 # Figures of a calibration, and of its notes, that are told as they are.
 TOLD = ("polarity", "contrast", "edge_px", "step_on", "step_off", "lag_us", "px_per_mm")
 NOTED = ("missing", "doubtful", "explained", "events", "swings", "residual", "scatter_px")
-UNUSUAL = ("no_lens", "left_out_px", "stray_px", "fitting_grid", "coarse_steps")
+UNUSUAL = ("no_lens", "left_out_px", "stray_px", "fitting_grid", "coarse_steps", "flicker_hz")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,6 +214,7 @@ def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
     notes = {
         "An event is more than half of the way from ground to marker, so places err by pixels: "
         "lower the camera's thresholds (biases) or add light.": found["coarse_steps"],
+        f"The light flickers at {found['flicker_hz']} Hz: use direct current.": found["flicker_hz"],
         f"No lens: {found['no_lens']}.": found["no_lens"],
         f"Hot pixels, whose events are ignored: {len(hot)}.": hot,
         f"Left out, since they lie beyond the border: {len(left_out)}.": left_out,

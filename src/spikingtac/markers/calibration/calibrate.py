@@ -28,7 +28,7 @@ from spikingtac.markers.calibration.first_model import first_model, tracked
 from spikingtac.markers.calibration.lattice import expected_places
 from spikingtac.markers.calibration.layout import Layout
 from spikingtac.markers.calibration.quality import Quality, judged, refuse_gaps
-from spikingtac.markers.calibration.recording import buffer_events, without_hot_pixels
+from spikingtac.markers.calibration.recording import buffer_events, flicker_hz, without_hot_pixels
 from spikingtac.markers.calibration.reference import Method, displaced_before, reference
 from spikingtac.markers.calibration.refine import STEP_BOUNDS, refine, with_recovery
 from spikingtac.markers.lag import slide_lag_us
@@ -51,7 +51,7 @@ RETRACKED_ROUNDS = (3, 10)
 
 # Step above which events are coarse: a swing from ground to marker has hardly two. (Of twenty
 # random sensors the four that are err by 1.4 to 3.8 px; the recorded gel has 0.46.)
-COARSE_STEP = 0.55
+HALF_SWING_STEP = 0.55
 
 HEARD_EVENTS = 400.0  # Events near a marker, beyond noise, that tell its steps: 2 px of way.
 
@@ -150,12 +150,11 @@ def _assembled(
     displaced_px = displaced_before(rests_us, rest_px, at_us, model.center_px)
     reference_px = reference(rest_px, rests_us, displaced_px, method)
     if layout.shape is not None and not layout.staggered:
-        expected_px = expected_places(reference_px, measured, layout.shape)
-        reference_px[~measured] = expected_px[~measured]
+        reference_px[~measured] = expected_places(reference_px, measured, layout.shape)[~measured]
     looks = _looks(*learned)
     keep, grid = _in_sight(layout, reference_px, looks["radius_px"], measured, size)
     left_out_px = reference_px[~keep].round(2).tolist()
-    coarse = [round(float(step), 2) for step in view.steps if step > COARSE_STEP]
+    coarse = [round(float(step), 2) for step in view.steps if step > HALF_SWING_STEP]
     scatter_px = np.sqrt(((rest_px - reference_px) ** 2).sum(axis=2).mean(axis=0))
     return Calibration(
         reference_px=reference_px[keep],
@@ -176,6 +175,7 @@ def _assembled(
             "events": np.round(quality.events[keep]).astype(int).tolist(),
             "stray_px": view.markers.stray_px.round(1).tolist(),
             "fitting_grid": layout.fits,
+            "flicker_hz": flicker_hz(view.events),
             **({"left_out_px": left_out_px} if left_out_px else {}),
             **({"coarse_steps": coarse} if coarse else {}),
         },

@@ -215,6 +215,25 @@ def noise_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArray
     return np.array([on, off]) / events.pixels * events.duration_us / silence_us
 
 
+# Balances of ON and OFF events are taken each ms, their rhythms in windows of so many ms; those
+# below 80 Hz are motion.
+FLICKER_MS, SLOWEST_HZ = 200, 80
+
+# Share of all events that take turns in one rhythm where the light flickers (recorded and simulated
+# sensors: 0.11 at most without, 0.69 with 5 % of light at 100 Hz and thresholds of 0.2).
+FLICKER_SHARE = 0.3
+
+
+def flicker_hz(events: BufferedEvents) -> float | None:
+    """Return the rhythm in which ON and OFF events take turns all over the sensor, if any, Hz."""
+    balance = np.bincount(events.time_us // 1_000, np.where(events.code & 1, 1.0, -1.0))
+    windows = balance[: len(balance) // FLICKER_MS * FLICKER_MS].reshape(-1, FLICKER_MS)
+    rhythms = np.abs(np.fft.rfft(windows, axis=1)).sum(axis=0)
+    rhythms[: SLOWEST_HZ * FLICKER_MS // 1_000] = 0.0
+    hz = float(rhythms.argmax()) * 1_000.0 / FLICKER_MS
+    return hz if rhythms.max() > FLICKER_SHARE * len(events) else None
+
+
 SMOOTH_PX = 3  # Width of the box mean before two maps are compared: single pixels are noise.
 
 CHANGED_LEVEL = 0.5  # A pixel differs between two rests when its level differs by half a swing.

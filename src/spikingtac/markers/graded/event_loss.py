@@ -18,12 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.appearance import (
-    crossing_px,
-    events_per_px,
-    nearest_marker,
-    roam_px,
-)
+from spikingtac.markers.graded.appearance import crossing_px, events_per_px, nearest_marker, roam_px
 from spikingtac.markers.graded.motion import VX, VY, X, Y
 from spikingtac.state_map.graded import Array
 
