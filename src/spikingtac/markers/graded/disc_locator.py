@@ -23,7 +23,7 @@ from spikingtac.markers.graded.appearance import (
     profile_tables,
 )
 from spikingtac.markers.graded.dead_bands import fit_bands_kernel
-from spikingtac.markers.graded.disc_fit import SMALL_STEP_PX, fit_disc_kernel
+from spikingtac.markers.graded.disc_fit import LINEAR_STEP_PX, fit_disc_kernel
 from spikingtac.markers.graded.motion import (
     AGREEMENT,
     AT_ONCE,
@@ -56,9 +56,9 @@ STILL_PX_S = 0.2  # Filtered speed below which a marker without new events is no
 
 DUE_PX = 0.02  # Motion whose events ask for a fit at once, px.
 
-# Motion whose events ask for a fit before a marker's turn, px. (At turns of 2.5 ms, v2e's recording
-# errs by 0.084 px; by 0.088 px at twice the motion.)
-HURRY_PX = 0.24
+# Motion whose events make a marker a faster one, px (at 0.24 v2e's recording errs by 4 % more; at 0
+# by as much, and a step takes a third longer).
+HURRY_PX = 0.06
 
 # Rate at which an outline follows what the fit sees, 1/s (indentation and strain take tens
 # of ms).
@@ -94,15 +94,11 @@ class DiscLocator:
         counts: ``(m,)`` events in each marker's cell, nearest to its rest, since they were taken.
     """
 
-    def __init__(
-        self, calibration: Calibration, fit_period_us: int = 0, dead_bands: bool = False
-    ) -> None:
+    def __init__(self, calibration: Calibration, dead_bands: bool = False) -> None:
         """Begin at rest, with the pixels and the profiles for a sensor's markers.
 
         Args:
             calibration: Where the markers rest and how they look.
-            fit_period_us: A slow marker is fitted once in such a period at most, us; the periods of
-                the markers begin one after the other. 0 fits whenever events ask.
             dead_bands: Whether levels are known within their dead bands only
                 (:mod:`spikingtac.markers.graded.dead_bands`).
         """
@@ -114,7 +110,6 @@ class DiscLocator:
         self._room = int(ROOM * np.pi * reach_px**2)
         per_px = events_per_px(calibration)
         self._due = np.maximum(np.ceil(np.outer([DUE_PX, HURRY_PX], per_px)), 1.0)
-        self._fit_period_us = fit_period_us
         self._tables = profile_tables(profiles) if dead_bands else None
         self.map = painted_map(calibration, 0.0 if dead_bands else HALF_STEP)
         self.map.pixels["cell"] = nearest_marker(calibration.reference_px, calibration.size)
@@ -176,7 +171,7 @@ class DiscLocator:
         bands = (self.map.padded, *self._tables) if self._tables else None
 
         def fit(first: int, after: int, alone: bool) -> int:
-            place = self._fit_period_us, first, after, alone, t_us
+            place = first, after, alone, t_us
             return locate_discs_kernel(*maps, bands, *self._window, *states, *markers, *place)
 
         if count < LARGE or self._tables:
@@ -222,7 +217,7 @@ def locate_discs_kernel(
     padded: Array, edges: Array, read: Array, bands: Bands | None, offset: Array,
     around: Array, within: Array, coefficients: Array, edge: Array, motions: Array, fits: Array,
     outline_px: Array, pending: Array, coasted: Array, radius_px: Array, due: Array, pixels: Array,
-    period_us: int, first: int, after: int, alone: bool, t_us: int,
+    first: int, after: int, alone: bool, t_us: int,
 ) -> int:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that enough events ask for, bring the filters up to the present; count fits.
 
@@ -230,9 +225,8 @@ def locate_discs_kernel(
     were read, and where (:func:`fit_disc_kernel`); levels and profiles for
     :func:`fit_bands_kernel`, or None; the fields of a :class:`FitWindow`; motions,
     fits, outlines, pending events, who is held; radii at rest, px; ``(2, m)`` events that ask for a
-    fit, in the marker's turn and before; the map's pixels; the period of the turns, us;
-    the first marker and the one after the last; whether these are all, which are marked then; the
-    time, us.
+    fit, of a slow marker and of a faster one; the map's pixels; the first marker and the one after
+    the last; whether these are all, which are marked then; the time, us.
     """
     fitted, levels = 0, (padded.ravel(), pixels.shape[1], pixels.shape[0])
     window, as_read = FitWindow(offset, around, within, coefficients, edge), (edges, read)
@@ -240,7 +234,7 @@ def locate_discs_kernel(
         if motions[m, AT_US] < 0.0:
             motions[m, AT_US] = fits[m, FIT_US] = fits[m, OUTLINED_US] = t_us
         dt_s = (t_us - motions[m, AT_US]) * 1e-6
-        asked = asks_kernel(m, fits, pending, due, (period_us, after, bands is not None, t_us))
+        asked = asks_kernel(m, fits, pending, due, (after, bands is not None, t_us))
         if not asked and (pending[m] > 0 or dt_s < MEASUREMENT_PERIOD_S):
             continue
         motions[m, AT_US] = t_us
@@ -258,7 +252,7 @@ def locate_discs_kernel(
                 x, y, agreement, step_px = fit_disc_kernel(levels, as_read, window, *place)
             fits[m, FIT_X], fits[m, FIT_Y], fits[m, FIT_US] = x, y, t_us
             fits[m, AGREEMENT] = agreement if gain > 0.0 else fits[m, AGREEMENT]
-            pending[m] = AT_ONCE if step_px >= SMALL_STEP_PX else 0
+            pending[m] = AT_ONCE if step_px >= LINEAR_STEP_PX else 0
         if coasted[m]:
             motions[m, VX] = motions[m, VY] = 0.0
         else:

@@ -63,8 +63,6 @@ class GradedTrackerConfig:
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
         dead_bands: Whether levels count as known within their dead bands only, where an event
             stands for much (a step above 0.3 of a swing, and pixels that do not recover).
-        fit_period_us: A slow marker is fitted once in such a period at most, us, and predicted in
-            between; 0 fits it whenever its events ask.
     """
 
     leak_per_s: float = field(default=30.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
@@ -72,10 +70,9 @@ class GradedTrackerConfig:
     shrink: float = field(default=1.0, metadata={"range": (0.0, 2.0)})
     adapt_to_loss: bool = field(default=True, metadata={"range": (0, 1)})
     dead_bands: bool = True
-    fit_period_us: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("leak_per_s", "backlash", "shrink", "fit_period_us"):
+        for name in ("leak_per_s", "backlash", "shrink"):
             if not getattr(self, name) >= 0.0:
                 raise ConfigError(f"{name} is {getattr(self, name)}, it must not be negative")
 
@@ -110,7 +107,7 @@ class GradedTracker:
         self._leak_per_s = 0.0 if bands else config.leak_per_s
         self._backlash = 0.0 if bands else config.backlash
         self._shrink = config.shrink
-        self._locator = DiscLocator(calibration, config.fit_period_us, bands)
+        self._locator = DiscLocator(calibration, bands)
         lag_us = LAG_DEFAULT_US if calibration.lag_us is None else calibration.lag_us
         self.lag_s = lag_us * 1e-6
         self._start()

@@ -76,19 +76,19 @@ def test_the_filter_equals_the_textbook(dt: float, spread: float) -> None:
 
 def test_a_fit_waits_for_its_events_or_for_some_ms() -> None:
     locator, nobody = moved_by(0.5), np.zeros(2, np.bool_)
-    locator.pending[:] = 4, 3, 0
-    locator.locate(500, nobody)
-    assert locator.fits[0, 0] == pytest.approx(30.5, abs=0.05)
-    assert locator.fits[1, 0] == 70.0, "three events are not enough"
-    locator.locate(LATE_US - 500, nobody)
-    assert locator.fits[1, 0] == 70.0
-    assert locator.pending.tolist() == [0, 3, 0]
-    locator.locate(LATE_US, nobody)
+    locator.pending[:] = 3, 4, 0
+    locator.locate(1_000, nobody)
     assert locator.fits[1, 0] == pytest.approx(70.5, abs=0.05)
+    assert locator.fits[0, 0] == 30.0, "three events are not enough"
+    locator.locate(LATE_US - 500, nobody)
+    assert locator.fits[0, 0] == 30.0
+    assert locator.pending.tolist() == [3, 0, 0]
+    locator.locate(LATE_US, nobody)
+    assert locator.fits[0, 0] == pytest.approx(30.5, abs=0.05)
 
 
-def test_slow_markers_take_turns_and_a_fast_one_is_fitted_at_once() -> None:
-    locator, nobody = DiscLocator(CALIBRATION, fit_period_us=2_000), np.zeros(2, np.bool_)
+def test_slow_markers_take_turns_and_a_faster_one_takes_more() -> None:
+    locator, nobody = DiscLocator(CALIBRATION), np.zeros(2, np.bool_)
     fitted = []
     for t_us in range(0, 6_000, 500):
         locator.pending[:] = 5
@@ -97,12 +97,13 @@ def test_slow_markers_take_turns_and_a_fast_one_is_fitted_at_once() -> None:
     turns = np.array(fitted[1:])  # at 0 both begin
     assert turns.sum(axis=0).tolist() == [2, 3], "each once in 2 ms"
     assert not turns.all(axis=1).any(), "not at one time"
-    locator.pending[:] = 5, 1_000, 0
-    locator.locate(6_200, nobody)
-    assert (locator.fits[:, FIT_US] == 6_200).tolist() == [True, True]
-    locator.pending[:] = 5, 1_000, 0
-    locator.locate(6_400, nobody)
-    assert (locator.fits[:, FIT_US] == 6_400).tolist() == [False, True]
+    for t_us, fits in ((6_200, [True, True]), (6_400, [False, False]), (6_600, [False, True])):
+        locator.pending[:] = 5, 1_000, 0
+        locator.locate(t_us, nobody)
+        assert (locator.fits[:, FIT_US] == t_us).tolist() == fits, "once in 1 ms"
+    locator.pending[0] = AT_ONCE
+    locator.locate(6_700, nobody)
+    assert locator.fits[0, FIT_US] == 6_700
 
 
 def test_without_events_nothing_is_fitted_and_a_speed_fades() -> None:
