@@ -57,7 +57,7 @@ STILL_PX_S = 0.2  # Filtered speed below which a marker without new events is no
 DUE_PX = 0.02  # Motion whose events ask for a fit at once, px.
 
 # Motion whose events make a marker a faster one, px (at 0.24 v2e's recording errs by 4 % more; at 0
-# by as much, and a step takes a third longer).
+# by the same, and a step takes a third longer).
 HURRY_PX = 0.06
 
 # Rate at which an outline follows what the fit sees, 1/s (indentation and strain take tens
@@ -234,7 +234,7 @@ def locate_discs_kernel(
         if motions[m, AT_US] < 0.0:
             motions[m, AT_US] = fits[m, FIT_US] = fits[m, OUTLINED_US] = t_us
         dt_s = (t_us - motions[m, AT_US]) * 1e-6
-        asked = asks_kernel(m, fits, pending, due, (after, bands is not None, t_us))
+        asked = asks_kernel(m, fits, pending, due, bands is not None, t_us)
         if not asked and (pending[m] > 0 or dt_s < MEASUREMENT_PERIOD_S):
             continue
         motions[m, AT_US] = t_us

@@ -86,20 +86,16 @@ def correct_kernel(motion: Array, x: float, y: float, dt_s: float) -> None:  # p
 
 @njit(cache=True, nogil=True, forceinline=True)
 def asks_kernel(
-    m: int, fits: Array, pending: Array, due: Array, turns: tuple[int, bool, int]
+    m: int, fits: Array, pending: Array, due: Array, dead_bands: bool, t_us: int
 ) -> bool:  # pragma: no cover - compiled
-    """Return whether a marker asks for a fit, and note since when it has been silent.
-
-    ``turns`` is the one after the last marker, whether bands are fitted, and the time.
-    """
-    after, dead_bands, t_us = turns
+    """Return whether a marker asks for a fit, and note since when it has been silent."""
     if pending[m] == 0:
         fits[m, SILENT_US] = t_us
     asked = pending[m] >= due[0, m] or t_us - fits[m, SILENT_US] >= LATE_US
     if pending[m] >= AT_ONCE or not asked:
         return asked
     period_us = HURRIED_US if dead_bands or pending[m] >= due[1, m] else PERIOD_US
-    return fits[m, FIT_US] < t_us - (t_us + m * period_us // after) % period_us
+    return fits[m, FIT_US] < t_us - (t_us + m * period_us // len(fits)) % period_us
 
 
 @njit(cache=True, nogil=True, forceinline=True)
