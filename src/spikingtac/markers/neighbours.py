@@ -66,7 +66,7 @@ class Neighbourhood:
         return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def around_kernel(
     position_px: Array, skin: tuple[Array, Array, Array], m: int, axis: int
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
