@@ -170,7 +170,7 @@ def _numbers(document: dict[str, Any]) -> dict[str, Any]:
         ValueError: Some are unfit, or a marker lies wholly off the sensor or is larger than it, two
             share one pixel, or a hot pixel lies off the sensor.
     """
-    given = {name: document.get(name) for name in NUMBERS}
+    given: dict[str, Any] = {name: document.get(name) for name in NUMBERS}
     given |= {name: document[name] for name in ("size", "grid", "reference_px", "radius_px")}
     found: dict[str, Any] = {"grid": None}
     markers = len(given["reference_px"])
