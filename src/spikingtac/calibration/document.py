@@ -181,23 +181,19 @@ def _numbers(document: dict[str, Any]) -> dict[str, Any]:
         if value is not None:
             told = numbers.read(name, value, markers)
             found[name] = told if numbers.shape else float(told)
-        if name == "grid" and value is not None:
+        if name == "grid" and value is not None:  # it comes before what it counts
             markers = int(found["grid"].prod())
     found |= {
         name: tuple(found[name].tolist()) for name in ("size", "grid") if found[name] is not None
     }
-    (width, height), reference_px, radius_px = (
-        found["size"],
-        found["reference_px"],
-        found["radius_px"],
-    )
+    (width, height), reference_px = found["size"], found["reference_px"]
+    radius_px = found["radius_px"]
     if width * height > LARGEST_AREA_PX:
         raise ValueError(f"a sensor of {width}x{height} px is not possible")
     if radius_px.max() > max(width, height):
         raise ValueError(f"a radius of {radius_px.max():g} px is larger than the sensor")
-    inside_px = reference_px.clip(
-        -radius_px[:, np.newaxis], (width, height) + radius_px[:, np.newaxis]
-    )
+    reach_px = radius_px[:, np.newaxis]
+    inside_px = reference_px.clip(-reach_px, np.array(found["size"]) + reach_px)
     off = (inside_px != reference_px).any(axis=1)
     if off.any():
         raise ValueError(

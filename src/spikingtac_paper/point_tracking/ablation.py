@@ -65,7 +65,7 @@ def default_variants() -> dict[str, Method]:
         "default-no-adaptation": ("steps fixed under event loss", disc(adapt_to_loss=False)),
         "default-no-backlash": ("no backlash correction", disc(backlash=0.0)),
         "default-no-shrinkage": ("no shrinkage to neighbours", disc(shrink=0.0)),
-        "default-levels": ("levels also where steps are coarse", disc(dead_bands=False)),
+        "default-levels": ("levels also where steps are large", disc(dead_bands=False)),
     }
     for rate in RATES_HZ:
         faster = base.with_tracking(rate_hz=float(rate))

@@ -51,7 +51,7 @@ RETRACKED_ROUNDS = (3, 10)
 
 # Step above which events are coarse: a swing from ground to marker has hardly two. (Of twenty
 # random sensors the four that are err by 1.4 to 3.8 px; the recorded gel has 0.46.)
-HALF_SWING_STEP = 0.55
+COARSE_STEP = 0.55
 
 HEARD_EVENTS = 400.0  # Events near a marker, beyond noise, that tell its steps: 2 px of way.
 
@@ -154,7 +154,7 @@ def _assembled(
     looks = _looks(*learned)
     keep, grid = _in_sight(layout, reference_px, looks["radius_px"], measured, size)
     left_out_px = reference_px[~keep].round(2).tolist()
-    coarse = [round(float(step), 2) for step in view.steps if step > HALF_SWING_STEP]
+    coarse = [round(float(step), 2) for step in view.steps if step > COARSE_STEP]
     scatter_px = np.sqrt(((rest_px - reference_px) ** 2).sum(axis=2).mean(axis=0))
     return Calibration(
         reference_px=reference_px[keep],

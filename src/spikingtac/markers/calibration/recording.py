@@ -226,7 +226,10 @@ FLICKER_SHARE = 0.3
 
 def flicker_hz(events: BufferedEvents) -> float | None:
     """Return the rhythm in which ON and OFF events take turns all over the sensor, if any, Hz."""
-    balance = np.bincount(events.time_us // 1_000, np.where(events.code & 1, 1.0, -1.0))
+    edges_us = 1_000 * np.arange(events.duration_us // 1_000 + 1, dtype=np.uint32)
+    on_us = events.time_us[events.code % 2 == 1]
+    on, both = (np.diff(np.searchsorted(t_us, edges_us)) for t_us in (on_us, events.time_us))
+    balance = 2 * on - both
     windows = balance[: len(balance) // FLICKER_MS * FLICKER_MS].reshape(-1, FLICKER_MS)
     rhythms = np.abs(np.fft.rfft(windows, axis=1)).sum(axis=0)
     rhythms[: SLOWEST_HZ * FLICKER_MS // 1_000] = 0.0

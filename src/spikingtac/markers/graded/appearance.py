@@ -32,7 +32,7 @@ TABLE_ENTRIES = 256  # Entries of a table: steps of 1/20 px for an edge scale of
 # Step above which levels alone do not place a disc. (Of 25 simulated sensors dead bands err by 5 to
 # 67 % less than levels on the twelve whose larger step is 0.32 to 0.56, and by up to 65 % more on
 # eleven of the thirteen whose is 0.06 to 0.27.)
-COARSE_STEP = 0.3
+LARGE_STEP = 0.3
 
 # ON and OFF steps of the map over the calibrated ones where pixels recover: they take part of a
 # darkening for granted without an event. Measured: on a recorded gel ON 1.4 to 2 with OFF 0.7 to 1
@@ -101,13 +101,13 @@ def _step_shares(calibration: Calibration) -> tuple[float, float]:
     return RECOVERING_STEPS if calibration.recovery_s is not None else (1.0, 1.0)
 
 
-def has_coarse_steps(calibration: Calibration) -> bool:
+def has_large_steps(calibration: Calibration) -> bool:
     """Return whether events tell so little that levels alone do not place a disc.
 
     Where pixels recover, every rest is an anchor, and levels alone do.
     """
     on, off = calibration.step_on or STEP_DEFAULT, calibration.step_off or STEP_DEFAULT
-    return calibration.recovery_s is None and max(on, off) > COARSE_STEP
+    return calibration.recovery_s is None and max(on, off) > LARGE_STEP
 
 
 def roam_px(calibration: Calibration) -> float:

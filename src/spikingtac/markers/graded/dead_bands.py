@@ -1,4 +1,4 @@
-"""Fit a disc to levels that are known within dead bands only: where steps are coarse.
+"""Fit a disc to levels that are known within dead bands only: where steps are large.
 
 Between two events a pixel lies in the band between its thresholds around the level of its last
 event. Where a threshold is a third of the swing, the middle of that band is wrong by as much,

@@ -54,7 +54,7 @@ ITERATIONS = 3
 
 STILL_PX_S = 0.2  # Filtered speed below which a marker without new events is not moved on.
 
-DUE_PX = 0.02  # Motion whose events ask for a fit at once, px.
+DUE_PX = 0.02  # Motion whose events ask for a fit in the marker's turn, px.
 
 # Motion whose events make a marker a faster one, px (at 0.24 v2e's recording errs by 4 % more; at 0
 # by the same, and a step takes a third longer).

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.hot_pixels import HotPixelWatch
-from spikingtac.markers.graded.appearance import has_coarse_steps
+from spikingtac.markers.graded.appearance import has_large_steps
 from spikingtac.markers.graded.corrections import OutputCorrections, ReleasedZero
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.event_loss import EventLoss
@@ -101,8 +101,8 @@ class GradedTracker:
         self.calibration = calibration
         self._law = law or OutputLaw()
         # A fit to dead bands corrects levels itself, steps do not grow (motion is counted in full
-        # swings, which coarse steps do not show), and nothing silent holds it back.
-        bands = config.dead_bands and has_coarse_steps(calibration)
+        # swings, which large steps do not show), and nothing silent holds it back.
+        bands = config.dead_bands and has_large_steps(calibration)
         self._adapts = config.adapt_to_loss and not bands
         self._leak_per_s = 0.0 if bands else config.leak_per_s
         self._backlash = 0.0 if bands else config.backlash

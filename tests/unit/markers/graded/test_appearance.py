@@ -8,7 +8,7 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import (
     appearance_of,
-    has_coarse_steps,
+    has_large_steps,
     nearest_marker,
     painted_map,
 )
@@ -51,8 +51,8 @@ def test_the_first_of_equally_near_markers_owns_a_pixel(whole: bool) -> None:
     np.testing.assert_array_equal(nearest_marker(reference_px, size), np.argmin(away, axis=0))
 
 
-def test_steps_are_coarse_by_the_larger_one_unless_pixels_recover() -> None:
-    assert not has_coarse_steps(PLAIN)
-    assert not has_coarse_steps(replace(PLAIN, step_on=0.12, step_off=0.29))
-    assert has_coarse_steps(replace(PLAIN, step_on=0.31, step_off=0.2))
-    assert not has_coarse_steps(replace(PLAIN, step_on=0.15, step_off=0.31, recovery_s=0.2))
+def test_steps_are_large_by_the_larger_one_unless_pixels_recover() -> None:
+    assert not has_large_steps(PLAIN)
+    assert not has_large_steps(replace(PLAIN, step_on=0.12, step_off=0.29))
+    assert has_large_steps(replace(PLAIN, step_on=0.31, step_off=0.2))
+    assert not has_large_steps(replace(PLAIN, step_on=0.15, step_off=0.31, recovery_s=0.2))
