@@ -179,7 +179,7 @@ class HotPixelWatch:
         return packet if keep.all() else packet.select(keep)
 
 
-@njit(cache=True, nogil=True)
+@njit(_nrt=False, cache=True, nogil=True)
 def _watch_kernel(
     pixels: Any, until_us: int, events: tuple[Any, Any, Any], keep: NDArray[np.bool_]
 ) -> tuple[int, int]:  # pragma: no cover - compiled
@@ -193,14 +193,14 @@ def _watch_kernel(
     return found, until_us
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, forceinline=True)
 def heard_kernel(pixel: Any) -> bool:  # pragma: no cover - compiled
     """Return whether an event's pixel is not hot, and count the event then."""
     pixel.events += pixel.events < 65_535
     return pixel.alone != HOT
 
 
-@njit(cache=True, nogil=True)
+@njit(_nrt=False, cache=True, nogil=True)
 def next_window_kernel(
     pixels: Any, until_us: int, t_us: int, found: int
 ) -> tuple[int, int]:  # pragma: no cover - compiled
@@ -218,7 +218,7 @@ def next_window_kernel(
     return found, (t_us // WATCH_US + 1) * WATCH_US
 
 
-@njit(cache=True, nogil=True)
+@njit(_nrt=False, cache=True, nogil=True)
 def _judge_window(pixels: Any) -> int:  # pragma: no cover - compiled
     """Count the window where a pixel was busy alone, and begin a new one; return how many are new.
 

@@ -66,7 +66,7 @@ class Neighbourhood:
         return out
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, forceinline=True)
 def around_kernel(
     position_px: Array, skin: tuple[Array, Array, Array], m: int, axis: int
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
@@ -84,7 +84,7 @@ def around_kernel(
     return expected, low, high
 
 
-@njit(cache=True, nogil=True)
+@njit(_nrt=False, cache=True, nogil=True)
 def expect_kernel(
     position_px: Array, skin: tuple[Array, Array, Array], out: Array
 ) -> None:  # pragma: no cover - compiled

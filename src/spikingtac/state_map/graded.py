@@ -132,7 +132,7 @@ class GradedStateMap:
         return steps
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
 def integrate_event_kernel(
     pixel: Any, rises: bool, ahead: float, kept: float
 ) -> float:  # pragma: no cover - compiled
@@ -148,7 +148,7 @@ def integrate_event_kernel(
     return min(max(level + beyond * step, zero), one)
 
 
-@njit(cache=True, nogil=True)
+@njit(_nrt=False, cache=True, nogil=True)
 def _integrate_kernel(
     pixels: Array, level: Array, x: Array, y: Array, p: Array, dark_markers: bool, ahead: float,
     kept: float,

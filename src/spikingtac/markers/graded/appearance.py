@@ -60,6 +60,7 @@ REACH_PX = 7.0  # Farthest from the radius that a fit reads, px (6 to 9 are alik
 CURVE_POINTS = 2001  # Points at which the polynomials are fitted: so many that more change nothing.
 
 RING_PX = 0.25  # Steps of distance in which pixels are counted.
+BLOCK = 16  # Pixels that a processor takes at once, and so are read: a power of two.
 PHASES = 4  # Places along a pixel's side for which its window is sorted.
 
 # Events in steady motion over those of full swings: noise near a threshold adds some (1.04 to
@@ -248,7 +249,7 @@ def fit_window(profiles: list[DiscProfile], width_px: int) -> FitWindow:
         orders.append(order)
         around.append(np.array(polar)[:, order])
         within.append(np.searchsorted(distance_px[order], rings_px))
-    most = np.max(within)
+    most = np.max(within) + BLOCK
     order = np.array(orders)[:, :most]
     dx, dy = dx[order], dy[order]
     ends_px = np.array([_steep_stretch_px(profile) for profile in profiles])

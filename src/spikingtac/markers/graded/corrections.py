@@ -118,7 +118,7 @@ class OutputCorrections:
         return given_px
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(_nrt=False, cache=True, nogil=True, error_model="numpy")
 def correct_kernel(
     motions: Array, crossings: Array, own_share: Array, reference_px: Array, index: Array,
     weight: Array, states: Array, t_us: float, lag_s: float, kept: float, steady: float,

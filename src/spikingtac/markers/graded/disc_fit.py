@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from spikingtac.markers.graded.appearance import PHASES, RING_PX, FitWindow
+from spikingtac.markers.graded.appearance import BLOCK, PHASES, RING_PX, FitWindow
 from spikingtac.state_map.graded import PAD_PX, Array
 
-# Part of a pixel in which an edge was read, its first pixel in the window, and how many follow.
-Ring = tuple[Any, Any, Any]
+# Part of a pixel in which an edge was read, its first pixel in the window, how many follow, and how
+# many are read: whole blocks, so that no pixel is left over after the last vector.
+Ring = tuple[Any, Any, Any, Any]
 
 # Freedom of the compiler that leaves results alone: no two operations become one, none is
 # replaced by an approximation, and no sum is regrouped. So a recording gives the same tracks
@@ -46,15 +47,24 @@ LARGEST_STEP_PX = 2.0
 LINEAR_STEP_PX, LINEAR_GROWTH_PX = 0.08, 0.05
 
 
-@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
-def _polynomial_kernel(c: Array, m: Any, k: Any, z: Any) -> Any:  # pragma: no cover
-    """Evaluate polynomial k of marker m, of degree 7, by Estrin's scheme: Horner's waits."""
+@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _row_kernel(c: Array, m: Any, k: Any) -> tuple[Any, ...]:  # pragma: no cover
+    """Return the coefficients of polynomial k of marker m, which nothing can be thought to change."""
+    return (
+        c[m, k, 0], c[m, k, 1], c[m, k, 2], c[m, k, 3], c[m, k, 4], c[m, k, 5], c[m, k, 6],
+        c[m, k, 7],
+    )  # fmt: skip
+
+
+@njit(_nrt=False, cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+def _polynomial_kernel(c: tuple[Any, ...], z: Any) -> Any:  # pragma: no cover
+    """Evaluate a polynomial of degree 7 by Estrin's scheme: Horner's waits."""
     z2 = z * z
-    low = (c[m, k, 0] + c[m, k, 1] * z) + z2 * (c[m, k, 2] + c[m, k, 3] * z)
-    return low + z2 * z2 * ((c[m, k, 4] + c[m, k, 5] * z) + z2 * (c[m, k, 6] + c[m, k, 7] * z))
+    low = (c[0] + c[1] * z) + z2 * (c[2] + c[3] * z)
+    return low + z2 * z2 * ((c[4] + c[5] * z) + z2 * (c[6] + c[7] * z))
 
 
-@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def _edge_kernel(
     around: Array, ring: Ring, disc: tuple[Any, ...], coefficients: Array, edges: Array, m: Any
 ) -> None:  # pragma: no cover - compiled
@@ -63,20 +73,23 @@ def _edge_kernel(
     ``disc`` is how far its centre is from the part of a pixel around which the ring lies, the
     radius in the middle of the edge's stretch, b and c, and 2 over the stretch's length.
     """
-    phase, first, count = ring
+    phase, first, inside, count = ring
     x, y, r, b, c, per_half = disc
-    one = np.float32(1.0)
+    zero, one = np.float32(0.0), np.float32(1.0)
+    levels = _row_kernel(coefficients, m, np.uint64(0))
+    slopes = _row_kernel(coefficients, m, np.uint64(1))
     for j in range(count):
         to_x, to_y = around[phase, 1, first + j], around[phase, 2, first + j]
         bulge = b * (to_x * to_x - to_y * to_y) + c * np.float32(2.0) * to_x * to_y
         z = (around[phase, 0, first + j] - (to_x * x + to_y * y) - r - bulge) * per_half
         z = one if z > one else z
         z = -one if z < -one else z
-        edges[m, 1, j] = _polynomial_kernel(coefficients, m, np.uint64(0), z)
-        edges[m, 2, j] = _polynomial_kernel(coefficients, m, np.uint64(1), z)
+        edges[m, 1, j] = _polynomial_kernel(levels, z)
+        slope = _polynomial_kernel(slopes, z)
+        edges[m, 2, j] = slope if np.int32(j) < inside else zero
 
 
-@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def center_equations_kernel(
     around: Array, ring: Ring, edges: Array, m: Any, moved: tuple[Any, Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
@@ -85,7 +98,7 @@ def center_equations_kernel(
     ``moved`` is how far the centre went and the radius grew since the edge was read, px. Returns
     the curvature (xx, xy, yy) and the gradient (x, y).
     """
-    phase, first, count = ring
+    phase, first, _, count = ring
     one, per_soft2 = np.float32(1.0), np.float32(1.0 / SOFT_LEVEL**2)
     xx = xy = yy = gx = gy = np.int32(0)
     for j in range(count):
@@ -105,7 +118,7 @@ def center_equations_kernel(
     return (xx * part, xy * part, yy * part), (gx * part, gy * part)
 
 
-@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def outline_equations_kernel(
     around: Array, ring: Ring, edges: Array, m: Any, moved: tuple[Any, Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
@@ -113,7 +126,7 @@ def outline_equations_kernel(
 
     Returns the gradients of r, b and c, the curvature of r, and the share of the edge that agrees.
     """
-    phase, first, count = ring
+    phase, first, _, count = ring
     one, per_soft2 = np.float32(1.0), np.float32(1.0 / SOFT_LEVEL**2)
     gr = gb = gc = rr = weight = total = np.int32(0)
     for j in range(count):
@@ -133,7 +146,7 @@ def outline_equations_kernel(
     return (gr * part, gb * part, gc * part), rr * part, weight / (total + 1.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
 def step_kernel(
     curvature: tuple[Any, Any, Any], gradient: tuple[Any, Any]
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
@@ -153,7 +166,7 @@ def step_kernel(
     return step_x, step_y, length
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _ring_kernel(
     window: FitWindow, m: Any, read: Array, most: int
 ) -> Ring:  # pragma: no cover - compiled
@@ -167,11 +180,13 @@ def _ring_kernel(
     far = max(read[m, 4] + bulge + window.edge[m, 1] + ROUNDING_PX, 0.0) / RING_PX
     first = window.within[phase, min(int(near), last)]
     after = window.within[phase, min(int(far) + 1, last)]
+    inside = min(after - first, most)
     # Unsigned, so that no index can be meant from the end: that would not be vectorised.
-    return np.uint64(phase), np.uint64(first), np.uint64(min(after - first, most))
+    count = (np.uint64(inside) + np.uint64(BLOCK - 1)) & ~np.uint64(BLOCK - 1)
+    return np.uint64(phase), np.uint64(first), np.int32(inside), count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
 def follow_kernel(
     outline_px: Array, m: Any, gradient: tuple[Any, Any, Any], step: float, rest_px: float
 ) -> None:  # pragma: no cover - compiled
@@ -183,19 +198,19 @@ def follow_kernel(
     outline_px[m, 2] = min(max(c + 2.0 * step * gradient[2], -most), most)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _look_kernel(
     levels: tuple[Array, int, int], offset: Array, ring: Ring, read: Array, edges: Array, m: Any
 ) -> None:  # pragma: no cover - compiled
     """Copy the map's levels of a ring around the pixel in which marker m was read."""
-    (flat, width, _), (phase, first, count) = levels, ring
+    (flat, width, _), (phase, first, _, count) = levels, ring
     column, row = int(read[m, 2]) // PHASES, int(read[m, 3]) // PHASES
     middle = (row + PAD_PX) * (width + 2 * PAD_PX) + column + PAD_PX
     for j in range(count):
         edges[m, 0, j] = flat[np.uint64(middle + offset[phase, first + j])]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _read_kernel(
     window: FitWindow, ring: Ring, read: Array, edges: Array, m: Any
 ) -> None:  # pragma: no cover - compiled
@@ -210,7 +225,7 @@ def _read_kernel(
 
 
 # Compiled into its loop: a call would count the references to all its arrays, a sixth of a fit.
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
 def fit_disc_kernel(
     levels: tuple[Array, int, int], as_read: tuple[Array, Array], window: FitWindow, marker: int,
     center_px: tuple[float, float], outline_px: Array, settings: tuple[int, float, float],
@@ -236,7 +251,7 @@ def fit_disc_kernel(
     unit, grown = window.edge[m, 2], outline_px[m, 0] - read[m, 4]
     bent = abs(grown) + abs(outline_px[m, 1] - read[m, 5]) + abs(outline_px[m, 2] - read[m, 6])
     (x, y), length, moved = center_px, 0.0, (np.float32(0.0), np.float32(0.0), np.float32(0.0))
-    ring = np.uint64(0), np.uint64(0), np.uint64(0)
+    ring = np.uint64(0), np.uint64(0), np.int32(0), np.uint64(0)
     for iteration in range(settings[0]):
         dx, dy = x - read[m, 0], y - read[m, 1]
         near = dx * dx + dy * dy < LINEAR_STEP_PX * LINEAR_STEP_PX and bent < LINEAR_GROWTH_PX

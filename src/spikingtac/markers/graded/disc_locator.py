@@ -5,6 +5,7 @@ costs nothing. Which marker an event asks for is read from an index: each marker
 around its disc where it stands.
 """
 
+import math
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelWatch, heard_kernel, next_window_kernel
 from spikingtac.markers.graded.appearance import (
+    BLOCK,
     FitWindow,
     appearance_of,
     events_per_px,
@@ -107,7 +109,7 @@ class DiscLocator:
         profiles = appearance_of(calibration).profiles
         self._window = fit_window(profiles, calibration.size[0])
         reach_px = self._radius_px.max() + self._window.edge[:, 1].max()
-        self._room = int(ROOM * np.pi * reach_px**2)
+        self._room = BLOCK * math.ceil(ROOM * np.pi * reach_px**2 / BLOCK)
         per_px = events_per_px(calibration)
         self._due = np.maximum(np.ceil(np.outer([DUE_PX, HURRY_PX], per_px)), 1.0)
         self._tables = profile_tables(profiles) if dead_bands else None
@@ -166,7 +168,7 @@ class DiscLocator:
         """
         states = self.motion, self.fits, self.outline_px, self.pending, coasted
         markers = self._radius_px, self._due, self.map.pixels
-        maps, count = (self.map.padded, self._edges, self._read), len(self.fits)
+        maps, count = (self.map.padded.ravel(), self._edges, self._read), len(self.fits)
         # The kernel is compiled twice: None leaves the fit to dead bands out.
         bands = (self.map.padded, *self._tables) if self._tables else None
 
@@ -185,7 +187,7 @@ class DiscLocator:
         self.busy = 2 * fitted >= count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(_nrt=False, cache=True, nogil=True, error_model="numpy")
 def absorb_discs_kernel(
     x: Array, y: Array, p: Array, t: Array, pixels: Array, padded: Array, until_us: int,
     dark_markers: bool, ahead: float, kept: float, counts: Array, pending: Array,
@@ -212,7 +214,7 @@ def absorb_discs_kernel(
     return found, until_us
 
 
-@njit(cache=True, nogil=True)
+@njit(_nrt=False, cache=True, nogil=True)
 def locate_discs_kernel(
     padded: Array, edges: Array, read: Array, bands: Bands | None, offset: Array,
     around: Array, within: Array, coefficients: Array, edge: Array, motions: Array, fits: Array,
@@ -228,7 +230,7 @@ def locate_discs_kernel(
     fit, of a slow marker and of a faster one; the map's pixels; the first marker and the one after
     the last; whether these are all, which are marked then; the time, us.
     """
-    fitted, levels = 0, (padded.ravel(), pixels.shape[1], pixels.shape[0])
+    fitted, levels = 0, (padded, pixels.shape[1], pixels.shape[0])
     window, as_read = FitWindow(offset, around, within, coefficients, edge), (edges, read)
     for m in range(first, after):
         if motions[m, AT_US] < 0.0:

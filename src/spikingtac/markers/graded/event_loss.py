@@ -129,7 +129,7 @@ class EventLoss:
             self.share = 1.0 if share > FULL_SHARE else max(share, SMALLEST_SHARE)
 
 
-@njit(cache=True, nogil=True)
+@njit(_nrt=False, cache=True, nogil=True)
 def motion_kernel(
     motions: Array, reference_px: Array, turn_px: Array, events: Array, noise_per_s: Array,
     events_per_px: Array, roam_px: float, stroke_px: Array, dt_s: float,

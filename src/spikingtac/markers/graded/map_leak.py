@@ -95,7 +95,7 @@ class MapLeak:
         take_turn_kernel(*levels, *discs, self._turn, dt_s, self._leak_per_s, tolerance)
 
 
-@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def _entries_kernel(
     first_px: np.float32, dy: np.float32, shape: tuple[Any, ...], entry: Array
 ) -> None:  # pragma: no cover - compiled
@@ -115,7 +115,7 @@ def _entries_kernel(
         entry[k] = np.int32(place if place < last else last)
 
 
-@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+@njit(_nrt=False, cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def _give_kernel(
     levels: Array, sums: Array, entry: Array, table: Array, law: tuple[Any, Any, Any]
 ) -> None:  # pragma: no cover - compiled
