@@ -47,7 +47,7 @@ NEAR_PX = 2
 HOT = 255  # Mark of a hot pixel among the counted windows.
 
 # Of each pixel, its events in this window, and in how many windows it was busy alone.
-WATCHED = np.dtype([("events", np.uint16), ("alone", np.uint16)])
+WATCHED = np.dtype([("events", np.uint8), ("alone", np.uint8)])
 
 
 def quiet_events(
@@ -196,7 +196,7 @@ def _watch_kernel(
 @njit(_nrt=False, cache=True, nogil=True, forceinline=True)
 def heard_kernel(pixel: Any) -> bool:  # pragma: no cover - compiled
     """Return whether an event's pixel is not hot, and count the event then."""
-    pixel.events += pixel.events < 65_535
+    pixel.events += pixel.events < 255
     return pixel.alone != HOT
 
 

@@ -33,12 +33,13 @@ STEP_DEFAULT = 0.139
 
 # What an event finds at its pixel, in one line of the processor's memory (in arrays of their own
 # they take twice as long): the clipped sum of its steps; the falling step (negative) and the rising
-# one; whose cell it lies in, and which marker stands around it; and what
+# one; which marker stands around it; and what
 # :class:`~spikingtac.events.hot_pixels.HotPixelWatch` counts.
 PIXEL = np.dtype(
     [
         *((name, np.float32) for name in ("level", "off", "on")),
-        *((name, np.uint16) for name in ("cell", "around", "events", "alone")),
+        ("around", np.uint16),
+        *((name, np.uint8) for name in ("events", "alone")),
     ]
 )
 

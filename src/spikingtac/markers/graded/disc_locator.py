@@ -20,7 +20,6 @@ from spikingtac.markers.graded.appearance import (
     appearance_of,
     events_per_px,
     fit_window,
-    nearest_marker,
     painted_map,
     profile_tables,
 )
@@ -93,7 +92,7 @@ class DiscLocator:
         pending: ``(m + 1,)`` events around each marker since its last fit, and those around none:
             so no event needs a branch, which would cost half as much again.
         busy: Whether half of the markers or more were fitted last.
-        counts: ``(m,)`` events in each marker's cell, nearest to its rest, since they were taken.
+        answered: ``(m + 1,)`` those before: events around each marker until its last fit.
     """
 
     def __init__(self, calibration: Calibration, dead_bands: bool = False) -> None:
@@ -114,7 +113,6 @@ class DiscLocator:
         self._due = np.maximum(np.ceil(np.outer([DUE_PX, HURRY_PX], per_px)), 1.0)
         self._tables = profile_tables(profiles) if dead_bands else None
         self.map = painted_map(calibration, 0.0 if dead_bands else HALF_STEP)
-        self.map.pixels["cell"] = nearest_marker(calibration.reference_px, calibration.size)
         self.reset()
 
     def reset(self) -> None:
@@ -126,7 +124,7 @@ class DiscLocator:
         self.fits[:, :FIT_US] = self.fits[:, MARKED_X : MARKED_Y + 1] = self._start_px
         self.fits[:, AGREEMENT] = 1.0
         self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
-        self.pending, self.counts = np.zeros(count + 1, np.int64), np.zeros(count, np.int64)
+        self.pending, self.answered = np.zeros((2, count + 1), np.int64)
         self.busy = False
         self._edges = np.zeros((count, 3, self._room), np.float32)
         self._read = np.full((count, 7), np.inf)
@@ -134,12 +132,18 @@ class DiscLocator:
         pixels["around"] = count
         for m in range(count):
             mark_kernel(pixels, m, self.motion, self.fits, self.outline_px, self._window.edge)
+        self.area_px = np.bincount(pixels["around"].ravel(), minlength=count + 1)
+
+    @property
+    def heard(self) -> NDArray[np.int64]:
+        """``(m + 1,)`` events around each marker so far, and those around none."""
+        return self.answered + self.pending % AT_ONCE
 
     def place(self, marker: NDArray[np.bool_], position_px: NDArray[np.float64]) -> None:
         """Put markers somewhere at rest, after they were found again or predicted."""
         self.motion[marker, X:VX] = position_px[marker]
         self.motion[marker, VX : VX + 2] = 0.0
-        self.pending[:-1][marker] = AT_ONCE
+        self.pending[:-1][marker] |= AT_ONCE
 
     def absorb(self, packet: EventPacket, watch: HotPixelWatch) -> None:
         """Bring the map up to date, and count the events by marker, but for those of hot pixels.
@@ -155,7 +159,7 @@ class DiscLocator:
         maps = levels.pixels, levels.padded, watch.until_us
         settings = levels.dark_markers, levels.ahead, levels.events_kept
         found, watch.until_us = absorb_discs_kernel(
-            *columns, *maps, *settings, self.counts, self.pending
+            *columns, *maps, *settings, self.pending
         )
         watch.found += found
 
@@ -166,7 +170,7 @@ class DiscLocator:
             t_us: The time, us.
             coasted: ``(m,)`` markers that are held: their motion stays.
         """
-        states = self.motion, self.fits, self.outline_px, self.pending, coasted
+        states = self.motion, self.fits, self.outline_px, self.pending, self.answered, coasted
         markers = self._radius_px, self._due, self.map.pixels
         maps, count = (self.map.padded.ravel(), self._edges, self._read), len(self.fits)
         # The kernel is compiled twice: None leaves the fit to dead bands out.
@@ -190,13 +194,13 @@ class DiscLocator:
 @njit(_nrt=False, cache=True, nogil=True, error_model="numpy")
 def absorb_discs_kernel(
     x: Array, y: Array, p: Array, t: Array, pixels: Array, padded: Array, until_us: int,
-    dark_markers: bool, ahead: float, kept: float, counts: Array, pending: Array,
+    dark_markers: bool, ahead: float, kept: float, pending: Array,
 ) -> tuple[int, int]:  # pragma: no cover - compiled # fmt: skip
     """Add each event to the map, and count it for the markers around it.
 
     Arguments are plain, since a tuple costs a microsecond: columns of the events; the map's pixels,
     its levels with their margin, the end of the watch's window, us, and the map's settings; events
-    of the markers' cells, and around the markers. Returns how many pixels became hot, and the end
+    around the markers. Returns how many pixels became hot, and the end
     of the watch's window.
     """
     found = 0
@@ -209,7 +213,6 @@ def absorb_discs_kernel(
         if heard_kernel(pixel):
             shown = integrate_event_kernel(pixel, p[i] != dark_markers, ahead, kept)
             padded[row + np.uint64(PAD_PX), column + np.uint64(PAD_PX)] = shown
-            counts[pixel.cell] += 1
             pending[pixel.around] += 1
     return found, until_us
 
@@ -218,7 +221,7 @@ def absorb_discs_kernel(
 def locate_discs_kernel(
     padded: Array, edges: Array, read: Array, bands: Bands | None, offset: Array,
     around: Array, within: Array, coefficients: Array, edge: Array, motions: Array, fits: Array,
-    outline_px: Array, pending: Array, coasted: Array, radius_px: Array, due: Array, pixels: Array,
+    outline_px: Array, pending: Array, answered: Array, coasted: Array, radius_px: Array, due: Array, pixels: Array,
     first: int, after: int, alone: bool, t_us: int,
 ) -> int:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that enough events ask for, bring the filters up to the present; count fits.
@@ -226,7 +229,7 @@ def locate_discs_kernel(
     Arguments are plain, since a tuple costs a microsecond: the map with its margin, edges as they
     were read, and where (:func:`fit_disc_kernel`); levels and profiles for
     :func:`fit_bands_kernel`, or None; the fields of a :class:`FitWindow`; motions,
-    fits, outlines, pending events, who is held; radii at rest, px; ``(2, m)`` events that ask for a
+    fits, outlines, pending events, those before, who is held; radii at rest, px; ``(2, m)`` events that ask for a
     fit, of a slow marker and of a faster one; the map's pixels; the first marker and the one after
     the last; whether these are all, which are marked then; the time, us.
     """
@@ -254,6 +257,7 @@ def locate_discs_kernel(
                 x, y, agreement, step_px = fit_disc_kernel(levels, as_read, window, *place)
             fits[m, FIT_X], fits[m, FIT_Y], fits[m, FIT_US] = x, y, t_us
             fits[m, AGREEMENT] = agreement if gain > 0.0 else fits[m, AGREEMENT]
+            answered[m] += pending[m] % AT_ONCE
             pending[m] = AT_ONCE if step_px >= LINEAR_STEP_PX else 0
         if coasted[m]:
             motions[m, VX] = motions[m, VY] = 0.0

@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.appearance import crossing_px, events_per_px, nearest_marker, roam_px
+from spikingtac.markers.graded.appearance import crossing_px, events_per_px
 from spikingtac.markers.graded.motion import VX, VY, X, Y
 from spikingtac.state_map.graded import Array
 
@@ -76,17 +76,16 @@ class EventLoss:
         background_hz_px: Events per px and second while the skin stands still.
     """
 
-    def __init__(self, calibration: Calibration) -> None:
-        """Begin with :data:`FIRST_SHARE`."""
+    def __init__(self, calibration: Calibration, area_px: NDArray[np.int64]) -> None:
+        """Begin with :data:`FIRST_SHARE`.
+
+        Args:
+            calibration: Of the sensor.
+            area_px: ``(m + 1,)`` pixels around each marker, and around none.
+        """
         self.events_per_px = events_per_px(calibration)
         self._stroke_px = (STROKE_CROSSINGS * crossing_px(calibration)).clip(*STROKES_PX)
-        owner = nearest_marker(calibration.reference_px, calibration.size).ravel()
-        count = len(calibration.reference_px)
-        self._area_px = np.bincount(owner, minlength=count).astype(np.float64)
-        # Farther from its rest a disc throws a part of its events into another marker's cell. (The
-        # recorded sensor, calibrated with all of them counted, errs by 4 % more.)
-        self._roam_px = roam_px(calibration)
-        self._reference_px = calibration.reference_px
+        self._area_px = area_px
         self._turn_px = calibration.reference_px.astype(np.float64)
         self.background_hz_px, self._measured = LEAST_BACKGROUND_HZ_PX, False
         self._expected = self._arrived = 0.0
@@ -99,20 +98,20 @@ class EventLoss:
 
     @property
     def noise_per_s(self) -> NDArray[np.float64]:
-        """``(m,)`` background events that each marker's cell brings, 1/s."""
-        return self.background_hz_px * self._area_px
+        """``(m,)`` background events around each marker, 1/s."""
+        return self.background_hz_px * self._area_px[:-1]
 
     def update(self, motion: NDArray[np.float64], counts: NDArray[np.int64], dt_s: float) -> None:
         """Judge what was counted.
 
         Args:
             motion: ``(m, 8)`` states of the markers (:mod:`spikingtac.markers.graded.motion`).
-            counts: ``(m,)`` events in each marker's cell.
+            counts: ``(m + 1,)`` events around each marker, and around none.
             dt_s: Time in which they came, s; above 0.
         """
         mean_px_s, expected, arrived = motion_kernel(
-            motion, self._reference_px, self._turn_px, counts, self.noise_per_s,
-            self.events_per_px, self._roam_px, self._stroke_px, dt_s,
+            motion, self._turn_px, counts, self.noise_per_s, self.events_per_px, self._stroke_px,
+            dt_s,
         )  # fmt: skip
         if mean_px_s < STILL_PX_S:
             rate_hz_px = float(counts.sum()) / dt_s / float(self._area_px.sum())
@@ -131,8 +130,8 @@ class EventLoss:
 
 @njit(_nrt=False, cache=True, nogil=True)
 def motion_kernel(
-    motions: Array, reference_px: Array, turn_px: Array, events: Array, noise_per_s: Array,
-    events_per_px: Array, roam_px: float, stroke_px: Array, dt_s: float,
+    motions: Array, turn_px: Array, events: Array, noise_per_s: Array, events_per_px: Array,
+    stroke_px: Array, dt_s: float,
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled # fmt: skip
     """Return the mean speed, px/s, and the events that were expected and that arrived.
 
@@ -150,8 +149,7 @@ def motion_kernel(
         if way_x * vx + way_y * vy < 0.0 or speed >= FAST_PX_S:
             turn_px[m, 0], turn_px[m, 1] = x, y
         steady = SLOW_PX_S < speed < FAST_PX_S and np.hypot(way_x, way_y) > stroke_px[m]
-        away_px = np.hypot(x - reference_px[m, 0], y - reference_px[m, 1])
-        if steady and asked > BACKGROUND_SHARE * noise_per_s[m] and away_px < roam_px:
+        if steady and asked > BACKGROUND_SHARE * noise_per_s[m]:
             expected += asked * dt_s
             arrived += events[m] - noise_per_s[m] * dt_s
     return total / motions.shape[0], expected, arrived

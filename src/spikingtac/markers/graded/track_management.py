@@ -230,7 +230,7 @@ def listen_kernel(
     per px of motion; the share that arrives, and the time, s; the travel and who is silent, which
     are changed.
     """
-    for m in range(events.size):
+    for m in range(silent.size):
         events_per_px = share * whole_per_px[m]
         asked = _asked_speed_kernel(motions, index, weight, m)
         noise = noise_per_s[m] * dt_s

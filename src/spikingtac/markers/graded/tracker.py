@@ -196,6 +196,7 @@ class GradedTracker:
         self._t_us: int | None = None
         self._leaked_us: int | None = None
         self._counted_us: int | None = None
+        self._heard = self._locator.heard
         self._due_us = self._leak_us = self._task_us = BEFORE_ALL_US
         self._turn = 0
         self._manager = TrackManager(self.calibration)
@@ -203,7 +204,7 @@ class GradedTracker:
         self._corrections = OutputCorrections(self.calibration, neighbours, self._shrink)
         recovers = self.calibration.recovery_s is not None
         self._zero = ReleasedZero(neighbours) if recovers else None
-        self._kept = EventLoss(self.calibration)
+        self._kept = EventLoss(self.calibration, self._locator.area_px)
         self._leak = MapLeak(self.calibration, self._leak_per_s) if self._leak_per_s else None
         if self._adapts:
             self._locator.map.events_kept = self._kept.share
@@ -220,8 +221,9 @@ class GradedTracker:
         self._task_us, self._turn = t_us + TURN_US, self._turn + 1
         if task == 0:
             counted_s = 0.0 if self._counted_us is None else (t_us - self._counted_us) * 1e-6
-            self._counted_us, self._counted = t_us, (locator.counts.copy(), counted_s)
-            locator.counts[:] = 0
+            heard = locator.heard
+            self._counted_us, self._counted = t_us, (heard - self._heard, counted_s)
+            self._heard = heard
             if self._adapts and counted_s > 0.0:
                 kept.update(locator.motion, *self._counted)
                 locator.map.events_kept = kept.share
