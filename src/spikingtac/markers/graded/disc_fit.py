@@ -44,7 +44,7 @@ LARGEST_STEP_PX = 2.0
 # residuals move along its slope, and only their weights are new. (Measured within a fit: tracks
 # move by 0.002 to 0.005 px on average, their mean errors rise by at most 0.001; at 0.15 losses of
 # events begin to cost accuracy.)
-LINEAR_STEP_PX, LINEAR_GROWTH_PX = 0.08, 0.05
+LINEAR_STEP_PX, LINEAR_GROWTH_PX = 0.12, 0.05
 
 
 @njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
