@@ -203,17 +203,24 @@ def absorb_discs_kernel(
     around the markers. Returns how many pixels became hot, and the end
     of the watch's window.
     """
-    found = 0
-    for i in range(x.size):
-        if t[i] >= until_us:
-            found, until_us = next_window_kernel(pixels, until_us, t[i], found)
+    found = first = 0
+    while first < x.size:
+        if t[first] >= until_us:
+            found, until_us = next_window_kernel(pixels, until_us, t[first], found)
+        # To the end of the watch's window: an event that need not look at its time takes a fifth
+        # less.
+        after = x.size
+        if t[after - 1] >= until_us:
+            after = first + np.searchsorted(t[first:], until_us)
         # Unsigned, so that no index can be meant from the end.
-        row, column = np.uint64(y[i]), np.uint64(x[i])
-        pixel = pixels[row, column]
-        if heard_kernel(pixel):
-            shown = integrate_event_kernel(pixel, p[i] != dark_markers, ahead, kept)
-            padded[row + np.uint64(PAD_PX), column + np.uint64(PAD_PX)] = shown
-            pending[pixel.around] += 1
+        for i in range(np.uint64(first), np.uint64(after)):
+            row, column = np.uint64(y[i]), np.uint64(x[i])
+            pixel = pixels[row, column]
+            if heard_kernel(pixel):
+                shown = integrate_event_kernel(pixel, p[i] != dark_markers, ahead, kept)
+                padded[row + np.uint64(PAD_PX), column + np.uint64(PAD_PX)] = shown
+                pending[pixel.around] += 1
+        first = after
     return found, until_us
 
 
