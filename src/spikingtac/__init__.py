@@ -8,7 +8,7 @@ from typing import Any
 
 import lazy_loader
 
-from spikingtac.kernel_cache import provide_kernel_cache
+from spikingtac.kernels import provide_kernel_cache
 
 _public_name, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __all__ += ["__version__"]

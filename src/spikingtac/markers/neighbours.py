@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.kernels import INLINED, KERNEL
 from spikingtac.state_map.graded import Array
 
 NEIGHBOURS = 8  # Markers that vote on one: the ring around it in a square grid.
@@ -66,7 +67,7 @@ class Neighbourhood:
         return out
 
 
-@njit(_nrt=False, cache=True, nogil=True, forceinline=True)
+@njit(**INLINED)
 def around_kernel(
     position_px: Array, skin: tuple[Array, Array, Array], m: int, axis: int
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
@@ -84,7 +85,7 @@ def around_kernel(
     return expected, low, high
 
 
-@njit(_nrt=False, cache=True, nogil=True)
+@njit(**KERNEL)
 def expect_kernel(
     position_px: Array, skin: tuple[Array, Array, Array], out: Array
 ) -> None:  # pragma: no cover - compiled

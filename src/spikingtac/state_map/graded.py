@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
+from spikingtac.kernels import INLINED, KERNEL
 from spikingtac.types import EventPacket
 
 Array = NDArray[Any]  # Array of a compiled function, whose compiler knows its type.
@@ -133,7 +134,7 @@ class GradedStateMap:
         return steps
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(**INLINED)
 def integrate_event_kernel(
     pixel: Any, rises: bool, ahead: float, kept: float
 ) -> float:  # pragma: no cover - compiled
@@ -149,7 +150,7 @@ def integrate_event_kernel(
     return min(max(level + beyond * step, zero), one)
 
 
-@njit(_nrt=False, cache=True, nogil=True)
+@njit(**KERNEL)
 def _integrate_kernel(
     pixels: Array, level: Array, x: Array, y: Array, p: Array, dark_markers: bool, ahead: float,
     kept: float,

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import DiscProfile, disc_profiles
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.state_map.binary import paint_discs
 from spikingtac.state_map.graded import HALF_STEP, PAD_PX, STEP_DEFAULT, GradedStateMap
 
@@ -60,7 +59,7 @@ REACH_PX = 7.0  # Farthest from the radius that a fit reads, px (6 to 9 are alik
 CURVE_POINTS = 2001  # Points at which the polynomials are fitted: so many that more change nothing.
 
 RING_PX = 0.25  # Steps of distance in which pixels are counted.
-BLOCK = 16  # Pixels that a processor takes at once, and so are read: a power of two.
+LANES = 16  # Pixels that the widest vectors of processors hold (AVX-512, 512 bits of float32).
 PHASES = 4  # Places along a pixel's side for which its window is sorted.
 
 # Events in steady motion over those of full swings: noise near a threshold adds some (1.04 to
@@ -109,12 +108,6 @@ def has_large_steps(calibration: Calibration) -> bool:
     """
     on, off = calibration.step_on or STEP_DEFAULT, calibration.step_off or STEP_DEFAULT
     return calibration.recovery_s is None and max(on, off) > LARGE_STEP
-
-
-def roam_px(calibration: Calibration) -> float:
-    """Return how far from its rest the edge of every disc stays in its marker's cell, px."""
-    spacing_px = min(smallest_spacing_px(calibration.reference_px), float(max(calibration.size)))
-    return max(spacing_px / 2.0 - float(calibration.radius_px.max()), 1.0)
 
 
 def nearest_marker(reference_px: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.uint16]:
@@ -249,7 +242,7 @@ def fit_window(profiles: list[DiscProfile], width_px: int) -> FitWindow:
         orders.append(order)
         around.append(np.array(polar)[:, order])
         within.append(np.searchsorted(distance_px[order], rings_px))
-    most = np.max(within) + BLOCK
+    most = np.max(within) + LANES
     order = np.array(orders)[:, :most]
     dx, dy = dx[order], dy[order]
     ends_px = np.array([_steep_stretch_px(profile) for profile in profiles])

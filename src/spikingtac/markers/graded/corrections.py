@@ -32,6 +32,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.kernels import KERNEL
 from spikingtac.markers.graded.appearance import crossing_px
 from spikingtac.markers.graded.motion import AT_US, VX, VY, X, Y
 from spikingtac.markers.neighbours import Neighbourhood
@@ -118,7 +119,7 @@ class OutputCorrections:
         return given_px
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def correct_kernel(
     motions: Array, crossings: Array, own_share: Array, reference_px: Array, index: Array,
     weight: Array, states: Array, t_us: float, lag_s: float, kept: float, steady: float,
@@ -139,10 +140,11 @@ def correct_kernel(
         now_x = motions[m, X] + since_s * motions[m, VX]
         now_y = motions[m, Y] + since_s * motions[m, VY]
         for play, state in ((SHORT_PLAY, direction), (LONG_PLAY, way)):
-            x = kept * state[m, 0] + (now_x - last_px[m, 0]) / (play * crossings[m])
-            y = kept * state[m, 1] + (now_y - last_px[m, 1]) / (play * crossings[m])
-            length = max(np.sqrt(x * x + y * y), 1.0)
-            state[m, 0], state[m, 1] = x / length, y / length
+            per_px = 1.0 / (play * crossings[m])
+            x = kept * state[m, 0] + (now_x - last_px[m, 0]) * per_px
+            y = kept * state[m, 1] + (now_y - last_px[m, 1]) * per_px
+            share = 1.0 / max(np.sqrt(x * x + y * y), 1.0)
+            state[m, 0], state[m, 1] = share * x, share * y
         last_px[m, 0], last_px[m, 1] = now_x, now_y
     for m in range(crossings.size):
         told_x = told_y = 0.0

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from spikingtac.kernels import KERNEL
 from spikingtac.markers.graded.disc_fit import SOFT_LEVEL, follow_kernel, step_kernel
 from spikingtac.state_map.graded import PAD_PX, Array
 
@@ -41,7 +42,7 @@ OUTLINE_INERTIA = 4.0
 SMALL_STEP_PX = 0.005  # A fit whose last step was shorter has converged.
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def _window_kernel(
     x: float, y: float, outline: Outline, reach_px: float, shape: tuple[int, ...]
 ) -> tuple[int, int, int, int]:  # pragma: no cover - compiled
@@ -52,7 +53,7 @@ def _window_kernel(
     return top, left, bottom, right
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def _entry_kernel(
     dx: float, dy: float, outline: Outline, reach_px: float, last: int
 ) -> int:  # pragma: no cover - compiled
@@ -63,7 +64,7 @@ def _entry_kernel(
     return int(place) if 0.0 <= place < last else -1
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def _residual_kernel(
     pixel: Any, shown: float, disc: float
 ) -> tuple[float, float]:  # pragma: no cover - compiled
@@ -79,7 +80,7 @@ def _residual_kernel(
     return e, (e != 0.0) * weight / (1.0 + e * e / SOFT_RESIDUAL**2)
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def _center_equations_kernel(
     maps: tuple[Array, Array], disc: tuple[float, float, Outline], profile: tuple[Array, float]
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:  # pragma: no cover - compiled
@@ -102,7 +103,7 @@ def _center_equations_kernel(
     return (xx, xy, yy), (gx, gy)
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def _settle_kernel(
     maps: tuple[Array, Array], disc: tuple[float, float, Outline], profile: tuple[Array, float]
 ) -> tuple[tuple[float, float, float], float, float]:  # pragma: no cover - compiled
@@ -134,7 +135,7 @@ def _settle_kernel(
     return (gr, gb, gc), rr, agreeing / (total + 1e-6)
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def fit_bands_kernel(
     pixels: Array, padded: Array, tables: Array, reach_px: Array, m: int,
     center_px: tuple[float, float], outline_px: Array, settings: tuple[int, float, float],

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from spikingtac.markers.graded.appearance import BLOCK, PHASES, RING_PX, FitWindow
+from spikingtac.kernels import INLINED
+from spikingtac.markers.graded.appearance import LANES, PHASES, RING_PX, FitWindow
 from spikingtac.state_map.graded import PAD_PX, Array
 
 # Part of a pixel in which an edge was read, its first pixel in the window, how many follow, and how
-# many are read: whole blocks, so that no pixel is left over after the last vector.
+# many are read: a multiple of LANES, so that loops end with a whole vector. The others weigh 0.
 Ring = tuple[Any, Any, Any, Any]
 
 # Freedom of the compiler that leaves results alone: no two operations become one, none is
@@ -47,16 +48,14 @@ LARGEST_STEP_PX = 2.0
 LINEAR_STEP_PX, LINEAR_GROWTH_PX = 0.12, 0.05
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _row_kernel(c: Array, m: Any, k: Any) -> tuple[Any, ...]:  # pragma: no cover
-    """Return the coefficients of polynomial k of marker m, which nothing can be thought to change."""
-    return (
-        c[m, k, 0], c[m, k, 1], c[m, k, 2], c[m, k, 3], c[m, k, 4], c[m, k, 5], c[m, k, 6],
-        c[m, k, 7],
-    )  # fmt: skip
+@njit(**INLINED)
+def _coefficients_kernel(c: Array, m: Any, k: Any) -> tuple[Any, ...]:  # pragma: no cover
+    """Return the coefficients of polynomial k of marker m; in an array a loop reads them anew."""
+    first = c[m, k, 0], c[m, k, 1], c[m, k, 2], c[m, k, 3]
+    return first + (c[m, k, 4], c[m, k, 5], c[m, k, 6], c[m, k, 7])  # noqa: RUF005 - compiled
 
 
-@njit(_nrt=False, cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+@njit(**INLINED, fastmath=SAME_BITS)
 def _polynomial_kernel(c: tuple[Any, ...], z: Any) -> Any:  # pragma: no cover
     """Evaluate a polynomial of degree 7 by Estrin's scheme: Horner's waits."""
     z2 = z * z
@@ -64,7 +63,7 @@ def _polynomial_kernel(c: tuple[Any, ...], z: Any) -> Any:  # pragma: no cover
     return low + z2 * z2 * ((c[4] + c[5] * z) + z2 * (c[6] + c[7] * z))
 
 
-@njit(_nrt=False, cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+@njit(**INLINED, fastmath=SAME_BITS)
 def _edge_kernel(
     around: Array, ring: Ring, disc: tuple[Any, ...], coefficients: Array, edges: Array, m: Any
 ) -> None:  # pragma: no cover - compiled
@@ -76,8 +75,8 @@ def _edge_kernel(
     phase, first, inside, count = ring
     x, y, r, b, c, per_half = disc
     zero, one = np.float32(0.0), np.float32(1.0)
-    levels = _row_kernel(coefficients, m, np.uint64(0))
-    slopes = _row_kernel(coefficients, m, np.uint64(1))
+    levels = _coefficients_kernel(coefficients, m, np.uint64(0))
+    slopes = _coefficients_kernel(coefficients, m, np.uint64(1))
     for j in range(count):
         to_x, to_y = around[phase, 1, first + j], around[phase, 2, first + j]
         bulge = b * (to_x * to_x - to_y * to_y) + c * np.float32(2.0) * to_x * to_y
@@ -89,7 +88,7 @@ def _edge_kernel(
         edges[m, 2, j] = slope if np.int32(j) < inside else zero
 
 
-@njit(_nrt=False, cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+@njit(**INLINED, fastmath=SAME_BITS)
 def center_equations_kernel(
     around: Array, ring: Ring, edges: Array, m: Any, moved: tuple[Any, Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
@@ -118,7 +117,7 @@ def center_equations_kernel(
     return (xx * part, xy * part, yy * part), (gx * part, gy * part)
 
 
-@njit(_nrt=False, cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+@njit(**INLINED, fastmath=SAME_BITS)
 def outline_equations_kernel(
     around: Array, ring: Ring, edges: Array, m: Any, moved: tuple[Any, Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
@@ -146,7 +145,7 @@ def outline_equations_kernel(
     return (gr * part, gb * part, gc * part), rr * part, weight / (total + 1.0)
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(**INLINED)
 def step_kernel(
     curvature: tuple[Any, Any, Any], gradient: tuple[Any, Any]
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
@@ -166,7 +165,7 @@ def step_kernel(
     return step_x, step_y, length
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(**INLINED)
 def _ring_kernel(
     window: FitWindow, m: Any, read: Array, most: int
 ) -> Ring:  # pragma: no cover - compiled
@@ -182,11 +181,11 @@ def _ring_kernel(
     after = window.within[phase, min(int(far) + 1, last)]
     inside = min(after - first, most)
     # Unsigned, so that no index can be meant from the end: that would not be vectorised.
-    count = (np.uint64(inside) + np.uint64(BLOCK - 1)) & ~np.uint64(BLOCK - 1)
+    count = (np.uint64(inside) + np.uint64(LANES - 1)) & ~np.uint64(LANES - 1)
     return np.uint64(phase), np.uint64(first), np.int32(inside), count
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(**INLINED)
 def follow_kernel(
     outline_px: Array, m: Any, gradient: tuple[Any, Any, Any], step: float, rest_px: float
 ) -> None:  # pragma: no cover - compiled
@@ -198,7 +197,7 @@ def follow_kernel(
     outline_px[m, 2] = min(max(c + 2.0 * step * gradient[2], -most), most)
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(**INLINED)
 def _look_kernel(
     levels: tuple[Array, int, int], offset: Array, ring: Ring, read: Array, edges: Array, m: Any
 ) -> None:  # pragma: no cover - compiled
@@ -210,7 +209,7 @@ def _look_kernel(
         edges[m, 0, j] = flat[np.uint64(middle + offset[phase, first + j])]
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(**INLINED)
 def _read_kernel(
     window: FitWindow, ring: Ring, read: Array, edges: Array, m: Any
 ) -> None:  # pragma: no cover - compiled
@@ -225,7 +224,7 @@ def _read_kernel(
 
 
 # Compiled into its loop: a call would count the references to all its arrays, a sixth of a fit.
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(**INLINED)
 def fit_disc_kernel(
     levels: tuple[Array, int, int], as_read: tuple[Array, Array], window: FitWindow, marker: int,
     center_px: tuple[float, float], outline_px: Array, settings: tuple[int, float, float],

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelWatch, heard_kernel, next_window_kernel
+from spikingtac.kernels import KERNEL
 from spikingtac.markers.graded.appearance import (
-    BLOCK,
+    LANES,
     FitWindow,
     appearance_of,
     events_per_px,
@@ -91,7 +92,7 @@ class DiscLocator:
         outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.
         pending: ``(m + 1,)`` events around each marker since its last fit, and those around none:
             so no event needs a branch, which would cost half as much again.
-        busy: Whether half of the markers or more were fitted last.
+        busy: Whether an eighth of the markers or more were fitted last.
         answered: ``(m + 1,)`` those before: events around each marker until its last fit.
     """
 
@@ -108,7 +109,7 @@ class DiscLocator:
         profiles = appearance_of(calibration).profiles
         self._window = fit_window(profiles, calibration.size[0])
         reach_px = self._radius_px.max() + self._window.edge[:, 1].max()
-        self._room = BLOCK * math.ceil(ROOM * np.pi * reach_px**2 / BLOCK)
+        self._room = LANES * math.ceil(ROOM * np.pi * reach_px**2 / LANES)
         per_px = events_per_px(calibration)
         self._due = np.maximum(np.ceil(np.outer([DUE_PX, HURRY_PX], per_px)), 1.0)
         self._tables = profile_tables(profiles) if dead_bands else None
@@ -158,9 +159,7 @@ class DiscLocator:
         columns = packet.x, packet.y, packet.p, packet.t
         maps = levels.pixels, levels.padded, watch.until_us
         settings = levels.dark_markers, levels.ahead, levels.events_kept
-        found, watch.until_us = absorb_discs_kernel(
-            *columns, *maps, *settings, self.pending
-        )
+        found, watch.until_us = absorb_discs_kernel(*columns, *maps, *settings, self.pending)
         watch.found += found
 
     def locate(self, t_us: int, coasted: NDArray[np.bool_]) -> None:
@@ -188,10 +187,10 @@ class DiscLocator:
             # On a busy machine the other thread may get no turn for milliseconds.
             fitted += fit(count // 2, count, False) if beside.cancel() else beside.result()
             mark_moved_kernel(self.map.pixels, *states[:3], self._window.edge)
-        self.busy = 2 * fitted >= count
+        self.busy = 8 * fitted >= count
 
 
-@njit(_nrt=False, cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def absorb_discs_kernel(
     x: Array, y: Array, p: Array, t: Array, pixels: Array, padded: Array, until_us: int,
     dark_markers: bool, ahead: float, kept: float, pending: Array,
@@ -224,23 +223,23 @@ def absorb_discs_kernel(
     return found, until_us
 
 
-@njit(_nrt=False, cache=True, nogil=True)
+@njit(**KERNEL)
 def locate_discs_kernel(
-    padded: Array, edges: Array, read: Array, bands: Bands | None, offset: Array,
-    around: Array, within: Array, coefficients: Array, edge: Array, motions: Array, fits: Array,
-    outline_px: Array, pending: Array, answered: Array, coasted: Array, radius_px: Array, due: Array, pixels: Array,
-    first: int, after: int, alone: bool, t_us: int,
+    flat: Array, edges: Array, read: Array, bands: Bands | None, offset: Array, around: Array,
+    within: Array, coefficients: Array, edge: Array, motions: Array, fits: Array,
+    outline_px: Array, pending: Array, answered: Array, coasted: Array, radius_px: Array,
+    due: Array, pixels: Array, first: int, after: int, alone: bool, t_us: int,
 ) -> int:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that enough events ask for, bring the filters up to the present; count fits.
 
-    Arguments are plain, since a tuple costs a microsecond: the map with its margin, edges as they
-    were read, and where (:func:`fit_disc_kernel`); levels and profiles for
-    :func:`fit_bands_kernel`, or None; the fields of a :class:`FitWindow`; motions,
-    fits, outlines, pending events, those before, who is held; radii at rest, px; ``(2, m)`` events that ask for a
-    fit, of a slow marker and of a faster one; the map's pixels; the first marker and the one after
-    the last; whether these are all, which are marked then; the time, us.
+    Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, edges as
+    they were read, and where (:func:`fit_disc_kernel`); levels and profiles for
+    :func:`fit_bands_kernel`, or None; the fields of a :class:`FitWindow`; motions, fits, outlines,
+    pending events and those before, who is held; radii at rest, px; ``(2, m)`` events that ask for
+    a fit, of a slow marker and of a faster one; the map's pixels; the first marker and the one
+    after the last; whether these are all, which are marked then; the time, us.
     """
-    fitted, levels = 0, (padded, pixels.shape[1], pixels.shape[0])
+    fitted, levels = 0, (flat, pixels.shape[1], pixels.shape[0])
     window, as_read = FitWindow(offset, around, within, coefficients, edge), (edges, read)
     for m in range(first, after):
         if motions[m, AT_US] < 0.0:

@@ -7,8 +7,8 @@ move, tells the loss; what arrives at rest is background. A reversal costs up to
 pixel and a filtered velocity lags, so that the first px after a turn is left out: then a few
 strokes suffice.
 
-Events are counted per marker, in the cell of the skin that is nearest to its rest: a touch often
-moves few markers, whose events would drown in the background of all the others.
+Events are counted around each marker where it stands: a touch often moves few markers, whose events
+would drown in the background of all the others.
 """
 
 import math
@@ -18,6 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.kernels import KERNEL
 from spikingtac.markers.graded.appearance import crossing_px, events_per_px
 from spikingtac.markers.graded.motion import VX, VY, X, Y
 from spikingtac.state_map.graded import Array
@@ -41,7 +42,7 @@ BACKGROUND_MEMORY_S = 0.5  # Time constant of the background's running mean.
 # are rare; simulated.)
 STROKE_CROSSINGS, STROKES_PX = 2.4, (1.0, 2.5)
 
-# A marker is asked where its motion causes this many times the background of its cell.
+# A marker is asked where its motion causes this many times the background around it.
 BACKGROUND_SHARE = 1.5
 
 # Background that is assumed until a rest was seen: above what sensors have in good light.
@@ -128,7 +129,7 @@ class EventLoss:
             self.share = 1.0 if share > FULL_SHARE else max(share, SMALLEST_SHARE)
 
 
-@njit(_nrt=False, cache=True, nogil=True)
+@njit(**KERNEL)
 def motion_kernel(
     motions: Array, turn_px: Array, events: Array, noise_per_s: Array, events_per_px: Array,
     stroke_px: Array, dt_s: float,
@@ -136,7 +137,7 @@ def motion_kernel(
     """Return the mean speed, px/s, and the events that were expected and that arrived.
 
     Arguments are plain, since a tuple costs a microsecond: motions, rests, and where each turned
-    last, which is kept up to date; of the cells events, background per s, and events per px of
+    last, which is kept up to date; events around each, background per s, and events per px of
     motion; the farthest from the rest, and each one's shortest way since the turn, px; the time, s.
     """
     total = expected = arrived = 0.0

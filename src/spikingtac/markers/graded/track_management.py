@@ -23,6 +23,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.kernels import KERNEL
 from spikingtac.markers.blobs import UNMATCHED, associate, blob_areas_px, find_blobs
 from spikingtac.markers.graded.event_loss import (
     BACKGROUND_SHARE,
@@ -53,7 +54,7 @@ SILENT_PX = 2.0
 # more than half of them.
 SENDING_SHARE = 0.35
 
-# Standard deviations above its background from which a cell's events tell of a marker.
+# Standard deviations above the background from which the events around a marker tell of it.
 CLEAR_SIGMAS = 3.0
 
 # Largest distance of a marker from the middle of its neighbours, as a share of their mean
@@ -104,7 +105,7 @@ class TrackManager:
 
         Args:
             motion: ``(m, 8)`` states of the markers (:mod:`spikingtac.markers.graded.motion`).
-            counts: ``(m,)`` events in each marker's cell.
+            counts: ``(m + 1,)`` events around each marker, and around none.
             dt_s: Time in which they came, s.
             kept: How many events of a whole stream arrive, and how many are background.
         """
@@ -160,7 +161,7 @@ class TrackManager:
         self._doubted_since_us[found] = -1
 
 
-@njit(_nrt=False, cache=True, nogil=True)
+@njit(**KERNEL)
 def trust_kernel(
     agreement: Array, unheard_px: Array, coasted: Array, trust: Array, fading: float,
     confidence: Array,
@@ -171,7 +172,7 @@ def trust_kernel(
         confidence[m] = agreement[m] * trust[m] * max(1.0 - unheard_px[m] / SILENT_PX, 0.0)
 
 
-@njit(_nrt=False, cache=True, nogil=True)
+@njit(**KERNEL)
 def _asked_speed_kernel(
     motions: Array, index: Array, weight: Array, m: int
 ) -> float:  # pragma: no cover - compiled
@@ -193,7 +194,7 @@ def _asked_speed_kernel(
     return min(third if index.shape[1] > 2 else few, np.sqrt(x * x + y * y))
 
 
-@njit(_nrt=False, cache=True, nogil=True)
+@njit(**KERNEL)
 def doubt_kernel(
     fits: Array, skin: tuple[Array, Array, Array], bound_px: Array, gone: tuple[Array, Array],
     t_us: int, since_us: Array,
@@ -217,7 +218,7 @@ def doubt_kernel(
     return found
 
 
-@njit(_nrt=False, cache=True, nogil=True)
+@njit(**KERNEL)
 def listen_kernel(
     motions: Array, index: Array, weight: Array, surrounded: Array, events: Array,
     noise_per_s: Array, whole_per_px: Array, share: float, dt_s: float, unheard_px: Array,
@@ -226,7 +227,7 @@ def listen_kernel(
     """Add up the travel without events, px, and mark who is silent.
 
     Arguments are plain, since a tuple costs a microsecond: motions; neighbours, their weights, and
-    who is surrounded by them; of the cells events, background per s, and events of a whole stream
+    who is surrounded by them; events around each, background per s, and events of a whole stream
     per px of motion; the share that arrives, and the time, s; the travel and who is silent, which
     are changed.
     """

@@ -1,4 +1,4 @@
-"""A place for compiled kernels where neither the package's folder nor the home can be written.
+"""How the tracker's kernels are compiled, and where compiled kernels are kept.
 
 Numba keeps compiled kernels beside their files, else in the user's cache, and refuses to compile
 where it can write to neither: in a container with another user, say. It reads the environment when
@@ -9,6 +9,14 @@ import os
 import stat
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
+
+# A kernel that makes no array. Numba need not count the references to those that it is given, which
+# would take a sixth of a step. (The option is the one of Numba's own library.)
+KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+
+# A part of a kernel that is compiled into its loop, instead of a call that costs more than it does.
+INLINED: dict[str, Any] = KERNEL | {"forceinline": True}
 
 VARIABLE = "NUMBA_CACHE_DIR"
 PACKAGE = Path(__file__).parent
