@@ -10,6 +10,7 @@ from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.markers.graded import disc_fit
 from spikingtac.markers.graded.appearance import (
     FLAT_SHARE,
+    LANES,
     LARGEST_SUM,
     PHASES,
     REACH_PX,
@@ -139,12 +140,13 @@ def test_an_edge_that_was_read_nearby_serves_again() -> None:
 
 def test_normal_equations_equal_their_twin() -> None:
     rng, window, moved_px = np.random.default_rng(11), WINDOW, (0.03, -0.05, 0.02)
-    phase, first, count = 6, 20, 300
+    phase, first, count, whole = 6, 20, 300, 304  # whole vectors of pixels
     x, y, r, b, c = disc = 0.07, -0.12, 7.1, 0.2, -0.1
     half = float(window.edge[1, 1] - window.edge[1, 0]) / 2.0
     edges = np.empty((2, 3, window.offset.shape[1]), np.float32)
-    level = edges[1, 0, :count] = rng.random(count).astype(np.float32)
-    ring, m = tuple(np.uint64(n) for n in (phase, first, count)), np.uint64(1)
+    edges[1, 0, :whole] = rng.random(whole)
+    level, m = edges[1, 0, :count].astype(float), np.uint64(1)
+    ring = np.uint64(phase), np.uint64(first), np.int32(count), np.uint64(whole)
     read = tuple(np.float32(value) for value in (*disc, 1.0 / half))
     disc_fit._edge_kernel(window.around, ring, read, window.coefficients, edges, m)
     moved = tuple(np.float32(way) for way in moved_px)
@@ -193,7 +195,8 @@ def test_a_ring_holds_every_pixel_of_the_edge(outline: tuple[float, float, float
     inner_px, outer_px = (float(end) for end in WINDOW.edge[0, :2])
     parts = np.floor(PHASES * (np.array([x, y]) + 0.5))
     read = np.array([[x, y, *parts, *outline]])
-    phase, first, count = (int(n) for n in disc_fit._ring_kernel(WINDOW, 0, read, 999))
+    phase, first, count, whole = (int(n) for n in disc_fit._ring_kernel(WINDOW, 0, read, 999))
+    assert (whole % LANES, whole // LANES) == (0, -(-count // LANES))
     stride = SIZE[0] + 2 * PAD_PX
     row, column = np.divmod(WINDOW.offset[phase] + PAD_PX * (stride + 1), stride)
     at_px = np.array([column - PAD_PX + 40.0, row - PAD_PX + 30.0])

@@ -136,9 +136,9 @@ def motion_kernel(
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled # fmt: skip
     """Return the mean speed, px/s, and the events that were expected and that arrived.
 
-    Arguments are plain, since a tuple costs a microsecond: motions, rests, and where each turned
-    last, which is kept up to date; events around each, background per s, and events per px of
-    motion; the farthest from the rest, and each one's shortest way since the turn, px; the time, s.
+    Arguments are plain, since a tuple costs a microsecond: motions, and where each turned last,
+    which is kept up to date; events around each, background per s, and events per px of motion;
+    the shortest way since the turn, px; the time, s.
     """
     total = expected = arrived = 0.0
     for m in range(motions.shape[0]):
