@@ -40,12 +40,10 @@ SOFT_LEVEL = 0.8
 # A Gauss-Newton step is cut to this length: beyond it the edge model is not linear.
 LARGEST_STEP_PX = 2.0
 
-# A fit whose last step was shorter has converged (a step of 0.04 takes longer and errs the same).
-# While the centre went no farther, and its outline changed by less, the edge is not read anew: the
-# residuals move along its slope, and only their weights are new. (Measured within a fit: tracks
-# move by 0.002 to 0.005 px on average, their mean errors rise by at most 0.001; at 0.15 losses of
-# events begin to cost accuracy.)
-LINEAR_STEP_PX, LINEAR_GROWTH_PX = 0.12, 0.05
+# A fit whose last step was shorter has converged. While the centre went no farther, the edge is not
+# read anew: the residuals move along its slope, and only their weights are new. (0.08 to 0.14 are
+# alike; fits at 0.04 take longer and err the same.)
+LINEAR_STEP_PX = 0.12
 
 
 @njit(**INLINED)
@@ -65,7 +63,7 @@ def _polynomial_kernel(c: tuple[Any, ...], z: Any) -> Any:  # pragma: no cover
 
 @njit(**INLINED, fastmath=SAME_BITS)
 def _edge_kernel(
-    around: Array, ring: Ring, disc: tuple[Any, ...], coefficients: Array, edges: Array, m: Any
+    around: Array, ring: Ring, disc: tuple[Any, ...], coefficients: Array, edge: Array, m: Any
 ) -> None:  # pragma: no cover - compiled
     """Write the disc's level at each pixel of a ring, and its slope there.
 
@@ -83,18 +81,18 @@ def _edge_kernel(
         z = (around[phase, 0, first + j] - (to_x * x + to_y * y) - r - bulge) * per_half
         z = one if z > one else z
         z = -one if z < -one else z
-        edges[m, 1, j] = _polynomial_kernel(levels, z)
+        edge[1, j] = _polynomial_kernel(levels, z)
         slope = _polynomial_kernel(slopes, z)
-        edges[m, 2, j] = slope if np.int32(j) < inside else zero
+        edge[2, j] = slope if np.int32(j) < inside else zero
 
 
 @njit(**INLINED, fastmath=SAME_BITS)
 def center_equations_kernel(
-    around: Array, ring: Ring, edges: Array, m: Any, moved: tuple[Any, Any, Any], unit: np.float32
+    around: Array, ring: Ring, edge: Array, moved: tuple[Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
     """Sum the robust normal equations of a disc's centre; one straight loop, so that it vectorises.
 
-    ``moved`` is how far the centre went and the radius grew since the edge was read, px. Returns
+    ``moved`` is how far the centre went since the edge was read, px. Returns
     the curvature (xx, xy, yy) and the gradient (x, y).
     """
     phase, first, _, count = ring
@@ -102,8 +100,8 @@ def center_equations_kernel(
     xx = xy = yy = gx = gy = np.int32(0)
     for j in range(count):
         to_x, to_y = around[phase, 1, first + j], around[phase, 2, first + j]
-        s = edges[m, 2, j]
-        e = edges[m, 0, j] - edges[m, 1, j] - s * (to_x * moved[0] + to_y * moved[1] + moved[2])
+        s = edge[2, j]
+        e = edge[0, j] - edge[1, j] - s * (to_x * moved[0] + to_y * moved[1])
         ws = unit * s / (one + e * e * per_soft2)
         wse = ws * e
         wsx = ws * s * to_x
@@ -119,7 +117,7 @@ def center_equations_kernel(
 
 @njit(**INLINED, fastmath=SAME_BITS)
 def outline_equations_kernel(
-    around: Array, ring: Ring, edges: Array, m: Any, moved: tuple[Any, Any, Any], unit: np.float32
+    around: Array, ring: Ring, edge: Array, moved: tuple[Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
     """Sum the robust normal equations of a disc's outline as :func:`center_equations_kernel` does.
 
@@ -130,8 +128,8 @@ def outline_equations_kernel(
     gr = gb = gc = rr = weight = total = np.int32(0)
     for j in range(count):
         to_x, to_y = around[phase, 1, first + j], around[phase, 2, first + j]
-        s = edges[m, 2, j]
-        e = edges[m, 0, j] - edges[m, 1, j] - s * (to_x * moved[0] + to_y * moved[1] + moved[2])
+        s = edge[2, j]
+        e = edge[0, j] - edge[1, j] - s * (to_x * moved[0] + to_y * moved[1])
         us = unit * s
         ws = us / (one + e * e * per_soft2)
         wse = ws * e
@@ -167,16 +165,17 @@ def step_kernel(
 
 @njit(**INLINED)
 def _ring_kernel(
-    window: FitWindow, m: Any, read: Array, most: int
+    window: FitWindow, m: Any, part: tuple[float, float], outline_px: Array, most: int
 ) -> Ring:  # pragma: no cover - compiled
-    """Return the phase at which marker m was read, its edge's first pixel there, and how many.
+    """Return the phase of a place, the first pixel of marker m's edge there, and how many follow.
 
     There are ``most`` at most: of an outline that grew larger the farthest are not read.
     """
-    phase = (int(read[m, 3]) % PHASES) * PHASES + int(read[m, 2]) % PHASES
-    bulge, last = abs(read[m, 5]) + abs(read[m, 6]), window.within.shape[1] - 1
-    near = max(read[m, 4] - bulge + window.edge[m, 0] - ROUNDING_PX, 0.0) / RING_PX
-    far = max(read[m, 4] + bulge + window.edge[m, 1] + ROUNDING_PX, 0.0) / RING_PX
+    phase = (int(part[1]) % PHASES) * PHASES + int(part[0]) % PHASES
+    r, last = outline_px[m, 0], window.within.shape[1] - 1
+    bulge = abs(outline_px[m, 1]) + abs(outline_px[m, 2])
+    near = max(r - bulge + window.edge[m, 0] - ROUNDING_PX, 0.0) / RING_PX
+    far = max(r + bulge + window.edge[m, 1] + ROUNDING_PX, 0.0) / RING_PX
     first = window.within[phase, min(int(near), last)]
     after = window.within[phase, min(int(far) + 1, last)]
     inside = min(after - first, most)
@@ -199,45 +198,43 @@ def follow_kernel(
 
 @njit(**INLINED)
 def _look_kernel(
-    levels: tuple[Array, int, int], offset: Array, ring: Ring, read: Array, edges: Array, m: Any
-) -> None:  # pragma: no cover - compiled
-    """Copy the map's levels of a ring around the pixel in which marker m was read."""
+    levels: tuple[Array, int, int], offset: Array, ring: Ring, part: tuple[float, float],
+    edge: Array,
+) -> None:  # pragma: no cover - compiled # fmt: skip
+    """Copy the map's levels of a ring around the pixel of a place."""
     (flat, width, _), (phase, first, _, count) = levels, ring
-    column, row = int(read[m, 2]) // PHASES, int(read[m, 3]) // PHASES
+    column, row = int(part[0]) // PHASES, int(part[1]) // PHASES
     middle = (row + PAD_PX) * (width + 2 * PAD_PX) + column + PAD_PX
     for j in range(count):
-        edges[m, 0, j] = flat[np.uint64(middle + offset[phase, first + j])]
+        edge[0, j] = flat[np.uint64(middle + offset[phase, first + j])]
 
 
 @njit(**INLINED)
 def _read_kernel(
-    window: FitWindow, ring: Ring, read: Array, edges: Array, m: Any
-) -> None:  # pragma: no cover - compiled
-    """Read marker m's edge at the place and with the outline of ``read``."""
+    window: FitWindow, ring: Ring, place_px: tuple[float, float], part: tuple[float, float],
+    outline_px: Array, edge: Array, m: Any,
+) -> None:  # pragma: no cover - compiled # fmt: skip
+    """Write marker m's edge as it is at a place."""
     inner_px, outer_px = window.edge[m, 0], window.edge[m, 1]
-    x = np.float32(read[m, 0] + 0.5 - (read[m, 2] + 0.5) / PHASES)
-    y = np.float32(read[m, 1] + 0.5 - (read[m, 3] + 0.5) / PHASES)
-    r = np.float32(read[m, 4] + 0.5 * (inner_px + outer_px))
-    outline = r, np.float32(read[m, 5]), np.float32(read[m, 6])
+    x = np.float32(place_px[0] + 0.5 - (part[0] + 0.5) / PHASES)
+    y = np.float32(place_px[1] + 0.5 - (part[1] + 0.5) / PHASES)
+    r = np.float32(outline_px[m, 0] + 0.5 * (inner_px + outer_px))
+    outline = r, np.float32(outline_px[m, 1]), np.float32(outline_px[m, 2])
     disc = x, y, *outline, np.float32(2.0) / (outer_px - inner_px)
-    _edge_kernel(window.around, ring, disc, window.coefficients, edges, m)
+    _edge_kernel(window.around, ring, disc, window.coefficients, edge, m)
 
 
 # Compiled into its loop: a call would count the references to all its arrays, a sixth of a fit.
 @njit(**INLINED)
 def fit_disc_kernel(
-    levels: tuple[Array, int, int], as_read: tuple[Array, Array], window: FitWindow, marker: int,
+    levels: tuple[Array, int, int], edge: Array, window: FitWindow, marker: int,
     center_px: tuple[float, float], outline_px: Array, settings: tuple[int, float, float],
 ) -> tuple[float, float, float, float]:  # pragma: no cover - compiled # fmt: skip
     """Fit a marker's centre, and let its outline follow; return x, y, agreement and last step.
 
-    No row is cut out of an array: each would be counted, which takes a tenth of a fit.
-
     Args:
         levels: The flat map with its margin of PAD_PX; the sensor's width and height, px.
-        as_read: ``(m, 3, n)`` the map's level, the disc's, and its slope at every pixel of the
-            edges as they were read; ``(m, 7)`` where that was: place, px; its column and row in
-            parts of a pixel; outline, px. Both change.
+        edge: ``(3, n)`` scratch: the map's level, the disc's, and its slope at the edge's pixels.
         window: From :func:`~spikingtac.markers.graded.appearance.fit_window`.
         marker: Which marker.
         center_px: Where the fit begins, px.
@@ -245,36 +242,30 @@ def fit_disc_kernel(
         settings: Gauss-Newton steps at most; share of the outline's own step that it makes, 0 for
             none and no agreement; radius at rest, px.
     """
-    (edges, read), m = as_read, np.uint64(marker)
+    m, (x, y), length = np.uint64(marker), center_px, 0.0
     right, bottom = PHASES * levels[1] - 1.0, PHASES * levels[2] - 1.0
-    unit, grown = window.edge[m, 2], outline_px[m, 0] - read[m, 4]
-    bent = abs(grown) + abs(outline_px[m, 1] - read[m, 5]) + abs(outline_px[m, 2] - read[m, 6])
-    (x, y), length, moved = center_px, 0.0, (np.float32(0.0), np.float32(0.0), np.float32(0.0))
     ring = np.uint64(0), np.uint64(0), np.int32(0), np.uint64(0)
-    for iteration in range(settings[0]):
-        dx, dy = x - read[m, 0], y - read[m, 1]
-        near = dx * dx + dy * dy < LINEAR_STEP_PX * LINEAR_STEP_PX and bent < LINEAR_GROWTH_PX
-        if not near:
-            read[m, 0], read[m, 1] = x, y
-            read[m, 2] = min(max(np.floor(PHASES * (x + 0.5)), 0.0), right)
-            read[m, 3] = min(max(np.floor(PHASES * (y + 0.5)), 0.0), bottom)
-            for k in range(3):
-                read[m, 4 + k] = outline_px[m, k]
-            dx = dy = grown = bent = 0.0
-        ring = _ring_kernel(window, m, read, edges.shape[2])
-        if iteration == 0 or not near:
-            _look_kernel(levels, window.offset, ring, read, edges, m)
-        if not near:
-            _read_kernel(window, ring, read, edges, m)
-        moved = np.float32(dx), np.float32(dy), np.float32(grown)
+    read_x, read_y, moved = np.inf, np.inf, (np.float32(0.0), np.float32(0.0))
+    for _ in range(settings[0]):
+        dx, dy = x - read_x, y - read_y
+        if not dx * dx + dy * dy < LINEAR_STEP_PX * LINEAR_STEP_PX:
+            read_x, read_y, dx, dy = x, y, 0.0, 0.0
+            column = min(max(np.floor(PHASES * (x + 0.5)), 0.0), right)
+            row = min(max(np.floor(PHASES * (y + 0.5)), 0.0), bottom)
+            ring = _ring_kernel(window, m, (column, row), outline_px, edge.shape[1])
+            _look_kernel(levels, window.offset, ring, (column, row), edge)
+            _read_kernel(window, ring, (x, y), (column, row), outline_px, edge, m)
+        moved = np.float32(dx), np.float32(dy)
         step_x, step_y, length = step_kernel(
-            *center_equations_kernel(window.around, ring, edges, m, moved, unit)
+            *center_equations_kernel(window.around, ring, edge, moved, window.edge[m, 2])
         )
         x, y = x + step_x, y + step_y
         if length < LINEAR_STEP_PX:
             break
     if settings[1] == 0.0:
         return x, y, np.nan, length
-    gradient, rr, agreement = outline_equations_kernel(window.around, ring, edges, m, moved, unit)
+    gradient, rr, agreement = outline_equations_kernel(
+        window.around, ring, edge, moved, window.edge[m, 2]
+    )
     follow_kernel(outline_px, m, gradient, settings[1] / (rr + 1e-3), settings[2])
     return x, y, agreement, length

@@ -127,8 +127,7 @@ class DiscLocator:
         self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
         self.pending, self.answered = np.zeros((2, count + 1), np.int64)
         self.busy = False
-        self._edges = np.zeros((count, 3, self._room), np.float32)
-        self._read = np.full((count, 7), np.inf)
+        self._edges = np.zeros((2, 3, self._room), np.float32)
         pixels = self.map.pixels
         pixels["around"] = count
         for m in range(count):
@@ -171,13 +170,16 @@ class DiscLocator:
         """
         states = self.motion, self.fits, self.outline_px, self.pending, self.answered, coasted
         markers = self._radius_px, self._due, self.map.pixels
-        maps, count = (self.map.padded.ravel(), self._edges, self._read), len(self.fits)
+        flat, count = self.map.padded.ravel(), len(self.fits)
         # The kernel is compiled twice: None leaves the fit to dead bands out.
         bands = (self.map.padded, *self._tables) if self._tables else None
 
         def fit(first: int, after: int, alone: bool) -> int:
             place = first, after, alone, t_us
-            return locate_discs_kernel(*maps, bands, *self._window, *states, *markers, *place)
+            scratch = self._edges[0 if first == 0 else 1]
+            return locate_discs_kernel(
+                flat, scratch, bands, *self._window, *states, *markers, *place
+            )
 
         if count < LARGE or self._tables:
             fitted = fit(0, count, True)
@@ -225,22 +227,22 @@ def absorb_discs_kernel(
 
 @njit(**KERNEL)
 def locate_discs_kernel(
-    flat: Array, edges: Array, read: Array, bands: Bands | None, offset: Array, around: Array,
-    within: Array, coefficients: Array, edge: Array, motions: Array, fits: Array,
-    outline_px: Array, pending: Array, answered: Array, coasted: Array, radius_px: Array,
-    due: Array, pixels: Array, first: int, after: int, alone: bool, t_us: int,
+    flat: Array, scratch: Array, bands: Bands | None, offset: Array, around: Array, within: Array,
+    coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,
+    pending: Array, answered: Array, coasted: Array, radius_px: Array, due: Array, pixels: Array,
+    first: int, after: int, alone: bool, t_us: int,
 ) -> int:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that enough events ask for, bring the filters up to the present; count fits.
 
-    Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, edges as
-    they were read, and where (:func:`fit_disc_kernel`); levels and profiles for
-    :func:`fit_bands_kernel`, or None; the fields of a :class:`FitWindow`; motions, fits, outlines,
-    pending events and those before, who is held; radii at rest, px; ``(2, m)`` events that ask for
-    a fit, of a slow marker and of a faster one; the map's pixels; the first marker and the one
-    after the last; whether these are all, which are marked then; the time, us.
+    Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, scratch
+    for :func:`fit_disc_kernel`; levels and profiles for :func:`fit_bands_kernel`, or None; the
+    fields of a :class:`FitWindow`; motions, fits, outlines, pending events and those before, who is
+    held; radii at rest, px; ``(2, m)`` events that ask for a fit, of a slow marker and of a faster
+    one; the map's pixels; the first marker and the one after the last; whether these are all, which
+    are marked then; the time, us.
     """
     fitted, levels = 0, (flat, pixels.shape[1], pixels.shape[0])
-    window, as_read = FitWindow(offset, around, within, coefficients, edge), (edges, read)
+    window = FitWindow(offset, around, within, coefficients, edge)
     for m in range(first, after):
         if motions[m, AT_US] < 0.0:
             motions[m, AT_US] = fits[m, FIT_US] = fits[m, OUTLINED_US] = t_us
@@ -260,7 +262,7 @@ def locate_discs_kernel(
             if bands is not None:
                 x, y, agreement, step_px = fit_bands_kernel(pixels, *bands, *place)
             else:
-                x, y, agreement, step_px = fit_disc_kernel(levels, as_read, window, *place)
+                x, y, agreement, step_px = fit_disc_kernel(levels, scratch, window, *place)
             fits[m, FIT_X], fits[m, FIT_Y], fits[m, FIT_US] = x, y, t_us
             fits[m, AGREEMENT] = agreement if gain > 0.0 else fits[m, AGREEMENT]
             answered[m] += pending[m] % AT_ONCE
