@@ -11,16 +11,28 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-# A kernel that makes no array. Numba need not count the references to those that it is given, which
-# would take a sixth of a step. (The option is the one of Numba's own library.)
-KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
-
-# A part of a kernel that is compiled into its loop, instead of a call that costs more than it does.
-INLINED: dict[str, Any] = KERNEL | {"forceinline": True}
-
 VARIABLE = "NUMBA_CACHE_DIR"
 PACKAGE = Path(__file__).parent
 OWN_ONLY = 0o700  # Permissions of the folder: what lies in a kernel cache is executed.
+
+
+def kernel(**options: Any) -> Any:
+    """Return the decorator that compiles a kernel which makes no array.
+
+    Numba so need not count the references to the arrays that it is given, which would take a sixth
+    of a step; the option is one that Numba's own library uses.
+
+    Args:
+        options: Those of ``numba.njit``.
+    """
+    from numba import njit  # a quarter of a second for which importing the package need not wait
+
+    return njit(cache=True, nogil=True, error_model="numpy", _nrt=False, **options)
+
+
+def inlined(**options: Any) -> Any:
+    """Return the decorator of a part of kernels that is compiled into each, and never called."""
+    return kernel(forceinline=True, **options)
 
 
 def provide_kernel_cache(package: Path = PACKAGE) -> None:

@@ -10,10 +10,9 @@ from itertools import takewhile
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.kernels import INLINED, KERNEL
+from spikingtac.kernels import inlined, kernel
 from spikingtac.types import US_PER_S, EventPacket
 
 # Window by which quiet stretches are found: long enough for some noise events on 320x320 px.
@@ -180,7 +179,7 @@ class HotPixelWatch:
         return packet if keep.all() else packet.select(keep)
 
 
-@njit(**KERNEL)
+@kernel()
 def _watch_kernel(
     pixels: Any, until_us: int, events: tuple[Any, Any, Any], keep: NDArray[np.bool_]
 ) -> tuple[int, int]:  # pragma: no cover - compiled
@@ -194,14 +193,14 @@ def _watch_kernel(
     return found, until_us
 
 
-@njit(**INLINED)
+@inlined()
 def heard_kernel(pixel: Any) -> bool:  # pragma: no cover - compiled
     """Return whether an event's pixel is not hot, and count the event then."""
     pixel.events += pixel.events < 255
     return pixel.alone != HOT
 
 
-@njit(**KERNEL)
+@kernel()
 def next_window_kernel(
     pixels: Any, until_us: int, t_us: int, found: int
 ) -> tuple[int, int]:  # pragma: no cover - compiled
@@ -219,7 +218,7 @@ def next_window_kernel(
     return found, (t_us // WATCH_US + 1) * WATCH_US
 
 
-@njit(**KERNEL)
+@kernel()
 def _judge_window(pixels: Any) -> int:  # pragma: no cover - compiled
     """Count the window where a pixel was busy alone, and begin a new one; return how many are new.
 

@@ -8,10 +8,9 @@ doi:10.1201/9781420057669).
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.kernels import INLINED, KERNEL
+from spikingtac.kernels import inlined, kernel
 from spikingtac.state_map.graded import Array
 
 NEIGHBOURS = 8  # Markers that vote on one: the ring around it in a square grid.
@@ -67,7 +66,7 @@ class Neighbourhood:
         return out
 
 
-@njit(**INLINED)
+@inlined()
 def around_kernel(
     position_px: Array, skin: tuple[Array, Array, Array], m: int, axis: int
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
@@ -85,7 +84,7 @@ def around_kernel(
     return expected, low, high
 
 
-@njit(**KERNEL)
+@kernel()
 def expect_kernel(
     position_px: Array, skin: tuple[Array, Array, Array], out: Array
 ) -> None:  # pragma: no cover - compiled

@@ -11,11 +11,10 @@ the paper's Eq. 1 is measured in ``docs/explanation/paper-map.md``.
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.kernels import INLINED, KERNEL
+from spikingtac.kernels import inlined, kernel
 from spikingtac.types import EventPacket
 
 Array = NDArray[Any]  # Array of a compiled function, whose compiler knows its type.
@@ -134,7 +133,7 @@ class GradedStateMap:
         return steps
 
 
-@njit(**INLINED)
+@inlined()
 def integrate_event_kernel(
     pixel: Any, rises: bool, ahead: float, kept: float
 ) -> float:  # pragma: no cover - compiled
@@ -150,7 +149,7 @@ def integrate_event_kernel(
     return min(max(level + beyond * step, zero), one)
 
 
-@njit(**KERNEL)
+@kernel()
 def _integrate_kernel(
     pixels: Array, level: Array, x: Array, y: Array, p: Array, dark_markers: bool, ahead: float,
     kept: float,

@@ -28,11 +28,10 @@ and eight jitter less than one.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.kernels import KERNEL
+from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import crossing_px
 from spikingtac.markers.graded.motion import AT_US, VX, VY, X, Y
 from spikingtac.markers.neighbours import Neighbourhood
@@ -119,7 +118,7 @@ class OutputCorrections:
         return given_px
 
 
-@njit(**KERNEL)
+@kernel()
 def correct_kernel(
     motions: Array, crossings: Array, own_share: Array, reference_px: Array, index: Array,
     weight: Array, states: Array, t_us: float, lag_s: float, kept: float, steady: float,

@@ -16,9 +16,8 @@ of it: a level that is shown as it was sent is new.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from spikingtac.kernels import KERNEL
+from spikingtac.kernels import kernel
 from spikingtac.markers.graded.disc_fit import SOFT_LEVEL, follow_kernel, step_kernel
 from spikingtac.state_map.graded import PAD_PX, Array
 
@@ -42,7 +41,7 @@ OUTLINE_INERTIA = 4.0
 SMALL_STEP_PX = 0.005  # A fit whose last step was shorter has converged.
 
 
-@njit(**KERNEL)
+@kernel()
 def _window_kernel(
     x: float, y: float, outline: Outline, reach_px: float, shape: tuple[int, ...]
 ) -> tuple[int, int, int, int]:  # pragma: no cover - compiled
@@ -53,7 +52,7 @@ def _window_kernel(
     return top, left, bottom, right
 
 
-@njit(**KERNEL)
+@kernel()
 def _entry_kernel(
     dx: float, dy: float, outline: Outline, reach_px: float, last: int
 ) -> int:  # pragma: no cover - compiled
@@ -64,7 +63,7 @@ def _entry_kernel(
     return int(place) if 0.0 <= place < last else -1
 
 
-@njit(**KERNEL)
+@kernel()
 def _residual_kernel(
     pixel: Any, shown: float, disc: float
 ) -> tuple[float, float]:  # pragma: no cover - compiled
@@ -80,7 +79,7 @@ def _residual_kernel(
     return e, (e != 0.0) * weight / (1.0 + e * e / SOFT_RESIDUAL**2)
 
 
-@njit(**KERNEL)
+@kernel()
 def _center_equations_kernel(
     maps: tuple[Array, Array], disc: tuple[float, float, Outline], profile: tuple[Array, float]
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:  # pragma: no cover - compiled
@@ -103,7 +102,7 @@ def _center_equations_kernel(
     return (xx, xy, yy), (gx, gy)
 
 
-@njit(**KERNEL)
+@kernel()
 def _settle_kernel(
     maps: tuple[Array, Array], disc: tuple[float, float, Outline], profile: tuple[Array, float]
 ) -> tuple[tuple[float, float, float], float, float]:  # pragma: no cover - compiled
@@ -135,7 +134,7 @@ def _settle_kernel(
     return (gr, gb, gc), rr, agreeing / (total + 1e-6)
 
 
-@njit(**KERNEL)
+@kernel()
 def fit_bands_kernel(
     pixels: Array, padded: Array, tables: Array, reach_px: Array, m: int,
     center_px: tuple[float, float], outline_px: Array, settings: tuple[int, float, float],

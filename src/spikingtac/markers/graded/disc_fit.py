@@ -12,9 +12,8 @@ compiler suits to the processor's registers; whole numbers give the same tracks 
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from spikingtac.kernels import INLINED
+from spikingtac.kernels import inlined
 from spikingtac.markers.graded.appearance import LANES, PHASES, RING_PX, FitWindow
 from spikingtac.state_map.graded import PAD_PX, Array
 
@@ -46,14 +45,14 @@ LARGEST_STEP_PX = 2.0
 LINEAR_STEP_PX = 0.12
 
 
-@njit(**INLINED)
+@inlined()
 def _coefficients_kernel(c: Array, m: Any, k: Any) -> tuple[Any, ...]:  # pragma: no cover
     """Return the coefficients of polynomial k of marker m; in an array a loop reads them anew."""
     first = c[m, k, 0], c[m, k, 1], c[m, k, 2], c[m, k, 3]
     return first + (c[m, k, 4], c[m, k, 5], c[m, k, 6], c[m, k, 7])  # noqa: RUF005 - compiled
 
 
-@njit(**INLINED, fastmath=SAME_BITS)
+@inlined(fastmath=SAME_BITS)
 def _polynomial_kernel(c: tuple[Any, ...], z: Any) -> Any:  # pragma: no cover
     """Evaluate a polynomial of degree 7 by Estrin's scheme: Horner's waits."""
     z2 = z * z
@@ -61,7 +60,7 @@ def _polynomial_kernel(c: tuple[Any, ...], z: Any) -> Any:  # pragma: no cover
     return low + z2 * z2 * ((c[4] + c[5] * z) + z2 * (c[6] + c[7] * z))
 
 
-@njit(**INLINED, fastmath=SAME_BITS)
+@inlined(fastmath=SAME_BITS)
 def _edge_kernel(
     around: Array, ring: Ring, disc: tuple[Any, ...], coefficients: Array, edge: Array, m: Any
 ) -> None:  # pragma: no cover - compiled
@@ -86,7 +85,7 @@ def _edge_kernel(
         edge[2, j] = slope if np.int32(j) < inside else zero
 
 
-@njit(**INLINED, fastmath=SAME_BITS)
+@inlined(fastmath=SAME_BITS)
 def center_equations_kernel(
     around: Array, ring: Ring, edge: Array, moved: tuple[Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
@@ -115,7 +114,7 @@ def center_equations_kernel(
     return (xx * part, xy * part, yy * part), (gx * part, gy * part)
 
 
-@njit(**INLINED, fastmath=SAME_BITS)
+@inlined(fastmath=SAME_BITS)
 def outline_equations_kernel(
     around: Array, ring: Ring, edge: Array, moved: tuple[Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
@@ -143,7 +142,7 @@ def outline_equations_kernel(
     return (gr * part, gb * part, gc * part), rr * part, weight / (total + 1.0)
 
 
-@njit(**INLINED)
+@inlined()
 def step_kernel(
     curvature: tuple[Any, Any, Any], gradient: tuple[Any, Any]
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
@@ -163,7 +162,7 @@ def step_kernel(
     return step_x, step_y, length
 
 
-@njit(**INLINED)
+@inlined()
 def _ring_kernel(
     window: FitWindow, m: Any, part: tuple[float, float], outline_px: Array, most: int
 ) -> Ring:  # pragma: no cover - compiled
@@ -184,7 +183,7 @@ def _ring_kernel(
     return np.uint64(phase), np.uint64(first), np.int32(inside), count
 
 
-@njit(**INLINED)
+@inlined()
 def follow_kernel(
     outline_px: Array, m: Any, gradient: tuple[Any, Any, Any], step: float, rest_px: float
 ) -> None:  # pragma: no cover - compiled
@@ -196,25 +195,17 @@ def follow_kernel(
     outline_px[m, 2] = min(max(c + 2.0 * step * gradient[2], -most), most)
 
 
-@njit(**INLINED)
-def _look_kernel(
-    levels: tuple[Array, int, int], offset: Array, ring: Ring, part: tuple[float, float],
-    edge: Array,
+@inlined()
+def _read_kernel(
+    levels: tuple[Array, int, int], window: FitWindow, ring: Ring, m: Any,
+    place_px: tuple[float, float], part: tuple[float, float], outline_px: Array, edge: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
-    """Copy the map's levels of a ring around the pixel of a place."""
+    """Read the map's levels of a ring around a place, and marker m's edge as it would be there."""
     (flat, width, _), (phase, first, _, count) = levels, ring
     column, row = int(part[0]) // PHASES, int(part[1]) // PHASES
     middle = (row + PAD_PX) * (width + 2 * PAD_PX) + column + PAD_PX
     for j in range(count):
-        edge[0, j] = flat[np.uint64(middle + offset[phase, first + j])]
-
-
-@njit(**INLINED)
-def _read_kernel(
-    window: FitWindow, ring: Ring, place_px: tuple[float, float], part: tuple[float, float],
-    outline_px: Array, edge: Array, m: Any,
-) -> None:  # pragma: no cover - compiled # fmt: skip
-    """Write marker m's edge as it is at a place."""
+        edge[0, j] = flat[np.uint64(middle + window.offset[phase, first + j])]
     inner_px, outer_px = window.edge[m, 0], window.edge[m, 1]
     x = np.float32(place_px[0] + 0.5 - (part[0] + 0.5) / PHASES)
     y = np.float32(place_px[1] + 0.5 - (part[1] + 0.5) / PHASES)
@@ -224,8 +215,7 @@ def _read_kernel(
     _edge_kernel(window.around, ring, disc, window.coefficients, edge, m)
 
 
-# Compiled into its loop: a call would count the references to all its arrays, a sixth of a fit.
-@njit(**INLINED)
+@inlined()
 def fit_disc_kernel(
     levels: tuple[Array, int, int], edge: Array, window: FitWindow, marker: int,
     center_px: tuple[float, float], outline_px: Array, settings: tuple[int, float, float],
@@ -253,8 +243,7 @@ def fit_disc_kernel(
             column = min(max(np.floor(PHASES * (x + 0.5)), 0.0), right)
             row = min(max(np.floor(PHASES * (y + 0.5)), 0.0), bottom)
             ring = _ring_kernel(window, m, (column, row), outline_px, edge.shape[1])
-            _look_kernel(levels, window.offset, ring, (column, row), edge)
-            _read_kernel(window, ring, (x, y), (column, row), outline_px, edge, m)
+            _read_kernel(levels, window, ring, m, (x, y), (column, row), outline_px, edge)
         moved = np.float32(dx), np.float32(dy)
         step_x, step_y, length = step_kernel(
             *center_equations_kernel(window.around, ring, edge, moved, window.edge[m, 2])

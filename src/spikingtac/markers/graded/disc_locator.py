@@ -9,12 +9,11 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelWatch, heard_kernel, next_window_kernel
-from spikingtac.kernels import KERNEL
+from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import (
     LANES,
     FitWindow,
@@ -192,7 +191,7 @@ class DiscLocator:
         self.busy = 8 * fitted >= count
 
 
-@njit(**KERNEL)
+@kernel()
 def absorb_discs_kernel(
     x: Array, y: Array, p: Array, t: Array, pixels: Array, padded: Array, until_us: int,
     dark_markers: bool, ahead: float, kept: float, pending: Array,
@@ -225,7 +224,7 @@ def absorb_discs_kernel(
     return found, until_us
 
 
-@njit(**KERNEL)
+@kernel()
 def locate_discs_kernel(
     flat: Array, scratch: Array, bands: Bands | None, offset: Array, around: Array, within: Array,
     coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,

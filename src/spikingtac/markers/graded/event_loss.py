@@ -14,11 +14,10 @@ would drown in the background of all the others.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.kernels import KERNEL
+from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import crossing_px, events_per_px
 from spikingtac.markers.graded.motion import VX, VY, X, Y
 from spikingtac.state_map.graded import Array
@@ -129,7 +128,7 @@ class EventLoss:
             self.share = 1.0 if share > FULL_SHARE else max(share, SMALLEST_SHARE)
 
 
-@njit(**KERNEL)
+@kernel()
 def motion_kernel(
     motions: Array, turn_px: Array, events: Array, noise_per_s: Array, events_per_px: Array,
     stroke_px: Array, dt_s: float,

@@ -6,10 +6,9 @@ variance grows as their period shrinks.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.kernels import INLINED, KERNEL
+from spikingtac.kernels import inlined, kernel
 from spikingtac.state_map.graded import Array
 
 # Finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none.
@@ -58,7 +57,7 @@ def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
     return motion
 
 
-@njit(**INLINED)
+@inlined()
 def predict_kernel(motion: Array, dt_s: float) -> None:  # pragma: no cover
     """Move one marker's state on by ``dt_s``."""
     pp, pv, vv, q = motion[PP], motion[PV], motion[VV], ACCELERATION_NOISE_PX2_S3
@@ -69,7 +68,7 @@ def predict_kernel(motion: Array, dt_s: float) -> None:  # pragma: no cover
     motion[VV] = vv + q * dt_s
 
 
-@njit(**INLINED)
+@inlined()
 def correct_kernel(motion: Array, x: float, y: float, dt_s: float) -> None:  # pragma: no cover
     """Take in one marker's measured place, px, ``dt_s`` after the last."""
     pp, pv = motion[PP], motion[PV]
@@ -85,7 +84,7 @@ def correct_kernel(motion: Array, x: float, y: float, dt_s: float) -> None:  # p
     motion[VV] -= speed * pv
 
 
-@njit(**INLINED)
+@inlined()
 def asks_kernel(
     m: int, fits: Array, pending: Array, due: Array, dead_bands: bool, t_us: int
 ) -> bool:  # pragma: no cover - compiled
@@ -99,7 +98,7 @@ def asks_kernel(
     return fits[m, FIT_US] < t_us - (t_us + m * period_us // len(fits)) % period_us
 
 
-@njit(**INLINED)
+@inlined()
 def _chord_kernel(
     x: float, y: float, radius: float, row: int, width: int
 ) -> tuple[int, int]:  # pragma: no cover - compiled
@@ -111,7 +110,7 @@ def _chord_kernel(
     return max(0, int(np.ceil(x - half))), max(0, min(width, int(np.floor(x + half)) + 1))
 
 
-@njit(**KERNEL)
+@kernel()
 def mark_kernel(
     pixels: Array, m: int, motions: Array, fits: Array, outline_px: Array, edge: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
@@ -132,7 +131,7 @@ def mark_kernel(
             pixels[row, column].around = m
 
 
-@njit(**KERNEL)
+@kernel()
 def mark_moved_kernel(
     pixels: Array, motions: Array, fits: Array, outline_px: Array, edge: Array
 ) -> None:  # pragma: no cover - compiled

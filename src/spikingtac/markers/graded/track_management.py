@@ -19,11 +19,10 @@ confidence falls.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.kernels import KERNEL
+from spikingtac.kernels import kernel
 from spikingtac.markers.blobs import UNMATCHED, associate, blob_areas_px, find_blobs
 from spikingtac.markers.graded.event_loss import (
     BACKGROUND_SHARE,
@@ -161,7 +160,7 @@ class TrackManager:
         self._doubted_since_us[found] = -1
 
 
-@njit(**KERNEL)
+@kernel()
 def trust_kernel(
     agreement: Array, unheard_px: Array, coasted: Array, trust: Array, fading: float,
     confidence: Array,
@@ -172,7 +171,7 @@ def trust_kernel(
         confidence[m] = agreement[m] * trust[m] * max(1.0 - unheard_px[m] / SILENT_PX, 0.0)
 
 
-@njit(**KERNEL)
+@kernel()
 def _asked_speed_kernel(
     motions: Array, index: Array, weight: Array, m: int
 ) -> float:  # pragma: no cover - compiled
@@ -194,7 +193,7 @@ def _asked_speed_kernel(
     return min(third if index.shape[1] > 2 else few, np.sqrt(x * x + y * y))
 
 
-@njit(**KERNEL)
+@kernel()
 def doubt_kernel(
     fits: Array, skin: tuple[Array, Array, Array], bound_px: Array, gone: tuple[Array, Array],
     t_us: int, since_us: Array,
@@ -218,7 +217,7 @@ def doubt_kernel(
     return found
 
 
-@njit(**KERNEL)
+@kernel()
 def listen_kernel(
     motions: Array, index: Array, weight: Array, surrounded: Array, events: Array,
     noise_per_s: Array, whole_per_px: Array, share: float, dt_s: float, unheard_px: Array,
