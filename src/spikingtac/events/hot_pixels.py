@@ -4,7 +4,7 @@ Every sensor has some, at 10 Hz to some kHz. One that lies beside a marker outwe
 counts of a calibration were wrong by up to five times, and a marker strayed by 7 px (simulated).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import Any
@@ -142,7 +142,6 @@ class HotPixelWatch:
     Attributes:
         pixels: Those records.
         found: How many pixels became hot.
-        until_us: End of the window that is being counted, us.
     """
 
     def __init__(
@@ -155,7 +154,7 @@ class HotPixelWatch:
         self.pixels["events"] = self.pixels["alone"] = 0
         if hot_px is not None:
             self.pixels["alone"][hot_mask(hot_px, size)] = HOT
-        self.until_us = int(np.iinfo(np.int64).min)
+        self._until_us = int(np.iinfo(np.int64).min)
         self.found = 0
 
     @property
@@ -163,34 +162,48 @@ class HotPixelWatch:
         """``(height, width)`` which pixels are hot by now, the known ones included."""
         return self.pixels["alone"] == HOT
 
+    def parts(self, packet: EventPacket) -> Iterator[EventPacket]:
+        """Yield the events window by window; judge each window that has ended.
+
+        Raises:
+            ConfigError: The packet comes from a sensor of another size.
+        """
+        packet.require_map(self.pixels.shape)
+        while len(packet) and packet.t_end_us > self._until_us:
+            before, packet = packet.split(self._until_us)
+            if len(before):
+                yield before
+            if len(packet):
+                self._begin_window(int(packet.t[0]))
+        if len(packet):
+            yield packet
+
     def kept(self, packet: EventPacket) -> EventPacket:
         """Return the packet without the events of hot pixels; itself if there is none.
 
         Raises:
             ConfigError: The packet comes from a sensor of another size.
         """
-        if not len(packet):
-            return packet
-        packet.require_map(self.pixels.shape)
-        keep = np.empty(len(packet), np.bool_)
-        columns = packet.x, packet.y, packet.t
-        found, self.until_us = _watch_kernel(self.pixels, self.until_us, columns, keep)
-        self.found += found
+        keep, first = np.empty(len(packet), np.bool_), 0
+        for part in self.parts(packet):
+            _watch_kernel(self.pixels, part.x, part.y, keep[first : first + len(part)])
+            first += len(part)
         return packet if keep.all() else packet.select(keep)
+
+    def _begin_window(self, t_us: int) -> None:
+        self.found += _judge_window(self.pixels)
+        if t_us - WATCH_US >= self._until_us:  # a whole window without any event
+            _judge_window(self.pixels)
+        self._until_us = (t_us // WATCH_US + 1) * WATCH_US
 
 
 @kernel()
 def _watch_kernel(
-    pixels: Any, until_us: int, events: tuple[Any, Any, Any], keep: NDArray[np.bool_]
-) -> tuple[int, int]:  # pragma: no cover - compiled
-    """Count columns, rows and times; fill in which to keep; return what next_window_kernel does."""
-    x, y, t = events
-    found = 0
-    for i in range(len(t)):
-        if t[i] >= until_us:
-            found, until_us = next_window_kernel(pixels, until_us, t[i], found)
+    pixels: Any, x: NDArray[Any], y: NDArray[Any], keep: NDArray[np.bool_]
+) -> None:  # pragma: no cover - compiled
+    """Count the events; fill in which to keep."""
+    for i in range(len(x)):
         keep[i] = heard_kernel(pixels[y[i], x[i]])
-    return found, until_us
 
 
 @inlined()
@@ -198,24 +211,6 @@ def heard_kernel(pixel: Any) -> bool:  # pragma: no cover - compiled
     """Return whether an event's pixel is not hot, and count the event then."""
     pixel.events += pixel.events < 255
     return pixel.alone != HOT
-
-
-@kernel()
-def next_window_kernel(
-    pixels: Any, until_us: int, t_us: int, found: int
-) -> tuple[int, int]:  # pragma: no cover - compiled
-    """Judge the window that ended; return ``found`` with new hot pixels, and the end of the next.
-
-    Args:
-        pixels: What :class:`HotPixelWatch` counts in.
-        until_us: End of the window that was counted, us.
-        t_us: Time of the first event after it, us.
-        found: How many pixels have become hot.
-    """
-    found += _judge_window(pixels)
-    if t_us - WATCH_US >= until_us:  # a whole window without any event
-        _judge_window(pixels)
-    return found, (t_us // WATCH_US + 1) * WATCH_US
 
 
 @kernel()

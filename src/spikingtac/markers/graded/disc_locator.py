@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.events.hot_pixels import HotPixelWatch, heard_kernel, next_window_kernel
+from spikingtac.events.hot_pixels import HotPixelWatch, heard_kernel
 from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import (
     LANES,
@@ -151,14 +151,10 @@ class DiscLocator:
             ConfigError: The packet comes from a sensor of another size.
         """
         levels = self.map
-        packet.require_map(levels.pixels.shape)
-        if not len(packet):
-            return
-        columns = packet.x, packet.y, packet.p, packet.t
-        maps = levels.pixels, levels.padded, watch.until_us
-        settings = levels.dark_markers, levels.ahead, levels.events_kept
-        found, watch.until_us = absorb_discs_kernel(*columns, *maps, *settings, self.pending)
-        watch.found += found
+        maps, settings = (levels.pixels, levels.padded), (levels.dark_markers, levels.ahead)
+        for part in watch.parts(packet):
+            events = part.x, part.y, part.p
+            absorb_discs_kernel(*events, *maps, *settings, levels.events_kept, self.pending)
 
     def locate(self, t_us: int, coasted: NDArray[np.bool_]) -> None:
         """Bring the motion of every marker that asks for it up to ``t_us``.
@@ -193,35 +189,22 @@ class DiscLocator:
 
 @kernel()
 def absorb_discs_kernel(
-    x: Array, y: Array, p: Array, t: Array, pixels: Array, padded: Array, until_us: int,
-    dark_markers: bool, ahead: float, kept: float, pending: Array,
-) -> tuple[int, int]:  # pragma: no cover - compiled # fmt: skip
-    """Add each event to the map, and count it for the markers around it.
+    x: Array, y: Array, p: Array, pixels: Array, padded: Array, dark_markers: bool, ahead: float,
+    kept: float, pending: Array,
+) -> None:  # pragma: no cover - compiled # fmt: skip
+    """Add each event to the map, and count it for the marker around it.
 
-    Arguments are plain, since a tuple costs a microsecond: columns of the events; the map's pixels,
-    its levels with their margin, the end of the watch's window, us, and the map's settings; events
-    around the markers. Returns how many pixels became hot, and the end
-    of the watch's window.
+    Arguments are plain, since a tuple costs time: columns of the events; the map's pixels, its
+    levels with their margin, and its settings; events around the markers.
     """
-    found = first = 0
-    while first < x.size:
-        if t[first] >= until_us:
-            found, until_us = next_window_kernel(pixels, until_us, t[first], found)
-        # To the end of the watch's window: an event that need not look at its time takes a fifth
-        # less.
-        after = x.size
-        if t[after - 1] >= until_us:
-            after = first + np.searchsorted(t[first:], until_us)
+    for i in range(x.size):
         # Unsigned, so that no index can be meant from the end.
-        for i in range(np.uint64(first), np.uint64(after)):
-            row, column = np.uint64(y[i]), np.uint64(x[i])
-            pixel = pixels[row, column]
-            if heard_kernel(pixel):
-                shown = integrate_event_kernel(pixel, p[i] != dark_markers, ahead, kept)
-                padded[row + np.uint64(PAD_PX), column + np.uint64(PAD_PX)] = shown
-                pending[pixel.around] += 1
-        first = after
-    return found, until_us
+        row, column = np.uint64(y[i]), np.uint64(x[i])
+        pixel = pixels[row, column]
+        if heard_kernel(pixel):
+            shown = integrate_event_kernel(pixel, p[i] != dark_markers, ahead, kept)
+            padded[row + np.uint64(PAD_PX), column + np.uint64(PAD_PX)] = shown
+            pending[pixel.around] += 1
 
 
 @kernel()
