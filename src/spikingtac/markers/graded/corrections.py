@@ -25,8 +25,6 @@ their dead bands. So the direction is that of the neighbours together: some noti
 and eight jitter less than one.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -110,10 +108,8 @@ class OutputCorrections:
             backlash: Share of the backlash that is made good.
             noise: Background, Hz/px, and the time since the last call, s.
         """
-        kept = math.exp(-FADING_PER_S * noise[0] ** 2 * noise[1])
         given_px = np.empty((len(motion), 2))
-        shares = STEADY_SHARE * backlash, TURN_SHARE * backlash
-        settings = float(t_us), lag_s, kept, *shares, self._noise_px
+        settings = float(t_us), lag_s, backlash, *noise, self._noise_px
         correct_kernel(motion, *self._sensor, self._states, *settings, given_px)
         return given_px
 
@@ -121,19 +117,21 @@ class OutputCorrections:
 @kernel()
 def correct_kernel(
     motions: Array, crossings: Array, own_share: Array, reference_px: Array, index: Array,
-    weight: Array, states: Array, t_us: float, lag_s: float, kept: float, steady: float,
-    turning: float, noise_px: float, given_px: Array,
+    weight: Array, states: Array, t_us: float, lag_s: float, backlash: float,
+    background_hz_px: float, dt_s: float, noise_px: float, given_px: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Bring every marker up to the present, and correct it; see :class:`OutputCorrections`.
 
     Arguments are plain, since a tuple costs a microsecond: motions; of the markers the crossings,
     px, the part that each has in its difference from the others, rests, neighbours and their
     weights; ``(4, m, 2)`` places of the last call, px, states of the short and the long operator as
-    shares of their widths, and scratch; the time, the delay of the events, the share of the states
-    that noise leaves, shares in steady motion and after a turn, and the difference that is as
-    likely an error as deformation, px; the result.
+    shares of their widths, and scratch; the time, the delay of the events, the share of the
+    backlash that is made good, the background, the time since the last call, and the difference
+    that is as likely an error as deformation, px; the result.
     """
     last_px, direction, way, moved_px = states[0], states[1], states[2], states[3]
+    kept = np.exp(-FADING_PER_S * background_hz_px**2 * dt_s)
+    steady, turning = STEADY_SHARE * backlash, TURN_SHARE * backlash
     for m in range(crossings.size):
         since_s = (t_us - motions[m, AT_US]) * 1e-6
         now_x = motions[m, X] + since_s * motions[m, VX]

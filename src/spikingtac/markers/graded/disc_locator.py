@@ -126,11 +126,13 @@ class DiscLocator:
         self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
         self.pending, self.answered = np.zeros((2, count + 1), np.int64)
         self.busy = False
-        self._edges = np.zeros((2, 3, self._room), np.float32)
-        pixels = self.map.pixels
+        self._scratch = np.zeros((2, 3, self._room), np.float32)
+        pixels, states = self.map.pixels, (self.motion, self.fits, self.outline_px)
+        markers = self.pending, self.answered, self._radius_px, self._due, pixels
+        self._fixed = *self._window, *states, *markers
         pixels["around"] = count
         for m in range(count):
-            mark_kernel(pixels, m, self.motion, self.fits, self.outline_px, self._window.edge)
+            mark_kernel(pixels, m, *states, self._window.edge)
         self.area_px = np.bincount(pixels["around"].ravel(), minlength=count + 1)
 
     @property
@@ -163,18 +165,13 @@ class DiscLocator:
             t_us: The time, us.
             coasted: ``(m,)`` markers that are held: their motion stays.
         """
-        states = self.motion, self.fits, self.outline_px, self.pending, self.answered, coasted
-        markers = self._radius_px, self._due, self.map.pixels
         flat, count = self.map.padded.ravel(), len(self.fits)
         # The kernel is compiled twice: None leaves the fit to dead bands out.
         bands = (self.map.padded, *self._tables) if self._tables else None
 
         def fit(first: int, after: int, alone: bool) -> int:
-            place = first, after, alone, t_us
-            scratch = self._edges[0 if first == 0 else 1]
-            return locate_discs_kernel(
-                flat, scratch, bands, *self._window, *states, *markers, *place
-            )
+            maps = flat, self._scratch[int(first > 0)], bands
+            return locate_discs_kernel(*maps, *self._fixed, coasted, first, after, alone, t_us)
 
         if count < LARGE or self._tables:
             fitted = fit(0, count, True)
@@ -183,7 +180,8 @@ class DiscLocator:
             fitted = fit(0, count // 2, False)
             # On a busy machine the other thread may get no turn for milliseconds.
             fitted += fit(count // 2, count, False) if beside.cancel() else beside.result()
-            mark_moved_kernel(self.map.pixels, *states[:3], self._window.edge)
+            states = self.motion, self.fits, self.outline_px
+            mark_moved_kernel(self.map.pixels, *states, self._window.edge)
         self.busy = 8 * fitted >= count
 
 
@@ -211,17 +209,17 @@ def absorb_discs_kernel(
 def locate_discs_kernel(
     flat: Array, scratch: Array, bands: Bands | None, offset: Array, around: Array, within: Array,
     coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,
-    pending: Array, answered: Array, coasted: Array, radius_px: Array, due: Array, pixels: Array,
+    pending: Array, answered: Array, radius_px: Array, due: Array, pixels: Array, coasted: Array,
     first: int, after: int, alone: bool, t_us: int,
 ) -> int:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that enough events ask for, bring the filters up to the present; count fits.
 
     Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, scratch
     for :func:`fit_disc_kernel`; levels and profiles for :func:`fit_bands_kernel`, or None; the
-    fields of a :class:`FitWindow`; motions, fits, outlines, pending events and those before, who is
-    held; radii at rest, px; ``(2, m)`` events that ask for a fit, of a slow marker and of a faster
-    one; the map's pixels; the first marker and the one after the last; whether these are all, which
-    are marked then; the time, us.
+    fields of a :class:`FitWindow`; motions, fits, outlines, pending events and those before; radii
+    at rest, px; ``(2, m)`` events that ask for a fit, of a slow marker and of a faster one; the
+    map's pixels; who is held; the first marker and the one after the last; whether these are all,
+    which are marked then; the time, us.
     """
     fitted, levels = 0, (flat, pixels.shape[1], pixels.shape[0])
     window = FitWindow(offset, around, within, coefficients, edge)

@@ -16,8 +16,6 @@ silence: motion dies away towards it, and no neighbour stands beyond to vouch fo
 confidence falls.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -146,8 +144,8 @@ class TrackManager:
             agreement: ``(m,)`` share of each edge that agrees with its disc.
             dt_s: Time since the last call, s.
         """
-        confidence, fading = np.empty(len(agreement)), math.exp(-dt_s / FADE_S)
-        trust_kernel(agreement, self._unheard_px, self.coasted, self._trust, fading, confidence)
+        confidence = np.empty(len(agreement))
+        trust_kernel(agreement, self._unheard_px, self.coasted, self._trust, dt_s, confidence)
         return confidence
 
     def _search(self, fitted_px: NDArray[np.float64], levels: NDArray[np.float32]) -> None:
@@ -162,10 +160,11 @@ class TrackManager:
 
 @kernel()
 def trust_kernel(
-    agreement: Array, unheard_px: Array, coasted: Array, trust: Array, fading: float,
+    agreement: Array, unheard_px: Array, coasted: Array, trust: Array, dt_s: float,
     confidence: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Write how well each marker is supported; the trust in those that are not seen fades."""
+    fading = np.exp(-dt_s / FADE_S)
     for m in range(trust.size):
         trust[m] = trust[m] * fading if coasted[m] else 1.0
         confidence[m] = agreement[m] * trust[m] * max(1.0 - unheard_px[m] / SILENT_PX, 0.0)

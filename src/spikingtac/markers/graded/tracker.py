@@ -167,8 +167,9 @@ class GradedTracker:
         locator, manager = self._locator, self._manager
         locator.locate(t_us, manager.coasted)
         short = 0.0 < dt_s < SHORT_S
-        leaks = t_us >= self._leak_us + (TURN_US if locator.busy and short else 0)
-        if t_us >= self._task_us and not (leaks and short):
+        wait_us = TURN_US if locator.busy and short else 0
+        leaks = t_us >= self._leak_us + wait_us
+        if t_us >= self._task_us + wait_us and not (leaks and short):
             self._do_task(t_us)
         # Until the stream's loss was judged steps are taken for larger than they are, and discs are
         # ahead as often as behind.
