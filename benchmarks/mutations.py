@@ -118,7 +118,7 @@ MUTATIONS = (
     ),
     Mutation(
         name="process-noise",
-        old="ACCELERATION_NOISE_PX2_S3 = 5.0e5",
+        old="ACCELERATION_NOISE_PX2_S3 = 1.0e6",
         new="ACCELERATION_NOISE_PX2_S3 = 5.0e3",
         tests=(ACCURACY,),
     ),

@@ -130,7 +130,7 @@ def correct_kernel(
     that is as likely an error as deformation, px; the result.
     """
     last_px, direction, way, moved_px = states[0], states[1], states[2], states[3]
-    kept = np.exp(-FADING_PER_S * background_hz_px**2 * dt_s)
+    kept, noise2 = np.exp(-FADING_PER_S * background_hz_px**2 * dt_s), noise_px**2 + TINY_PX2
     steady, turning = STEADY_SHARE * backlash, TURN_SHARE * backlash
     for m in range(crossings.size):
         since_s = (t_us - motions[m, AT_US]) * 1e-6
@@ -156,7 +156,6 @@ def correct_kernel(
     # A difference r from the neighbours' prediction shrinks by its share noise^2 / (r^2 + noise^2),
     # of which the marker takes the part that its own error has in it: 0.9 amid eight neighbours,
     # 0.6 in a corner. One far above the noise stays.
-    noise2 = noise_px * noise_px + TINY_PX2
     for m in range(crossings.size):
         x, y = moved_px[m, 0], moved_px[m, 1]
         for k in range(index.shape[1]):

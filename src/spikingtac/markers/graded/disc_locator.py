@@ -35,6 +35,7 @@ from spikingtac.markers.graded.motion import (
     MARKED_X,
     MARKED_Y,
     MEASUREMENT_PERIOD_S,
+    OFF_PX,
     OUTLINED_US,
     VX,
     VY,
@@ -56,10 +57,6 @@ ITERATIONS = 3
 STILL_PX_S = 0.2  # Filtered speed below which a marker without new events is not moved on.
 
 DUE_PX = 0.02  # Motion whose events ask for a fit in the marker's turn, px.
-
-# Motion whose events make a marker a faster one, px (at 0.24 v2e's recording errs by 4 % more; at 0
-# by the same, and a step takes a third longer).
-HURRY_PX = 0.06
 
 # Rate at which an outline follows what the fit sees, 1/s (indentation and strain take tens
 # of ms).
@@ -87,7 +84,7 @@ class DiscLocator:
     Attributes:
         map: The map that it reads.
         motion: ``(m, 8)`` states of the markers (:mod:`spikingtac.markers.graded.motion`).
-        fits: ``(m, 8)`` what was fitted last, by the columns there.
+        fits: ``(m, 9)`` what was fitted last, by the columns there.
         outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.
         pending: ``(m + 1,)`` events around each marker since its last fit, and those around none:
             so no event needs a branch, which would cost half as much again.
@@ -110,7 +107,7 @@ class DiscLocator:
         reach_px = self._radius_px.max() + self._window.edge[:, 1].max()
         self._room = LANES * math.ceil(ROOM * np.pi * reach_px**2 / LANES)
         per_px = events_per_px(calibration)
-        self._due = np.maximum(np.ceil(np.outer([DUE_PX, HURRY_PX], per_px)), 1.0)
+        self._due = np.maximum(np.ceil(DUE_PX * per_px), 1.0)
         self._tables = profile_tables(profiles) if dead_bands else None
         self.map = painted_map(calibration, 0.0 if dead_bands else HALF_STEP)
         self.reset()
@@ -120,7 +117,7 @@ class DiscLocator:
         count = len(self._start_px)
         self.map.reset()
         self.motion = resting_motion(self._start_px)
-        self.fits = np.zeros((count, 8))
+        self.fits = np.zeros((count, 9))
         self.fits[:, :FIT_US] = self.fits[:, MARKED_X : MARKED_Y + 1] = self._start_px
         self.fits[:, AGREEMENT] = 1.0
         self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
@@ -217,9 +214,8 @@ def locate_discs_kernel(
     Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, scratch
     for :func:`fit_disc_kernel`; levels and profiles for :func:`fit_bands_kernel`, or None; the
     fields of a :class:`FitWindow`; motions, fits, outlines, pending events and those before; radii
-    at rest, px; ``(2, m)`` events that ask for a fit, of a slow marker and of a faster one; the
-    map's pixels; who is held; the first marker and the one after the last; whether these are all,
-    which are marked then; the time, us.
+    at rest, px; events that ask for a fit; the map's pixels; who is held; the first marker and the
+    one after the last; whether these are all, which are marked then; the time, us.
     """
     fitted, levels = 0, (flat, pixels.shape[1], pixels.shape[0])
     window = FitWindow(offset, around, within, coefficients, edge)
@@ -243,6 +239,7 @@ def locate_discs_kernel(
                 x, y, agreement, step_px = fit_bands_kernel(pixels, *bands, *place)
             else:
                 x, y, agreement, step_px = fit_disc_kernel(levels, scratch, window, *place)
+            fits[m, OFF_PX] = np.hypot(x - motions[m, X], y - motions[m, Y])
             fits[m, FIT_X], fits[m, FIT_Y], fits[m, FIT_US] = x, y, t_us
             fits[m, AGREEMENT] = agreement if gain > 0.0 else fits[m, AGREEMENT]
             answered[m] += pending[m] % AT_ONCE

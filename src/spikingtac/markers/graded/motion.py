@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from spikingtac.kernels import inlined, kernel
 from spikingtac.state_map.graded import Array
 
-# Finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none.
-ACCELERATION_NOISE_PX2_S3 = 5.0e5
+# Finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none. (At half of it v2e's
+# recording errs by 1 % more, its flawed gel by 0.4 % less; at twice it by 1 % more, both.)
+ACCELERATION_NOISE_PX2_S3 = 1.0e6
 
 # Scatter of a fit from one ms to the next (measured: 0.03 to 0.06).
 MEASUREMENT_SIGMA_PX = 0.05
@@ -26,11 +27,12 @@ START_VELOCITY_PX_S = 100.0  # Standard deviation of the unknown velocity at the
 # 10,000 estimates a second err by 7 % more on v2e's recording).
 LATE_US = 2_000
 
-# A slow marker is fitted once in the first period, us, a faster one once in the second, and is
-# predicted in between; the periods of the markers begin one after the other. (At 10,000 estimates a
-# second that is as accurate as fits at once, and the slowest steps take two thirds of the time.)
-# Fits to dead bands have the second: in less too few pixels fire to tell a place.
-PERIOD_US, HURRIED_US = 2_000, 1_000
+# A marker is fitted once in the first period, us, and is predicted in between; one that its
+# prediction missed by so much, px, once in the second. The periods of the markers begin one after
+# the other. (Once in 1 ms for all v2e's recording errs by 2.5 % less, and an estimate of markers in
+# motion takes a third longer; at 0.2 px it errs by 1 % more.) Fits to dead bands have the second:
+# in less too few pixels fire to tell a place.
+PERIOD_US, HURRIED_US, MISSED_PX = 2_000, 1_000, 0.12
 
 AT_ONCE = 1 << 30  # Events that are due for any marker.
 
@@ -44,8 +46,8 @@ X, Y, VX, VY, PP, PV, VV, AT_US = range(8)
 
 # Columns of a fit: place, px; its time, us; share of the edge that agrees with the disc; until
 # when no event changed it, us; where the marker stood when its pixels were marked, px; when its
-# outline was fitted last, us.
-FIT_X, FIT_Y, FIT_US, AGREEMENT, SILENT_US, MARKED_X, MARKED_Y, OUTLINED_US = range(8)
+# outline was fitted last, us; how far from the prediction it was, px.
+FIT_X, FIT_Y, FIT_US, AGREEMENT, SILENT_US, MARKED_X, MARKED_Y, OUTLINED_US, OFF_PX = range(9)
 
 
 def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -91,10 +93,10 @@ def asks_kernel(
     """Return whether a marker asks for a fit, and note since when it has been silent."""
     if pending[m] == 0:
         fits[m, SILENT_US] = t_us
-    asked = pending[m] >= due[0, m] or t_us - fits[m, SILENT_US] >= LATE_US
+    asked = pending[m] >= due[m] or t_us - fits[m, SILENT_US] >= LATE_US
     if pending[m] >= AT_ONCE or not asked:
         return asked
-    period_us = HURRIED_US if dead_bands or pending[m] >= due[1, m] else PERIOD_US
+    period_us = HURRIED_US if dead_bands or fits[m, OFF_PX] >= MISSED_PX else PERIOD_US
     return fits[m, FIT_US] < t_us - (t_us + m * period_us // len(fits)) % period_us
 
 

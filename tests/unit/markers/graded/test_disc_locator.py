@@ -19,6 +19,8 @@ from spikingtac.markers.graded.motion import (
     LATE_US,
     MARKED_PX,
     MEASUREMENT_SIGMA_PX,
+    MISSED_PX,
+    OFF_PX,
     START_VELOCITY_PX_S,
     VX,
     X,
@@ -86,7 +88,7 @@ def test_a_fit_waits_for_its_events_or_for_some_ms() -> None:
     assert locator.fits[0, 0] == pytest.approx(30.5, abs=0.05)
 
 
-def test_slow_markers_take_turns_and_a_faster_one_takes_more() -> None:
+def test_markers_take_turns_and_one_that_its_prediction_missed_takes_more() -> None:
     locator, nobody = DiscLocator(CALIBRATION), np.zeros(2, np.bool_)
     fitted = []
     for t_us in range(0, 6_000, 500):
@@ -97,7 +99,7 @@ def test_slow_markers_take_turns_and_a_faster_one_takes_more() -> None:
     assert turns.sum(axis=0).tolist() == [2, 3], "each once in 2 ms"
     assert not turns.all(axis=1).any(), "not at one time"
     for t_us, fits in ((6_200, [True, True]), (6_400, [False, False]), (6_600, [False, True])):
-        locator.pending[:] = 5, 1_000, 0
+        locator.pending[:], locator.fits[1, OFF_PX] = 5, MISSED_PX
         locator.locate(t_us, nobody)
         assert (locator.fits[:, FIT_US] == t_us).tolist() == fits, "once in 1 ms"
     locator.pending[0] = AT_ONCE
