@@ -23,16 +23,11 @@ def kernel(**options: Any) -> Any:
     of a step; the option is one that Numba's own library uses.
 
     Args:
-        options: Those of ``numba.njit``.
+        options: Those of ``numba.njit``; ``forceinline`` compiles a part of kernels into each.
     """
     from numba import njit  # a quarter of a second for which importing the package need not wait
 
     return njit(cache=True, nogil=True, error_model="numpy", _nrt=False, **options)
-
-
-def inlined(**options: Any) -> Any:
-    """Return the decorator of a part of kernels that is compiled into each, and never called."""
-    return kernel(forceinline=True, **options)
 
 
 def provide_kernel_cache(package: Path = PACKAGE) -> None:

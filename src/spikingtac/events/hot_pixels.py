@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.kernels import inlined, kernel
+from spikingtac.kernels import kernel
 from spikingtac.types import US_PER_S, EventPacket
 
 # Window by which quiet stretches are found: long enough for some noise events on 320x320 px.
@@ -171,8 +171,7 @@ class HotPixelWatch:
         packet.require_map(self.pixels.shape)
         while len(packet) and packet.t_end_us > self._until_us:
             before, packet = packet.split(self._until_us)
-            if len(before):
-                yield before
+            yield before
             if len(packet):
                 self._begin_window(int(packet.t[0]))
         if len(packet):
@@ -206,7 +205,7 @@ def _watch_kernel(
         keep[i] = heard_kernel(pixels[y[i], x[i]])
 
 
-@inlined()
+@kernel(forceinline=True)
 def heard_kernel(pixel: Any) -> bool:  # pragma: no cover - compiled
     """Return whether an event's pixel is not hot, and count the event then."""
     pixel.events += pixel.events < 255

@@ -10,7 +10,7 @@ doi:10.1201/9781420057669).
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.kernels import inlined, kernel
+from spikingtac.kernels import kernel
 from spikingtac.state_map.graded import Array
 
 NEIGHBOURS = 8  # Markers that vote on one: the ring around it in a square grid.
@@ -66,7 +66,7 @@ class Neighbourhood:
         return out
 
 
-@inlined()
+@kernel(forceinline=True)
 def around_kernel(
     position_px: Array, skin: tuple[Array, Array, Array], m: int, axis: int
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled

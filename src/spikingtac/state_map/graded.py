@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.kernels import inlined, kernel
+from spikingtac.kernels import kernel
 from spikingtac.types import EventPacket
 
 Array = NDArray[Any]  # Array of a compiled function, whose compiler knows its type.
@@ -133,7 +133,7 @@ class GradedStateMap:
         return steps
 
 
-@inlined()
+@kernel(forceinline=True)
 def integrate_event_kernel(
     pixel: Any, rises: bool, ahead: float, kept: float
 ) -> float:  # pragma: no cover - compiled

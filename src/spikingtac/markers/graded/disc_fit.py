@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.kernels import inlined
+from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import LANES, PHASES, RING_PX, FitWindow
 from spikingtac.state_map.graded import PAD_PX, Array
 
@@ -45,14 +45,14 @@ LARGEST_STEP_PX = 2.0
 LINEAR_STEP_PX = 0.12
 
 
-@inlined()
+@kernel(forceinline=True)
 def _coefficients_kernel(c: Array, m: Any, k: Any) -> tuple[Any, ...]:  # pragma: no cover
     """Return the coefficients of polynomial k of marker m; in an array a loop reads them anew."""
     first = c[m, k, 0], c[m, k, 1], c[m, k, 2], c[m, k, 3]
     return first + (c[m, k, 4], c[m, k, 5], c[m, k, 6], c[m, k, 7])  # noqa: RUF005 - compiled
 
 
-@inlined(fastmath=SAME_BITS)
+@kernel(forceinline=True, fastmath=SAME_BITS)
 def _polynomial_kernel(c: tuple[Any, ...], z: Any) -> Any:  # pragma: no cover
     """Evaluate a polynomial of degree 7 by Estrin's scheme: Horner's waits."""
     z2 = z * z
@@ -60,7 +60,7 @@ def _polynomial_kernel(c: tuple[Any, ...], z: Any) -> Any:  # pragma: no cover
     return low + z2 * z2 * ((c[4] + c[5] * z) + z2 * (c[6] + c[7] * z))
 
 
-@inlined(fastmath=SAME_BITS)
+@kernel(forceinline=True, fastmath=SAME_BITS)
 def _edge_kernel(
     around: Array, ring: Ring, disc: tuple[Any, ...], coefficients: Array, edge: Array, m: Any
 ) -> None:  # pragma: no cover - compiled
@@ -85,7 +85,7 @@ def _edge_kernel(
         edge[2, j] = slope if np.int32(j) < inside else zero
 
 
-@inlined(fastmath=SAME_BITS)
+@kernel(forceinline=True, fastmath=SAME_BITS)
 def center_equations_kernel(
     around: Array, ring: Ring, edge: Array, moved: tuple[Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
@@ -114,7 +114,7 @@ def center_equations_kernel(
     return (xx * part, xy * part, yy * part), (gx * part, gy * part)
 
 
-@inlined(fastmath=SAME_BITS)
+@kernel(forceinline=True, fastmath=SAME_BITS)
 def outline_equations_kernel(
     around: Array, ring: Ring, edge: Array, moved: tuple[Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
@@ -142,7 +142,7 @@ def outline_equations_kernel(
     return (gr * part, gb * part, gc * part), rr * part, weight / (total + 1.0)
 
 
-@inlined()
+@kernel(forceinline=True)
 def step_kernel(
     curvature: tuple[Any, Any, Any], gradient: tuple[Any, Any]
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
@@ -162,7 +162,7 @@ def step_kernel(
     return step_x, step_y, length
 
 
-@inlined()
+@kernel(forceinline=True)
 def _ring_kernel(
     window: FitWindow, m: Any, part: tuple[float, float], outline_px: Array, most: int
 ) -> Ring:  # pragma: no cover - compiled
@@ -183,7 +183,7 @@ def _ring_kernel(
     return np.uint64(phase), np.uint64(first), np.int32(inside), count
 
 
-@inlined()
+@kernel(forceinline=True)
 def follow_kernel(
     outline_px: Array, m: Any, gradient: tuple[Any, Any, Any], step: float, rest_px: float
 ) -> None:  # pragma: no cover - compiled
@@ -195,7 +195,7 @@ def follow_kernel(
     outline_px[m, 2] = min(max(c + 2.0 * step * gradient[2], -most), most)
 
 
-@inlined()
+@kernel(forceinline=True)
 def _read_kernel(
     levels: tuple[Array, int, int], window: FitWindow, ring: Ring, m: Any,
     place_px: tuple[float, float], part: tuple[float, float], outline_px: Array, edge: Array,
@@ -215,7 +215,7 @@ def _read_kernel(
     _edge_kernel(window.around, ring, disc, window.coefficients, edge, m)
 
 
-@inlined()
+@kernel(forceinline=True)
 def fit_disc_kernel(
     levels: tuple[Array, int, int], edge: Array, window: FitWindow, marker: int,
     center_px: tuple[float, float], outline_px: Array, settings: tuple[int, float, float],

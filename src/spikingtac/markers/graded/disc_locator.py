@@ -88,7 +88,6 @@ class DiscLocator:
         outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.
         pending: ``(m + 1,)`` events around each marker since its last fit, and those around none:
             so no event needs a branch, which would cost half as much again.
-        busy: Whether an eighth of the markers or more were fitted last.
         answered: ``(m + 1,)`` those before: events around each marker until its last fit.
     """
 
@@ -122,7 +121,7 @@ class DiscLocator:
         self.fits[:, AGREEMENT] = 1.0
         self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
         self.pending, self.answered = np.zeros((2, count + 1), np.int64)
-        self.busy = False
+        self._times_us = -1, -1  # Of the last two estimates.
         self._scratch = np.zeros((2, 3, self._room), np.float32)
         pixels, states = self.map.pixels, (self.motion, self.fits, self.outline_px)
         markers = self.pending, self.answered, self._radius_px, self._due, pixels
@@ -150,10 +149,10 @@ class DiscLocator:
             ConfigError: The packet comes from a sensor of another size.
         """
         levels = self.map
-        maps, settings = (levels.pixels, levels.padded), (levels.dark_markers, levels.ahead)
+        settings = levels.dark_markers, levels.ahead, levels.events_kept
+        maps = levels.pixels, levels.padded, *settings, self.pending
         for part in watch.parts(packet):
-            events = part.x, part.y, part.p
-            absorb_discs_kernel(*events, *maps, *settings, levels.events_kept, self.pending)
+            absorb_discs_kernel(part.x, part.y, part.p, *maps)
 
     def locate(self, t_us: int, coasted: NDArray[np.bool_]) -> None:
         """Bring the motion of every marker that asks for it up to ``t_us``.
@@ -163,23 +162,24 @@ class DiscLocator:
             coasted: ``(m,)`` markers that are held: their motion stays.
         """
         flat, count = self.map.padded.ravel(), len(self.fits)
+        times_us = self._times_us = self._times_us[1], t_us
         # The kernel is compiled twice: None leaves the fit to dead bands out.
         bands = (self.map.padded, *self._tables) if self._tables else None
 
-        def fit(first: int, after: int, alone: bool) -> int:
+        def fit(first: int, after: int, alone: bool) -> None:
             maps = flat, self._scratch[int(first > 0)], bands
-            return locate_discs_kernel(*maps, *self._fixed, coasted, first, after, alone, t_us)
+            place = first, after, alone, times_us
+            locate_discs_kernel(*maps, *self._fixed, coasted, *place)
 
         if count < LARGE or self._tables:
-            fitted = fit(0, count, True)
+            fit(0, count, True)
         else:
             beside = SECOND_THREAD.submit(fit, count // 2, count, False)
-            fitted = fit(0, count // 2, False)
+            fit(0, count // 2, False)
             # On a busy machine the other thread may get no turn for milliseconds.
-            fitted += fit(count // 2, count, False) if beside.cancel() else beside.result()
+            fit(count // 2, count, False) if beside.cancel() else beside.result()
             states = self.motion, self.fits, self.outline_px
             mark_moved_kernel(self.map.pixels, *states, self._window.edge)
-        self.busy = 8 * fitted >= count
 
 
 @kernel()
@@ -207,23 +207,24 @@ def locate_discs_kernel(
     flat: Array, scratch: Array, bands: Bands | None, offset: Array, around: Array, within: Array,
     coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,
     pending: Array, answered: Array, radius_px: Array, due: Array, pixels: Array, coasted: Array,
-    first: int, after: int, alone: bool, t_us: int,
-) -> int:  # pragma: no cover - compiled # fmt: skip
-    """Fit the markers that enough events ask for, bring the filters up to the present; count fits.
+    first: int, after: int, alone: bool, times_us: tuple[int, int],
+) -> None:  # pragma: no cover - compiled # fmt: skip
+    """Fit the markers that enough events ask for, bring the filters up to the present.
 
     Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, scratch
     for :func:`fit_disc_kernel`; levels and profiles for :func:`fit_bands_kernel`, or None; the
     fields of a :class:`FitWindow`; motions, fits, outlines, pending events and those before; radii
     at rest, px; events that ask for a fit; the map's pixels; who is held; the first marker and the
-    one after the last; whether these are all, which are marked then; the time, us.
+    one after the last; whether these are all, which are marked then; when the last estimate was
+    made and when this one is, us.
     """
-    fitted, levels = 0, (flat, pixels.shape[1], pixels.shape[0])
+    levels, t_us = (flat, pixels.shape[1], pixels.shape[0]), times_us[1]
     window = FitWindow(offset, around, within, coefficients, edge)
     for m in range(first, after):
         if motions[m, AT_US] < 0.0:
             motions[m, AT_US] = fits[m, FIT_US] = fits[m, OUTLINED_US] = t_us
         dt_s = (t_us - motions[m, AT_US]) * 1e-6
-        asked = asks_kernel(m, fits, pending, due, bands is not None, t_us)
+        asked = asks_kernel(m, fits, pending, due, bands is not None, times_us)
         if not asked and (pending[m] > 0 or dt_s < MEASUREMENT_PERIOD_S):
             continue
         motions[m, AT_US] = t_us
@@ -231,7 +232,7 @@ def locate_discs_kernel(
             continue
         predict_kernel(motions[m], dt_s)
         if asked:
-            fitted, gain, since_us = fitted + 1, 0.0, t_us - fits[m, OUTLINED_US]
+            gain, since_us = 0.0, t_us - fits[m, OUTLINED_US]
             if since_us >= OUTLINE_US:
                 gain, fits[m, OUTLINED_US] = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * since_us), t_us
             place = m, (motions[m, X], motions[m, Y]), outline_px, (ITERATIONS, gain, radius_px[m])
@@ -250,4 +251,3 @@ def locate_discs_kernel(
             correct_kernel(motions[m], fits[m, FIT_X], fits[m, FIT_Y], dt_s)
     if alone:
         mark_moved_kernel(pixels, motions, fits, outline_px, edge)
-    return fitted

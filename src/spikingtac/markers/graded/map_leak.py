@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.kernels import inlined
+from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import appearance_of, profile_tables
 from spikingtac.markers.graded.disc_fit import SAME_BITS
 from spikingtac.markers.graded.disc_locator import DiscLocator
@@ -96,7 +96,7 @@ class MapLeak:
         take_turn_kernel(*levels, *discs, self._turn, dt_s, self._leak_per_s, tolerance)
 
 
-@inlined(fastmath=SAME_BITS)
+@kernel(forceinline=True, fastmath=SAME_BITS)
 def _entries_kernel(
     first_px: np.float32, dy: np.float32, shape: tuple[Any, ...], entry: Array
 ) -> None:  # pragma: no cover - compiled
@@ -116,7 +116,7 @@ def _entries_kernel(
         entry[k] = np.int32(place if place < last else last)
 
 
-@inlined(fastmath=SAME_BITS)
+@kernel(forceinline=True, fastmath=SAME_BITS)
 def _give_kernel(
     levels: Array, sums: Array, entry: Array, table: Array, law: tuple[Any, Any, Any]
 ) -> None:  # pragma: no cover - compiled

@@ -8,7 +8,7 @@ variance grows as their period shrinks.
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.kernels import inlined, kernel
+from spikingtac.kernels import kernel
 from spikingtac.state_map.graded import Array
 
 # Finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none. (At half of it v2e's
@@ -27,12 +27,13 @@ START_VELOCITY_PX_S = 100.0  # Standard deviation of the unknown velocity at the
 # 10,000 estimates a second err by 7 % more on v2e's recording).
 LATE_US = 2_000
 
-# A marker is fitted once in the first period, us, and is predicted in between; one that its
-# prediction missed by so much, px, once in the second. The periods of the markers begin one after
-# the other. (Once in 1 ms for all v2e's recording errs by 2.5 % less, and an estimate of markers in
-# motion takes a third longer; at 0.2 px it errs by 1 % more.) Fits to dead bands have the second:
-# in less too few pixels fire to tell a place.
-PERIOD_US, HURRIED_US, MISSED_PX = 2_000, 1_000, 0.12
+# A marker is fitted once in the first period, us, and is predicted in between; once in the second
+# where the last fit was so far from its prediction, px, or where the events of a motion so many
+# times as long as one that is fitted at all wait (a sudden release). Each has its own time in the
+# period. (Once in 1 ms for all v2e's recording errs by 2 % less, and an estimate of markers in
+# motion takes a third longer.) Fits to dead bands have the second: in less too few pixels fire to
+# tell a place.
+PERIOD_US, HURRIED_US, MISSED_PX, FAST = 2_000, 1_000, 0.12, 12
 
 AT_ONCE = 1 << 30  # Events that are due for any marker.
 
@@ -59,7 +60,7 @@ def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
     return motion
 
 
-@inlined()
+@kernel(forceinline=True)
 def predict_kernel(motion: Array, dt_s: float) -> None:  # pragma: no cover
     """Move one marker's state on by ``dt_s``."""
     pp, pv, vv, q = motion[PP], motion[PV], motion[VV], ACCELERATION_NOISE_PX2_S3
@@ -70,7 +71,7 @@ def predict_kernel(motion: Array, dt_s: float) -> None:  # pragma: no cover
     motion[VV] = vv + q * dt_s
 
 
-@inlined()
+@kernel(forceinline=True)
 def correct_kernel(motion: Array, x: float, y: float, dt_s: float) -> None:  # pragma: no cover
     """Take in one marker's measured place, px, ``dt_s`` after the last."""
     pp, pv = motion[PP], motion[PV]
@@ -86,21 +87,26 @@ def correct_kernel(motion: Array, x: float, y: float, dt_s: float) -> None:  # p
     motion[VV] -= speed * pv
 
 
-@inlined()
+@kernel(forceinline=True)
 def asks_kernel(
-    m: int, fits: Array, pending: Array, due: Array, dead_bands: bool, t_us: int
+    m: int, fits: Array, pending: Array, due: Array, dead_bands: bool, times_us: tuple[int, int]
 ) -> bool:  # pragma: no cover - compiled
-    """Return whether a marker asks for a fit, and note since when it has been silent."""
+    """Return whether a marker asks for a fit, and note since when it has been silent.
+
+    ``times_us`` is that of the last estimate, and of this one.
+    """
+    before_us, t_us = times_us
     if pending[m] == 0:
         fits[m, SILENT_US] = t_us
     asked = pending[m] >= due[m] or t_us - fits[m, SILENT_US] >= LATE_US
     if pending[m] >= AT_ONCE or not asked:
         return asked
-    period_us = HURRIED_US if dead_bands or fits[m, OFF_PX] >= MISSED_PX else PERIOD_US
-    return fits[m, FIT_US] < t_us - (t_us + m * period_us // len(fits)) % period_us
+    hurried = dead_bands or fits[m, OFF_PX] >= MISSED_PX or pending[m] >= FAST * due[m]
+    period_us = HURRIED_US if hurried else PERIOD_US
+    return before_us < t_us - (t_us + m * period_us // len(fits)) % period_us
 
 
-@inlined()
+@kernel(forceinline=True)
 def _chord_kernel(
     x: float, y: float, radius: float, row: int, width: int
 ) -> tuple[int, int]:  # pragma: no cover - compiled

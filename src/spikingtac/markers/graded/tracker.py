@@ -40,10 +40,10 @@ LONGEST_PERIOD_US = 2_000
 # recording.
 TURN_US = 1_000
 
-# Time between estimates below which a leak waits, up to another TURN_US, while half of all markers
-# are fitted, and a task for an estimate without a leak: 10,000 estimates a second so have shorter
-# peaks and the same errors.
-SHORT_S = 0.5e-3
+# Time between estimates below which a leak waits, up to another TURN_US, while more than so many
+# events came for each marker, and a task for an estimate without a leak: 10,000 estimates a second
+# so have shorter peaks and the same errors.
+SHORT_S, MANY_EVENTS = 0.5e-3, 8
 
 BEFORE_ALL_US = -(1 << 62)  # A time before any estimate, us.
 
@@ -145,6 +145,7 @@ class GradedTracker:
 
     def _take_in(self, packet: EventPacket) -> None:
         known = self._hot.found
+        self._events += len(packet)
         self._locator.absorb(packet, self._hot)
         if self._hot.found > known:  # after the packet: no event of theirs follows
             self._locator.map.restore(self._hot.hot)
@@ -167,7 +168,7 @@ class GradedTracker:
         locator, manager = self._locator, self._manager
         locator.locate(t_us, manager.coasted)
         short = 0.0 < dt_s < SHORT_S
-        wait_us = TURN_US if locator.busy and short else 0
+        wait_us = TURN_US if short and self._events > MANY_EVENTS * len(locator.fits) else 0
         leaks = t_us >= self._leak_us + wait_us
         if t_us >= self._task_us + wait_us and not (leaks and short):
             self._do_task(t_us)
@@ -182,6 +183,7 @@ class GradedTracker:
         if self._zero is not None:
             velocity_px_s = locator.motion[:, VX : VY + 1]
             given_px = self._zero.update(given_px, velocity_px_s, manager.coasted, dt_s)
+        self._events = 0
         confidence = manager.confidence(locator.fits[:, AGREEMENT], dt_s)
         return given_px, manager.coasted.copy(), confidence
 
@@ -199,7 +201,7 @@ class GradedTracker:
         self._counted_us: int | None = None
         self._heard = self._locator.heard
         self._due_us = self._leak_us = self._task_us = BEFORE_ALL_US
-        self._turn = 0
+        self._turn = self._events = 0
         self._manager = TrackManager(self.calibration)
         neighbours = self._manager.neighbours
         self._corrections = OutputCorrections(self.calibration, neighbours, self._shrink)
@@ -223,8 +225,8 @@ class GradedTracker:
         if task == 0:
             counted_s = 0.0 if self._counted_us is None else (t_us - self._counted_us) * 1e-6
             heard = locator.heard
-            self._counted_us, self._counted = t_us, (heard - self._heard, counted_s)
-            self._heard = heard
+            self._counted = heard - self._heard, counted_s
+            self._counted_us, self._heard = t_us, heard
             if self._adapts and counted_s > 0.0:
                 kept.update(locator.motion, *self._counted)
                 locator.map.events_kept = kept.share

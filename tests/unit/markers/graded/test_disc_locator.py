@@ -98,13 +98,18 @@ def test_markers_take_turns_and_one_that_its_prediction_missed_takes_more() -> N
     turns = np.array(fitted[1:])  # at 0 both begin
     assert turns.sum(axis=0).tolist() == [2, 3], "each once in 2 ms"
     assert not turns.all(axis=1).any(), "not at one time"
-    for t_us, fits in ((6_200, [True, True]), (6_400, [False, False]), (6_600, [False, True])):
-        locator.pending[:], locator.fits[1, OFF_PX] = 5, MISSED_PX
+    for t_us, missed_px, events, second in (
+        (6_200, MISSED_PX, 5, False),
+        (6_600, MISSED_PX, 5, True),
+        (7_600, 0.0, 1_000, True),
+        (7_900, 0.0, 1_000, False),
+    ):
+        locator.pending[:], locator.fits[1, OFF_PX] = (5, events, 0), missed_px
         locator.locate(t_us, nobody)
-        assert (locator.fits[:, FIT_US] == t_us).tolist() == fits, "once in 1 ms"
+        assert (locator.fits[:, FIT_US] == t_us).tolist() == [t_us == 6_200, second], "once in 1 ms"
     locator.pending[0] = AT_ONCE
-    locator.locate(6_700, nobody)
-    assert locator.fits[0, FIT_US] == 6_700
+    locator.locate(7_950, nobody)
+    assert locator.fits[0, FIT_US] == 7_950
 
 
 def test_without_events_nothing_is_fitted_and_a_speed_fades() -> None:
