@@ -27,13 +27,12 @@ START_VELOCITY_PX_S = 100.0  # Standard deviation of the unknown velocity at the
 # 10,000 estimates a second err by 7 % more on v2e's recording).
 LATE_US = 2_000
 
-# A marker is fitted once in the first period, us, and is predicted in between; once in the second
-# where the last fit was so far from its prediction, px, or where the events of a motion so many
-# times as long as one that is fitted at all wait (a sudden release). Each has its own time in the
-# period. (Once in 1 ms for all v2e's recording errs by 2 % less, and an estimate of markers in
-# motion takes a third longer.) Fits to dead bands have the second: in less too few pixels fire to
-# tell a place.
-PERIOD_US, HURRIED_US, MISSED_PX, FAST = 2_000, 1_000, 0.12, 12
+# A marker is fitted at a time of its own in every period, us, if enough events wait, and is
+# predicted in between. (Once in 1 ms for all v2e's recording errs by 2 % less, and an estimate of
+# markers in motion takes a third longer.) The shorter period holds after a fit so far from its
+# prediction, px, and where SUDDEN times as many events wait as are enough: at a release a marker
+# would be gone. Fits to dead bands always have it: in less too few pixels fire to tell a place.
+PERIOD_US, HURRIED_US, MISSED_PX, SUDDEN = 2_000, 1_000, 0.12, 12
 
 AT_ONCE = 1 << 30  # Events that are due for any marker.
 
@@ -101,7 +100,7 @@ def asks_kernel(
     asked = pending[m] >= due[m] or t_us - fits[m, SILENT_US] >= LATE_US
     if pending[m] >= AT_ONCE or not asked:
         return asked
-    hurried = dead_bands or fits[m, OFF_PX] >= MISSED_PX or pending[m] >= FAST * due[m]
+    hurried = dead_bands or fits[m, OFF_PX] >= MISSED_PX or pending[m] >= SUDDEN * due[m]
     period_us = HURRIED_US if hurried else PERIOD_US
     return before_us < t_us - (t_us + m * period_us // len(fits)) % period_us
 
