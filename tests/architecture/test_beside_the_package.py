@@ -8,6 +8,7 @@ import ast
 import importlib
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -83,3 +84,9 @@ def test_every_mutation_applies_at_one_place_and_names_tests_that_exist() -> Non
     assert [one.name for one in script.MUTATIONS if one.old == one.new] == []
     named = {path for one in script.MUTATIONS for path in one.tests}
     assert [path for path in named if not (PROJECT / path).exists()] == []
+
+
+def test_every_part_of_the_ablation_stands_at_one_place() -> None:
+    parts = tomllib.loads((PROJECT / "results/ablation/parts.toml").read_text(encoding="utf-8"))
+    for file, old, _ in (change for part in parts.values() for change in part["changes"]):
+        assert (PROJECT / "src/spikingtac" / file).read_text().count(old) == 1, old

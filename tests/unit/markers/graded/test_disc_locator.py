@@ -98,15 +98,10 @@ def test_markers_take_turns_and_one_that_its_prediction_missed_takes_more() -> N
     turns = np.array(fitted[1:])  # at 0 both begin
     assert turns.sum(axis=0).tolist() == [2, 3], "each once in 2 ms"
     assert not turns.all(axis=1).any(), "not at one time"
-    for t_us, missed_px, events, second in (
-        (6_200, MISSED_PX, 5, False),
-        (6_600, MISSED_PX, 5, True),
-        (7_600, 0.0, 1_000, True),
-        (7_900, 0.0, 1_000, False),
-    ):
-        locator.pending[:], locator.fits[1, OFF_PX] = (5, events, 0), missed_px
+    for k, t_us in enumerate((6_200, 6_600, 7_600, 7_900)):  # a miss, then a sudden motion
+        locator.pending[:], locator.fits[1, OFF_PX] = (5, (5, 999)[k // 2], 0), MISSED_PX * (k < 2)
         locator.locate(t_us, nobody)
-        assert (locator.fits[:, FIT_US] == t_us).tolist() == [t_us == 6_200, second], "once in 1 ms"
+        assert (locator.fits[:, FIT_US] == t_us).tolist() == [k == 0, k in (1, 2)], "once in 1 ms"
     locator.pending[0] = AT_ONCE
     locator.locate(7_950, nobody)
     assert locator.fits[0, FIT_US] == 7_950

@@ -82,8 +82,8 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
         velocity = rng.normal(0, 1, (10, 2)) * 10.0 ** rng.uniform(0, 3, (10, 1))
         noise, per_px = rng.uniform(50, 6000, 10), rng.uniform(100, 300, 10)
         dt, turned, stroke = 1e-3, turn.copy(), rng.uniform(2, 9, 10)
-        states = motion(position, velocity), turned
-        got = events_kept.motion_kernel(*states, counts, noise, per_px, stroke, dt)
+        moved = motion(position, velocity)
+        got = events_kept.motion_kernel(moved, turned, counts, noise, per_px, stroke, dt)
         speed = np.hypot(*velocity.T)
         asked = (speed > events_kept.SLOW_PX_S) & (speed < events_kept.FAST_PX_S)
         asked &= per_px * speed > events_kept.BACKGROUND_SHARE * noise
