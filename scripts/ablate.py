@@ -17,6 +17,7 @@ import sys
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = ROOT / "results" / "ablation" / "parts.toml"
@@ -136,7 +137,7 @@ def measure(work: Path) -> None:
 ORDER = ("mix", "gel", "presses", "slides", "torsion", *DRAWN, RECORDED)
 
 
-def drawn(events, name: str):
+def drawn(events: Any, name: str) -> Any:
     """Return a recording's events with some of them lost, or with noise among them."""
     import numpy as np
 

@@ -27,7 +27,8 @@ def kernel(**options: Any) -> Any:
     """
     from numba import njit  # a quarter of a second for which importing the package need not wait
 
-    return njit(cache=True, nogil=True, error_model="numpy", _nrt=False, **options)
+    options |= {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+    return njit(**options)
 
 
 def provide_kernel_cache(package: Path = PACKAGE) -> None:

@@ -85,7 +85,7 @@ class EventLoss:
         """
         self.events_per_px = events_per_px(calibration)
         self._stroke_px = (STROKE_CROSSINGS * crossing_px(calibration)).clip(*STROKES_PX)
-        self._area_px = area_px
+        self._area_px = area_px.astype(np.float64)
         self._turn_px = calibration.reference_px.astype(np.float64)
         self.background_hz_px, self._measured = LEAST_BACKGROUND_HZ_PX, False
         self._expected = self._arrived = 0.0
