@@ -25,7 +25,6 @@ from spikingtac.markers.calibration.find_markers import (
     look_over,
 )
 from spikingtac.markers.calibration.first_model import first_model, tracked
-from spikingtac.markers.calibration.lattice import expected_places
 from spikingtac.markers.calibration.layout import Layout
 from spikingtac.markers.calibration.quality import Quality, judged, refuse_gaps
 from spikingtac.markers.calibration.recording import buffer_events, flicker_hz, without_hot_pixels
@@ -149,8 +148,6 @@ def _assembled(
     at_us = view.events.times_at(evidence.index)
     displaced_px = displaced_before(rests_us, rest_px, at_us, model.center_px)
     reference_px = reference(rest_px, rests_us, displaced_px, method)
-    if layout.shape is not None and not layout.staggered:
-        reference_px[~measured] = expected_places(reference_px, measured, layout.shape)[~measured]
     looks = _looks(*learned)
     keep, grid = _in_sight(layout, reference_px, looks["radius_px"], measured, size)
     left_out_px = reference_px[~keep].round(2).tolist()

@@ -16,7 +16,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.corrections import Evidence, Model
 from spikingtac.markers.calibration.find_markers import Overview
 from spikingtac.markers.calibration.level_maps import SwingHistogram
-from spikingtac.markers.calibration.recording import BufferedEvents, noise_events
+from spikingtac.markers.calibration.recording import noise_events
 from spikingtac.markers.graded.appearance import nearest_marker
 from spikingtac.markers.lag import followed
 
@@ -131,10 +131,7 @@ def choose_states(samples: int, still: NDArray[np.int64], pixels: int) -> NDArra
 
 
 def tracked(view: Overview, index: NDArray[np.int64], model: Model) -> Model:
-    """Return a model with the places at which the tracker sees the markers at each sample.
-
-    Where pixels recover they are the mean of both ways in time, whose errors are opposed.
-    """
+    """Return a model with the places at which the tracker sees the markers at each sample."""
     known = Calibration(
         reference_px=view.markers.center_px,
         grid=None,
@@ -148,20 +145,10 @@ def tracked(view: Overview, index: NDArray[np.int64], model: Model) -> Model:
         marker_step_off=model.off,
         recovery_s=model.recovery_s or None,
     )
-    at_us = view.events.times_at(index)
-    center_px = _places(view.events, known, at_us)
-    if known.recovery_s is not None:
-        backward = view.events.backward()
-        back_px = _places(backward, known, backward.duration_us - at_us[::-1])
-        center_px = 0.5 * (center_px + back_px[::-1])
-    return replace(model, center_px=center_px)
-
-
-def _places(
-    events: BufferedEvents, known: Calibration, at_us: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    packets = starmap(events.packet, pairwise([0, *at_us.tolist()]))
-    return np.array([frame.detected_px.copy() for frame in followed(packets, known)])
+    at_us = view.events.times_at(index).tolist()
+    packets = starmap(view.events.packet, pairwise([0, *at_us]))
+    places_px = [frame.detected_px.copy() for frame in followed(packets, known)]
+    return replace(model, center_px=np.array(places_px))
 
 
 def with_steps(evidence: Evidence, model: Model, rest_px: NDArray[np.float64]) -> Model:

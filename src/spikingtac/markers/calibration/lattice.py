@@ -92,34 +92,6 @@ class Lattice:
         return first, there
 
 
-def expected_places(
-    position_px: NDArray[np.float64], known: NDArray[np.bool_], shape: tuple[int, int]
-) -> NDArray[np.float64]:
-    """Return where a smooth grid through the known markers has every marker, px.
-
-    Of the affine, the quadratic and the cubic grid the one is taken that expects each known marker
-    best from the others.
-
-    Args:
-        position_px: ``(rows * columns, 2)`` places, row-major.
-        known: ``bool[rows * columns]`` which of them are known; three at least.
-        shape: ``(rows, columns)``.
-    """
-    best, expected = np.inf, position_px
-    for _, count in MODEL_TERMS:
-        terms = _terms(cells_of((0, 0), shape), count)
-        if known.sum() <= count and count > MODEL_TERMS[0][1]:
-            continue
-        inverse = np.linalg.pinv(terms[known])
-        places = terms @ inverse @ position_px[known]
-        # Leaving a point out divides its residual by what the others leave of its weight.
-        others = np.maximum(1.0 - (terms[known] * inverse.T).sum(axis=1), 1e-6)
-        off = float((((position_px - places)[known] / others[:, np.newaxis]) ** 2).mean())
-        if off < best:
-            best, expected = off, places
-    return expected
-
-
 def cells_of(first: NDArray[np.int64] | tuple[int, int], shape: tuple[int, ...]) -> NDArray[Any]:
     """Return ``(rows * columns, 2)`` the cells of a window, row-major."""
     return np.indices(shape).reshape(2, -1).T + np.asarray(first)

@@ -1,4 +1,4 @@
-"""The events of a recording in memory, to be read several times and backwards, and its rests.
+"""The events of a recording in memory, to be read several times, and its rests.
 
 A static press is as silent as no contact, so a stretch of silence is only a candidate for a rest
 without load: the skin looks the same at all rests without load, while presses differ.
@@ -92,11 +92,6 @@ class BufferedEvents:
     def inverted(self) -> BufferedEvents:
         """Return the same events with swapped polarities (dark markers become bright ones)."""
         return replace(self, code=self.code ^ np.uint32(1))
-
-    def backward(self) -> BufferedEvents:
-        """Return the events as they come when time runs backward."""
-        time_us = np.uint32(self.duration_us) - self.time_us[::-1]
-        return replace(self, code=self.code[::-1] ^ np.uint32(1), time_us=time_us)
 
     def supported(self) -> BufferedEvents:
         """Return the events that a neighbour supports: most of the noise is left out."""

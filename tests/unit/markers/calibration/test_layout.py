@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import CalibrationError
-from spikingtac.markers.calibration.lattice import expected_places
 from spikingtac.markers.calibration.layout import ABSENT, find_layout
 
 SIZE = (640, 480)
@@ -129,18 +128,3 @@ def test_a_known_size_is_placed_where_it_fits() -> None:
 def test_nothing_to_find() -> None:
     with pytest.raises(CalibrationError, match="no candidate"):
         find_layout(np.empty((0, 2)), SIZE)
-
-
-def test_a_marker_is_expected_where_the_bent_grid_of_the_others_has_it() -> None:
-    places = lattice(5, 7)
-    away = (places - np.array(SIZE) / 2) / 320
-    bent = places - 24.0 * away * (away**2).sum(axis=1, keepdims=True)  # barrel distortion
-    known = np.ones(35, bool)
-    known[[0, 17]] = False
-    shown = bent.copy()
-    shown[~known] = -50.0
-    expected = expected_places(shown, known, (5, 7))
-    np.testing.assert_allclose(expected[~known], bent[~known], atol=0.1)
-    three = np.zeros(35, bool)
-    three[[0, 6, 34]] = True
-    np.testing.assert_allclose(expected_places(places, three, (5, 7)), places, atol=1e-6)
