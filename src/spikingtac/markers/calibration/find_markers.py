@@ -166,7 +166,7 @@ def _overview(
     config: CalibrationConfig,
     known: SeenMarkers | None,
 ) -> Overview:
-    steps, spans_us = mean_steps(shown, moving_events(shown, rests_us)), rests_us
+    steps, spans_us = mean_steps(events, moving_events(events, rests_us)), rests_us
     if not len(rests_us):
         edges_us = np.linspace(0, events.duration_us, EVEN_MAPS + 1).astype(np.int64)
         spans_us = np.column_stack([edges_us[:-1], edges_us[1:]])
