@@ -69,8 +69,8 @@ class CalibrationConfig:
         lens: Whether to fit a lens to the grid, which must be flat and needs ``pitch_mm``.
         method: How rests become a reference
             (:mod:`spikingtac.markers.calibration.reference`).
-        allow_missing: So many markers may be missing: they are put where their neighbours expect
-            them, and named. None allows a third.
+        allow_missing: So many markers may be missing, and are named: those without any event stand
+            where the others expect them. None allows a third.
     """
 
     grid: tuple[int, int] | None = None
