@@ -44,7 +44,8 @@ WATCH_WINDOWS = 4
 # How far around it every pixel sends :data:`OVER_NEIGHBOURS` times less, px. (The end of a thin arc
 # that a vibration keeps busy has one busy neighbour. So two that touch are not found.)
 NEAR_PX = 2
-HOT = 255  # Mark of a hot pixel among the counted windows.
+# Mark of a hot pixel among the counted windows; events that are counted in one, 510 Hz.
+HOT, MOST_COUNTED = 255, 255
 
 # Of each pixel, its events in this window, and in how many windows it was busy alone.
 WATCHED = np.dtype([("events", np.uint8), ("alone", np.uint8)])
@@ -207,8 +208,8 @@ def _watch_kernel(
 
 @kernel(forceinline=True)
 def heard_kernel(pixel: Any) -> bool:  # pragma: no cover - compiled
-    """Return whether an event's pixel is not hot, and count the event then."""
-    pixel.events += pixel.events < 255
+    """Return whether an event's pixel is not hot, and count the event."""
+    pixel.events += pixel.events < MOST_COUNTED
     return pixel.alone != HOT
 
 
