@@ -6,7 +6,6 @@ around its disc where it stands.
 """
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +31,7 @@ from spikingtac.markers.graded.motion import (
     FIT_US,
     FIT_X,
     FIT_Y,
+    MARKED_PX,
     MARKED_X,
     MARKED_Y,
     MEASUREMENT_PERIOD_S,
@@ -44,7 +44,6 @@ from spikingtac.markers.graded.motion import (
     asks_kernel,
     correct_kernel,
     mark_kernel,
-    mark_moved_kernel,
     predict_kernel,
     resting_motion,
 )
@@ -69,13 +68,8 @@ OUTLINE_US = 1_000
 # Room for the pixels of an edge, over those of its resting disc as far as they are read.
 ROOM = 1.5
 
-LARGE = 256  # Markers of a skin from which on two threads share the fits.
-
 # What a fit to dead bands reads beside the pixels: shown levels, profiles, and their reach.
 Bands = tuple[Array, Array, Array]
-
-# One for all trackers of the process, begun when it is first needed.
-SECOND_THREAD = ThreadPoolExecutor(1, "spikingtac-fits")
 
 
 class DiscLocator:
@@ -122,7 +116,7 @@ class DiscLocator:
         self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
         self.pending, self.answered = np.zeros((2, count + 1), np.int64)
         self._times_us = -1, -1  # Of the last two estimates.
-        self._scratch = np.zeros((2, 3, self._room), np.float32)
+        self._scratch = np.zeros((3, self._room), np.float32)
         pixels, states = self.map.pixels, (self.motion, self.fits, self.outline_px)
         markers = self.pending, self.answered, self._radius_px, self._due, pixels
         self._fixed = *self._window, *states, *markers
@@ -161,25 +155,11 @@ class DiscLocator:
             t_us: The time, us.
             coasted: ``(m,)`` markers that are held: their motion stays.
         """
-        flat, count = self.map.padded.ravel(), len(self.fits)
         times_us = self._times_us = self._times_us[1], t_us
         # The kernel is compiled twice: None leaves the fit to dead bands out.
         bands = (self.map.padded, *self._tables) if self._tables else None
-
-        def fit(first: int, after: int, alone: bool) -> None:
-            maps = flat, self._scratch[int(first > 0)], bands
-            place = first, after, alone, times_us
-            locate_discs_kernel(*maps, *self._fixed, coasted, *place)
-
-        if count < LARGE or self._tables:
-            fit(0, count, True)
-        else:
-            beside = SECOND_THREAD.submit(fit, count // 2, count, False)
-            fit(0, count // 2, False)
-            # On a busy machine the other thread may get no turn for milliseconds.
-            fit(count // 2, count, False) if beside.cancel() else beside.result()
-            states = self.motion, self.fits, self.outline_px
-            mark_moved_kernel(self.map.pixels, *states, self._window.edge)
+        maps = self.map.padded.ravel(), self._scratch, bands
+        locate_discs_kernel(*maps, *self._fixed, coasted, times_us)
 
 
 @kernel()
@@ -207,20 +187,19 @@ def locate_discs_kernel(
     flat: Array, scratch: Array, bands: Bands | None, offset: Array, around: Array, within: Array,
     coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,
     pending: Array, answered: Array, radius_px: Array, due: Array, pixels: Array, coasted: Array,
-    first: int, after: int, alone: bool, times_us: tuple[int, int],
+    times_us: tuple[int, int],
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that enough events ask for, bring the filters up to the present.
 
     Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, scratch
     for :func:`fit_disc_kernel`; levels and profiles for :func:`fit_bands_kernel`, or None; the
     fields of a :class:`FitWindow`; motions, fits, outlines, pending events and those before; radii
-    at rest, px; events that ask for a fit; the map's pixels; who is held; the first marker and the
-    one after the last; whether these are all, which are marked then; when the last estimate was
-    made and when this one is, us.
+    at rest, px; events that ask for a fit; the map's pixels; who is held; when the last estimate
+    was made and when this one is, us.
     """
     levels, t_us = (flat, pixels.shape[1], pixels.shape[0]), times_us[1]
     window = FitWindow(offset, around, within, coefficients, edge)
-    for m in range(first, after):
+    for m in range(len(fits)):
         if motions[m, AT_US] < 0.0:
             motions[m, AT_US] = fits[m, FIT_US] = fits[m, OUTLINED_US] = t_us
         dt_s = (t_us - motions[m, AT_US]) * 1e-6
@@ -249,5 +228,6 @@ def locate_discs_kernel(
             motions[m, VX] = motions[m, VY] = 0.0
         else:
             correct_kernel(motions[m], fits[m, FIT_X], fits[m, FIT_Y], dt_s)
-    if alone:
-        mark_moved_kernel(pixels, motions, fits, outline_px, edge)
+        marked_x, marked_y = motions[m, X] - fits[m, MARKED_X], motions[m, Y] - fits[m, MARKED_Y]
+        if max(abs(marked_x), abs(marked_y)) > MARKED_PX:
+            mark_kernel(pixels, m, motions, fits, outline_px, edge)

@@ -136,14 +136,3 @@ def mark_kernel(
                     pixels[row, column].around = len(fits)
         for column in range(np.uint64(first), np.uint64(after)):
             pixels[row, column].around = m
-
-
-@kernel()
-def mark_moved_kernel(
-    pixels: Array, motions: Array, fits: Array, outline_px: Array, edge: Array
-) -> None:  # pragma: no cover - compiled
-    """Mark the pixels around each marker that went MARKED_PX since they were marked."""
-    for m in range(len(fits)):
-        x, y = motions[m, X] - fits[m, MARKED_X], motions[m, Y] - fits[m, MARKED_Y]
-        if max(abs(x), abs(y)) > MARKED_PX:
-            mark_kernel(pixels, m, motions, fits, outline_px, edge)

@@ -8,9 +8,8 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelWatch
-from spikingtac.markers.graded import disc_locator
 from spikingtac.markers.graded.appearance import painted_levels
-from spikingtac.markers.graded.disc_locator import LARGE, DiscLocator
+from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
     AT_ONCE,
@@ -148,18 +147,6 @@ def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
     near = away_px <= 7.0 + locator._window.edge[0, 1] + FARTHER_PX + MARKED_PX
     assert locator.pending.tolist() == [*near.sum(axis=0), (~near.any(axis=1)).sum()]
     assert {*np.unique(marked).tolist()} == {0, 1, 2}
-
-
-def test_two_threads_find_what_one_finds(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = []
-    for large in (LARGE, 1):
-        monkeypatch.setattr(disc_locator, "LARGE", large)
-        locator = moved_by(5.0)
-        locator.pending[:] = AT_ONCE
-        locator.locate(1_000, np.zeros(2, np.bool_))
-        found.append(locator)
-    np.testing.assert_array_equal(found[1].motion, found[0].motion)
-    np.testing.assert_array_equal(found[1].map.pixels, found[0].map.pixels)
 
 
 def test_a_held_marker_stays_where_it_is_put_and_loses_its_speed() -> None:
