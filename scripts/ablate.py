@@ -1,6 +1,6 @@
 """Take one part out of the default tracker at a time, and write what each is worth.
 
-    python scripts/ablate.py ../shared/data WORK > table.md        # all parts, twenty minutes
+    python scripts/ablate.py ../shared/data WORK > table.md        # all parts, some ten minutes
     python scripts/ablate.py ../shared/data WORK lag leak          # those with such names
 
 A part is a text of the sources and what takes its place (``results/ablation/parts.toml``). Sensors
@@ -80,6 +80,7 @@ def row(
 
 def prepare(data: Path, work: Path) -> None:
     """Calibrate every sensor, and simulate the scenes of the twin."""
+    from spikingtac.events import TRUTH
     from spikingtac_paper.trials.trial import calibration_of
 
     index = {}
@@ -87,7 +88,7 @@ def prepare(data: Path, work: Path) -> None:
         calibration = calibration_of(trial, work, data)
         calibration.save(work / f"{case}.json")
         events = trial.record(work) if hasattr(trial, "record") else data / trial.events
-        truth = events / "truth.npz" if events.is_dir() else data / trial.reference
+        truth = events / TRUTH if events.is_dir() else data / trial.reference
         index[case] = [str(events), str(truth)]
     (work / "index.json").write_text(json.dumps(index), encoding="utf-8")
 

@@ -33,8 +33,8 @@ STEP_DEFAULT = 0.139
 
 # What an event finds at its pixel, in one line of the processor's memory (in arrays of their own
 # they take twice as long): the clipped sum of its steps; the falling step (negative) and the rising
-# one; which marker stands around it; and what
-# :class:`~spikingtac.events.hot_pixels.HotPixelWatch` counts.
+# one; which marker it lies around; and what :class:`~spikingtac.events.hot_pixels.HotPixelWatch`
+# counts.
 PIXEL = np.dtype(
     [
         *((name, np.float32) for name in ("level", "off", "on")),

@@ -228,6 +228,6 @@ def locate_discs_kernel(
             motions[m, VX] = motions[m, VY] = 0.0
         else:
             correct_kernel(motions[m], fits[m, FIT_X], fits[m, FIT_Y], dt_s)
-        marked_x, marked_y = motions[m, X] - fits[m, MARKED_X], motions[m, Y] - fits[m, MARKED_Y]
-        if max(abs(marked_x), abs(marked_y)) > MARKED_PX:
+        went_x, went_y = motions[m, X] - fits[m, MARKED_X], motions[m, Y] - fits[m, MARKED_Y]
+        if max(abs(went_x), abs(went_y)) > MARKED_PX:
             mark_kernel(pixels, m, motions, fits, outline_px, edge)
