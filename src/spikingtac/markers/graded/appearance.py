@@ -212,7 +212,7 @@ class FitWindow(NamedTuple):
     Centres lie in the middle of the ``f`` squares of a pixel, which is the origin.
 
     Attributes:
-        offset: ``int32[f, n]`` offsets into the flat padded map.
+        offset: ``int32[f, 3, n]`` offsets into the flat padded map, rows down, columns right.
         around: ``float32[f, 3, n]`` distance from the centre, px, and direction (x, y) from it.
         within: ``int32[f, k]`` how many pixels are nearer to the centre than 0, 1, 2, ... RING_PX.
         coefficients: ``(m, 2, POLYNOMIAL_DEGREE + 1)`` float32 polynomials of each marker's S and
@@ -248,8 +248,9 @@ def fit_window(profiles: list[DiscProfile], width_px: int) -> FitWindow:
     ends_px = np.array([_steep_stretch_px(profile) for profile in profiles])
     coefficients = _polynomials(profiles, ends_px)
     edge = np.column_stack([ends_px, _units(coefficients, most)])
+    offset = np.stack([dy * (width_px + 2 * PAD_PX) + dx, dy, dx], axis=1)
     return FitWindow(
-        offset=(dy * (width_px + 2 * PAD_PX) + dx).astype(np.int32),
+        offset=offset.astype(np.int32),
         around=np.array([polar[:, :most] for polar in around], np.float32),
         within=np.array(within, np.int32),
         coefficients=coefficients,

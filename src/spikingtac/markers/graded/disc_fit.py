@@ -9,9 +9,11 @@ Sums are those of whole numbers. A sum of floating-point numbers depends on its 
 compiler suits to the processor's registers; whole numbers give the same tracks on every machine.
 """
 
+import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import LANES, PHASES, RING_PX, FitWindow
@@ -43,6 +45,11 @@ LARGEST_STEP_PX = 2.0
 # read anew: the residuals move along its slope, and only their weights are new. (0.08 to 0.14 are
 # alike; fits at 0.04 take longer and err the same.)
 LINEAR_STEP_PX = 0.12
+
+
+def fit_scratch(reach_px: float) -> NDArray[np.float32]:
+    """Return ``(3, n)`` scratch for the pixels of a disc: level, the disc's level, its slope."""
+    return np.zeros((3, LANES * math.ceil(np.pi * reach_px**2 / LANES)), np.float32)
 
 
 @kernel(forceinline=True)
@@ -163,24 +170,30 @@ def step_kernel(
 
 
 @kernel(forceinline=True)
-def _ring_kernel(
-    window: FitWindow, m: Any, part: tuple[float, float], outline_px: Array, most: int
+def ring_kernel(
+    window: FitWindow, part: tuple[float, float], near_px: float, far_px: float, most: int
 ) -> Ring:  # pragma: no cover - compiled
-    """Return the phase of a place, the first pixel of marker m's edge there, and how many follow.
+    """Return the phase of a part of a pixel, its first pixel from ``near_px``, and how many follow.
 
-    There are ``most`` at most: of an outline that grew larger the farthest are not read.
+    Up to ``far_px`` and ``most`` pixels: of an outline that grew larger the farthest are not read.
     """
-    phase = (int(part[1]) % PHASES) * PHASES + int(part[0]) % PHASES
-    r, last = outline_px[m, 0], window.within.shape[1] - 1
-    bulge = abs(outline_px[m, 1]) + abs(outline_px[m, 2])
-    near = max(r - bulge + window.edge[m, 0] - ROUNDING_PX, 0.0) / RING_PX
-    far = max(r + bulge + window.edge[m, 1] + ROUNDING_PX, 0.0) / RING_PX
-    first = window.within[phase, min(int(near), last)]
-    after = window.within[phase, min(int(far) + 1, last)]
+    phase, last = (int(part[1]) % PHASES) * PHASES + int(part[0]) % PHASES, window.within.shape[1]
+    near, far = max(near_px - ROUNDING_PX, 0.0), max(far_px + ROUNDING_PX, 0.0)
+    first = window.within[phase, min(int(near / RING_PX), last - 1)]
+    after = window.within[phase, min(int(far / RING_PX) + 1, last - 1)]
     inside = min(after - first, most)
     # Unsigned, so that no index can be meant from the end: that would not be vectorised.
     count = (np.uint64(inside) + np.uint64(LANES - 1)) & ~np.uint64(LANES - 1)
     return np.uint64(phase), np.uint64(first), np.int32(inside), count
+
+
+@kernel(forceinline=True)
+def part_kernel(
+    x: float, y: float, width: int, height: int
+) -> tuple[float, float]:  # pragma: no cover - compiled
+    """Return the column and the row of the part of a pixel in which a place lies, in the image."""
+    column = min(max(np.floor(PHASES * (x + 0.5)), 0.0), PHASES * width - 1.0)
+    return column, min(max(np.floor(PHASES * (y + 0.5)), 0.0), PHASES * height - 1.0)
 
 
 @kernel(forceinline=True)
@@ -196,7 +209,7 @@ def follow_kernel(
 
 
 @kernel(forceinline=True)
-def _read_kernel(
+def read_kernel(
     levels: tuple[Array, int, int], window: FitWindow, ring: Ring, m: Any,
     place_px: tuple[float, float], part: tuple[float, float], outline_px: Array, edge: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
@@ -205,7 +218,7 @@ def _read_kernel(
     column, row = int(part[0]) // PHASES, int(part[1]) // PHASES
     middle = (row + PAD_PX) * (width + 2 * PAD_PX) + column + PAD_PX
     for j in range(count):
-        edge[0, j] = flat[np.uint64(middle + window.offset[phase, first + j])]
+        edge[0, j] = flat[np.uint64(middle + window.offset[phase, 0, first + j])]
     inner_px, outer_px = window.edge[m, 0], window.edge[m, 1]
     x = np.float32(place_px[0] + 0.5 - (part[0] + 0.5) / PHASES)
     y = np.float32(place_px[1] + 0.5 - (part[1] + 0.5) / PHASES)
@@ -233,17 +246,18 @@ def fit_disc_kernel(
             none and no agreement; radius at rest, px.
     """
     m, (x, y), length = np.uint64(marker), center_px, 0.0
-    right, bottom = PHASES * levels[1] - 1.0, PHASES * levels[2] - 1.0
+    bulge = abs(outline_px[m, 1]) + abs(outline_px[m, 2])
+    near_px = outline_px[m, 0] - bulge + window.edge[m, 0]
+    far_px = outline_px[m, 0] + bulge + window.edge[m, 1]
     ring = np.uint64(0), np.uint64(0), np.int32(0), np.uint64(0)
     read_x, read_y, moved = np.inf, np.inf, (np.float32(0.0), np.float32(0.0))
     for _ in range(settings[0]):
         dx, dy = x - read_x, y - read_y
         if not dx * dx + dy * dy < LINEAR_STEP_PX * LINEAR_STEP_PX:
             read_x, read_y, dx, dy = x, y, 0.0, 0.0
-            column = min(max(np.floor(PHASES * (x + 0.5)), 0.0), right)
-            row = min(max(np.floor(PHASES * (y + 0.5)), 0.0), bottom)
-            ring = _ring_kernel(window, m, (column, row), outline_px, edge.shape[1])
-            _read_kernel(levels, window, ring, m, (x, y), (column, row), outline_px, edge)
+            part = part_kernel(x, y, levels[1], levels[2])
+            ring = ring_kernel(window, part, near_px, far_px, edge.shape[1])
+            read_kernel(levels, window, ring, m, (x, y), part, outline_px, edge)
         moved = np.float32(dx), np.float32(dy)
         step_x, step_y, length = step_kernel(
             *center_equations_kernel(window.around, ring, edge, moved, window.edge[m, 2])

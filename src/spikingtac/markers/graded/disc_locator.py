@@ -5,8 +5,6 @@ costs nothing. Which marker an event asks for is read from an index: each marker
 around its disc where it stands.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +12,6 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelWatch, heard_kernel
 from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import (
-    LANES,
     FitWindow,
     appearance_of,
     events_per_px,
@@ -23,7 +20,12 @@ from spikingtac.markers.graded.appearance import (
     profile_tables,
 )
 from spikingtac.markers.graded.dead_bands import fit_bands_kernel
-from spikingtac.markers.graded.disc_fit import LINEAR_STEP_PX, fit_disc_kernel
+from spikingtac.markers.graded.disc_fit import (
+    LINEAR_STEP_PX,
+    MOST_GROWTH,
+    fit_disc_kernel,
+    fit_scratch,
+)
 from spikingtac.markers.graded.motion import (
     AGREEMENT,
     AT_ONCE,
@@ -65,9 +67,6 @@ OUTLINE_PER_S = 150.0
 # notices a marker that snaps back too late, and erases it).
 OUTLINE_US = 1_000
 
-# Room for the pixels of an edge, over those of its resting disc as far as they are read.
-ROOM = 1.5
-
 # What a fit to dead bands reads beside the pixels: shown levels, profiles, and their reach.
 Bands = tuple[Array, Array, Array]
 
@@ -96,9 +95,9 @@ class DiscLocator:
         self._start_px = calibration.reference_px.astype(np.float64)
         self._radius_px = calibration.radius_px.astype(np.float64)
         profiles = appearance_of(calibration).profiles
-        self._window = fit_window(profiles, calibration.size[0])
-        reach_px = self._radius_px.max() + self._window.edge[:, 1].max()
-        self._room = LANES * math.ceil(ROOM * np.pi * reach_px**2 / LANES)
+        self.window = fit_window(profiles, calibration.size[0])
+        reach_px = (1.0 + MOST_GROWTH) * self._radius_px.max() + self.window.edge[:, 1].max()
+        self._scratch = fit_scratch(reach_px)
         per_px = events_per_px(calibration)
         self._due = np.maximum(np.ceil(DUE_PX * per_px), 1.0)
         self._tables = profile_tables(profiles) if dead_bands else None
@@ -116,13 +115,12 @@ class DiscLocator:
         self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
         self.pending, self.answered = np.zeros((2, count + 1), np.int64)
         self._times_us = -1, -1  # Of the last two estimates.
-        self._scratch = np.zeros((3, self._room), np.float32)
         pixels, states = self.map.pixels, (self.motion, self.fits, self.outline_px)
         markers = self.pending, self.answered, self._radius_px, self._due, pixels
-        self._fixed = *self._window, *states, *markers
+        self._fixed = *self.window, *states, *markers
         pixels["around"] = count
         for m in range(count):
-            mark_kernel(pixels, m, *states, self._window.edge)
+            mark_kernel(pixels, m, *states, self.window.edge)
         self.area_px = np.bincount(pixels["around"].ravel(), minlength=count + 1)
 
     @property

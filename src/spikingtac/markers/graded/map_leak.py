@@ -18,15 +18,22 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.kernels import kernel
-from spikingtac.markers.graded.appearance import appearance_of, profile_tables
-from spikingtac.markers.graded.disc_fit import SAME_BITS
+from spikingtac.markers.graded.appearance import FLAT_SHARE, PHASES, FitWindow, appearance_of
+from spikingtac.markers.graded.disc_fit import (
+    MOST_GROWTH,
+    SAME_BITS,
+    Ring,
+    fit_scratch,
+    part_kernel,
+    read_kernel,
+    ring_kernel,
+)
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.motion import AGREEMENT, AT_US, FIT_US, VX, VY, X, Y
-from spikingtac.state_map.graded import PAD_PX, Array
+from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, Array
 
 # Time in which a marker's agreement becomes usual, s (a fit that may still follow its
 # marker does so within 0.1 s).
@@ -36,7 +43,7 @@ USUAL_S = 0.2
 # events are lost: a faint touch brings too few to tell, and a leak that holds discs back blurs it.
 TOLERANCE, FIRST_TOLERANCE = 0.3, 1.0
 
-OUTER_PX = 3.5  # How far outside of a disc the leak works, px.
+OUTER_PX = 5.0  # How far outside of a disc the leak works, px.
 
 # Rate at which the edges of resting discs are drawn to their calibrated radii, 1/s.
 DRAWN_PER_S = 0.3
@@ -60,6 +67,9 @@ GROUND_TURNS = 256
 # within 3 ms; 0.05 to 0.10 are equally good on a small simulated sensor).
 LARGEST_FALL = 0.05
 
+# Share of an edge's steepest slope below which it counts as flat: a polynomial errs by 3 %.
+FLAT = 1.1 * FLAT_SHARE
+
 # Time without a fit, and so without events, after which a marker has leaked, us.
 LEAKED_US = 1_000_000
 
@@ -75,10 +85,12 @@ class MapLeak:
             leak_per_s: Rate at which pixels give up their disagreement, 1/s.
         """
         appearance = appearance_of(calibration)
+        steepest = np.array([profile.steepest for profile in appearance.profiles])
         radius_px = calibration.radius_px.astype(np.float64)
-        self._discs = *profile_tables(appearance.profiles), radius_px, appearance.mean_step
+        self._discs = radius_px, steepest, appearance.mean_step
+        self._scratch = fit_scratch((1.0 + MOST_GROWTH) * radius_px.max() + OUTER_PX)
         self._leak_per_s = leak_per_s
-        self._usual = np.ones(len(radius_px))
+        self._usual = np.ones(len(steepest))
         self._turn = 0
 
     def update(self, locator: DiscLocator, dt_s: float, known: bool) -> None:
@@ -91,59 +103,56 @@ class MapLeak:
         """
         tolerance = TOLERANCE if known else FIRST_TOLERANCE
         self._turn += 1
-        discs = locator.motion, locator.fits, locator.outline_px, self._usual, *self._discs
-        levels = locator.map.padded, locator.map.pixels["level"]
-        take_turn_kernel(*levels, *discs, self._turn, dt_s, self._leak_per_s, tolerance)
+        discs = locator.motion, locator.fits, locator.outline_px, self._usual
+        take_turn_kernel(
+            locator.map.padded.ravel(), locator.map.pixels, *discs, *locator.window,
+            self._scratch, *self._discs, self._turn, dt_s, self._leak_per_s, tolerance,
+        )  # fmt: skip
 
 
 @kernel(forceinline=True, fastmath=SAME_BITS)
-def _entries_kernel(
-    first_px: np.float32, dy: np.float32, shape: tuple[Any, ...], entry: Array
+def _excess_kernel(
+    ring: Ring, edge: Array, law: tuple[Any, Any, Any, Any]
 ) -> None:  # pragma: no cover - compiled
-    """Write which entry of the tables belongs to each pixel of a row.
+    """Write what each pixel of a disc gives up in place of its level.
 
-    ``first_px`` and ``dy`` lead from the disc's centre to the first pixel; ``shape`` is b, c, the
-    radius at which the tables begin, entries per px, and the last entry.
+    ``law`` is the disagreement that is left alone, the share of what is above, how far the edge is
+    drawn inwards, in levels, and 1 over the steepest slope.
     """
-    b, c, start, scale, last = shape
-    zero = np.float32(0.0)
-    for k in range(entry.size):
-        dx = first_px + np.float32(np.int32(k))
-        rho2 = dx * dx + dy * dy + np.float32(1e-6)
-        bulge = (b * (dx * dx - dy * dy) + np.float32(2.0) * c * dx * dy) / rho2
-        place = (np.sqrt(rho2) - start - bulge) * scale
-        place = place if place > zero else zero
-        entry[k] = np.int32(place if place < last else last)
-
-
-@kernel(forceinline=True, fastmath=SAME_BITS)
-def _give_kernel(
-    levels: Array, sums: Array, entry: Array, table: Array, law: tuple[Any, Any, Any]
-) -> None:  # pragma: no cover - compiled
-    """Let a row give up its excess; without a branch, which no processor could foresee.
-
-    ``law`` is the disagreement that is left alone, the share of what is above, and how far the edge
-    is drawn inwards, px.
-    """
-    limit, portion, drawn = law
-    zero, one = np.float32(0.0), np.float32(1.0)
-    for k in range(entry.size):
-        e = levels[k] - table[entry[k], 0]
+    limit, portion, drawn, per_steepest = law
+    zero, one, flat = np.float32(0.0), np.float32(1.0), np.float32(FLAT)
+    for j in range(ring[3]):
+        level, slope = edge[1, j], edge[2, j] * per_steepest
+        if slope < flat:
+            slope = zero
+        e = edge[0, j] - level
         excess = e - min(max(e, -limit), limit)
-        old = sums[k]
-        given_up = portion * table[entry[k], 1] * excess - drawn * table[entry[k], 2]
-        new = min(max(old - given_up, zero), one)
-        sums[k] = new
-        levels[k] += new - old
+        edge[0, j] = portion * (one - np.sqrt(slope)) * excess + drawn * slope
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(forceinline=True)
+def _give_kernel(
+    flat: Array, pixels: Array, at: tuple[Any, Any], ring: Ring, offset: Array, edge: Array
+) -> None:  # pragma: no cover - compiled
+    """Take what pixels give up off their sums, and off the levels that are shown.
+
+    ``at`` is where the middle of the ring lies: row and column.
+    """
+    phase, zero, one = ring[0], np.float32(0.0), np.float32(1.0)
+    middle = (at[0] + PAD_PX) * (pixels.shape[1] + 2 * PAD_PX) + at[1] + PAD_PX
+    for j in range(ring[2]):
+        shown = np.uint64(middle + offset[phase, 0, j])
+        if flat[shown] != OUTSIDE_LEVEL:
+            row, column = at[0] + offset[phase, 1, j], at[1] + offset[phase, 2, j]
+            pixel = pixels[np.uint64(row), np.uint64(column)]
+            old = pixel.level
+            pixel.level = min(max(old - edge[0, j], zero), one)
+            flat[shown] += pixel.level - old
+
+
+@kernel()
 def return_ground_kernel(
-    padded: Array,
-    memory: Array,
-    rows: tuple[int, int],
-    discs: tuple[Array, Array],
-    law: tuple[float, float],
+    flat: Array, pixels: Array, markers: int, rows: tuple[int, int], law: tuple[float, float]
 ) -> None:  # pragma: no cover - compiled
     """Draw every n-th row of the ground, away from all discs, towards its own level, 0.
 
@@ -151,73 +160,60 @@ def return_ground_kernel(
     What is above is noise.
 
     Args:
-        padded: The map with its margin of PAD_PX; changed.
-        memory: The clipped sums behind it; changed.
+        flat: The flat map with its margin; changed.
+        pixels: ``(height, width)`` of PIXEL; their sums are changed.
+        markers: Their number, which stands where a pixel lies around none.
         rows: The first row, and n.
-        discs: ``(m, 8)`` motions; ``(m,)`` how far from their places the ground begins, px.
         law: The step, and which share of the level above it is given up.
     """
-    (first, every), (motions, reach_px) = rows, discs
-    height, width = memory.shape
+    (height, width), (first, every) = pixels.shape, rows
     step, portion = np.float32(law[0]), np.float32(law[1])
-    is_ground = np.empty(width, np.float32)
     for row in range(first, height, every):
-        is_ground[:] = 1.0
-        for m in range(reach_px.size):
-            half = reach_px[m] ** 2 - (row - motions[m, Y]) ** 2
-            if half >= 0.0:
-                half = np.sqrt(half)
-                left = min(max(int(np.ceil(motions[m, X] - half)), 0), width)
-                after = max(min(int(np.floor(motions[m, X] + half)) + 1, width), left)
-                is_ground[left:after] = 0.0
-        sums, levels = memory[row], padded[row + PAD_PX, PAD_PX : PAD_PX + width]
+        begin = (row + PAD_PX) * (width + 2 * PAD_PX) + PAD_PX
         for column in range(width):
-            change = is_ground[column] * portion * max(sums[column] - step, np.float32(0.0))
-            sums[column] -= change
-            levels[column] -= change
+            pixel = pixels[row, column]
+            if pixel.around == markers and pixel.level > step:
+                change = portion * (pixel.level - step)
+                pixel.level -= change
+                flat[begin + column] -= change
 
 
-@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy")
+@kernel()
 def take_turn_kernel(
-    padded: Array, memory: Array, motions: Array, fits: Array, outline_px: Array, usual: Array,
-    tables: Array, reach_px: Array, radius_px: Array, mean_step: Array, turn: int, dt_s: float,
+    flat: Array, pixels: Array, motions: Array, fits: Array, outline_px: Array, usual: Array,
+    offset: Array, around: Array, within: Array, coefficients: Array, ends: Array, edge: Array,
+    radius_px: Array, steepest: Array, mean_step: Array, turn: int, dt_s: float,
     leak_per_s: float, tolerance: float,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Let some markers' surroundings leak, and some rows of the ground return.
 
-    Arguments are plain, since a tuple costs a microsecond: the map and its sums; motions, fits and
-    outlines of the discs, and their usual agreements; their profiles
-    (:func:`~spikingtac.markers.graded.appearance.profile_tables`), radii at rest, px, and steps;
-    the turn, the time since the last one, s, the rate of the leak, 1/s, and the disagreement that
-    is left alone, in steps.
+    Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, and its
+    pixels; motions, fits and outlines of the discs, and their usual agreements; the fields of a
+    :class:`FitWindow`, and scratch; their radii at rest, px, steepest slopes, 1/px, and steps; the
+    turn, the time since the last one, s, the rate of the leak, 1/s, and the disagreement that is
+    left alone, in steps.
     """
-    height, width = memory.shape
+    height, width = pixels.shape
+    window = FitWindow(offset, around, within, coefficients, ends)
     portion = np.float32(-math.expm1(-leak_per_s * dt_s * GROUPS))
-    drawing, last = -math.expm1(-DRAWN_PER_S * dt_s * GROUPS), np.float32(tables.shape[1] - 1)
-    entries = np.empty(width, np.int32)
+    drawing = -math.expm1(-DRAWN_PER_S * dt_s * GROUPS)
     for m in range(turn % GROUPS, usual.size, GROUPS):
         quiet = motions[m, AT_US] - fits[m, FIT_US] > LEAKED_US
         if quiet or fits[m, AGREEMENT] < usual[m] - LARGEST_FALL:
             continue
         x, y = motions[m, X], motions[m, Y]
+        part = part_kernel(x, y, width, height)
+        ring = ring_kernel(window, part, 0.0, outline_px[m, 0] + OUTER_PX, edge.shape[1])
+        read_kernel((flat, width, height), window, ring, m, (x, y), part, outline_px, edge)
         rests = np.hypot(motions[m, VX], motions[m, VY]) <= AT_REST_PX_S
-        drawn = np.float32(drawing * rests * (outline_px[m, 0] - radius_px[m]))
-        limit, scale = np.float32(tolerance * mean_step[m]), np.float32(0.5 * last / reach_px[m])
-        outer, start = outline_px[m, 0] + OUTER_PX, np.float32(outline_px[m, 0] - reach_px[m])
-        shape = np.float32(outline_px[m, 1]), np.float32(outline_px[m, 2]), start, scale, last
-        for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
-            half = np.sqrt(max(outer * outer - (row - y) ** 2, 0.0))
-            first = max(0, int(np.ceil(x - half)))
-            after = max(min(width - 1, int(x + half)) + 1, first)
-            entry = entries[: after - first]
-            _entries_kernel(np.float32(first - x), np.float32(row - y), shape, entry)
-            shown = padded[row + PAD_PX, PAD_PX + first : PAD_PX + after]
-            law = limit, portion, drawn
-            _give_kernel(shown, memory[row, first:after], entry, tables[m], law)
+        drawn = np.float32(drawing * rests * (outline_px[m, 0] - radius_px[m]) * steepest[m])
+        limit = np.float32(tolerance * mean_step[m])
+        _excess_kernel(ring, edge, (limit, portion, drawn, np.float32(1.0 / steepest[m])))
+        at = int(part[1]) // PHASES, int(part[0]) // PHASES
+        _give_kernel(flat, pixels, at, ring, offset, edge)
     follows = -math.expm1(-dt_s / USUAL_S)
     for m in range(usual.size):
         usual[m] += follows * (fits[m, AGREEMENT] - usual[m])
-    rows = turn % GROUND_TURNS, GROUND_TURNS
     share = -math.expm1(-GROUND_PER_S * dt_s * GROUND_TURNS)
-    ground = motions, radius_px + OUTER_PX
-    return_ground_kernel(padded, memory, rows, ground, (mean_step.mean(), share))
+    rows, law = (turn % GROUND_TURNS, GROUND_TURNS), (mean_step.mean(), share)
+    return_ground_kernel(flat, pixels, usual.size, rows, law)
