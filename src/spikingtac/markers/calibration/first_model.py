@@ -95,7 +95,8 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
         events=np.zeros((markers, 4)),
         swings=np.zeros(markers),
     )
-    model = with_steps(evidence, tracked(view, index, model), view.markers.center_px)
+    rest_px = view.markers.center_px
+    model = with_steps(evidence, tracked(view, index, model, rest_px), rest_px)
     contrast = np.exp(THRESHOLD / np.sqrt(model.on * model.off)).clip(*CONTRASTS)
     return evidence, replace(model, discs=replace(discs, contrast=contrast))
 
@@ -130,10 +131,19 @@ def choose_states(samples: int, still: NDArray[np.int64], pixels: int) -> NDArra
     return np.unique(np.concatenate([even, still[:, 1]]))
 
 
-def tracked(view: Overview, index: NDArray[np.int64], model: Model) -> Model:
-    """Return a model with the places at which the tracker sees the markers at each sample."""
+def tracked(
+    view: Overview, index: NDArray[np.int64], model: Model, rest_px: NDArray[np.float64]
+) -> Model:
+    """Return a model with the places at which the tracker sees the markers at each sample.
+
+    Args:
+        view: The recording.
+        index: How many events come before each sample.
+        model: How the markers look.
+        rest_px: ``(m, 2)`` where they rest, px.
+    """
     known = Calibration(
-        reference_px=view.markers.center_px,
+        reference_px=rest_px,
         grid=None,
         size=view.events.size,
         radius_px=model.discs.radius_px,
