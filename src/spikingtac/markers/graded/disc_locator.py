@@ -76,6 +76,7 @@ class DiscLocator:
 
     Attributes:
         map: The map that it reads.
+        window: The pixels that fits read, and the edges of the markers.
         motion: ``(m, 8)`` states of the markers (:mod:`spikingtac.markers.graded.motion`).
         fits: ``(m, 9)`` what was fitted last, by the columns there.
         outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.

@@ -144,7 +144,7 @@ def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
     twin.absorb(packet)
     np.testing.assert_array_equal(locator.map.padded, twin.padded)
     away_px = np.hypot(*(np.column_stack([x, y])[:, np.newaxis] - REST_PX).transpose(2, 0, 1))
-    near = away_px <= 7.0 + locator._window.edge[0, 1] + FARTHER_PX + MARKED_PX
+    near = away_px <= 7.0 + locator.window.edge[0, 1] + FARTHER_PX + MARKED_PX
     assert locator.pending.tolist() == [*near.sum(axis=0), (~near.any(axis=1)).sum()]
     assert {*np.unique(marked).tolist()} == {0, 1, 2}
 
