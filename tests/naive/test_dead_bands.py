@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from spikingtac.config import load_config
-from spikingtac.markers.graded.appearance import profile_tables
+from spikingtac.markers.graded.appearance import RING_PX, fit_window
 from spikingtac.markers.graded.dead_bands import (
     BAND_WEIGHT,
     GAIN,
@@ -14,6 +14,7 @@ from spikingtac.markers.graded.dead_bands import (
     SOFT_RESIDUAL,
     fit_bands_kernel,
 )
+from spikingtac.markers.graded.disc_fit import ROUNDING_PX, fit_scratch
 from spikingtac.markers.registry import MarkerTracker, make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.state_map.graded import GradedStateMap
@@ -33,7 +34,8 @@ from stand_ins.rare_off import (
 )
 
 OUTLINE = RADIUS_PX + 0.2, 0.3, -0.2
-TABLES = profile_tables([PROFILE])
+WINDOW = fit_window([PROFILE], SIZE[0])
+INNER_PX, OUTER_PX = (float(end) for end in WINDOW.edge[0, :2])
 
 
 def random_map(seed: int) -> GradedStateMap:
@@ -47,6 +49,17 @@ def random_map(seed: int) -> GradedStateMap:
     return state_map
 
 
+def fitted(
+    state_map: GradedStateMap,
+    start: tuple[float, float],
+    outline_px: np.ndarray,
+    settings: tuple[int, float, float],
+) -> tuple[float, float, float, float]:
+    """Return what the kernel fits to a map."""
+    maps = state_map.pixels, (state_map.padded.ravel(), *SIZE), fit_scratch(20.0)
+    return fit_bands_kernel(*maps, WINDOW, 0, start, outline_px, settings)
+
+
 class Twin:
     """Residuals of a disc's pixels from the formulas alone."""
 
@@ -57,12 +70,18 @@ class Twin:
         self.x, self.y = dx / rho, dy / rho
         self.even, self.odd = self.x**2 - self.y**2, 2.0 * self.x * self.y
         q = rho - OUTLINE[0] - OUTLINE[1] * self.even - OUTLINE[2] * self.odd
-        self.near = np.abs(q) < PROFILE.reach_px
-        self.disc, self.slope = PROFILE.level(q), np.where(self.near, -PROFILE.slope(q), 0.0)
+        # A ring is read that surely holds the edge, and ends at whole steps of distance.
+        bulge, widest = abs(OUTLINE[1]) + abs(OUTLINE[2]), 2.0 * ROUNDING_PX + RING_PX
+        from_px, to_px = OUTLINE[0] - bulge + INNER_PX, OUTLINE[0] + bulge + OUTER_PX
+        self.near = (rho > from_px) & (rho < to_px)
+        self.far = (rho < from_px - widest) | (rho > to_px + widest)
+        steep = (q > INNER_PX) & (q < OUTER_PX)
+        self.disc = PROFILE.level(np.clip(q, INNER_PX, OUTER_PX))
+        self.slope = np.where(steep, -PROFILE.slope(q), 0.0)
         apart = state_map.pixels["level"] - self.disc
         outside = np.where(apart > STEP_OFF, apart - STEP_OFF, np.minimum(apart + STEP_ON, 0.0))
         new = state_map.values == state_map.pixels["level"]
-        self.e = np.where(self.near, np.where(new, apart, outside), 0.0)
+        self.e = np.where(new, apart, outside)
         self.soft = 1.0 / (1.0 + (self.e / SOFT_RESIDUAL) ** 2)
         self.weight = np.where(new, 1.0, BAND_WEIGHT) * self.soft * (self.e != 0.0)
 
@@ -84,8 +103,7 @@ def test_the_fit_its_corrections_and_its_outline_equal_their_twin() -> None:
     state_map, start_map, start = random_map(3), random_map(3), (23.6, 20.3)
     expected_px = plain_place(state_map, *start)
     outline_px = np.array([OUTLINE])
-    disc = *TABLES, 0, start, outline_px, (3, 0.1, RADIUS_PX)
-    x, y, agreement, _ = fit_bands_kernel(state_map.pixels, state_map.padded, *disc)
+    x, y, agreement, _ = fitted(state_map, start, outline_px, (3, 0.1, RADIUS_PX))
     np.testing.assert_allclose((x, y), expected_px, atol=0.01)
     assert np.hypot(x - start[0], y - start[1]) > 0.1
     assert 0.5 < agreement < 1.0
@@ -93,7 +111,7 @@ def test_the_fit_its_corrections_and_its_outline_equal_their_twin() -> None:
     before = start_map.pixels["level"]
     corrected = before - GAIN * twin.e * twin.soft
     np.testing.assert_allclose(after[twin.near], corrected[twin.near], atol=0.02)
-    np.testing.assert_array_equal(after[~twin.near], before[~twin.near])
+    np.testing.assert_array_equal(after[twin.far], before[twin.far])
     pull = twin.weight * twin.slope * twin.e
     step = 0.1 / (OUTLINE_INERTIA + (twin.weight * twin.slope**2).sum())
     moves = (pull.sum(), 2.0 * (pull * twin.even).sum(), 2.0 * (pull * twin.odd).sum())
@@ -102,8 +120,7 @@ def test_the_fit_its_corrections_and_its_outline_equal_their_twin() -> None:
 
 def test_after_a_fit_the_disc_is_shown_within_the_bands_and_no_level_is_new() -> None:
     state_map = random_map(4)
-    disc = *TABLES, 0, (24.0, 20.0), np.array([OUTLINE]), (3, 0.0, RADIUS_PX)
-    x, y, *_ = fit_bands_kernel(state_map.pixels, state_map.padded, *disc)
+    x, y, *_ = fitted(state_map, (24.0, 20.0), np.array([OUTLINE]), (3, 0.0, RADIUS_PX))
     near = Twin(state_map, x, y).near
     above = (state_map.values - state_map.pixels["level"])[near]
     assert (above >= -STEP_OFF - 1e-6).all()

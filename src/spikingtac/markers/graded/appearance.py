@@ -26,8 +26,6 @@ from spikingtac.state_map.graded import HALF_STEP, PAD_PX, STEP_DEFAULT, GradedS
 # Side of the blocks in which the nearest markers are looked up, px (16 and 64 take longer).
 BLOCK_PX = 32
 
-TABLE_ENTRIES = 256  # Entries of a table: steps of 1/20 px for an edge scale of 1 px.
-
 # Step above which levels alone do not place a disc. (Of 25 simulated sensors dead bands err by 5 to
 # 67 % less than levels on the twelve whose larger step is 0.32 to 0.56, and by up to 65 % more on
 # eleven of the thirteen whose is 0.06 to 0.27.)
@@ -128,26 +126,6 @@ def nearest_marker(reference_px: NDArray[np.float64], size: tuple[int, int]) -> 
         x, y = (axis[:, np.newaxis, np.newaxis] for axis in reference_px[near].T)
         owner[rows, columns] = near[np.argmin((columns - x) ** 2 + (rows - y) ** 2, axis=0)]
     return owner
-
-
-def profile_tables(
-    profiles: list[DiscProfile],
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Tabulate every marker's profile, for kernels that visit the pixels around a disc.
-
-    Returns:
-        ``(m, TABLE_ENTRIES, 3)`` float32 the level S(q), its flatness (1 where S is flat, 0 where
-        it is steepest), and dS/dq, 1/px; ``(m,)`` how far from minus to plus of the radius a table
-        goes, px.
-    """
-    reach_px = np.array([profile.reach_px for profile in profiles])
-    values = np.empty((len(profiles), TABLE_ENTRIES, 3), np.float32)
-    for table, profile, reach in zip(values, profiles, reach_px, strict=True):
-        q_px = np.linspace(-reach, reach, TABLE_ENTRIES)
-        level, slope = profile.level(q_px), profile.slope(q_px)
-        level[0], level[-1], slope[0], slope[-1] = 1.0, 0.0, 0.0, 0.0
-        table[:] = np.column_stack([level, 1.0 - np.sqrt(slope / slope.min()), slope])
-    return values, reach_px
 
 
 def painted_map(calibration: Calibration, ahead: float = HALF_STEP) -> GradedStateMap:

@@ -18,10 +18,16 @@ from typing import Any
 import numpy as np
 
 from spikingtac.kernels import kernel
-from spikingtac.markers.graded.disc_fit import SOFT_LEVEL, follow_kernel, step_kernel
-from spikingtac.state_map.graded import PAD_PX, Array
-
-Outline = tuple[float, float, float]  # Radius and second harmonic of a disc, px.
+from spikingtac.markers.graded.appearance import FitWindow
+from spikingtac.markers.graded.disc_fit import (
+    SOFT_LEVEL,
+    Ring,
+    ends_kernel,
+    follow_kernel,
+    read_kernel,
+    step_kernel,
+)
+from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, Array
 
 # Weight of the prediction, over that of a pixel that fired where an edge rises by a full swing in a
 # px (0.15 to 0.3 are alike within 7 % on simulated press sensors).
@@ -41,29 +47,7 @@ OUTLINE_INERTIA = 4.0
 SMALL_STEP_PX = 0.005  # A fit whose last step was shorter has converged.
 
 
-@kernel()
-def _window_kernel(
-    x: float, y: float, outline: Outline, reach_px: float, shape: tuple[int, ...]
-) -> tuple[int, int, int, int]:  # pragma: no cover - compiled
-    """Return first row and column, and those after the last, of the pixels around a disc."""
-    far = outline[0] + abs(outline[1]) + abs(outline[2]) + reach_px
-    top, left = max(0, int(np.ceil(y - far))), max(0, int(np.ceil(x - far)))
-    bottom, right = min(shape[0], int(y + far) + 1), min(shape[1], int(x + far) + 1)
-    return top, left, bottom, right
-
-
-@kernel()
-def _entry_kernel(
-    dx: float, dy: float, outline: Outline, reach_px: float, last: int
-) -> int:  # pragma: no cover - compiled
-    """Return which entry of a disc's table belongs to a pixel; -1 beyond its ends."""
-    rho2 = dx * dx + dy * dy + 1e-9
-    bulge = (outline[1] * (dx * dx - dy * dy) + 2.0 * outline[2] * dx * dy) / rho2
-    place = 0.5 * last * ((np.sqrt(rho2) - outline[0] - bulge) / reach_px + 1.0)
-    return int(place) if 0.0 <= place < last else -1
-
-
-@kernel()
+@kernel(forceinline=True)
 def _residual_kernel(
     pixel: Any, shown: float, disc: float
 ) -> tuple[float, float]:  # pragma: no cover - compiled
@@ -81,71 +65,69 @@ def _residual_kernel(
 
 @kernel()
 def _center_equations_kernel(
-    maps: tuple[Array, Array], disc: tuple[float, float, Outline], profile: tuple[Array, float]
+    pixels: Array, window: FitWindow, ring: Ring, at: tuple[int, int], edge: Array
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:  # pragma: no cover - compiled
     """Return the curvature (xx, xy, yy) and the gradient (x, y) of a disc's pixels."""
-    (pixels, padded), (x, y, outline), (table, reach_px) = maps, disc, profile
+    phase, first, inside, _ = ring
     xx = xy = yy = gx = gy = 0.0
-    top, left, bottom, right = _window_kernel(x, y, outline, reach_px, pixels.shape)
-    for row in range(top, bottom):
-        for column in range(left, right):
-            dx, dy = column - x, row - y
-            entry = _entry_kernel(dx, dy, outline, reach_px, len(table) - 1)
-            if entry < 0:
-                continue
-            shown = padded[row + PAD_PX, column + PAD_PX]
-            e, weight = _residual_kernel(pixels[row, column], shown, table[entry, 0])
-            slope = -table[entry, 2] / np.sqrt(dx * dx + dy * dy + 1e-9)
-            jx, jy = slope * dx, slope * dy
-            xx, xy, yy = xx + weight * jx * jx, xy + weight * jx * jy, yy + weight * jy * jy
-            gx, gy = gx + weight * jx * e, gy + weight * jy * e
+    for j in range(inside):
+        if edge[0, j] == OUTSIDE_LEVEL:
+            continue
+        down, right = window.offset[phase, 1, first + j], window.offset[phase, 2, first + j]
+        pixel = pixels[at[0] + down, at[1] + right]
+        e, weight = _residual_kernel(pixel, edge[0, j], edge[1, j])
+        jx = edge[2, j] * window.around[phase, 1, first + j]
+        jy = edge[2, j] * window.around[phase, 2, first + j]
+        xx, xy, yy = xx + weight * jx * jx, xy + weight * jx * jy, yy + weight * jy * jy
+        gx, gy = gx + weight * jx * e, gy + weight * jy * e
     return (xx, xy, yy), (gx, gy)
 
 
 @kernel()
 def _settle_kernel(
-    maps: tuple[Array, Array], disc: tuple[float, float, Outline], profile: tuple[Array, float]
-) -> tuple[tuple[float, float, float], float, float]:  # pragma: no cover - compiled
+    maps: tuple[Array, Array], window: FitWindow, ring: Ring, at: tuple[int, int],
+    edge: Array,
+) -> tuple[tuple[float, float, float], float, float]:  # pragma: no cover - compiled # fmt: skip
     """Draw levels towards the fitted disc, and show what it tells of the silent ones.
 
     Returns the gradients of r, b and c, the curvature of r, and the share of the edge that agrees.
     """
-    (pixels, padded), (x, y, outline), (table, reach_px) = maps, disc, profile
+    (pixels, flat), (phase, first, inside, _) = maps, ring
     gr = gb = gc = rr = agreeing = total = 0.0
-    top, left, bottom, right = _window_kernel(x, y, outline, reach_px, pixels.shape)
-    for row in range(top, bottom):
-        for column in range(left, right):
-            dx, dy = column - x, row - y
-            entry = _entry_kernel(dx, dy, outline, reach_px, len(table) - 1)
-            if entry < 0:
-                continue
-            pixel, level, slope = pixels[row, column], table[entry, 0], -table[entry, 2]
-            apart = (pixel.level - level) / SOFT_LEVEL
-            agreeing, total = agreeing + slope / (1.0 + apart * apart), total + slope
-            e, weight = _residual_kernel(pixel, padded[row + PAD_PX, column + PAD_PX], level)
-            pull, rho2 = weight * slope * e, dx * dx + dy * dy + 1e-9
-            gr += pull
-            gb += pull * (dx * dx - dy * dy) / rho2
-            gc += pull * 2.0 * dx * dy / rho2
-            rr += weight * slope * slope
-            pixel.level -= np.float32(GAIN * e / (1.0 + e * e / SOFT_RESIDUAL**2))
-            bound = min(max(level, pixel.level + pixel.off), pixel.level + pixel.on)
-            padded[row + PAD_PX, column + PAD_PX] = bound
+    for j in range(inside):
+        if edge[0, j] == OUTSIDE_LEVEL:
+            continue
+        row = at[0] + window.offset[phase, 1, first + j]
+        column = at[1] + window.offset[phase, 2, first + j]
+        pixel, level, slope = pixels[row, column], edge[1, j], edge[2, j]
+        apart = (pixel.level - level) / SOFT_LEVEL
+        agreeing, total = agreeing + slope / (1.0 + apart * apart), total + slope
+        e, weight = _residual_kernel(pixel, edge[0, j], level)
+        pull = weight * slope * e
+        to_x, to_y = window.around[phase, 1, first + j], window.around[phase, 2, first + j]
+        gr += pull
+        gb += pull * (to_x * to_x - to_y * to_y)
+        gc += pull * 2.0 * to_x * to_y
+        rr += weight * slope * slope
+        pixel.level -= np.float32(GAIN * e / (1.0 + e * e / SOFT_RESIDUAL**2))
+        bound = min(max(level, pixel.level + pixel.off), pixel.level + pixel.on)
+        flat[(row + PAD_PX) * (pixels.shape[1] + 2 * PAD_PX) + column + PAD_PX] = bound
     return (gr, gb, gc), rr, agreeing / (total + 1e-6)
 
 
 @kernel()
 def fit_bands_kernel(
-    pixels: Array, padded: Array, tables: Array, reach_px: Array, m: int,
+    pixels: Array, levels: tuple[Array, int, int], edge: Array, window: FitWindow, m: int,
     center_px: tuple[float, float], outline_px: Array, settings: tuple[int, float, float],
 ) -> tuple[float, float, float, float]:  # pragma: no cover - compiled # fmt: skip
     """Fit a marker's centre, correct the levels, and let its outline follow.
 
     Args:
         pixels: ``(height, width)`` of PIXEL: levels of the last events, which change, and steps.
-        padded: The map that is shown, with its margin; changed.
-        tables: Profiles (:func:`~spikingtac.markers.graded.appearance.profile_tables`).
-        reach_px: ``(m,)`` how far from minus to plus of the radius they go, px.
+        levels: As for :func:`~spikingtac.markers.graded.disc_fit.fit_disc_kernel`, and so are
+            ``edge``, ``window`` and ``settings``; the map is changed.
+        edge: Scratch.
+        window: Pixels and profiles.
         m: Which marker.
         center_px: The predicted place, px.
         outline_px: ``(m, 3)`` r, b and c of the discs, px; changed.
@@ -155,16 +137,16 @@ def fit_bands_kernel(
     Returns:
         x, y, the share of the edge that agrees, and the length of the last step.
     """
-    maps, (x, y), length = (pixels, padded), center_px, 0.0
-    profile = tables[m], reach_px[m]
-    outline = outline_px[m, 0], outline_px[m, 1], outline_px[m, 2]
+    (x, y), length, ends_px = center_px, 0.0, ends_kernel(window, m, outline_px)
     for _ in range(settings[0]):
-        (xx, xy, yy), (gx, gy) = _center_equations_kernel(maps, (x, y, outline), profile)
+        ring, at = read_kernel(levels, window, m, (x, y), ends_px, outline_px, edge)
+        (xx, xy, yy), (gx, gy) = _center_equations_kernel(pixels, window, ring, at, edge)
         gx, gy = gx + PRIOR_WEIGHT * (center_px[0] - x), gy + PRIOR_WEIGHT * (center_px[1] - y)
         step_x, step_y, length = step_kernel((xx + PRIOR_WEIGHT, xy, yy + PRIOR_WEIGHT), (gx, gy))
         x, y = x + step_x, y + step_y
         if length < SMALL_STEP_PX:
             break
-    gradient, rr, agreement = _settle_kernel(maps, (x, y, outline), profile)
+    ring, at = read_kernel(levels, window, m, (x, y), ends_px, outline_px, edge)
+    gradient, rr, agreement = _settle_kernel((pixels, levels[0]), window, ring, at, edge)
     follow_kernel(outline_px, m, gradient, settings[1] / (rr + OUTLINE_INERTIA), settings[2])
     return x, y, agreement, length

@@ -85,11 +85,11 @@ def _edge_kernel(
         to_x, to_y = around[phase, 1, first + j], around[phase, 2, first + j]
         bulge = b * (to_x * to_x - to_y * to_y) + c * np.float32(2.0) * to_x * to_y
         z = (around[phase, 0, first + j] - (to_x * x + to_y * y) - r - bulge) * per_half
+        steep = (abs(z) < one) & (np.int32(j) < inside)
         z = one if z > one else z
         z = -one if z < -one else z
         edge[1, j] = _polynomial_kernel(levels, z)
-        slope = _polynomial_kernel(slopes, z)
-        edge[2, j] = slope if np.int32(j) < inside else zero
+        edge[2, j] = _polynomial_kernel(slopes, z) if steep else zero
 
 
 @kernel(forceinline=True, fastmath=SAME_BITS)
@@ -171,29 +171,21 @@ def step_kernel(
 
 @kernel(forceinline=True)
 def ring_kernel(
-    window: FitWindow, part: tuple[float, float], near_px: float, far_px: float, most: int
+    window: FitWindow, phase: Any, ends_px: tuple[float, float], most: int
 ) -> Ring:  # pragma: no cover - compiled
-    """Return the phase of a part of a pixel, its first pixel from ``near_px``, and how many follow.
+    """Return a ring around a part of a pixel: the first pixel, and how many follow.
 
-    Up to ``far_px`` and ``most`` pixels: of an outline that grew larger the farthest are not read.
+    There are ``most`` at most: of an outline that grew larger the farthest are not read.
     """
-    phase, last = (int(part[1]) % PHASES) * PHASES + int(part[0]) % PHASES, window.within.shape[1]
-    near, far = max(near_px - ROUNDING_PX, 0.0), max(far_px + ROUNDING_PX, 0.0)
-    first = window.within[phase, min(int(near / RING_PX), last - 1)]
-    after = window.within[phase, min(int(far / RING_PX) + 1, last - 1)]
+    last = window.within.shape[1] - 1
+    near = max(ends_px[0] - ROUNDING_PX, 0.0) / RING_PX
+    far = max(ends_px[1] + ROUNDING_PX, 0.0) / RING_PX
+    first = window.within[phase, min(int(near), last)]
+    after = window.within[phase, min(int(far) + 1, last)]
     inside = min(after - first, most)
     # Unsigned, so that no index can be meant from the end: that would not be vectorised.
     count = (np.uint64(inside) + np.uint64(LANES - 1)) & ~np.uint64(LANES - 1)
-    return np.uint64(phase), np.uint64(first), np.int32(inside), count
-
-
-@kernel(forceinline=True)
-def part_kernel(
-    x: float, y: float, width: int, height: int
-) -> tuple[float, float]:  # pragma: no cover - compiled
-    """Return the column and the row of the part of a pixel in which a place lies, in the image."""
-    column = min(max(np.floor(PHASES * (x + 0.5)), 0.0), PHASES * width - 1.0)
-    return column, min(max(np.floor(PHASES * (y + 0.5)), 0.0), PHASES * height - 1.0)
+    return phase, np.uint64(first), np.int32(inside), count
 
 
 @kernel(forceinline=True)
@@ -209,23 +201,40 @@ def follow_kernel(
 
 
 @kernel(forceinline=True)
+def ends_kernel(
+    window: FitWindow, m: Any, outline_px: Array
+) -> tuple[float, float]:  # pragma: no cover
+    """Return how far from marker m's centre its edge begins and ends, px."""
+    r, bulge = outline_px[m, 0], abs(outline_px[m, 1]) + abs(outline_px[m, 2])
+    return r - bulge + window.edge[m, 0], r + bulge + window.edge[m, 1]
+
+
+@kernel(forceinline=True)
 def read_kernel(
-    levels: tuple[Array, int, int], window: FitWindow, ring: Ring, m: Any,
-    place_px: tuple[float, float], part: tuple[float, float], outline_px: Array, edge: Array,
-) -> None:  # pragma: no cover - compiled # fmt: skip
-    """Read the map's levels of a ring around a place, and marker m's edge as it would be there."""
-    (flat, width, _), (phase, first, _, count) = levels, ring
-    column, row = int(part[0]) // PHASES, int(part[1]) // PHASES
+    levels: tuple[Array, int, int], window: FitWindow, m: Any, place_px: tuple[float, float],
+    ends_px: tuple[float, float], outline_px: Array, edge: Array,
+) -> tuple[Ring, tuple[int, int]]:  # pragma: no cover - compiled # fmt: skip
+    """Read the map's levels in a ring around a place, and marker m's edge as it would be there.
+
+    ``ends_px`` is where the ring begins and ends. Returns it, and row and column of its middle.
+    """
+    (flat, width, height), (x, y) = levels, place_px
+    part_x = min(max(np.floor(PHASES * (x + 0.5)), 0.0), PHASES * width - 1.0)
+    part_y = min(max(np.floor(PHASES * (y + 0.5)), 0.0), PHASES * height - 1.0)
+    row, column = int(part_y) // PHASES, int(part_x) // PHASES
+    phase = (int(part_y) % PHASES) * PHASES + int(part_x) % PHASES
+    ring = phase, first, _, count = ring_kernel(window, np.uint64(phase), ends_px, edge.shape[1])
     middle = (row + PAD_PX) * (width + 2 * PAD_PX) + column + PAD_PX
     for j in range(count):
         edge[0, j] = flat[np.uint64(middle + window.offset[phase, 0, first + j])]
     inner_px, outer_px = window.edge[m, 0], window.edge[m, 1]
-    x = np.float32(place_px[0] + 0.5 - (part[0] + 0.5) / PHASES)
-    y = np.float32(place_px[1] + 0.5 - (part[1] + 0.5) / PHASES)
+    off_x = np.float32(x + 0.5 - (part_x + 0.5) / PHASES)
+    off_y = np.float32(y + 0.5 - (part_y + 0.5) / PHASES)
     r = np.float32(outline_px[m, 0] + 0.5 * (inner_px + outer_px))
     outline = r, np.float32(outline_px[m, 1]), np.float32(outline_px[m, 2])
-    disc = x, y, *outline, np.float32(2.0) / (outer_px - inner_px)
+    disc = off_x, off_y, *outline, np.float32(2.0) / (outer_px - inner_px)
     _edge_kernel(window.around, ring, disc, window.coefficients, edge, m)
+    return ring, (row, column)
 
 
 @kernel(forceinline=True)
@@ -246,18 +255,14 @@ def fit_disc_kernel(
             none and no agreement; radius at rest, px.
     """
     m, (x, y), length = np.uint64(marker), center_px, 0.0
-    bulge = abs(outline_px[m, 1]) + abs(outline_px[m, 2])
-    near_px = outline_px[m, 0] - bulge + window.edge[m, 0]
-    far_px = outline_px[m, 0] + bulge + window.edge[m, 1]
+    ends_px = ends_kernel(window, m, outline_px)
     ring = np.uint64(0), np.uint64(0), np.int32(0), np.uint64(0)
     read_x, read_y, moved = np.inf, np.inf, (np.float32(0.0), np.float32(0.0))
     for _ in range(settings[0]):
         dx, dy = x - read_x, y - read_y
         if not dx * dx + dy * dy < LINEAR_STEP_PX * LINEAR_STEP_PX:
             read_x, read_y, dx, dy = x, y, 0.0, 0.0
-            part = part_kernel(x, y, levels[1], levels[2])
-            ring = ring_kernel(window, part, near_px, far_px, edge.shape[1])
-            read_kernel(levels, window, ring, m, (x, y), part, outline_px, edge)
+            ring, _ = read_kernel(levels, window, m, (x, y), ends_px, outline_px, edge)
         moved = np.float32(dx), np.float32(dy)
         step_x, step_y, length = step_kernel(
             *center_equations_kernel(window.around, ring, edge, moved, window.edge[m, 2])

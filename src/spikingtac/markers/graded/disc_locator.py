@@ -17,7 +17,6 @@ from spikingtac.markers.graded.appearance import (
     events_per_px,
     fit_window,
     painted_map,
-    profile_tables,
 )
 from spikingtac.markers.graded.dead_bands import fit_bands_kernel
 from spikingtac.markers.graded.disc_fit import (
@@ -67,9 +66,6 @@ OUTLINE_PER_S = 150.0
 # notices a marker that snaps back too late, and erases it).
 OUTLINE_US = 1_000
 
-# What a fit to dead bands reads beside the pixels: shown levels, profiles, and their reach.
-Bands = tuple[Array, Array, Array]
-
 
 class DiscLocator:
     """The states of one sensor's markers, and the map in which robust fits find them.
@@ -101,7 +97,7 @@ class DiscLocator:
         self._scratch = fit_scratch(reach_px)
         per_px = events_per_px(calibration)
         self._due = np.maximum(np.ceil(DUE_PX * per_px), 1.0)
-        self._tables = profile_tables(profiles) if dead_bands else None
+        self._bands = dead_bands
         self.map = painted_map(calibration, 0.0 if dead_bands else HALF_STEP)
         self.reset()
 
@@ -155,9 +151,7 @@ class DiscLocator:
             coasted: ``(m,)`` markers that are held: their motion stays.
         """
         times_us = self._times_us = self._times_us[1], t_us
-        # The kernel is compiled twice: None leaves the fit to dead bands out.
-        bands = (self.map.padded, *self._tables) if self._tables else None
-        maps = self.map.padded.ravel(), self._scratch, bands
+        maps = self.map.padded.ravel(), self._scratch, self._bands
         locate_discs_kernel(*maps, *self._fixed, coasted, times_us)
 
 
@@ -183,7 +177,7 @@ def absorb_discs_kernel(
 
 @kernel()
 def locate_discs_kernel(
-    flat: Array, scratch: Array, bands: Bands | None, offset: Array, around: Array, within: Array,
+    flat: Array, scratch: Array, bands: bool, offset: Array, around: Array, within: Array,
     coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,
     pending: Array, answered: Array, radius_px: Array, due: Array, pixels: Array, coasted: Array,
     times_us: tuple[int, int],
@@ -191,7 +185,7 @@ def locate_discs_kernel(
     """Fit the markers that enough events ask for, bring the filters up to the present.
 
     Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, scratch
-    for :func:`fit_disc_kernel`; levels and profiles for :func:`fit_bands_kernel`, or None; the
+    for fits, and whether they are to dead bands; the
     fields of a :class:`FitWindow`; motions, fits, outlines, pending events and those before; radii
     at rest, px; events that ask for a fit; the map's pixels; who is held; when the last estimate
     was made and when this one is, us.
@@ -202,7 +196,7 @@ def locate_discs_kernel(
         if motions[m, AT_US] < 0.0:
             motions[m, AT_US] = fits[m, FIT_US] = fits[m, OUTLINED_US] = t_us
         dt_s = (t_us - motions[m, AT_US]) * 1e-6
-        asked = asks_kernel(m, fits, pending, due, bands is not None, times_us)
+        asked = asks_kernel(m, fits, pending, due, bands, times_us)
         if not asked and (pending[m] > 0 or dt_s < MEASUREMENT_PERIOD_S):
             continue
         motions[m, AT_US] = t_us
@@ -214,8 +208,8 @@ def locate_discs_kernel(
             if since_us >= OUTLINE_US:
                 gain, fits[m, OUTLINED_US] = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * since_us), t_us
             place = m, (motions[m, X], motions[m, Y]), outline_px, (ITERATIONS, gain, radius_px[m])
-            if bands is not None:
-                x, y, agreement, step_px = fit_bands_kernel(pixels, *bands, *place)
+            if bands:
+                x, y, agreement, step_px = fit_bands_kernel(pixels, levels, scratch, window, *place)
             else:
                 x, y, agreement, step_px = fit_disc_kernel(levels, scratch, window, *place)
             fits[m, OFF_PX] = np.hypot(x - motions[m, X], y - motions[m, Y])

@@ -21,15 +21,13 @@ import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.kernels import kernel
-from spikingtac.markers.graded.appearance import FLAT_SHARE, PHASES, FitWindow, appearance_of
+from spikingtac.markers.graded.appearance import FitWindow, appearance_of
 from spikingtac.markers.graded.disc_fit import (
     MOST_GROWTH,
     SAME_BITS,
     Ring,
     fit_scratch,
-    part_kernel,
     read_kernel,
-    ring_kernel,
 )
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.motion import AGREEMENT, AT_US, FIT_US, VX, VY, X, Y
@@ -66,9 +64,6 @@ GROUND_TURNS = 256
 # Fall of the agreement that tells of a marker that snapped away (a snap of 14 px costs 0.15
 # within 3 ms; 0.05 to 0.10 are equally good on a small simulated sensor).
 LARGEST_FALL = 0.05
-
-# Share of an edge's steepest slope below which it counts as flat: a polynomial errs by 3 %.
-FLAT = 1.1 * FLAT_SHARE
 
 # Time without a fit, and so without events, after which a marker has leaked, us.
 LEAKED_US = 1_000_000
@@ -120,12 +115,9 @@ def _excess_kernel(
     drawn inwards, in levels, and 1 over the steepest slope.
     """
     limit, portion, drawn, per_steepest = law
-    zero, one, flat = np.float32(0.0), np.float32(1.0), np.float32(FLAT)
+    one = np.float32(1.0)
     for j in range(ring[3]):
-        level, slope = edge[1, j], edge[2, j] * per_steepest
-        if slope < flat:
-            slope = zero
-        e = edge[0, j] - level
+        e, slope = edge[0, j] - edge[1, j], edge[2, j] * per_steepest
         excess = e - min(max(e, -limit), limit)
         edge[0, j] = portion * (one - np.sqrt(slope)) * excess + drawn * slope
 
@@ -193,7 +185,7 @@ def take_turn_kernel(
     turn, the time since the last one, s, the rate of the leak, 1/s, and the disagreement that is
     left alone, in steps.
     """
-    height, width = pixels.shape
+    levels = flat, pixels.shape[1], pixels.shape[0]
     window = FitWindow(offset, around, within, coefficients, ends)
     portion = np.float32(-math.expm1(-leak_per_s * dt_s * GROUPS))
     drawing = -math.expm1(-DRAWN_PER_S * dt_s * GROUPS)
@@ -201,15 +193,12 @@ def take_turn_kernel(
         quiet = motions[m, AT_US] - fits[m, FIT_US] > LEAKED_US
         if quiet or fits[m, AGREEMENT] < usual[m] - LARGEST_FALL:
             continue
-        x, y = motions[m, X], motions[m, Y]
-        part = part_kernel(x, y, width, height)
-        ring = ring_kernel(window, part, 0.0, outline_px[m, 0] + OUTER_PX, edge.shape[1])
-        read_kernel((flat, width, height), window, ring, m, (x, y), part, outline_px, edge)
+        place_px, ends_px = (motions[m, X], motions[m, Y]), (0.0, outline_px[m, 0] + OUTER_PX)
+        ring, at = read_kernel(levels, window, m, place_px, ends_px, outline_px, edge)
         rests = np.hypot(motions[m, VX], motions[m, VY]) <= AT_REST_PX_S
         drawn = np.float32(drawing * rests * (outline_px[m, 0] - radius_px[m]) * steepest[m])
         limit = np.float32(tolerance * mean_step[m])
         _excess_kernel(ring, edge, (limit, portion, drawn, np.float32(1.0 / steepest[m])))
-        at = int(part[1]) // PHASES, int(part[0]) // PHASES
         _give_kernel(flat, pixels, at, ring, offset, edge)
     follows = -math.expm1(-dt_s / USUAL_S)
     for m in range(usual.size):
