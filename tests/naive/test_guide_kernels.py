@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.markers.calibration.guide import (
+from spikingtac.viewer.guide import (
     SLOWEST_SWING_US,
     SWUNG_LEVEL,
     levels_kernel,

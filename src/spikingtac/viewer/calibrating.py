@@ -19,9 +19,9 @@ from spikingtac.events.open import open_events
 from spikingtac.events.source import EventSource
 from spikingtac.markers.calibration.calibrate import calibrate
 from spikingtac.markers.calibration.find_markers import CalibrationConfig
-from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
 from spikingtac.stream.host import Asker, Host
 from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.viewer.guide import CalibrationGuide, GuideView
 
 SHOWN_S = 0.25  # How often the guide's view is made anew: faster than it can be read, s.
 

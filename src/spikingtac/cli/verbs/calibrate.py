@@ -133,7 +133,7 @@ def _guided(
         config: What is known of the sensor.
         until_ready: End once a calibration has all that it needs.
     """
-    from spikingtac.markers.calibration.guide import CalibrationGuide
+    from spikingtac.viewer.guide import CalibrationGuide
 
     guide = CalibrationGuide(source.size, config)
     told_us: int | None = None

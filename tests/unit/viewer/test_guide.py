@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
 from spikingtac.types import EventPacket
+from spikingtac.viewer.guide import CalibrationGuide, GuideView
 from stand_ins.sliding import GRID, MARKERS, RADIUS_PX, SIZE, packets_of_trips, resting_px, trip
 
 
