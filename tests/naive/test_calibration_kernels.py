@@ -210,8 +210,8 @@ def test_offsets_are_weighted_means_over_the_states_around() -> None:
 def evidence_and_model(places: np.ndarray) -> tuple[Evidence, Model]:
     states = np.arange(len(places))
     cell = np.where(np.arange(PIXELS) % SIZE[0] < 20, 0, 1)
-    still, none = np.empty((0, 3), np.int64), np.zeros(2)
-    known = Evidence(some_events(1, 1), states, states, still, cell, none)
+    rests, none = np.empty(0, np.int64), np.zeros(2)
+    known = Evidence(some_events(1, 1), states, states, rests, cell, none)
     step, even, stretch = np.full(2, 0.1), np.ones((2, PIXELS)), np.zeros((len(places), 2, 3))
     model = Model(places, stretch, DISCS, step, step, even, none, np.zeros((2, 4)), none)
     return known, model

@@ -129,7 +129,7 @@ def explained(view: Overview, config: CalibrationConfig) -> tuple[Evidence, Mode
     model = with_recovery(evidence, refine(evidence, model))
     # A map that is painted where the markers rest shows their paths better.
     for _ in range(TRACKED_AGAIN):
-        rest_px = np.median(model.center_px[evidence.still[view.unloaded, 1]], axis=0)
+        rest_px = np.median(model.center_px[evidence.rests[view.unloaded]], axis=0)
         model = refine(evidence, tracked(view, evidence.index, model, rest_px), steps=False)
     quality = judged(evidence, model)
     missing = np.flatnonzero(~quality.measured)
@@ -147,7 +147,7 @@ def _assembled(
     """
     (evidence, model, quality), layout, size = learned, view.markers.layout, view.events.size
     measured, rests_us = quality.measured, view.rests_us[view.unloaded]
-    rest_px = model.center_px[evidence.still[view.unloaded, 1]]
+    rest_px = model.center_px[evidence.rests[view.unloaded]]
     at_us = view.events.times_at(evidence.index)
     displaced_px = displaced_before(rests_us, rest_px, at_us, model.center_px)
     reference_px = reference(rest_px, rests_us, displaced_px, method)

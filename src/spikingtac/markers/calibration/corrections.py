@@ -80,7 +80,7 @@ class Evidence:
         events: The recording, markers brighter than the ground.
         index: ``(n,)`` how many events came before each sample.
         states: ``(k,)`` samples at which real and ideal pixels are compared.
-        still: ``(rests, 3)`` first, typical and last sample of each rest: nothing moves in it.
+        rests: ``(rests,)`` the sample that stands for each rest.
         cell: ``(pixels,)`` nearest marker of each pixel.
         noise: ``(2,)`` ON and OFF events that are expected near a marker without any motion.
     """
@@ -88,7 +88,7 @@ class Evidence:
     events: BufferedEvents
     index: NDArray[np.int64]
     states: NDArray[np.int64]
-    still: NDArray[np.int64]
+    rests: NDArray[np.int64]
     cell: NDArray[np.int64]
     noise: NDArray[np.float64]
 
@@ -100,13 +100,6 @@ class Evidence:
         )
         paths = self.index, model.center_px, model.stretch_px, self.states
         return compare(self.events, paths, model.discs, (on, off), model.recovery_s)
-
-    def at_rest(self, model: Model) -> Model:
-        """Return a model whose markers stand still in each rest."""
-        center_px = model.center_px.copy()
-        for first, typical, last in self.still:
-            center_px[first : last + 1] = center_px[typical]
-        return replace(model, center_px=center_px)
 
 
 class Changes:

@@ -48,9 +48,7 @@ FEWEST_FITS = 160_000
 # States that are compared, and their pixels together: each pixel of each takes some 40 bytes.
 MOST_STATES, MOST_STATE_PIXELS = 80, 12_000_000
 
-# Where in a rest it is sampled. The skin creeps in its first part; the middle one stands for the
-# rest.
-REST_SHARES = (0.35, 0.8, 0.95)
+REST_SHARE = 0.8  # Where in a rest it is sampled: the skin creeps in its first part.
 
 # Full swings at its neighbours' counts that each marker is given beforehand (light and lens change
 # slowly over the skin: at the sensor's instead two random press sensors err by 9 and 4 % more), and
@@ -67,7 +65,7 @@ STEP_BOUNDS = (0.02, 1.0)  # Least and largest step.
 def first_model(view: Overview) -> tuple[Evidence, Model]:
     """Return what a recording's model has to explain, and one to begin with."""
     events, markers = view.events, len(view.markers.center_px)
-    index, still = choose_samples(view)
+    index, rests = choose_samples(view)
     discs = Discs(
         np.full(markers, FIRST_RADIUS_SHARE * view.markers.radius_px),
         np.full(markers, FIRST_EDGE_PX),
@@ -76,8 +74,8 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
     cell = nearest_marker(view.markers.center_px, events.size).ravel().astype(np.int64)
     reach_px = float(discs.radius_px[0]) + REACH_EDGES * FIRST_EDGE_PX
     noise = np.pi * reach_px**2 * noise_events(events, view.rests_us)
-    states = choose_states(len(index), still, events.pixels)
-    evidence = Evidence(events, index, states, still, cell, noise)
+    states = choose_states(len(index), rests, events.pixels)
+    evidence = Evidence(events, index, states, rests, cell, noise)
     on_per_off, swings = float(view.steps[1] / view.steps[0]), SwingHistogram(cell)
     swings.absorb(events.code, on_per_off)
     own, many = swings.steps(on_per_off), swings.counts.sum(axis=1) > FEWEST_SWINGS
@@ -102,11 +100,10 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
 
 
 def choose_samples(view: Overview) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return how many events come before each sample, and which samples lie in rests.
+    """Return how many events come before each sample, and which samples stand for rests.
 
     Returns:
-        ``(n,)`` numbers of events, increasing, and ``(rests, 3)`` the first, the typical and the
-        last sample of each rest.
+        ``(n,)`` numbers of events, increasing, and ``(rests,)`` samples.
     """
     events, markers = view.events, len(view.markers.center_px)
     # Both rims of a disc that moves by a pixel sweep its diameter, one up and one down a swing.
@@ -115,20 +112,20 @@ def choose_samples(view: Overview) -> tuple[NDArray[np.int64], NDArray[np.int64]
     fewest = min(FEWEST_SAMPLES, FEWEST_FITS // markers)
     apart = min(int(SAMPLE_PX * events_per_px), len(events) // max(fewest, 1))
     apart = max(apart, len(events) // MOST_SAMPLES, 1)
-    begin_us, length_us = view.rests_us[:, :1], np.diff(view.rests_us, axis=1)
-    rest = events.index_at((begin_us + length_us * np.array(REST_SHARES)).astype(np.int64))
-    index = np.unique([*range(0, len(events), apart), *rest.ravel().tolist(), len(events)])
+    begin_us, length_us = view.rests_us[:, 0], np.diff(view.rests_us, axis=1)[:, 0]
+    rest = events.index_at((begin_us + REST_SHARE * length_us).astype(np.int64))
+    index = np.unique([*range(0, len(events), apart), *rest.tolist(), len(events)])
     return index, np.searchsorted(index, rest)
 
 
-def choose_states(samples: int, still: NDArray[np.int64], pixels: int) -> NDArray[np.int64]:
-    """Return the samples to compare: one of each rest, and others evenly in between."""
-    most = max(min(MOST_STATES, MOST_STATE_PIXELS // pixels), len(still) + 2)
-    even = np.linspace(0, samples - 1, most - len(still)).astype(np.int64)
-    if len(still):
-        apart = np.abs(even[:, np.newaxis] - still[np.newaxis, :, 1]).min(axis=1)
+def choose_states(samples: int, rests: NDArray[np.int64], pixels: int) -> NDArray[np.int64]:
+    """Return the samples to compare: those of the rests, and others evenly in between."""
+    most = max(min(MOST_STATES, MOST_STATE_PIXELS // pixels), len(rests) + 2)
+    even = np.linspace(0, samples - 1, most - len(rests)).astype(np.int64)
+    if len(rests):
+        apart = np.abs(even[:, np.newaxis] - rests).min(axis=1)
         even = even[apart > 0.5 * samples / most]
-    return np.unique(np.concatenate([even, still[:, 1]]))
+    return np.unique(np.concatenate([even, rests]))
 
 
 def tracked(

@@ -58,7 +58,6 @@ SENSOR_PRIOR, MARKER_PRIOR = 50.0, 150.0
 def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
     """Return a model that explains the evidence better; with ``steps`` also by other steps."""
     for _ in range(STEP_ROUNDS if steps else PLACE_ROUNDS):
-        model = evidence.at_rest(model)
         seen = evidence.seen(model)
         change = Changes(seen)
         common_px, own_px, residual = corrections(evidence, model, seen, change)
@@ -75,7 +74,7 @@ def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
         largest_px = np.abs(own_px[..., :2]).mean(axis=(0, 2)), np.abs(common_px).max(axis=1)
         if max(float(np.median(one)) for one in largest_px) < SETTLED_PX:
             break
-    return evidence.at_rest(model)
+    return model
 
 
 def _moved(
