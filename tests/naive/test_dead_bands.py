@@ -1,11 +1,12 @@
 """The fit to dead bands against a plain twin, and on presses."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from spikingtac.config import load_config
-from spikingtac.markers.graded.appearance import RING_PX, fit_window
+from spikingtac.markers.graded.appearance import fit_window
 from spikingtac.markers.graded.dead_bands import (
     BAND_WEIGHT,
     GAIN,
@@ -14,7 +15,7 @@ from spikingtac.markers.graded.dead_bands import (
     SOFT_RESIDUAL,
     fit_bands_kernel,
 )
-from spikingtac.markers.graded.disc_fit import ROUNDING_PX, fit_scratch
+from spikingtac.markers.graded.disc_fit import fit_scratch
 from spikingtac.markers.registry import MarkerTracker, make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.state_map.graded import GradedStateMap
@@ -49,15 +50,10 @@ def random_map(seed: int) -> GradedStateMap:
     return state_map
 
 
-def fitted(
-    state_map: GradedStateMap,
-    start: tuple[float, float],
-    outline_px: np.ndarray,
-    settings: tuple[int, float, float],
-) -> tuple[float, float, float, float]:
-    """Return what the kernel fits to a map."""
+def fitted(state_map: GradedStateMap, *disc: Any) -> tuple[float, float, float, float]:
+    """Return what the kernel fits to a map, from a place, an outline and settings."""
     maps = state_map.pixels, (state_map.padded.ravel(), *SIZE), fit_scratch(20.0)
-    return fit_bands_kernel(*maps, WINDOW, 0, start, outline_px, settings)
+    return fit_bands_kernel(*maps, WINDOW, 0, *disc)
 
 
 class Twin:
@@ -70,14 +66,10 @@ class Twin:
         self.x, self.y = dx / rho, dy / rho
         self.even, self.odd = self.x**2 - self.y**2, 2.0 * self.x * self.y
         q = rho - OUTLINE[0] - OUTLINE[1] * self.even - OUTLINE[2] * self.odd
-        # A ring is read that surely holds the edge, and ends at whole steps of distance.
-        bulge, widest = abs(OUTLINE[1]) + abs(OUTLINE[2]), 2.0 * ROUNDING_PX + RING_PX
-        from_px, to_px = OUTLINE[0] - bulge + INNER_PX, OUTLINE[0] + bulge + OUTER_PX
-        self.near = (rho > from_px) & (rho < to_px)
-        self.far = (rho < from_px - widest) | (rho > to_px + widest)
-        steep = (q > INNER_PX) & (q < OUTER_PX)
+        # A ring is read that holds the edge and little more.
+        self.near, self.far = (q > INNER_PX) & (q < OUTER_PX), np.abs(q) > OUTER_PX - INNER_PX
         self.disc = PROFILE.level(np.clip(q, INNER_PX, OUTER_PX))
-        self.slope = np.where(steep, -PROFILE.slope(q), 0.0)
+        self.slope = np.where(self.near, -PROFILE.slope(q), 0.0)
         apart = state_map.pixels["level"] - self.disc
         outside = np.where(apart > STEP_OFF, apart - STEP_OFF, np.minimum(apart + STEP_ON, 0.0))
         new = state_map.values == state_map.pixels["level"]

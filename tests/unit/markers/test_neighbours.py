@@ -5,17 +5,12 @@ from spikingtac.markers.neighbours import FARTHEST_PITCHES, Neighbourhood
 GRID_PX = np.stack(np.meshgrid(np.arange(5) * 30.0, np.arange(4) * 28.0), -1).reshape(-1, 2)
 
 
-def test_affine_motion_is_predicted_exactly_within_the_neighbours_range() -> None:
+def test_affine_motion_is_predicted_exactly() -> None:
     matrix = np.array([[0.05, -0.2], [0.15, 0.02]])
     moved_px = GRID_PX + GRID_PX @ matrix.T + [3.0, -1.0]
-    neighbours = Neighbourhood(GRID_PX)
-    predicted_px = neighbours.expected_px(moved_px)
+    predicted_px = Neighbourhood(GRID_PX).expected_px(moved_px)
     inside = [6, 7, 8, 11, 12, 13]
     np.testing.assert_allclose(predicted_px[inside], moved_px[inside], atol=0.05)
-    around = (moved_px - GRID_PX)[neighbours.index]
-    shift = predicted_px - GRID_PX
-    assert (shift >= around.min(axis=1) - 1e-9).all()
-    assert (shift <= around.max(axis=1) + 1e-9).all()
 
 
 def test_the_kernel_equals_its_twin() -> None:

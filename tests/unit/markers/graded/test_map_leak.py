@@ -46,17 +46,15 @@ def leaked(
     return locator.map.pixels["level"][BESIDE]
 
 
-def test_nothing_leaks_around_a_marker_whose_agreement_has_just_fallen() -> None:
-    left = leaked(100_000, 1.0 - 3.0 * LARGEST_FALL)
-    assert left[1] > 0.85
-    assert left[[0, 2, 3]].max() < 0.35
-    assert leaked(100_000, 1.0 - 0.5 * LARGEST_FALL)[1] < 0.35
-
-
-def test_a_marker_that_sent_nothing_for_a_second_costs_nothing() -> None:
-    assert leaked(100_000, 1.0, LEAKED_US)[1] < 0.35
-    left = leaked(100_000, 1.0, LEAKED_US + 1)
-    assert left[1] > 0.85
+@pytest.mark.parametrize(
+    ("falls", "quiet_us", "leaks"),
+    [(3.0, 0, False), (0.5, 0, True), (0.0, LEAKED_US, True), (0.0, LEAKED_US + 1, False)],
+)
+def test_nothing_leaks_around_a_marker_that_snapped_away_or_sent_nothing_for_a_second(
+    falls: float, quiet_us: int, leaks: bool
+) -> None:
+    left = leaked(100_000, 1.0 - falls * LARGEST_FALL, quiet_us)
+    assert left[1] < 0.35 if leaks else left[1] > 0.85
     assert left[[0, 2, 3]].max() < 0.35
 
 
