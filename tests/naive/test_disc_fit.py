@@ -238,7 +238,7 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
         rho, phi = np.hypot(x - cx, y - cy), np.arctan2(y - cy, x - cx)
         q = rho - r - b * np.cos(2 * phi) - c * np.sin(2 * phi)
         steep = (q > inner_px) * (q < outer_px) * -PROFILE.slope(q) / PROFILE.steepest
-        excess = start - PROFILE.level(np.clip(q, inner_px, outer_px))
+        excess = start - np.where(q < inner_px, 1.0, PROFILE.level(np.minimum(q, outer_px)))
         gives = share * (1.0 - np.sqrt(steep)) * (excess - np.clip(excess, -tolerance, tolerance))
         gives += drawing * (r - radius) * steep * PROFILE.steepest
         expected -= (rho <= r + reach) * gives

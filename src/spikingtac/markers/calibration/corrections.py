@@ -6,7 +6,7 @@ derivatives. (Without the latter, a shift that is common to all states hardly sh
 never leaves some of its pixels stays where it was first seen, a pixel or more away.)
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np

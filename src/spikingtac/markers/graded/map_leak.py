@@ -41,7 +41,9 @@ USUAL_S = 0.2
 # events are lost: a faint touch brings too few to tell, and a leak that holds discs back blurs it.
 TOLERANCE, FIRST_TOLERANCE = 0.3, 1.0
 
-OUTER_PX = 5.0  # How far outside of a disc the leak works, px.
+# How far outside of a disc the leak works, px. (At 5 px a marker is lost at a snap of the twin; at
+# 3.5 px v2e's recording without 30 % of its events errs by 2 % more.)
+OUTER_PX = 4.0
 
 # Rate at which the edges of resting discs are drawn to their calibrated radii, 1/s.
 DRAWN_PER_S = 0.3
@@ -115,9 +117,12 @@ def _excess_kernel(
     drawn inwards, in levels, and 1 over the steepest slope.
     """
     limit, portion, drawn, per_steepest = law
-    one = np.float32(1.0)
+    half, one = np.float32(0.5), np.float32(1.0)
     for j in range(ring[3]):
-        e, slope = edge[0, j] - edge[1, j], edge[2, j] * per_steepest
+        level, slope = edge[1, j], edge[2, j] * per_steepest
+        # Inside of its edge a disc is all marker; the edge's foot goes on outside.
+        level = one if slope == np.float32(0.0) and level > half else level
+        e = edge[0, j] - level
         excess = e - min(max(e, -limit), limit)
         edge[0, j] = portion * (one - np.sqrt(slope)) * excess + drawn * slope
 
