@@ -65,7 +65,7 @@ def _residual_kernel(
 
 @kernel()
 def _center_equations_kernel(
-    pixels: Array, window: FitWindow, ring: Ring, at: tuple[int, int], edge: Array
+    pixels: Array, window: FitWindow, ring: Ring, at: tuple[Any, Any], edge: Array
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:  # pragma: no cover - compiled
     """Return the curvature (xx, xy, yy) and the gradient (x, y) of a disc's pixels."""
     phase, first, inside, _ = ring
@@ -73,8 +73,9 @@ def _center_equations_kernel(
     for j in range(inside):
         if edge[0, j] == OUTSIDE_LEVEL:
             continue
-        down, right = window.offset[phase, 1, first + j], window.offset[phase, 2, first + j]
-        pixel = pixels[at[0] + down, at[1] + right]
+        row = at[0] + window.offset[phase, 1, first + j]
+        column = at[1] + window.offset[phase, 2, first + j]
+        pixel = pixels[np.uint64(row), np.uint64(column)]
         e, weight = _residual_kernel(pixel, edge[0, j], edge[1, j])
         jx = edge[2, j] * window.around[phase, 1, first + j]
         jy = edge[2, j] * window.around[phase, 2, first + j]
@@ -85,8 +86,7 @@ def _center_equations_kernel(
 
 @kernel()
 def _settle_kernel(
-    maps: tuple[Array, Array], window: FitWindow, ring: Ring, at: tuple[int, int],
-    edge: Array,
+    maps: tuple[Array, Array], window: FitWindow, ring: Ring, at: tuple[Any, Any], edge: Array
 ) -> tuple[tuple[float, float, float], float, float]:  # pragma: no cover - compiled # fmt: skip
     """Draw levels towards the fitted disc, and show what it tells of the silent ones.
 
@@ -99,7 +99,7 @@ def _settle_kernel(
             continue
         row = at[0] + window.offset[phase, 1, first + j]
         column = at[1] + window.offset[phase, 2, first + j]
-        pixel, level, slope = pixels[row, column], edge[1, j], edge[2, j]
+        pixel, level, slope = pixels[np.uint64(row), np.uint64(column)], edge[1, j], edge[2, j]
         apart = (pixel.level - level) / SOFT_LEVEL
         agreeing, total = agreeing + slope / (1.0 + apart * apart), total + slope
         e, weight = _residual_kernel(pixel, edge[0, j], level)
