@@ -83,7 +83,7 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
     steps = np.maximum(np.where(many, own, 0.0), view.steps[:, np.newaxis])
     on, off = steps.clip(*STEP_BOUNDS)
     model = Model(
-        center_px=np.zeros((len(index), markers, 2)),
+        center_px=np.tile(view.markers.center_px, (len(index), 1, 1)),
         stretch_px=np.zeros((len(index), markers, 3)),
         discs=discs,
         on=on,
@@ -133,10 +133,12 @@ def tracked(
 ) -> Model:
     """Return a model with the places at which the tracker sees the markers at each sample.
 
+    Those that it holds keep the places of the model: what fell silent would draw them elsewhere.
+
     Args:
         view: The recording.
         index: How many events come before each sample.
-        model: How the markers look.
+        model: How the markers look, and where they were so far.
         rest_px: ``(m, 2)`` where they rest, px.
     """
     known = Calibration(
@@ -154,7 +156,10 @@ def tracked(
     )
     at_us = view.events.times_at(index).tolist()
     packets = starmap(view.events.packet, pairwise([0, *at_us]))
-    places_px = [frame.detected_px.copy() for frame in followed(packets, known)]
+    places_px = [
+        np.where(frame.coasted[:, np.newaxis], known_px, frame.detected_px)
+        for known_px, frame in zip(model.center_px, followed(packets, known), strict=True)
+    ]
     return replace(model, center_px=np.array(places_px))
 
 

@@ -49,10 +49,10 @@ LEAST_GAIN = 0.5
 
 # Full swings by which counts of events are believed beforehand for the sensor as a whole, and the
 # sensor for each marker. Slides show 1,000 a marker; the recorded sensor, whose edges are so wide
-# that hardly a pixel swings fully, shows one a marker: such swings tell little. (Of 15 to 300 each,
-# 30 to 100 and 100 to 150 are alike within 3 %; at 15 for a marker the recorded gel errs by 0.78 px
-# under load, at 300 for the sensor touches of the twin by 7 % more.)
-SENSOR_PRIOR, MARKER_PRIOR = 50.0, 150.0
+# that hardly a pixel swings fully, shows one a marker: such swings tell little. (At 50 for the
+# sensor touches of the twin err by 4 % less, the recorded gel by 4 % more; at 300 touches by 8 %
+# more; at 15 for a marker the recorded gel by 9 % more.)
+SENSOR_PRIOR, MARKER_PRIOR = 80.0, 150.0
 
 
 def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
