@@ -46,8 +46,8 @@ OF_MARKERS = ("radius_px", *MARKER_NUMBERS, MEASURED)  # What is told of each ma
 SENSOR_NUMBERS = ("edge_px", "contrast", "step_on", "step_off")  # What medians tell of the sensor.
 
 # Times that the markers are tracked again from where they rest. (Simulated, calibrated from the
-# touches themselves: 0.154 px instead of 0.166 once, 0.151 twice; the recorded gel 0.71 px under
-# load twice, 0.75 once, 0.97 without.)
+# touches themselves: 0.166 px without, 0.155 px once, 0.151 px twice; the recorded gel under load
+# 0.75 px once, 0.71 px twice.)
 TRACKED_AGAIN = 2
 
 # Step above which events are coarse: a swing from ground to marker has hardly two. (Of twenty

@@ -185,10 +185,9 @@ def locate_discs_kernel(
     """Fit the markers that enough events ask for, bring the filters up to the present.
 
     Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, scratch
-    for fits, and whether they are to dead bands; the
-    fields of a :class:`FitWindow`; motions, fits, outlines, pending events and those before; radii
-    at rest, px; events that ask for a fit; the map's pixels; who is held; when the last estimate
-    was made and when this one is, us.
+    for fits, and whether they are to dead bands; the fields of a :class:`FitWindow`; motions, fits,
+    outlines, pending events and those before; radii at rest, px; events that ask for a fit; the
+    map's pixels; who is held; when the last estimate was made and when this one is, us.
     """
     levels, t_us = (flat, pixels.shape[1], pixels.shape[0]), times_us[1]
     window = FitWindow(offset, around, within, coefficients, edge)
