@@ -89,9 +89,9 @@ def test_noise_shrinks_and_what_lies_before_a_hold_or_a_leap_is_left_alone() -> 
     np.testing.assert_allclose(run(leaping)[0][50, 0], given_px[50], atol=1e-3)
 
 
-def test_a_deviation_is_largest_where_dead_bands_hide_a_motion_and_grows_with_the_speed() -> None:
-    way_px = np.array([[0.0, 0.0], [0.41, 0.0], [8.0, 0.0]])
-    still, half, far = place_sigma_px(way_px, np.zeros((3, 2)))[:, 0]
-    assert still < far < 0.06 < half < 0.17
-    fast = place_sigma_px(way_px[2:], np.array([[1.0, 0.0]]))[0]
+def test_dead_bands_hide_a_motion_until_a_marker_went_far_and_speed_hides_more() -> None:
+    way_px = np.array([[0.0, 0.0], [0.41, 0.0], [8.0, 0.0], [0.41, 0.0]])
+    still, half, far, back = place_sigma_px(way_px, np.zeros((4, 2)))[:, 0]
+    assert still < far < back < 0.07 < half < 0.17
+    fast = place_sigma_px(way_px[2:3], np.array([[1.0, 0.0]]))[0]
     assert fast[0] > fast[1] + 0.03

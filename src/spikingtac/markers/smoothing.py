@@ -6,11 +6,11 @@ Kalman filters.
 
 The filter's covariance, all but constant, tells of the scatter of fits alone. What a fit is off by
 for longer is what the dead bands of its pixels hide: little of a marker that never moved, most of
-one that went less than a px from its rest, and little again once every pixel of the edge has swung.
-A part is the error of the events' delay, in proportion to the speed. A pale or blurred marker,
-whose edge crosses a step in a longer way, is less certain by as much. The standard deviations were
-measured on both of v2e's recordings and four scenes of the twin (simulated): 63 to 74 and 89 to
-95 % of the errors lie within 1 and 1.96 of them.
+one that went less than a px from its rest, and little for good once every pixel of the edge has
+swung. A part is the error of the events' delay, in proportion to the speed. A pale or blurred
+marker, whose edge crosses a step in a longer way, is less certain by as much. The standard
+deviations were fitted to both of v2e's recordings, a simulated recorded sensor and five scenes of
+the twin (simulated).
 """
 
 from collections.abc import Iterable, Iterator
@@ -29,16 +29,17 @@ from spikingtac.markers.registry import MarkerTracker
 from spikingtac.state_map.graded import Array
 from spikingtac.types import MarkerFrame
 
-SCATTER_PX = 0.034  # Standard deviation of places everywhere, px.
+SCATTER_PX = 0.05  # Standard deviation of places everywhere, px.
 
-# Standard deviation of what dead bands hide at worst, px, and the displacement where they do.
-DEAD_BAND_PX, DEAD_BAND_WAY_PX = 0.156, 0.43
+# Standard deviation of what dead bands hide at worst, px; the displacement where they do; and the
+# farthest displacement so far from which they hide less.
+DEAD_BAND_PX, DEAD_BAND_WAY_PX, SWUNG_PX = 0.16, 0.42, 2.0
 
 DELAY_SHARE = 0.08  # Standard deviation of the delay's own error, as a share of it.
 
-# Way in which an edge crosses a step from which deviations grow with it, px. (That of v2e's plain
-# markers; the twin's is 0.2 px, and its markers are as uncertain.)
-CROSSING_PX = 0.33
+# Way in which an edge crosses a step from which deviations grow with it, px. (v2e's plain markers
+# have 0.32 px, its flawed gel 0.45 px, the twin 0.2 px.)
+CROSSING_PX = 0.28
 
 # Standard deviation of a marker that is held, px: it is looked for within about as much.
 LOST_PX = 10.0
@@ -129,14 +130,15 @@ def smooth_places(
 def place_sigma_px(
     displacement_px: NDArray[np.float64], lag_px: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return ``(..., 2)`` standard deviations of the places of plain markers, px, smoothed or not.
+    """Return ``(n, m, 2)`` standard deviations of the places of plain markers, px, smoothed or not.
 
     Args:
-        displacement_px: ``(..., 2)`` from the rests, px.
-        lag_px: ``(..., 2)`` by how much the delay was made good, px.
+        displacement_px: ``(n, m, 2)`` from the rests, px, since the beginning.
+        lag_px: ``(n, m, 2)`` by how much the delay was made good, px.
     """
-    way = np.linalg.norm(displacement_px, axis=-1, keepdims=True) / DEAD_BAND_WAY_PX
-    hidden_px = DEAD_BAND_PX * 2.0 * way / (1.0 + way * way)
+    away_px = np.linalg.norm(displacement_px, axis=-1, keepdims=True)
+    way, swung = away_px / DEAD_BAND_WAY_PX, np.maximum.accumulate(away_px) / SWUNG_PX
+    hidden_px = DEAD_BAND_PX * 2.0 * way / (1.0 + way * way) / np.sqrt(1.0 + swung * swung)
     return np.sqrt(SCATTER_PX**2 + hidden_px**2 + (DELAY_SHARE * lag_px) ** 2)
 
 

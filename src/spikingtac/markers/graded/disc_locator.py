@@ -79,6 +79,7 @@ class DiscLocator:
         pending: ``(m + 1,)`` events around each marker since its last fit, and those around none:
             so no event needs a branch, which would cost half as much again.
         answered: ``(m + 1,)`` those before: events around each marker until its last fit.
+        times_us: When the last two estimates were made, us; -1 before there were any.
     """
 
     def __init__(self, calibration: Calibration, dead_bands: bool = False) -> None:
@@ -111,7 +112,7 @@ class DiscLocator:
         self.fits[:, AGREEMENT] = 1.0
         self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
         self.pending, self.answered = np.zeros((2, count + 1), np.int64)
-        self._times_us = -1, -1  # Of the last two estimates.
+        self.times_us = -1, -1
         pixels, states = self.map.pixels, (self.motion, self.fits, self.outline_px)
         markers = self.pending, self.answered, self._radius_px, self._due, pixels
         self._fixed = *self.window, *states, *markers
@@ -150,7 +151,7 @@ class DiscLocator:
             t_us: The time, us.
             coasted: ``(m,)`` markers that are held: their motion stays.
         """
-        times_us = self._times_us = self._times_us[1], t_us
+        times_us = self.times_us = self.times_us[1], t_us
         maps = self.map.padded.ravel(), self._scratch, self._bands
         locate_discs_kernel(*maps, *self._fixed, coasted, times_us)
 

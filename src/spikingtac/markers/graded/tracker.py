@@ -163,10 +163,10 @@ class GradedTracker:
         self, t_us: int
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
         """Return where the markers are at ``t_us``, px, who is predicted, and how sure each is."""
-        dt_s = 0.0 if self._t_us is None else (t_us - self._t_us) * 1e-6
-        self._t_us, self._due_us = t_us, t_us + LONGEST_PERIOD_US
         locator, manager = self._locator, self._manager
         locator.locate(t_us, manager.coasted)
+        self._due_us, before_us = t_us + LONGEST_PERIOD_US, locator.times_us[0]
+        dt_s = 0.0 if before_us < 0 else (t_us - before_us) * 1e-6
         short = 0.0 < dt_s < SHORT_S
         wait_us = TURN_US if short and self._events > MANY_EVENTS * len(locator.fits) else 0
         leaks = t_us >= self._leak_us + wait_us
@@ -196,7 +196,6 @@ class GradedTracker:
     def _start(self) -> None:
         hot_px, size = self.calibration.hot_px, self.calibration.size
         self._hot = HotPixelWatch(hot_px, size, self._locator.map.pixels)
-        self._t_us: int | None = None
         self._leaked_us: int | None = None
         self._counted_us: int | None = None
         self._heard = self._locator.heard
