@@ -84,10 +84,6 @@ class Calibration:
 
     __repr__ = one_line
 
-    def with_polarity(self, polarity: str | None) -> Calibration:
-        """Return a copy for the given polarity; None keeps this one."""
-        return self if polarity is None else dataclasses.replace(self, polarity=polarity)
-
     def with_pitch(self, pitch_mm: float) -> Calibration:
         """Return a copy with the scale in which neighbouring markers lie ``pitch_mm`` apart.
 
@@ -110,12 +106,7 @@ class Calibration:
         known: dict[str, Any] = {} if self.px_per_mm is None else {"px_per_mm": self.px_per_mm}
         if self.lens is not None:
             known["lens"] = self.lens.document()
-        return {"grid": self.rows_and_columns, **known}
-
-    @property
-    def rows_and_columns(self) -> list[int] | None:
-        """``[rows, columns]`` for JSON, or None."""
-        return None if self.grid is None else list(self.grid)
+        return {"grid": self.grid, **known}
 
     def save(self, path: str | Path) -> None:
         """Write ``calibration.json``; optional values that are unknown are left out.
@@ -123,8 +114,8 @@ class Calibration:
         Raises:
             CalibrationError: It holds what :meth:`load` refuses; nothing is written.
         """
-        known = {name: getattr(self, name) for name in (*NUMBERS, *MAPS)}
-        known = {name: value for name, value in known.items() if value is not None}
+        values = {name: getattr(self, name) for name in (*NUMBERS, *MAPS)}
+        known = {name: value for name, value in values.items() if value is not None}
         document = {
             "schema": CALIBRATION_SCHEMA,
             "grid": None,

@@ -164,7 +164,7 @@ def summary(calibration: st.Calibration) -> dict[str, Any]:
     """Return the figures of a calibration for people and programs."""
     notes = calibration.provenance
     return {
-        "grid": calibration.rows_and_columns,
+        "grid": calibration.grid,
         "size": list(calibration.size),
         "markers": len(calibration.radius_px),
         "measured": len(calibration.radius_px) - len(notes["missing"]),
