@@ -202,7 +202,7 @@ def _table(calibration: st.Calibration, found: dict[str, Any], args: Args) -> Ta
 
 
 def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
-    from spikingtac.markers.calibration.quality import marker_name
+    from spikingtac.markers.calibration.layout import marker_name
 
     hot, left_out, stray = (found[name] or [] for name in ("hot_px", "left_out_px", "stray_px"))
     places = "; ".join(f"x {x:.0f}, y {y:.0f} px" for x, y in stray[:MOST_NAMED])
