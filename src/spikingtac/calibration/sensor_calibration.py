@@ -24,6 +24,9 @@ from spikingtac.errors import CalibrationError
 from spikingtac.file_kinds import told_kind
 from spikingtac.types import one_line
 
+# What errors of a file advise.
+MAKE_ONE = "make one with: spikingtac calibrate RECORDING -o calibration.json"
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Calibration:
@@ -140,14 +143,12 @@ class Calibration:
             document = json.loads(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
             raise CalibrationError(
-                f"cannot read the calibration {str(path)!r}: {error.strerror}; "
-                "make one with: spikingtac calibrate RECORDING -o calibration.json"
+                f"cannot read the calibration {str(path)!r}: {error.strerror}; {MAKE_ONE}"
             ) from error
         except (ValueError, RecursionError) as error:
             told = told_kind(path) or f"it is not JSON ({error})"
             raise CalibrationError(
-                f"{str(path)!r} is no calibration: {told}; "
-                "make one with: spikingtac calibrate RECORDING -o calibration.json"
+                f"{str(path)!r} is no calibration: {told}; {MAKE_ONE}"
             ) from error
         return cls.from_document(document, where=str(path))
 
