@@ -17,13 +17,13 @@ from spikingtac.calibration.lens import fit_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
 from spikingtac.events.source import EventSource, refuse_path
-from spikingtac.markers.calibration.corrections import Evidence, Model
 from spikingtac.markers.calibration.find_markers import (
     CalibrationConfig,
     Overview,
     SeenMarkers,
     look_over,
 )
+from spikingtac.markers.calibration.ideal_pixels import Evidence, Model
 from spikingtac.markers.calibration.layout import Layout
 from spikingtac.markers.calibration.recording import buffer_events, flicker_hz, without_hot_pixels
 from spikingtac.markers.calibration.reference import Method, displaced_before, reference

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import REACH_EDGES, Discs
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.calibration.corrections import Evidence, Model
 from spikingtac.markers.calibration.find_markers import Overview
+from spikingtac.markers.calibration.ideal_pixels import Evidence, Model, compare
 from spikingtac.markers.calibration.level_maps import SwingHistogram
 from spikingtac.markers.calibration.recording import noise_events
 from spikingtac.markers.graded.appearance import nearest_marker
@@ -179,7 +179,7 @@ def with_steps(evidence: Evidence, model: Model, rest_px: NDArray[np.float64]) -
         model: Where the markers went, and how they look.
         rest_px: ``(m, 2)`` where they rest, px.
     """
-    seen = evidence.seen(model)
+    seen = compare(evidence, model)
     by_marker, by_pixel = seen.marker_swings.copy(), seen.swings.copy()
     model = replace(model, swings=by_marker[:, 1] + by_marker[:, 3])
     on, rises, off, falls = by_marker.sum(axis=0)[:4].tolist()

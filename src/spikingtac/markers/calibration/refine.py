@@ -11,16 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
-from spikingtac.markers.calibration.corrections import (
-    Changes,
-    Evidence,
-    Model,
-    corrections,
-    rims,
-)
+from spikingtac.markers.calibration.corrections import Changes, corrections, rims
 from spikingtac.markers.calibration.find_markers import CalibrationConfig, Overview
 from spikingtac.markers.calibration.first_model import first_model, tracked
-from spikingtac.markers.calibration.ideal_pixels import Comparison
+from spikingtac.markers.calibration.ideal_pixels import Comparison, Evidence, Model, compare
 from spikingtac.markers.calibration.layout import refuse_gaps
 
 # Times that the ideal pixels walk at most, to learn steps as well, and places and shapes alone.
@@ -68,7 +62,7 @@ SENSOR_PRIOR, MARKER_PRIOR = 80.0, 150.0
 def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
     """Return a model that explains the evidence better; with ``steps`` also by other steps."""
     for _ in range(STEP_ROUNDS if steps else PLACE_ROUNDS):
-        seen = evidence.seen(model)
+        seen = compare(evidence, model)
         change = Changes(seen)
         common_px, own_px, residual = corrections(evidence, model, seen, change)
         model = _moved(evidence.states, model, common_px, own_px)
@@ -224,7 +218,7 @@ def judged(evidence: Evidence, model: Model) -> Quality:
     """
     # Discs that keep their shape: a stretch would explain a part of whatever is there.
     model = replace(model, stretch_px=np.zeros_like(model.stretch_px))
-    seen = evidence.seen(model)
+    seen = compare(evidence, model)
     change, around = Changes(seen, OFFSET_STATES, 1.0), rims(evidence, model, seen)
     left_over, whole = (
         around.squares(levels, len(model.on))
