@@ -1,6 +1,7 @@
 """The kernels behind the calibration against plain loops, on random and edge events."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,14 +9,18 @@ import pytest
 from spikingtac.calibration.disc_profile import DiscProfile, Discs, draw_kernel
 from spikingtac.markers.calibration.corrections import (
     Changes,
-    Evidence,
-    Model,
     corrections,
     normal_equations_kernel,
     rims,
 )
 from spikingtac.markers.calibration.first_model import steps_of_counts
-from spikingtac.markers.calibration.ideal_pixels import PHASES, Comparison, compare
+from spikingtac.markers.calibration.ideal_pixels import (
+    PHASES,
+    Comparison,
+    Evidence,
+    Model,
+    compare,
+)
 from spikingtac.markers.calibration.level_maps import level_maps, swings_kernel
 from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.markers.calibration_check import (
@@ -31,17 +36,14 @@ PIXELS = SIZE[0] * SIZE[1]
 DISCS = Discs(np.array([5.0, 4.5]), np.array([0.7, 1.0]), np.array([4.0, 2.5]))
 PLACES = np.array([[12.3, 14.1], [28.6, 15.2]])
 
-Steps = tuple[np.ndarray, np.ndarray]
-
 
 def some_events(count: int, seed: int, codes: int = 2 * PIXELS) -> BufferedEvents:
     code = np.random.default_rng(seed).integers(0, codes, count).astype(np.uint32)
     return BufferedEvents(code, np.arange(count, dtype=np.uint32), SIZE, 0, count)
 
 
-def random_steps(seed: int) -> Steps:
-    on, off = np.random.default_rng(seed).uniform(0.1, 0.4, (2, PIXELS)).astype(np.float32)
-    return on, off
+def random_steps(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(0.1, 0.4, (2, PIXELS)).astype(np.float32)
 
 
 UNSTRETCHED = np.zeros((2, 3))
@@ -113,8 +115,19 @@ def test_discs_are_drawn_as_the_profile_says(stretch: np.ndarray) -> None:
     np.testing.assert_array_equal(owner[image > 0.05], whose[image > 0.05])
 
 
+def evidence_and_model(
+    places: np.ndarray, events: BufferedEvents | None = None, **looks: Any
+) -> tuple[Evidence, Model]:
+    states, rests, none = np.arange(len(places)), np.empty(0, np.int64), np.zeros(2)
+    cell = np.where(np.arange(PIXELS) % SIZE[0] < 20, 0, 1)
+    known = Evidence(events or some_events(1, 1), states, states, rests, cell, none)
+    step, even, stretch = np.full(2, 0.1), np.ones((2, PIXELS)), np.zeros((len(places), 2, 3))
+    model = Model(places, stretch, DISCS, step, step, even, none, np.zeros((2, 4)), none)
+    return known, replace(model, **looks)
+
+
 def plain_comparison(
-    paths: tuple[np.ndarray, np.ndarray], steps: Steps, kept: np.ndarray
+    paths: tuple[np.ndarray, np.ndarray], steps: np.ndarray, kept: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Mean sums of ideal pixels' steps at each sample, and all events that they fire."""
     on, off = (step.astype(float).reshape(SHAPE) for step in steps)
@@ -143,7 +156,9 @@ def test_ideal_pixels_fire_as_plain_loops_have_it(recovery_s: float) -> None:
     index = np.array([0, 50, 90, 150, 200])
     stretches = np.array([0.0, 1.0, 0.5, -1.0, 0.0])[:, None, None] * STRETCH
     paths = PLACES + way[:, np.newaxis], stretches
-    seen = compare(events, (index, *paths, np.arange(5)), DISCS, steps, recovery_s)
+    looks = {"stretch_px": stretches, "pixel": 10.0 * steps}
+    known, model = evidence_and_model(paths[0], events, **looks, recovery_s=recovery_s)
+    seen = compare(replace(known, index=index), model)
     after_s = np.diff(events.times_at(index), prepend=events.times_at(index)[:1]) * 1e-6
     kept = np.exp(-after_s / recovery_s) if recovery_s else np.ones(5)
     means, fired = plain_comparison(paths, steps, kept)
@@ -172,9 +187,9 @@ def test_full_swings_are_counted_pixel_by_pixel(back: bool) -> None:
     # Noise long after the swing is none of its events, nor where the disc has gone away.
     path = np.array([away, near, over, over, near, near, *([away] if back else [near]) * 4, near])
     index = np.array([0, 0, 3, 4, 5, 6, 6, 6, 6, 6, 7])
-    steps = np.full(PIXELS, 0.5, np.float32), np.full(PIXELS, 0.25, np.float32)
-    paths = index, path, np.zeros((11, 1, 3)), np.array([0])
-    seen = compare(events, paths, discs, steps)
+    looks = {"discs": discs, "on": np.full(2, 0.5), "off": np.full(2, 0.25)}
+    known, model = evidence_and_model(path, events, **looks)
+    seen = compare(replace(known, index=index), model)
     np.testing.assert_array_equal(seen.swings[pixel], [3, 1, 2, 1, 1, 0])
     assert seen.marker_swings[0, 1] > 50  # other pixels swung as well, without events
     assert seen.marker_swings[0, 0] == 3
@@ -186,13 +201,10 @@ def test_steps_solve_both_equations() -> None:
     np.testing.assert_allclose(off * (np.array([2.0, 3.0]) + 0.5) + on / 2, 1.0)
 
 
-def seen_at(
-    measured: np.ndarray, drawn: np.ndarray, owner: np.ndarray, events: int = 2
-) -> Comparison:
+def seen_at(measured: np.ndarray, drawn: np.ndarray, owner: np.ndarray) -> Comparison:
     flat = [image.reshape(len(drawn), -1).astype(np.float32) for image in (measured, drawn, drawn)]
     owners = owner.reshape(len(drawn), -1).astype(np.int32)
-    none = np.zeros((events, 6))
-    pixel = np.arange(owners.shape[1])
+    none, pixel = np.zeros((2, 6)), np.arange(owners.shape[1])
     return Comparison(pixel, flat[0], flat[1], flat[2], owners, none[:, :4], none, none)
 
 
@@ -205,16 +217,6 @@ def test_offsets_are_weighted_means_over_the_states_around() -> None:
     weight = np.exp(-apart / 4.0)[:, :, None] * np.where(drawn == 0.5, 0.1, 1.0)
     expected = levels - (weight * levels).sum(axis=1) / weight.sum(axis=1)
     np.testing.assert_allclose(found, expected, atol=1e-5)
-
-
-def evidence_and_model(places: np.ndarray) -> tuple[Evidence, Model]:
-    states = np.arange(len(places))
-    cell = np.where(np.arange(PIXELS) % SIZE[0] < 20, 0, 1)
-    rests, none = np.empty(0, np.int64), np.zeros(2)
-    known = Evidence(some_events(1, 1), states, states, rests, cell, none)
-    step, even, stretch = np.full(2, 0.1), np.ones((2, PIXELS)), np.zeros((len(places), 2, 3))
-    model = Model(places, stretch, DISCS, step, step, even, none, np.zeros((2, 4)), none)
-    return known, model
 
 
 def test_normal_equations_are_sums_over_each_group() -> None:

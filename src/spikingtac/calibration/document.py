@@ -39,8 +39,8 @@ class Numbers:
     kind: type = float
     decimals: int = 6
 
-    def read(self, name: str, value: Any, markers: int) -> NDArray[Any]:
-        """Return the numbers of parsed JSON; true, false and texts are none.
+    def read(self, name: str, value: Any, markers: int) -> Any:
+        """Return the number or the numbers of parsed JSON; true, false and texts are none.
 
         Raises:
             ValueError: It holds something else; says what was given and what is valid.
@@ -57,7 +57,8 @@ class Numbers:
                 f"{name} is {reprlib.repr(value)}, it must hold {self.what.format(markers)}, "
                 f"{self.low:g} to {self.high:g}"
             )
-        return found.astype(self.kind)
+        numbers = found.astype(self.kind)
+        return numbers if shape else numbers.item()
 
     def written(self, value: Any) -> Any:
         """Return numbers as JSON has them."""
@@ -172,20 +173,17 @@ def _numbers(document: dict[str, Any]) -> dict[str, Any]:
     """
     given: dict[str, Any] = {name: document.get(name) for name in NUMBERS}
     given |= {name: document[name] for name in ("size", "grid", "reference_px", "radius_px")}
-    found: dict[str, Any] = {"grid": None}
     markers = len(given["reference_px"])
+    if given["grid"] is not None:
+        markers = int(NUMBERS["grid"].read("grid", given["grid"], markers).prod())
+    found: dict[str, Any] = {"grid": None}
     for name, numbers in NUMBERS.items():
         value = given[name]
         if name == "radius_px" and np.ndim(value) == 0:
             value = [value] * markers
         if value is not None:
-            told = numbers.read(name, value, markers)
-            found[name] = told if numbers.shape else float(told)
-        if name == "grid" and value is not None:  # it comes before what it counts
-            markers = int(found["grid"].prod())
-    found |= {
-        name: tuple(found[name].tolist()) for name in ("size", "grid") if found[name] is not None
-    }
+            found[name] = numbers.read(name, value, markers)
+    found |= {name: tuple(found[name].tolist()) for name in ("size", "grid") if given[name]}
     (width, height), reference_px = found["size"], found["reference_px"]
     radius_px = found["radius_px"]
     if width * height > LARGEST_AREA_PX:

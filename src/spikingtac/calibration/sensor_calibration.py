@@ -24,6 +24,9 @@ from spikingtac.errors import CalibrationError
 from spikingtac.file_kinds import told_kind
 from spikingtac.types import one_line
 
+# What errors of a file advise.
+MAKE_ONE = "make one with: spikingtac calibrate RECORDING -o calibration.json"
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Calibration:
@@ -84,10 +87,6 @@ class Calibration:
 
     __repr__ = one_line
 
-    def with_polarity(self, polarity: str | None) -> Calibration:
-        """Return a copy for the given polarity; None keeps this one."""
-        return self if polarity is None else dataclasses.replace(self, polarity=polarity)
-
     def with_pitch(self, pitch_mm: float) -> Calibration:
         """Return a copy with the scale in which neighbouring markers lie ``pitch_mm`` apart.
 
@@ -110,12 +109,7 @@ class Calibration:
         known: dict[str, Any] = {} if self.px_per_mm is None else {"px_per_mm": self.px_per_mm}
         if self.lens is not None:
             known["lens"] = self.lens.document()
-        return {"grid": self.rows_and_columns, **known}
-
-    @property
-    def rows_and_columns(self) -> list[int] | None:
-        """``[rows, columns]`` for JSON, or None."""
-        return None if self.grid is None else list(self.grid)
+        return {"grid": self.grid, **known}
 
     def save(self, path: str | Path) -> None:
         """Write ``calibration.json``; optional values that are unknown are left out.
@@ -123,8 +117,8 @@ class Calibration:
         Raises:
             CalibrationError: It holds what :meth:`load` refuses; nothing is written.
         """
-        known = {name: getattr(self, name) for name in (*NUMBERS, *MAPS)}
-        known = {name: value for name, value in known.items() if value is not None}
+        values = {name: getattr(self, name) for name in (*NUMBERS, *MAPS)}
+        known = {name: value for name, value in values.items() if value is not None}
         document = {
             "schema": CALIBRATION_SCHEMA,
             "grid": None,
@@ -149,14 +143,12 @@ class Calibration:
             document = json.loads(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
             raise CalibrationError(
-                f"cannot read the calibration {str(path)!r}: {error.strerror}; "
-                "make one with: spikingtac calibrate RECORDING -o calibration.json"
+                f"cannot read the calibration {str(path)!r}: {error.strerror}; {MAKE_ONE}"
             ) from error
         except (ValueError, RecursionError) as error:
             told = told_kind(path) or f"it is not JSON ({error})"
             raise CalibrationError(
-                f"{str(path)!r} is no calibration: {told}; "
-                "make one with: spikingtac calibrate RECORDING -o calibration.json"
+                f"{str(path)!r} is no calibration: {told}; {MAKE_ONE}"
             ) from error
         return cls.from_document(document, where=str(path))
 

@@ -83,7 +83,6 @@ class CalibrationCheck:
         asked |= (rim_px < inner_px) & (rim_px > inner_px - DEPTH_PX)
         if calibration.marker_measured is not None:
             asked &= calibration.marker_measured[owner]
-        self._rows, self._columns = np.nonzero(asked)
         self._marker = owner[asked].astype(np.int64)
         self._outside = rim_px[asked] > 0.0
         self._asked = asked
@@ -139,7 +138,7 @@ class CalibrationCheck:
             self._judge()
 
     def _judge(self) -> None:
-        first = self._first[self._rows, self._columns]
+        first = self._first[self._asked]
         self.contradiction = max(self.contradiction, self._share(first))
         self._turn += 1
         if self._turn % NOISE_TURNS == 0:
@@ -150,8 +149,7 @@ class CalibrationCheck:
         new = (first != 0) & (self._kept == 0)
         moved = np.bincount(self._marker[new], minlength=int(self._marker.max()) + 1) >= FEWEST_NEW
         noise = new & ~moved[self._marker]
-        self._first[self._rows[noise], self._columns[noise]] = 0
-        self._kept = np.where(noise, 0, first)
+        self._first[self._asked] = self._kept = np.where(noise, 0, first)
 
     def _share(self, first: NDArray[np.int8]) -> float:
         lower = []

@@ -29,6 +29,8 @@ PLACE_BINS = 120  # Bins of q over the zone: 0.05 px each, a tenth of an edge's 
 # less than in proportion to it.
 SPEED_EDGES_PX_S = np.array([5, 8, 12, 18, 25, 35, 50, 70, 100], np.float64)
 
+PERIOD_US = 1_000  # Time between tracked positions: at 100 px/s an edge moves by 0.1 px.
+
 # Half of the time over which a velocity is taken: 0.5 px at 100 px/s against jitter of 0.03 px.
 SPEED_SPAN_US = 5_000
 
@@ -44,7 +46,7 @@ class MarkerTrack(NamedTuple):
     """Tracked markers over time; :func:`marker_track` makes it.
 
     Attributes:
-        t_us: ``(n,)`` evenly spaced times, us (about 1 ms apart).
+        t_us: ``(n,)`` times, us, PERIOD_US apart.
         center_px: ``(n, m, 2)`` detected centres, px; NaN where a marker is lost.
         velocity_px_s: ``(n, m, 2)`` central differences over 2 SPEED_SPAN_US; 0 at both ends.
         radius_px: ``(m,)`` disc radii, px.
@@ -83,8 +85,7 @@ def marker_track(
 ) -> MarkerTrack:
     """Return a track with its velocities; the arguments are its attributes."""
     velocity = np.zeros(center_px.shape)
-    spacing_us = float(np.median(np.diff(t_us))) if len(t_us) > 1 else SPEED_SPAN_US
-    half = max(1, round(SPEED_SPAN_US / max(1.0, spacing_us)))
+    half = SPEED_SPAN_US // PERIOD_US
     if len(t_us) > 2 * half:
         span_s = (t_us[2 * half :] - t_us[: -2 * half]) * 1e-6
         moved_px = center_px[2 * half :] - center_px[: -2 * half]
@@ -153,8 +154,6 @@ def entry_kernel(
 
     ``row`` is the sample before the event, ``from_side`` 1 if the pixel was on the dark side.
     """
-    spacing_us = track.t_us[1] - track.t_us[0]
-    stride = max(1, LOOK_STEP_US // max(1, spacing_us))
     last = -REACH_PX
     while row >= 0:
         dx, dy = x - track.center_px[row, marker, 0], y - track.center_px[row, marker, 1]
@@ -164,7 +163,7 @@ def entry_kernel(
         if not q >= last - JITTER_PX:
             return -1
         last = q
-        row -= stride
+        row -= LOOK_STEP_US // PERIOD_US
     return -1
 
 

@@ -31,6 +31,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.source import EventSource
 from spikingtac.events.windows import windows
 from spikingtac.markers.crossings import (
+    PERIOD_US,
     PLACE_BINS,
     REACH_PX,
     Crossings,
@@ -65,8 +66,6 @@ FLOOR_US = 100.0  # Uncertainty of the lag by what the model leaves out, us.
 LARGEST_ERROR_US = 1_000.0
 
 LEAST_RUNGS = 2  # Rungs of each polarity without which level and skew cannot be told apart.
-
-PERIOD_US = 1_000  # Time between tracked positions: at 100 px/s an edge moves by 0.1 px.
 
 # So many markers' edges tell the lag of a larger skin: each event is compared with all of them.
 MOST_MARKERS = 128

@@ -122,10 +122,9 @@ class AnchoredLaw(OutputLaw):
     ) -> NDArray[np.float64]:
         """Return the zeroed positions; see :class:`OutputLaw`."""
         away_px = detected_px - reference_px
-        distance_px = np.hypot(away_px[:, 0], away_px[:, 1])
-        # The quotient is γ in the limit of no displacement, and 0 / 0 is never formed.
-        safe_px = np.where(distance_px > 0.0, distance_px, 1.0)
-        gain = np.where(distance_px > 0.0, anchored_px(distance_px) / safe_px, ANCHORED_GAMMA)
+        # Never 0 / 0: in the limit of no displacement the quotient is γ.
+        distance_px = np.hypot(away_px[:, 0], away_px[:, 1]).clip(1e-9)
+        gain = anchored_px(distance_px) / distance_px
         return reference_px + gain[:, np.newaxis] * away_px
 
 

@@ -183,7 +183,7 @@ class CalibrationDesk:
         notes, markers, path = found.provenance, len(found.radius_px), self._target.path
         figures = {
             "quality": notes["quality"],
-            "grid": found.rows_and_columns,
+            "grid": found.grid,
             "polarity": found.polarity,
             "markers": markers,
             "measured": markers - len(notes["missing"]),
@@ -209,7 +209,7 @@ class CalibrationDesk:
         scalars = {
             **self._told,
             "running_s": round(running_s, 1) if self._host else None,
-            "grid": view.grid and list(view.grid),
+            "grid": view.grid,
             "markers": len(view.place_px),
             "radius_px": round(view.radius_px, 2),
             "enough": int(view.enough.sum()),

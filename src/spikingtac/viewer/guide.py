@@ -20,8 +20,8 @@ from spikingtac.markers.calibration.find_markers import (
     clutter,
     see_markers,
 )
+from spikingtac.markers.calibration.layout import region
 from spikingtac.markers.calibration.level_maps import SwingHistogram
-from spikingtac.markers.calibration.quality import region
 from spikingtac.markers.calibration.recording import BIN_US, coded, quiet_spans
 from spikingtac.types import EventPacket, Polarity
 

@@ -122,7 +122,7 @@ def greeting(playback: Playback) -> dict[str, Any]:
         "size": list(store.size),
         "view_size": [-(-side // step) for side in store.size],
         "view_step": step,
-        "grid": calibration.rows_and_columns,
+        "grid": calibration.grid,
         "reference_px": np.round(calibration.reference_px, 3).tolist(),
         "radius_px": np.round(calibration.radius_px, 3).tolist(),
         "px_per_mm": calibration.px_per_mm,

@@ -164,7 +164,7 @@ def summary(calibration: st.Calibration) -> dict[str, Any]:
     """Return the figures of a calibration for people and programs."""
     notes = calibration.provenance
     return {
-        "grid": calibration.rows_and_columns,
+        "grid": calibration.grid,
         "size": list(calibration.size),
         "markers": len(calibration.radius_px),
         "measured": len(calibration.radius_px) - len(notes["missing"]),
@@ -202,7 +202,7 @@ def _table(calibration: st.Calibration, found: dict[str, Any], args: Args) -> Ta
 
 
 def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
-    from spikingtac.markers.calibration.quality import marker_name
+    from spikingtac.markers.calibration.layout import marker_name
 
     hot, left_out, stray = (found[name] or [] for name in ("hot_px", "left_out_px", "stray_px"))
     places = "; ".join(f"x {x:.0f}, y {y:.0f} px" for x, y in stray[:MOST_NAMED])

@@ -108,7 +108,7 @@ def _of_calibration(path: Path) -> dict[str, Any]:
     measured, same = calibration.marker_measured, ("polarity", "lag_us", "px_per_mm")
     return {
         "size": list(calibration.size),
-        "grid": calibration.rows_and_columns,
+        "grid": calibration.grid,
         **{name: calibration.provenance.get(name) for name in ("quality", "recording")},
         "markers_measured": None if measured is None else int(measured.sum()),
         "radius_px": float(calibration.radius_px.mean()),

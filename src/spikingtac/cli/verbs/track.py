@@ -1,6 +1,6 @@
 """``spikingtac track``: follow every marker through a recording, or through many."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -47,12 +47,14 @@ class Args(ManyArgs, TrackerArgs, SecondArgs, RealtimeArgs):
     def settings(self) -> tuple[st.Config, st.Calibration]:
         """Return how markers are followed, and the sensor's calibration, as the options say."""
         calibration = st.Calibration.load(self.needed_calibration())
+        if self.polarity is not None:
+            calibration = replace(calibration, polarity=self.polarity)
         config = st.load_config(self.preset).with_tracking(
             rate_hz=self.rate_hz,
             hysteresis=self.hysteresis or calibration.hysteresis,
             smooth=self.smooth or None,
         )
-        return config, calibration.with_polarity(self.polarity)
+        return config, calibration
 
 
 def run(args: Args) -> int:

@@ -12,24 +12,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.document import MAPS, MARKER_NUMBERS, MEASURED
+from spikingtac.calibration.document import MAPS, MARKER_NUMBERS, MEASURED, OWN
 from spikingtac.calibration.lens import fit_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
 from spikingtac.events.source import EventSource, refuse_path
-from spikingtac.markers.calibration.corrections import Evidence, Model
 from spikingtac.markers.calibration.find_markers import (
     CalibrationConfig,
     Overview,
     SeenMarkers,
     look_over,
 )
-from spikingtac.markers.calibration.first_model import first_model, tracked
+from spikingtac.markers.calibration.ideal_pixels import Evidence, Model
 from spikingtac.markers.calibration.layout import Layout
-from spikingtac.markers.calibration.quality import Quality, judged, refuse_gaps
 from spikingtac.markers.calibration.recording import buffer_events, flicker_hz, without_hot_pixels
 from spikingtac.markers.calibration.reference import Method, displaced_before, reference
-from spikingtac.markers.calibration.refine import STEP_BOUNDS, refine, with_recovery
+from spikingtac.markers.calibration.refine import STEP_BOUNDS, Quality, explained
 from spikingtac.markers.lag import slide_lag_us
 
 # Learns ``lag_us`` from the recording and the calibration so far; None where it cannot.
@@ -43,12 +41,6 @@ FIRST_US = 15_000_000
 BEYOND_RADII = 0.5
 
 OF_MARKERS = ("radius_px", *MARKER_NUMBERS, MEASURED)  # What is told of each marker.
-SENSOR_NUMBERS = ("edge_px", "contrast", "step_on", "step_off")  # What medians tell of the sensor.
-
-# Times that the markers are tracked again from where they rest. (Simulated, calibrated from the
-# touches themselves: 0.166 px without, 0.155 px once, 0.151 px twice; the recorded gel under load
-# 0.75 px once, 0.71 px twice.)
-TRACKED_AGAIN = 2
 
 # Step above which events are coarse: a swing from ground to marker has hardly two. (Of twenty
 # random sensors the four that are err by 1.4 to 3.8 px; the recorded gel has 0.46.)
@@ -117,24 +109,6 @@ def completed(source: EventSource, known: Calibration) -> Calibration:
         return known
     hot_px = hot_px if known.hot_px is None else known.hot_px
     return _with_lag(replace(seen, hot_px=hot_px), view, slide_lag_us)
-
-
-def explained(view: Overview, config: CalibrationConfig) -> tuple[Evidence, Model, Quality]:
-    """Return a recording, the model that explains it best, and how well it does.
-
-    Raises:
-        CalibrationError: Discs do not explain it, or too many of the markers hardly moved.
-    """
-    evidence, model = first_model(view)
-    model = with_recovery(evidence, refine(evidence, model))
-    # A map that is painted where the markers rest shows their paths better.
-    for _ in range(TRACKED_AGAIN):
-        rest_px = np.median(model.center_px[evidence.rests[view.unloaded]], axis=0)
-        model = refine(evidence, tracked(view, evidence.index, model, rest_px), steps=False)
-    quality = judged(evidence, model)
-    missing = np.flatnonzero(~quality.measured)
-    refuse_gaps(view.markers.layout, view.events.size, missing, config.allow_missing)
-    return evidence, model, quality
 
 
 def _assembled(
@@ -216,7 +190,7 @@ def _looks(evidence: Evidence, model: Model, quality: Quality) -> dict[str, Any]
     looks: dict[str, Any] = {
         name: np.where(known.get(name, measured), value, usual[name]) for name, value in own.items()
     }
-    looks |= {name: usual[f"marker_{name}"] for name in SENSOR_NUMBERS}
+    looks |= {name: usual[f"marker_{name}"] for name in OWN}
     # Pixels without a full swing, and those of markers that were not measured, have no own step.
     of_measured = measured[evidence.cell]
     for name, step, share in zip(MAPS, (model.on, model.off), model.pixel, strict=True):

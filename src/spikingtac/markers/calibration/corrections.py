@@ -13,9 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.calibration.disc_profile import Discs
-from spikingtac.markers.calibration.ideal_pixels import Comparison, compare
-from spikingtac.markers.calibration.recording import BufferedEvents
+from spikingtac.markers.calibration.ideal_pixels import Comparison, Evidence, Model
 
 # Added to the curvature of a place at one state, and of what all states of a disc share: shift
 # along x and y, radius, edge (1 / px^2). What the events hardly tell stays where it is; radii and
@@ -41,65 +39,6 @@ OFFSET_STATES, RIM_WEIGHT = 4.0, 0.1
 
 # Between these levels a pixel lies on a rim; below the first it shows no disc.
 RIM_LEVELS = (0.03, 0.97)
-
-
-@dataclass(frozen=True, slots=True)
-class Model:
-    """All that explains the events.
-
-    Attributes:
-        center_px: ``(n, m, 2)`` where the markers were at each sample, px.
-        stretch_px: ``(n, m, 3)`` how they were stretched there, as ``draw_kernel`` has it, px.
-        discs: How they look.
-        on: ``(m,)`` share of a full swing of each marker's ON event.
-        off: The same for OFF events.
-        pixel: ``(2, pixels)`` steps of a pixel's ON and OFF events, as shares of its marker's.
-        residual: ``(m,)`` rms of the levels left over around each marker.
-        events: ``(m, 4)`` events near each marker: real ON and OFF, expected ON and OFF.
-        swings: ``(m,)`` full swings that were seen of each marker, both ways together.
-        recovery_s: Time in which pixels forget light that they lost without an event, s; 0: never.
-    """
-
-    center_px: NDArray[np.float64]
-    stretch_px: NDArray[np.float64]
-    discs: Discs
-    on: NDArray[np.float64]
-    off: NDArray[np.float64]
-    pixel: NDArray[np.float64]
-    residual: NDArray[np.float64]
-    events: NDArray[np.float64]
-    swings: NDArray[np.float64]
-    recovery_s: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What a model has to explain.
-
-    Attributes:
-        events: The recording, markers brighter than the ground.
-        index: ``(n,)`` how many events came before each sample.
-        states: ``(k,)`` samples at which real and ideal pixels are compared.
-        rests: ``(rests,)`` the sample that stands for each rest.
-        cell: ``(pixels,)`` nearest marker of each pixel.
-        noise: ``(2,)`` ON and OFF events that are expected near a marker without any motion.
-    """
-
-    events: BufferedEvents
-    index: NDArray[np.int64]
-    states: NDArray[np.int64]
-    rests: NDArray[np.int64]
-    cell: NDArray[np.int64]
-    noise: NDArray[np.float64]
-
-    def seen(self, model: Model) -> Comparison:
-        """Compare real pixels with ideal ones along a model's paths."""
-        on, off = (
-            (step[self.cell] * share).astype(np.float32)
-            for step, share in zip((model.on, model.off), model.pixel, strict=True)
-        )
-        paths = self.index, model.center_px, model.stretch_px, self.states
-        return compare(self.events, paths, model.discs, (on, off), model.recovery_s)
 
 
 class Changes:

@@ -13,6 +13,7 @@ from spikingtac.markers.calibration.layout import Layout, find_layout
 from spikingtac.markers.calibration.level_maps import (
     level_maps,
     mean_steps,
+    smoothed,
     starting_levels,
 )
 from spikingtac.markers.calibration.recording import (
@@ -24,9 +25,6 @@ from spikingtac.markers.calibration.recording import (
 )
 from spikingtac.markers.calibration.reference import Method
 from spikingtac.types import Polarity
-
-# Width of the Gaussian that takes single pixels' noise off before discs are looked for.
-SMOOTH_PX = 1.0
 
 # Spots of a smaller or larger share of the median area are no markers, or two.
 AREA_SHARES = (0.25, 3.0)
@@ -196,15 +194,8 @@ def clutter(level: NDArray[np.float32]) -> float:
     Of the two polarities the right one shows fewer and rounder spots: discs, and not what they
     passed. (Markers that move by less than their diameter pass less than they cover.)
     """
-    spots = find_blobs(_smoothed(level), areas_px=(1.0, np.inf))
+    spots = find_blobs(smoothed(level), areas_px=(1.0, np.inf))
     return float(spots.area_px.sum() ** 2 / max(spots.area_px @ spots.roundness, 1e-9))
-
-
-def _smoothed(level: NDArray[np.float32]) -> NDArray[np.float32]:
-    # A late import: every verb's start would wait for it.
-    from scipy.ndimage import gaussian_filter
-
-    return np.asarray(gaussian_filter(level, SMOOTH_PX), np.float32)
 
 
 def see_markers(
@@ -223,7 +214,7 @@ def see_markers(
         CalibrationError: No markers are there; says what was seen instead.
     """
     size = level.shape[1], level.shape[0]
-    spots = find_blobs(_smoothed(level), CANDIDATE_LEVEL, CANDIDATE_PX)
+    spots = find_blobs(smoothed(level), CANDIDATE_LEVEL, CANDIDATE_PX)
     whole = spots.area_px[~spots.cut] if (~spots.cut).any() else spots.area_px
     usual = float(np.median(whole)) if len(whole) else 0.0
     alike = (spots.area_px >= AREA_SHARES[0] * usual) & (spots.area_px <= AREA_SHARES[1] * usual)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import REACH_EDGES, Discs
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.calibration.corrections import Evidence, Model
 from spikingtac.markers.calibration.find_markers import Overview
+from spikingtac.markers.calibration.ideal_pixels import Evidence, Model, compare
 from spikingtac.markers.calibration.level_maps import SwingHistogram
 from spikingtac.markers.calibration.recording import noise_events
 from spikingtac.markers.graded.appearance import nearest_marker
@@ -110,7 +110,7 @@ def choose_samples(view: Overview) -> tuple[NDArray[np.int64], NDArray[np.int64]
     diameter_px = 2.0 * view.markers.radius_px * markers
     events_per_px = diameter_px * float((1.0 / view.steps).sum())
     fewest = min(FEWEST_SAMPLES, FEWEST_FITS // markers)
-    apart = min(int(SAMPLE_PX * events_per_px), len(events) // max(fewest, 1))
+    apart = min(int(SAMPLE_PX * events_per_px), len(events) // fewest)
     apart = max(apart, len(events) // MOST_SAMPLES, 1)
     begin_us, length_us = view.rests_us[:, 0], np.diff(view.rests_us, axis=1)[:, 0]
     rest = events.index_at((begin_us + REST_SHARE * length_us).astype(np.int64))
@@ -122,10 +122,8 @@ def choose_states(samples: int, rests: NDArray[np.int64], pixels: int) -> NDArra
     """Return the samples to compare: those of the rests, and others evenly in between."""
     most = max(min(MOST_STATES, MOST_STATE_PIXELS // pixels), len(rests) + 2)
     even = np.linspace(0, samples - 1, most - len(rests)).astype(np.int64)
-    if len(rests):
-        apart = np.abs(even[:, np.newaxis] - rests).min(axis=1)
-        even = even[apart > 0.5 * samples / most]
-    return np.unique(np.concatenate([even, rests]))
+    apart = np.abs(even[:, np.newaxis] - rests).min(axis=1)
+    return np.unique(np.concatenate([even[apart > 0.5 * samples / most], rests]))
 
 
 def tracked(
@@ -181,7 +179,7 @@ def with_steps(evidence: Evidence, model: Model, rest_px: NDArray[np.float64]) -
         model: Where the markers went, and how they look.
         rest_px: ``(m, 2)`` where they rest, px.
     """
-    seen = evidence.seen(model)
+    seen = compare(evidence, model)
     by_marker, by_pixel = seen.marker_swings.copy(), seen.swings.copy()
     model = replace(model, swings=by_marker[:, 1] + by_marker[:, 3])
     on, rises, off, falls = by_marker.sum(axis=0)[:4].tolist()

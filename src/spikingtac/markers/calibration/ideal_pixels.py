@@ -22,15 +22,63 @@ from spikingtac.calibration.disc_profile import Discs, draw_kernel
 from spikingtac.markers.calibration.recording import BufferedEvents
 
 PHASES = 4  # Ideal pixels for each real one: their mean is within an eighth of a step of the true.
-
 STILL_LEVEL = 1e-4  # Smaller changes of the level are no motion.
-
 THREADS, PARTS = 2, 4  # Threads that walk, and parts of the image: few, each draws all discs.
 
 # A pixel is ground below the first level and marker above the second; between both it swings.
 GROUND_LEVEL, MARKER_LEVEL = 0.03, 0.95
 
 SETTLE_SAMPLES = 3  # Events that come so many samples late still count for a swing.
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """All that explains the events.
+
+    Attributes:
+        center_px: ``(n, m, 2)`` where the markers were at each sample, px.
+        stretch_px: ``(n, m, 3)`` how they were stretched there, as ``draw_kernel`` has it, px.
+        discs: How they look.
+        on: ``(m,)`` share of a full swing of each marker's ON event.
+        off: The same for OFF events.
+        pixel: ``(2, pixels)`` steps of a pixel's ON and OFF events, as shares of its marker's.
+        residual: ``(m,)`` rms of the levels left over around each marker.
+        events: ``(m, 4)`` events near each marker: real ON and OFF, expected ON and OFF.
+        swings: ``(m,)`` full swings that were seen of each marker, both ways together.
+        recovery_s: Time in which pixels forget light that they lost without an event, s; 0: never.
+    """
+
+    center_px: NDArray[np.float64]
+    stretch_px: NDArray[np.float64]
+    discs: Discs
+    on: NDArray[np.float64]
+    off: NDArray[np.float64]
+    pixel: NDArray[np.float64]
+    residual: NDArray[np.float64]
+    events: NDArray[np.float64]
+    swings: NDArray[np.float64]
+    recovery_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What a model has to explain.
+
+    Attributes:
+        events: The recording, markers brighter than the ground.
+        index: ``(n,)`` how many events came before each sample.
+        states: ``(k,)`` samples at which real and ideal pixels are compared.
+        rests: ``(rests,)`` the sample that stands for each rest.
+        cell: ``(pixels,)`` nearest marker of each pixel.
+        noise: ``(2,)`` ON and OFF events that are expected near a marker without any motion.
+    """
+
+    events: BufferedEvents
+    index: NDArray[np.int64]
+    states: NDArray[np.int64]
+    rests: NDArray[np.int64]
+    cell: NDArray[np.int64]
+    noise: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,39 +107,25 @@ class Comparison:
     marker_swings: NDArray[np.float64]
 
 
-def compare(
-    events: BufferedEvents,
-    paths: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
-    discs: Discs,
-    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
-    recovery_s: float = 0.0,
-) -> Comparison:
-    """Let ideal pixels fire along the paths.
-
-    Args:
-        events: The recording, markers brighter than the ground.
-        paths: ``(n,)`` how many events came before each sample, ``(n, m, 2)`` where the markers
-            were, px, ``(n, m, 3)`` how they were stretched there, as ``draw_kernel`` has it, px,
-            and which samples to keep, increasing, no sample twice.
-        discs: How the markers look.
-        steps: ``(pixels,)`` what an ON and an OFF event of each pixel stands for.
-        recovery_s: Time in which pixels forget light that they lost without an event, s; 0: never.
-    """
-    index, center_px, stretch_px, states = paths
+def compare(evidence: Evidence, model: Model) -> Comparison:
+    """Compare real pixels with ideal ones that fire along a model's paths."""
+    events, states, discs = evidence.events, evidence.states, model.discs
+    steps = (np.array([model.on, model.off])[:, evidence.cell] * model.pixel).astype(np.float32)
     kept = np.zeros((3, len(states), events.pixels), np.float32)
     owner = np.zeros((len(states), events.pixels), np.int32)
     swings = np.zeros((events.pixels, 6))
-    at_s = np.multiply(events.times_at(index), 1e-6)
+    at_s = np.multiply(events.times_at(evidence.index), 1e-6)
     looks, width = discs.looks, events.size[0]
+    per_s = 1.0 / model.recovery_s if model.recovery_s > 0.0 else 0.0
 
     def compare_rows(rows: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         near, ended = np.zeros((len(discs.radius_px), 4)), np.zeros((len(discs.radius_px), 6))
         pixels = slice(rows.start * width, rows.stop * width)
         compare_kernel(
-            (events.code, pixels.start, width, at_s, 1.0 / recovery_s if recovery_s > 0.0 else 0.0),
-            (index, center_px - [0.0, rows.start], stretch_px, states),
+            (events.code, pixels.start, width, at_s, per_s),
+            (evidence.index, model.center_px - [0.0, rows.start], model.stretch_px, states),
             looks,
-            (steps[0][pixels], steps[1][pixels]),
+            (steps[0, pixels], steps[1, pixels]),
             (kept[:, :, pixels], owner[:, pixels], near, (swings[pixels], ended)),
         )
         near[:, 2:] /= PHASES

@@ -138,8 +138,6 @@ def _bases(
     points: NDArray[np.float64], kind: LayoutKind
 ) -> list[tuple[NDArray[np.float64], tuple[int | None, ...]]]:
     # Bases, steps to the next column and row, px, as (2, 2), and phases to try.
-    if len(points) == 1:
-        return [(1e6 * np.eye(2), (None,))]  # any pitch that reaches nothing else
     first, second = _shortest_steps(points)
     cosine = abs(first @ second) / (np.hypot(*first) * np.hypot(*second))
     if kind == "staggered" or (kind == "auto" and cosine > LEAST_SKEW):

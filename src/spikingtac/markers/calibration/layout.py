@@ -48,14 +48,9 @@ class Layout:
     staggered: bool = False
     fits: tuple[int, int] | None = None
 
-    @property
-    def missing(self) -> NDArray[np.int64]:
-        """Indices of the markers without a point."""
-        return np.flatnonzero(self.point == ABSENT)
-
 
 def find_layout(
-    points_px: NDArray[np.float64],
+    points: NDArray[np.float64],
     size: tuple[int, int],
     shape: tuple[int, int] | None = None,
     kind: LayoutKind = "auto",
@@ -63,13 +58,10 @@ def find_layout(
     """Sort points into a layout.
 
     Args:
-        points_px: ``(n, 2)`` candidates, px.
+        points: ``(n, 2)`` candidates, px, two at least.
         size: ``(width, height)`` of the image.
         shape: ``(rows, columns)`` where it is known; None finds it.
         kind: What the points are; "auto" tells grids from staggered rows.
-
-    Raises:
-        CalibrationError: There is no point.
 
     Example:
         >>> import numpy as np
@@ -78,9 +70,6 @@ def find_layout(
         >>> layout.shape, layout.point.tolist()
         ((2, 3), [1, 2, 5, 3, 0, 4])
     """
-    points = np.asarray(points_px, np.float64)
-    if len(points) == 0:
-        raise CalibrationError("no candidate for a marker was found")
     if kind == "free":
         order = np.lexsort(points.T)
         return Layout(None, order, points[order])
@@ -116,7 +105,7 @@ def _rectangle(lattice: Lattice, size: tuple[int, int]) -> Rectangle | None:
     expected_px = lattice.expected_px(cells_of(first, there.shape)).reshape(*there.shape, 2)
     last_px, across = np.array(size) - 1, lattice.model[1]
     level = lattice.phase is None and abs(across[1]) <= LEVEL_SLOPE * abs(across[0])
-    if not level and len(lattice.index) > 1:
+    if not level:
         # The image cuts off what lies nearer to its border than the markers in sight; a marker far
         # inside of them is missing.
         border_px = np.minimum(expected_px, last_px - expected_px).min(axis=2)
@@ -159,3 +148,66 @@ def _best_placed(there: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np
     padded = np.pad(there, ((rows - 1, rows - 1), (columns - 1, columns - 1)))
     windows = np.lib.stride_tricks.sliding_window_view(padded, shape).sum(axis=(2, 3))
     return np.array(np.unravel_index(windows.argmax(), windows.shape), np.int64) + 1 - shape
+
+
+MOST_MISSING_SHARE = 1 / 3  # A grid of which more is missing was not found.
+
+MOST_NAMED = 8  # Missing markers that an error names one by one.
+
+
+def refuse_gaps(
+    layout: Layout, size: tuple[int, int], missing: NDArray[np.int64], allowed: int | None
+) -> None:
+    """Refuse a grid of which too many markers are missing.
+
+    Args:
+        layout: The layout.
+        size: ``(width, height)``.
+        missing: Indices of the markers that the recording does not show.
+        allowed: How many may be; None allows a third.
+
+    Raises:
+        CalibrationError: More are missing; names them and says where to touch.
+    """
+    most = int(MOST_MISSING_SHARE * len(layout.point)) if allowed is None else allowed
+    if layout.shape is None or len(missing) <= most:
+        return
+    place, (rows, columns) = layout.expected_px, layout.shape
+    named = [
+        f"{marker_name(index, layout.shape)} "
+        f"(expected near x {place[index][0]:.0f}, y {place[index][1]:.0f} px)"
+        for index in missing[:MOST_NAMED]
+    ]
+    more = len(missing) - len(named)
+    regions = sorted({region(place[index], size) for index in missing})
+    raise CalibrationError(
+        f"{len(missing)} of {len(place)} markers of the {rows}x{columns} grid were not "
+        f"found: {'; '.join(named)}{f'; and {more} more' if more else ''}. Press or slide on the "
+        f"{' and the '.join(regions)} of the skin, until the markers there move by more than their "
+        f"diameter, and record again; if they are broken, give --allow-missing {len(missing)}; if "
+        "the grid is another, give --grid ROWSxCOLUMNS"
+    )
+
+
+def marker_name(index: int, shape: tuple[int, int] | None) -> str:
+    """Return how a person finds a marker: ``row 1, column 2``, or its number where none are.
+
+    Example:
+        >>> marker_name(9, (8, 8)), marker_name(9, None)
+        ('row 2, column 2', 'marker 9')
+    """
+    if shape is None:
+        return f"marker {index}"
+    return f"row {index // shape[1] + 1}, column {index % shape[1] + 1}"
+
+
+def region(position_px: NDArray[np.float64], size: tuple[int, int]) -> str:
+    """Return which ninth of the image a place is in, as ``upper left``.
+
+    Args:
+        position_px: ``(2,)`` the place, px.
+        size: ``(width, height)``.
+    """
+    third = np.clip(np.floor(3 * position_px / np.array(size)), 0, 2).astype(int)
+    across, down = ("left", "middle", "right")[third[0]], ("upper", "middle", "lower")[third[1]]
+    return "middle" if across == down else f"{down} {across}"

@@ -170,8 +170,17 @@ def add_kernel(
             level[pixel] = max(level[pixel] - off, np.float32(0.0))
 
 
-# Width of the Gaussian over which events of motion are counted: single pixels are noisy.
+# Width of the Gaussian that takes single pixels' noise off maps.
 SMOOTH_PX = 1.0
+
+
+def smoothed(level: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a map ``(height, width)`` without the noise of single pixels."""
+    # A late import: every verb's start would wait for it.
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(level, SMOOTH_PX), np.float32)
+
 
 # A pixel fires where so many events of motion were counted, and so many times the noise of that
 # time, which the rests tell.
@@ -202,16 +211,14 @@ def starting_levels(
         rests_us: ``(rests, 2)`` when the skin rested, us since the start.
         steps: ``(2,)`` what an ON and an OFF event stand for on the average.
     """
-    # A late import: every verb's start would wait for it.
     from scipy import ndimage
 
     code = events.code[moving_events(events, rests_us)]
     sent = np.bincount(code >> 1, minlength=events.pixels).reshape(events.shape)
-    smooth = ndimage.gaussian_filter(sent.astype(np.float32), SMOOTH_PX)
     # The events of noise that a pixel sends while the skin moves.
     moving_us = events.duration_us - np.diff(rests_us, axis=1).sum()
     noise = noise_events(events, rests_us).sum() * moving_us / max(events.duration_us, 1)
-    fires = smooth > max(FEWEST_EVENTS, OVER_NOISE * noise)
+    fires = smoothed(sent.astype(np.float32)) > max(FEWEST_EVENTS, OVER_NOISE * noise)
     # Levels of a map that ended dark, and of a bright one: they differ where a pixel never swings.
     dark, bright = np.zeros(events.shape, np.float32), np.ones(events.shape, np.float32)
     for level in dark, bright:
@@ -230,7 +237,7 @@ def starting_levels(
     pixel, first = np.unique(code >> 1, return_index=True)
     fell = np.zeros(events.pixels, np.float32)
     fell[pixel] = np.where(code[first] & 1, -steps[0], steps[1])
-    darkening = ndimage.gaussian_filter(fell.reshape(events.shape), SMOOTH_PX) > 0.0
+    darkening = smoothed(fell.reshape(events.shape)) > 0.0
     around = covered | (fires & undecided & darkening)
     grown = ndimage.binary_dilation(covered, iterations=GROWN_PX, mask=around)
     return grown.astype(np.float32)
