@@ -108,6 +108,10 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
             ("track", "a", "--polarity", "whites"),
             "--polarity cannot be 'whites'; did you mean 'white'? (valid: white",
         ),
+        (("plot", "a", "--at-s", "nan"), "--at-s takes a number, 'nan' is none"),
+        (("view", "demo", "--seed", "-1"), "--seed is -1, it must not be negative"),
+        (("experiment", "holes", "-o", "run", "--seeds", "0"), "--seeds is 0, it must be above 0"),
+        (("calibrate", "a", "--plot", "a.xyz"), "(valid endings: .png"),
         (("experiment", "point-trackng", "-o", "run"), "did you mean 'point-tracking'"),
         (
             ("experiment", "point-tracking", "-o", "run", "--methods", "defualt"),
@@ -138,6 +142,8 @@ def test_what_is_typed_wrong_is_told_in_words(
         (("track", "circling", "--calibration", "circling/events.raw"), "make one with"),
         (("compare", "tracks.npz", "finger.json"), "neither tracks nor a truth: it is a calib"),
         (("compare", "tracks.npz", "nowhere.npz"), "No such file"),
+        (("touch", "nowhere.npz"), "there is no file"),
+        (("ros2", "nowhere.raw"), "there is no file"),
     ],
 )
 def test_what_a_file_is_instead_is_told(

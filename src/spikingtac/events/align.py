@@ -261,9 +261,11 @@ def load_poses(path: Path, what: str = "poses") -> Poses:
         RecordingError: It cannot be read as that.
     """
     try:
-        head, *lines = path.read_text(encoding="utf-8-sig").splitlines()
+        head, *lines = path.read_text(encoding="utf-8-sig").splitlines() or [""]
         names = [name.strip(' "') for name in head.split(",")]
-        (column,) = (number for number, name in enumerate(names) if name in TIME_COLUMNS)
+        if len(times := [name for name in names if name in TIME_COLUMNS]) != 1:
+            raise ValueError(f"its header has {len(times)} time columns")
+        column = names.index(times[0])
         values = np.loadtxt(lines or ["nan"], delimiter=",", ndmin=2, comments=None, quotechar='"')
         if values.shape[1] != len(names) or not np.isfinite(values).all():
             raise ValueError("a row is short, or holds no finite number")

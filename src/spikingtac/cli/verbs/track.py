@@ -105,11 +105,11 @@ def track_shown(found: dict[str, Any], name: str, first: dict[str, Any]) -> list
     if found.get("force_max_n") is not None:
         cells["largest force N"] = f"{found['force_max_n']:.3f}"
     told = "note: marker {} was never observed; its positions are predictions"
-    misfit = found["calibration_misfit"]
     return [
         *counted(found["anomalies"]),
+        *([] if found["estimates"] else ["note: the recording holds no events"]),
         *(told.format(marker) for marker in found["never_observed"]),
-        *([f"warning: {misfit}"] if misfit else []),
+        *([f"warning: {misfit}"] if (misfit := found["calibration_misfit"]) else []),
         Table(f"tracks of {name}", tuple(cells), [tuple(cells.values())], words=0),
     ]
 
