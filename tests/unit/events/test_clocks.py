@@ -193,7 +193,7 @@ def test_other_lines_and_channels_are_refused() -> None:
     one, other = (line(np.cumsum(rng.uniform(1e5, 9e5, 60)), 9_000) for _ in range(2))
     with pytest.raises(RecordingError, match="trigger edges agree"):
         through_triggers(one, other)
-    with pytest.raises(ConfigError, match="of no channel"):
+    with pytest.raises(ConfigError, match="of no channel; record them at once"):
         through_triggers(one, line(np.arange(5.0), channel=3))
     for lines in (one, other):
         lines.triggers.append([10**9], 5, True)

@@ -35,7 +35,7 @@ MB = 1e6
 
 SECOND_CLOCK = (
     "the second clock is on the first one within {error_us:.0f} us, but for what the cameras' "
-    "transports differ by; spikingtac align finds that by what both feel"
+    "transports differ by; where both time one line, spikingtac align --by triggers finds that"
 )
 
 # Why a recording ended, in words.
