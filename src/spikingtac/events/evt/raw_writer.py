@@ -135,8 +135,7 @@ class RawWriter(OneFileWriter):
         steps = np.diff(packet.t, prepend=self._last_us)
         if packet.t[0] < 0 or int(steps.min()) < 0:
             raise FormatError(
-                f"a RAW file holds times in order, from 0 on, and {packet.t[0]} us came: sort the "
-                "events, or make their times later (spikingtac convert --shift-us N)"
+                f"RAW times rise from 0 us on, {packet.t[0]} us came: sort, or convert --shift-us N"
             )
         if int(steps.max()) > SILENCE_LIMIT_US:
             raise FormatError("a pause of more than a day cannot be written; split the recording")
