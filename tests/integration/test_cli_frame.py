@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli import main as frame
 from spikingtac.cli.main import function_of, main
 from spikingtac.cli.main import verbs as all_verbs
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
+from stand_ins.known import known
 from stand_ins.tracks import circling_tracks
 from stand_ins.verbs import Verbs
 from stand_ins.viewer import record_circling
@@ -32,7 +32,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     record_circling(folder / "circling")
     circling_tracks(estimates=20).save(folder / "tracks.npz")
     np.savez(folder / "truth.npz", marker_t_us=np.arange(2), marker_px=np.zeros((2, 64, 2)))
-    Calibration.load(folder / "circling" / "calibration.json").save(folder / "finger.json")
+    (folder / "finger.json").symlink_to(folder / "circling" / "calibration.json")
+    known(np.full((1, 2), 99.0), size=(640, 480)).save(folder / "wide.json")
     return folder
 
 
@@ -102,12 +103,15 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
         (("view",), "SOURCE"),
         (("convert", "a", "b", "--crop", "1", "2"), "--crop"),
         (("plot", "a", "b"), "Unrecognized options: b"),
-        (("track", "a", "--rate-hz", "fast"), "--rate-hz takes a number, 'fast' is none"),
         (("track", "a", "--workers=1.5"), "--workers takes a whole number, '1.5' is none"),
         (
             ("track", "a", "--polarity", "whites"),
             "--polarity cannot be 'whites'; did you mean 'white'? (valid: white",
         ),
+        (("plot", "a", "--at-s", "nan"), "--at-s takes a number, 'nan' is none"),
+        (("view", "demo", "--seed", "-1"), "--seed is -1, it must not be negative"),
+        (("experiment", "holes", "-o", "run", "--seeds", "0"), "--seeds is 0, it must be above 0"),
+        (("calibrate", "a", "--plot", "a.xyz"), "(valid endings: .png"),
         (("experiment", "point-trackng", "-o", "run"), "did you mean 'point-tracking'"),
         (
             ("experiment", "point-tracking", "-o", "run", "--methods", "defualt"),
@@ -136,8 +140,11 @@ def test_what_is_typed_wrong_is_told_in_words(
         (("plot", "truth.npz"), "holds no tracks: it holds the truth"),
         (("track", "circling", "--calibration", "tracks.npz"), "no calibration: it holds tracks"),
         (("track", "circling", "--calibration", "circling/events.raw"), "make one with"),
+        (("track", "circling", "--calibration", "wide.json"), "the calibration is for 640x480"),
         (("compare", "tracks.npz", "finger.json"), "neither tracks nor a truth: it is a calib"),
         (("compare", "tracks.npz", "nowhere.npz"), "No such file"),
+        (("touch", "nowhere.npz"), "there is no file"),
+        (("ros2", "nowhere.raw"), "there is no file"),
     ],
 )
 def test_what_a_file_is_instead_is_told(
@@ -176,7 +183,6 @@ def test_a_file_is_replaced_only_when_asked(
     output, recording = tmp_path / "out.npz", made / "circling"
     output.write_bytes(b"mine")
     if verb == "calibrate":
-        (tmp_path / "still.npz").touch()
         np.savez(tmp_path / "still.npz", t=[0], x=[0], y=[0], p=[True], size=(320, 320))
         recording = tmp_path / "still.npz"
     given = [verb, recording, *(() if verb == "convert" else ("-o",)), output]

@@ -67,7 +67,6 @@ def test_a_quiet_recording_of_its_own(calibrated: Path, data_dir: Path, verbs: V
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["--budget", "0"], 2, "must be positive"),
         (["--detector", "default"], 1, "needs a calibration"),
         (["--calibration", "a.json", "b.json"], 2, "2 calibrations were given for 1 sensors"),
         (["--calibration", "missing.json"], 1, "spikingtac calibrate"),

@@ -33,7 +33,8 @@ def test_every_row_of_the_table_is_tested_and_every_fault_stands_in_it() -> None
     assert [row for row in rows if row not in ("fault", "attack")] == list(FAULTS)
 
 
-def test_sensors_side_by_side_lose_nothing_unseen(tmp_path: Path) -> None:
-    figures = run_load(Load(sensors=2, mev_s=1.0, seconds=(1.0, 1.0)), tmp_path, 1.0)
-    assert figures["unaccounted"] == 0
+def test_sensors_side_by_side_that_fall_silent_early_lose_nothing_unseen(tmp_path: Path) -> None:
+    load = Load(sensors=2, mev_s=1.0, burst_s=0.3, used=True, seconds=(1.0, 1.0))
+    figures = run_load(load, tmp_path, 1.0)
+    assert figures["unaccounted"] == figures["user_unaccounted"] == 0
     assert figures["kept"] > 0

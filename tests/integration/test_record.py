@@ -96,7 +96,6 @@ def test_ctrl_c_completes_a_recording_in_parts(tmp_path: Path) -> None:
 class Flaky(Camera):
     """A camera that is unplugged after some packets, and plugged in again later."""
 
-    OPTIONS = ()
     checked = True
     opened = 0
     plugged = True

@@ -41,7 +41,8 @@ def trained(tmp_path_factory):
 
 
 def test_the_command_writes_networks_that_run(trained):
-    folder, _, summary = trained
+    folder, recordings, summary = trained
+    assert main(["train", *recordings, "-o", str(folder / "x"), "--device", "gpu"]) == 2
     assert summary["rounds"] == 4
     noisy = (np.random.default_rng(0).random((48, 64)) < 0.2).astype(np.float32)
     for key in ("onnx", "int8"):

@@ -1,4 +1,4 @@
-"""Two fingers on one time base: recorded, read back, tracked, and aligned by what both felt."""
+"""Two fingers on one time base: recorded, read back, tracked, and aligned by one line."""
 
 import itertools
 import socket

@@ -52,9 +52,13 @@ def test_a_recording_ends_where_it_ends_and_events_alone_make_a_picture(
     assert summary["picture"] == str(picture)
     (tmp_path / "events.raw").write_bytes((recording / "events.raw").read_bytes())
     for option in ("-o", "--export"):
-        picture = tmp_path / f"x{option}.png"
-        summary = pictured(verbs, picture, tmp_path, option)
+        summary = pictured(verbs, tmp_path / f"x{option}.png", tmp_path, option)
         assert (summary["calibration"], summary.get("estimates", 0)) == (None, 0)
+
+
+def test_a_silent_camera_is_left(verbs: Verbs, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("spikingtac.viewer.export.SILENT_S", 0.1)
+    assert verbs.told("view", "udp:0", "--headless", "--seconds", 0.1)["estimates"] == 0
 
 
 def test_ctrl_c_ends_it_quietly(recording: Path) -> None:
@@ -76,10 +80,7 @@ def test_ctrl_c_ends_it_quietly(recording: Path) -> None:
     assert "Traceback" not in rest
 
 
-def test_an_export_of_nothing_or_with_a_picture_is_refused(
-    recording: Path, tmp_path: Path, verbs: Verbs
-) -> None:
+def test_an_export_with_a_picture_is_refused(recording: Path, tmp_path: Path, verbs: Verbs) -> None:
     given = "view", recording, "--export", tmp_path / "x.gif"
-    for wrong in (("--seconds", 0), ("-o", "x.png")):
-        assert wrong[0] in verbs.said(*given, *wrong, code=2)
+    assert "-o and --export write the same" in verbs.said(*given, "-o", "x.png", code=2)
     assert not (tmp_path / "x.gif").exists()

@@ -1,6 +1,7 @@
 """The options of a verb: unknown ones are refused by their names, help shows no empty default."""
 
 import inspect
+import math
 import shutil
 import textwrap
 import types
@@ -19,6 +20,12 @@ Output = Annotated[Path | None, tyro.conf.arg(aliases=["-o"])]  # Option -o: wha
 
 NARROWEST = 40  # Width of a terminal below which help is not wrapped further, characters.
 HELP = frozenset(("-h", "--help"))
+
+# Options that must be above 0, whatever the verb.
+POSITIVE = (
+    "--seconds", "--seeds", "--workers", "--budget", "--limit-n", "--force-limit-n",
+    "--travel-mm", "--travel-sigma-mm", "--travel-limit-mm",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,16 +127,6 @@ class TrackerArgs(JsonArgs):
         return self.calibration
 
 
-def require_seconds(seconds: float | None) -> None:
-    """Refuse a duration that is not positive.
-
-    Raises:
-        ConfigError: ``seconds`` is not above 0.
-    """
-    if seconds is not None and not seconds > 0.0:
-        raise ConfigError(f"--seconds is {seconds:g}, it must be above 0")
-
-
 def for_help(arguments: type) -> type:
     """Return a verb's arguments as its help shows them: without defaults such as None.
 
@@ -217,10 +214,16 @@ def _options(arguments: type) -> dict[str, Any]:
 def _check_value(name: str, value: str, kind: Any) -> None:
     if kind in (int, float):
         try:
-            kind(value)
+            number = kind(value)
+            if kind is float and not math.isfinite(number):
+                raise ValueError
         except ValueError:
             needed = "a whole number" if kind is int else "a number"
             raise ConfigError(f"{name} takes {needed}, {value!r} is none") from None
+        if name == "--seed" and number < 0:
+            raise ConfigError(f"--seed is {value}, it must not be negative")
+        if name in POSITIVE and number <= 0:
+            raise ConfigError(f"{name} is {value}, it must be above 0")
     if typing.get_origin(kind) is typing.Literal:
         valid = [str(choice) for choice in typing.get_args(kind)]
         if value not in valid:

@@ -118,22 +118,11 @@ def means_many(args: ManyArgs, given: Sequence[Path]) -> bool:
     """Return whether a verb shall work on many recordings, into a folder.
 
     Raises:
-        ConfigError: The options do not go together.
+        ConfigError: Nothing is given.
     """
     if not given:
         raise ConfigError("name a recording, several, a folder of them, or a pattern in quotes")
-    check_workers(args.workers)
     return args.workers is not None or args.resume or is_many(given)
-
-
-def check_workers(workers: int | None) -> None:
-    """Refuse a number of processes below 1.
-
-    Raises:
-        ConfigError: There are too few.
-    """
-    if workers is not None and workers < 1:
-        raise ConfigError(f"--workers is {workers}, it must be at least 1")
 
 
 def run_many(work: Work, args: Any, given: Sequence[Path]) -> int:

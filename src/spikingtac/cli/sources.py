@@ -159,7 +159,7 @@ def open_two(first: Path, second: Path, *, strict: bool = False) -> list[events.
     if not known:
         warn(
             f"{first.name} and {second.name} know no common clock; their times are taken as they "
-            f"are. To find it by what both felt: spikingtac align {first} {second} -o PAIR"
+            f"are. If both timed one line: spikingtac align {first} {second} --by triggers -o PAIR"
         )
     return [st.open_events(first, strict=strict), source]
 

@@ -118,20 +118,18 @@ class QuietStatistics:
             size = mean**2 / excess
             return betainc(count + 1, size, mean / (size + mean)) <= chance
 
-        # Every window may exceed -1.
-        return -1 if chance >= 1.0 else bisect_left(range(MOST_EVENTS), True, key=is_rare)
+        return bisect_left(range(MOST_EVENTS), True, key=is_rare)
 
 
 def check_budget(false_alarms_per_hour: float) -> None:
-    """Refuse a budget of false alarms that is not a positive number.
+    """Refuse a budget of false alarms that is not positive, or more than one a second.
 
     Raises:
-        ConfigError: It is zero, negative, infinite or not a number.
+        ConfigError: It is zero, negative, too large or not a number.
     """
-    if not 0.0 < false_alarms_per_hour < math.inf:
-        raise ConfigError(
-            f"the budget is {false_alarms_per_hour} false contacts per hour, it must be positive"
-        )
+    if not 0.0 < false_alarms_per_hour <= SECONDS_PER_HOUR:
+        given = f"the budget is {false_alarms_per_hour:g} false contacts per hour"
+        raise ConfigError(f"{given}, it must be positive and at most {SECONDS_PER_HOUR:g}")
 
 
 def unsettled(count: NDArray[np.int64]) -> int:

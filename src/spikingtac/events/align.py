@@ -21,8 +21,7 @@ from spikingtac.events.formats.file_source import FileSource, ReadOptions
 from spikingtac.events.open import is_same_folder, open_events
 from spikingtac.events.recording import RecordedClock, RecordingWriter, RetimedSource, name_of
 
-# How two clocks meet: at the host that recorded both, or in a line whose edges both cameras timed;
-# auto takes the host where the manifests know it, else the line.
+# How two clocks meet: at the host of both, or in a line; auto takes the host where it is known.
 By = Literal["auto", "host", "triggers"]
 
 # Most that the two cameras' times of one edge differ, beside their clocks, us (inputs are
@@ -180,9 +179,9 @@ def _edges(own: Triggers, base: Triggers, channel: int | None) -> list[NDArray[n
     """Return both lines' times of rising edges, or of falling ones where one has no others."""
     both = sorted({*own.channel.tolist()} & {*base.channel.tolist()})
     if channel is None and len(both) != 1:
-        told = f"of several channels ({', '.join(map(str, both))})" if both else "of no channel"
-        hint = "choose one with --trigger-channel" if both else "use --by host"
-        raise ConfigError(f"both recordings hold triggers {told}; {hint}")
+        told = f"of several channels ({', '.join(map(str, both))}); choose one: --trigger-channel"
+        told = told if both else "of no channel; record them at once: record CAMERA --second CAMERA"
+        raise ConfigError(f"both recordings hold triggers {told}")
     chosen = both[0] if channel is None else channel
     for rising in (True, False):
         seen = [line.t_us[(line.channel == chosen) & (line.edge == rising)] for line in (own, base)]
@@ -261,9 +260,11 @@ def load_poses(path: Path, what: str = "poses") -> Poses:
         RecordingError: It cannot be read as that.
     """
     try:
-        head, *lines = path.read_text(encoding="utf-8-sig").splitlines()
+        head, *lines = path.read_text(encoding="utf-8-sig").splitlines() or [""]
         names = [name.strip(' "') for name in head.split(",")]
-        (column,) = (number for number, name in enumerate(names) if name in TIME_COLUMNS)
+        if len(times := [name for name in names if name in TIME_COLUMNS]) != 1:
+            raise ValueError(f"its header has {len(times)} time columns")
+        column = names.index(times[0])
         values = np.loadtxt(lines or ["nan"], delimiter=",", ndmin=2, comments=None, quotechar='"')
         if values.shape[1] != len(names) or not np.isfinite(values).all():
             raise ValueError("a row is short, or holds no finite number")

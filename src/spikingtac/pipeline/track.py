@@ -73,6 +73,7 @@ def track(
     ).tracking
     packets = open_events(source) if isinstance(source, str | Path) else source
     tracker = make_tracker(tracking, calibration)
+    require_same_size(getattr(packets, "size", calibration.size), calibration.size)
     told = list(_told(follow(packets, tracker, tracking.rate_hz), tracker, tracking))
     tracks = Tracks.of([frame for frame, _ in told], calibration)
     if tracking.smooth:

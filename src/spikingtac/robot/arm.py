@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError
+from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.types import Pose
 
 SPEED_LIMIT_MM_S = 1000.0  # Largest tool speed that is accepted, mm/s (UR3 manual, 1 m/s).
@@ -75,11 +75,14 @@ class Arm(Protocol):
         ...
 
 
-def checked_target(target_mm: NDArray[np.float64], speed_mm_s: float) -> NDArray[np.float64]:
-    """Return the target ``(3,)`` of a motion, mm.
+def checked_target(
+    target_mm: NDArray[np.float64], speed_mm_s: float, state: ArmState
+) -> NDArray[np.float64]:
+    """Return the target ``(3,)`` of a motion that begins in a state, mm.
 
     Raises:
         ConfigError: The target is not three finite numbers, or the speed is out of range.
+        DeviceError: The arm is not idle.
     """
     target = np.asarray(target_mm, np.float64)
     if target.shape != (3,) or not np.isfinite(target).all():
@@ -87,5 +90,10 @@ def checked_target(target_mm: NDArray[np.float64], speed_mm_s: float) -> NDArray
     if not 0.0 < speed_mm_s <= SPEED_LIMIT_MM_S:
         raise ConfigError(
             f"the speed is {speed_mm_s} mm/s, valid is above 0 up to {SPEED_LIMIT_MM_S}"
+        )
+    if state is not ArmState.IDLE:
+        raise DeviceError(
+            f"the arm cannot start a motion: it is in state {state.value!r}; "
+            "stop it, or clear its fault, and wait until it is idle"
         )
     return target

@@ -108,13 +108,7 @@ class URArm:
 
     def move_linear(self, target_mm: Vector, speed_mm_s: float) -> None:
         """Start a straight motion; see :class:`~spikingtac.robot.arm.Arm`."""
-        target = checked_target(target_mm, speed_mm_s)
-        state = self.state()
-        if state is not ArmState.IDLE:
-            raise DeviceError(
-                f"the arm cannot start a motion: it is in state {state.value!r}; "
-                "stop it, or clear its fault, and wait until it is idle"
-            )
+        target = checked_target(target_mm, speed_mm_s, self.state())
         goal = [*(target / MM_PER_M).tolist(), *self._receive.getActualTCPPose()[3:]]
         motion = goal, speed_mm_s / MM_PER_M, ACCELERATION_M_S2, True
         self._commanded_s, self._began = self._clock_s(), False

@@ -56,8 +56,8 @@ class Host:
         number = theirs.fileno()
         paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
         self._process = subprocess.Popen(
+            # Standard input is handed on: it may be a source.
             [sys.executable, "-P", "-m", "spikingtac.stream.host", str(number)],
-            stdin=None,  # a source may be standard input
             pass_fds=(number,),
             env={**os.environ, "PYTHONPATH": paths},
         )
@@ -201,12 +201,13 @@ def serve(number: int) -> None:
     except Exception as error:  # its module cannot be imported here, or its asker is gone
         channel.send(_sendable(error))
         raise SystemExit(1) from error
+    told: Exception = EOFError()
     try:
         work(asker)
     except Exception as error:  # raised by the asker
-        asker.tell(_sendable(error))
-        raise SystemExit(1) from error
-    asker.tell(EOFError())
+        told = _sendable(error)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # it ends now: to interrupt that would be told
+    asker.tell(told)
 
 
 def _sendable(error: Exception) -> Exception:

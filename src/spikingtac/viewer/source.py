@@ -235,7 +235,7 @@ class FeltLayer:
         self._force = self._model.estimator()
         self._touches = HeldTouchDetector(self._reference)
         self._vibration = VibrationMonitor(self._rate_hz)
-        self._last_us, self._spectrum_us = -1, 0
+        self._last_us = self._spectrum_us = float("-inf")
         self._wrench: Wrench | None = None
         self._spectrum: Spectrum | None = None
 

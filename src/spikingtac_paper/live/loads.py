@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 
 import spikingtac as st
 from spikingtac_paper.live.board import SIZE, board, free_port, user
-from spikingtac_paper.live.recording import Recording, address, lost_by_kernel, verb
+from spikingtac_paper.live.recording import PATIENCE_S, Recording, address, lost_by_kernel, verb
 
 MEGA = 1e6
 
@@ -77,23 +78,21 @@ class _Users:
         self._view = subprocess.Popen(verb(*words.split()), stdout=pipe, stderr=pipe, text=True)
         self._loop = st.live(f"ring:{name}", calibration=path, preset="fast", rate_hz=1000.0)
         self._plain = user(name)
-        self._late_ms: list[float] = []
         while self._loop.health.state == "starting":
             time.sleep(0.01)
+        self._late_ms = ThreadPoolExecutor(1).submit(self._take)
 
-    def follow(self, seconds: float) -> None:
-        """Take every frame for some seconds."""
-        until_s, frames = time.monotonic() + seconds, iter(self._loop)
-        while time.monotonic() < until_s:
-            self._late_ms.append(next(frames).behind_ms)
+    def _take(self) -> list[float]:
+        """Take every frame until the recorder ends, and return how late each was made, ms."""
+        return [frame.behind_ms for frame in self._loop]
 
     def figures(self) -> dict[str, Any]:
-        """Return what the users tell at the end."""
+        """Return what the users tell once the recorder has ended."""
+        late_ms = self._late_ms.result(PATIENCE_S)
         health, counts = self._loop.health, self._plain.result()
-        out, _ = self._view.communicate(timeout=120.0)
+        out, _ = self._view.communicate(timeout=PATIENCE_S)
         shown = json.loads(out) if out.strip() else {"losses": {}}
-        self._loop.close()
-        p50_ms, p99_ms = np.percentile(self._late_ms or [np.nan], (50, 99)).tolist()
+        p50_ms, p99_ms = np.percentile(late_ms or [np.nan], (50, 99)).tolist()
         return {
             "user_unaccounted": counts["published"] - counts["taken"] - counts["missed"],
             "user_missed": counts["missed"],
@@ -103,6 +102,12 @@ class _Users:
             "loop_late_p50_ms": p50_ms,
             "loop_late_p99_ms": p99_ms,
         }
+
+    def close(self) -> None:
+        """End them, whatever became of the stream."""
+        self._loop.close()
+        for process in (self._view, self._plain.process):
+            process.kill()
 
 
 def run_load(load: Load, folder: Path, seconds: float) -> dict[str, Any]:
@@ -117,10 +122,10 @@ def run_load(load: Load, folder: Path, seconds: float) -> dict[str, Any]:
         for one in recordings:
             stack.callback(one.process.kill)
         users = _Users(names[0], folder, seconds) if load.used else None
+        if users is not None:
+            stack.callback(users.close)
         rate_ev_s = load.mev_s * MEGA
         boards = [board(port, rate_ev_s, seconds, burst_s=load.burst_s) for port in ports]
-        if users is not None:
-            users.follow(seconds)
         sent = sum(one.result() for one in boards)
         told = [one.end() for one in recordings]
         figures = {} if users is None else users.figures()

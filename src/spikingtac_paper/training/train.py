@@ -351,8 +351,9 @@ def _check(clips: Sequence[Clip], config: TrainConfig) -> None:
         raise ConfigError(f"the recordings differ in size: {sorted(sizes)}; train on one sensor")
     if min(*sizes.pop()) < config.crop_px:
         raise ConfigError(f"the sensor is smaller than crop_px, {config.crop_px}; lower it")
-    if config.device.startswith("cuda") and not torch.cuda.is_available():
-        raise ConfigError("no CUDA device was found; use device = 'cpu'")
+    cuda = config.device.startswith("cuda") and torch.cuda.is_available()
+    if not cuda and config.device != "cpu":
+        raise ConfigError(f"there is no device {config.device!r} here (valid: cpu, cuda)")
 
 
 def _claim(path: Path, config: TrainConfig) -> None:

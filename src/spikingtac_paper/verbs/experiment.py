@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from spikingtac.cli import WriteArgs, check_workers
+from spikingtac.cli import WriteArgs
 from spikingtac_paper.registry import EXPERIMENTS, choices_text, run_study
 
 
@@ -52,5 +52,4 @@ class Args(RunArgs):
 
 def run(args: Args) -> int:
     """Run the experiment and print its findings."""
-    check_workers(args.workers)
     return run_study(EXPERIMENTS, "experiment", args)

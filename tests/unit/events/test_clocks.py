@@ -193,7 +193,7 @@ def test_other_lines_and_channels_are_refused() -> None:
     one, other = (line(np.cumsum(rng.uniform(1e5, 9e5, 60)), 9_000) for _ in range(2))
     with pytest.raises(RecordingError, match="trigger edges agree"):
         through_triggers(one, other)
-    with pytest.raises(ConfigError, match="of no channel"):
+    with pytest.raises(ConfigError, match="of no channel; record them at once"):
         through_triggers(one, line(np.arange(5.0), channel=3))
     for lines in (one, other):
         lines.triggers.append([10**9], 5, True)
@@ -248,5 +248,5 @@ def test_a_table_is_read_in_any_unit_of_time_and_any_order_of_columns(tmp_path: 
 )
 def test_what_is_no_table_of_poses_is_refused_with_what_it_needs(tmp_path: Path, text: str) -> None:
     (tmp_path / "p.csv").write_text(text)
-    with pytest.raises(RecordingError, match="one time column"):
+    with pytest.raises(RecordingError, match=r"poses: (?!.*unpack).*one time column"):
         load_poses(tmp_path / "p.csv")

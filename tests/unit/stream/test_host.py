@@ -1,5 +1,6 @@
 """A function in a process of its own: what it tells, what it raises, and that it ends."""
 
+import atexit
 import os
 import subprocess
 import sys
@@ -10,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from spikingtac.errors import DeviceError
-from spikingtac.stream.host import Asker, Host
+from spikingtac.stream.host import Asker, Host, end_in_order
+from stand_ins.waiting import wait_until
 
 PATIENCE_S = 60.0
 
@@ -23,6 +25,8 @@ def echo(asker: Asker, word: str) -> None:
 
 
 def fail(asker: Asker) -> None:
+    end_in_order()
+    atexit.register(time.sleep, 0.5)  # it is closed while it ends
     raise DeviceError("there is no such camera")
 
 
@@ -43,11 +47,13 @@ def test_what_is_told_goes_both_ways() -> None:
     host.close()
 
 
-def test_an_error_is_raised_here_and_a_kill_is_known() -> None:
+def test_an_error_is_raised_here_and_a_kill_is_known(capfd: pytest.CaptureFixture[str]) -> None:
     failing = Host("the camera", fail)
     with pytest.raises(DeviceError, match="no such camera"):
         failing.receive(PATIENCE_S)
+    time.sleep(0.2)
     failing.close()
+    assert capfd.readouterr().err == ""
     host = Host("the sleeper", endless)
     assert host.receive(PATIENCE_S) == host.pid
     host.kill()
@@ -59,7 +65,7 @@ def test_an_error_is_raised_here_and_a_kill_is_known() -> None:
 
 SCRIPT = """
 import sys, time
-sys.path.insert(0, {tests!r})
+sys.path[:0] = {tests!r}
 from test_host import Host, endless
 host = Host("the sleeper", endless)
 print(host.receive(60.0), flush=True)
@@ -69,16 +75,10 @@ time.sleep(600.0)
 
 def test_a_flat_script_that_is_killed_leaves_no_process() -> None:
     """Nothing guards the script's main part: it is never imported a second time."""
-    script = SCRIPT.format(tests=str(Path(__file__).parent))
+    script = SCRIPT.format(tests=[str(Path(__file__).parents[n]) for n in (0, 2)])
     process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
-    pid = int(process.stdout.readline())
+    line = Path(f"/proc/{int(process.stdout.readline())}/cmdline")
     process.kill()
     process.communicate(timeout=PATIENCE_S)
-    until_s = time.monotonic() + PATIENCE_S
-    while Path(f"/proc/{pid}/cmdline").exists() and time.monotonic() < until_s:
-        if not Path(f"/proc/{pid}/cmdline").read_bytes():  # ended, not reaped
-            break
-        time.sleep(0.02)
-    else:
-        assert time.monotonic() < until_s
+    wait_until(lambda: not line.exists() or not line.read_bytes())  # ended, maybe not reaped

@@ -65,14 +65,14 @@ def test_a_press_shows_force_patch_and_later_a_spectrum(model: ForceModel) -> No
     press = 3.0 * away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True))
     for k in range(150):
         share = np.clip((k - 50) / 40, 0.0, 1.0) ** 2
-        layer.take(frame(k * 5_000, share * press))
+        layer.take(frame(k * 5_000 - 10_000_000, share * press))
     shown = layer.shown()
     json.dumps(shown, allow_nan=False)
     assert shown["force_n"][2] > 0.05
     assert len(shown["outline_px"]) >= 3
     np.testing.assert_allclose(shown["place_px"], REFERENCE.mean(axis=0), atol=20.0)
     assert len(shown["spectrum_px"]) > 10
-    layer.take(frame(0, 0.0 * press))
+    layer.take(frame(-10_000_000, 0.0 * press))
     assert layer.shown()["outline_px"] is None
 
 

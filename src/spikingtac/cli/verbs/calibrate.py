@@ -18,6 +18,8 @@ from spikingtac.cli.sources import ending_on_interrupt, fitting
 from spikingtac.file_kinds import kind_of
 from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.reference import Method
+from spikingtac.plots.circles import save_calibration_plot
+from spikingtac.plots.figure import check_target
 from spikingtac.types import Polarity
 
 TELL_US = 2_000_000  # Sensor time between two reports of what a calibration lacks, us.
@@ -86,7 +88,9 @@ def run(args: Args) -> int:
             "spikingtac calibrate --check calibration.json DAY -o DAY_checked"
         )
     recording = args.recordings[0]
-    args.claim(args.output, args.plot)
+    args.claim(args.output)
+    if args.plot is not None:
+        check_target(args.plot, overwrite=args.overwrite)
     if kind_of(recording) == "calibration":
         return _set_scale(args, recording)
     same = ("pitch_mm", "lens", "polarity", "layout", "method", "allow_missing")
@@ -101,8 +105,6 @@ def run(args: Args) -> int:
     calibration.provenance["recording"] = recording.name
     calibration.save(args.output)
     if args.plot is not None:
-        from spikingtac.plots.circles import save_calibration_plot
-
         save_calibration_plot(calibration, args.plot)
     found = summary(calibration)
     written = f"written: {args.output}" + (f", {args.plot}" if args.plot else "")

@@ -14,7 +14,7 @@ import tyro
 from spikingtac import events
 from spikingtac.cameras.libraries import is_installed, plugged_in, remedy
 from spikingtac.cli.messages import Table, tell
-from spikingtac.cli.options import JsonArgs, require_seconds
+from spikingtac.cli.options import JsonArgs
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.events.camera import KINDS
 
@@ -113,7 +113,6 @@ class Finding(NamedTuple):
 
 def doctor(args: DoctorArgs) -> int:
     """Print the findings; exit 3 where something will not work."""
-    require_seconds(args.seconds)
     findings = [*_libraries(), *_settings()]
     if args.source is not None:
         findings += _delivery(args.source, args.seconds)

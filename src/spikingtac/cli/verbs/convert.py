@@ -64,7 +64,6 @@ def run(args: Args) -> int:
     if args.from_us is not None and args.to_us is not None and args.from_us >= args.to_us:
         raise st.ConfigError(f"--from-us {args.from_us} must be before --to-us {args.to_us}")
     if args.output is not None or args.to is not None:
-        means_many(args, args.files)  # refuses options that do not go together
         from spikingtac.events.create import writer_of
 
         if args.to is None:

@@ -76,8 +76,6 @@ def run(args: Args) -> int:
         DeviceError: The stream or the arm failed; the arm was commanded to stop.
     """
     named(contact.detectors(), args.detector, "contact detector")
-    if not args.budget > 0.0:
-        raise st.ConfigError(f"--budget is {args.budget:g}, it must be positive (false contacts/h)")
     if (args.force is None) != (args.limit_n is None):
         raise st.ConfigError("--force and --limit-n belong together: give both, or neither")
     if not events.is_stream(args.events):

@@ -42,8 +42,8 @@ class Args(StyleArgs):
         output: File to write: .png, .svg or .pdf; .gif animates a field of tracks, with the course
             below. tracks.png or events.png unless given.
         kind: Tracks: course (over time, the default), field (arrows), map (heat map), strain (of
-            area). Events: moment (ON and OFF), rate, surface (how recent), hot pixels, overview
-            (the default).
+            area). Events: moment (ON and OFF), rate, surface (how recent), hot (pixels that never
+            rest), overview (the default).
         at_s: Time since the start, s; that of the largest displacement or rate unless given.
         from_s: Begin of an animation, s; a second before the largest displacement unless given.
         to_s: End of an animation, s; a second after the largest displacement unless given.

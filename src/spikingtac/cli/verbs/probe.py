@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,21 +14,15 @@ from spikingtac.cli import probe_sites as sites
 from spikingtac.cli.messages import Table, tell
 from spikingtac.cli.probe_sites import Args, ProbedHole
 from spikingtac.errors import named
+from spikingtac.plots.circles import HolePicture, save_hole_plot
 from spikingtac.schema import to_mapping
 
-if TYPE_CHECKING:
-    from spikingtac.plots.circles import HolePicture
-
-# Arguments that must be above 0.
-POSITIVE = ("travel_mm", "travel_sigma_mm", "travel_limit_mm", "force_limit_n")
 LEAST_RADIUS_MM = 0.5  # Radius of the narrowest hole of the twin, mm: the bit reaches 0.433 mm.
 DIGITS = 5  # Decimals of lengths in hole.json, mm: a hundredth of a micrometre.
 
 
 def run(args: Args) -> int:
     """Probe a hole, write the result, and print it."""
-    from spikingtac.plots.circles import HolePicture, save_hole_plot
-
     check(args)
     paths = _output_paths(args)
     hole = sites.on_twin(args) if args.arm is None else sites.on_arm(args)
@@ -71,16 +64,13 @@ def check(args: Args) -> None:
     from spikingtac.robot.adaptive_search import LEAST_CONTACTS
 
     named(detectors(), args.detector, "contact detector")
-    for name in POSITIVE:
-        value = getattr(args, name)
-        if not (value > 0.0 and math.isfinite(value)):
-            raise st.ConfigError(f"--{name.replace('_', '-')} is {value:g}; it must be above 0")
-    if not (args.radius_mm >= LEAST_RADIUS_MM and math.isfinite(args.radius_mm)):
+    if not args.radius_mm >= LEAST_RADIUS_MM:
         raise st.ConfigError(
             f"--radius-mm is {args.radius_mm:g}; the bit reaches 0.433 mm and needs some room: "
             f"at least {LEAST_RADIUS_MM} mm"
         )
-    for flag, needed in (("rehearsal", "arm"), ("gripper", "arm"), ("release", "gripper")):
+    for flag in ("events", "calibration", "rehearsal", "gripper", "release"):
+        needed = "gripper" if flag == "release" else "arm"
         if getattr(args, flag) and not getattr(args, needed):
             raise st.ConfigError(f"--{flag} is used with --{needed}; give that, too")
     if args.arm is not None and (args.events is None or args.calibration is None):
@@ -106,7 +96,7 @@ def _output_paths(args: Args) -> tuple[Path, Path] | None:
     folder = args.output
     if folder is None:
         return None
-    if folder.suffix and not folder.is_dir():
+    if folder.is_file() or (folder.suffix and not folder.is_dir()):
         raise st.ConfigError(f"--output is {str(folder)!r}; give the name of a folder")
     folder.mkdir(parents=True, exist_ok=True)
     args.claim(folder / "hole.json", folder / "hole.png")

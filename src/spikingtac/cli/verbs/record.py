@@ -15,7 +15,7 @@ import tyro
 import spikingtac as st
 from spikingtac import events
 from spikingtac.cli.messages import Table, progress, remark, tell
-from spikingtac.cli.options import Output, WriteArgs, require_seconds
+from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.cli.sources import camera_address, ending_on_interrupt
 from spikingtac.events.align import (
     By,
@@ -35,7 +35,7 @@ MB = 1e6
 
 SECOND_CLOCK = (
     "the second clock is on the first one within {error_us:.0f} us, but for what the cameras' "
-    "transports differ by; spikingtac align finds that by what both feel"
+    "transports differ by; where both time one line, spikingtac align --by triggers finds that"
 )
 
 # Why a recording ended, in words.
@@ -76,7 +76,6 @@ def run(args: Args) -> int:
     """Record, and print what was recorded; exit 3 where the disk refused to write."""
     from spikingtac.stream.record import locked_folder, parse_split, prepare_folder, record
 
-    require_seconds(args.seconds)
     split, seconds = parse_split(args.split), args.seconds or math.inf
     given = [args.source] if args.second is None else [args.source, args.second]
     addresses = [events.Address.parse(camera_address(source)) for source in given]

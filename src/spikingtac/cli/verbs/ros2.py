@@ -14,7 +14,7 @@ import tyro
 
 import spikingtac as st
 from spikingtac.cli.messages import remark, tell, warn
-from spikingtac.cli.options import ReadArgs, TrackerArgs, require_seconds
+from spikingtac.cli.options import ReadArgs, TrackerArgs
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.file_kinds import kind_of
 
@@ -121,15 +121,14 @@ def feed_of(args: PublishArgs) -> Feed:
     from spikingtac.ros2.feed import feed_of_events, feed_of_tracks, rehearse
     from spikingtac.stream.reader import open_live
 
-    require_seconds(args.seconds)
     calibration = None if args.calibration is None else st.Calibration.load(args.calibration)
     force = None if args.force is None else st.load_force(args.force)
     if kind_of(args.source) == "tracks":
         feed = feed_of_tracks(st.Tracks.load(args.source), calibration, force)
     else:
+        events = open_live(args.source, strict=args.strict, sensor=args.sensor)
         calibration = calibration or st.Calibration.load(args.needed_calibration())
         tracking = st.load_config(args.preset).with_tracking(rate_hz=args.rate_hz).tracking
-        events = open_live(args.source, strict=args.strict, sensor=args.sensor)
         told = refuse if args.strict else warn
         feed = feed_of_events(events, calibration, tracking, force, told)
     rehearse(feed.sensor)
@@ -179,6 +178,5 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **settings: Any
         "messages": dict(sorted(stream.counts.items())),
         "anomalies": anomalies(),
     }
-    sent = ", ".join(f"{count} {name}" for name, count in found["messages"].items())
-    behind = f"at most {found['largest_lag_ms']:.0f} ms behind"
-    return tell(args.json, found, f"published {sent}; {behind}")
+    sent = ", ".join(f"{count} {name}" for name, count in found["messages"].items()) or "nothing"
+    return tell(args.json, found, f"published {sent}; at most {feed.pace.most_ms:.0f} ms behind")

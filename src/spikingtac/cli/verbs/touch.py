@@ -151,7 +151,7 @@ def _listed(args: Args, frames: Iterable[st.MarkerFrame], skin: Skin) -> dict[st
 
 def _of_events(args: Args, recording: Path | events.FileSource, advance: Advance) -> dict[str, Any]:
     """Return the touches in what a tracker makes of events."""
-    path, source = args.needed_calibration(), args.open(recording)
+    source, path = args.open(recording), args.needed_calibration()
     calibration = fitting(path, source)
     config = st.load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
     rate_hz, tracker = config.tracking.rate_hz, st.make_tracker(config.tracking, calibration)

@@ -69,10 +69,11 @@ def track_one(
 ) -> dict[str, Any]:
     """Track a recording into a file, and return the summary."""
     from spikingtac.markers.calibration.calibrate import completed
-    from spikingtac.pipeline.track import track_to_file
+    from spikingtac.pipeline.track import require_same_size, track_to_file
 
     config, calibration = args.settings()
     source = args.open(recording)
+    require_same_size(source.size, calibration.size)
     force = None if args.force is None else st.load_force(args.force)
     if config.tracking.method != "blobs" and not events.is_stream(source.path):
         calibration = completed(source, calibration)
@@ -107,11 +108,10 @@ def track_shown(found: dict[str, Any], name: str, first: dict[str, Any]) -> list
     if found.get("force_max_n") is not None:
         cells["largest force N"] = f"{found['force_max_n']:.3f}"
     told = "note: marker {} was never observed; its positions are predictions"
-    misfit = found["calibration_misfit"]
     return [
         *counted(found["anomalies"]),
         *(told.format(marker) for marker in found["never_observed"]),
-        *([f"warning: {misfit}"] if misfit else []),
+        *([f"warning: {misfit}"] if (misfit := found["calibration_misfit"]) else []),
         Table(f"tracks of {name}", tuple(cells), [tuple(cells.values())], words=0),
     ]
 

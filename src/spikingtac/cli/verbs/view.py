@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from spikingtac.cli.messages import figures, progress, remark, tell
-from spikingtac.cli.options import RealtimeArgs, TrackerArgs, WriteArgs, require_seconds
+from spikingtac.cli.options import RealtimeArgs, TrackerArgs, WriteArgs
 from spikingtac.cli.sources import ask_for_real_time, require_live
 from spikingtac.errors import ConfigError
 from spikingtac.plots.figure import PICTURE_ENDINGS, check_target
@@ -73,7 +73,6 @@ def run(args: Args) -> int:
     from spikingtac.viewer.calibrating import SaveTarget
     from spikingtac.viewer.opening import open_view
 
-    require_seconds(args.seconds)
     _check_together(args)
     same = ("source", "preset", "rate_hz", "seed", "camera")
     given: dict[str, Any] = {name: getattr(args, name) for name in same}
@@ -165,7 +164,6 @@ def demo(args: DemoArgs) -> int:
     """Simulate, track and serve, and print the summary at the end."""
     from spikingtac.viewer.opening import open_view
 
-    require_seconds(args.seconds)
     remark("simulating a finger on the skin; the first start compiles its kernels")
     opener = partial(open_view, SCENE, preset=args.preset, seed=args.seed)
     return _report(SCENE, _shown(opener, args, repeat=True), args.json)

@@ -134,7 +134,9 @@ class RawWriter(OneFileWriter):
     def _check(self, packet: EventPacket) -> None:
         steps = np.diff(packet.t, prepend=self._last_us)
         if packet.t[0] < 0 or int(steps.min()) < 0:
-            raise FormatError("events must be in order of time, from zero on; sort them first")
+            raise FormatError(
+                f"RAW times rise from 0 us on, {packet.t[0]} us came: sort, or convert --shift-us N"
+            )
         if int(steps.max()) > SILENCE_LIMIT_US:
             raise FormatError("a pause of more than a day cannot be written; split the recording")
         if int(packet.x.max()) >= self.size[0] or int(packet.y.max()) >= self.size[1]:

@@ -156,13 +156,7 @@ class UR3Twin:
 
     def move_linear(self, target_mm: FloatArray, speed_mm_s: float) -> None:
         """Start a straight motion; see :class:`~spikingtac.robot.arm.Arm`."""
-        target = checked_target(target_mm, speed_mm_s)
-        state = self.state()
-        if state is not ArmState.IDLE:
-            raise DeviceError(
-                f"the arm cannot start a motion: it is in state {state.value!r}; "
-                "stop it, or clear its fault, and wait until it is idle"
-            )
+        target = checked_target(target_mm, speed_mm_s, self.state())
         self._draw_motion()
         start_s = self._command_time_s()
         here = self._segments[-1].position_mm(start_s)

@@ -122,8 +122,8 @@ def score_force(model: ForceModel, series: WrenchSeries) -> list[ForceScore]:
     Raises:
         ConfigError: The series holds no wrench, or does not fit the model.
     """
-    if not len(series.t_us) or series.wrench.shape[1] < 3:
-        raise ConfigError(f"{series.name} holds no wrench to compare with")
+    if series.wrench.shape[1] < 3:
+        raise ConfigError(f"{series.name} holds no wrench to compare with; give it with --wrench")
     values, widths = model.estimate(series)
     columns, rows = zip(model.components, series.wrench.T, values.T, widths.T, strict=False), []
     for name, truth, told, width in columns:
@@ -156,7 +156,7 @@ def _checked(
             raise ConfigError(f"{one.name}: no marker moves in its {len(one.t_us)} frames")
         if one.wrench.shape[1] < components:
             raise ConfigError(
-                f"{one.name} holds no wrench of {components} components; they are needed in N, Nm"
+                f"{one.name} holds no wrench of {components} components (N, Nm): give --wrench"
             )
         if one.reference.shape != first.reference.shape or one.unit != first.unit:
             raise ConfigError(

@@ -194,9 +194,11 @@ class ForceModel:
         """Return values ``(n, c)`` and half-widths ``(n, c)`` of a series, causally.
 
         Raises:
-            ConfigError: The series does not fit the model.
+            ConfigError: The series does not fit the model, or holds no frame.
         """
         series = series.in_image()
+        if not len(series.t_us):
+            raise ConfigError(f"{series.name} holds no frame: there is nothing to estimate from")
         self.require(series.reference, series.unit, series.name)
         fields = fields_of(series, self.rest_radius, self.memory)
         parts = np.array_split(fields, len(fields) // BATCH + 1)

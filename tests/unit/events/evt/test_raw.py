@@ -212,9 +212,9 @@ def test_writers_refuse_what_does_not_fit(tmp_path: Path) -> None:
 
     with create_events(tmp_path / "a.raw", (320, 240)) as writer:
         writer.write(packet([5], 1))
-        for bad in (packet([4], 1), packet([9, 8], 1), packet([9], 240), packet([1 << 60], 1)):
-            with pytest.raises(FormatError):
-                writer.write(bad)
+        for t, x in (([-4], 1), ([4], 1), ([9, 8], 1), ([9], 240), ([1 << 60], 1)):
+            with pytest.raises(FormatError, match=r"us came.* --shift-us|outside|split"):
+                writer.write(packet(t, x))
     with pytest.raises(FormatError, match="closed"):
         writer.write(packet([9], 1))
     with pytest.raises(FormatError, match="addresses"):
