@@ -16,6 +16,7 @@ from spikingtac.markers.calibration.corrections import (
 from spikingtac.markers.calibration.first_model import steps_of_counts
 from spikingtac.markers.calibration.ideal_pixels import (
     PHASES,
+    SNAP_S,
     Comparison,
     Evidence,
     Model,
@@ -175,14 +176,15 @@ def test_ideal_pixels_fire_as_plain_loops_have_it(recovery_s: float) -> None:
     np.testing.assert_allclose(seen.measured[3], total[seen.pixel], atol=1e-5)
 
 
-@pytest.mark.parametrize("back", [False, True])
-def test_full_swings_are_counted_pixel_by_pixel(back: bool) -> None:
+@pytest.mark.parametrize(("back", "snaps"), [(False, False), (True, False), (True, True)])
+def test_full_swings_are_counted_pixel_by_pixel_but_for_snaps(back: bool, snaps: bool) -> None:
     # One disc comes over a pixel, rests, and leaves it: three ON events and one OFF event against
     # them, then two OFF events, the last of which comes late.
     discs = Discs(np.array([5.0]), np.array([0.5]), np.array([4.0]))
     pixel = 15 * SIZE[0] + 20
     code = np.array([2 * pixel + way for way in (1, 1, 0, 1, 0, 0, 1)], np.uint32)
-    events = BufferedEvents(code, np.arange(7, dtype=np.uint32), SIZE, 0, 7)
+    at_us = np.arange(7, dtype=np.uint32) * np.uint32(1e6 * SNAP_S / (4 if snaps else 1) + 1)
+    events = BufferedEvents(code, at_us, SIZE, 0, 7 * int(at_us[1]))
     away, near, over = [[4.0, 15.0]], [[12.5, 15.0]], [[20.0, 15.0]]
     # Noise long after the swing is none of its events, nor where the disc has gone away.
     path = np.array([away, near, over, over, near, near, *([away] if back else [near]) * 4, near])
@@ -190,9 +192,10 @@ def test_full_swings_are_counted_pixel_by_pixel(back: bool) -> None:
     looks = {"discs": discs, "on": np.full(2, 0.5), "off": np.full(2, 0.25)}
     known, model = evidence_and_model(path, events, **looks)
     seen = compare(replace(known, index=index), model)
-    np.testing.assert_array_equal(seen.swings[pixel], [3, 1, 2, 1, 1, 0])
-    assert seen.marker_swings[0, 1] > 50  # other pixels swung as well, without events
-    assert seen.marker_swings[0, 0] == 3
+    np.testing.assert_array_equal(seen.swings[pixel], [0] * 6 if snaps else [3, 1, 2, 1, 1, 0])
+    # Other pixels swing as well, without events.
+    assert (seen.marker_swings[0, 1] > 50) != snaps
+    assert seen.marker_swings[0, 0] == (0 if snaps else 3)
 
 
 def test_steps_solve_both_equations() -> None:

@@ -45,7 +45,6 @@ class Changes:
     """Levels less each pixel's mean over the states around.
 
     Attributes:
-        on_rim: ``(states, p)`` where a pixel lies on a rim.
         real: ``(states, p)`` changes of the real pixels.
         ideal: Those of the ideal ones.
     """
@@ -54,26 +53,15 @@ class Changes:
         self, seen: Comparison, states: float = OFFSET_STATES, rim_weight: float = RIM_WEIGHT
     ) -> None:
         apart = np.abs(np.subtract.outer(*[np.arange(len(seen.drawn))] * 2))
-        self.on_rim = (seen.drawn > RIM_LEVELS[0]) & (seen.drawn < RIM_LEVELS[1])
-        self._pixel = seen.pixel
+        on_rim = (seen.drawn > RIM_LEVELS[0]) & (seen.drawn < RIM_LEVELS[1])
         self._near = np.exp(-apart / states).astype(np.float32)
-        self._weight = np.where(self.on_rim, np.float32(rim_weight), np.float32(1.0))
+        self._weight = np.where(on_rim, np.float32(rim_weight), np.float32(1.0))
         self._total = self._near @ self._weight
         self.real, self.ideal = self.of(seen.measured), self.of(seen.expected)
 
     def of(self, levels: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the changes of some levels ``(states, p)``, or of derivatives of them."""
         return np.asarray(levels - self._near @ (self._weight * levels) / self._total, np.float32)
-
-    def swings(self, cell: NDArray[np.int64], markers: int) -> NDArray[np.float64]:
-        """Return ``(m, 2)`` sums over the full swings of each marker's pixels from state to state.
-
-        They are the real changes in units of the ideal ones, and the squares of these.
-        """
-        weight = self.ideal / (1.0 + ((self.real - self.ideal) / RESIDUAL_LEVEL) ** 2)
-        weight[self.on_rim] = 0.0
-        sums = [(weight * one).sum(axis=0) for one in (self.real, self.ideal)]
-        return np.array([np.bincount(cell[self._pixel], one, markers) for one in sums], float).T
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,9 +4,8 @@ Every pixel follows the logarithm of a blurred disc and fires when it has left t
 event by a step. Where that level stood when the recording began is not known, so that several ideal
 pixels, spread evenly over the possible levels, are followed for each real one. What real pixels
 fired is compared with their mean: unlike a fit to the levels themselves this is not misled by
-partial swings that give no event, and by steps that are large in one direction.
-
-A pixel swings fully from ground to marker or back: real events of such swings are counted.
+partial swings that give no event, and by steps that are large in one direction. Real events of
+full swings, from ground to marker or back, are counted.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -29,6 +28,9 @@ THREADS, PARTS = 2, 4  # Threads that walk, and parts of the image: few, each dr
 GROUND_LEVEL, MARKER_LEVEL = 0.03, 0.95
 
 SETTLE_SAMPLES = 3  # Events that come so many samples late still count for a swing.
+# Faster swings are not counted: a snap overruns the readout. (With all of them a simulated drag
+# that ends in a snap is calibrated 0.34 px off, with those above 5 ms 0.2, above 10 ms 0.15 px.)
+SNAP_S = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,8 +157,7 @@ def follow_levels_kernel(
     ``which`` is some pixels, and every pixel's marker; ``levels`` are those of now and of before;
     ``copies`` is ``(pixels, PHASES)``, the level at which each copy fired last, and ``(pixels,)``
     the mean sum of their steps. ``clock`` is when each pixel was followed last, the time of now, s,
-    and the rate at which light that was lost without an event is forgotten, 1/s. (A call for each
-    pixel counted references to all these arrays anew, and took twice the time.)
+    and the rate at which light that was lost without an event is forgotten, 1/s.
     """
     (chosen, marker), (now, before), (phases, sums) = which, levels, copies
     (on_steps, off_steps), (seen_s, now_s, per_s) = steps, clock
@@ -212,18 +213,19 @@ def count_events_kernel(
 def end_swings_kernel(
     chosen: NDArray[np.int64],
     image: tuple[NDArray[np.float32], NDArray[np.int32], bool],
-    state: tuple[NDArray[np.int8], NDArray[np.int32], NDArray[np.int32]],
+    state: tuple[NDArray[np.int8], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]],
     counts: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]],
     out: tuple[NDArray[np.float64], NDArray[np.float64]],
+    now_s: float,
 ) -> None:
     """Add the full swings that some pixels have ended to the sums of pixels and markers.
 
     ``image`` is each pixel's level and disc, and whether only those without a disc are meant;
     ``state`` the end at which each was last (1 ground, 2 marker, 0 none yet), samples since a swing
-    came to it (-1: none did), and its marker; ``counts`` ``(pixels, 2)`` OFF and ON events of now,
-    of the last sample at an end, and of the begin of the swing.
+    came to it (-1: none did), its marker, and when it was there, s; ``counts`` ``(pixels, 2)`` OFF
+    and ON events of now, of the last sample at an end, and of the begin of the swing.
     """
-    (now, whose, uncovered), (end, since, marker) = image, state
+    (now, whose, uncovered), (end, since, marker, end_s) = image, state
     (count, last, begun), (by_pixel, by_marker) = counts, out
     for q in chosen:
         if uncovered and whose[q] >= 0:
@@ -243,10 +245,10 @@ def end_swings_kernel(
         if at == 2:
             marker[q] = whose[q]
         if at != 0:
-            if at != end[q] and end[q] != 0:
+            if at != end[q] and end[q] != 0 and now_s - end_s[q] > SNAP_S:
                 since[q] = 0
                 begun[q, 0], begun[q, 1] = last[q, 0], last[q, 1]
-            end[q] = at
+            end[q], end_s[q] = at, now_s
             last[q, 0], last[q, 1] = count[q, 0], count[q, 1]
 
 
@@ -262,8 +264,7 @@ def compare_kernel(
 
     ``real`` is the codes of all events, the number of the first pixel of these rows, their width,
     the time of each sample, s, and the rate at which pixels recover, 1/s; ``out`` is the levels
-    ``(3, states, pixels)``, the owners, the events ``(m, 4)``, and the swings by pixel and by
-    marker.
+    ``(3, states, pixels)``, the owners, the events ``(m, 4)``, swings by pixel, by marker.
     """
     (code, first, width, at_s, per_s), (levels, owners, near, swings) = real, out
     (index, center_px, stretch_px, states), (on, off) = paths, steps
@@ -274,7 +275,7 @@ def compare_kernel(
     touched, former = np.empty(count, np.int64), np.empty(count, np.int64)
     seen_s, last_owner = np.full(count, at_s[0]), np.full(count, -1, np.int32)
     copies, counts = (phases, np.zeros(count, np.float32)), np.zeros((count, 2), np.int32)
-    ends = np.zeros(count, np.int8), np.full(count, -1, np.int32), np.zeros(count, np.int32)
+    ends = np.zeros(count, np.int8), np.full(count, -1, np.int32), last_owner.copy(), seen_s.copy()
     counted = counts, np.zeros_like(counts), np.zeros_like(counts)
     at, formers, kept = index[0], 0, 0
     for sample in range(len(index)):
@@ -287,10 +288,9 @@ def compare_kernel(
             for phase in range(PHASES):
                 phases[:, phase] = now + off - (on + off) * np.float32((phase + 0.5) / PHASES)
         last_owner[covered] = whose[covered]
-        for some in (former[:formers], covered):  # what may be ground now, then the discs
+        for some, uncovered in ((former[:formers], True), (covered, False)):  # left, then shown
             follow_levels_kernel((some, last_owner), (now, before), copies, steps, near, clock)
-        end_swings_kernel(former[:formers], (now, whose, True), ends, counted, swings)
-        end_swings_kernel(covered, (now, whose, False), ends, counted, swings)
+            end_swings_kernel(some, (now, whose, uncovered), ends, counted, swings, clock[1])
         if kept < len(states) and states[kept] == sample:
             levels[0, kept] = on * counts[:, 1] - off * counts[:, 0]
             levels[1, kept], levels[2, kept], owners[kept] = copies[1], now, whose

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.corrections import Changes, corrections, rims
 from spikingtac.markers.calibration.find_markers import CalibrationConfig, Overview
-from spikingtac.markers.calibration.first_model import first_model, tracked
+from spikingtac.markers.calibration.first_model import first_model, tracked, with_steps
 from spikingtac.markers.calibration.ideal_pixels import Comparison, Evidence, Model, compare
 from spikingtac.markers.calibration.layout import refuse_gaps
 
@@ -48,16 +48,6 @@ LARGEST_FACTOR = 1.25
 # Added to counts of events, so that few of them change little.
 COUNT_PRIOR = 100.0
 
-# Full swings that add up to less than this are no swings of that marker.
-LEAST_GAIN = 0.5
-
-# Full swings by which counts of events are believed beforehand for the sensor as a whole, and the
-# sensor for each marker. Slides show 1,000 a marker; the recorded sensor, whose edges are so wide
-# that hardly a pixel swings fully, shows one a marker: such swings tell little. (At 50 for the
-# sensor touches of the twin err by 4 % less, the recorded gel by 4 % more; at 300 touches by 8 %
-# more; at 15 for a marker the recorded gel by 9 % more.)
-SENSOR_PRIOR, MARKER_PRIOR = 80.0, 150.0
-
 
 def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
     """Return a model that explains the evidence better; with ``steps`` also by other steps."""
@@ -73,7 +63,7 @@ def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
         discs = replace(model.discs, radius_px=radius_px, edge_px=edge_px.clip(*EDGE_BOUNDS_PX))
         model = replace(model, discs=discs, residual=residual)
         if steps:
-            model = _recounted(evidence, model, seen, change)
+            model = _recounted(evidence, model, seen)
         # Medians: a marker that the recording hardly shows may never settle.
         largest_px = np.abs(own_px[..., :2]).mean(axis=(0, 2)), np.abs(common_px).max(axis=1)
         if max(float(np.median(one)) for one in largest_px) < SETTLED_PX:
@@ -101,41 +91,15 @@ def _moved(
     return replace(model, center_px=model.center_px + between[..., :2], stretch_px=stretch_px)
 
 
-def _recounted(evidence: Evidence, model: Model, seen: Comparison, change: Changes) -> Model:
-    """Return a model whose steps explain the events: counts tell ON from OFF, swings the scale."""
-    events, swings = seen.events, change.swings(evidence.cell, len(model.on))
-    full = float(seen.marker_swings[:, [1, 3]].sum())
-    # Fewer events than expected: each stands for more.
-    real = (events[:, :2] - evidence.noise).clip(0.0) + COUNT_PRIOR
-    factor = (events[:, 2:] + COUNT_PRIOR) / real
-    counted = np.sqrt(factor.prod(axis=1))
-    gain = swing_gain(swings, 1.0 / counted, full).clip(LEAST_GAIN, 1.0 / LEAST_GAIN)
-    factor = (factor / (counted * gain)[:, np.newaxis]) ** COUNT_GAIN
+def _recounted(evidence: Evidence, model: Model, seen: Comparison) -> Model:
+    """Return a model whose steps explain the counts: fewer events than expected, larger steps."""
+    real = (seen.events[:, :2] - evidence.noise).clip(0.0) + COUNT_PRIOR
+    factor = ((seen.events[:, 2:] + COUNT_PRIOR) / real) ** COUNT_GAIN
     on, off = (
         (step * one.clip(1.0 / LARGEST_FACTOR, LARGEST_FACTOR)).clip(*STEP_BOUNDS)
         for step, one in zip((model.on, model.off), factor.T, strict=True)
     )
-    return replace(model, on=on, off=off, events=events)
-
-
-def swing_gain(
-    swings: NDArray[np.float64], counted: NDArray[np.float64], full: float
-) -> NDArray[np.float64]:
-    """Return ``(m,)`` sums of real events' steps over full swings, as means of their swings.
-
-    Counts of events tell step and motion alike: where other markers swing fully, one that does not
-    follows the sensor, and not its own counts.
-
-    Args:
-        swings: ``(m, 2)`` sums over the full swings of each marker's pixels, and their number.
-        counted: ``(m,)`` the same gain as the counts of events tell it: real over expected events.
-        full: Full swings that the paths show of the whole sensor.
-    """
-    (total, number), usual = swings.T, float(np.median(counted))
-    known = number / (number + MARKER_PRIOR)
-    sensor = (known @ total + SENSOR_PRIOR * usual) / (known @ number + SENSOR_PRIOR)
-    beforehand = sensor * (counted / usual) ** (SENSOR_PRIOR / (SENSOR_PRIOR + full))
-    return (total + MARKER_PRIOR * beforehand) / (number + MARKER_PRIOR)
+    return replace(model, on=on, off=off, events=seen.events)
 
 
 # Time in which pixels of some sensors forget light that they lost without an event, s (the counts
@@ -244,10 +208,8 @@ def judged(evidence: Evidence, model: Model) -> Quality:
     return Quality(explained, above, measured, doubtful, word)
 
 
-# Times that the markers are tracked again from where they rest. (Simulated, calibrated from the
-# touches themselves: 0.166 px without, 0.155 px once, 0.151 px twice; the recorded gel under load
-# 0.75 px once, 0.71 px twice.)
-TRACKED_AGAIN = 2
+# Times that the markers are tracked again from where they rest, and full swings are counted anew.
+TRACKED_AGAIN = 3
 
 
 def explained(view: Overview, config: CalibrationConfig) -> tuple[Evidence, Model, Quality]:
@@ -258,10 +220,14 @@ def explained(view: Overview, config: CalibrationConfig) -> tuple[Evidence, Mode
     """
     evidence, model = first_model(view)
     model = with_recovery(evidence, refine(evidence, model))
-    # A map that is painted where the markers rest shows their paths better.
+    # A map that is painted where the markers rest shows their paths better; and counts of events
+    # tell steps and ways alike, full swings tell steps alone, once sharp discs show them.
     for _ in range(TRACKED_AGAIN):
         rest_px = np.median(model.center_px[evidence.rests[view.unloaded]], axis=0)
-        model = refine(evidence, tracked(view, evidence.index, model, rest_px), steps=False)
+        model = tracked(view, evidence.index, model, rest_px)
+        if not model.recovery_s:  # what such pixels forgot is missing of their swings
+            model = with_steps(evidence, model, rest_px)
+        model = refine(evidence, model, steps=False)
     quality = judged(evidence, model)
     missing = np.flatnonzero(~quality.measured)
     refuse_gaps(view.markers.layout, view.events.size, missing, config.allow_missing)
