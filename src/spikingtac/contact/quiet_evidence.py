@@ -19,6 +19,7 @@ from spikingtac.contact.detector import (
 )
 from spikingtac.contact.evidence import (
     AFFINE_MODES,
+    MODES,
     OFF_RIM,
     POLARITIES,
     RimTable,
@@ -232,7 +233,7 @@ def _whitening(sums: Vector, quiet: QuietEvidence, windows: int) -> Vector:
     """
     covariance = np.cov(quiet.evidence.T)
     bias = _leak_bias(quiet)
-    columns = np.arange(len(covariance)).reshape(-1, POLARITIES, AFFINE_MODES)
+    columns = np.arange(len(covariance)).reshape(-1, POLARITIES, MODES)[..., :AFFINE_MODES]
     off, on = columns[:, 0].ravel(), columns[:, 1].ravel()
     variance = np.diag(covariance) + np.finfo(float).tiny
     drift = np.zeros(len(covariance))
@@ -252,9 +253,9 @@ def _whitening(sums: Vector, quiet: QuietEvidence, windows: int) -> Vector:
 
 def _leak_bias(quiet: QuietEvidence) -> Vector:
     """Return evidence per window and mode ``(d,)`` that the leak may add in one direction."""
-    used = [table.modes[table.row[table.row != OFF_RIM]] for table in quiet.tables]
+    used = [table.modes[table.row[table.row != OFF_RIM], :AFFINE_MODES] for table in quiet.tables]
     power = np.stack([(modes**2).mean(axis=0) for modes in used])
-    variance = quiet.evidence.var(axis=0).reshape(-1, POLARITIES, AFFINE_MODES)
+    variance = quiet.evidence.var(axis=0).reshape(-1, POLARITIES, MODES)[..., :AFFINE_MODES]
     events = variance.mean(axis=2) / power.mean(axis=1, keepdims=True)
     excess = np.maximum(events[:, 1:] - events[:, :1], 0.0)
     return (LEAK_BIAS * excess * np.sqrt(power)).ravel()
