@@ -65,6 +65,12 @@ def test_two_contacts_begin_and_end_of_which_one_circles(
     assert ends == pytest.approx([1030 + REST_WINDOWS, 1630 + REST_WINDOWS], abs=25)
 
 
+@pytest.mark.parametrize("seed", [6, 11])
+def test_single_events_of_a_silent_sensor_are_no_contact(seed: int) -> None:
+    detector = learned(windows(600, seed, noise=0.1))
+    assert course(detector, windows(3000, 100 + seed, noise=0.1)) == ([], [])
+
+
 def test_a_vibration_is_no_contact_where_it_was_learned() -> None:
     def shake(window: int) -> tuple[float, float]:
         return (0.002 if window // 33 % 2 else -0.002), 0.0
