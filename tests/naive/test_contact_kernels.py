@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spikingtac.contact.evidence import (
-    AFFINE_MODES,
+    MODES,
     OFF_RIM,
     RimTable,
     ScaleSums,
@@ -17,7 +17,7 @@ from stand_ins.moving_rims import SIZE, calibration, windows
 
 
 def plain_evidence(packet: EventPacket, table: RimTable) -> np.ndarray:
-    evidence = np.zeros((2, AFFINE_MODES))
+    evidence = np.zeros((2, MODES))
     for x, y, p in zip(packet.x, packet.y, packet.p, strict=True):
         row = table.row[y, x]
         if row != OFF_RIM:

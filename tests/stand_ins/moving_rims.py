@@ -30,19 +30,24 @@ def still(window: int) -> tuple[float, float]:
 def windows(
     count: int, seed: int, speed: Speed = still, noise: float = 4.0, first: int = 0
 ) -> Iterator[EventPacket]:
-    """Yield windows: ``noise`` events each anywhere, and those of the markers' motion."""
-    rng = np.random.default_rng(seed)
+    """Yield windows: ``noise`` events each anywhere, and those of the markers' motion.
+
+    A marker off its rest makes the outside of its rim brighter, ahead, and the inside darker.
+    """
+    rng, moved = np.random.default_rng(seed), np.zeros(2)
     for number in range(first, first + count):
         anywhere = rng.poisson(noise)
         x, y = (list(rng.integers(0, side, anywhere)) for side in SIZE)
         p = list(rng.random(anywhere) < 0.6)
         velocity = np.array(speed(number))
+        moved = moved + velocity
         for _ in range(rng.poisson(np.hypot(*velocity) * VOTES_PER_PX * len(GRID))):
             center, angle = GRID[rng.integers(len(GRID))], rng.uniform(0.0, 2.0 * np.pi)
             normal = np.array([np.cos(angle), np.sin(angle)])
             if rng.random() > abs(normal @ velocity) / np.hypot(*velocity):
                 continue
-            at = np.rint(center + (RADIUS_PX + 0.5) * normal).astype(int)
+            depth = 0.5 if normal @ (moved - 0.5 * velocity) > 0.0 else -0.5
+            at = np.rint(center + (RADIUS_PX + depth) * normal).astype(int)
             x.append(at[0])
             y.append(at[1])
             p.append(bool(normal @ velocity > 0.0))

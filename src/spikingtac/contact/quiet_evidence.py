@@ -19,6 +19,7 @@ from spikingtac.contact.detector import (
 )
 from spikingtac.contact.evidence import (
     AFFINE_MODES,
+    MODES,
     OFF_RIM,
     POLARITIES,
     RimTable,
@@ -91,6 +92,10 @@ SCALES = 9
 # Pixels with more events per second are ignored, Hz (the twin's hot pixels fire at 10 to 500, its
 # background at 1).
 HOT_HZ = 8.0
+
+# Events of each polarity, anywhere on the rims, that are added to those of the quiet windows: of a
+# silent sensor these are too few to tell how its evidence scatters.
+PRIOR_EVENTS = 3.0
 
 # Largest imbalance of the leak between opposite directions, as a share of all leak events: after
 # a contact one side of each rim is closer to its threshold (measured on the twin, 1 s after one).
@@ -230,9 +235,12 @@ def _whitening(sums: Vector, quiet: QuietEvidence, windows: int) -> Vector:
     Motion fires ON and OFF events alike, the leak only ON events. The ON evidence is therefore
     weighted by what the leak may have added over this time.
     """
-    covariance = np.cov(quiet.evidence.T)
-    bias = _leak_bias(quiet)
-    columns = np.arange(len(covariance)).reshape(-1, POLARITIES, AFFINE_MODES)
+    rims = (table.modes[table.row[table.row != OFF_RIM]] for table in quiet.tables)
+    power = np.stack([(modes**2).mean(axis=0) for modes in rims])
+    unseen = PRIOR_EVENTS / len(quiet.evidence) * np.repeat(power, POLARITIES, axis=0)
+    covariance = np.cov(quiet.evidence.T) + np.diag(unseen.ravel())
+    bias = _leak_bias(quiet, power[:, :AFFINE_MODES])
+    columns = np.arange(len(covariance)).reshape(-1, POLARITIES, MODES)[..., :AFFINE_MODES]
     off, on = columns[:, 0].ravel(), columns[:, 1].ravel()
     variance = np.diag(covariance) + np.finfo(float).tiny
     drift = np.zeros(len(covariance))
@@ -250,11 +258,14 @@ def _whitening(sums: Vector, quiet: QuietEvidence, windows: int) -> Vector:
     return (axes / np.sqrt(np.maximum(value, 1.0))).T @ half
 
 
-def _leak_bias(quiet: QuietEvidence) -> Vector:
-    """Return evidence per window and mode ``(d,)`` that the leak may add in one direction."""
-    used = [table.modes[table.row[table.row != OFF_RIM]] for table in quiet.tables]
-    power = np.stack([(modes**2).mean(axis=0) for modes in used])
-    variance = quiet.evidence.var(axis=0).reshape(-1, POLARITIES, AFFINE_MODES)
+def _leak_bias(quiet: QuietEvidence, power: Vector) -> Vector:
+    """Return evidence per window and mode ``(d,)`` that the leak may add in one direction.
+
+    Args:
+        quiet: Its evidence.
+        power: ``(sensors, modes)`` mean square of what one event adds to it.
+    """
+    variance = quiet.evidence.var(axis=0).reshape(-1, POLARITIES, MODES)[..., :AFFINE_MODES]
     events = variance.mean(axis=2) / power.mean(axis=1, keepdims=True)
     excess = np.maximum(events[:, 1:] - events[:, :1], 0.0)
     return (LEAK_BIAS * excess * np.sqrt(power)).ravel()

@@ -4,23 +4,22 @@ Arm vibration moves the markers to and fro, so its evidence cancels within a per
 pixels cancels around each rim. A contact moves the field one way, so its evidence adds up.
 
 A contact ends when the markers have come back. Silence is no sign of an end: a finger that holds
-still is as silent as one that let go.
+still is as silent as one that let go. Nor is a motion back: a finger that circles or twists turns
+about. What counts is how far the markers are from their rest, whichever way.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
-
-import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import DetectorSummary, Window, check_budget, packets_of
 from spikingtac.contact.evidence import (
-    AFFINE_MODES,
-    POLARITIES,
     ScaleSums,
     ScaleTest,
     Vector,
+    distance_of,
     evidence_of,
     rim_table,
 )
@@ -28,57 +27,53 @@ from spikingtac.contact.quiet_evidence import QuietEvidence, quiet_evidence, sca
 from spikingtac.errors import CalibrationError
 from spikingtac.types import Contact
 
-# The contact ends once the markers have come back by this share of their largest displacement,
-# less the dead travel (light presses of the twin come back by no more).
-BACK_SHARE = 0.4
+# Share of their largest distance from the rest below which the markers are back (21 scenes of the
+# twin: up to 0.26 is left 60 ms after a contact, and 0.4 and more lasts through one).
+BACK_SHARE = 0.3
+NO_DISTANCE = 0.25  # Evidence per marker for a distance that says nothing (up to 4 are alike).
 
-# OFF evidence per marker that is lost at a reversal, since each pixel has to come back by up to two
-# thresholds before it fires (measured on the twin: light presses).
-DEAD_EVIDENCE = 4.0
 REST_WINDOWS = 50  # Windows in a row without motion after which a contact ends, markers back.
+
+# The same after which a motion that does not lead away from the rest may be a contact: the skin
+# creeps after a release, and the longest scale finds that late (250 to 350 are alike).
+CREEP_WINDOWS = 300
 
 
 class ReleaseMonitor:
-    """Follows the markers' common motion since a contact began, until they are back.
-
-    It uses OFF evidence only: the leak adds to the ON evidence for as long as a contact lasts.
+    """Follows how far the markers are from their rest, since a contact began.
 
     Args:
-        mean: ``(length,)`` evidence per window without contact.
         total: ``(length,)`` evidence of the contact up to the decision.
         markers: How many markers there are, over all sensors.
+
+    Attributes:
+        over: True once the markers have rested where they were before.
     """
 
-    def __init__(self, mean: Vector, total: Vector, markers: int) -> None:
-        self._mean = _off(mean)
-        self._moved = _off(total)
-        self._farthest = self._moved.copy()
-        self._length = float(np.linalg.norm(self._farthest))
-        self._dead = DEAD_EVIDENCE * markers
-        self._returning = False
+    def __init__(self, total: Vector, markers: int) -> None:
+        self.over = False
+        self._distance = self._farthest = distance_of(total)
+        self._none = NO_DISTANCE * markers
+        self._nearest, self._windows = math.inf, 0  # since the markers came back
 
     def add(self, evidence: Vector) -> None:
         """Take the evidence of the next window."""
-        self._moved += _off(evidence) - self._mean
-        length = float(np.linalg.norm(self._moved))
-        if length > self._length:
-            self._farthest, self._length = self._moved.copy(), length
-
-    def motion(self, total: Vector) -> bool:
-        """Take the evidence of a scale that found a new motion; return True for a motion back."""
-        self._returning = float(_off(total) @ self._farthest) < 0.0
-        return self._returning
+        self._distance += distance_of(evidence)
+        self._farthest = max(self._farthest, self._distance)
 
     def left(self) -> bool:
-        """Return True once a motion back was found and has led far enough."""
-        if not self._returning:
+        """Return whether the markers, which were back, are moving away."""
+        return self._distance > self._nearest + self._none
+
+    def back(self) -> bool:
+        """Return whether the markers are back, or have been since the contact was over."""
+        if not self.over and self._distance > max(BACK_SHARE * self._farthest, self._none):
+            self._nearest, self._windows = math.inf, 0
             return False
-        back = float((self._farthest - self._moved) @ self._farthest) / self._length
-        return back >= BACK_SHARE * (self._length - self._dead)
-
-
-def _off(evidence: Vector) -> Vector:
-    return evidence.reshape(-1, POLARITIES, AFFINE_MODES)[:, 0].ravel().copy()
+        self._windows += 1
+        if self._windows >= REST_WINDOWS and (self.over or self._farthest > self._none):
+            self._nearest = min(self._nearest, self._distance)
+        return True
 
 
 class SequentialMotionDetector:
@@ -98,7 +93,7 @@ class SequentialMotionDetector:
         self._learned, self._sums = learned, ScaleSums(test)
         self._markers = sum(table.markers for table in learned.tables)
         self._release: ReleaseMonitor | None = None
-        self._calm: int | None = None
+        self._calm = 0
 
     @classmethod
     def from_quiet(
@@ -135,12 +130,11 @@ class SequentialMotionDetector:
         scale = int(ratio.argmax())
         found = bool(ratio[scale] > 1.0)
         if self._release is not None:
-            found = self._is_next(self._release, evidence, scale if found else None)
+            found = self._is_next(self._release, evidence, found)
         if not found:
             return None
-        total = self._sums.total(scale)
-        self._release = ReleaseMonitor(self.test.mean, total, self._markers)
-        self.in_contact, self._calm = True, None
+        self._release = ReleaseMonitor(self._sums.total(scale), self._markers)
+        self.in_contact, self._calm = True, 0
         t_us = packets_of(window)[0].t_end_us
         return Contact(t_us, float(values[scale]), float(self.test.threshold[scale]))
 
@@ -161,10 +155,10 @@ class SequentialMotionDetector:
 
     def reset(self) -> None:
         """Forget the past windows, but keep what was learned from the quiet ones."""
-        self.in_contact, self._release, self._calm = False, None, None
+        self.in_contact, self._release, self._calm = False, None, 0
         self._sums.reset()
 
-    def _is_next(self, release: ReleaseMonitor, evidence: Vector, scale: int | None) -> bool:
+    def _is_next(self, release: ReleaseMonitor, evidence: Vector, found: bool) -> bool:
         """Follow a contact to its end; return whether the next one has begun.
 
         Once the markers have come back, the contact ends when they rest or move away again.
@@ -172,20 +166,17 @@ class SequentialMotionDetector:
         Args:
             release: Follows the markers.
             evidence: Of the window.
-            scale: Which one exceeds its threshold.
+            found: Whether a scale exceeds its threshold.
         """
         release.add(evidence)
-        back = scale is not None and release.motion(self._sums.total(scale))
-        if self._calm is None:
-            if release.left():
-                self._calm = 0
-                self._sums.reset()
-            return False
-        if scale is not None and not back:
+        if found and release.left():
             return True
-        self._calm = 0 if back else self._calm + 1
-        if back:
+        back = release.back()
+        if back and found:
             self._sums.reset()  # the same windows must not find the same motion again
+        self._calm = self._calm + 1 if back and not found else 0
         if self._calm >= REST_WINDOWS:
-            self._release, self._calm, self.in_contact = None, None, False
+            release.over, self.in_contact = True, False
+        if self._calm >= CREEP_WINDOWS:
+            self._release = None
         return False

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 
-from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.contact.sequential_detector import REST_WINDOWS, SequentialMotionDetector
 from spikingtac.types import Contact, EventPacket
 from stand_ins.moving_rims import calibration, windows
@@ -20,17 +20,13 @@ def press_and_back(window: int) -> tuple[float, float]:
     return 0.0, 0.0
 
 
-@pytest.fixture(scope="module")
-def built() -> SequentialMotionDetector:
-    detector = make_detector("default", DetectionConfig(), [calibration()], windows(3000, seed=1))
-    assert isinstance(detector, SequentialMotionDetector)
-    return detector
+def learned(quiet: Iterator[EventPacket]) -> SequentialMotionDetector:
+    return SequentialMotionDetector.from_quiet([calibration()], quiet, 1.0)
 
 
 @pytest.fixture
-def detector(built: SequentialMotionDetector) -> SequentialMotionDetector:
-    built.reset()
-    return built
+def detector() -> SequentialMotionDetector:
+    return learned(windows(3000, seed=1))
 
 
 def course(
@@ -47,13 +43,6 @@ def course(
     return contacts, ends
 
 
-def test_two_contacts_begin_and_end(detector: SequentialMotionDetector) -> None:
-    contacts, ends = course(detector, windows(1400, seed=2, speed=press_and_back))
-    assert [contact.t_us // 1000 for contact in contacts] == pytest.approx([401, 1001], abs=3)
-    rest = REST_WINDOWS
-    assert ends == pytest.approx([550 + rest, 1150 + rest], abs=25)
-
-
 def test_a_contact_that_is_held_goes_on_in_silence(detector: SequentialMotionDetector) -> None:
     hold = windows(4000, seed=3, speed=lambda k: (0.05 * (100 <= k < 140), 0.0))
     contacts, ends = course(detector, hold)
@@ -62,11 +51,29 @@ def test_a_contact_that_is_held_goes_on_in_silence(detector: SequentialMotionDet
     assert detector.in_contact
 
 
+def test_two_contacts_begin_and_end_of_which_one_circles(
+    detector: SequentialMotionDetector,
+) -> None:
+    def circles(window: int) -> tuple[float, float]:
+        turns = (window - 440) / 160
+        if not 0.0 <= turns < 3.0:
+            return press_and_back(window - 480 * (window >= 920))
+        return -0.08 * np.sin(2.0 * np.pi * turns), 0.08 * np.cos(2.0 * np.pi * turns)
+
+    contacts, ends = course(detector, windows(2000, seed=6, speed=circles))
+    assert [contact.t_us // 1000 for contact in contacts] == pytest.approx([401, 1481], abs=3)
+    assert ends == pytest.approx([1030 + REST_WINDOWS, 1630 + REST_WINDOWS], abs=25)
+
+
+@pytest.mark.parametrize("seed", [6, 11])
+def test_single_events_of_a_silent_sensor_are_no_contact(seed: int) -> None:
+    detector = learned(windows(600, seed, noise=0.1))
+    assert course(detector, windows(3000, 100 + seed, noise=0.1)) == ([], [])
+
+
 def test_a_vibration_is_no_contact_where_it_was_learned() -> None:
     def shake(window: int) -> tuple[float, float]:
         return (0.002 if window // 33 % 2 else -0.002), 0.0
 
-    quiet = windows(3000, seed=4, speed=shake)
-    detector = make_detector("default", DetectionConfig(), [calibration()], quiet)
-    assert isinstance(detector, SequentialMotionDetector)
+    detector = learned(windows(3000, seed=4, speed=shake))
     assert course(detector, windows(3000, seed=5, speed=shake)) == ([], [])
