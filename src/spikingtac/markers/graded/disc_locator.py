@@ -36,8 +36,10 @@ from spikingtac.markers.graded.motion import (
     MARKED_X,
     MARKED_Y,
     MEASUREMENT_PERIOD_S,
+    NEVER_US,
     OFF_PX,
     OUTLINED_US,
+    SILENT_US,
     VX,
     VY,
     X,
@@ -79,7 +81,7 @@ class DiscLocator:
         pending: ``(m + 1,)`` events around each marker since its last fit, and those around none:
             so no event needs a branch, which would cost half as much again.
         answered: ``(m + 1,)`` those before: events around each marker until its last fit.
-        times_us: When the last two estimates were made, us; -1 before there were any.
+        times_us: When the last two estimates were made, us; NEVER_US before there were any.
     """
 
     def __init__(self, calibration: Calibration, dead_bands: bool = False) -> None:
@@ -112,7 +114,7 @@ class DiscLocator:
         self.fits[:, AGREEMENT] = 1.0
         self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
         self.pending, self.answered = np.zeros((2, count + 1), np.int64)
-        self.times_us = -1, -1
+        self.times_us = NEVER_US, NEVER_US
         pixels, states = self.map.pixels, (self.motion, self.fits, self.outline_px)
         markers = self.pending, self.answered, self._radius_px, self._due, pixels
         self._fixed = *self.window, *states, *markers
@@ -193,8 +195,9 @@ def locate_discs_kernel(
     levels, t_us = (flat, pixels.shape[1], pixels.shape[0]), times_us[1]
     window = FitWindow(offset, around, within, coefficients, edge)
     for m in range(len(fits)):
-        if motions[m, AT_US] < 0.0:
+        if motions[m, AT_US] == NEVER_US:
             motions[m, AT_US] = fits[m, FIT_US] = fits[m, OUTLINED_US] = t_us
+            fits[m, SILENT_US] = t_us
         dt_s = (t_us - motions[m, AT_US]) * 1e-6
         asked = asks_kernel(m, fits, pending, due, bands, times_us)
         if not asked and (pending[m] > 0 or dt_s < MEASUREMENT_PERIOD_S):

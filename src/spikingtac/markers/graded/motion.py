@@ -36,6 +36,8 @@ PERIOD_US, HURRIED_US, MISSED_PX, SUDDEN = 2_000, 1_000, 0.12, 12
 
 AT_ONCE = 1 << 30  # Events that are due for any marker.
 
+NEVER_US = -(1 << 62)  # A time before all others, us: recordings may begin before zero.
+
 # How far beyond a disc's edge events ask for a fit, too: a prediction may be off by so much.
 FARTHER_PX = 1.0
 
@@ -55,7 +57,7 @@ def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
     motion = np.zeros((len(position_px), 8))
     motion[:, X:VX] = position_px
     motion[:, PP], motion[:, VV] = MEASUREMENT_SIGMA_PX**2, START_VELOCITY_PX_S**2
-    motion[:, AT_US] = -1.0
+    motion[:, AT_US] = NEVER_US
     return motion
 
 

@@ -28,7 +28,7 @@ from spikingtac.markers.graded.event_loss import (
     SLOW_PX_S,
     EventLoss,
 )
-from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, FIT_X, VX, VY
+from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, FIT_X, NEVER_US, VX, VY
 from spikingtac.markers.neighbours import Neighbourhood, around_kernel, smallest_spacing_px
 from spikingtac.state_map.graded import Array
 
@@ -84,8 +84,8 @@ class TrackManager:
         self._areas_px = blob_areas_px(calibration.radius_px)
         spacing_px = min(smallest_spacing_px(calibration.reference_px), max(calibration.size))
         self.capture_px = CAPTURE_SHARE * spacing_px
-        self._doubted_since_us = np.full(count, -1, np.int64)
-        self._search_at_us = 0
+        self._doubted_since_us = np.full(count, NEVER_US, np.int64)
+        self._search_at_us = NEVER_US
         self._unheard_px, self._trust = np.zeros(count), np.ones(count)
         self.coasted, self.silent, self.moved = np.zeros((3, count), np.bool_)
         self.placed = False
@@ -126,7 +126,7 @@ class TrackManager:
         if not doubt_kernel(fits, near.skin, near.bound_px, gone, t_us, since_us):
             return
         fitted_px = fits[:, :FIT_US]
-        lost = (since_us >= 0) & (t_us - since_us >= PATIENCE_US)
+        lost = (since_us > NEVER_US) & (t_us - since_us >= PATIENCE_US)
         self.coasted |= lost | self.silent
         self.moved[:] = self.coasted
         if self.coasted.any():
@@ -155,7 +155,7 @@ class TrackManager:
         found = self.coasted & ~self.silent & (match != UNMATCHED)
         self.position_px[found] = blobs.center_px[match[found]]
         self.coasted &= ~found
-        self._doubted_since_us[found] = -1
+        self._doubted_since_us[found] = NEVER_US
 
 
 @kernel()
@@ -197,7 +197,7 @@ def doubt_kernel(
     fits: Array, skin: tuple[Array, Array, Array], bound_px: Array, gone: tuple[Array, Array],
     t_us: int, since_us: Array,
 ) -> bool:  # pragma: no cover - compiled # fmt: skip
-    """Note since when fits cannot be their markers, -1 for all others.
+    """Note since when fits cannot be their markers, NEVER_US for all others.
 
     Returns whether there are any, or markers that are ``gone``: held, or silent.
     """
@@ -209,10 +209,10 @@ def doubt_kernel(
             moved = fits[m, FIT_X + axis] - skin[0][m, axis]
             beyond2 += max(low - moved, moved - high, 0.0) ** 2
         if beyond2 <= bound_px[m] ** 2 and fits[m, AGREEMENT] >= LEAST_AGREEMENT:
-            since_us[m] = -1
-        elif since_us[m] < 0:
+            since_us[m] = NEVER_US
+        elif since_us[m] == NEVER_US:
             since_us[m] = t_us
-        found = found or since_us[m] >= 0 or gone[0][m] or gone[1][m]
+        found = found or since_us[m] > NEVER_US or gone[0][m] or gone[1][m]
     return found
 
 

@@ -21,7 +21,7 @@ from spikingtac.markers.graded.corrections import OutputCorrections, ReleasedZer
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.event_loss import EventLoss
 from spikingtac.markers.graded.map_leak import MapLeak
-from spikingtac.markers.graded.motion import AGREEMENT, VX, VY
+from spikingtac.markers.graded.motion import AGREEMENT, NEVER_US, VX, VY
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.markers.laws import OutputLaw
 from spikingtac.state_map.graded import GradedStateMap
@@ -44,8 +44,6 @@ TURN_US = 1_000
 # events came for each marker, and a task for an estimate without a leak: 10,000 estimates a second
 # so have shorter peaks and the same errors.
 SHORT_S, MANY_EVENTS = 0.5e-3, 8
-
-BEFORE_ALL_US = -(1 << 62)  # A time before any estimate, us.
 
 # Turns in which each task has one: the loss of events, silent markers, lost markers, and none.
 TASKS = 4
@@ -166,7 +164,7 @@ class GradedTracker:
         locator, manager = self._locator, self._manager
         locator.locate(t_us, manager.coasted)
         self._due_us, before_us = t_us + LONGEST_PERIOD_US, locator.times_us[0]
-        dt_s = 0.0 if before_us < 0 else (t_us - before_us) * 1e-6
+        dt_s = 0.0 if before_us == NEVER_US else (t_us - before_us) * 1e-6
         short = 0.0 < dt_s < SHORT_S
         wait_us = TURN_US if short and self._events > MANY_EVENTS * len(locator.fits) else 0
         leaks = t_us >= self._leak_us + wait_us
@@ -199,7 +197,7 @@ class GradedTracker:
         self._leaked_us: int | None = None
         self._counted_us: int | None = None
         self._heard = self._locator.heard
-        self._due_us = self._leak_us = self._task_us = BEFORE_ALL_US
+        self._due_us = self._leak_us = self._task_us = NEVER_US
         self._turn = self._events = 0
         self._manager = TrackManager(self.calibration)
         neighbours = self._manager.neighbours
