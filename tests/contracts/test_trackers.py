@@ -123,12 +123,10 @@ def test_any_cutting_of_the_stream_gives_the_same(name: str) -> None:
 def test_times_may_lie_before_zero(name: str) -> None:
     tracker, before_us = main_methods()[name].build(calibration()), 10_000_000
     for frame in reference_run(name):
-        start_us, end_us = frame.t_us - PERIOD_US, frame.t_us
-        part = between(events(), start_us, end_us)
-        times_us = {"t_start_us": start_us - before_us, "t_end_us": end_us - before_us}
-        tracker.absorb(replace(part, t=part.t - before_us, **times_us))
-        found = tracker.estimate(end_us - before_us)
-        np.testing.assert_array_equal(found.detected_px, frame.detected_px)
+        part = between(events(), frame.t_us - PERIOD_US, frame.t_us)
+        start_us, end_us = part.t_start_us - before_us, part.t_end_us - before_us
+        tracker.absorb(replace(part, t=part.t - before_us, t_start_us=start_us, t_end_us=end_us))
+        np.testing.assert_array_equal(tracker.estimate(end_us).detected_px, frame.detected_px)
 
 
 def test_markers_may_come_in_any_order(name: str) -> None:

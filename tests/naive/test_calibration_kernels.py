@@ -24,6 +24,7 @@ from spikingtac.markers.calibration.ideal_pixels import (
 )
 from spikingtac.markers.calibration.level_maps import level_maps, swings_kernel
 from spikingtac.markers.calibration.recording import BufferedEvents
+from spikingtac.markers.calibration.refine import from_rest
 from spikingtac.markers.calibration_check import (
     NEIGHBOUR_US,
     NEIGHBOURS,
@@ -72,25 +73,25 @@ def test_level_maps_equal_the_twin(count: int) -> None:
     index = np.unique(np.array([0, count // 3, count]))
     start = np.linspace(0.0, 1.0, events.pixels, dtype=np.float32).reshape(events.shape)
     got = level_maps(events, steps, index, start)
-    value = start.ravel().astype(np.float64)
+    value, codes = start.ravel().astype(np.float64), events.code.tolist()
     forward, backward = [], []
-    for code in events.code.tolist():
-        change = steps[0] if code & 1 else -steps[1]
+
+    def take(code: int, way: float) -> None:
+        change = way * (steps[0] if code & 1 else -steps[1])
         value[code >> 1] = min(max(value[code >> 1] + change, 0.0), 1.0)
+
+    for code in codes:
+        take(code, 1.0)
     for at in range(count, -1, -1):
         if at in index:
             backward.insert(0, value.copy())
         if at:
-            code = int(events.code[at - 1])
-            change = steps[0] if code & 1 else -steps[1]
-            value[code >> 1] = min(max(value[code >> 1] - change, 0.0), 1.0)
+            take(codes[at - 1], -1.0)
     for at in range(count + 1):
         if at in index:
             forward.append(value.copy())
         if at < count:
-            code = int(events.code[at])
-            change = steps[0] if code & 1 else -steps[1]
-            value[code >> 1] = min(max(value[code >> 1] + change, 0.0), 1.0)
+            take(codes[at], 1.0)
     expected = 0.5 * (np.array(forward) + np.array(backward))
     np.testing.assert_allclose(got.reshape(len(index), -1), expected, atol=1e-5)
 
@@ -189,13 +190,21 @@ def test_full_swings_are_counted_pixel_by_pixel_but_for_snaps(back: bool, snaps:
     # Noise long after the swing is none of its events, nor where the disc has gone away.
     path = np.array([away, near, over, over, near, near, *([away] if back else [near]) * 4, near])
     index = np.array([0, 0, 3, 4, 5, 6, 6, 6, 6, 6, 7])
-    looks = {"discs": discs, "on": np.full(2, 0.5), "off": np.full(2, 0.25)}
-    known, model = evidence_and_model(path, events, **looks)
+    known, model = evidence_and_model(path, events, discs=discs, on=2 * [0.5], off=2 * [0.25])
     seen = compare(replace(known, index=index), model)
     np.testing.assert_array_equal(seen.swings[pixel], [0] * 6 if snaps else [3, 1, 2, 1, 1, 0])
     # Other pixels swing as well, without events.
     assert (seen.marker_swings[0, 1] > 50) != snaps
     assert seen.marker_swings[0, 0] == (0 if snaps else 3)
+
+
+def test_discs_have_the_radii_of_their_rests() -> None:
+    stretch_px = np.random.default_rng(5).normal(size=(5, 2, 3))
+    _, model = evidence_and_model(np.zeros((5, 2, 2)), stretch_px=stretch_px)
+    rested = from_rest(model, np.array([1, 3]))
+    grown_px = rested.discs.radius_px + rested.stretch_px[..., 0]
+    np.testing.assert_allclose(grown_px, DISCS.radius_px + stretch_px[..., 0])
+    np.testing.assert_allclose(rested.stretch_px[[1, 3], :, 0].sum(axis=0), 0.0, atol=1e-12)
 
 
 def test_steps_solve_both_equations() -> None:

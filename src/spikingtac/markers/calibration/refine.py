@@ -208,6 +208,14 @@ def judged(evidence: Evidence, model: Model) -> Quality:
     return Quality(explained, above, measured, doubtful, word)
 
 
+def from_rest(model: Model, rests: NDArray[np.int64]) -> Model:
+    """Return the same discs with the radii that they have at some samples: touched ones grow."""
+    growth_px = np.median(model.stretch_px[rests, :, 0], axis=0)
+    discs = replace(model.discs, radius_px=model.discs.radius_px + growth_px)
+    stretch_px = model.stretch_px - np.multiply.outer(growth_px, [1.0, 0.0, 0.0])
+    return replace(model, discs=discs, stretch_px=stretch_px)
+
+
 # Times that the markers are tracked again from where they rest, and full swings are counted anew.
 TRACKED_AGAIN = 3
 
@@ -219,15 +227,16 @@ def explained(view: Overview, config: CalibrationConfig) -> tuple[Evidence, Mode
         CalibrationError: Discs do not explain it, or too many of the markers hardly moved.
     """
     evidence, model = first_model(view)
-    model = with_recovery(evidence, refine(evidence, model))
+    rests = evidence.rests[view.unloaded]
+    model = from_rest(with_recovery(evidence, refine(evidence, model)), rests)
     # A map that is painted where the markers rest shows their paths better; and counts of events
     # tell steps and ways alike, full swings tell steps alone, once sharp discs show them.
     for _ in range(TRACKED_AGAIN):
-        rest_px = np.median(model.center_px[evidence.rests[view.unloaded]], axis=0)
+        rest_px = np.median(model.center_px[rests], axis=0)
         model = tracked(view, evidence.index, model, rest_px)
         if not model.recovery_s:  # what such pixels forgot is missing of their swings
             model = with_steps(evidence, model, rest_px)
-        model = refine(evidence, model, steps=False)
+        model = from_rest(refine(evidence, model, steps=False), rests)
     quality = judged(evidence, model)
     missing = np.flatnonzero(~quality.measured)
     refuse_gaps(view.markers.layout, view.events.size, missing, config.allow_missing)

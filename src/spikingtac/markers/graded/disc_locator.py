@@ -196,8 +196,7 @@ def locate_discs_kernel(
     window = FitWindow(offset, around, within, coefficients, edge)
     for m in range(len(fits)):
         if motions[m, AT_US] == NEVER_US:
-            motions[m, AT_US] = fits[m, FIT_US] = fits[m, OUTLINED_US] = t_us
-            fits[m, SILENT_US] = t_us
+            fits[m, FIT_US] = fits[m, SILENT_US] = fits[m, OUTLINED_US] = motions[m, AT_US] = t_us
         dt_s = (t_us - motions[m, AT_US]) * 1e-6
         asked = asks_kernel(m, fits, pending, due, bands, times_us)
         if not asked and (pending[m] > 0 or dt_s < MEASUREMENT_PERIOD_S):
