@@ -101,6 +101,7 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
         (("info", "--stricd", "x"), "did you mean '--strict'"),
         (("track", "a.raw"), "--calibration calibration.json"),
         (("view",), "SOURCE"),
+        (("view", "a", "--export", "x.gif", "-o", "x.png"), "-o and --export write the same"),
         (("convert", "a", "b", "--crop", "1", "2"), "--crop"),
         (("plot", "a", "b"), "Unrecognized options: b"),
         (("track", "a", "--workers=1.5"), "--workers takes a whole number, '1.5' is none"),
