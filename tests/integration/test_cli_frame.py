@@ -30,7 +30,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     (folder / "circling").mkdir()
     record_circling(folder / "circling")
-    circling_tracks(estimates=20).save(folder / "tracks.npz")
+    for ending in ("npz", "csv"):
+        circling_tracks(estimates=20).save(folder / f"tracks.{ending}")
+    (folder / "tracks.parquet").write_bytes(b"PAR1\0")
     np.savez(folder / "truth.npz", marker_t_us=np.arange(2), marker_px=np.zeros((2, 64, 2)))
     np.savez(folder / "zero.npz", t=[], x=[], y=[], p=[], size=(320, 320))
     (folder / "finger.json").symlink_to(folder / "circling" / "calibration.json")
@@ -143,6 +145,9 @@ def test_what_is_typed_wrong_is_told_in_words(
         (("track", "circling", "--calibration", "wide.json"), "the calibration is for 640x480"),
         (("compare", "tracks.npz", "finger.json"), "neither tracks nor a truth: it is a calib"),
         (("compare", "tracks.npz", "nowhere.npz"), "No such file"),
+        (("compare", "tracks.csv", "truth.npz"), "no tracks: it is a table, and tracks are"),
+        (("plot", "tracks.csv"), "no events: it is a table, and tracks are read as .npz only"),
+        (("plot", "tracks.parquet"), "no events: it is a table, and tracks are read as .npz only"),
         (("touch", "nowhere.npz"), "there is no file"),
         (("ros2", "nowhere.raw"), "there is no file"),
     ],
