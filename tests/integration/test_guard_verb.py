@@ -89,6 +89,8 @@ def test_files_that_cannot_be_learned_from_are_refused_before_the_arm_is_connect
     assert "cannot read the calibration" in verbs.said(*words, code=1)
     calibration().save(finger)
     assert "the calibration is for" in verbs.said(*words, code=1)
+    save_events(quiet, EventPacket.empty(0, 1_000, SIZE))
+    assert "nothing was stopped: the recording holds no events" in verbs.said(*words, code=1)
 
 
 def test_the_detector_learns_from_the_quiet_recording(tmp_path: Path) -> None:
@@ -99,14 +101,9 @@ def test_the_detector_learns_from_the_quiet_recording(tmp_path: Path) -> None:
     assert all(learnt.update(window) is None for window in windows(20, seed=2, first=300))
 
 
-@pytest.fixture
-def told(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, str]]:
-    found: list[tuple[float, str]] = []
-    monkeypatch.setattr(guard, "remark", lambda text: found.append((time.monotonic(), text)))
-    return found
-
-
-def test_a_guard_that_hangs_is_told_in_a_fifth_of_a_second(told: list[tuple[float, str]]) -> None:
+def test_a_guard_that_hangs_is_told_in_a_fifth_of_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[float, str]] = []
+    monkeypatch.setattr(guard, "remark", lambda text: told.append((time.monotonic(), text)))
     state = {"phase": "ready", "at_s": time.monotonic(), "precedes": True}
     process: Any = SimpleNamespace(alive=lambda: True, status=lambda: state)
     with pytest.raises(DeviceError, match="see whether the arm stands"):
