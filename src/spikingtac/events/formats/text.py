@@ -14,7 +14,6 @@ from spikingtac.errors import FormatError
 from spikingtac.events.formats import columns
 from spikingtac.events.formats.columns import Order, order_named
 from spikingtac.events.formats.file_source import ReadOptions
-from spikingtac.file_kinds import told_kind
 
 CHUNK_BYTES = 1 << 20
 
@@ -202,8 +201,6 @@ def _number(word: str) -> float | None:
 def _named(names: list[str], path: Path) -> Order:
     if order := order_named(names):
         return order
-    if told := told_kind(path):
-        raise FormatError(f"{str(path)!r} holds no events: {told}")
     missing = [role for role in "txyp" if role not in {columns.role_of(name)[0] for name in names}]
     lacks = f"lacks {', '.join(missing)}" if missing else "names a column twice"
     raise FormatError(
