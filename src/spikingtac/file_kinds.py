@@ -1,5 +1,6 @@
 """What a file of this package holds, for the verb info, and for errors where another was needed."""
 
+import hashlib
 import json
 import zipfile
 from pathlib import Path
@@ -58,6 +59,14 @@ def told_kind(path: str | Path) -> str | None:
     """Return what a file is, in words for an error, or None where it is nothing of ours."""
     kind = kind_of(path)
     return None if kind is None else TOLD[kind]
+
+
+def digest_of(file: Path) -> str | None:
+    """Return the sha256 of a file's content; None of what is no file, as a folder or a pipe."""
+    if not file.is_file():
+        return None
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
 
 
 def document_of(file: Path) -> dict[str, Any]:

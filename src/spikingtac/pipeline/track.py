@@ -1,6 +1,5 @@
 """From a recording to tracks: in memory, or to a file of any length."""
 
-import hashlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -20,6 +19,7 @@ from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.open import open_events
 from spikingtac.events.source import refuse_path
+from spikingtac.file_kinds import digest_of
 from spikingtac.markers.registry import MarkerTracker, TrackingConfig, make_law, make_tracker
 from spikingtac.markers.smoothing import smoothed
 from spikingtac.pipeline.follow import CheckedSource, follow
@@ -176,14 +176,10 @@ def _columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:
 
 def _provenance(source: FileSource | CheckedSource, config: TrackingConfig) -> dict[str, Any]:
     """Return the metadata of tracks: configuration, input, version and losses."""
-    sha256 = None  # A pipe has none.
-    if source.path.is_file():
-        with source.path.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     return {
         "config": {"tracking": to_mapping(config)},
         "input": source.path.name,
-        "input_sha256": sha256,
+        "input_sha256": digest_of(source.path),
         "package_version": package_version(),
         "losses": dict(source.losses.kinds()),
     }
