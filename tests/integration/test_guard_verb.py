@@ -42,13 +42,8 @@ def words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 def watch(stream: dict[str, int], notes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the verb guard an arm that notes its stops, with a stream in slow real time."""
-
-    def start(args: guard.Args) -> ContactProcess:
-        arm = partial(NotingArm, notes=str(notes))
-        source = partial(paced, **stream)
-        return ContactProcess(source, detector, arm, CALM)
-
-    monkeypatch.setattr(guard, "start", start)
+    arm, source = partial(NotingArm, notes=str(notes)), partial(paced, **stream)
+    monkeypatch.setattr(guard, "start", lambda args: ContactProcess(source, detector, arm, CALM))
     monkeypatch.setattr(guard, "SILENCE_S", 60.0)  # the watchdog is patient here, too
 
 
@@ -121,13 +116,6 @@ def test_what_is_waited_for_is_told_and_no_arm_is_said_to_have_stopped() -> None
     assert told == "no arm was reached, nothing was stopped: no controller"
 
 
-def quiet_loop() -> ContactLoop:
-    watchdog = Watchdog(lambda: None, time.monotonic)
-    detector = BurstDetector()
-    detector.update = lambda window: None  # type: ignore[method-assign]
-    return ContactLoop(detector, watchdog, lambda: None)
-
-
 def events_of(from_s: float, seed: int) -> bytes:
     rng = np.random.default_rng(seed)
     t = np.sort(rng.integers(0, 400_000, 4_000)) + round(from_s * 1e6)
@@ -151,7 +139,9 @@ def test_leaps_back_and_garbage_are_counted_and_told(
 ) -> None:
     data = format_header("evt2", WIDE) + events_of(10.0, 0) + between + events_of(then_s, 1)
     PipedCamera(tmp_path / "pipe", data, lasting_s=0.8, pieces=200)
-    loop = quiet_loop()
+    calm = BurstDetector()
+    calm.update = lambda window: None  # type: ignore[method-assign]
+    loop = ContactLoop(calm, Watchdog(lambda: None, time.monotonic), lambda: None)
     for arrival in stream_arrivals(tmp_path / "pipe"):
         loop._process(arrival)
     report = loop.report()
