@@ -1,5 +1,6 @@
 """What a file of this package holds, for the verb info, and for errors where another was needed."""
 
+import hashlib
 import json
 import zipfile
 from pathlib import Path
@@ -20,11 +21,13 @@ DOCUMENTS = {
     "manifest": {"t_start_us", "t_end_us", "size"},
 }
 RECORDING = "events.raw"  # What a recording folder has.
+TABLES = b"t_us,marker,", b"PAR1"  # How tables of tracks begin, as CSV and as Parquet.
 LARGEST_BYTES = 16 << 20  # Larger JSON files are not looked into.
 
 # Kind -> what it is and what reads it.
 TOLD = {
     "tracks": "it holds tracks, which spikingtac info, plot and compare read",
+    "table": "it is a table, and tracks are read as .npz only",
     "truth": "it holds the truth of a simulation, which spikingtac compare reads",
     "series": "it holds displacements of another sensor, which spikingtac touch and force read",
     "calibration": "it is a calibration: give it with --calibration, or to spikingtac info",
@@ -44,6 +47,9 @@ def kind_of(path: str | Path) -> str | None:
         return None
     if file.suffix == ".onnx":
         return "force"
+    if file.suffix in (".csv", ".parquet"):
+        with file.open("rb") as opened:
+            return "table" if opened.read(max(map(len, TABLES))).startswith(TABLES) else None
     if zipfile.is_zipfile(file):
         return _first(ARCHIVES, _members(file))
     return _first(DOCUMENTS, document_of(file).keys()) if file.suffix == ".json" else None
@@ -53,6 +59,14 @@ def told_kind(path: str | Path) -> str | None:
     """Return what a file is, in words for an error, or None where it is nothing of ours."""
     kind = kind_of(path)
     return None if kind is None else TOLD[kind]
+
+
+def digest_of(file: Path) -> str | None:
+    """Return the sha256 of a file's content; None of what is no file, as a folder or a pipe."""
+    if not file.is_file():
+        return None
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
 
 
 def document_of(file: Path) -> dict[str, Any]:

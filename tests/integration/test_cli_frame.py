@@ -26,22 +26,23 @@ WRITTEN = {"output", "picture", "target", "export"}
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording with its calibration, tracks, and a truth."""
+    """A recording with its calibration, one without events, tracks, and a truth."""
     folder = tmp_path_factory.mktemp("made")
     (folder / "circling").mkdir()
     record_circling(folder / "circling")
-    circling_tracks(estimates=20).save(folder / "tracks.npz")
+    for ending in ("npz", "csv"):
+        circling_tracks(estimates=20).save(folder / f"tracks.{ending}")
+    (folder / "tracks.parquet").write_bytes(b"PAR1\0")
     np.savez(folder / "truth.npz", marker_t_us=np.arange(2), marker_px=np.zeros((2, 64, 2)))
+    np.savez(folder / "zero.npz", t=[], x=[], y=[], p=[], size=(320, 320))
     (folder / "finger.json").symlink_to(folder / "circling" / "calibration.json")
     known(np.full((1, 2), 99.0), size=(640, 480)).save(folder / "wide.json")
     return folder
 
 
-def test_the_command_lists_every_verb_and_ends_quietly_without_a_reader() -> None:
-    pipe = subprocess.PIPE
-    done = subprocess.run([COMMAND, "--help"], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0
-    assert all(f"\n  {verb} " in done.stdout for verb in all_verbs())
+def test_the_command_lists_every_verb_and_ends_quietly_without_a_reader(verbs: Verbs) -> None:
+    pipe, text = subprocess.PIPE, verbs.said("--help")
+    assert all(f"\n  {verb} " in text for verb in all_verbs())
     with subprocess.Popen([COMMAND, "--help"], stdout=pipe, stderr=pipe) as process:
         assert process.stdout is not None
         assert process.stderr is not None
@@ -101,6 +102,7 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
         (("info", "--stricd", "x"), "did you mean '--strict'"),
         (("track", "a.raw"), "--calibration calibration.json"),
         (("view",), "SOURCE"),
+        (("view", "a", "--export", "x.gif", "-o", "x.png"), "-o and --export write the same"),
         (("convert", "a", "b", "--crop", "1", "2"), "--crop"),
         (("plot", "a", "b"), "Unrecognized options: b"),
         (("track", "a", "--workers=1.5"), "--workers takes a whole number, '1.5' is none"),
@@ -143,6 +145,9 @@ def test_what_is_typed_wrong_is_told_in_words(
         (("track", "circling", "--calibration", "wide.json"), "the calibration is for 640x480"),
         (("compare", "tracks.npz", "finger.json"), "neither tracks nor a truth: it is a calib"),
         (("compare", "tracks.npz", "nowhere.npz"), "No such file"),
+        (("compare", "tracks.csv", "truth.npz"), "no tracks: it is a table, and tracks are"),
+        (("plot", "tracks.csv"), "no events: it is a table, and tracks are read as .npz only"),
+        (("plot", "tracks.parquet"), "no events: it is a table, and tracks are read as .npz only"),
         (("touch", "nowhere.npz"), "there is no file"),
         (("ros2", "nowhere.raw"), "there is no file"),
     ],
@@ -165,6 +170,12 @@ def test_what_is_no_recording_is_not_blamed_for_a_missing_calibration(
         assert "calibration" not in verbs.said("view", path, "--headless", code=1)
 
 
+def test_nothing_tracked_is_told(made: Path, tmp_path: Path, verbs: Verbs) -> None:
+    given = made / "zero.npz", "--calibration", made / "finger.json"
+    for verb, option, name in (("track", "-o", "x.npz"), ("view", "--export", "x.mcap")):
+        assert "no events" in verbs.said(verb, *given, option, tmp_path / name)
+
+
 def test_figures_stand_with_their_units(made: Path, verbs: Verbs) -> None:
     text = " ".join(verbs.said("info", made / "circling").split())
     for unit in (" %", " us", "million events/s", "duration"):
@@ -180,16 +191,13 @@ def test_figures_stand_with_their_units(made: Path, verbs: Verbs) -> None:
 def test_a_file_is_replaced_only_when_asked(
     verb: str, made: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
-    output, recording = tmp_path / "out.npz", made / "circling"
+    fails = verb == "calibrate"  # without events: what was there stays
+    output, recording = tmp_path / "out.npz", made / ("zero.npz" if fails else "circling")
     output.write_bytes(b"mine")
-    if verb == "calibrate":
-        np.savez(tmp_path / "still.npz", t=[0], x=[0], y=[0], p=[True], size=(320, 320))
-        recording = tmp_path / "still.npz"
     given = [verb, recording, *(() if verb == "convert" else ("-o",)), output]
     given += ["--calibration", made / "finger.json"] if verb == "track" else []
     assert "--overwrite" in verbs.said(*given, code=2)
     assert output.read_bytes() == b"mine"
-    fails = verb == "calibrate"  # one event: what was there stays
     verbs.said(*given, "--overwrite", code=int(fails))
     assert (output.read_bytes() == b"mine") == fails
     assert not list(tmp_path.glob(".*"))

@@ -4,6 +4,7 @@ import os
 import time
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -41,13 +42,8 @@ def words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 def watch(stream: dict[str, int], notes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the verb guard an arm that notes its stops, with a stream in slow real time."""
-
-    def start(args: guard.Args) -> ContactProcess:
-        arm = partial(NotingArm, notes=str(notes))
-        source = partial(paced, **stream)
-        return ContactProcess(source, detector, arm, CALM)
-
-    monkeypatch.setattr(guard, "start", start)
+    arm, source = partial(NotingArm, notes=str(notes)), partial(paced, **stream)
+    monkeypatch.setattr(guard, "start", lambda args: ContactProcess(source, detector, arm, CALM))
     monkeypatch.setattr(guard, "SILENCE_S", 60.0)  # the watchdog is patient here, too
 
 
@@ -88,6 +84,8 @@ def test_files_that_cannot_be_learned_from_are_refused_before_the_arm_is_connect
     assert "cannot read the calibration" in verbs.said(*words, code=1)
     calibration().save(finger)
     assert "the calibration is for" in verbs.said(*words, code=1)
+    save_events(quiet, EventPacket.empty(0, 1_000, SIZE))
+    assert "nothing was stopped: the recording holds no events" in verbs.said(*words, code=1)
 
 
 def test_the_detector_learns_from_the_quiet_recording(tmp_path: Path) -> None:
@@ -98,32 +96,15 @@ def test_the_detector_learns_from_the_quiet_recording(tmp_path: Path) -> None:
     assert all(learnt.update(window) is None for window in windows(20, seed=2, first=300))
 
 
-@pytest.fixture
-def told(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, str]]:
-    found: list[tuple[float, str]] = []
-    monkeypatch.setattr(guard, "remark", lambda text: found.append((time.monotonic(), text)))
-    return found
-
-
-class Hanging:
-    """A guarding process whose last state is getting old."""
-
-    def __init__(self) -> None:
-        self.last_s = time.monotonic()
-
-    def alive(self) -> bool:
-        return True
-
-    def status(self) -> dict[str, Any]:
-        return {"phase": "ready", "at_s": self.last_s, "precedes": True}
-
-
-def test_a_guard_that_hangs_is_told_in_a_fifth_of_a_second(told: list[tuple[float, str]]) -> None:
-    process = Hanging()
+def test_a_guard_that_hangs_is_told_in_a_fifth_of_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[float, str]] = []
+    monkeypatch.setattr(guard, "remark", lambda text: told.append((time.monotonic(), text)))
+    state = {"phase": "ready", "at_s": time.monotonic(), "precedes": True}
+    process: Any = SimpleNamespace(alive=lambda: True, status=lambda: state)
     with pytest.raises(DeviceError, match="see whether the arm stands"):
-        guard._wait(process)  # type: ignore[arg-type]
+        guard._wait(process)
     at_s = next(at_s for at_s, text in told if "does not answer" in text)
-    assert at_s - process.last_s < TOLD_S
+    assert at_s - state["at_s"] < TOLD_S
 
 
 def test_what_is_waited_for_is_told_and_no_arm_is_said_to_have_stopped() -> None:
@@ -133,13 +114,6 @@ def test_what_is_waited_for_is_told_and_no_arm_is_said_to_have_stopped() -> None
     assert "the sensor's clock leapt ahead, 1 times so far" in guard._news(leapt, 0.0)
     told = guard.failure_text({"connected": False, "reason": "no controller"})
     assert told == "no arm was reached, nothing was stopped: no controller"
-
-
-def quiet_loop() -> ContactLoop:
-    watchdog = Watchdog(lambda: None, time.monotonic)
-    detector = BurstDetector()
-    detector.update = lambda window: None  # type: ignore[method-assign]
-    return ContactLoop(detector, watchdog, lambda: None)
 
 
 def events_of(from_s: float, seed: int) -> bytes:
@@ -165,7 +139,9 @@ def test_leaps_back_and_garbage_are_counted_and_told(
 ) -> None:
     data = format_header("evt2", WIDE) + events_of(10.0, 0) + between + events_of(then_s, 1)
     PipedCamera(tmp_path / "pipe", data, lasting_s=0.8, pieces=200)
-    loop = quiet_loop()
+    calm = BurstDetector()
+    calm.update = lambda window: None  # type: ignore[method-assign]
+    loop = ContactLoop(calm, Watchdog(lambda: None, time.monotonic), lambda: None)
     for arrival in stream_arrivals(tmp_path / "pipe"):
         loop._process(arrival)
     report = loop.report()

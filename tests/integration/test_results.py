@@ -1,6 +1,7 @@
 """From tracks to a figure, a comparison and a data set, by the command line."""
 
 import json
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,9 @@ from stand_ins.viewer import positions_px
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    circling_tracks(px_per_mm=15.5).save(tmp_path / "one.npz")
+    one = circling_tracks(px_per_mm=15.5)
+    one.meta.update(input="events.raw", input_sha256=sha256(b"tracked").hexdigest())
+    one.save(tmp_path / "one.npz")
     circling_tracks(off_px=0.5).save(tmp_path / "other.npz")
     times_us = np.arange(0, 500_001, 1_000)
     truth = np.stack([positions_px(t_us) for t_us in times_us])
@@ -44,8 +47,10 @@ def test_compare_gives_the_error_between_tracks_and_to_a_truth(folder: Path, ver
     assert found["difference_mean_mm"] == pytest.approx(0.5 / 15.5, abs=1e-4)
     assert (folder / "c.png").is_file()
     assert len((folder / "c.csv").read_text().splitlines()) == 65
-    for truth in ("truth.npz", "."):
+    for truth, content in (("truth.npz", b"tracked"), (".", b"another")):
+        (folder / "events.raw").write_bytes(content)
         assert verbs.told("compare", "one.npz", truth)["error_mean_px"] < 1e-3
+        assert ("of another recording" in verbs.err) == (content == b"another")
     assert "difference mean " in verbs.said("compare", "one.npz", "other.npz")
 
 

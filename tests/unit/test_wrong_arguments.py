@@ -33,6 +33,8 @@ EVENTS = r"it: spikingtac\.open_events\('a\.raw'\)"
         (lambda: st.compare_with_truth("a.npz", [], []), r"a Tracks, given 'a\.npz'"),
         (lambda: st.calibrate(Path("a.raw")), EVENTS),
         (lambda: list(st.windows("a.raw", 1_000)), EVENTS),
+        (lambda: st.track(CALIBRATION.reference_px, CALIBRATION), "given ndarray; .*open_events"),  # type: ignore[arg-type]
+        (lambda: st.track([], CALIBRATION, rate_hz="fast"), "rate_hz is 'fast', it must"),  # type: ignore[arg-type]
         (
             lambda: list(st.follow("a.raw", st.make_tracker(CONFIG.tracking, CALIBRATION), 9.0)),
             EVENTS,

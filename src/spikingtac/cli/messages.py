@@ -13,6 +13,9 @@ UNITS = {"_mev_s": "million events/s", "_us": "us", "_ms": "ms", "_s": "s",
          "_hz": "Hz", "_px": "px", "_mm": "mm", "_n": "N"}  # fmt: skip
 SHARES = ("_fraction", "_share")  # Endings of what a reader is told in per cent.
 
+# What is told where a verb that tracks made no estimate.
+UNTRACKED = "warning: nothing was tracked: no events, or too few for one estimate"
+
 Advance = Callable[[float], None]  # Sets a progress bar to the fraction that is done, 0 to 1.
 
 

@@ -18,7 +18,7 @@ from spikingtac.events.recording import (
     name_of,
     time_base_of,
 )
-from spikingtac.file_kinds import told_kind
+from spikingtac.file_kinds import kind_of, told_kind
 from spikingtac.plugins import import_place, with_plugins
 
 # Endings of what is no slip of the pen.
@@ -152,7 +152,8 @@ def _open_file(path: Path, options: ReadOptions) -> FileSource:
         foreign = with_plugins({}, plugins.READERS)
         if ending.removeprefix(".") in foreign:
             return foreign[ending.removeprefix(".")](path, options)
-        kind = _BY_ENDING.get(ending) or _kind_by_values(path, start)
+        known = None if kind_of(path) == "table" else _BY_ENDING.get(ending)
+        kind = known or _kind_by_values(path, start)
     reader = import_place(f"spikingtac.events.{_KINDS[kind][0]}")
     if kind == "packed":
         return reader(path, lambda inner: _open_file(inner, options))
@@ -189,11 +190,11 @@ def _kind_by_values(path: Path, start: bytes) -> str:
     from spikingtac.events.evt.wire import SOUND_SHARE, best_candidate
     from spikingtac.events.formats.text import looks_like_text
 
-    if looks_like_text(start):
-        return "text"
     ending, told = path.suffix.lower(), told_kind(path)
     if told is not None:
         raise FormatError(f"{path.name!r} holds no events: {told}")
+    if looks_like_text(start):
+        return "text"
     if ending not in FOREIGN and best_candidate(start, None)[1] <= SOUND_SHARE:
         return "raw"
     meant = nearest(ending, READABLE) if ending not in FOREIGN else ""

@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError
+from spikingtac.errors import ConfigError, require_type
 from spikingtac.events.formats.codec import HARMLESS
 from spikingtac.types import US_PER_S, EventPacket, LossCounters, SourceHealth
 
@@ -49,16 +49,18 @@ class PacketSource:
 
 
 def refuse_path(given: object) -> None:
-    """Refuse a file's path where its events are expected.
+    """Refuse a file's path, or anything else that yields no packets, where events are expected.
 
     Raises:
-        ConfigError: It is a path; says how to open it.
+        ConfigError: It is a path, an array or a single value; says how to open a file.
     """
     if isinstance(given, str | os.PathLike):
         path = os.fspath(given)
         raise ConfigError(
             f"{path!r} is a path, not a source of events; open it: spikingtac.open_events({path!r})"
         )
+    if isinstance(given, np.ndarray) or not isinstance(given, Iterable):
+        require_type(given, EventSource, "open_events('a.raw')")
 
 
 # Kind of loss -> the counter that it belongs to; every other kind is damage, or loses nothing.

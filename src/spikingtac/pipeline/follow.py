@@ -9,6 +9,7 @@ packed. Times are data times; nothing here reads a clock.
 import itertools
 from collections.abc import Callable, Iterable, Iterator, MutableMapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 from spikingtac.calibration.sensor_calibration import Calibration
@@ -115,8 +116,8 @@ def check_rate(rate_hz: float) -> None:
     Raises:
         ConfigError: The rate is not between 0 and 1 MHz.
     """
-    if not 0.0 < rate_hz <= LARGEST_RATE_HZ:
-        raise ConfigError(f"rate_hz is {rate_hz:g}, it must be above 0 and at most 1e6")
+    if not isinstance(rate_hz, Real) or not 0.0 < rate_hz <= LARGEST_RATE_HZ:
+        raise ConfigError(f"rate_hz is {rate_hz!r}, it must be above 0 and at most 1e6")
 
 
 class CheckedSource:

@@ -1,6 +1,5 @@
 """From a recording to tracks: in memory, or to a file of any length."""
 
-import hashlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -19,6 +18,8 @@ from spikingtac.events.camera import is_stream
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.open import open_events
+from spikingtac.events.source import refuse_path
+from spikingtac.file_kinds import digest_of
 from spikingtac.markers.registry import MarkerTracker, TrackingConfig, make_law, make_tracker
 from spikingtac.markers.smoothing import smoothed
 from spikingtac.pipeline.follow import CheckedSource, follow
@@ -58,7 +59,8 @@ def track(
     Raises:
         RecordingError: The recording cannot be read.
         CalibrationError: The calibration cannot be read, or is of a sensor of another size.
-        ConfigError: The preset, the rate or the law is unknown, or its tracker knows no smoothing.
+        ConfigError: The preset, the rate or the law is unknown, its tracker knows no smoothing, or
+            the source is something else.
 
     Example:
         >>> tracks = track("press.raw", "calibration.json")  # doctest: +SKIP
@@ -72,6 +74,7 @@ def track(
         rate_hz=rate_hz, hysteresis=hysteresis, smooth=smooth or None
     ).tracking
     packets = open_events(source) if isinstance(source, str | Path) else source
+    refuse_path(packets)
     tracker = make_tracker(tracking, calibration)
     require_same_size(getattr(packets, "size", calibration.size), calibration.size)
     told = list(_told(follow(packets, tracker, tracking.rate_hz), tracker, tracking))
@@ -173,14 +176,10 @@ def _columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:
 
 def _provenance(source: FileSource | CheckedSource, config: TrackingConfig) -> dict[str, Any]:
     """Return the metadata of tracks: configuration, input, version and losses."""
-    sha256 = None  # A pipe has none.
-    if source.path.is_file():
-        with source.path.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     return {
         "config": {"tracking": to_mapping(config)},
         "input": source.path.name,
-        "input_sha256": sha256,
+        "input_sha256": digest_of(source.path),
         "package_version": package_version(),
         "losses": dict(source.losses.kinds()),
     }

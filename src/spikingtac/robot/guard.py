@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from spikingtac.contact.detector import ContactDetector
-from spikingtac.errors import DeviceError
+from spikingtac.errors import DeviceError, SpikingTacError
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.robot.guard_loop import (
     LONGEST_REASON,
@@ -77,7 +77,8 @@ class ContactProcess(Host):
         ``phase`` is ``starting`` (``reason`` says what is waited for), ``ready`` (the self-test has
         passed, the guard watches), ``tripped`` (the arm was commanded to stop, the loop may hang),
         ``ended`` or ``failed``; ``reason`` says why, and ``stop_failure`` whether the arm is not
-        known to rest. ``connected`` says whether an arm was reached. ``precedes`` says whether the
+        known to rest. ``connected`` says whether an arm was reached; ``code`` of a guard that
+        failed before is the exit code of its error, if it has one. ``precedes`` says whether the
         system lets the guard run before ordinary work; a busy machine may trip one that does not.
         The rest is :meth:`~spikingtac.robot.guard_loop.ContactLoop.report`, and ``at_s`` on the
         monotonic clock.
@@ -155,7 +156,8 @@ def _guard(
         status.publish("starting", reason="the arm")
         arm = make_arm()
     except Exception as error:  # the asker has no other way to learn of it
-        status.publish("failed", reason=f"{type(error).__name__}: {error}")
+        kind = "" if isinstance(error, SpikingTacError) else f"{type(error).__name__}: "
+        status.publish("failed", reason=f"{kind}{error}", code=getattr(error, "exit_code", None))
         return
     status.publish("starting", reason="the self-test", connected=True)
     _watch(status, stream, detector, arm, make_watchdog)

@@ -8,7 +8,7 @@ import threading
 import time
 import weakref
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket, LossCounters
 
 POLL_S = 0.05  # Longest wait of a user before it looks whether it shall end, s.
+SILENT_S = 2.0  # Longest wait for a camera beyond the length that was asked for, s.
 
 
 class EventReader(PacketReader):
@@ -139,3 +140,22 @@ def opened_camera(path: str | Path, **options: Any) -> FileSource:
     if isinstance(source, CameraSource):
         source.when_lost = "reconnect"
     return source
+
+
+@contextmanager
+def no_longer_than(source: object, seconds: float | None) -> Iterator[None]:
+    """Close a camera :data:`SILENT_S` after a length of time, if the context lasts so long.
+
+    Lengths count in the camera's own time: one that is silent would be waited for without end.
+
+    Args:
+        source: A camera; what has no ``close()``, such as a recording, ends by itself.
+        seconds: Length that was asked for, s; None is without end.
+    """
+    late = threading.Timer((seconds or 0.0) + SILENT_S, getattr(source, "close", lambda: None))
+    if seconds is not None:
+        late.start()
+    try:
+        yield
+    finally:
+        late.cancel()

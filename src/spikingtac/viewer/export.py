@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
-from threading import Timer
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from spikingtac.plots.figure import PICTURE_ENDINGS, check_target, save_gif
 from spikingtac.plots.moments import DPI, PANEL, SensorDrawing
 from spikingtac.ros2.messages import NS_PER_US, definition, encode, header, ros_type
 from spikingtac.ros2.stream import SensorInfo, SensorStream
+from spikingtac.stream.reader import no_longer_than
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.record import Record, picture_of
@@ -41,7 +41,6 @@ MESSAGE_US = 10_000  # Span of an MCAP message, us: what a display needs and a b
 IMAGE = "/tactile/image"  # Topic of the events as images.
 BUDGET_S = 3600.0  # Time for one step of an export, s: none is cut off.
 SIDE_IN = 3.4  # Side of an animation's picture, inches.
-SILENT_S = 2.0  # Longest wait for a camera beyond the length that was asked for, s.
 LONGEST_S = 60.0  # Longest animation, s: a GIF of a minute has tens of megabytes already.
 
 
@@ -64,19 +63,14 @@ def tracked(
     """
     if seconds is None and not view.ends:
         raise ConfigError("this source does not end by itself; give a length: --seconds N")
-    # A camera that falls silent, or never sends, would be waited for without end.
-    silent = Timer((seconds or 0.0) + SILENT_S, getattr(view.source, "close", lambda: None))
-    if not (view.ends or view.simulated):
-        silent.start()
-    try:
-        with closing(EventStore(view.source)) as store:
-            asked_us = float("inf") if seconds is None else store.t_start_us + round(seconds * 1e6)
-            if view.ends:
-                store.extend_to(float("inf"))
-                asked_us = min(asked_us, store.t_end_us)
-            yield Playback(store, view, on_frame), int(asked_us)
-    finally:
-        silent.cancel()
+    # A simulation may be slower than the time that it tells.
+    live = None if view.ends or view.simulated else view.source
+    with no_longer_than(live, seconds), closing(EventStore(view.source)) as store:
+        asked_us = float("inf") if seconds is None else store.t_start_us + round(seconds * 1e6)
+        if view.ends:
+            store.extend_to(float("inf"))
+            asked_us = min(asked_us, store.t_end_us)
+        yield Playback(store, view, on_frame), int(asked_us)
 
 
 def steps(playback: Playback, step_us: int, end_us: int) -> Iterator[int]:

@@ -73,7 +73,8 @@ def run(args: Args) -> int:
         ConfigError: An argument is not valid; nothing was connected.
         SpikingTacError: Calibration or quiet recording cannot be read, or do not belong together;
             nothing was connected.
-        DeviceError: The stream or the arm failed; the arm was commanded to stop.
+        DeviceError: The stream or the arm failed; the arm was commanded to stop. Before an arm is
+            reached, its exit code says whose fault it is.
     """
     named(contact.detectors(), args.detector, "contact detector")
     if (args.force is None) != (args.limit_n is None):
@@ -93,7 +94,9 @@ def run(args: Args) -> int:
         if args.limit_n is not None:
             told = f"{found['count']:.2f} N at {found['t_us']} us, the arm was stopped"
         return tell(args.json, {name: status[name] for name in names}, told)
-    raise st.DeviceError(failure_text(status))
+    failure = st.DeviceError(failure_text(status))
+    failure.exit_code = status.get("code") or failure.exit_code
+    raise failure
 
 
 def failure_text(status: dict[str, Any]) -> str:

@@ -1,6 +1,5 @@
 """``spikingtac info``: the content of an event file, and its damage."""
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.events.formats.codec import KINDS
 from spikingtac.events.open import RECORDING_NAME
 from spikingtac.events.recording import read_manifest
-from spikingtac.file_kinds import TOLD, document_of, kind_of
+from spikingtac.file_kinds import TOLD, digest_of, document_of, kind_of
 from spikingtac.touch.series import load_series
 from spikingtac.tracks.tracks import longest
 from spikingtac.types import US_PER_S
@@ -166,11 +165,6 @@ def _summary(source: events.FileSource) -> dict[str, Any]:
     }
 
 
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def _told_by_the_camera(source: events.FileSource, count: int) -> dict[str, Any]:
     """Return how a camera delivers, or what its recorder noted; nothing of other files."""
     if isinstance(source, events.CameraSource):
@@ -186,7 +180,7 @@ def _told_by_the_camera(source: events.FileSource, count: int) -> dict[str, Any]
     parts = noted["files"] if isinstance(noted.get("files"), list) else []
     digests = {str(one.get("name")): one.get("sha256") for one in parts if isinstance(one, dict)}
     for file in sorted(path.parent.glob("events*.raw")):
-        if digests.get(file.name) not in (None, _digest(file)):
+        if digests.get(file.name) not in (None, digest_of(file)):
             remark(f"note: {file.name} is not what was recorded: its sha256 is another one")
     told = {"manifest_events": noted["events"], "lost_events": noted.get("lost_events", 0)}
     return told | {"recorded_losses": noted.get("losses") or {}}

@@ -9,9 +9,9 @@ import tyro
 import spikingtac as st
 from spikingtac import events
 from spikingtac.batch.run import write_rows
-from spikingtac.cli.messages import figures, tell
+from spikingtac.cli.messages import figures, tell, warn
 from spikingtac.cli.options import Output, WriteArgs
-from spikingtac.file_kinds import TOLD, kind_of
+from spikingtac.file_kinds import TOLD, digest_of, kind_of
 from spikingtac.plots.figure import EventKind, ThemeName, WidthName, save_figure
 from spikingtac.plots.tracks import Kind, plot_comparison
 from spikingtac.tracks.comparison import Comparison
@@ -160,5 +160,7 @@ def compared(one: Path, other: Path) -> Comparison:
         raise st.RecordingError(f"{str(path)!r} holds neither tracks nor a truth{told}")
     if kind == "tracks":
         return st.compare_tracks(tracks, st.Tracks.load(path))
-    truth = events.load_truth(path)
+    truth, known = events.load_truth(path), tracks.meta.get("input_sha256")
+    if known and digest_of(path.parent / str(tracks.meta.get("input"))) not in (None, known):
+        warn("the tracks are of another recording than the truth; compare those of one recording")
     return st.compare_with_truth(tracks, truth["marker_t_us"], truth["marker_px"])

@@ -145,6 +145,7 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **settings: Any
         **settings: Further arguments of :class:`spikingtac.ros2.stream.SensorStream`.
     """
     from spikingtac.ros2.stream import SensorStream
+    from spikingtac.stream.reader import no_longer_than
     from spikingtac.stream.real_time import exempt_from_collection
 
     def anomalies() -> dict[str, int]:
@@ -162,13 +163,14 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **settings: Any
             if publisher.readers(stream.topics["field"]):
                 break
             time.sleep(LOOK_S)
-        for frame, wrench in feed.frames(stream):
-            feed.pace.behind_ms()
-            stream.frame(frame, wrench, anomalies())
-            first_us = frame.t_us if first_us is None else first_us
-            over = args.seconds is not None and frame.t_us - first_us >= args.seconds * 1e6
-            if stop.is_set() or over:
-                break
+        with no_longer_than(feed.source, args.seconds):
+            for frame, wrench in feed.frames(stream):
+                feed.pace.behind_ms()
+                stream.frame(frame, wrench, anomalies())
+                first_us = frame.t_us if first_us is None else first_us
+                over = args.seconds is not None and frame.t_us - first_us >= args.seconds * 1e6
+                if stop.is_set() or over:
+                    break
     if stop.is_set():
         remark("ended")
     time.sleep(ENDING_S)

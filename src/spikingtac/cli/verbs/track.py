@@ -8,7 +8,7 @@ import tyro
 
 import spikingtac as st
 from spikingtac import events
-from spikingtac.cli.messages import Advance, Table, counted
+from spikingtac.cli.messages import UNTRACKED, Advance, Table, counted
 from spikingtac.cli.options import Output, RealtimeArgs, TrackerArgs
 from spikingtac.cli.recordings import ManyArgs, SecondArgs, Work, run_each
 from spikingtac.cli.sources import ask_for_real_time, checked, ending_on_interrupt, require_live
@@ -110,6 +110,7 @@ def track_shown(found: dict[str, Any], name: str, first: dict[str, Any]) -> list
     told = "note: marker {} was never observed; its positions are predictions"
     return [
         *counted(found["anomalies"]),
+        *([] if found["estimates"] else [UNTRACKED]),
         *(told.format(marker) for marker in found["never_observed"]),
         *([f"warning: {misfit}"] if (misfit := found["calibration_misfit"]) else []),
         Table(f"tracks of {name}", tuple(cells), [tuple(cells.values())], words=0),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.messages import figures, progress, remark, tell
+from spikingtac.cli.messages import UNTRACKED, figures, progress, remark, tell
 from spikingtac.cli.options import RealtimeArgs, TrackerArgs, WriteArgs
 from spikingtac.cli.sources import ask_for_real_time, require_live
 from spikingtac.errors import ConfigError
@@ -144,7 +144,9 @@ def _report(source: str, summary: dict[str, Any], as_json: bool) -> int:
     if "written" in summary:
         unit = "messages" if summary["export"].endswith(".mcap") else "frames"
         shown["written"] = f"{summary['written']} {unit}"
-    return tell(as_json, {"source": source, **summary}, figures(f"summary of {source}", shown))
+    untracked = [] if summary.get("written", 1) else [UNTRACKED]
+    table = figures(f"summary of {source}", shown)
+    return tell(as_json, {"source": source, **summary}, table, *untracked)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -98,8 +98,8 @@ class FileSource:
         if min(width, height) < 1 or longest > SIDE_LIMIT_PX or area > AREA_LIMIT_PX:
             raise FormatError(
                 f"{str(path)!r}: a sensor of {width}x{height} px is not possible (valid: 1 "
-                f"to {SIDE_LIMIT_PX} a side, {AREA_LIMIT_PX} px together); give the true size with "
-                "size="
+                f"to {SIDE_LIMIT_PX} a side, {AREA_LIMIT_PX} px together); give the true size: "
+                "spikingtac convert IN OUT --size W H (in Python size=)"
             )
 
     def _size(self) -> tuple[int, int]:
