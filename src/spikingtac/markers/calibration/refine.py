@@ -17,9 +17,9 @@ from spikingtac.markers.calibration.first_model import first_model, tracked, wit
 from spikingtac.markers.calibration.ideal_pixels import Comparison, Evidence, Model, compare
 from spikingtac.markers.calibration.layout import refuse_gaps
 
-# Times that the ideal pixels walk at most in a refinement. (With 10, steps and paths of touches
-# drift to larger ones before full swings are counted: simulated presses err by a third more.)
-ROUNDS = 5
+# Times that the ideal pixels walk at most, to learn steps as well, and places and shapes alone.
+# Wide edges take many rounds: they grow by 0.1 px in each.
+STEP_ROUNDS, PLACE_ROUNDS = 10, 5
 
 # The refinement ends when most places and shapes change by less than this in a round.
 SETTLED_PX = 0.01
@@ -51,7 +51,7 @@ COUNT_PRIOR = 100.0
 
 def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
     """Return a model that explains the evidence better; with ``steps`` also by other steps."""
-    for _ in range(ROUNDS):
+    for _ in range(STEP_ROUNDS if steps else PLACE_ROUNDS):
         seen = compare(evidence, model)
         change = Changes(seen)
         common_px, own_px, residual = corrections(evidence, model, seen, change)
