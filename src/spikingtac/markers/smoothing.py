@@ -33,7 +33,7 @@ SCATTER_PX = 0.05  # Standard deviation of places everywhere, px.
 
 # Standard deviation of what dead bands hide at worst, px; the displacement where they do; and the
 # farthest displacement so far from which they hide less.
-DEAD_BAND_PX, DEAD_BAND_WAY_PX, SWUNG_PX = 0.16, 0.42, 2.0
+DEAD_BAND_PX, DEAD_BAND_WAY_PX, SWUNG_PX = 0.16, 0.38, 1.5
 
 DELAY_SHARE = 0.08  # Standard deviation of the delay's own error, as a share of it.
 
