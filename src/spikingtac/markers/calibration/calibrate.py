@@ -23,11 +23,12 @@ from spikingtac.markers.calibration.find_markers import (
     SeenMarkers,
     look_over,
 )
+from spikingtac.markers.calibration.first_model import STEP_BOUNDS
 from spikingtac.markers.calibration.ideal_pixels import Evidence, Model
 from spikingtac.markers.calibration.layout import Layout
 from spikingtac.markers.calibration.recording import buffer_events, flicker_hz, without_hot_pixels
 from spikingtac.markers.calibration.reference import Method, displaced_before, reference
-from spikingtac.markers.calibration.refine import STEP_BOUNDS, Quality, explained
+from spikingtac.markers.calibration.refine import Quality, explained
 from spikingtac.markers.lag import slide_lag_us
 
 # Learns ``lag_us`` from the recording and the calibration so far; None where it cannot.

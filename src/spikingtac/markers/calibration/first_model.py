@@ -59,7 +59,7 @@ FEWEST_SWINGS = 50.0  # Swings, of a marker or in all, below which the sensor's 
 
 FEWEST_EVENTS = 0.3  # Least mean count of a full swing: a rarer event tells nothing.
 
-STEP_BOUNDS = (0.02, 1.0)  # Least and largest step.
+STEP_BOUNDS = (0.01, 1.0)  # Least and largest step, shares of a full swing.
 
 
 def first_model(view: Overview) -> tuple[Evidence, Model]:

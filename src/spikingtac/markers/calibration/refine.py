@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.corrections import Changes, corrections, rims
 from spikingtac.markers.calibration.find_markers import CalibrationConfig, Overview
-from spikingtac.markers.calibration.first_model import first_model, tracked, with_steps
+from spikingtac.markers.calibration.first_model import STEP_BOUNDS, first_model, tracked, with_steps
 from spikingtac.markers.calibration.ideal_pixels import Comparison, Evidence, Model, compare
 from spikingtac.markers.calibration.layout import refuse_gaps
 
@@ -38,9 +38,6 @@ EDGE_BOUNDS_PX = (0.3, 3.0)
 
 # Bounds of a radius, as shares of the median radius.
 RADIUS_SHARES = (0.5, 1.6)
-
-# Least and largest step, shares of a full swing.
-STEP_BOUNDS = (0.01, 1.0)
 
 # Largest correction of a step in a round.
 LARGEST_FACTOR = 1.25
