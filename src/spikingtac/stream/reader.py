@@ -21,7 +21,9 @@ from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket, LossCounters
 
 POLL_S = 0.05  # Longest wait of a user before it looks whether it shall end, s.
-SILENT_S = 2.0  # Longest wait for a camera beyond the length that was asked for, s.
+# Longest wait for a camera beyond the length that was asked for, s: a simulated one may be slower
+# than the time that it tells.
+SILENT_S = 5.0
 
 
 class EventReader(PacketReader):
