@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.geometry.hole import Circle
 from spikingtac.plots.figure import Theme, new_figure, save_figure, style_axes
 from spikingtac.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from spikingtac.geometry.hole import Circle  # its solver takes verbs 0.2 s to start
 
 MARGIN = 0.09  # Height of a calibration's title and legend over the figure's width.
 
