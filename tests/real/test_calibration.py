@@ -129,16 +129,22 @@ def test_what_is_no_marker_sensor_is_refused(data_dir: Path, name: str) -> None:
         calibrated(data_dir / "real" / name)
 
 
-def test_the_four_recorded_presses_are_the_touches(
+def test_the_four_recorded_presses_are_the_contacts_and_the_touches(
     data_dir: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
     recording, tracks = data_dir / "gel" / "real_presses.aedat4", tmp_path / "tracks.npz"
-    calibrated(recording).save(tmp_path / "calibration.json")
-    verbs.said("track", recording, "--calibration", tmp_path / "calibration.json", "-o", tracks)
+    given = recording, "--calibration", tmp_path / "calibration.json"
+    calibrated(recording).save(given[-1])
+    verbs.said("track", *given, "-o", tracks)
     touches = verbs.told("touch", tracks, "-o", tmp_path / "touches.csv")["touches"]
+    found = [(touch["begin_us"], touch["end_us"]) for touch in touches]
+    contacts = verbs.told("contact", *given)["contacts"]  # no OFF event on a rim before the first
+    found += [(contact["t_us"], contact["end_us"]) for contact in contacts]
     with np.load(data_dir / "gel" / "real_presses.reference.npz") as known:
         bursts_us = known["burst_us"] + int(Tracks.load(tracks).t_us[0])
-    assert len(touches) == 4
-    for touch, press_us, release_us in zip(touches, bursts_us[::2], bursts_us[1::2], strict=True):
-        assert abs(touch["begin_us"] - press_us[0]) < 100_000
-        assert release_us[0] - 100_000 < touch["end_us"] < release_us[1] + 100_000
+    assert len(touches) == len(contacts) == 4
+    for (begin_us, end_us), press_us, release_us in zip(
+        found, [*bursts_us[::2]] * 2, [*bursts_us[1::2]] * 2, strict=True
+    ):
+        assert abs(begin_us - press_us[0]) < 100_000
+        assert release_us[0] - 100_000 < end_us < release_us[1] + 100_000

@@ -94,7 +94,8 @@ SCALES = 9
 HOT_HZ = 8.0
 
 # Events of each polarity, anywhere on the rims, that are added to those of the quiet windows: of a
-# silent sensor these are too few to tell how its evidence scatters.
+# silent sensor these are too few to tell how its evidence scatters. (With less than 3 events at the
+# rate r, windows without any are no surprise: exp(-3) = 0.05.)
 PRIOR_EVENTS = 3.0
 
 # Largest imbalance of the leak between opposite directions, as a share of all leak events: after
@@ -152,7 +153,6 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
             f"{len(kept)} quiet windows are too few for the sequential motion detector, at least "
             f"{LEAST_WINDOWS} are needed; record the moving arm for longer (a minute is good)"
         )
-    _require_both_polarities(kept)
     period_s = period_us * 1e-6
     limit = max(HOT_HZ * len(kept) * period_s, 1.0)
     hot = [times > limit for times in fired]  # events on the rims only were counted
@@ -166,17 +166,6 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
     )
 
 
-def _require_both_polarities(kept: Sequence[Window]) -> None:
-    """Refuse quiet windows without an ON or an OFF event: the first one would be a contact."""
-    for on in (False, True):
-        if not any((packet.p == on).any() for window in kept for packet in packets_of(window)):
-            raise CalibrationError(
-                f"no {'ON' if on else 'OFF'} event lies on the markers' rims in {len(kept)} quiet "
-                "windows, so that the first one would be taken for a contact; record the moving "
-                "arm for longer (--quiet), or take the detector event_count"
-            )
-
-
 def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
     """Return the test of every scale; the scales share the false-alarm budget evenly.
 
@@ -185,7 +174,7 @@ def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
             share one place.
     """
     # Loaded when needed, since configurations import this module; scipy.stats would take 0.6 s.
-    from scipy.special import chdtri
+    from scipy.special import chdtri, pdtrik
 
     windows = 2 ** np.arange(SCALES)
     windows = windows[windows * LEAST_SUMS <= len(quiet.evidence)]
@@ -207,7 +196,10 @@ def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
     for scale, length in enumerate(windows):
         block = max(memory, int(length))
         known = amplitude[int(length) - 1 :, scale]
-        threshold.append(max(tail_threshold(known, block, per_window * block) ** 2, floor))
+        tail = tail_threshold(known, block, per_window * block) ** 2
+        # So many events of a polarity that was not seen may come by chance, all for one motion.
+        chance = math.ceil(pdtrik(1.0 - per_window, PRIOR_EVENTS * length / len(quiet.evidence)))
+        threshold.append(max(tail, floor, chance**2 * _one_event(whiten[scale], quiet)))
     raised = _at_least_shorter(np.array(threshold), whiten)
     if not np.isfinite(raised).all():
         raise CalibrationError(
@@ -235,8 +227,7 @@ def _whitening(sums: Vector, quiet: QuietEvidence, windows: int) -> Vector:
     Motion fires ON and OFF events alike, the leak only ON events. The ON evidence is therefore
     weighted by what the leak may have added over this time.
     """
-    rims = (table.modes[table.row[table.row != OFF_RIM]] for table in quiet.tables)
-    power = np.stack([(modes**2).mean(axis=0) for modes in rims])
+    power = _event_power(quiet)
     unseen = PRIOR_EVENTS / len(quiet.evidence) * np.repeat(power, POLARITIES, axis=0)
     covariance = np.cov(quiet.evidence.T) + np.diag(unseen.ravel())
     bias = _leak_bias(quiet, power[:, :AFFINE_MODES])
@@ -256,6 +247,18 @@ def _whitening(sums: Vector, quiet: QuietEvidence, windows: int) -> Vector:
     spread = (sums[windows::stride] - sums[:-windows:stride]) @ half.T
     value, axes = np.linalg.eigh(spread.T @ spread / max(len(spread), 1))
     return (axes / np.sqrt(np.maximum(value, 1.0))).T @ half
+
+
+def _event_power(quiet: QuietEvidence) -> Vector:
+    """Return ``(sensors, MODES)`` the mean square of what one event adds to the evidence."""
+    rims = (table.modes[table.row[table.row != OFF_RIM]] for table in quiet.tables)
+    return np.stack([(modes**2).mean(axis=0) for modes in rims])
+
+
+def _one_event(whiten: Vector, quiet: QuietEvidence) -> float:
+    """Return the mean whitened square of one event, of the polarity where that is larger."""
+    power = np.repeat(_event_power(quiet), POLARITIES, axis=0)
+    return float((np.square(whiten).sum(axis=0).reshape(power.shape) * power).sum(axis=1).max())
 
 
 def _leak_bias(quiet: QuietEvidence, power: Vector) -> Vector:

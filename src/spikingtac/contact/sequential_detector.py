@@ -63,7 +63,8 @@ class ReleaseMonitor:
 
     def left(self) -> bool:
         """Return whether the markers, which were back, are moving away."""
-        return self._distance > self._nearest + self._none
+        clear = self._none if self.over else max(BACK_SHARE * self._farthest, self._none)
+        return self._distance > self._nearest + clear
 
     def back(self) -> bool:
         """Return whether the markers are back, or have been since the contact was over."""
