@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.appearance import crossing_px
-from spikingtac.markers.graded.motion import AT_US, PP, PV, VV, VX, VY, X, Y, predict_kernel
+from spikingtac.markers.graded.motion import PP, PV, STATE_US, VV, VX, VY, X, Y, predict_kernel
 from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac.markers.laws import OutputLaw
 from spikingtac.markers.registry import MarkerTracker
@@ -96,8 +96,8 @@ def state_of(frame: MarkerFrame, motion: NDArray[np.float64], lag_s: float) -> N
         lag_s: Delay of the events, s.
     """
     state = np.zeros((len(motion), 11))
-    state[:, :AT_US] = motion[:, :AT_US]
-    state[:, AT_US] = since_s = (frame.t_us - motion[:, AT_US]) * 1e-6
+    state[:, :STATE_US] = motion[:, :STATE_US]
+    state[:, STATE_US] = since_s = (frame.t_us - motion[:, STATE_US]) * 1e-6
     late_s = lag_s + since_s[:, np.newaxis]
     given_px = motion[:, X : Y + 1] + late_s * motion[:, VX : VY + 1]
     state[:, AHEAD_X:HELD], state[:, HELD] = frame.detected_px - given_px, frame.coasted
@@ -148,7 +148,7 @@ def smooth_kernel(t_s: Array, states: Array) -> None:  # pragma: no cover - comp
     ahead = np.empty(8)
     for m in range(states.shape[1]):
         for k in range(len(t_s)):
-            predict_kernel(states[k, m], states[k, m, AT_US])
+            predict_kernel(states[k, m], states[k, m, STATE_US])
         for k in range(len(t_s) - 2, -1, -1):
             now, after = states[k, m], states[k + 1, m]
             dt_s = t_s[k + 1] - t_s[k]
