@@ -1,9 +1,9 @@
 """Position of a marker's tracked edge at the events of the pixels that it crosses.
 
 These are the data of :mod:`spikingtac.markers.lag`. A pixel crossed by an edge fires a series of
-events, one for each step of its log intensity. For every crossing that begins with the edge well on
-the other side and keeps one direction, the position q of the tracked edge (distance of the pixel
-from the disc's rim, negative inside) is recorded at each event. The data are histograms by
+events, one for each step of its log intensity. A crossing counts if it begins with the edge well on
+the other side and keeps one direction. At each of its events the position q of the tracked edge is
+recorded: the distance of the pixel from the disc's rim, negative inside. The data are histograms by
 polarity, number of the event in the series, and speed of the edge over the pixel. A rung is one
 polarity and one number.
 """

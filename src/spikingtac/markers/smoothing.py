@@ -5,7 +5,7 @@ states of the tracker's Kalman filters.
 
 The covariance of the filter, almost constant, describes only the scatter of fits. The slowly
 varying error comes from the dead bands of the pixels. It is small for a marker that never moved,
-largest for one that moved by less than a px from its rest position, and small for good once every
+and largest for one that moved by less than a px from its rest position. It stays small once every
 pixel of the edge has made a full swing. A further part is the error of the events' delay,
 proportional to the speed. The deviations of a pale or blurred marker grow with the length over
 which its edge crosses a step. The model was fitted to both of v2e's recordings, a simulated

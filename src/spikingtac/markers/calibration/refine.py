@@ -117,9 +117,9 @@ RECOVERY_GAIN = 0.1
 def with_recovery(evidence: Evidence, model: Model) -> Model:
     """Return the better of two models: with pixels that recover, or without.
 
-    On the recorded sensor a disc that creeps on after a press sends ON events where it arrives and
-    none where it leaves, and a fast fall sends an OFF event more than a slow one: a pixel that is
-    darker than at its last event adapts to it. Then ON and OFF events stand for nearly the same
+    On the recorded sensor a disc that creeps after a press sends ON events at its front and none at
+    its back, and a fast fall sends one more OFF event than a slow one. So a pixel that is darker
+    than at its last event adapts to it. Then ON and OFF events stand for nearly the same
     step, and OFF events that seem rare are slow motion. The pixels of other sensors do not adapt.
     """
     if float(np.mean(evidence.events.code & 1)) < LEAST_ON_SHARE:

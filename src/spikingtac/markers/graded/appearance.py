@@ -1,8 +1,7 @@
 """Appearance of the markers, the map painted from it, and the look-up tables of the disc fit.
 
 A calibration gives the edge profile and the step (the share of a full swing per event) of each
-marker where a recording shows them, and otherwise of the sensor as a whole. A calibration written
-by hand gives neither.
+marker, or only of the sensor as a whole. A calibration written by hand gives neither.
 
 The disc fit reads the pixels around an edge, and the edge's profile S
 (:mod:`spikingtac.calibration.disc_profile`). S and its slope are approximated by polynomials where

@@ -30,8 +30,8 @@ START_VELOCITY_PX_S = 100.0  # Standard deviation of the unknown velocity at the
 MAX_WAIT_US = 2_000
 
 # A marker with enough pending events is fitted once per period, us, and predicted in between; the
-# markers' phases are spread over the period. (With 1 ms for all markers v2e's recording errs by 2 %
-# less, and an estimate of markers in motion takes a third longer.) The fast period holds after an
+# markers' phases are spread over the period. With 1 ms for all markers v2e's recording errs by 2 %
+# less, and an estimate of markers in motion takes a third longer. The fast period holds after an
 # innovation above MISSED_PX, px, and while BURST times as many events are pending as a fit
 # needs: a marker would be lost at a release. Fits to dead bands always use the fast period, and no
 # shorter one: in less time too few pixels fire to locate a disc.

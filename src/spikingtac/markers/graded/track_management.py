@@ -1,11 +1,13 @@
 """Track management: which markers are tracked, which are lost, and how lost ones are found again.
 
-A marker is lost when its fit disagrees with the map, when its displacement leaves the range of its
-neighbours' displacements by more than :data:`spikingtac.markers.neighbours.FARTHEST_PITCHES`, or
-when it is silent while they move. A lost marker coasts: its position is predicted from its
-neighbours, and a detector searches the whole map for it at a low rate. A detection is accepted only
-within a gate around the prediction, only if no other marker is associated with it, so that
-identities cannot swap, and only if the marker is not silent.
+A marker is lost when its fit disagrees with the map, or when it is silent while its neighbours
+move. It is also lost when its displacement leaves the range of their displacements by more than
+:data:`spikingtac.markers.neighbours.FARTHEST_PITCHES`.
+
+A lost marker coasts: its position is predicted from its neighbours, and a detector searches the
+whole map for it at a low rate. A detection is accepted only within a gate around the prediction,
+and only if the marker is not silent. Nor may another marker be associated with it, so that
+identities cannot swap.
 
 The silence test finds markers that came off the skin. The map was painted with a disc for each
 marker, and no event ever contradicts a disc that no longer exists. But where the neighbours move,

@@ -1,7 +1,7 @@
 """The project's own tracker: presets ``default`` and ``fast``.
 
-Events are integrated into a graded map, discs are fitted to it with a Kalman filter for each
-marker, and the estimates are corrected for lag, hysteresis (backlash) and outliers among neighbours
+Events are integrated into a graded map, and discs are fitted to it with a Kalman filter for each
+marker. The estimates are corrected for lag, hysteresis (backlash) and outliers among neighbours
 (:mod:`spikingtac.markers.graded.corrections`). Slower tasks take turns: lost markers are predicted
 from their neighbours and found again (:mod:`spikingtac.markers.graded.track_management`), steps
 grow when events are lost (:mod:`spikingtac.markers.graded.event_loss`), and the map leaks towards
@@ -40,9 +40,9 @@ LONGEST_PERIOD_US = 2_000
 # recording.)
 TASK_PERIOD_US = 1_000
 
-# At a shorter period of estimates, a leak is put off by up to another TASK_PERIOD_US while more
-# than this many events per marker came since the last estimate, and no task runs beside a leak.
-# 10,000 estimates a second so have shorter peaks and the same errors.
+# At a shorter period of estimates no task runs beside a leak. Both are put off by up to another
+# TASK_PERIOD_US if more than this many events per marker came since the last estimate. 10,000
+# estimates a second so have shorter peaks and the same errors.
 SHORT_PERIOD_S, MANY_EVENTS = 0.5e-3, 8
 
 # Round robin of the slower tasks: event loss, silent markers, lost markers, none.
