@@ -100,20 +100,20 @@ MUTATIONS = (
     ),
     Mutation(
         name="turn-told-alone",
-        old="told_x += direction[index[m, k], 0]",
-        new="told_x += direction[m, 0]",
+        old="sum_x += direction[index[m, k], 0]",
+        new="sum_x += direction[m, 0]",
         tests=("tests/unit/markers/graded/test_corrections.py",),
     ),
     Mutation(
         name="neighbours-ignored",
-        old="taken = own_share[m] * noise2",
-        new="taken = 0.0 * noise2",
+        old="shrunk = own_share[m] * noise2",
+        new="shrunk = 0.0 * noise2",
         tests=("tests/unit/markers/graded/test_corrections.py",),
     ),
     Mutation(
-        name="short-strokes-asked",
-        old="np.hypot(way_x, way_y) > stroke_px",
-        new="np.hypot(way_x, way_y) > 0.0",
+        name="short-strokes-counted",
+        old="np.hypot(stroke_x, stroke_y) > stroke_px",
+        new="np.hypot(stroke_x, stroke_y) > 0.0",
         tests=("tests/unit/markers/graded/test_event_loss.py",),
     ),
     Mutation(

@@ -15,7 +15,7 @@ import numpy as np
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.corrections import OutputCorrections
 from spikingtac.markers.graded.disc_locator import DiscLocator
-from spikingtac.markers.graded.motion import AT_ONCE
+from spikingtac.markers.graded.motion import FIT_NOW
 from spikingtac.markers.neighbours import Neighbourhood
 from spikingtac.state_map.binary import paint_binary_discs
 
@@ -33,7 +33,7 @@ for shift in range(12):
     discs = paint_binary_discs((320, 320), places + shift * 0.13, np.full(64, 9.2))
     level = rng.random((320, 320), np.float32) * np.float32(0.3) + np.float32(1.6) * discs
     locator.map.values[:] = level
-    locator.pending[:] = AT_ONCE
+    locator.pending[:] = FIT_NOW
     locator.locate(1_000 * shift, np.zeros(64, np.bool_))
     given_px = corrections.update(1_000 * shift, locator.motion, 2e-3, 1.0, (0.0, 0.0))
     for found in (locator.motion, locator.fits, locator.outline_px, given_px):

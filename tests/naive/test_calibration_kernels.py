@@ -24,7 +24,7 @@ from spikingtac.markers.calibration.ideal_pixels import (
 )
 from spikingtac.markers.calibration.level_maps import level_maps, swings_kernel
 from spikingtac.markers.calibration.recording import BufferedEvents
-from spikingtac.markers.calibration.refine import from_rest
+from spikingtac.markers.calibration.refine import with_rest_radii
 from spikingtac.markers.calibration_check import (
     NEIGHBOUR_US,
     NEIGHBOURS,
@@ -201,7 +201,7 @@ def test_full_swings_are_counted_pixel_by_pixel_but_for_snaps(back: bool, snaps:
 def test_discs_have_the_radii_of_their_rests() -> None:
     stretch_px = np.random.default_rng(5).normal(size=(5, 2, 3))
     _, model = evidence_and_model(np.zeros((5, 2, 2)), stretch_px=stretch_px)
-    rested = from_rest(model, np.array([1, 3]))
+    rested = with_rest_radii(model, np.array([1, 3]))
     grown_px = rested.discs.radius_px + rested.stretch_px[..., 0]
     np.testing.assert_allclose(grown_px, DISCS.radius_px + stretch_px[..., 0])
     np.testing.assert_allclose(rested.stretch_px[[1, 3], :, 0].sum(axis=0), 0.0, atol=1e-12)

@@ -10,7 +10,7 @@ from spikingtac.markers.graded.appearance import fit_window
 from spikingtac.markers.graded.dead_bands import (
     BAND_WEIGHT,
     GAIN,
-    OUTLINE_INERTIA,
+    OUTLINE_PRIOR,
     PRIOR_WEIGHT,
     SOFT_RESIDUAL,
     fit_bands_kernel,
@@ -43,7 +43,7 @@ def random_map(seed: int) -> GradedStateMap:
     """Return levels near those of resting discs, of which a third are new."""
     rng, shape = np.random.default_rng(seed), (SIZE[1], SIZE[0])
     painted = levels(REST_PX).astype(np.float32)
-    state_map = GradedStateMap(painted, STEP_ON, STEP_OFF, ahead=0.0)
+    state_map = GradedStateMap(painted, STEP_ON, STEP_OFF, lead_steps=0.0)
     state_map.pixels["level"] = painted + rng.normal(0.0, 0.2, shape)
     new = rng.random(shape) < 0.3
     state_map.values[new] = state_map.pixels["level"][new]
@@ -105,7 +105,7 @@ def test_the_fit_its_corrections_and_its_outline_equal_their_twin() -> None:
     np.testing.assert_allclose(after[twin.near], corrected[twin.near], atol=0.02)
     np.testing.assert_array_equal(after[twin.far], before[twin.far])
     pull = twin.weight * twin.slope * twin.e
-    step = 0.1 / (OUTLINE_INERTIA + (twin.weight * twin.slope**2).sum())
+    step = 0.1 / (OUTLINE_PRIOR + (twin.weight * twin.slope**2).sum())
     moves = (pull.sum(), 2.0 * (pull * twin.even).sum(), 2.0 * (pull * twin.odd).sum())
     np.testing.assert_allclose(outline_px[0], OUTLINE + step * np.array(moves), atol=2e-3)
 

@@ -20,18 +20,18 @@ from spikingtac.markers.graded.appearance import (
 from spikingtac.markers.graded.disc_fit import (
     MOST_GROWTH,
     SOFT_LEVEL,
-    ends_kernel,
+    edge_bounds_kernel,
     fit_disc_kernel,
     fit_scratch,
     ring_kernel,
 )
 from spikingtac.markers.graded.map_leak import (
-    DRAWN_PER_S,
     GROUPS,
     OUTER_PX,
+    RADIUS_PULL_PER_S,
     TOLERANCE,
-    return_ground_kernel,
-    take_turn_kernel,
+    leak_ground_kernel,
+    leak_kernel,
 )
 from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, GradedStateMap
 
@@ -133,13 +133,13 @@ def test_normal_equations_equal_their_twin() -> None:
     level, m = edge[0, :count].astype(float), np.uint64(1)
     ring = np.uint64(phase), np.uint64(first), np.int32(count), np.uint64(whole)
     read = tuple(np.float32(value) for value in (*disc, 1.0 / half))
-    disc_fit._edge_kernel(window.around, ring, read, window.coefficients, edge, m)
+    disc_fit._edge_kernel(window.polar, ring, read, window.coefficients, edge, m)
     moved = tuple(np.float32(way) for way in moved_px)
-    asked = window.around, ring, edge, moved, window.edge[1, 2]
+    asked = window.polar, ring, edge, moved, window.edge[1, 2]
     second, center = disc_fit.center_equations_kernel(*asked)
     outline, rr, agreement = disc_fit.outline_equations_kernel(*asked)
     got = [*second, *center, *outline, rr, agreement]
-    distance, ux, uy = window.around[phase, :, first : first + count].astype(float)
+    distance, ux, uy = window.polar[phase, :, first : first + count].astype(float)
     rho, phi = distance - ux * x - uy * y, np.arctan2(uy, ux)
     z = np.clip((rho - r - b * np.cos(2 * phi) - c * np.sin(2 * phi)) / half, -1.0, 1.0)
     curve, slope = (
@@ -182,7 +182,7 @@ def test_a_ring_holds_every_pixel_of_the_edge(outline: tuple[float, float, float
     parts = np.floor(PHASES * (np.array([x, y]) + 0.5))
     bulge = abs(outline[1]) + abs(outline[2])
     ends_px = outline[0] - bulge + inner_px, outline[0] + bulge + outer_px
-    assert ends_kernel(WINDOW, 0, np.array([outline])) == pytest.approx(ends_px)
+    assert edge_bounds_kernel(WINDOW, 0, np.array([outline])) == pytest.approx(ends_px)
     phase = int(parts[0]) % PHASES + PHASES * (int(parts[1]) % PHASES)
     phase, first, count, whole = (int(n) for n in ring_kernel(WINDOW, phase, ends_px, 999))
     assert (whole % LANES, whole // LANES) == (0, -(-count // LANES))
@@ -191,7 +191,7 @@ def test_a_ring_holds_every_pixel_of_the_edge(outline: tuple[float, float, float
     at_px = np.array([column - PAD_PX + 40.0, row - PAD_PX + 30.0])
     away = at_px - ((parts + 0.5) / PHASES - 0.5)[:, np.newaxis]
     seen, distance = np.hypot(*away), np.hypot(at_px[0] - x, at_px[1] - y)
-    np.testing.assert_allclose(WINDOW.around[phase], [seen, *(away / seen)], atol=1e-5)
+    np.testing.assert_allclose(WINDOW.polar[phase], [seen, *(away / seen)], atol=1e-5)
     np.testing.assert_array_equal(WINDOW.offset[phase, 1:], [row - PAD_PX, column - PAD_PX])
     needed = (distance >= ends_px[0]) & (distance <= ends_px[1])
     inside = np.zeros(needed.size, bool)
@@ -223,7 +223,7 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     start = np.clip(levels(REFERENCE_PX) + rng.normal(0.0, 0.2, (SIZE[1], SIZE[0])), 0.0, 1.0)
     state_map = GradedStateMap(start.astype(np.float32))  # all of it lies around marker 0
     reach, step, share, drawing = OUTER_PX, 0.4, 0.25, 0.1
-    tolerance, own_s = TOLERANCE * step, -np.log1p(-drawing) / DRAWN_PER_S
+    tolerance, own_s = TOLERANCE * step, -np.log1p(-drawing) / RADIUS_PULL_PER_S
     outline_px = ROUND_PX.copy()
     outline_px[1] = 6.2, 0.4, -0.3
     motions = np.pad(REFERENCE_PX, ((0, 0), (0, 6)))
@@ -231,7 +231,7 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     discs = RADIUS_PX, np.full(3, PROFILE.steepest), np.full(3, step)
     for turn in range(3):
         law = turn, own_s / GROUPS, -np.log1p(-share) / own_s, TOLERANCE
-        take_turn_kernel(*maps_of(state_map), *states, *discs, *law)
+        leak_kernel(*maps_of(state_map), *states, *discs, *law)
     expected, sure, (y, x) = start.copy(), np.ones(start.shape, bool), np.indices(start.shape)
     inner_px, outer_px = WINDOW.edge[0, :2]
     for (cx, cy), (r, b, c), radius in zip(REFERENCE_PX, outline_px, RADIUS_PX, strict=True):
@@ -256,13 +256,11 @@ def test_the_ground_returns_to_its_level(first: int) -> None:
     state_map = GradedStateMap(start)
     center_px = np.array([[18.3, 20.6], [79.0, 2.0], [-30.0, 45.0]])  # one cut, one off the sensor
     reach_px = np.array([9.5, 8.0, 6.0])
-    every, (step, share), around = 3, (0.14, 0.4), state_map.pixels["around"]
+    every, (step, share), around = 3, (0.14, 0.4), state_map.pixels["marker"]
     y, x = np.indices(start.shape)
     away_px = np.hypot(*(center_px - np.stack([x, y], axis=2)[:, :, np.newaxis]).T).T
     around[:] = np.where((away_px > reach_px).all(axis=2), 3, 0)  # 3 is around none
-    return_ground_kernel(
-        state_map.padded.ravel(), state_map.pixels, 3, (first, every), (step, share)
-    )
+    leak_ground_kernel(state_map.padded.ravel(), state_map.pixels, 3, (first, every), (step, share))
     returns = (around == 3) & (y % every == first)
     expected = start - share * returns * np.maximum(start - step, 0.0)
     np.testing.assert_allclose(state_map.pixels["level"], expected, atol=1e-6)

@@ -4,8 +4,8 @@ import numpy as np
 
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
-    AT_US,
     PP,
+    STATE_US,
     correct_kernel,
     predict_kernel,
     resting_motion,
@@ -31,7 +31,7 @@ def filtered(path_px: np.ndarray) -> list[np.ndarray]:
     for k, (x, y) in enumerate(path_px):
         predict_kernel(motion, DT_S)
         correct_kernel(motion, x, y, DT_S)
-        motion[AT_US] = k * 1e3
+        motion[STATE_US] = k * 1e3
         states.append(motion.copy())
     return states
 

@@ -42,7 +42,7 @@ def test_the_binary_and_the_graded_map_equal_their_twins(count: int, dark: bool)
 @pytest.mark.parametrize("dark", [False, True])
 def test_levels_of_the_last_events_equal_their_twin_however_they_are_cut(dark: bool) -> None:
     start, on, off = maps(1)
-    state_map = GradedStateMap(start, on, off, dark_markers=dark, ahead=0.0)
+    state_map = GradedStateMap(start, on, off, dark_markers=dark, lead_steps=0.0)
     packet = random_packet(2, 600, SIZE)
     memory = start + 0.5 * (off.astype(float) - on)
     for _, x, y, p in rows(packet):
@@ -58,7 +58,7 @@ def test_levels_of_the_last_events_equal_their_twin_however_they_are_cut(dark: b
 
 def test_lost_events_enlarge_the_steps_by_the_dead_band_law() -> None:
     state_map = GradedStateMap(np.zeros(SHAPE, np.float32), 0.2, 0.2)
-    state_map.events_kept = 0.5  # four of five steps are events, two arrive: 1 / (2 + 1)
+    state_map.arrival_ratio = 0.5  # four of five steps are events, two arrive: 1 / (2 + 1)
     one = np.array([1], np.uint16)
     state_map.absorb(EventPacket(one, one, one > 0, np.array([0]), 0, 1, SIZE))
     assert state_map.pixels["level"][1, 1] == pytest.approx(1.0 / 3.0)

@@ -1,4 +1,4 @@
-"""The brightness of a marker's disc across its edge, in units of the full swing.
+"""Edge profile of a marker's disc: its log brightness in units of the full swing.
 
 The skin is ground (intensity 1) and disc (intensity ``contrast``), blurred by the lens: a logistic
 edge of scale ``edge_px``. Event cameras see the logarithm, so that the normalised level at signed
@@ -79,7 +79,7 @@ class DiscProfile:
 
 
 def disc_profiles(calibration: Calibration) -> list[DiscProfile]:
-    """Return each marker's profile: its own where it is known, else the sensor's, else usual.
+    """Return each marker's profile: its own where known, else the sensor's, else a default.
 
     Raises:
         ConfigError: A contrast is not above 1, or an edge is not positive.
@@ -97,7 +97,7 @@ def disc_profiles(calibration: Calibration) -> list[DiscProfile]:
 
 @dataclass(frozen=True, slots=True)
 class Discs:
-    """How each marker of a sensor looks.
+    """Appearance of a sensor's markers.
 
     Attributes:
         radius_px: ``(m,)`` nominal radius, px.
@@ -154,9 +154,10 @@ def draw_kernel(
     """Draw all discs; return how many pixels were touched.
 
     Args:
-        place: ``(m, 2)`` centres, px, and ``(m, 3)`` stretches: growth of the radius, half of how
-            much longer it is along x than along y, and the same of the diagonals, px.
-        looks: Those of :class:`Discs`.
+        place: ``(m, 2)`` centres, px, and ``(m, 3)`` stretches: growth of the radius, half of its
+            difference between the x and y axes, and half of its difference between the diagonals,
+            px.
+        looks: The arrays of :attr:`Discs.looks`.
         image: ``(height, width)`` level and owner; the owner must be -1 everywhere before.
         touched: Room for the indices of the touched pixels.
     """

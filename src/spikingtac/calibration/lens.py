@@ -19,15 +19,15 @@ LARGEST_RADIAL = 0.9  # Beyond 1 the model folds the image over itself inside of
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Lens:
-    """Where on the flat skin a pixel looks.
+    """Projection of a pixel onto the flat skin.
 
     Attributes:
-        center_px: ``(x, y)`` about which the image is distorted: the sensor's centre.
+        center_px: ``(x, y)`` centre of the distortion: the sensor's centre.
         half_diagonal_px: Distance at which s is 1.
         radial: The coefficient k; negative for a barrel.
         radial_sigma: Its standard error.
         homography: ``(3, 3)`` from (u, 1) to the skin, mm; its axes are those of the image.
-        residual_mm: What the grid's markers are off the model, root mean square of x and of y.
+        residual_mm: Root mean square residual of the grid's markers in x and y, mm.
     """
 
     center_px: tuple[float, float]
@@ -86,9 +86,9 @@ def projected(homography: NDArray[np.float64], place: NDArray[np.float64]) -> ND
 
 
 PARAMETERS = 9  # Eight of the homography, one of the lens.
-FEWEST_MARKERS = 12  # Twice as many numbers as are sought, and half of them again.
+FEWEST_MARKERS = 12  # 24 coordinates for 9 parameters.
 
-# Standard error of the scale at the outermost marker up to which a lens is believed.
+# Largest accepted standard error of the scale at the outermost marker.
 LARGEST_DOUBT = 0.01
 
 
@@ -99,10 +99,10 @@ def fit_lens(
     pitch_mm: float,
     measured: NDArray[np.bool_] | None = None,
 ) -> Lens:
-    """Return the lens that shows an even grid as these rests.
+    """Fit a lens to the image of a regular grid.
 
     Args:
-        reference_px: ``(m, 2)`` rests of a flat grid, row by row, px.
+        reference_px: ``(m, 2)`` rest positions of a flat grid, row by row, px.
         grid: ``(rows, columns)``.
         size: ``(width, height)`` of the sensor, px.
         pitch_mm: Distance of neighbouring markers on the skin, mm.
@@ -175,7 +175,7 @@ def _upright(homography: NDArray[np.float64]) -> NDArray[np.float64]:
     return turn @ homography
 
 
-HALF_STEP_PX = 0.5  # Half the distance of the places from which a local scale is taken.
+HALF_STEP_PX = 0.5  # Half the step of the difference quotient for a local scale.
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +213,7 @@ class SkinScale:
         return away_mm + center_px / self.px_per_mm
 
     def mm_per_px(self, place_px: NDArray[np.floating]) -> float:
-        """Return the scale at one place ``(2,)``: the square root of what a square pixel covers."""
+        """Return the scale at one position ``(2,)``: the square root of a pixel's area, mm."""
         if self.lens is None:
             return 1.0 / self.px_per_mm
         steps_px = np.array([[-HALF_STEP_PX, 0.0], [HALF_STEP_PX, 0.0]])

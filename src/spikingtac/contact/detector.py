@@ -17,7 +17,7 @@ from spikingtac.types import Contact, EventPacket
 SECONDS_PER_HOUR = 3600.0
 MOST_PER_HOUR = 360_000.0  # Largest budget of false contacts: a tenth of all windows of 1 ms.
 BLOCK_WINDOWS = 30  # Windows of a block: half a period of the arm's vibration, 15 Hz.
-CLEAR_SIGMA = 5.0  # A block this many standard deviations above others holds more than noise.
+CLEAR_SIGMA = 5.0  # Standard deviations by which a block with motion exceeds blocks of noise.
 
 # Fewest events of a block of an even stream, and largest share by which its blocks differ.
 LEAST_EVEN, EVEN_SHARE = 20, 0.5
@@ -134,11 +134,11 @@ def check_budget(false_alarms_per_hour: float) -> None:
 
 
 def unsettled(count: NDArray[np.int64]) -> int:
-    """Return how many of the first windows of a recording tell nothing of what follows.
+    """Return the number of windows of a camera's transient at the beginning of a recording.
 
-    A camera may begin with a burst (its pixels settle after the start), or deliver nothing for a
-    while. Blocks of a burst stand out from the later half of the blocks; a silent beginning counts
-    as such where an even stream follows it, since a sensor without noise is silent too.
+    A camera may begin with a burst, while its pixels settle, or deliver nothing for a while. Blocks
+    of a burst exceed the later half of the blocks. An empty beginning is a transient only if an
+    even stream follows it, since a sensor without noise sends nothing, too.
 
     Args:
         count: ``(n,)`` events of the first windows, n at least ten times :data:`BLOCK_WINDOWS`.

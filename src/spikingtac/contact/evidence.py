@@ -1,4 +1,4 @@
-"""The markers' signed evidence for a motion, and a sequential test of its sums.
+"""Signed evidence of the markers' events for a motion, and a sequential test of its sums.
 
 A bright disc that moves in direction d brightens the pixels of its leading rim and darkens those of
 its trailing rim. An event of polarity p = +-1 at the angle phi of the rim is therefore evidence for
@@ -12,8 +12,8 @@ whitened squared sums; testing n = 1, 2, 4, ... loses at most a factor of sqrt(2
 "Sequential change-point detection in quality control and dynamical systems", J. R. Stat. Soc. B 57,
 1995, window-limited rules).
 
-One sum more tells how far the discs are from their rest, whichever way they went: a disc off its
-rest leaves the inside of its rim darker and the outside brighter than they were.
+One more sum measures the distance of the discs from their rest positions in any direction: a
+displaced disc leaves the inside of its rim darker and the outside brighter than at rest.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from spikingtac.errors import ConfigError
 
 Vector = NDArray[np.float64]
 
-# Motions of the whole field that a sensor is tested for: see :func:`affine_field`.
+# Modes of motion of the whole field: see :func:`affine_field`.
 AFFINE_MODES = 6
-MODES = AFFINE_MODES + 1  # The last one is the distance from the rest: see :func:`distance_of`.
+MODES = AFFINE_MODES + 1  # The last mode is the distance from rest: see :func:`distance_of`.
 OFF_RIM = -1  # Row of a pixel that lies on no rim.
 
-# How far a rim reaches towards the disc's centre and outwards, px. The first events of a contact
-# come from where the logarithm of the light is steepest: at the rim and a little outside it.
+# Width of a rim inside and outside of the radius, px. The first events of a contact come from where
+# the log intensity is steepest: at the rim and a little outside of it.
 INSIDE_PX, OUTSIDE_PX = 2.0, 3.0
 
 
@@ -63,7 +63,7 @@ class RimTable(NamedTuple):
 
 
 def rim_table(calibration: Calibration) -> RimTable:
-    """Return the rim pixels of a sensor's markers; a pixel between two markers is the nearer's."""
+    """Return the rim pixels of a sensor's markers, each assigned to the nearest rim."""
     width, height = calibration.size
     nearest = np.full((height, width), np.inf)
     marker = np.full((height, width), OFF_RIM)
@@ -86,7 +86,7 @@ def rim_table(calibration: Calibration) -> RimTable:
     field = affine_field(calibration.reference_px)[marker[on_rim]]
     along = np.einsum("na,nak->nk", outward[on_rim], field)
     side = np.sign(nearest[on_rim])
-    # Less their mean: ON events that come at an even rate, as the leak's do, are no distance.
+    # Without their mean: ON events at a uniform rate, as from leak, give no distance.
     modes = sign * np.column_stack([along, side - side.sum() / max(len(side), 1)])
     return RimTable(row.astype(np.int32), modes.astype(np.float32), len(calibration.reference_px))
 
@@ -94,10 +94,9 @@ def rim_table(calibration: Calibration) -> RimTable:
 def affine_field(points_px: Vector) -> Vector:
     """Return ``(m, 2, AFFINE_MODES)``: motion of each point in each mode, about the mean point.
 
-    The modes are two translations, rotation, dilation and two shears; those that grow with the
-    distance are scaled to a root mean square of 1 over the points. They hold every motion of a
-    field that is linear in the position: a rod that shifts and turns between the pads, a pad that
-    is pressed evenly.
+    The modes are two translations, rotation, dilation and two shears; all but the translations are
+    scaled to a root mean square of 1 over the points. They span every motion that is affine in the
+    position: a rod that shifts and turns between the pads, a pad that is pressed evenly.
     """
     points = np.asarray(points_px, np.float64)
     away = points - points.mean(axis=0)
@@ -135,7 +134,7 @@ def evidence_of(window: Window, tables: Sequence[RimTable]) -> Vector:
 
 
 def distance_of(evidence: Vector) -> float:
-    """Return the evidence for a distance of the markers from their rest, over all sensors."""
+    """Return the evidence for a distance of the markers from rest, over all sensors."""
     return float(evidence.reshape(-1, MODES)[:, AFFINE_MODES].sum())
 
 
@@ -164,7 +163,7 @@ class ScaleTest(NamedTuple):
     """The tests of all time scales, ready to be applied.
 
     Attributes:
-        windows: ``int64[s]`` how many windows each scale sums, increasing.
+        windows: ``int64[s]`` number of windows in each scale's sum, increasing.
         whiten: ``(s, d, length)`` maps the evidence of a scale to d numbers, each of variance 1 or
             less without contact.
         mean: ``(length,)`` evidence per window without contact.

@@ -1,6 +1,6 @@
-"""Learn from the moving arm how the evidence is distributed without contact.
+"""Distribution of the evidence without contact, estimated while the arm moves, and its thresholds.
 
-A value that is exceeded once in a stated time is extrapolated from a much shorter recording.
+A threshold that is exceeded once in a stated time is extrapolated from a much shorter recording.
 """
 
 import math
@@ -30,12 +30,12 @@ from spikingtac.contact.evidence import (
 )
 from spikingtac.errors import CalibrationError
 
-# Shares of the highest blocks that make the tail. Rare swings of an arm stand out from the noise
-# of the pixels only in the outermost blocks. Each share gives a threshold; the highest is taken.
+# Shares of the highest blocks that form the tail. Rare swings of an arm exceed the noise of the
+# pixels only in the outermost blocks. Each share gives a threshold; the highest is used.
 TAIL_SHARES = (0.05, 0.02, 0.01)
 
-# Fewest blocks of the first share, which a short recording uses too, and of the other shares.
-# Their mean excess is known to a third and to two fifths.
+# Fewest blocks in the tail of the first share, which a short recording uses too, and of the other
+# shares. Their mean excess then has a standard error of a third and of two fifths.
 WHOLE_TAIL, LEAST_TAIL = 10, 6
 STANDARD_ERRORS = 2.0  # The mean excess is raised by this many of its standard errors.
 
@@ -75,12 +75,10 @@ def _extrapolated(peaks: NDArray[np.float64], tail: int, per_block: float) -> fl
     return level + excess * math.log(max(tail / len(peaks) / per_block, 1.0))
 
 
-# The covariance of the evidence of one window needs ten windows per element (12 elements per
-# sensor).
+# Fewest quiet windows for the covariance of the evidence: ten per element, 12 elements per sensor.
 LEAST_WINDOWS = 200
 
-# A scale is used where the quiet windows hold at least this many of its sums: all nine scales
-# from 1.8 s on.
+# Fewest sums of a scale in the quiet windows for its use: all nine scales from 1.8 s on.
 LEAST_SUMS = 7
 MEMORY_S = 0.1  # Time constant of the arm's vibration, s: Q / (pi f) at 15 Hz and Q = 5.
 
@@ -93,9 +91,9 @@ SCALES = 9
 # background at 1).
 HOT_HZ = 8.0
 
-# Events of each polarity, anywhere on the rims, that are added to those of the quiet windows: of a
-# silent sensor these are too few to tell how its evidence scatters. (With less than 3 events at the
-# rate r, windows without any are no surprise: exp(-3) = 0.05.)
+# Prior events of each polarity, anywhere on the rims: the quiet windows of a sensor without noise
+# hold too few events to estimate the covariance. (Of a Poisson process that shows no event, the
+# expected number is below 3 with a confidence of 95 %.)
 PRIOR_EVENTS = 3.0
 
 # Largest imbalance of the leak between opposite directions, as a share of all leak events: after

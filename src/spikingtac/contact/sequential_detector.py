@@ -3,9 +3,9 @@
 Arm vibration moves the markers to and fro, so its evidence cancels within a period. Noise of the
 pixels cancels around each rim. A contact moves the field one way, so its evidence adds up.
 
-A contact ends when the markers have come back. Silence is no sign of an end: a finger that holds
-still is as silent as one that let go. Nor is a motion back: a finger that circles or twists turns
-about. What counts is how far the markers are from their rest, whichever way.
+A contact ends when the markers have returned to rest. Neither the absence of events ends it, since
+a finger that holds still sends none, nor a motion back, since a finger may circle or twist. The
+distance of the markers from rest, in any direction, decides.
 """
 
 from __future__ import annotations
@@ -27,34 +27,35 @@ from spikingtac.contact.quiet_evidence import QuietEvidence, quiet_evidence, sca
 from spikingtac.errors import CalibrationError
 from spikingtac.types import Contact
 
-# Share of their largest distance from the rest below which the markers are back (21 scenes of the
-# twin: up to 0.26 is left 60 ms after a contact, and 0.4 and more lasts through one).
+# Share of their largest distance from rest below which the markers have returned (21 scenes of the
+# twin: up to 0.26 remains 60 ms after a contact, and 0.4 and more during one).
 BACK_SHARE = 0.3
-NO_DISTANCE = 0.25  # Evidence per marker for a distance that says nothing (up to 4 are alike).
+NO_DISTANCE = 0.25  # Insignificant evidence for a distance, per marker (up to 4 are alike).
 
-REST_WINDOWS = 50  # Windows in a row without motion after which a contact ends, markers back.
+REST_WINDOWS = 50  # Windows in a row without motion after which a contact ends, markers at rest.
 
-# The same after which a motion that does not lead away from the rest may be a contact: the skin
-# creeps after a release, and the longest scale finds that late (250 to 350 are alike).
+# Windows in a row without motion after which any motion may be a contact, and not only one away
+# from rest: the skin creeps after a release, which the longest scale detects late (250 to 350 are
+# alike).
 CREEP_WINDOWS = 300
 
 
 class ReleaseMonitor:
-    """Follows how far the markers are from their rest, since a contact began.
+    """Tracks the distance of the markers from rest since the beginning of a contact.
 
     Args:
         total: ``(length,)`` evidence of the contact up to the decision.
-        markers: How many markers there are, over all sensors.
+        markers: Number of markers, over all sensors.
 
     Attributes:
-        over: True once the markers have rested where they were before.
+        over: True once the markers have returned and stayed at rest.
     """
 
     def __init__(self, total: Vector, markers: int) -> None:
         self.over = False
         self._distance = self._farthest = distance_of(total)
         self._none = NO_DISTANCE * markers
-        self._nearest, self._windows = math.inf, 0  # since the markers came back
+        self._nearest, self._windows = math.inf, 0  # since the markers returned
 
     def add(self, evidence: Vector) -> None:
         """Take the evidence of the next window."""
@@ -62,12 +63,12 @@ class ReleaseMonitor:
         self._farthest = max(self._farthest, self._distance)
 
     def left(self) -> bool:
-        """Return whether the markers, which were back, are moving away."""
+        """Return whether the markers, which had returned, are moving away."""
         clear = self._none if self.over else max(BACK_SHARE * self._farthest, self._none)
         return self._distance > self._nearest + clear
 
     def back(self) -> bool:
-        """Return whether the markers are back, or have been since the contact was over."""
+        """Return whether the markers have returned, or had when the contact ended."""
         if not self.over and self._distance > max(BACK_SHARE * self._farthest, self._none):
             self._nearest, self._windows = math.inf, 0
             return False

@@ -1,11 +1,11 @@
-"""Where a marker's tracked edge stands when the pixels that it passes fire.
+"""Position of a marker's tracked edge at the events of the pixels that it crosses.
 
-The raw material of :mod:`spikingtac.markers.lag`. A pixel passed by an edge fires a
-series of events, one for each step of its log intensity. Of every passage that began with the edge
-well on the other side and went on in one direction, the place q of the tracked edge (distance of
-the pixel from the disc's rim, negative inside) is collected for each event, apart for the two
-polarities, for the event's number in the series and for the edge's speed over the pixel. A rung is
-one polarity and one number.
+These are the data of :mod:`spikingtac.markers.lag`. A pixel crossed by an edge fires a series of
+events, one for each step of its log intensity. A crossing counts if it begins with the edge well on
+the other side and keeps one direction. At each of its events the position q of the tracked edge is
+recorded: the distance of the pixel from the disc's rim, negative inside. The data are histograms by
+polarity, number of the event in the series, and speed of the edge over the pixel. A rung is one
+polarity and one number.
 """
 
 from collections.abc import Iterable
@@ -19,26 +19,26 @@ from numpy.typing import NDArray
 from spikingtac.state_map.graded import Array
 from spikingtac.types import EventPacket
 
-ORDERS = 12  # Events of one passage that are told apart: at contrast 12 a step of 0.21 makes 12.
+ORDERS = 12  # Most recorded events of one crossing: at contrast 12 a step of 0.21 makes 12.
 
 # Half-width of the zone around an edge (five logistic scales of a 0.55 px edge).
 REACH_PX = 3.0
 PLACE_BINS = 120  # Bins of q over the zone: 0.05 px each, a tenth of an edge's width.
 
-# Bins of the edge's speed: below 5 px/s noise moves the edge, above 100 px/s a pixel is late by
-# less than in proportion to it.
+# Bins of the edge's speed: below 5 px/s noise dominates its motion, above 100 px/s the lag of a
+# pixel in px grows less than proportionally.
 SPEED_EDGES_PX_S = np.array([5, 8, 12, 18, 25, 35, 50, 70, 100], np.float64)
 
 PERIOD_US = 1_000  # Time between tracked positions: at 100 px/s an edge moves by 0.1 px.
 
-# Half of the time over which a velocity is taken: 0.5 px at 100 px/s against jitter of 0.03 px.
+# Half of the time over which a velocity is taken: 0.5 px at 100 px/s, with jitter of 0.03 px.
 SPEED_SPAN_US = 5_000
 
-# Longest passage: 1.5 zones at 30 px/s; a slower edge is not followed to the other side.
+# Longest crossing: 1.5 zones at 30 px/s; slower ones are left out.
 LOOK_BACK_US = 300_000
-LOOK_STEP_US = 2_000  # Spacing at which a passage is followed back.
+LOOK_STEP_US = 2_000  # Time step in which a crossing is traced back, us.
 
-JITTER_PX = 0.02  # Backward motion that does not end a passage: jitter of tracked positions.
+JITTER_PX = 0.02  # Backward motion that does not end a crossing: jitter of tracked positions.
 _MEMORY = 16  # Events of a running series that a pixel remembers.
 
 
@@ -62,10 +62,10 @@ class MarkerTrack(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Crossings:
-    """Collected places of the tracked edge, as counts.
+    """Histograms of the tracked edge's position q at events.
 
-    Polarity 0 is an edge that brings light (ON), 1 one that takes it away. ``q`` is positive on the
-    dark side of the edge, for dark markers too.
+    Polarity 0 is an edge that brightens the pixel (ON), 1 an edge that darkens it. ``q`` is
+    positive on the dark side of the edge, for dark markers too.
 
     Attributes:
         count: ``(2, ORDERS, speeds, PLACE_BINS)`` events by polarity, number in the series, speed
@@ -98,7 +98,7 @@ def marker_track(
 def observe_crossings(
     packets: Iterable[EventPacket], track: MarkerTrack, size: tuple[int, int]
 ) -> Crossings:
-    """Return the crossings in a recording; how it is cut into packets does not matter.
+    """Return the crossings in a recording, for any division into packets.
 
     Args:
         packets: Events in order of time.
@@ -126,7 +126,7 @@ def edge_kernel(
 ) -> tuple[int, float, float]:
     """Return (marker, q px, dq/dt px/s) of the edge whose zone holds a pixel; marker -1 if none.
 
-    ``row`` is the sample before, ``share`` that of the way from it to the next one.
+    ``row`` is the sample before, ``share`` the fraction of the time from it to the next one.
     """
     rest = 1.0 - share
     before, after = track.center_px[row], track.center_px[row + 1]
@@ -150,7 +150,7 @@ def edge_kernel(
 def entry_kernel(
     track: MarkerTrack, row: int, marker: int, x: float, y: float, from_side: float
 ) -> int:
-    """Return the sample at which an edge was still a zone away, or -1 for no clean passage.
+    """Return the last sample at which an edge was outside of its zone, or -1 for no clean crossing.
 
     ``row`` is the sample before the event, ``from_side`` 1 if the pixel was on the dark side.
     """
@@ -189,7 +189,7 @@ def observe_kernel(
             continue
         share = (t[i] - t_us[row]) / (t_us[row + 1] - t_us[row])
         marker, q, rate = edge_kernel(track, row, share, float(x[i]), float(y[i]))
-        # Only an edge that brings what the event reports: light moves out of q > 0 to q < 0.
+        # Only edges with the event's polarity: q decreases while the pixel brightens.
         speed = -rate * on
         if marker < 0 or not (edges[0] <= speed < edges[-1]):
             continue

@@ -1,4 +1,4 @@
-"""How far tracked markers are behind the true motion, from events alone.
+"""Lag of tracked markers behind the true motion, estimated from events alone.
 
 A constant delay leaves no trace. A photoreceptor's delay does: it is inversely proportional to the
 light, so that the dark levels of an edge come later than the bright ones, on leading and trailing

@@ -1,9 +1,9 @@
-"""Where a marker's neighbours expect it: an affine map of the nearest rest positions.
+"""Affine prediction of each marker's displacement from those of its nearest neighbours.
 
-What a marker differs from it is deformation, or an error of one fit. Most of a skin is nearly
-affine from marker to marker, and a few markers beside a contact are not at all: a small difference
-is more likely an error, a large one never is. A prior with heavy tails says so, and its estimate
-is shrinkage that fades with the difference (empirical Bayes, Carlin and Louis 2000,
+The residual of a marker against this prediction is deformation, or the error of one fit. Most of a
+skin is nearly affine from marker to marker; a few markers beside a contact are not at all. So a
+small residual is more likely an error, a large one never is. A prior with heavy tails says so, and
+its estimate is a shrinkage that fades with the residual (empirical Bayes, Carlin and Louis 2000,
 doi:10.1201/9781420057669).
 """
 
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from spikingtac.kernels import kernel
 from spikingtac.state_map.graded import Array
 
-NEIGHBOURS = 8  # Markers that vote on one: the ring around it in a square grid.
+NEIGHBOURS = 8  # Neighbours of a marker: the ring around it in a square grid.
 
-# Decimals of a weight: linear algebra differs between processors in the fifteenth or so, and what
-# is rounded off is the same everywhere (1e-7 px of error on a sensor of 320 px).
+# Decimals to which weights are rounded: linear algebra differs between processors in about the
+# fifteenth (1e-7 px of error on a sensor of 320 px).
 WEIGHT_DECIMALS = 9
 
 # Regularises the affine fit where the neighbours lie on a line, relative to their spread.
@@ -35,9 +35,9 @@ class Neighbourhood:
         reference_px: ``(m, 2)`` rest positions, px.
         index: ``(m, k)`` int64 neighbours of each marker.
         weight: ``(m, k)`` their weights, which sum to 1 per marker.
-        skin: These three together, as kernels take them.
-        own_share: ``(m,)`` a marker's own part of the variance of its difference from the others.
-        bound_px: ``(m,)`` farthest from the range of the neighbours' displacements, px.
+        arrays: Rest positions, index and weight: what kernels take.
+        own_share: ``(m,)`` share of a residual's variance that is the marker's own error.
+        bound_px: ``(m,)`` largest distance from the range of the neighbours' displacements, px.
     """
 
     def __init__(self, reference_px: NDArray[np.float64]) -> None:
@@ -55,26 +55,26 @@ class Neighbourhood:
             order = np.argsort(np.hypot(offset[:, 0], offset[:, 1]), kind="stable")
             self.index[i] = order[order != i][: self.index.shape[1]]
             self.weight[i] = _affine_weights_at_origin(offset[self.index[i]])
-        self.skin = self.reference_px, self.index, self.weight
+        self.arrays = self.reference_px, self.index, self.weight
         self.bound_px = FARTHEST_PITCHES * nearest_px(self.reference_px)
         self.own_share = 1.0 / (1.0 + (self.weight**2).sum(axis=1))
 
     def expected_px(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return ``(m, 2)`` where the neighbours of each marker expect it, px."""
+        """Return ``(m, 2)`` positions that the neighbours predict, px."""
         out = np.empty_like(self.reference_px)
-        expect_kernel(position_px, self.skin, out)
+        expect_kernel(position_px, self.arrays, out)
         return out
 
 
 @kernel(forceinline=True)
-def around_kernel(
-    position_px: Array, skin: tuple[Array, Array, Array], m: int, axis: int
+def neighbour_range_kernel(
+    position_px: Array, neighbours: tuple[Array, Array, Array], m: int, axis: int
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
-    """Return the displacement of one marker that its neighbours predict, and their range, px.
+    """Return the displacement that a marker's neighbours predict, and the range of theirs, px.
 
-    ``skin`` is rest positions, neighbours and their weights.
+    ``neighbours`` holds rest positions, neighbours and their weights.
     """
-    reference_px, index, weight = skin
+    reference_px, index, weight = neighbours
     expected, low, high = 0.0, np.inf, -np.inf
     for k in range(index.shape[1]):
         n = index[m, k]
@@ -86,13 +86,13 @@ def around_kernel(
 
 @kernel()
 def expect_kernel(
-    position_px: Array, skin: tuple[Array, Array, Array], out: Array
+    position_px: Array, neighbours: tuple[Array, Array, Array], out: Array
 ) -> None:  # pragma: no cover - compiled
-    """Write where the neighbours expect each marker, within the range of their displacements."""
+    """Write the positions that neighbours predict, clipped to the range of their displacements."""
     for m in range(len(out)):
         for axis in range(2):
-            moved, low, high = around_kernel(position_px, skin, m, axis)
-            out[m, axis] = skin[0][m, axis] + min(max(moved, low), high)
+            moved, low, high = neighbour_range_kernel(position_px, neighbours, m, axis)
+            out[m, axis] = neighbours[0][m, axis] + min(max(moved, low), high)
 
 
 def _affine_weights_at_origin(points: NDArray[np.float64]) -> NDArray[np.float64]:

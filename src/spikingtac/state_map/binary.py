@@ -1,9 +1,9 @@
 """The paper's state map: each pixel remembers the polarity of its last event (Eq. 1).
 
-What it cannot do: a marker's edge crosses several contrast thresholds, the first ON event of the
-leading edge already paints and the first OFF event of the trailing edge already erases, so that the
-painted disc runs ahead of the marker and stays there when the motion stops. Nothing fades either:
-noise paints the ground until it is as white as black. ``docs/explanation/errata.md``
+Its limits: a marker's edge crosses several contrast thresholds, but the first ON event of the
+leading edge already paints, and the first OFF event of the trailing edge already erases. So the
+painted disc leads the marker, and stays ahead when the motion stops. Nor does the map decay: noise
+paints the ground until half of it is white. ``docs/explanation/errata.md``
 has figures.
 
 The paper begins with a null map and slides an object over the skin before each session (section
@@ -100,8 +100,8 @@ def paint_discs(
 ) -> NDArray[np.float32]:
     """Paint discs with smooth edges, so that a calibrated sensor needs no new slides.
 
-    Without profiles each pixel holds the share of it that a straight edge at its centre's distance
-    covers, which differs from the exact one by less than 0.1 for discs of 3 px and more.
+    Without profiles each pixel holds its coverage by a straight edge at its distance. This differs
+    from the exact coverage by less than 0.1 for discs of 3 px and more.
 
     Args:
         size: ``(width, height)``, px.

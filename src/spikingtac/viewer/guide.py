@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.find_markers import (
     CalibrationConfig,
-    SeenMarkers,
+    DetectedMarkers,
     clutter,
-    see_markers,
+    detect_markers,
 )
 from spikingtac.markers.calibration.layout import region
 from spikingtac.markers.calibration.level_maps import SwingHistogram
@@ -205,7 +205,7 @@ class CalibrationGuide:
         self._steps = np.full(2, FIRST_STEP, np.float32)
         self._swings = SwingHistogram(np.zeros(height * width, np.int64))
         self._on_per_off, self._events = 1.0, np.zeros(2, np.int64)
-        self._seen: SeenMarkers | None = None
+        self._seen: DetectedMarkers | None = None
         self._begin_us: int | None = None
         self._looked_us = self._t_us = self._rests = 0
         self._counts: list[int] = []
@@ -267,7 +267,7 @@ class CalibrationGuide:
         if polarity != self._polarity:
             self._polarity, self._seen = polarity, None
         try:
-            seen = see_markers(self.level, self._config)
+            seen = detect_markers(self.level, self._config)
         except CalibrationError:
             return
         known = 0 if self._seen is None else self._seen.count

@@ -1,8 +1,9 @@
 """Calibrate a sensor from any recording in which its markers move.
 
-Find the discs in maps of the skin at rest and label their lattice; track them with a first guess;
-refine one model of places, discs and steps until ideal pixels fire what the real ones fired; check
-how much of the recording it explains. Slides are motion like any other.
+The markers are detected in maps of the skin at rest and labelled by their lattice, then tracked
+with a first model. One model of positions, discs and steps is refined until simulated ideal pixels
+fire as the real ones did; the share of the recording that it explains is the calibration's quality.
+Presses and slides are equally good motions.
 """
 
 from collections.abc import Callable
@@ -19,38 +20,38 @@ from spikingtac.errors import CalibrationError
 from spikingtac.events.source import EventSource, refuse_path
 from spikingtac.markers.calibration.find_markers import (
     CalibrationConfig,
+    DetectedMarkers,
     Overview,
-    SeenMarkers,
-    look_over,
+    survey,
 )
 from spikingtac.markers.calibration.first_model import STEP_BOUNDS
 from spikingtac.markers.calibration.ideal_pixels import Evidence, Model
 from spikingtac.markers.calibration.layout import Layout
 from spikingtac.markers.calibration.recording import buffer_events, flicker_hz, without_hot_pixels
 from spikingtac.markers.calibration.reference import Method, displaced_before, reference
-from spikingtac.markers.calibration.refine import Quality, explained
+from spikingtac.markers.calibration.refine import Quality, fit_recording
 from spikingtac.markers.lag import slide_lag_us
 
-# Learns ``lag_us`` from the recording and the calibration so far; None where it cannot.
+# Estimates ``lag_us`` from the recording and the calibration so far; None where it cannot.
 LagEstimator = Callable[[EventSource, Calibration], float | None]
 
-# Beginning of a recording from which a calibration by hand is completed, us: a few contacts.
+# Length of the recording from which a calibration by hand is completed, us: a few contacts.
 FIRST_US = 15_000_000
 
-# A marker whose centre lies further beyond the border, in radii, is left out: the part in sight,
-# less than a fifth of it, does not tell its place.
+# Largest distance of a marker's centre beyond the image border, in radii. Of a marker farther out
+# less than a fifth is visible, too little to locate it.
 BEYOND_RADII = 0.5
 
-OF_MARKERS = ("radius_px", *MARKER_NUMBERS, MEASURED)  # What is told of each marker.
+PER_MARKER = ("radius_px", *MARKER_NUMBERS, MEASURED)  # Fields with a value for each marker.
 
-# Step above which events are coarse: a swing from ground to marker has hardly two. (Of twenty
-# random sensors the four that are err by 1.4 to 3.8 px; the recorded gel has 0.46.)
+# Step above which events are coarse: a swing from ground to marker has hardly two. (Four of twenty
+# random sensors are coarse and err by 1.4 to 3.8 px; the recorded gel has 0.46.)
 COARSE_STEP = 0.55
 
-HEARD_EVENTS = 400.0  # Events near a marker, beyond noise, that tell its steps: 2 px of way.
+LEAST_STEP_EVENTS = 400.0  # Events beyond noise that measure a marker's steps: 2 px of motion.
 
-# Share of a pixel's own deviation from its marker's step that the tracker is given: in few swings
-# the rim's way counts, too. (Simulated: 2 to 4 % more error without; 0.017 px more with all of it.)
+# Exponent by which a pixel's step, relative to its marker's, is shrunk: in few swings the path of
+# the rim biases it. (Simulated: 2 to 4 % more error without pixels' steps; 0.017 px more at 1.)
 PIXEL_SHARE = 0.3
 
 
@@ -63,7 +64,7 @@ def calibrate(
 
     Args:
         source: The recording, or a camera that ends; it is read once.
-        config: What is known beforehand.
+        config: Prior knowledge of the sensor.
         estimate_lag: Fills in ``lag_us`` at the end; None leaves it unknown.
 
     Raises:
@@ -74,9 +75,9 @@ def calibrate(
     refuse_path(source)
     config = config or CalibrationConfig()
     events, hot_px = without_hot_pixels(buffer_events(source))
-    view = look_over(events, config)
-    learned = explained(view, config)
-    calibration = replace(_assembled(view, learned, config.method), hot_px=hot_px)
+    view = survey(events, config)
+    learned = fit_recording(view, config)
+    calibration = replace(_calibration(view, learned, config.method), hot_px=hot_px)
     if config.pitch_mm is not None and len(calibration.radius_px) > 1:
         calibration = calibration.with_pitch(config.pitch_mm)
         if config.lens:
@@ -86,10 +87,10 @@ def calibrate(
 
 
 def completed(source: EventSource, known: Calibration) -> Calibration:
-    """Return a calibration that was written by hand with what the sensor's events teach.
+    """Complete a calibration that was written by hand from the first seconds of a recording.
 
-    Steps, radii, edges, contrasts and lag are learned from the first seconds; places, grid and
-    polarity stay. One that holds steps, or of which the recording teaches nothing, stays as it is.
+    Steps, radii, edges, contrasts and lag are estimated; positions, grid and polarity stay. A
+    calibration that holds steps already, or cannot be completed, is returned as it is.
 
     Args:
         source: The recording; it is read from its beginning.
@@ -100,25 +101,25 @@ def completed(source: EventSource, known: Calibration) -> Calibration:
     place_px = known.reference_px
     layout = Layout(known.grid, np.arange(len(place_px)), place_px)
     radius_px = float(np.median(known.radius_px))
-    given = SeenMarkers(layout, place_px, place_px[:0], radius_px, len(place_px))
+    given = DetectedMarkers(layout, place_px, place_px[:0], radius_px, len(place_px))
     config = CalibrationConfig(polarity="dark" if known.polarity == "dark" else "white")
     try:
         events, hot_px = without_hot_pixels(buffer_events(source, FIRST_US))
-        view = look_over(events, config, given)
-        seen = replace(known, **_looks(*explained(view, config)))
+        view = survey(events, config, given)
+        seen = replace(known, **_appearance(*fit_recording(view, config)))
     except CalibrationError:
         return known
     hot_px = hot_px if known.hot_px is None else known.hot_px
     return _with_lag(replace(seen, hot_px=hot_px), view, slide_lag_us)
 
 
-def _assembled(
+def _calibration(
     view: Overview, learned: tuple[Evidence, Model, Quality], method: Method
 ) -> Calibration:
-    """Return the calibration that a model stands for.
+    """Return the calibration that a model describes.
 
-    Left out are markers beyond the border, with the rows that they leave, and, where there are no
-    rows, markers that were not measured: nothing tells their places.
+    Markers beyond the border are left out, and rows that so become empty. Without rows, unmeasured
+    markers are left out, too: nothing predicts their positions.
     """
     (evidence, model, quality), layout, size = learned, view.markers.layout, view.events.size
     measured, rests_us = quality.measured, view.rests_us[view.unloaded]
@@ -126,8 +127,8 @@ def _assembled(
     at_us = view.events.times_at(evidence.index)
     displaced_px = displaced_before(rests_us, rest_px, at_us, model.center_px)
     reference_px = reference(rest_px, rests_us, displaced_px, method)
-    looks = _looks(*learned)
-    keep, grid = _in_sight(layout, reference_px, looks["radius_px"], measured, size)
+    fields = _appearance(*learned)
+    keep, grid = _in_sight(layout, reference_px, fields["radius_px"], measured, size)
     left_out_px = reference_px[~keep].round(2).tolist()
     coarse = [round(float(step), 2) for step in view.steps if step > COARSE_STEP]
     scatter_px = np.sqrt(((rest_px - reference_px) ** 2).sum(axis=2).mean(axis=0))
@@ -136,7 +137,7 @@ def _assembled(
         grid=grid,
         size=size,
         polarity=view.polarity,
-        **{name: value[keep] if name in OF_MARKERS else value for name, value in looks.items()},
+        **{name: value[keep] if name in PER_MARKER else value for name, value in fields.items()},
         provenance={
             "method": method,
             "unloaded_rests_us": (view.events.t_start_us + rests_us).tolist(),
@@ -164,7 +165,7 @@ def _in_sight(
     measured: NDArray[np.bool_],
     size: tuple[int, int],
 ) -> tuple[NDArray[np.bool_], tuple[int, int] | None]:
-    """Return which markers stay, and their grid: None where it has lost parts of rows."""
+    """Return which markers are visible, and their grid: None where rows are incomplete."""
     reach_px = BEYOND_RADII * radius_px[:, np.newaxis]
     inside = (place_px >= -reach_px) & (place_px <= np.array(size) - 1 + reach_px)
     if layout.shape is None:
@@ -175,10 +176,11 @@ def _in_sight(
     return there.ravel(), (int(rows.sum()), int(columns.sum())) if whole else None
 
 
-def _looks(evidence: Evidence, model: Model, quality: Quality) -> dict[str, Any]:
-    """Return how the markers look and what events stand for, as :class:`Calibration` has it."""
-    # Markers that were not measured look like the others; a pale one of their steps would be lost.
-    measured, heard = quality.measured, quality.events >= HEARD_EVENTS
+def _appearance(evidence: Evidence, model: Model, quality: Quality) -> dict[str, Any]:
+    """Return the fields of :class:`Calibration` for appearance and steps."""
+    # Unmeasured markers get the median, except for steps that enough events measure: with median
+    # steps a pale marker would be lost.
+    measured, enough = quality.measured, quality.events >= LEAST_STEP_EVENTS
     own = {
         "marker_edge_px": model.discs.edge_px,
         "marker_contrast": model.discs.contrast,
@@ -187,18 +189,18 @@ def _looks(evidence: Evidence, model: Model, quality: Quality) -> dict[str, Any]
         "radius_px": model.discs.radius_px,
     }
     usual = {name: float(np.median(value[measured])) for name, value in own.items()}
-    known = {"marker_step_on": measured | heard, "marker_step_off": measured | heard}
-    looks: dict[str, Any] = {
+    known = {"marker_step_on": measured | enough, "marker_step_off": measured | enough}
+    fields: dict[str, Any] = {
         name: np.where(known.get(name, measured), value, usual[name]) for name, value in own.items()
     }
-    looks |= {name: usual[f"marker_{name}"] for name in OWN}
-    # Pixels without a full swing, and those of markers that were not measured, have no own step.
+    fields |= {name: usual[f"marker_{name}"] for name in OWN}
+    # Pixels without a full swing, and pixels of unmeasured markers, have no step of their own.
     of_measured = measured[evidence.cell]
     for name, step, share in zip(MAPS, (model.on, model.off), model.pixel, strict=True):
         single = (step[evidence.cell] * share**PIXEL_SHARE).clip(*STEP_BOUNDS)
         single = np.where(of_measured & (np.abs(share - 1.0) > 1e-9), single, 0.0)
-        looks[name] = single.reshape(evidence.events.shape).astype(np.float32)
-    return looks | {MEASURED: measured, "recovery_s": model.recovery_s or None}
+        fields[name] = single.reshape(evidence.events.shape).astype(np.float32)
+    return fields | {MEASURED: measured, "recovery_s": model.recovery_s or None}
 
 
 def _with_lag(
@@ -210,7 +212,7 @@ def _with_lag(
 
 
 def with_lens(calibration: Calibration, pitch_mm: float, *, staggered: bool = False) -> Calibration:
-    """Return a calibration with its lens, or with the reason why there is none in its provenance.
+    """Return a calibration with its lens, or with the reason for its absence in its provenance.
 
     Args:
         calibration: Of a flat grid.

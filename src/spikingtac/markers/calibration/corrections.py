@@ -1,9 +1,9 @@
-"""One Gauss-Newton step of all discs: what the levels left over say about places and shapes.
+"""One Gauss-Newton step of all discs: corrections of positions and shapes from the residuals.
 
-Where a pixel's level stood when the recording began is not known, so that only its changes from
-state to state count: each pixel's mean over the states around is taken off the levels and off their
-derivatives. (Without the latter, a shift that is common to all states hardly shows: a disc that
-never leaves some of its pixels stays where it was first seen, a pixel or more away.)
+The level of a pixel at the start of the recording is unknown, so only its changes between states
+are used: each pixel's mean over the neighbouring states is subtracted from the levels and from
+their derivatives. (Without the latter, a shift common to all states is hardly observable: a disc
+that never leaves some of its pixels stays where it was detected first, a pixel or more away.)
 """
 
 from dataclasses import dataclass
@@ -15,38 +15,39 @@ from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.ideal_pixels import Comparison, Evidence, Model
 
-# Added to the curvature of a place at one state, and of what all states of a disc share: shift
-# along x and y, radius, edge (1 / px^2). What the events hardly tell stays where it is; radii and
-# edges are drawn to the sensor's medians. A marker that moves has 1,000 and more.
+# Prior precision of a position at one state, and of the parameters that all states of a disc share:
+# shift along x and y, radius, edge (1 / px^2). Priors of shifts are 0, of radii and edges the
+# sensor's medians. The data of a marker that moves have 1,000 and more.
 PLACE_PRIOR, SHARED_PRIOR = 1.0, (30.0, 30.0, 300.0, 900.0)
 
-# The same for a stretch, but that draws it to none, since wide edges hardly tell it from a motion
-# (1 / px^2; not drawn, rests of a sensor like the recorded one err by half as much again).
+# Prior precision of a stretch, whose prior is 0 (1 / px^2): with wide edges it is hardly
+# distinguishable from a motion (without the prior, rests of a sensor like the recorded one err by
+# half as much again).
 STRETCH_PRIOR = 200.0
 
-# Residuals beyond this level count less (Cauchy weights).
+# Residual of half weight (Cauchy).
 RESIDUAL_LEVEL = 0.35
 
-# Variance of a level apart from its step's: shape and thresholds are never exact. (0.055 of a
-# swing: the rms of the levels that the model leaves over on simulated recordings.)
+# Variance of a level beyond the quantisation by steps, since shapes and thresholds are not exact.
+# (0.055 of a swing: the rms residual of the model on simulated recordings.)
 LEVEL_VARIANCE = 0.003
 
-# A pixel's offset is a mean over so many states around (exponential weights), in which a state at
-# which the pixel lies on a rim, where the offset cannot be told from the place, weighs this much.
-# Real pixels lose a fifth of a swing over a rest of seconds. (Of 2 to 100 states, 2 to 10 are
-# equally good on simulated and recorded presses.)
+# Number of states over which a pixel's offset is averaged (exponential weights), and the weight of
+# a state at which the pixel lies on a rim, where offset and position are indistinguishable. Real
+# pixels lose a fifth of a swing over a rest of seconds. (Of 2 to 100 states, 2 to 10 are equally
+# good on simulated and recorded presses.)
 OFFSET_STATES, RIM_WEIGHT = 4.0, 0.1
 
-# Between these levels a pixel lies on a rim; below the first it shows no disc.
+# Range of levels of a pixel on a rim; at a lower level it shows no disc.
 RIM_LEVELS = (0.03, 0.97)
 
 
 class Changes:
-    """Levels less each pixel's mean over the states around.
+    """Levels minus each pixel's mean over the neighbouring states.
 
     Attributes:
         real: ``(states, p)`` changes of the real pixels.
-        ideal: Those of the ideal ones.
+        ideal: Changes of the ideal pixels.
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class Changes:
         self.real, self.ideal = self.of(seen.measured), self.of(seen.expected)
 
     def of(self, levels: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the changes of some levels ``(states, p)``, or of derivatives of them."""
+        """Return the changes of levels ``(states, p)``, or of their derivatives."""
         return np.asarray(levels - self._near @ (self._weight * levels) / self._total, np.float32)
 
 
@@ -72,8 +73,8 @@ class Rims:
         at: ``(n,)`` their indices in flattened ``(states, p)``.
         state: ``(n,)`` their states.
         marker: ``(n,)`` their discs.
-        variance: ``(n,)`` variance of their levels: even ones within a step, and the model's.
-        slopes: ``(n, 6)`` rise of the level per px of the disc's x, y, radius, edge and stretch.
+        variance: ``(n,)`` variance of their levels: uniform within a step, and the model's.
+        slopes: ``(n, 6)`` derivative of the level by x, y, radius, edge and stretch of the disc.
     """
 
     at: NDArray[np.int64]
@@ -94,7 +95,7 @@ class Rims:
 
 
 def rims(evidence: Evidence, model: Model, seen: Comparison) -> Rims:
-    """Return the pixels that show a disc, each that of the brightest."""
+    """Return the pixels that show a disc; where discs overlap, the brightest one."""
     at = np.flatnonzero(seen.drawn > RIM_LEVELS[0])
     state, column = np.divmod(at, len(seen.pixel))
     pixel = seen.pixel[column]
@@ -123,13 +124,13 @@ def corrections(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Solve for one Gauss-Newton step of all discs.
 
-    Discs stretch with the skin, by 0.2 px on the twin: an edge that is common to all states would
-    take that for blur. So each state has its own growth of the radius and its own ellipse.
+    Discs stretch with the skin, by 0.2 px on the twin, which would bias a common edge.
+    So each state has its own growth of the radius and its own ellipse.
 
     Returns:
-        ``(m, 4)`` shift of all places of a disc along x and y, and growth of its radius and of its
-        edge, px; ``(states, m, 5)`` how far each place and stretch is off at each state beside
-        that, px; ``(m,)`` rms of the levels left over.
+        ``(m, 4)`` common shift of a disc along x and y, and change of its radius and edge, px;
+        ``(states, m, 5)`` further corrections of position and stretch at each state, px; ``(m,)``
+        rms residual.
     """
     around = rims(evidence, model, seen)
     markers, states, dense = len(model.on), len(evidence.states), np.zeros_like(seen.drawn)
@@ -150,7 +151,7 @@ def corrections(
     prior = (PLACE_PRIOR, PLACE_PRIOR, *[STRETCH_PRIOR] * 3)
     own_px = _solved(around.state * markers + around.marker, own, prior, drawn_px)
     own_px = own_px.reshape(states, markers, 5)
-    own_px[..., 2] -= own_px[..., 2].mean(axis=0)  # what all states grow by is the radius'
+    own_px[..., 2] -= own_px[..., 2].mean(axis=0)  # the mean growth belongs to the radius
     return common_px, own_px, residual
 
 
@@ -160,8 +161,8 @@ def _solved(
     prior: tuple[float, ...],
     towards: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    # Weighted least squares of each group of pixels: slopes (n, k), errors, weights. Without any
-    # pixel the answer is ``towards``.
+    # Regularised weighted least squares of each group of pixels: slopes (n, k), errors, weights.
+    # ``towards`` is the prior mean.
     curvature, pull = np.tile(np.diag(prior), (len(towards), 1, 1)), towards * prior
     normal_equations_kernel(group, *rows, curvature, pull)
     return np.asarray(np.linalg.solve(curvature, pull[..., np.newaxis])[..., 0], np.float64)
@@ -181,7 +182,7 @@ def normal_equations_kernel(
     Args:
         group: ``(n,)`` group of each.
         slopes: ``(n, k)`` slopes by the unknowns.
-        error: ``(n,)`` what they should explain.
+        error: ``(n,)`` right-hand sides.
         weight: ``(n,)`` inverse variances.
         curvature: ``(groups, k, k)``.
         pull: ``(groups, k)``.

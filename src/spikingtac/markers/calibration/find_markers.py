@@ -1,4 +1,4 @@
-"""Find the markers in maps of the skin at rest: discs of equal size, in rows or free."""
+"""Detection of the markers in maps of the skin at rest: discs of equal size, in rows or free."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -26,30 +26,30 @@ from spikingtac.markers.calibration.recording import (
 from spikingtac.markers.calibration.reference import Method
 from spikingtac.types import Polarity
 
-# Spots of a smaller or larger share of the median area are no markers, or two.
+# Bounds of a marker's area, as shares of the median: smaller spots are none, larger ones two.
 AREA_SHARES = (0.25, 3.0)
 
-# A spot that is less round shows the part of its marker that moved. (Two random sensors: parts have
-# up to 0.72, and centroids that are off by 4 to 6 px; whole discs 0.83 and more.)
+# Roundness below which a spot shows only a part of its marker. (Two random sensors: parts have up
+# to 0.72, and centroids that are off by 4 to 6 px; whole discs have 0.83 and more.)
 LEAST_ROUND = 0.75
 
-# Ground around a marker, in radii: rings of neighbours that nearly touch begin there. (On the two
-# sensors 1.6 completes all twenty, 1.4 leaves three, 1.9 most.)
+# Outer radius of the template's dark ring, in marker radii: neighbours that nearly touch begin
+# there. (On the two sensors 1.6 completes all twenty spots, 1.4 leaves three, 1.9 most.)
 RING = 1.6
 
-# Spots of the smoothed map that may be markers: radii of 2 px and more. Blur takes a little off
-# the level of small discs, so that the threshold is below one half.
+# Level and areas of spots of the smoothed map that may be markers: radii of 2 px and more. Blur
+# lowers the level of small discs a little, so the threshold is below one half.
 CANDIDATE_LEVEL, CANDIDATE_PX = 0.45, (12.0, 20_000.0)
 
 FEWEST_MARKERS = 3  # Fewer markers are no grid.
 
-# Spots that fit into no grid, as a share of those that do, above which there is no grid.
+# Largest number of spots beside the grid, as a share of the spots in it.
 MOST_STRAY_SHARE = 0.5
 
-# Events of noise of a pixel over the recording from which a second search leaves lone events out:
-# their steps add up to a haze, in which pale markers are lost. From the second number on that is
-# the only search: of ten contacts on the noisy twin three were refused without, four calibrated
-# with wrong places. (Below it lone events of slow motions count.)
+# Noise events per pixel over the recording from which a second search omits isolated events: their
+# steps add up to a haze that hides pale markers. From the second number on this is the only search:
+# without it three of ten contacts on the noisy twin were refused, and four calibrated with wrong
+# positions. (Below it, isolated events of slow motions are needed.)
 HAZE_EVENTS, THICK_EVENTS = 1.0, 2.5
 
 EVEN_MAPS = 16  # Maps at regular times where a recording has no rest.
@@ -93,15 +93,15 @@ class CalibrationConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class SeenMarkers:
-    """The markers as they are seen at rest.
+class DetectedMarkers:
+    """The markers as detected at rest.
 
     Attributes:
-        layout: Which spot is which marker.
-        center_px: ``(m, 2)`` where each marker was seen; missing ones: is expected.
-        stray_px: ``(k, 2)`` where spots are that belong to no marker.
+        layout: Assignment of spots to markers.
+        center_px: ``(m, 2)`` detected position of each marker, or the expected one if missing, px.
+        stray_px: ``(k, 2)`` spots that belong to no marker, px.
         radius_px: Typical radius of the markers, px.
-        count: Markers that were seen.
+        count: Number of markers that were detected.
     """
 
     layout: Layout
@@ -113,16 +113,15 @@ class SeenMarkers:
 
 @dataclass(frozen=True, slots=True)
 class Overview:
-    """A recording and what its maps at rest show.
+    """A recording, with its polarity, rests and markers.
 
     Attributes:
         events: The recording, markers brighter than the ground.
         polarity: White or dark markers.
-        steps: ``(2,)`` what an ON and an OFF event stand for on the average, shares of a full
-            swing.
-        rests_us: ``(rests, 2)`` when the skin rested, us since the start.
-        unloaded: ``bool[rests]`` at which of them nothing touched it.
-        markers: Where the markers are.
+        steps: ``(2,)`` mean steps of an ON and an OFF event, shares of a full swing.
+        rests_us: ``(rests, 2)`` begin and end of each rest, us since the start.
+        unloaded: ``bool[rests]`` rests without contact.
+        markers: The detected markers.
     """
 
     events: BufferedEvents
@@ -130,18 +129,18 @@ class Overview:
     steps: NDArray[np.float32]
     rests_us: NDArray[np.int64]
     unloaded: NDArray[np.bool_]
-    markers: SeenMarkers
+    markers: DetectedMarkers
 
 
-def look_over(
-    events: BufferedEvents, config: CalibrationConfig, known: SeenMarkers | None = None
+def survey(
+    events: BufferedEvents, config: CalibrationConfig, known: DetectedMarkers | None = None
 ) -> Overview:
-    """Find out polarity, rests and markers of a recording.
+    """Detect polarity, rests and markers of a recording.
 
     Args:
         events: The recording.
-        config: What is known beforehand.
-        known: Where the markers are, where they need not be found.
+        config: Prior knowledge of the sensor.
+        known: The markers, if they need no detection.
 
     Raises:
         CalibrationError: There are no markers.
@@ -162,7 +161,7 @@ def _overview(
     shown: BufferedEvents,
     rests_us: NDArray[np.int64],
     config: CalibrationConfig,
-    known: SeenMarkers | None,
+    known: DetectedMarkers | None,
 ) -> Overview:
     steps, spans_us = mean_steps(events, moving_events(events, rests_us)), rests_us
     if not len(rests_us):
@@ -182,36 +181,36 @@ def _overview(
     length_us = np.diff(spans_us, axis=1)[:, 0]
     unloaded = unloaded_rests(maps, length_us)
     level = np.average(maps[unloaded], axis=0, weights=length_us[unloaded]).astype(np.float32)
-    told = level_maps(seen, steps, index[unloaded], np.full(events.shape, 0.5, np.float32))
-    markers = known or see_markers(level, config, told.mean(axis=0) - 0.5)
+    signed = level_maps(seen, steps, index[unloaded], np.full(events.shape, 0.5, np.float32))
+    markers = known or detect_markers(level, config, signed.mean(axis=0) - 0.5)
     events = events if polarity == "white" else events.inverted()
     return Overview(events, polarity, steps, spans_us, unloaded, markers)
 
 
 def clutter(level: NDArray[np.float32]) -> float:
-    """Return how little a map looks like discs: its lit pixels over their roundness.
+    """Return a measure of how little a map looks like discs: its bright area over its roundness.
 
-    Of the two polarities the right one shows fewer and rounder spots: discs, and not what they
-    passed. (Markers that move by less than their diameter pass less than they cover.)
+    The right polarity shows fewer and rounder spots: the discs, and not the area that they swept.
+    (Markers that move by less than their diameter sweep less than they cover.)
     """
     spots = find_blobs(smoothed(level), areas_px=(1.0, np.inf))
     return float(spots.area_px.sum() ** 2 / max(spots.area_px @ spots.roundness, 1e-9))
 
 
-def see_markers(
-    level: NDArray[np.float32], config: CalibrationConfig, told: NDArray[np.float32] | None = None
-) -> SeenMarkers:
-    """Find the markers in a map ``(height, width)`` of the skin at rest.
+def detect_markers(
+    level: NDArray[np.float32], config: CalibrationConfig, signed: NDArray[np.float32] | None = None
+) -> DetectedMarkers:
+    """Detect the markers in a map ``(height, width)`` of the skin at rest.
 
     Args:
         level: The map.
-        config: What is known beforehand.
-        told: The same map from -0.5 to 0.5, 0 where events do not tell the level. With it spots
-            that show a part of their markers, which moved by less than their diameter to one side,
-            are completed.
+        config: Prior knowledge of the sensor.
+        signed: The same map from -0.5 to 0.5, 0 where events do not determine the level. With it,
+            spots that show only a part of their marker, which moved by less than its diameter to
+            one side, are relocated by template matching.
 
     Raises:
-        CalibrationError: No markers are there; says what was seen instead.
+        CalibrationError: There are no markers; says what was seen instead.
     """
     size = level.shape[1], level.shape[0]
     spots = find_blobs(smoothed(level), CANDIDATE_LEVEL, CANDIDATE_PX)
@@ -228,8 +227,8 @@ def see_markers(
     uncut = alike & ~spots.cut
     radius_px = float(np.sqrt(np.median(spots.area_px[uncut if uncut.any() else alike]) / np.pi))
     partial = (uncut & (spots.roundness < LEAST_ROUND))[alike]
-    if told is not None and partial.any():
-        center_px[partial] = _completed(center_px[partial], radius_px, told)
+    if signed is not None and partial.any():
+        center_px[partial] = _matched(center_px[partial], radius_px, signed)
     layout = find_layout(center_px, size, config.grid, config.layout)
     seen = layout.point >= 0
     count, stray = int(seen.sum()), len(layout.stray)
@@ -242,20 +241,20 @@ def see_markers(
         )
     place_px = layout.expected_px.copy()
     place_px[seen] = center_px[layout.point[seen]]
-    return SeenMarkers(layout, place_px, center_px[layout.stray], radius_px, count)
+    return DetectedMarkers(layout, place_px, center_px[layout.stray], radius_px, count)
 
 
-def _completed(
-    spot_px: NDArray[np.float64], radius_px: float, told: NDArray[np.float32]
+def _matched(
+    spot_px: NDArray[np.float64], radius_px: float, signed: NDArray[np.float32]
 ) -> NDArray[np.float64]:
-    # Where discs of that radius, with dark rings around, fit best near some spots.
+    # Template matching near some spots: a bright disc of that radius with a dark ring around it.
     from scipy.signal import fftconvolve
 
     reach = int(np.ceil(RING * radius_px))
     away_px = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1])
     disc = np.where(away_px <= radius_px, 1.0, -1.0) * (away_px <= RING * radius_px)
-    fit = fftconvolve(told, disc, "same")
-    y, x = np.indices(told.shape)
+    fit = fftconvolve(signed, disc, "same")
+    y, x = np.indices(signed.shape)
     near = [np.hypot(x - column, y - row) <= radius_px for column, row in spot_px]
     best = [np.where(part, fit, -np.inf).argmax() for part in near]
     return np.column_stack([x.ravel()[best], y.ravel()[best]]).astype(np.float64)

@@ -1,8 +1,7 @@
-"""A first model of a recording: where the tracker sees the markers, and what an event stands for.
+"""First model of a recording: tracked positions of the markers, and the steps of their events.
 
-The tracker begins with steps of each marker's own where they are larger: of one that is paler than
-the others, steps of their size would never erase what it left behind, and it would seem to stand
-still.
+The tracker begins with a marker's own steps where these are larger than the mean. With the mean
+steps, a paler marker would never be erased from the map where it was, and would seem to rest.
 """
 
 from dataclasses import replace
@@ -20,50 +19,51 @@ from spikingtac.markers.calibration.recording import noise_events
 from spikingtac.markers.graded.appearance import nearest_marker
 from spikingtac.markers.lag import followed
 
-# Edge width and contrast from which the refinement begins.
+# Initial edge width and contrast of the refinement.
 FIRST_EDGE_PX, FIRST_CONTRAST = 0.8, 3.3
 
-# Radius from which it begins, as a share of that of the spots, which the blur makes larger.
+# Initial radius, as a share of the radius of the spots, which blur enlarges.
 FIRST_RADIUS_SHARE = 0.95
 
-# Contrast threshold of a camera at usual settings, log intensity. Only the product of steps and
-# contrast can be learnt from events, so it sets the scale of ``contrast``; a wrong one shifts
-# radii by some 0.1 px (measured).
+# Contrast threshold of a camera at usual settings, log intensity. Events determine only the product
+# of steps and contrast, so this sets the scale of ``contrast``; a wrong value shifts radii by some
+# 0.1 px (measured).
 THRESHOLD = 0.25
 
-# Least and largest contrast that the steps may stand for.
+# Bounds of the contrast that is derived from the steps.
 CONTRASTS = (1.3, 12.0)
 
-# Samples are so far apart that the markers move by this much between two, on the average. (0.2 px
-# is no better on simulated presses, and takes half as long again.)
+# Mean motion of the markers between two samples, px. (0.2 px is no better on simulated presses, and
+# takes half as long again.)
 SAMPLE_PX = 0.5
 
-# Bounds of the samples: short recordings are sampled more finely, long ones more coarsely.
+# Bounds of the number of samples: short recordings are sampled more finely, long ones more
+# coarsely.
 FEWEST_SAMPLES, MOST_SAMPLES = 400, 6_000
 
-# Short recordings of so many markers that this is exceeded are not sampled more finely. (Of 1,024
-# markers, 160 samples are as good as 400.)
+# Number of fits (samples times markers) above which short recordings are not sampled more finely.
+# (For 1,024 markers, 160 samples are as good as 400.)
 FEWEST_FITS = 160_000
 
-# States that are compared, and their pixels together: each pixel of each takes some 40 bytes.
+# Most states that are compared, and most pixels of all states: each takes some 40 bytes.
 MOST_STATES, MOST_STATE_PIXELS = 80, 12_000_000
 
-REST_SHARE = 0.8  # Where in a rest it is sampled: the skin creeps in its first part.
+REST_SHARE = 0.8  # Share of a rest after which it is sampled: at first the skin creeps.
 
-# Full swings at its neighbours' counts that each marker is given beforehand (light and lens change
-# slowly over the skin: at the sensor's instead two random press sensors err by 9 and 4 % more), and
-# at its marker's counts that each pixel is given.
+# Prior weights, in full swings: of the neighbours' counts for each marker, and of its marker's
+# counts for each pixel. (Light and lens change slowly over the skin: with the sensor's mean as the
+# prior two random press sensors err by 9 and 4 % more.)
 NEIGHBOUR_SWINGS, PIXEL_SWINGS = 10.0, 3.0
 
-FEWEST_SWINGS = 50.0  # Swings, of a marker or in all, below which the sensor's mean steps are kept.
+FEWEST_SWINGS = 50.0  # Swings, of a marker or in all, below which the mean steps are used.
 
-FEWEST_EVENTS = 0.3  # Least mean count of a full swing: a rarer event tells nothing.
+FEWEST_EVENTS = 0.3  # Lower bound of the mean count of a full swing.
 
 STEP_BOUNDS = (0.01, 1.0)  # Least and largest step, shares of a full swing.
 
 
 def first_model(view: Overview) -> tuple[Evidence, Model]:
-    """Return what a recording's model has to explain, and one to begin with."""
+    """Return the evidence of a recording, and an initial model of it."""
     events, markers = view.events, len(view.markers.center_px)
     index, rests = choose_samples(view)
     discs = Discs(
@@ -79,7 +79,7 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
     on_per_off, swings = float(view.steps[1] / view.steps[0]), SwingHistogram(cell)
     swings.absorb(events.code, on_per_off)
     own, many = swings.steps(on_per_off), swings.counts.sum(axis=1) > FEWEST_SWINGS
-    # Never smaller: of a marker that hardly moves, noise and partial swings are seen.
+    # Never smaller: a marker that hardly moves shows only noise and partial swings.
     steps = np.maximum(np.where(many, own, 0.0), view.steps[:, np.newaxis])
     on, off = steps.clip(*STEP_BOUNDS)
     model = Model(
@@ -100,13 +100,9 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
 
 
 def choose_samples(view: Overview) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return how many events come before each sample, and which samples stand for rests.
-
-    Returns:
-        ``(n,)`` numbers of events, increasing, and ``(rests,)`` samples.
-    """
+    """Return ``(n,)`` the events before each sample, and ``(rests,)`` the samples of rests."""
     events, markers = view.events, len(view.markers.center_px)
-    # Both rims of a disc that moves by a pixel sweep its diameter, one up and one down a swing.
+    # The two rims of a disc that moves by a pixel sweep its diameter: one swing up, one down.
     diameter_px = 2.0 * view.markers.radius_px * markers
     events_per_px = diameter_px * float((1.0 / view.steps).sum())
     fewest = min(FEWEST_SAMPLES, FEWEST_FITS // markers)
@@ -119,7 +115,7 @@ def choose_samples(view: Overview) -> tuple[NDArray[np.int64], NDArray[np.int64]
 
 
 def choose_states(samples: int, rests: NDArray[np.int64], pixels: int) -> NDArray[np.int64]:
-    """Return the samples to compare: those of the rests, and others evenly in between."""
+    """Return the samples to compare: all rests, and evenly spaced samples between them."""
     most = max(min(MOST_STATES, MOST_STATE_PIXELS // pixels), len(rests) + 2)
     even = np.linspace(0, samples - 1, most - len(rests)).astype(np.int64)
     apart = np.abs(even[:, np.newaxis] - rests).min(axis=1)
@@ -129,15 +125,15 @@ def choose_states(samples: int, rests: NDArray[np.int64], pixels: int) -> NDArra
 def tracked(
     view: Overview, index: NDArray[np.int64], model: Model, rest_px: NDArray[np.float64]
 ) -> Model:
-    """Return a model with the places at which the tracker sees the markers at each sample.
+    """Return a model with the tracked positions of the markers at each sample.
 
-    Those that it holds keep the places of the model: what fell silent would draw them elsewhere.
+    Lost markers keep the positions of the model: a prediction for silent ones would be biased.
 
     Args:
         view: The recording.
-        index: How many events come before each sample.
-        model: How the markers look, and where they were so far.
-        rest_px: ``(m, 2)`` where they rest, px.
+        index: Number of events before each sample.
+        model: Appearance of the markers, and their positions so far.
+        rest_px: ``(m, 2)`` rest positions, px.
     """
     known = Calibration(
         reference_px=rest_px,
@@ -162,22 +158,22 @@ def tracked(
 
 
 def with_steps(evidence: Evidence, model: Model, rest_px: NDArray[np.float64]) -> Model:
-    """Return a model with what one event of each marker and of each pixel stands for.
+    """Return a model with the steps of each marker and each pixel, from counts of full swings.
 
-    With a and b the shares of a full swing that an ON and an OFF event stand for, the mean counts
-    of full swings are
+    With a and b the steps (shares of a full swing) of an ON and an OFF event, the mean counts of
+    events in full swings satisfy
 
         1 = a (n_on + 1/2) + b / 2,    1 = b (n_off + 1/2) + a / 2,
 
-    since the level at which the pixel fired last lies anywhere within a step before the swing
-    begins. What falls back on the way up, and rises on the way down, is taken off: a marker that
-    turns round over a pixel, or noise near a threshold, fires pairs of events that add up to
-    nothing. Where too few swings are seen the steps stay.
+    since the level at which the pixel fired last is uniform within a step before the swing begins.
+    Events against the direction of a swing are subtracted in pairs: a marker that reverses over a
+    pixel, or noise near a threshold, fires pairs of events that cancel. With too few swings the
+    steps stay.
 
     Args:
         evidence: The recording.
-        model: Where the markers went, and how they look.
-        rest_px: ``(m, 2)`` where they rest, px.
+        model: Positions and appearance of the markers.
+        rest_px: ``(m, 2)`` rest positions, px.
     """
     seen = compare(evidence, model)
     by_marker, by_pixel = seen.marker_swings.copy(), seen.swings.copy()
@@ -190,7 +186,7 @@ def with_steps(evidence: Evidence, model: Model, rest_px: NDArray[np.float64]) -
         swings[:, 0] -= on_per_off * swings[:, 4]
         swings[:, 2] -= swings[:, 5] / on_per_off
     on, _, off, _ = by_marker.sum(axis=0)[:4].tolist()
-    # Each marker's counts are a little drawn to its neighbours', a Gaussian as wide as the pitch.
+    # The prior of each marker's counts is its neighbours' mean, by a Gaussian as wide as the pitch.
     apart = np.hypot(*(rest_px[:, np.newaxis] - rest_px[np.newaxis]).transpose(2, 0, 1))
     pitch = float(np.median(np.sort(apart, axis=1)[:, 1])) if len(rest_px) > 1 else 1.0
     near = np.exp(-0.5 * (apart / pitch) ** 2) @ by_marker
@@ -210,7 +206,7 @@ def with_steps(evidence: Evidence, model: Model, rest_px: NDArray[np.float64]) -
 def steps_of_counts(
     on: NDArray[np.floating], off: NDArray[np.floating]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the ON and OFF steps that mean counts of full swings stand for.
+    """Return the ON and OFF steps for mean counts of events in full swings.
 
     Args:
         on: Mean ON events of a swing from ground to marker, any shape.

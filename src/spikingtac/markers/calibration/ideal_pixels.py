@@ -1,11 +1,11 @@
-"""What ideal pixels fire while the markers go their way, beside what the real ones fired.
+"""Simulation of ideal event pixels along the markers' paths, and comparison with the real pixels.
 
-Every pixel follows the logarithm of a blurred disc and fires when it has left the level of its last
-event by a step. Where that level stood when the recording began is not known, so that several ideal
-pixels, spread evenly over the possible levels, are followed for each real one. What real pixels
-fired is compared with their mean: unlike a fit to the levels themselves this is not misled by
-partial swings that give no event, and by steps that are large in one direction. Real events of
-full swings, from ground to marker or back, are counted.
+An ideal pixel follows the logarithm of a blurred disc, and fires when its level differs from the
+level of its last event by a step. The initial level of the last event is unknown, so several
+ideal pixels, spread evenly over the possible levels, are simulated for each real one. The levels of
+the real events are compared with the mean of the ideal ones: unlike a fit to the image, this is
+unbiased by partial swings without an event, and by steps that are large in one direction. Events of
+full swings of the real pixels, from ground to marker or back, are counted.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -20,34 +20,34 @@ from numpy.typing import NDArray
 from spikingtac.calibration.disc_profile import Discs, draw_kernel
 from spikingtac.markers.calibration.recording import BufferedEvents
 
-PHASES = 4  # Ideal pixels for each real one: their mean is within an eighth of a step of the true.
+PHASES = 4  # Ideal pixels per real one: their mean is exact to an eighth of a step.
 STILL_LEVEL = 1e-4  # Smaller changes of the level are no motion.
-THREADS, PARTS = 2, 4  # Threads that walk, and parts of the image: few, each draws all discs.
+THREADS, PARTS = 2, 4  # Threads, and parts of the image: few, since each part draws all discs.
 
-# A pixel is ground below the first level and marker above the second; between both it swings.
+# A pixel is ground below the first level and marker above the second; it swings between them.
 GROUND_LEVEL, MARKER_LEVEL = 0.03, 0.95
 
-SETTLE_SAMPLES = 3  # Events that come so many samples late still count for a swing.
-# Faster swings are not counted: a snap overruns the readout. (With all of them a simulated drag
-# that ends in a snap is calibrated 0.34 px off, with those above 5 ms 0.2, above 10 ms 0.15 px.)
+SETTLE_SAMPLES = 3  # Samples after the end of a swing in which events still count for it.
+# Shortest swing that is counted, s: a snap saturates the readout. (With all swings a simulated drag
+# that ends in a snap is calibrated 0.34 px off; without those below 5 ms 0.2, below 10 ms 0.15 px.)
 SNAP_S = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """All that explains the events.
+    """Generative model of the events: paths and shapes of the discs, and steps of the pixels.
 
     Attributes:
-        center_px: ``(n, m, 2)`` where the markers were at each sample, px.
-        stretch_px: ``(n, m, 3)`` how they were stretched there, as ``draw_kernel`` has it, px.
-        discs: How they look.
-        on: ``(m,)`` share of a full swing of each marker's ON event.
+        center_px: ``(n, m, 2)`` position of each marker at each sample, px.
+        stretch_px: ``(n, m, 3)`` stretch of each disc there, as defined by ``draw_kernel``, px.
+        discs: Appearance of the markers.
+        on: ``(m,)`` step of each marker's ON events, a share of a full swing.
         off: The same for OFF events.
-        pixel: ``(2, pixels)`` steps of a pixel's ON and OFF events, as shares of its marker's.
-        residual: ``(m,)`` rms of the levels left over around each marker.
+        pixel: ``(2, pixels)`` steps of a pixel's ON and OFF events relative to its marker's.
+        residual: ``(m,)`` rms residual of the levels around each marker.
         events: ``(m, 4)`` events near each marker: real ON and OFF, expected ON and OFF.
-        swings: ``(m,)`` full swings that were seen of each marker, both ways together.
-        recovery_s: Time in which pixels forget light that they lost without an event, s; 0: never.
+        swings: ``(m,)`` number of full swings over each marker's pixels, both ways together.
+        recovery_s: Time constant with which pixels adapt to a darkening, s; 0: they do not.
     """
 
     center_px: NDArray[np.float64]
@@ -64,15 +64,15 @@ class Model:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What a model has to explain.
+    """The recording to which a model is fitted, and its samples.
 
     Attributes:
         events: The recording, markers brighter than the ground.
-        index: ``(n,)`` how many events came before each sample.
+        index: ``(n,)`` number of events before each sample.
         states: ``(k,)`` samples at which real and ideal pixels are compared.
-        rests: ``(rests,)`` the sample that stands for each rest.
+        rests: ``(rests,)`` the sample of each rest.
         cell: ``(pixels,)`` nearest marker of each pixel.
-        noise: ``(2,)`` ON and OFF events that are expected near a marker without any motion.
+        noise: ``(2,)`` expected ON and OFF noise events near a marker.
     """
 
     events: BufferedEvents
@@ -85,18 +85,18 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Real and ideal pixels at chosen samples.
+    """Levels of real and ideal pixels at the states, and counts of events.
 
     Attributes:
-        pixel: ``(p,)`` the pixels that a disc covers at any of the samples.
+        pixel: ``(p,)`` the pixels that a disc covers at any state.
         measured: ``(states, p)`` sum of the real events' steps since the start.
         expected: The mean sum of the ideal events' steps since the start.
-        drawn: The level that the discs show.
+        drawn: The level of the model's image.
         owner: The disc that covers each pixel, -1 for none.
         events: ``(m, 4)`` events near each marker: real ON and OFF, expected ON and OFF.
         swings: ``(pixels, 6)`` real events of the full swings of every pixel: ON events and number
             of rises, OFF events and number of falls, OFF events of rises, ON events of falls.
-        marker_swings: ``(m, 6)`` the same sums by the marker that covered the pixel.
+        marker_swings: ``(m, 6)`` the same sums for the marker that covered the pixel.
     """
 
     pixel: NDArray[np.int64]
@@ -110,7 +110,7 @@ class Comparison:
 
 
 def compare(evidence: Evidence, model: Model) -> Comparison:
-    """Compare real pixels with ideal ones that fire along a model's paths."""
+    """Simulate ideal pixels along a model's paths, and compare them with the real ones."""
     events, states, discs = evidence.events, evidence.states, model.discs
     steps = (np.array([model.on, model.off])[:, evidence.cell] * model.pixel).astype(np.float32)
     kept = np.zeros((3, len(states), events.pixels), np.float32)
@@ -152,12 +152,12 @@ def follow_levels_kernel(
     events: NDArray[np.float64],
     clock: tuple[NDArray[np.float64], Any, Any],
 ) -> None:
-    """Let pixels' ideal copies follow their levels; add what they fire to the markers' events.
+    """Advance the ideal pixels to their present levels, and count their events by marker.
 
-    ``which`` is some pixels, and every pixel's marker; ``levels`` are those of now and of before;
-    ``copies`` is ``(pixels, PHASES)``, the level at which each copy fired last, and ``(pixels,)``
-    the mean sum of their steps. ``clock`` is when each pixel was followed last, the time of now, s,
-    and the rate at which light that was lost without an event is forgotten, 1/s.
+    ``which`` holds the chosen pixels, and every pixel's marker; ``levels`` the present and the last
+    levels; ``copies`` ``(pixels, PHASES)`` the level at which each ideal pixel fired last, and
+    ``(pixels,)`` the mean sum of their steps; ``clock`` the time of each pixel's last update, the
+    present time, s, and the rate of adaptation to a darkening, 1/s.
     """
     (chosen, marker), (now, before), (phases, sums) = which, levels, copies
     (on_steps, off_steps), (seen_s, now_s, per_s) = steps, clock
@@ -167,7 +167,7 @@ def follow_levels_kernel(
         if abs(level - before[q]) <= STILL_LEVEL:
             continue
         on, off, middle = on_steps[q], off_steps[q], np.float32(0.5) * (level + before[q])
-        if per_s > 0.0 and now_s - seen_s[q] != since_s:  # most pixels were seen at the same time
+        if per_s > 0.0 and now_s - seen_s[q] != since_s:  # most pixels share their last update
             since_s = now_s - seen_s[q]
             kept = np.float32(np.exp(-per_s * since_s))
         rises = falls = 0
@@ -197,9 +197,9 @@ def count_events_kernel(
     owner: NDArray[np.int32],
     events: NDArray[np.float64],
 ) -> None:
-    """Count real events by pixel, OFF and ON, and by the disc that covers it, ON and OFF.
+    """Count real events per pixel, OFF and ON, and per covering disc, ON and OFF.
 
-    The pixels are those of some rows; ``first`` is the number of the first of them in ``code``.
+    The pixels are a block of rows; ``first`` is the number of its first pixel in ``code``.
     """
     for i in range(len(code)):
         q, on = np.int64(code[i] >> 1) - first, code[i] & 1
@@ -218,12 +218,12 @@ def end_swings_kernel(
     out: tuple[NDArray[np.float64], NDArray[np.float64]],
     now_s: float,
 ) -> None:
-    """Add the full swings that some pixels have ended to the sums of pixels and markers.
+    """Add completed full swings to the sums of pixels and markers.
 
-    ``image`` is each pixel's level and disc, and whether only those without a disc are meant;
-    ``state`` the end at which each was last (1 ground, 2 marker, 0 none yet), samples since a swing
-    came to it (-1: none did), its marker, and when it was there, s; ``counts`` ``(pixels, 2)`` OFF
-    and ON events of now, of the last sample at an end, and of the begin of the swing.
+    ``image`` holds each pixel's level and disc, and whether only pixels without a disc are meant;
+    ``state`` each pixel's last end (1 ground, 2 marker, 0 none yet), the samples since a swing
+    reached it (-1: none did), its marker, and the time there, s; ``counts`` ``(pixels, 2)`` OFF
+    and ON events now, at the last sample at an end, and at the start of the swing.
     """
     (now, whose, uncovered), (end, since, marker, end_s) = image, state
     (count, last, begun), (by_pixel, by_marker) = counts, out
@@ -260,10 +260,10 @@ def compare_kernel(
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
     out: tuple[Any, ...],
 ) -> None:
-    """Walk along the samples; fill some rows of a :class:`Comparison`.
+    """Step through the samples; fill some rows of a :class:`Comparison`.
 
-    ``real`` is the codes of all events, the number of the first pixel of these rows, their width,
-    the time of each sample, s, and the rate at which pixels recover, 1/s; ``out`` is the levels
+    ``real`` holds the codes of all events, the number of the first pixel of these rows, their
+    width, the time of each sample, s, and the rate of recovery, 1/s; ``out`` the levels
     ``(3, states, pixels)``, the owners, the events ``(m, 4)``, swings by pixel, by marker.
     """
     (code, first, width, at_s, per_s), (levels, owners, near, swings) = real, out
@@ -283,12 +283,12 @@ def compare_kernel(
         at, clock = index[sample], (seen_s, at_s[sample], per_s)
         place = center_px[sample], stretch_px[sample]
         covered = touched[: draw_kernel(place, looks, (image, owner), touched)]
-        if sample == 0:  # each pixel's copies may have fired last at any level within a step
+        if sample == 0:  # spread the levels of the last events over one step
             before[:], ends[0][:] = now, 2 * (now > MARKER_LEVEL) + (now < GROUND_LEVEL)
             for phase in range(PHASES):
                 phases[:, phase] = now + off - (on + off) * np.float32((phase + 0.5) / PHASES)
         last_owner[covered] = whose[covered]
-        for some, uncovered in ((former[:formers], True), (covered, False)):  # left, then shown
+        for some, uncovered in ((former[:formers], True), (covered, False)):  # left, then entered
             follow_levels_kernel((some, last_owner), (now, before), copies, steps, near, clock)
             end_swings_kernel(some, (now, whose, uncovered), ends, counted, swings, clock[1])
         if kept < len(states) and states[kept] == sample:

@@ -1,9 +1,9 @@
-"""Lattices of points: the basis, the labels of the points, and a smooth model through them.
+"""Lattices of points: the basis, the labels of the points, and a smooth model of the positions.
 
 Points on a lattice have few different steps to their neighbours, at any angle; the two shortest
-that repeat are its basis. A smooth model of the places grows from one point outwards: each point
-takes the nearest cell and each cell the nearest point, and the model is fitted to these anew, with
-more terms the more points there are. It says where a missing marker should be.
+frequent steps are the basis. A smooth model of the positions grows outwards from one point: points
+and cells that are mutually nearest are matched, and the model is fitted to them again, with more
+terms the more points there are. It predicts the positions of missing markers.
 """
 
 from dataclasses import dataclass, replace
@@ -14,43 +14,43 @@ from numpy.typing import NDArray
 
 LayoutKind = Literal["auto", "grid", "staggered", "free"]
 
-# Nearest points whose steps vote for the basis: the ring around a point of a square grid. So many
-# steps are compared at most.
+# Nearest points whose steps vote for the basis, the ring around a point of a square grid; and most
+# steps that are compared.
 NEIGHBOURS, MOST_STEPS = 8, 1_500
 
-# Two steps are alike up to this share of the shorter one: the jitter of hand-made grids is 0.07
-# pitches, and lenses change the pitch by 0.1 over an image.
+# Largest difference of two equal steps, as a share of the shorter one: the jitter of hand-made
+# grids is 0.07 pitches, and lenses change the pitch by 0.1 over an image.
 ALIKE = 0.2
 
-# A step of the basis has at least this share of the votes of the most frequent step.
+# Least votes for a step of the basis, as a share of the votes for the most frequent step.
 VOTES_SHARE = 0.5
 
-LEAST_SINE = 0.5  # Sine of the angle between two steps from which they span a lattice: 30 degrees.
+LEAST_SINE = 0.5  # Least sine of the angle between the steps of a basis: 30 degrees.
 
-# Cosine of the angle of the basis from which rows are staggered. Rows that are shifted by half a
-# pitch have 0.3 to 0.5; 0.1 is a grid in perspective.
+# Cosine of the angle of the basis above which rows are staggered. Rows shifted by half a pitch have
+# 0.3 to 0.5; 0.1 is a grid in perspective.
 LEAST_SKEW = 0.2
 
-# How far a point may lie from its cell, as a share of the pitch.
+# Largest distance of a point from its cell, as a share of the pitch.
 REACH = 0.33
 
-# Rows and columns beyond the labelled ones in which points are looked for: over one gap.
+# Rows and columns beyond the labelled ones in which points are searched: across one gap.
 AHEAD = 2
 
-# Points from which the smooth model gets so many terms: affine, quadratic (perspective), cubic
-# (lens distortion); four points and more for each term.
+# Least number of points for each number of terms of the smooth model: affine, quadratic
+# (perspective), cubic (lens distortion); four points and more per term.
 MODEL_TERMS = ((0, 3), (12, 6), (40, 10))
 
-# Weight of the basis beside one point: it tells the pitch where a single row does not.
+# Weight of the basis relative to one point: it determines the pitch where a single row does not.
 BASIS_WEIGHT = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Lattice:
-    """Points with their cells, and the smooth model through them.
+    """Labelled points, and a smooth model of their positions.
 
-    A label counts steps of the basis; a cell is a row and a column. They differ where rows are
-    staggered: there ``phase`` says which rows are shifted to the right.
+    A label counts steps of the basis; a cell is a row and a column. They differ if rows are
+    staggered: then ``phase`` is the parity of the rows that are shifted to the right.
 
     Attributes:
         points: ``(n, 2)`` all points, px.
@@ -69,23 +69,23 @@ class Lattice:
     @property
     def cell(self) -> NDArray[np.int64]:
         """``(k, 2)`` row and column of each point."""
-        return self._moved(self.label, 1)
+        return self._shifted(self.label, 1)
 
     def expected_px(self, cell: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return where the model has some cells ``(c, 2)``, px."""
-        return _terms(self._moved(cell, -1), len(self.model)) @ self.model
+        """Return the positions of cells ``(c, 2)`` by the model, px."""
+        return _terms(self._shifted(cell, -1), len(self.model)) @ self.model
 
-    def _moved(self, cell: NDArray[np.int64], way: int) -> NDArray[np.int64]:
+    def _shifted(self, cell: NDArray[np.int64], sign: int) -> NDArray[np.int64]:
         shift = 0 if self.phase is None else (cell[:, 0] + self.phase) // 2
-        return np.column_stack([cell[:, 0], cell[:, 1] + way * shift])
+        return np.column_stack([cell[:, 0], cell[:, 1] + sign * shift])
 
     @property
     def pitch_px(self) -> float:
         """The shorter step of the model, px."""
         return float(np.hypot(*self.model[1:3].T).min())
 
-    def there(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Return the first row and column, and which cells of the bounding window have a point."""
+    def occupied(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the first row and column, and which cells of the bounding window hold a point."""
         first = self.cell.min(axis=0)
         there = np.zeros(self.cell.max(axis=0) - first + 1, bool)
         there[tuple((self.cell - first).T)] = True
@@ -105,13 +105,13 @@ def find_lattice(points: NDArray[np.float64], kind: LayoutKind) -> Lattice:
         for lattice in [_labelled(points, basis)]
         for phase in phases
     ]
-    return min(found, key=lambda one: one.there()[1].size)
+    return min(found, key=lambda one: one.occupied()[1].size)
 
 
 def _labelled(points: NDArray[np.float64], basis: NDArray[np.float64]) -> Lattice:
     from scipy.spatial import KDTree  # 0.1 s that other verbs need not wait
 
-    # It begins at the point whose four neighbours fit the basis best.
+    # The seed is the point whose four neighbours fit the basis best.
     ways = np.array([basis[0], -basis[0], basis[1], -basis[1]])
     off = KDTree(points).query(points[:, np.newaxis] + ways)[0] / np.hypot(*ways.T)
     seed = int(off.clip(max=1.0).sum(axis=1).argmin())
@@ -149,8 +149,8 @@ def _bases(
 def _staggered_bases(
     first: NDArray[np.float64], second: NDArray[np.float64]
 ) -> list[NDArray[np.float64]]:
-    # Along rows, and half a pitch on to the next row: hexagons have rows in three directions. The
-    # most level rows come first.
+    # A step along the row, and a step of half a pitch to the next row. Hexagonal lattices have rows
+    # in three directions; the most level ones come first.
     found = []
     for along, other in (
         (first, second), (second, first), (first + second, first), (first - second, first)
@@ -168,21 +168,21 @@ def _staggered_bases(
 def _shortest_steps(
     points: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    # The two shortest steps between neighbours that many pairs of neighbours share.
+    # The two shortest frequent steps between neighbours.
     from scipy.spatial import KDTree
 
     near = np.asarray(KDTree(points).query(points, min(NEIGHBOURS, len(points) - 1) + 1)[1])
     steps = (points[near[:, 1:]] - points[:, np.newaxis]).reshape(-1, 2)
     steps = steps[:: -(-len(steps) // MOST_STEPS)]
-    first = _voted(steps)
+    first = _frequent_step(steps)
     sine = np.abs(first[0] * steps[:, 1] - first[1] * steps[:, 0])
     aside = sine > LEAST_SINE * np.hypot(*first) * np.hypot(*steps.T)
-    second = _voted(steps[aside]) if aside.any() else np.array([-first[1], first[0]])
+    second = _frequent_step(steps[aside]) if aside.any() else np.array([-first[1], first[0]])
     return first, second
 
 
-def _voted(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    # The shortest of the frequent steps, as the median of those like it, to either side.
+def _frequent_step(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    # The shortest frequent step: the median of the steps equal to it, up to sign.
     length = np.hypot(*steps.T)
     both = np.stack([steps, -steps])[:, :, np.newaxis]
     apart = np.linalg.norm(both - steps, axis=3).min(axis=0)

@@ -1,6 +1,6 @@
-"""Find the layout in a cloud of points: rows and columns, staggered rows, or neighbours alone.
+"""Layout of the markers from a set of points: rows and columns, staggered rows, or free.
 
-The paper has 8x8 and does not say how its markers are told apart.
+The paper has 8x8 markers and does not say how they are identified.
 """
 
 import itertools
@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.lattice import Lattice, LayoutKind, cells_of, find_lattice
 
-# So near to its place, as a share of the pitch, a point beyond a nearly empty border line is a
-# marker; of points anywhere within REACH one in eight is.
+# Distance from its lattice cell, as a share of the pitch, up to which a point in a nearly empty
+# border line is a marker; of points at random within REACH one in eight is so near.
 ON_LATTICE = 0.12
 
-# Slope of the rows, 3 degrees, up to which a grid is taken for a rectangle along the image: a
-# corner without a marker has lost it. Beyond, the image may cut the corners of the grid off.
+# Largest slope of the rows, 3 degrees, at which a grid is assumed to be a rectangle along the
+# image, so that a corner without a marker is a missing marker. At larger slopes the image may cut
+# off corners.
 LEVEL_SLOPE = 0.05
 
 # A border row or column with a smaller share of its markers is taken for stray points.
@@ -30,15 +31,15 @@ Rectangle = tuple[NDArray[np.int64], tuple[int, int]]  # First row and column, a
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Which point is which marker.
+    """Assignment of points to markers.
 
     Attributes:
         shape: ``(rows, columns)``, or None where the markers do not fill rows.
         point: ``int64[m]`` index of each marker's point, row-major, or ABSENT.
-        expected_px: ``(m, 2)`` where the smooth model has each marker, px.
+        expected_px: ``(m, 2)`` position of each marker by the smooth model, px.
         stray: Indices of points that belong to no marker.
         staggered: Whether every second row is shifted by half a pitch.
-        fits: The shape that the points fill, where another one was asked for.
+        fits: The shape that the points fill, if another one was requested.
     """
 
     shape: tuple[int, int] | None
@@ -55,7 +56,7 @@ def find_layout(
     shape: tuple[int, int] | None = None,
     kind: LayoutKind = "auto",
 ) -> Layout:
-    """Sort points into a layout.
+    """Assign points to a layout.
 
     Args:
         points: ``(n, 2)`` candidates, px, two at least.
@@ -77,10 +78,10 @@ def find_layout(
     own = _rectangle(lattice, size)
     if shape is None:
         return _arranged(lattice, own)
-    first, there = lattice.there()
-    asked = _arranged(lattice, (first + _best_placed(there, shape), shape))
-    left_out = len(lattice.index) > np.count_nonzero(asked.point != ABSENT)
-    return replace(asked, fits=own[1]) if own and left_out and own[1] != shape else asked
+    first, there = lattice.occupied()
+    requested = _arranged(lattice, (first + _best_placed(there, shape), shape))
+    left_out = len(lattice.index) > np.count_nonzero(requested.point != ABSENT)
+    return replace(requested, fits=own[1]) if own and left_out and own[1] != shape else requested
 
 
 def _arranged(lattice: Lattice, rectangle: Rectangle | None) -> Layout:
@@ -101,13 +102,13 @@ def _arranged(lattice: Lattice, rectangle: Rectangle | None) -> Layout:
 
 def _rectangle(lattice: Lattice, size: tuple[int, int]) -> Rectangle | None:
     """Return the first row and column, and rows and columns; None where no rectangle fits."""
-    first, there = lattice.there()
+    first, there = lattice.occupied()
     expected_px = lattice.expected_px(cells_of(first, there.shape)).reshape(*there.shape, 2)
     last_px, across = np.array(size) - 1, lattice.model[1]
     level = lattice.phase is None and abs(across[1]) <= LEVEL_SLOPE * abs(across[0])
     if not level:
-        # The image cuts off what lies nearer to its border than the markers in sight; a marker far
-        # inside of them is missing.
+        # Empty cells nearer to the border than all visible markers are cut off by the image; an
+        # empty cell far inside is a missing marker.
         border_px = np.minimum(expected_px, last_px - expected_px).min(axis=2)
         deep = (border_px - border_px[there].min())[~_enclosed(there, lattice)] / lattice.pitch_px
         missing = lattice.phase is None and deep.max(initial=0.0) > 1.0 and deep.min() > -ON_LATTICE
@@ -116,8 +117,8 @@ def _rectangle(lattice: Lattice, size: tuple[int, int]) -> Rectangle | None:
     off_px = np.hypot(*(lattice.points[lattice.index] - lattice.expected_px(lattice.cell)).T)
     near = np.zeros(there.shape, bool)
     near[tuple((lattice.cell - first).T)] = off_px < ON_LATTICE * lattice.pitch_px
-    # Border lines of stray points are taken off; where markers fill one in part, since the image
-    # ends there, there is no rectangle.
+    # Border lines of stray points are removed; where the image cuts a line of markers, there is no
+    # rectangle.
     window = np.stack([there, hidden, near])
     while True:
         for axis, side in itertools.product((1, 2), (0, -1)):
@@ -190,7 +191,7 @@ def refuse_gaps(
 
 
 def marker_name(index: int, shape: tuple[int, int] | None) -> str:
-    """Return how a person finds a marker: ``row 1, column 2``, or its number where none are.
+    """Return the name of a marker: ``row 1, column 2``, or its number without a grid.
 
     Example:
         >>> marker_name(9, (8, 8)), marker_name(9, None)
@@ -202,10 +203,10 @@ def marker_name(index: int, shape: tuple[int, int] | None) -> str:
 
 
 def region(position_px: NDArray[np.float64], size: tuple[int, int]) -> str:
-    """Return which ninth of the image a place is in, as ``upper left``.
+    """Return the ninth of the image that holds a position, as ``upper left``.
 
     Args:
-        position_px: ``(2,)`` the place, px.
+        position_px: ``(2,)`` the position, px.
         size: ``(width, height)``.
     """
     third = np.clip(np.floor(3 * position_px / np.array(size)), 0, 2).astype(int)

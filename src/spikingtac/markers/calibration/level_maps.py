@@ -1,8 +1,8 @@
-"""Maps of brightness at chosen times, from nothing but events.
+"""Brightness maps at chosen times, integrated from events alone.
 
-Events are added up and clipped between the ground (0) and a marker (1), forwards from the start and
-backwards from the end. Clipping anchors the sum at both ends, so that neither noise nor pixels of
-unlike thresholds make it drift. Both directions are averaged, since their errors are opposed.
+Events are integrated with clipping between the ground (0) and a marker (1), forwards from the start
+and backwards from the end. Clipping anchors the sum at both ends, so that neither noise nor unequal
+thresholds make it drift. Both directions are averaged, since their errors are opposite.
 """
 
 from typing import Any
@@ -17,25 +17,25 @@ from spikingtac.markers.calibration.recording import BufferedEvents, moving_even
 # Resolution and range of the histogram of brightness swings, in ON events.
 BINS_PER_EVENT, LARGEST_SWING = 4, 100
 
-# A swing ends when brightness turns back by this many events of the rarer polarity: less is
-# noise.
+# Hysteresis of a turning point, in events of the rarer polarity: a smaller reversal is noise.
 TURN_EVENTS = 1.5
 
-# Quantile of the swings, weighted with their size, that stands for a full one: most of the change
-# in a picture of moving discs is made of full swings (within 30 % on fifteen simulated sensors; a
-# calibration begins with it).
+# Quantile of the swings, weighted by size, that estimates a full swing: most of the change in an
+# image of moving discs consists of full swings (within 30 % on fifteen simulated sensors; it is the
+# first estimate of a calibration).
 SWING_QUANTILE = 0.5
 
-# Shares of ON events among the events of motion between which a calibration is tried.
+# Bounds of the share of ON events among the events of motion; outside of them calibration is
+# refused.
 ON_SHARES = (0.02, 0.98)
 
 
 def mean_steps(events: BufferedEvents, moving: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Return ``(2,)`` what an ON and an OFF event stand for, in shares of a full swing.
+    """Return ``(2,)`` the mean steps of an ON and an OFF event, shares of a full swing.
 
     They are estimated from the balance of ON and OFF events and from the size of swings. Over a
-    recording in which brightness comes back to where it was, the sum of all ON steps equals that of
-    all OFF steps.
+    recording in which brightness returns to its start, all ON steps and all OFF steps have the same
+    sum.
 
     Args:
         events: The recording.
@@ -58,7 +58,7 @@ def mean_steps(events: BufferedEvents, moving: NDArray[np.bool_]) -> NDArray[np.
 
 
 class SwingHistogram:
-    """How far brightness goes between two turns, in ON events, of groups of pixels.
+    """Histogram of brightness swings between turning points, in ON events, per group of pixels.
 
     Args:
         group: ``(pixels,)`` number of each pixel's group.
@@ -72,11 +72,11 @@ class SwingHistogram:
         self._group, self._turns = group, np.zeros((4, len(group)), np.float32)
 
     def absorb(self, code: NDArray[np.uint32], on_per_off: float) -> None:
-        """Take the next events, by pixel and polarity as in :class:`BufferedEvents`."""
+        """Add the next events, coded as in :class:`BufferedEvents`."""
         swings_kernel(code, on_per_off, self._turns, self._group, self.counts)
 
     def steps(self, on_per_off: float) -> NDArray[np.float32]:
-        """Return ``(2, groups)`` ON and OFF steps: SWING_QUANTILE of the swings are a full one."""
+        """Return ``(2, groups)`` ON and OFF steps: a full swing is the SWING_QUANTILE of swings."""
         weight = np.cumsum(self.counts * np.arange(1, self.counts.shape[1] + 1), axis=1)
         full = (weight >= SWING_QUANTILE * weight[:, -1:]).argmax(axis=1) / BINS_PER_EVENT
         step = 1.0 / (np.maximum(full, 1.0) + 0.5)
@@ -93,9 +93,9 @@ def level_maps(
 
     Args:
         events: The recording, markers brighter than the ground.
-        steps: ``(2,)`` what an ON and an OFF event stand for.
-        index: How many events came before each map, increasing.
-        start: ``(height, width)`` levels when the recording begins.
+        steps: ``(2,)`` steps of an ON and an OFF event.
+        index: Number of events before each map, increasing.
+        start: ``(height, width)`` levels at the start of the recording.
     """
     level = start.ravel().copy()
     add_kernel(level, events.code, steps)
@@ -115,7 +115,7 @@ def level_maps(
 
 
 def _undo(level: NDArray[np.float32], code: NDArray[np.uint32], steps: NDArray[np.float32]) -> None:
-    # Take each event's step back, last event first: the inverted events, backwards in time.
+    # Integrates backwards in time: the events in reverse order with inverted polarity.
     add_kernel(
         level, np.ascontiguousarray(code[::-1] ^ np.uint32(1)), np.ascontiguousarray(steps[::-1])
     )
@@ -129,22 +129,22 @@ def swings_kernel(
     group: NDArray[np.int64],
     histogram: NDArray[np.int64],
 ) -> None:
-    """Count how far brightness goes between two turns, pixel by pixel, by their groups.
+    """Count the swings of brightness between turning points into their group's histogram.
 
-    ``state`` holds for each pixel its brightness, the outermost value since the last turn, the
-    value at that turn, and the direction (1 up, -1 down, 0 not known).
+    ``state`` holds each pixel's brightness, the extreme since the last turning point, the value at
+    that point, and the direction (1 up, -1 down, 0 not known).
     """
     turn = np.float32(TURN_EVENTS * max(1.0, ratio))
     for i in range(len(code)):
         pixel = code[i] >> 1
         state[0, pixel] += np.float32(1.0) if code[i] & 1 else np.float32(-ratio)
-        way = state[3, pixel]
-        if way == 0:
+        direction = state[3, pixel]
+        if direction == 0:
             if abs(state[0, pixel]) >= turn:
                 state[3, pixel] = np.sign(state[0, pixel])
                 state[1, pixel] = state[0, pixel]
             continue
-        back = way * (state[1, pixel] - state[0, pixel])
+        back = direction * (state[1, pixel] - state[0, pixel])
         if back < 0:
             state[1, pixel] = state[0, pixel]
         elif back >= turn:
@@ -153,7 +153,7 @@ def swings_kernel(
             histogram[group[pixel], size_bin] += 1
             state[2, pixel] = state[1, pixel]
             state[1, pixel] = state[0, pixel]
-            state[3, pixel] = -way
+            state[3, pixel] = -direction
 
 
 @njit(cache=True)
@@ -170,7 +170,7 @@ def add_kernel(
             level[pixel] = max(level[pixel] - off, np.float32(0.0))
 
 
-# Width of the Gaussian that takes single pixels' noise off maps.
+# Standard deviation of the Gaussian that removes the noise of single pixels from maps.
 SMOOTH_PX = 1.0
 
 
@@ -182,44 +182,46 @@ def smoothed(level: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(gaussian_filter(level, SMOOTH_PX), np.float32)
 
 
-# A pixel fires where so many events of motion were counted, and so many times the noise of that
-# time, which the rests tell.
+# A pixel counts as active with so many events of motion, and so many times the noise expected from
+# the rests.
 FEWEST_EVENTS, OVER_NOISE = 1.0, 3.0
 
-# Difference between a map that began dark and one that began bright from which the events do not
-# tell the level: less is left where a pixel swung over more than half.
+# Difference between maps integrated from dark and from bright above which the level is undecided:
+# it is smaller where a pixel swung over more than half.
 UNDECIDED = 0.5
 
-# How far beside silent pixels those that swing a little are covered, too (four sensors: 5 and 8
-# are alike; with 3 a gap stays inside of large discs, without a bound feet of edges count).
+# Distance from silent covered pixels at which pixels that swing a little are covered, too (four
+# sensors: 5 and 8 are alike; with 3 a gap stays inside of large discs, without a bound feet of
+# edges count).
 GROWN_PX = 5
 
-RIM_PX = 6  # Width of the rim around silent pixels that tells whose they are.
+RIM_PX = 6  # Width of the rim around silent pixels that decides whether they are covered.
 
-# Share of that rim, where events tell how it began, that begins bright where a marker covers the
-# silent pixels.
+# Share of that rim, where its first level is decided, that begins bright around pixels covered by a
+# marker.
 LEAST_LIT = 0.1
 
 
 def starting_levels(
     events: BufferedEvents, rests_us: NDArray[np.int64], steps: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Return ``(height, width)`` levels when the recording begins: 0 (ground) or 1 (marker).
+    """Return ``(height, width)`` levels at the start of the recording: 0 (ground) or 1 (marker).
 
     Args:
         events: The recording, markers brighter than the ground.
-        rests_us: ``(rests, 2)`` when the skin rested, us since the start.
-        steps: ``(2,)`` what an ON and an OFF event stand for on the average.
+        rests_us: ``(rests, 2)`` begin and end of each rest, us since the start.
+        steps: ``(2,)`` mean steps of an ON and an OFF event.
     """
     from scipy import ndimage
 
     code = events.code[moving_events(events, rests_us)]
     sent = np.bincount(code >> 1, minlength=events.pixels).reshape(events.shape)
-    # The events of noise that a pixel sends while the skin moves.
+    # Active pixels send more events than noise while the skin moves.
     moving_us = events.duration_us - np.diff(rests_us, axis=1).sum()
     noise = noise_events(events, rests_us).sum() * moving_us / max(events.duration_us, 1)
     fires = smoothed(sent.astype(np.float32)) > max(FEWEST_EVENTS, OVER_NOISE * noise)
-    # Levels of a map that ended dark, and of a bright one: they differ where a pixel never swings.
+    # First levels integrated backwards from a dark and from a bright map: undecided where they
+    # differ.
     dark, bright = np.zeros(events.shape, np.float32), np.ones(events.shape, np.float32)
     for level in dark, bright:
         _undo(level.ravel(), events.code, steps)
@@ -233,7 +235,7 @@ def starting_levels(
     whose, parts = silent[tuple(nearest)][rim], int(silent.max()) + 1
     bright = np.bincount(whose, lit[rim], parts) > LEAST_LIT * np.bincount(whose, minlength=parts)
     covered = enclosed & bright[silent]
-    # What darkens at its first event of motion, rather than brightens.
+    # Undecided pixels began bright if their first events of motion are OFF.
     pixel, first = np.unique(code >> 1, return_index=True)
     fell = np.zeros(events.pixels, np.float32)
     fell[pixel] = np.where(code[first] & 1, -steps[0], steps[1])

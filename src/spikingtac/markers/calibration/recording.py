@@ -1,7 +1,7 @@
-"""The events of a recording in memory, to be read several times, and its rests.
+"""Events of a recording in memory, and its rests.
 
-A static press is as silent as no contact, so a stretch of silence is only a candidate for a rest
-without load: the skin looks the same at all rests without load, while presses differ.
+A static press sends as few events as no contact, so a quiet interval is only a candidate for a rest
+without load. The skin looks the same at all rests without load, while presses differ.
 """
 
 from __future__ import annotations
@@ -66,11 +66,11 @@ class BufferedEvents:
         return self.size[0] * self.size[1]
 
     def index_at(self, times_us: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return how many events came before each time since the start."""
+        """Return the number of events before each time since the start."""
         return np.searchsorted(self.time_us, times_us.clip(0, LONGEST_US).astype(np.uint32))
 
     def times_at(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the times of events by their number, us; of the last one where they end before."""
+        """Return the times of events by number, us; beyond the end the time of the last one."""
         return self.time_us[np.minimum(index, len(self) - 1)].astype(np.int64)
 
     def packet(self, begin_us: int, end_us: int) -> EventPacket:
@@ -94,14 +94,14 @@ class BufferedEvents:
         return replace(self, code=self.code ^ np.uint32(1))
 
     def supported(self) -> BufferedEvents:
-        """Return the events that a neighbour supports: most of the noise is left out."""
+        """Return the events with a neighbour in space and time: without most of the noise."""
         kept = BackgroundActivityFilter(self.size)(self.packet(0, self.duration_us))
         time_us = (kept.t - self.t_start_us).astype(np.uint32)
         return replace(self, code=coded(kept), time_us=time_us)
 
 
 def buffer_events(source: EventSource, most_us: int | None = None) -> BufferedEvents:
-    """Read a source once, to its end or for so long.
+    """Read a source once, to its end or for ``most_us``.
 
     Raises:
         CalibrationError: The source holds no events, more than :data:`MOST_EVENTS`, or more than
@@ -148,21 +148,21 @@ def without_hot_pixels(events: BufferedEvents) -> tuple[BufferedEvents, NDArray[
     return replace(events, code=events.code[keep], time_us=events.time_us[keep]), hot_px
 
 
-# Events are counted in bins of this length, and summed over so many: 10 ms hold a hundred events
-# of a quiet 320x320 sensor at 0.1 Hz a pixel.
+# Length of the bins in which events are counted, us, and number of bins in the moving sum: 10 ms
+# hold a hundred events of a quiet 320x320 sensor at 0.1 Hz per pixel.
 BIN_US, SMOOTH_BINS = 10_000, 5
 
-# A bin is quiet up to this share of the way from the quietest, the fifth percentile, to the busy
-# ones (measured: creep after a contact is 0.01 to 0.02).
+# Limit of a quiet bin, as a share of the range from the quietest bins (the fifth percentile) to the
+# busy ones (measured: creep after a contact is 0.01 to 0.02).
 QUIET_SHARE, QUIET_PERCENTILE = 0.03, 5.0
 
-# Standard deviations of Poisson noise, above the quietest, that are no motion: counts reach from
-# 1.6 below their mean (the fifth percentile) to some three above it.
+# Lower bound of that limit, in standard deviations of Poisson noise above the quietest bins: counts
+# range from 1.6 below their mean (the fifth percentile) to some three above it.
 NOISE_DEVIATIONS = 5.0
 
-SHORTEST_REST_BINS = 10  # A rest lasts at least 0.1 s; a slide turns round in less.
+SHORTEST_REST_BINS = 10  # A rest lasts at least 0.1 s; a slide reverses in less.
 
-MOST_RESTS = 40  # The longest so many rests are used: each keeps a map in memory.
+MOST_RESTS = 40  # Number of the longest rests that are used: each needs a map in memory.
 
 
 def quiet_spans(counts: NDArray[np.integer]) -> NDArray[np.int64]:
@@ -200,9 +200,9 @@ def moving_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArra
 
 
 def noise_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return ``(2,)`` ON and OFF events of noise of a pixel over the recording, as rests have it.
+    """Return ``(2,)`` ON and OFF noise events per pixel over the recording, measured at rests.
 
-    Without a rest nothing tells them, and they are 0.
+    Without a rest they are unknown, and 0 is returned.
     """
     silence_us = max(float(np.diff(rests_us, axis=1).sum()), 1.0)
     silent = events.code[~moving_events(events, rests_us)]
@@ -210,35 +210,35 @@ def noise_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArray
     return np.array([on, off]) / events.pixels * events.duration_us / silence_us
 
 
-# Balances of ON and OFF events are taken each ms, their rhythms in windows of so many ms; those
-# below 80 Hz are motion.
+# Windows for the spectrum of the balance of ON and OFF events, ms, and the lowest frequency of
+# flicker: lower ones are motion.
 FLICKER_MS, SLOWEST_HZ = 200, 80
 
-# Share of all events that take turns in one rhythm where the light flickers (recorded and simulated
-# sensors: 0.11 at most without, 0.69 with 5 % of light at 100 Hz and thresholds of 0.2).
+# Share of all events that alternates at one frequency where the light flickers (recorded and
+# simulated sensors: 0.11 at most without, 0.69 with 5 % of light at 100 Hz and thresholds of 0.2).
 FLICKER_SHARE = 0.3
 
 
 def flicker_hz(events: BufferedEvents) -> float | None:
-    """Return the rhythm in which ON and OFF events take turns all over the sensor, if any, Hz."""
+    """Return the frequency of flicker: of alternating ON and OFF events, Hz; None without it."""
     edges_us = 1_000 * np.arange(events.duration_us // 1_000 + 1, dtype=np.uint32)
     on_us = events.time_us[events.code % 2 == 1]
     on, both = (np.diff(np.searchsorted(t_us, edges_us)) for t_us in (on_us, events.time_us))
     balance = 2 * on - both
     windows = balance[: len(balance) // FLICKER_MS * FLICKER_MS].reshape(-1, FLICKER_MS)
-    rhythms = np.abs(np.fft.rfft(windows, axis=1)).sum(axis=0)
-    rhythms[: SLOWEST_HZ * FLICKER_MS // 1_000] = 0.0
-    hz = float(rhythms.argmax()) * 1_000.0 / FLICKER_MS
-    return hz if rhythms.max() > FLICKER_SHARE * len(events) else None
+    spectrum = np.abs(np.fft.rfft(windows, axis=1)).sum(axis=0)
+    spectrum[: SLOWEST_HZ * FLICKER_MS // 1_000] = 0.0
+    hz = float(spectrum.argmax()) * 1_000.0 / FLICKER_MS
+    return hz if spectrum.max() > FLICKER_SHARE * len(events) else None
 
 
 SMOOTH_PX = 3  # Width of the box mean before two maps are compared: single pixels are noise.
 
 CHANGED_LEVEL = 0.5  # A pixel differs between two rests when its level differs by half a swing.
 
-# Two rests are alike up to this share of the pixels that differ between unlike rests, and up to
-# so many pixels, a third of one marker. Creep leaves a share of less than 0.02, a light press 0.1
-# and more (simulated and recorded presses).
+# Two rests look alike if fewer pixels differ than this share of the pixels that differ between
+# unlike rests, or fewer than this number, a third of one marker. Creep leaves a share of less than
+# 0.02, a light press 0.1 and more (simulated and recorded presses).
 ALIKE_SHARE, ALIKE_PX = 0.05, 40.0
 
 # A recording mostly begins without load: its first rest counts half as much again.
@@ -246,14 +246,14 @@ FIRST_BONUS = 0.5
 
 
 def unloaded_rests(maps: NDArray[np.float32], length_us: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return ``bool[rests]``: at which rests nothing touches the skin.
+    """Return ``bool[rests]``: the rests without contact.
 
-    Rests that look alike, or are linked by others that do, are one group; the group that lasts
-    longest is without load.
+    Rests that look alike form the connected components of a graph; the component that lasts longest
+    is without load.
 
     Args:
         maps: ``(rests, height, width)`` level maps.
-        length_us: ``(rests,)`` how long each lasts, us.
+        length_us: ``(rests,)`` duration of each, us.
     """
     # Late imports: together they take a fifth of a second, which every verb's start would wait for.
     from scipy.ndimage import uniform_filter

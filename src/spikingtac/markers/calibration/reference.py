@@ -1,12 +1,12 @@
-"""Where markers rest without load, from where they stood whenever nothing touched them.
+"""Reference positions of the markers without load, from their positions at all unloaded rests.
 
-The paper takes the middle of the box around all equilibrium states (section IV-D, the equation of
-P_init); ``bounding-box`` is that. The default ``rest-mean`` is ours. A skin that was just touched
-rests a little off, to the side to which it was pressed: it creeps. That share of the displacement
-is the same for all markers and contacts, so that all rests together tell it; and after any contact
-the skin is spread a little about its middle, which only a rest before all contacts can tell. Both
-are taken off, and what is left is averaged: the place at one rest alone may be wrong by a pixel
-where edges are wide.
+The paper takes the centre of the bounding box of all equilibrium states (section IV-D, the equation
+of P_init): method ``bounding-box``. The default ``rest-mean`` is our own. A skin that was just
+touched rests a little off towards the side to which it was pressed, since the gel creeps. The
+creep is the same share of the displacement for all markers and contacts, so that all rests
+determine it. After any contact the skin is also spread a little about its centroid, which only a
+rest before all contacts can show. Both are subtracted, and the rest positions are averaged: one
+rest alone may be off by a pixel where edges are wide.
 """
 
 from typing import Any, Literal
@@ -16,26 +16,26 @@ from numpy.typing import NDArray
 
 Method = Literal["rest-mean", "bounding-box"]
 
-SETTLED_US = 3_000_000  # After so long a rest the skin has crept back (recorded presses).
+SETTLED_US = 3_000_000  # Duration of a rest after which the skin has crept back (recorded presses).
 
-# A rest so far from the weighted median counts half (Cauchy weights): the residual of creep.
+# Distance from the weighted median at which a rest has half weight (Cauchy): the residual of creep.
 NEAR_PX = 0.15
 
-# Share of a displacement above which it is not believed that a skin keeps it for a while (simulated
-# gels keep 0.01 to 0.03; of five rests of the recorded one it seems to be 0.29, by chance).
+# Largest plausible creep, as a share of the displacement (simulated gels have 0.01 to 0.03; five
+# rests of the recorded one give 0.29 by chance).
 MOST_CREEP = 0.15
 
-# Largest share by which contacts are believed to leave the whole skin spread. (The twin's plate
-# leaves 0.12 %. Less than nothing is no creep: pixels with wide edges show the first rest too far
-# outside, since what they saw before is not known.)
+# Largest plausible spread of the whole skin after contacts. (The twin's plate leaves 0.12 %. A
+# negative spread is no creep: with wide edges the first rest appears too far outside, since earlier
+# events are unknown.)
 MOST_SPREAD = 0.03
 
-TOUCHED_PX = 0.2  # Mean displacement before a rest from which there was a contact.
+TOUCHED_PX = 0.2  # Mean displacement before a rest from which it counts as a contact.
 
-# A cause that differs by less than this between rests, on the average, tells nothing.
+# Least rms variation of a cause between rests to be estimated, px.
 TELLING_PX = 0.01
 
-# Least share of the rests' variance that creep must explain, else it is chance (simulated gels that
+# Least share of the rests' variance that creep must explain to be subtracted (simulated gels that
 # creep 0.40 to 0.80, presses with rare OFF events 0.04).
 EXPLAINED_SHARE = 0.2
 
@@ -50,32 +50,32 @@ def reference(
 
     Args:
         position_px: ``(rests, m, 2)`` positions at the unloaded rests, px.
-        rests_us: ``(rests, 2)`` when each began and ended, us since the start of the recording.
+        rests_us: ``(rests, 2)`` begin and end of each, us since the start of the recording.
         displaced_px: ``(rests, m, 2)`` mean displacement in the contact before each rest, px; zero
-            where there was none.
-        method: How they are reduced to one.
+            without a contact.
+        method: How the rests are combined.
     """
     if method == "bounding-box":
         return (position_px.min(axis=0) + position_px.max(axis=0)) / 2.0
     length_us = np.diff(rests_us, axis=1)[:, 0]
     creep, spread = creep_shares(position_px, displaced_px)
-    left_px = creep * displaced_px + spread * _about_middle(position_px, displaced_px)
-    return typical(position_px - left_px, length_us)
+    left_px = creep * displaced_px + spread * _from_centroid(position_px, displaced_px)
+    return robust_mean(position_px - left_px, length_us)
 
 
 def creep_shares(
     position_px: NDArray[np.float64], displaced_px: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Return what is left at the rests, of the displacements before, and as spread of the skin.
+    """Return the creep, a share of the displacements before the rests, and the spread of the skin.
 
-    They are the least-squares slopes over all markers and rests; neither is negative. (Rests count
-    alike: the last one, often the longest, is the one that is known worst.) Without a rest before
-    the first contact nothing tells the spread, nor do equal contacts tell the share of the
-    displacements: they are 0, as both are where they explain little, or are implausible.
+    They are non-negative least-squares slopes over all markers and rests, with equal weights: the
+    last rest, often the longest, is known worst. The spread is 0 without a rest before the first
+    contact, and the creep is 0 if all contacts are equal. Both are 0 where they explain little, or
+    are implausible.
     """
     off_px, moved_px, spread_px = (
         values - values.mean(axis=0)
-        for values in (position_px, displaced_px, _about_middle(position_px, displaced_px))
+        for values in (position_px, displaced_px, _from_centroid(position_px, displaced_px))
     )
     causes = np.column_stack([moved_px.ravel(), spread_px.ravel()])
     causes *= (causes**2).mean(axis=0) > TELLING_PX**2
@@ -88,10 +88,10 @@ def creep_shares(
     return float(shares[0]), min(float(shares[1]), MOST_SPREAD)
 
 
-def _about_middle(
+def _from_centroid(
     position_px: NDArray[np.float64], displaced_px: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    # (rests, m, 2) places from the middle of the skin on, 0 as long as nothing has touched it.
+    # (rests, m, 2) positions relative to the centroid of the skin, 0 before the first contact.
     moved_px = np.linalg.norm(displaced_px, axis=2).mean(axis=1)
     touched = np.maximum.accumulate(moved_px > TOUCHED_PX)
     place_px = np.median(position_px, axis=0)
@@ -101,28 +101,28 @@ def _about_middle(
 def displaced_before(
     rests_us: NDArray[np.int64],
     position_px: NDArray[np.float64],
-    course_us: NDArray[np.int64],
-    course_px: NDArray[np.float64],
+    sample_us: NDArray[np.int64],
+    sample_px: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return ``(rests, m, 2)`` mean displacement between each rest and the one before it, px.
 
     Args:
-        rests_us: ``(rests, 2)`` when each began and ended, us since the start of the recording.
-        position_px: ``(rests, m, 2)`` positions at them, px.
-        course_us: ``(k,)`` times of the samples, us since the start of the recording.
-        course_px: ``(k, m, 2)`` places at them, px.
+        rests_us: ``(rests, 2)`` begin and end of each, us since the start of the recording.
+        position_px: ``(rests, m, 2)`` positions at the rests, px.
+        sample_us: ``(k,)`` times of the samples, us since the start of the recording.
+        sample_px: ``(k, m, 2)`` positions at the samples, px.
     """
     middle_px = weighted_median(position_px, np.diff(rests_us, axis=1)[:, 0])
     starts_us = np.concatenate([[0], rests_us[:-1, 1]])
-    first, last = np.searchsorted(course_us, [starts_us, rests_us[:, 0]])
+    first, last = np.searchsorted(sample_us, [starts_us, rests_us[:, 0]])
     return np.array([
-        (course_px[begin:end] - middle_px).mean(axis=0) if end > begin else 0.0 * middle_px
+        (sample_px[begin:end] - middle_px).mean(axis=0) if end > begin else 0.0 * middle_px
         for begin, end in zip(first, last, strict=True)
     ])  # fmt: skip
 
 
-def typical(position_px: NDArray[np.float64], length_us: NDArray[Any]) -> NDArray[np.float64]:
-    """Return ``(m, 2)`` mean places: long rests count more, and those far from the others less."""
+def robust_mean(position_px: NDArray[np.float64], length_us: NDArray[Any]) -> NDArray[np.float64]:
+    """Return ``(m, 2)`` robust means: long rests have more weight, outliers less."""
     weight = np.minimum(np.asarray(length_us, float), SETTLED_US)
     middle = weighted_median(position_px, weight)
     off = np.linalg.norm(position_px - middle, axis=2)

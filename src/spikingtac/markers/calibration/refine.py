@@ -1,9 +1,9 @@
-"""Explain all events at once: places, radii, edges and steps, refined in turn by Gauss-Newton.
+"""Fit of one model to all events: positions, radii, edges and steps, by Gauss-Newton iterations.
 
-The levels that the real pixels reached are compared with those that ideal ones reach along the same
-paths (:mod:`.ideal_pixels`). What is left over moves each disc and changes its shape by one
-Gauss-Newton step (:mod:`.corrections`); then the ideal pixels walk again. How much of the levels a
-disc explains at the end tells how well its marker is known.
+Each iteration simulates ideal pixels along the model's paths and compares their levels with those
+of the real pixels (:mod:`.ideal_pixels`). The residual corrects the position and the shape of each
+disc by one Gauss-Newton step (:mod:`.corrections`). The share of the level changes that a disc
+finally explains measures how well its marker is known.
 """
 
 from dataclasses import dataclass, replace
@@ -18,42 +18,42 @@ from spikingtac.markers.calibration.first_model import STEP_BOUNDS, first_model,
 from spikingtac.markers.calibration.ideal_pixels import Comparison, Evidence, Model, compare
 from spikingtac.markers.calibration.layout import refuse_gaps
 
-# Times that the ideal pixels walk at most, to learn steps as well, and places and shapes alone.
-# Wide edges take many rounds: they grow by 0.1 px in each.
+# Most iterations, with steps, and with positions and shapes alone. Wide edges take many iterations:
+# they grow by 0.1 px in each.
 STEP_ROUNDS, PLACE_ROUNDS = 10, 5
 
-# The refinement ends when most places and shapes change by less than this in a round.
+# The iteration ends when most positions and shapes change by less than this.
 SETTLED_PX = 0.01
 
-# Shares of a step that are taken. A part of each residual is absorbed by the pixels' offsets, so
-# that places converge fastest when a step is exceeded (1.5 of 1, 1.5 and 2 tried).
+# Relaxation factors of the steps. The pixels' offsets absorb a part of each residual, so that
+# positions converge fastest with over-relaxation (1.5 of 1, 1.5 and 2 tried).
 PLACE_GAIN, SHAPE_GAIN, COUNT_GAIN = 1.5, 0.8, 0.5
 
-# Bounds of one round's change of a place, and of a radius or an edge, px.
+# Bounds of one iteration's change of a position, and of a radius or an edge, px.
 LARGEST_MOVE_PX, LARGEST_GROWTH_PX = 1.0, 0.3
 
 LARGEST_STRETCH_PX = 1.0  # Bound of a stretch: the twin's discs, of 6.8 px, have 0.2 px.
 
-# Least and largest edge width that is believed, px. The recorded sensor has 1.3 to 2.3.
+# Bounds of an edge width, px. The recorded sensor has 1.3 to 2.3.
 EDGE_BOUNDS_PX = (0.3, 3.0)
 
 # Bounds of a radius, as shares of the median radius.
 RADIUS_SHARES = (0.5, 1.6)
 
-# Largest correction of a step in a round.
+# Largest correction factor of a step in one iteration.
 LARGEST_FACTOR = 1.25
 
-# Added to counts of events, so that few of them change little.
+# Prior count of events, so that few events change a step little.
 COUNT_PRIOR = 100.0
 
 
 def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
-    """Return a model that explains the evidence better; with ``steps`` also by other steps."""
+    """Return the model after Gauss-Newton iterations; ``steps`` says whether steps change, too."""
     for _ in range(STEP_ROUNDS if steps else PLACE_ROUNDS):
         seen = compare(evidence, model)
         change = Changes(seen)
         common_px, own_px, residual = corrections(evidence, model, seen, change)
-        model = _moved(evidence.states, model, common_px, own_px)
+        model = _correct_positions(evidence.states, model, common_px, own_px)
         growth = SHAPE_GAIN * common_px[:, 2:].clip(-LARGEST_GROWTH_PX, LARGEST_GROWTH_PX)
         radius_px, edge_px = model.discs.radius_px, model.discs.edge_px + growth[:, 1]
         bounds_px = np.multiply(RADIUS_SHARES, np.median(radius_px))
@@ -61,7 +61,7 @@ def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
         discs = replace(model.discs, radius_px=radius_px, edge_px=edge_px.clip(*EDGE_BOUNDS_PX))
         model = replace(model, discs=discs, residual=residual)
         if steps:
-            model = _recounted(evidence, model, seen)
+            model = _correct_steps(evidence, model, seen)
         # Medians: a marker that the recording hardly shows may never settle.
         largest_px = np.abs(own_px[..., :2]).mean(axis=(0, 2)), np.abs(common_px).max(axis=1)
         if max(float(np.median(one)) for one in largest_px) < SETTLED_PX:
@@ -69,13 +69,13 @@ def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
     return model
 
 
-def _moved(
+def _correct_positions(
     states: NDArray[np.int64],
     model: Model,
     common_px: NDArray[np.float64],
     own_px: NDArray[np.float64],
 ) -> Model:
-    # Places and stretches are corrected on straight lines from state to state.
+    # Corrections of positions and stretches are interpolated linearly between states.
     change = PLACE_GAIN * own_px
     change[..., :2] += common_px[:, :2].clip(-LARGEST_MOVE_PX, LARGEST_MOVE_PX)
     length = np.linalg.norm(change[..., :2], axis=2, keepdims=True)
@@ -89,8 +89,8 @@ def _moved(
     return replace(model, center_px=model.center_px + between[..., :2], stretch_px=stretch_px)
 
 
-def _recounted(evidence: Evidence, model: Model, seen: Comparison) -> Model:
-    """Return a model whose steps explain the counts: fewer events than expected, larger steps."""
+def _correct_steps(evidence: Evidence, model: Model, seen: Comparison) -> Model:
+    """Return a model with steps corrected by the counts: fewer events mean larger steps."""
     real = (seen.events[:, :2] - evidence.noise).clip(0.0) + COUNT_PRIOR
     factor = ((seen.events[:, 2:] + COUNT_PRIOR) / real) ** COUNT_GAIN
     on, off = (
@@ -100,68 +100,68 @@ def _recounted(evidence: Evidence, model: Model, seen: Comparison) -> Model:
     return replace(model, on=on, off=off, events=seen.events)
 
 
-# Time in which pixels of some sensors forget light that they lost without an event, s (the counts
-# of the recorded sensor, pixel by pixel and burst by burst: 0.19 to 0.25).
+# Time constant with which the pixels of some sensors adapt to a darkening without an event, s (the
+# counts of the recorded sensor, pixel by pixel and burst by burst: 0.19 to 0.25).
 RECOVERY_S = 0.2
 
-# Share of ON events below which nothing is missing of the OFF events (the recorded sensor 0.75,
-# simulated ones that recover 0.68 and 0.72, those whose thresholds are alike 0.51).
+# Share of ON events below which no OFF events are missing (the recorded sensor has 0.75, simulated
+# sensors that recover 0.68 and 0.72, sensors with equal thresholds 0.51).
 LEAST_ON_SHARE = 0.6
 
-# Share by which the levels left over must shrink, the median over the markers (the recorded
-# sensor 0.17, parts of it 0.13 to 0.24; simulated ones that recover 0.14 to 0.16, those that do
-# not 0.08 at most; from four short presses it cannot be told).
+# Share by which residuals must shrink, median over the markers, to accept recovery (the recorded
+# sensor 0.17, parts of it 0.13 to 0.24; simulated sensors that recover 0.14 to 0.16, others at most
+# 0.08; four short presses are too few to decide).
 RECOVERY_GAIN = 0.1
 
 
 def with_recovery(evidence: Evidence, model: Model) -> Model:
-    """Return what explains the events better: pixels that recover, or the model without.
+    """Return the better of two models: with pixels that recover, or without.
 
-    On the recorded sensor a disc that creeps on after a press sends ON events where it arrives and
-    none where it leaves, and a fast fall sends an OFF event more than a slow one: its pixels forget
-    whatever they are darker than at their last event. Then ON and OFF events stand for nearly the
-    same step, and what looks like rare OFF events is slow motion. Other sensors keep both.
+    On the recorded sensor a disc that creeps after a press sends ON events at its front and none at
+    its back, and a fast fall sends one more OFF event than a slow one. So a pixel that is darker
+    than at its last event adapts to it. Then ON and OFF events stand for nearly the same
+    step, and OFF events that seem rare are slow motion. The pixels of other sensors do not adapt.
     """
     if float(np.mean(evidence.events.code & 1)) < LEAST_ON_SHARE:
         return model
     recovering = refine(evidence, replace(model, recovery_s=RECOVERY_S))
-    # Marker by marker: those that hardly move are explained as badly by both.
+    # Per marker: both models explain a marker that hardly moves equally badly.
     seen = model.residual > 0.0
     left_over = recovering.residual[seen] / model.residual[seen]
     recovers = seen.any() and float(np.median(left_over)) <= 1.0 - RECOVERY_GAIN
     return recovering if recovers else model
 
 
-# A marker with few events is measured when its disc explains this share of what the median disc
-# explains. (The recorded marker that hardly moves has 0.20, or 0.58 where its corner alone is
-# calibrated; two of v2e's whose rests are off by a pixel 0.41 and 0.50, one that is known 0.67.)
+# Explained share, relative to the median marker, from which a marker with few events counts as
+# measured. (The recorded marker that hardly moves has 0.20, or 0.58 where its corner alone is
+# calibrated; two of v2e's markers that rest a pixel off 0.41 and 0.50, a well-known one 0.67.)
 FEWEST_EXPLAINED_SHARE = 0.6
 
-# Events beyond the sensor's noise that a marker needs, and the share of the median over all
-# markers that is enough in itself.
+# Events beyond the noise that a marker needs, and the share of the median over all markers that is
+# sufficient.
 FEWEST_EVENTS, FEWEST_EVENTS_SHARE = 40.0, 0.25
 
-# A measured marker is doubtful when its disc explains less than this share of the median.
+# Explained share, relative to the median, below which a measured marker is doubtful.
 DOUBTFUL_SHARE = 0.5
 
-GRID_EXPLAINED = 0.15  # Median of the explained shares below which no grid of discs was seen.
+GRID_EXPLAINED = 0.15  # Median of the explained shares below which there is no grid of discs.
 
-# Offsets are means over so many states: changes over some presses count, on rims as well.
+# States over which offsets are averaged here: changes over some presses count, on rims as well.
 OFFSET_STATES = 30.0
 
-# What the median of the explained shares is called.
+# Words for the median of the explained shares.
 WORDS = ((0.75, "very good"), (0.55, "good"), (0.35, "usable"), (-1.0, "poor"))
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How well each marker is known.
+    """Goodness of fit of each marker.
 
     Attributes:
         explained: ``(m,)`` share of the pixels' level changes that the marker's disc explains.
         events: ``(m,)`` events near the marker beyond the sensor's noise.
-        measured: ``(m,) bool`` whether the recording tells where the marker is.
-        doubtful: ``(m,) bool`` measured markers that their disc explains badly.
+        measured: ``(m,) bool`` whether the recording locates the marker.
+        doubtful: ``(m,) bool`` measured markers that are explained badly.
         word: The quality in a word or two.
     """
 
@@ -172,19 +172,18 @@ class Quality:
     word: str
 
 
-def judged(evidence: Evidence, model: Model) -> Quality:
-    """Separate the markers that a recording shows from those that it does not.
+def quality_of(evidence: Evidence, model: Model) -> Quality:
+    """Return how well a model explains each marker.
 
     Raises:
         CalibrationError: Discs on a grid do not explain the events.
     """
-    # Discs that keep their shape: a stretch would explain a part of whatever is there.
+    # Without stretch: it would explain a part of any image.
     model = replace(model, stretch_px=np.zeros_like(model.stretch_px))
     seen = compare(evidence, model)
-    change, around = Changes(seen, OFFSET_STATES, 1.0), rims(evidence, model, seen)
+    change, rim = Changes(seen, OFFSET_STATES, 1.0), rims(evidence, model, seen)
     left_over, whole = (
-        around.squares(levels, len(model.on))
-        for levels in (change.real - change.ideal, change.real)
+        rim.squares(levels, len(model.on)) for levels in (change.real - change.ideal, change.real)
     )
     explained = (1.0 - left_over / np.maximum(whole, 1e-9)).clip(-1.0, 1.0)
     usual = float(np.median(explained))
@@ -206,38 +205,37 @@ def judged(evidence: Evidence, model: Model) -> Quality:
     return Quality(explained, above, measured, doubtful, word)
 
 
-def from_rest(model: Model, rests: NDArray[np.int64]) -> Model:
-    """Return the same discs with the radii that they have at some samples: touched ones grow."""
+def with_rest_radii(model: Model, rests: NDArray[np.int64]) -> Model:
+    """Return the model with the radii at some samples as the discs' own: touched discs grow."""
     growth_px = np.median(model.stretch_px[rests, :, 0], axis=0)
     discs = replace(model.discs, radius_px=model.discs.radius_px + growth_px)
     stretch_px = model.stretch_px - np.multiply.outer(growth_px, [1.0, 0.0, 0.0])
     return replace(model, discs=discs, stretch_px=stretch_px)
 
 
-# Times that the markers are tracked again from where they rest, and full swings are counted anew.
-# (Nine simulated touch scenes, calibrated from themselves, rest 0.108 px off with 2, 0.100 with 3,
-# 0.097 with 4.)
-TRACKED_AGAIN = 3
+# Rounds of tracking from the rest positions and counting full swings. (Nine simulated touch scenes,
+# calibrated from themselves, rest 0.108 px off with 2, 0.100 with 3, 0.097 with 4.)
+TRACKING_ROUNDS = 3
 
 
-def explained(view: Overview, config: CalibrationConfig) -> tuple[Evidence, Model, Quality]:
-    """Return a recording, the model that explains it best, and how well it does.
+def fit_recording(view: Overview, config: CalibrationConfig) -> tuple[Evidence, Model, Quality]:
+    """Fit a model to a recording; return the recording, the model and its quality.
 
     Raises:
         CalibrationError: Discs do not explain it, or too many of the markers hardly moved.
     """
     evidence, model = first_model(view)
     rests = evidence.rests[view.unloaded]
-    model = from_rest(with_recovery(evidence, refine(evidence, model)), rests)
-    # A map that is painted where the markers rest shows their paths better; and counts of events
-    # tell steps and ways alike, full swings tell steps alone, once sharp discs show them.
-    for _ in range(TRACKED_AGAIN):
+    model = with_rest_radii(with_recovery(evidence, refine(evidence, model)), rests)
+    # Tracking improves with a map painted at the rest positions. Counts of events depend on steps
+    # and paths; full swings, which sharp discs reveal, depend on steps alone.
+    for _ in range(TRACKING_ROUNDS):
         rest_px = np.median(model.center_px[rests], axis=0)
         model = tracked(view, evidence.index, model, rest_px)
-        if not model.recovery_s:  # what such pixels forgot is missing of their swings
+        if not model.recovery_s:  # recovering pixels send too few events in a swing
             model = with_steps(evidence, model, rest_px)
-        model = from_rest(refine(evidence, model, steps=False), rests)
-    quality = judged(evidence, model)
+        model = with_rest_radii(refine(evidence, model, steps=False), rests)
+    quality = quality_of(evidence, model)
     missing = np.flatnonzero(~quality.measured)
     refuse_gaps(view.markers.layout, view.events.size, missing, config.allow_missing)
     return evidence, model, quality

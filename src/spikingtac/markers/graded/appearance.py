@@ -1,14 +1,13 @@
-"""How each marker looks to the sensor, and the maps and tables that a tracker begins with.
+"""Appearance of the markers, the map painted from it, and the look-up tables of the disc fit.
 
-Calibrations give the edge, and the share of a full swing per event, for every marker where a
-recording taught them, for the sensor as a whole otherwise; a calibration that was written by hand
-gives neither.
+A calibration gives the edge profile and the step (the share of a full swing per event) of each
+marker, or only of the sensor as a whole. A calibration written by hand gives neither.
 
 The disc fit reads the pixels around an edge, and the edge's profile S
-(:mod:`spikingtac.calibration.disc_profile`). S and its slope are polynomials over the stretch where
-the edge is steep: a compiler can vectorise them where it cannot vectorise a table or an
-exponential. The pixels are sorted by their distance from the central one, so that those of any
-annulus lie beside each other, and one window serves markers of every size.
+(:mod:`spikingtac.calibration.disc_profile`). S and its slope are approximated by polynomials where
+the edge is steep: a compiler vectorises these, but neither a table nor an exponential. The pixels
+of a window are sorted by their distance from the centre, so that the pixels of any annulus are
+contiguous, and one window serves markers of every size.
 """
 
 from dataclasses import dataclass
@@ -26,51 +25,51 @@ from spikingtac.state_map.graded import HALF_STEP, PAD_PX, STEP_DEFAULT, GradedS
 # Side of the blocks in which the nearest markers are looked up, px (16 and 64 take longer).
 BLOCK_PX = 32
 
-# Step above which levels alone do not place a disc. (Of 25 simulated sensors dead bands err by 5 to
-# 67 % less than levels on the twelve whose larger step is 0.32 to 0.56, and by up to 65 % more on
-# eleven of the thirteen whose is 0.06 to 0.27.)
+# Step above which discs are fitted to dead bands instead of levels. (On twelve of 25 simulated
+# sensors, with larger steps of 0.32 to 0.56, dead bands err by 5 to 67 % less; on eleven of the
+# thirteen with larger steps of 0.06 to 0.27 they err by up to 65 % more.)
 LARGE_STEP = 0.3
 
-# ON and OFF steps of the map over the calibrated ones where pixels recover: they take part of a
-# darkening for granted without an event. Measured: on a recorded gel ON 1.4 to 2 with OFF 0.7 to 1
-# give 0.68 to 0.77 px under load, 1 and 1 give 1.3; four simulated sensors are alike from 1 to 1.6.
+# Factors of the ON and OFF steps on sensors whose pixels recover: these adapt to a part of each
+# darkening without an event. (Measured: on a recorded gel ON 1.4 to 2 with OFF 0.7 to 1 give 0.68
+# to 0.77 px under load, 1 and 1 give 1.3; four simulated sensors are alike from 1 to 1.6.)
 RECOVERING_STEPS = 1.4, 0.85
 
 # Largest magnitude of a sum of the normal equations, in steps: it fits into 32 bits.
 LARGEST_SUM = 2.0**30
 
-# Decimals of a coefficient: linear algebra differs between processors in the thirteenth or so,
-# and what is rounded off is the same everywhere (single precision has seven digits).
+# Decimals to which coefficients are rounded: linear algebra differs between processors in about the
+# thirteenth (single precision has seven digits).
 COEFFICIENT_DECIMALS = 6
 
-# S within 0.002 and dS/dq within 3 % of its largest value, for every contrast and edge whose flat
-# ends :data:`FLAT_SHARE` cuts off.
+# Approximates S within 0.002 and dS/dq within 3 % of its largest value, for every contrast and edge
+# whose flat ends :data:`FLAT_SHARE` cuts off.
 POLYNOMIAL_DEGREE = 7
 
-# Where the edge is less steep than this share of its steepest, a pixel says little of the
-# centre: the fit does not read it (mean errors on v2e's recording: 0.0744 px at 0.02, 0.0747 at
-# 0.1, 0.0758 at 0.2).
+# Slope of the edge, as a share of its steepest slope, below which the fit leaves pixels out: they
+# hardly constrain the centre (mean errors on v2e's recording: 0.0744 px at 0.02, 0.0747 at 0.1,
+# 0.0758 at 0.2).
 FLAT_SHARE = 0.1
 
 REACH_PX = 7.0  # Farthest from the radius that a fit reads, px (6 to 9 are alike within 1 %).
 
-CURVE_POINTS = 2001  # Points at which the polynomials are fitted: so many that more change nothing.
+CURVE_POINTS = 2001  # Points at which the polynomials are fitted: more change nothing.
 
-RING_PX = 0.25  # Steps of distance in which pixels are counted.
-LANES = 16  # Pixels that the widest vectors of processors hold (AVX-512, 512 bits of float32).
-PHASES = 4  # Places along a pixel's side for which its window is sorted.
+RING_PX = 0.25  # Resolution of distance in the index of the window's pixels, px.
+LANES = 16  # Pixels in the widest vectors of processors (AVX-512, 512 bits of float32).
+PHASES = 4  # Subpixel cells along a pixel's side; the window is sorted for each of them.
 
-# Events in steady motion over those of full swings: noise near a threshold adds some (1.04 to
-# 1.09 on training scenes, 1.05 on v2e's sensors, simulated).
+# Events in steady motion over events of full swings: noise near a threshold adds some (1.04 to 1.09
+# on training scenes, 1.05 on v2e's sensors, simulated).
 EXTRA_EVENTS = 1.05
 
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
-    """What is known of every marker of one sensor.
+    """Edge profiles and steps of one sensor's markers.
 
     Attributes:
-        profiles: The ``m`` profiles of the discs.
+        profiles: The ``m`` edge profiles.
         step_on: ``(m,)`` share of the full swing per ON event.
         step_off: ``(m,)`` the same per OFF event.
     """
@@ -86,7 +85,7 @@ class Appearance:
 
 
 def appearance_of(calibration: Calibration) -> Appearance:
-    """Return each marker's appearance: its own where it is known, else the sensor's, else usual."""
+    """Return each marker's appearance: its own where known, else the sensor's, else a default."""
     count, (on, off) = len(calibration.reference_px), _step_shares(calibration)
     return Appearance(
         profiles=disc_profiles(calibration),
@@ -109,9 +108,9 @@ def has_large_steps(calibration: Calibration) -> bool:
 
 
 def nearest_marker(reference_px: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.uint16]:
-    """Return ``(height, width)`` which marker rests nearest to each pixel, the first of equals.
+    """Return ``(height, width)`` the marker nearest to each pixel, the first of equals.
 
-    Block by block, and in each only among the markers that may be nearest to one of its pixels: all
+    Each block of pixels is compared only with the markers that may be nearest to one of them: all
     markers at all pixels would take 3.5 s for 1,024 markers on 1280x720.
     """
     owner = np.zeros((size[1], size[0]), np.uint16)
@@ -121,23 +120,23 @@ def nearest_marker(reference_px: NDArray[np.float64], size: tuple[int, int]) -> 
         rows = np.arange(top, min(top + BLOCK_PX, size[1]))[:, np.newaxis]
         columns = np.arange(left, min(left + BLOCK_PX, size[0]))
         away_px = np.hypot(*(reference_px - (columns.mean(), rows.mean())).T)
-        # Twice the way from a block's centre to its corner.
+        # Twice the distance from a block's centre to its corner.
         near = np.flatnonzero(away_px <= away_px.min() + np.sqrt(2.0) * BLOCK_PX)
         x, y = (axis[:, np.newaxis, np.newaxis] for axis in reference_px[near].T)
         owner[rows, columns] = near[np.argmin((columns - x) ** 2 + (rows - y) ** 2, axis=0)]
     return owner
 
 
-def painted_map(calibration: Calibration, ahead: float = HALF_STEP) -> GradedStateMap:
-    """Return the map of a sensor at rest; ``ahead`` is that of :class:`GradedStateMap`."""
+def painted_map(calibration: Calibration, lead_steps: float = HALF_STEP) -> GradedStateMap:
+    """Return the map of a sensor at rest; for ``lead_steps`` see :class:`GradedStateMap`."""
     appearance, (on, off) = appearance_of(calibration), _step_shares(calibration)
     owner = nearest_marker(calibration.reference_px, calibration.size)
     return GradedStateMap(
         painted_levels(calibration),
-        _steps(calibration.step_on_map, on, appearance.step_on[owner]),
-        _steps(calibration.step_off_map, off, appearance.step_off[owner]),
+        _pixel_steps(calibration.step_on_map, on, appearance.step_on[owner]),
+        _pixel_steps(calibration.step_off_map, off, appearance.step_off[owner]),
         dark_markers=calibration.polarity == "dark",
-        ahead=ahead,
+        lead_steps=lead_steps,
     )
 
 
@@ -147,13 +146,13 @@ def painted_levels(calibration: Calibration) -> NDArray[np.float32]:
     return paint_discs(*discs, disc_profiles(calibration))
 
 
-def _steps(
-    step_map: NDArray[np.float32] | None, share: float, usual: NDArray[np.float64]
+def _pixel_steps(
+    step_map: NDArray[np.float32] | None, share: float, of_marker: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """Return each pixel's own step where it is known, and else that of its marker."""
+    """Return each pixel's own step where it is known, and otherwise its marker's step."""
     if step_map is None:
-        return usual.astype(np.float32)
-    return np.where(step_map > 0.0, share * step_map, usual).astype(np.float32)
+        return of_marker.astype(np.float32)
+    return np.where(step_map > 0.0, share * step_map, of_marker).astype(np.float32)
 
 
 def _each(own: NDArray[np.float64] | None, common: float | None, count: int) -> NDArray[np.float64]:
@@ -161,7 +160,7 @@ def _each(own: NDArray[np.float64] | None, common: float | None, count: int) -> 
 
 
 def crossing_px(calibration: Calibration) -> NDArray[np.float64]:
-    """Return the way in which the steepest part of each marker's edge crosses one step.
+    """Return the length over which the steepest part of each marker's edge crosses one step.
 
     Args:
         calibration: Steps and edges of the markers.
@@ -174,10 +173,10 @@ def crossing_px(calibration: Calibration) -> NDArray[np.float64]:
 
 
 def events_per_px(calibration: Calibration) -> NDArray[np.float64]:
-    """Return ``(m,)`` events of a whole stream per px of each marker's motion.
+    """Return ``(m,)`` events of a stream without loss per px of each marker's motion.
 
-    A swept pixel swings up and down once: 1 / step - 1 events of each, and one event at least, also
-    where each sets its pixel (steps of 1, a binary map).
+    A swept pixel swings up and down once. Either way takes 1 / step - 1 events, and both together
+    at least one event, also with steps of 1 (a binary map).
     """
     appearance = appearance_of(calibration)
     swing_events = np.maximum(1.0 / appearance.step_on + 1.0 / appearance.step_off - 2.0, 1.0)
@@ -185,58 +184,59 @@ def events_per_px(calibration: Calibration) -> NDArray[np.float64]:
 
 
 class FitWindow(NamedTuple):
-    """The pixels that a fit may read, nearest first, and the edges that it looks for.
+    """Look-up tables of the disc fit: pixels sorted by distance, and the markers' edge profiles.
 
-    Centres lie in the middle of the ``f`` squares of a pixel, which is the origin.
+    The pixel of the disc's centre is the origin. The tables exist for each of its ``f`` subpixel
+    cells, with the cell's middle as the centre.
 
     Attributes:
-        offset: ``int32[f, 3, n]`` offsets into the flat padded map, rows down, columns right.
-        around: ``float32[f, 3, n]`` distance from the centre, px, and direction (x, y) from it.
-        within: ``int32[f, k]`` how many pixels are nearer to the centre than 0, 1, 2, ... RING_PX.
+        offset: ``int32[f, 3, n]`` offset of each pixel in the flat padded map, in rows, in columns.
+        polar: ``float32[f, 3, n]`` distance from the centre, px, and direction (x, y) from it.
+        within: ``int32[f, k]`` number of pixels nearer to the centre than 0, 1, 2, ... RING_PX.
         coefficients: ``(m, 2, POLYNOMIAL_DEGREE + 1)`` float32 polynomials of each marker's S and
-            -dS/dq over -1 (at the inner end) to 1.
-        edge: ``float32[m, 3]`` where each edge begins and ends, px outside of the radius; whole
-            steps in which a weight of one is counted.
+            -dS/dq over -1 (at the inner end of the edge) to 1.
+        edge: ``float32[m, 3]`` inner and outer end of each edge relative to the radius, px; number
+            of integer units for a weight of one in the sums of the fit.
     """
 
     offset: NDArray[np.int32]
-    around: NDArray[np.float32]
+    polar: NDArray[np.float32]
     within: NDArray[np.int32]
     coefficients: NDArray[np.float32]
     edge: NDArray[np.float32]
 
 
 def fit_window(profiles: list[DiscProfile], width_px: int) -> FitWindow:
-    """Choose the pixels and the polynomials for discs on a sensor of a width, px."""
+    """Return the tables for discs of some profiles on a sensor of a width, px."""
     farthest_px = PAD_PX - 1
     dy, dx = np.indices((2 * PAD_PX, 2 * PAD_PX)).reshape(2, -1) - farthest_px
     rings_px = np.arange(0.0, farthest_px, RING_PX)
     middles_px = (np.arange(PHASES) + 0.5) / PHASES - 0.5
-    orders, around, within = [], [], []
+    orders, polars, within = [], [], []
     for y_px, x_px in product(middles_px, middles_px):
         distance_px = np.hypot(dx - x_px, dy - y_px)
         order = np.argsort(distance_px, kind="stable")
         polar = distance_px, (dx - x_px) / distance_px, (dy - y_px) / distance_px
         orders.append(order)
-        around.append(np.array(polar)[:, order])
+        polars.append(np.array(polar)[:, order])
         within.append(np.searchsorted(distance_px[order], rings_px))
     most = np.max(within) + LANES
     order = np.array(orders)[:, :most]
     dx, dy = dx[order], dy[order]
-    ends_px = np.array([_steep_stretch_px(profile) for profile in profiles])
+    ends_px = np.array([_edge_ends_px(profile) for profile in profiles])
     coefficients = _polynomials(profiles, ends_px)
     edge = np.column_stack([ends_px, _units(coefficients, most)])
     offset = np.stack([dy * (width_px + 2 * PAD_PX) + dx, dy, dx], axis=1)
     return FitWindow(
         offset=offset.astype(np.int32),
-        around=np.array([polar[:, :most] for polar in around], np.float32),
+        polar=np.array([polar[:, :most] for polar in polars], np.float32),
         within=np.array(within, np.int32),
         coefficients=coefficients,
         edge=edge.astype(np.float32),
     )
 
 
-def _steep_stretch_px(profile: DiscProfile) -> tuple[float, float]:
+def _edge_ends_px(profile: DiscProfile) -> tuple[float, float]:
     q_px = np.linspace(-REACH_PX, REACH_PX, CURVE_POINTS)
     steepness = -profile.slope(q_px)
     steep_px = q_px[steepness > FLAT_SHARE * profile.steepest]
@@ -254,13 +254,13 @@ def _polynomials(profiles: list[DiscProfile], ends_px: NDArray[np.float64]) -> N
     series = np.polynomial.polynomial.polyfit(
         z, np.array(curves).reshape(-1, CURVE_POINTS).T, POLYNOMIAL_DEGREE
     )
-    # Row after row: what reads them is vectorised only where they lie beside each other.
+    # In C order: the kernel vectorises only if the coefficients are contiguous.
     rows = np.round(series, COEFFICIENT_DECIMALS).T.reshape(len(profiles), 2, -1)
     return rows.astype(np.float32, order="C")
 
 
 def _units(coefficients: NDArray[np.float32], pixels: int) -> NDArray[np.float64]:
-    """Return ``(m,)`` steps that a weight of one is counted in: powers of two are never rounded."""
+    """Return ``(m,)`` integer units of a weight of one: powers of two, which scale exactly."""
     z = np.linspace(-1.0, 1.0, CURVE_POINTS)
     slope = np.polynomial.polynomial.polyval(z, coefficients[:, 1].T.astype(np.float64))
     steepest = np.maximum(np.abs(slope).max(axis=1), 1.0)

@@ -1,28 +1,27 @@
-"""From fitted discs to given places: lag, backlash, and what the neighbours say.
+"""Corrections of the fitted positions: lag, hysteresis, outliers among neighbours, and zero offset.
 
-Backlash: a fitted disc stays behind its marker, whichever way it moves.
+Hysteresis (backlash): a fitted disc stays behind its marker, whichever way it moves. A pixel fires
+when its level has changed by a step. The foot of a disc's edge, which has not risen by a step yet,
+is still ground on the map, and what has not fallen by a step is still disc. So the fit is held back
+by a share of the length over which the edge crosses a step, at any speed: this is no lag but the
+play of a gear. After a reversal it is worse: each pixel must first cross its dead band back, and
+pixels that have not yet done so hold the fit. Against truth (simulated, v2e) a fit is 0.04 px
+behind in steady motion, 0.24 px half a px after a reversal, and has caught up after 4 to 8 px. On
+a flawed gel, whose steps and edges are larger, it is 0.1 and 0.23 px.
 
-A pixel fires when its level has changed by a step. The foot of a disc's edge, which has not risen
-by one yet, is still ground on the map, and what has not fallen by one is still disc: the fit is
-held back by a share of the way in which the edge crosses a step, at any speed. So it is no lag; it
-is the play of a gear. After a marker turns round it is worse: each pixel must first cross its dead
-band back, and those that have not yet hold the fit. Against truth (simulated, v2e) a fit is 0.04 px
-behind in steady motion, 0.24 px half a px after a turn, and has caught up after 4 to 8 px; on a
-flawed gel, whose steps and edges are larger, it is 0.1 and 0.23 px.
+The compensation is a weighted sum of two play operators, a Prandtl-Ishlinskii model
+(Krasnosel'skii and Pokrovskii 1989, doi:10.1007/978-3-642-61302-9) that serves as a compensator
+(Kuhnen 2003, doi:10.3166/ejc.9.407-418). A short play follows the direction of motion, a long one
+the direction of the fit some px ago. The position leads the fit by a share of the short play, and
+by a share of the difference of both, which is large after a reversal and then vanishes. The shares
+and widths are our own.
 
-The given place is ahead of the fitted one by two play operators, a short one that tells the
-direction of motion, and a long one that tells the fit's direction some px ago: a steady share of
-the first, and a share of their difference, which is large after a turn and vanishes on the way. A
-weighted sum of play operators (Krasnosel'skii and Pokrovskii 1989, doi:10.1007/978-3-642-61302-9)
-is a Prandtl-Ishlinskii model, and this is its use as a compensator (Kuhnen 2003,
-doi:10.3166/ejc.9.407-418). The shares and widths are ours.
+Noise erases hysteresis: a pixel that sent an event up and one down is at rest in its band again. So
+the plays decay at the rate at which a pixel sends two events of noise.
 
-Noise takes the hysteresis away: a pixel that sent one up and one down is in its band anew. So what
-is ahead fades at the rate at which a pixel sends two events of noise.
-
-A skin turns round as a whole, or nearly, and each fit notices it when its own pixels have crossed
-their dead bands. So the direction is that of the neighbours together: some notice a turn sooner,
-and eight jitter less than one.
+A skin reverses as a whole, or nearly, but each fit shows it only when its own pixels have crossed
+their dead bands. So the direction is the mean over the neighbours: some of them notice a reversal
+sooner, and eight jitter less than one.
 """
 
 import numpy as np
@@ -31,67 +30,67 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import crossing_px
-from spikingtac.markers.graded.motion import AT_US, VX, VY, X, Y
+from spikingtac.markers.graded.motion import STATE_US, VX, VY, X, Y
 from spikingtac.markers.neighbours import Neighbourhood
 from spikingtac.state_map.graded import Array
 
-# Half of the way in which the direction of motion is told anew, in crossings (0.1 to 0.3
-# are alike on the training scenes; below it is the fit's own jitter).
+# Half-width of the short play, whose state is the direction of motion, in crossings: lengths over
+# which an edge crosses one step (0.1 to 0.3 are alike on the training scenes; below it is the
+# fit's own jitter).
 SHORT_PLAY = 0.2
 
-# Half of the way in which a fit catches up after a turn, in crossings (3 to 6 are alike on
-# the training scenes).
+# Half-width of the long play: the motion after a reversal over which a fit catches up, in crossings
+# (3 to 6 are alike on the training scenes).
 LONG_PLAY = 4.0
 
-# By how much a fit stays behind its marker in steady motion, as a share of the way in which an
-# edge crosses one step (at 0.15 five simulated scenes err by 0.7 to 3 % more, at 0.25 by 0 to 3 %).
+# By how much a fit stays behind its marker in steady motion, in crossings (at 0.15 five simulated
+# scenes err by 0.7 to 3 % more, at 0.25 by 0 to 3 %).
 STEADY_SHARE = 0.2
 
-# By how much more it stays behind just after the marker turned round (chosen on the
-# training scenes; both together shrink their errors by 5 %).
+# By how much more it stays behind just after a reversal, in crossings (chosen on the training
+# scenes; both together shrink their errors by 5 %).
 TURN_SHARE = 0.3
 
-# Rate at which the hysteresis fades with a noise of 1 Hz/px, 1/s; it grows with the square. (At
-# rest after motion the noisy twin errs by 0.137 px without, by 0.124 at 1; below 0.2 Hz/px all is
-# alike.)
+# Rate at which the hysteresis decays with a noise of 1 Hz/px, 1/s; it grows with the square of the
+# noise. (At rest after motion the noisy twin errs by 0.137 px without, by 0.124 at 1; below
+# 0.2 Hz/px all rates are alike.)
 FADING_PER_S = 1.0
 
-# Difference from the neighbours that is as likely an error of the fit as deformation, px.
+# Residual against the neighbours that is as likely an error of the fit as deformation, px.
 SHRINK_PX = 0.2
 
-LOADED_PX = 1.5  # Mean displacement from which there is a contact.
+LOADED_PX = 1.5  # Mean displacement from which the skin is in contact.
 
-# Mean and largest displacement up to which the skin may have been released, each marker averaged
-# with its neighbours: what pixels forget differs from marker to marker, a press does not. (The
-# recorded sensor leaves up to 0.54 and 1.47 px behind, calibrated from half of its contacts; its
-# presses are 2.4 px and more.)
+# Largest mean and largest single displacement of a released skin, each marker averaged with its
+# neighbours: what pixels forget differs from marker to marker, a press does not. (The recorded
+# sensor leaves up to 0.54 and 1.47 px behind, calibrated from half of its contacts; its presses
+# are 2.4 px and more.)
 NEAR_PX, NEAR_MOST_PX = 0.65, 1.6
 
 STILL_PX_S = 3.0  # Mean speed below which the skin stands still: the jitter of a filtered velocity.
 
-TINY_PX2 = 1e-12  # Square of a difference, px^2, that is none: two zeros are not divided.
+TINY_PX2 = 1e-12  # Keeps the shrinkage of a zero residual defined, px^2.
 
-# How long the skin stands still before the zero follows what is left; how long it follows; and
-# the time constant of that.
+# Time for which the skin stands still before the zero offset is learned, the time after which
+# learning ends, and its time constant.
 WAIT_S, LEARN_S, SETTLE_S = 0.1, 2.0, 0.1
 
-
-FADE_PX = 2.0  # Displacement of a marker at which a third of it is still taken off.
+FADE_PX = 2.0  # Displacement of a marker at which 1/e of its zero offset is still subtracted.
 
 
 class OutputCorrections:
-    """Where the markers are, given where their discs were found."""
+    """Corrects fitted positions for lag and hysteresis, and shrinks residuals among neighbours."""
 
     def __init__(self, calibration: Calibration, neighbours: Neighbourhood, shrink: float) -> None:
-        """Begin at rest: nothing is known of the last motion.
+        """Begin at rest, with both plays at zero.
 
         Args:
             calibration: Steps and edges of the markers.
-            neighbours: What markers say of each other.
-            shrink: Share of a fit's error by which differences from the neighbours shrink.
+            neighbours: Predicts each marker's displacement from its neighbours.
+            shrink: Share of a fit's error by which residuals against the neighbours shrink.
         """
         crossings = crossing_px(calibration)
-        self._sensor = crossings, neighbours.own_share, *neighbours.skin
+        self._sensor = crossings, neighbours.own_share, *neighbours.arrays
         self._states = np.zeros((4, len(crossings), 2))
         self._states[0] = neighbours.reference_px
         self._noise_px = shrink * SHRINK_PX
@@ -99,88 +98,88 @@ class OutputCorrections:
     def update(
         self, t_us: int, motion: Array, lag_s: float, backlash: float, noise: tuple[float, float]
     ) -> NDArray[np.float64]:
-        """Return ``(m, 2)`` where the markers are, px.
+        """Return ``(m, 2)`` corrected positions, px.
 
         Args:
-            t_us: The time, us.
-            motion: ``(m, 8)`` states (:mod:`spikingtac.markers.graded.motion`).
+            t_us: Time of the estimate, us.
+            motion: ``(m, 8)`` filter states (:mod:`spikingtac.markers.graded.motion`).
             lag_s: Delay of the events, s.
-            backlash: Share of the backlash that is made good.
+            backlash: Share of the backlash that is compensated.
             noise: Background, Hz/px, and the time since the last call, s.
         """
         given_px = np.empty((len(motion), 2))
         settings = float(t_us), lag_s, backlash, *noise, self._noise_px
-        correct_kernel(motion, *self._sensor, self._states, *settings, given_px)
+        compensate_kernel(motion, *self._sensor, self._states, *settings, given_px)
         return given_px
 
 
 @kernel()
-def correct_kernel(
+def compensate_kernel(
     motions: Array, crossings: Array, own_share: Array, reference_px: Array, index: Array,
     weight: Array, states: Array, t_us: float, lag_s: float, backlash: float,
     background_hz_px: float, dt_s: float, noise_px: float, given_px: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
-    """Bring every marker up to the present, and correct it; see :class:`OutputCorrections`.
+    """Predict every marker to the present, and correct it; see :class:`OutputCorrections`.
 
-    Arguments are plain, since a tuple costs a microsecond: motions; of the markers the crossings,
-    px, the part that each has in its difference from the others, rests, neighbours and their
-    weights; ``(4, m, 2)`` places of the last call, px, states of the short and the long operator as
-    shares of their widths, and scratch; the time, the delay of the events, the share of the
-    backlash that is made good, the background, the time since the last call, and the difference
+    Arguments are plain, since a tuple costs a microsecond: filter states; of the markers the
+    crossings, px, the share of a residual that is their own error, rest positions, neighbours and
+    their weights; ``(4, m, 2)`` positions of the last call, px, states of the short and the long
+    play relative to their half-widths, and scratch; the time, the delay of the events, the share of
+    the backlash that is compensated, the background, the time since the last call, and the residual
     that is as likely an error as deformation, px; the result.
     """
-    last_px, direction, way, moved_px = states[0], states[1], states[2], states[3]
-    kept, noise2 = np.exp(-FADING_PER_S * background_hz_px**2 * dt_s), noise_px**2 + TINY_PX2
+    last_px, direction, long_play, moved_px = states[0], states[1], states[2], states[3]
+    decay, noise2 = np.exp(-FADING_PER_S * background_hz_px**2 * dt_s), noise_px**2 + TINY_PX2
     steady, turning = STEADY_SHARE * backlash, TURN_SHARE * backlash
     for m in range(crossings.size):
-        since_s = (t_us - motions[m, AT_US]) * 1e-6
+        since_s = (t_us - motions[m, STATE_US]) * 1e-6
         now_x = motions[m, X] + since_s * motions[m, VX]
         now_y = motions[m, Y] + since_s * motions[m, VY]
-        for play, state in ((SHORT_PLAY, direction), (LONG_PLAY, way)):
-            per_px = 1.0 / (play * crossings[m])
-            x = kept * state[m, 0] + (now_x - last_px[m, 0]) * per_px
-            y = kept * state[m, 1] + (now_y - last_px[m, 1]) * per_px
+        for width, state in ((SHORT_PLAY, direction), (LONG_PLAY, long_play)):
+            per_px = 1.0 / (width * crossings[m])
+            x = decay * state[m, 0] + (now_x - last_px[m, 0]) * per_px
+            y = decay * state[m, 1] + (now_y - last_px[m, 1]) * per_px
             share = 1.0 / max(np.sqrt(x * x + y * y), 1.0)
             state[m, 0], state[m, 1] = share * x, share * y
         last_px[m, 0], last_px[m, 1] = now_x, now_y
+    # The lead over the fit compensates the backlash and the motion during the lag.
     for m in range(crossings.size):
-        told_x = told_y = 0.0
+        sum_x = sum_y = 0.0
         for k in range(index.shape[1]):
-            told_x += direction[index[m, k], 0]
-            told_y += direction[index[m, k], 1]
-        told = crossings[m] * (steady + turning) / index.shape[1]
-        ahead_x = told * told_x - crossings[m] * turning * way[m, 0] + lag_s * motions[m, VX]
-        ahead_y = told * told_y - crossings[m] * turning * way[m, 1] + lag_s * motions[m, VY]
-        moved_px[m, 0] = last_px[m, 0] + ahead_x - reference_px[m, 0]
-        moved_px[m, 1] = last_px[m, 1] + ahead_y - reference_px[m, 1]
-    # A difference r from the neighbours' prediction shrinks by its share noise^2 / (r^2 + noise^2),
-    # of which the marker takes the part that its own error has in it: 0.9 amid eight neighbours,
-    # 0.6 in a corner. One far above the noise stays.
+            sum_x += direction[index[m, k], 0]
+            sum_y += direction[index[m, k], 1]
+        mean = crossings[m] * (steady + turning) / index.shape[1]
+        lead_x = mean * sum_x - crossings[m] * turning * long_play[m, 0] + lag_s * motions[m, VX]
+        lead_y = mean * sum_y - crossings[m] * turning * long_play[m, 1] + lag_s * motions[m, VY]
+        moved_px[m, 0] = last_px[m, 0] + lead_x - reference_px[m, 0]
+        moved_px[m, 1] = last_px[m, 1] + lead_y - reference_px[m, 1]
+    # A residual r against the neighbours shrinks by noise^2 / (r^2 + noise^2) times the marker's
+    # share of the error: 0.9 amid eight neighbours, 0.6 in a corner.
     for m in range(crossings.size):
         x, y = moved_px[m, 0], moved_px[m, 1]
         for k in range(index.shape[1]):
             x -= weight[m, k] * moved_px[index[m, k], 0]
             y -= weight[m, k] * moved_px[index[m, k], 1]
-        taken = own_share[m] * noise2 / (x * x + y * y + noise2)
-        given_px[m, 0] = reference_px[m, 0] + moved_px[m, 0] - taken * x
-        given_px[m, 1] = reference_px[m, 1] + moved_px[m, 1] - taken * y
+        shrunk = own_share[m] * noise2 / (x * x + y * y + noise2)
+        given_px[m, 0] = reference_px[m, 0] + moved_px[m, 0] - shrunk * x
+        given_px[m, 1] = reference_px[m, 1] + moved_px[m, 1] - shrunk * y
 
 
 class ReleasedZero:
-    """Learns what is left after each contact, and takes it off: for pixels that recover.
+    """Zero offset that each contact leaves behind, on sensors whose pixels recover.
 
-    Such pixels do not remember where their disc rested: each contact leaves fits beside their
-    rests, half a pixel on the recorded sensor, at random from marker to marker. The gel does
-    remember: after a release it stands still within 0.1 s. What is left then, near the rest, is
-    taken off until the next contact has ended.
+    Recovering pixels do not remember where their disc rested: each contact leaves the fits beside
+    their rest positions, half a pixel on the recorded sensor, at random from marker to marker. The
+    gel returns to rest: it stands still within 0.1 s after a release. The offset from the rest
+    positions is then learned, and subtracted until the next contact has ended.
 
     It is learned only within a short time after a contact, and only if the markers, averaged with
-    their neighbours, are near their rests: a static press is not taken for a rest, however long it
-    lasts, nor is one that begins softly.
+    their neighbours, are near their rest positions. So neither a static press, however long, nor
+    one that begins softly is taken for a rest.
     """
 
     def __init__(self, neighbours: Neighbourhood) -> None:
-        """Begin at rest, with nothing to take off."""
+        """Begin at rest, without an offset."""
         self._reference_px = neighbours.reference_px
         own = np.arange(len(self._reference_px))[:, np.newaxis]
         self._around = np.hstack([own, neighbours.index])
@@ -191,19 +190,19 @@ class ReleasedZero:
         self,
         detected_px: NDArray[np.float64],
         velocity_px_s: NDArray[np.float64],
-        held: NDArray[np.bool_],
+        coasted: NDArray[np.bool_],
         dt_s: float,
     ) -> NDArray[np.float64]:
-        """Return ``(m, 2)`` places less what the last contact left behind, px.
+        """Return ``(m, 2)`` positions less their zero offset, px.
 
         Args:
-            detected_px: ``(m, 2)`` places as they were fitted, px.
+            detected_px: ``(m, 2)`` fitted positions, px.
             velocity_px_s: ``(m, 2)`` velocities, px/s.
-            held: ``(m,)`` markers that are not seen; they tell nothing.
+            coasted: ``(m,)`` lost markers; they are left out.
             dt_s: Time since the last call, s.
         """
         left_px = detected_px - self._reference_px
-        seen = ~held
+        seen = ~coasted
         count = np.count_nonzero(seen)
         if not count:
             return detected_px.copy()

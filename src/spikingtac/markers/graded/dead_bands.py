@@ -1,16 +1,16 @@
-"""Fit a disc to levels that are known within dead bands only: where steps are large.
+"""Fit of a disc to the dead bands of the pixels, for sensors with large steps.
 
-Between two events a pixel lies in the band between its thresholds around the level of its last
-event. Where a threshold is a third of the swing, the middle of that band is wrong by as much,
-and a fit to it is held back. So a pixel counts with its whole residual M - S(|x - c| - R(phi)) only
-once, in the fit after its event, when it was at its level. A silent one counts where the disc would
-lie outside of its band, and then by how far. Both pull at the predicted centre by a few robust
-Gauss-Newton steps. Then the levels that disagree are drawn towards the fitted disc, so that
-thresholds that differ between pixels do not add up. The idea of one state for pose and brightness
-is that of event-based mosaicing (Kim et al. 2014, doi:10.5244/C.28.26).
+Between two events a pixel's level lies in its dead band: between its thresholds around the level of
+its last event. Where a threshold is a third of the swing, the middle of the band is wrong by as
+much, and a fit to it is held back. So a pixel's full residual M - S(|x - c| - R(phi)) is used only
+once, in the fit after its event, when its level was exact. A pixel without an event contributes the
+distance by which the disc would leave its band, if it does. Both correct the predicted centre by a
+few robust Gauss-Newton steps. Then levels that disagree are corrected towards the fitted disc, so
+that errors of the pixels' thresholds do not add up. One state for pose and brightness is the idea
+of event-based mosaicing (Kim et al. 2014, doi:10.5244/C.28.26).
 
-The map shows the level of a pixel that has fired, and after the fit what the disc and the band tell
-of it: a level that is shown as it was sent is new.
+The map shows a pixel's own level after its event, and after the fit the disc's level clipped to the
+pixel's band. So a pixel whose shown level equals its own has fired since the last fit.
 """
 
 from typing import Any
@@ -22,27 +22,27 @@ from spikingtac.markers.graded.appearance import FitWindow
 from spikingtac.markers.graded.disc_fit import (
     SOFT_LEVEL,
     Ring,
-    ends_kernel,
-    follow_kernel,
-    read_kernel,
+    edge_bounds_kernel,
+    sample_ring_kernel,
     step_kernel,
+    update_outline_kernel,
 )
 from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, Array
 
-# Weight of the prediction, over that of a pixel that fired where an edge rises by a full swing in a
+# Weight of the prediction relative to a pixel that fired, on an edge that rises by a full swing per
 # px (0.15 to 0.3 are alike within 7 % on simulated press sensors).
 PRIOR_WEIGHT = 0.2
 
-# Weight of a pixel that did not fire, over that of one that did (0.4 to 0.6: within 3 %).
+# Weight of a pixel that did not fire relative to one that did (0.4 to 0.6: within 3 %).
 BAND_WEIGHT = 0.5
 
-SOFT_RESIDUAL = 0.4  # Residual at which a pixel counts half (Cauchy; 0.8 errs by up to 4 % more).
+SOFT_RESIDUAL = 0.4  # Residual of half weight (Cauchy; 0.8 errs by up to 4 % more).
 
 GAIN = 0.5  # Share of a level's disagreement that one fit corrects (0.4 and 0.5: within 3 %).
 
-# Inertia of an outline, as a sum of squared slopes: a few new pixels do not tell a shape (2 to 5:
-# within 3 %; without any, markers are lost).
-OUTLINE_INERTIA = 4.0
+# Prior weight of an outline, as a sum of squared slopes: a few new pixels do not determine a shape
+# (2 to 5: within 3 %; without any, markers are lost).
+OUTLINE_PRIOR = 4.0
 
 SMALL_STEP_PX = 0.005  # A fit whose last step was shorter has converged.
 
@@ -51,11 +51,10 @@ SMALL_STEP_PX = 0.005  # A fit whose last step was shorter has converged.
 def _residual_kernel(
     pixel: Any, shown: float, disc: float
 ) -> tuple[float, float]:  # pragma: no cover - compiled
-    """Return how far a level is from a disc's, and its weight.
+    """Return the residual of a pixel's level against the disc's, and its weight.
 
-    That is all of it where the level is new, and else what lies beyond its band: a level may lie
-    above the disc's by an OFF step, and below by an ON step, without an event. Within it, it tells
-    nothing.
+    It is the full difference where the pixel has just fired, and otherwise the part beyond the dead
+    band: without an event a level may lie above the disc's by an OFF step, and below by an ON step.
     """
     e, weight = pixel.level - disc, 1.0
     if shown != pixel.level:
@@ -77,18 +76,18 @@ def _center_equations_kernel(
         column = at[1] + window.offset[phase, 2, first + j]
         pixel = pixels[np.uint64(row), np.uint64(column)]
         e, weight = _residual_kernel(pixel, edge[0, j], edge[1, j])
-        jx = edge[2, j] * window.around[phase, 1, first + j]
-        jy = edge[2, j] * window.around[phase, 2, first + j]
+        jx = edge[2, j] * window.polar[phase, 1, first + j]
+        jy = edge[2, j] * window.polar[phase, 2, first + j]
         xx, xy, yy = xx + weight * jx * jx, xy + weight * jx * jy, yy + weight * jy * jy
         gx, gy = gx + weight * jx * e, gy + weight * jy * e
     return (xx, xy, yy), (gx, gy)
 
 
 @kernel()
-def _settle_kernel(
+def _correct_levels_kernel(
     maps: tuple[Array, Array], window: FitWindow, ring: Ring, at: tuple[Any, Any], edge: Array
 ) -> tuple[tuple[float, float, float], float, float]:  # pragma: no cover - compiled # fmt: skip
-    """Draw levels towards the fitted disc, and show what it tells of the silent ones.
+    """Correct levels towards the fitted disc, and show the disc's levels clipped to the bands.
 
     Returns the gradients of r, b and c, the curvature of r, and the share of the edge that agrees.
     """
@@ -104,7 +103,7 @@ def _settle_kernel(
         agreeing, total = agreeing + slope / (1.0 + apart * apart), total + slope
         e, weight = _residual_kernel(pixel, edge[0, j], level)
         pull = weight * slope * e
-        to_x, to_y = window.around[phase, 1, first + j], window.around[phase, 2, first + j]
+        to_x, to_y = window.polar[phase, 1, first + j], window.polar[phase, 2, first + j]
         gr += pull
         gb += pull * (to_x * to_x - to_y * to_y)
         gc += pull * 2.0 * to_x * to_y
@@ -120,7 +119,7 @@ def fit_bands_kernel(
     pixels: Array, levels: tuple[Array, int, int], edge: Array, window: FitWindow, m: int,
     center_px: tuple[float, float], outline_px: Array, settings: tuple[int, float, float],
 ) -> tuple[float, float, float, float]:  # pragma: no cover - compiled # fmt: skip
-    """Fit a marker's centre, correct the levels, and let its outline follow.
+    """Fit a marker's centre, correct the levels, and update its outline.
 
     Args:
         pixels: ``(height, width)`` of PIXEL: levels of the last events, which change, and steps.
@@ -128,25 +127,24 @@ def fit_bands_kernel(
             ``edge``, ``window`` and ``settings``; the map is changed.
         edge: Scratch.
         window: Pixels and profiles.
-        m: Which marker.
-        center_px: The predicted place, px.
+        m: Number of the marker.
+        center_px: The predicted position, px.
         outline_px: ``(m, 3)`` r, b and c of the discs, px; changed.
-        settings: Gauss-Newton steps at most; share of its own step that the outline makes; radius
-            at rest, px.
+        settings: Most Gauss-Newton steps; gain of the outline's step; radius at rest, px.
 
     Returns:
         x, y, the share of the edge that agrees, and the length of the last step.
     """
-    (x, y), length, ends_px = center_px, 0.0, ends_kernel(window, m, outline_px)
+    (x, y), length, ends_px = center_px, 0.0, edge_bounds_kernel(window, m, outline_px)
     for _ in range(settings[0]):
-        ring, at = read_kernel(levels, window, m, (x, y), ends_px, outline_px, edge)
+        ring, at = sample_ring_kernel(levels, window, m, (x, y), ends_px, outline_px, edge)
         (xx, xy, yy), (gx, gy) = _center_equations_kernel(pixels, window, ring, at, edge)
         gx, gy = gx + PRIOR_WEIGHT * (center_px[0] - x), gy + PRIOR_WEIGHT * (center_px[1] - y)
         step_x, step_y, length = step_kernel((xx + PRIOR_WEIGHT, xy, yy + PRIOR_WEIGHT), (gx, gy))
         x, y = x + step_x, y + step_y
         if length < SMALL_STEP_PX:
             break
-    ring, at = read_kernel(levels, window, m, (x, y), ends_px, outline_px, edge)
-    gradient, rr, agreement = _settle_kernel((pixels, levels[0]), window, ring, at, edge)
-    follow_kernel(outline_px, m, gradient, settings[1] / (rr + OUTLINE_INERTIA), settings[2])
+    ring, at = sample_ring_kernel(levels, window, m, (x, y), ends_px, outline_px, edge)
+    gradient, rr, agreement = _correct_levels_kernel((pixels, levels[0]), window, ring, at, edge)
+    update_outline_kernel(outline_px, m, gradient, settings[1] / (rr + OUTLINE_PRIOR), settings[2])
     return x, y, agreement, length

@@ -1,12 +1,12 @@
-"""Fit a disc's centre to the graded map, by a few robust Gauss-Newton steps per marker.
+"""Fit of a disc's centre to the graded map, by a few robust Gauss-Newton steps per marker.
 
-Residual e = Y(x) - S(|x - c| - R(phi)) over the pixels around the edge, weight
-1 / (1 + (e / soft)^2) (Cauchy). The outline R(phi) = r + b cos 2 phi + c sin 2 phi follows the disc
-slowly: an indentation magnifies it, strain makes it an ellipse. Both are even in phi and leave the
-centre alone, but a map that is held to the wrong outline would not.
+The residual e = Y(x) - S(|x - c| - R(phi)) of the pixels around the edge has the Cauchy weight
+1 / (1 + (e / soft)^2). The outline R(phi) = r + b cos 2 phi + c sin 2 phi follows the disc slowly:
+an indentation magnifies it, strain makes it an ellipse. Both are even in phi and do not bias the
+centre; a map that leaks towards a wrong outline would.
 
-Sums are those of whole numbers. A sum of floating-point numbers depends on its order, which a
-compiler suits to the processor's registers; whole numbers give the same tracks on every machine.
+Sums are taken over integers. The result of a floating-point sum depends on its order, which a
+compiler adapts to the processor's registers; integers give the same tracks on every machine.
 """
 
 import math
@@ -19,49 +19,49 @@ from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import LANES, PHASES, RING_PX, FitWindow
 from spikingtac.state_map.graded import PAD_PX, Array
 
-# Part of a pixel in which an edge was read, its first pixel in the window, how many follow, and how
-# many are read: a multiple of LANES, so that loops end with a whole vector. The others weigh 0.
+# Pixels of an annulus around a disc's edge: the phase (subpixel cell) of its centre, its first
+# pixel in the window, the number of its pixels, and this number rounded up to a multiple of LANES,
+# so that loops end with a whole vector. The surplus pixels have weight 0.
 Ring = tuple[Any, Any, Any, Any]
 
-# Freedom of the compiler that leaves results alone: no two operations become one, none is
-# replaced by an approximation, and no sum is regrouped. So a recording gives the same tracks
-# everywhere.
+# Compiler flags that do not change results: no fused operations, no approximations, no reordered
+# sums. So a recording gives the same tracks everywhere.
 SAME_BITS = {"nnan", "ninf", "nsz"}
 
-# A window's centre lies up to half a diagonal of its part of a pixel from the marker, px.
+# Largest distance of a marker from the centre of its subpixel cell, half a diagonal, px.
 ROUNDING_PX = 0.5 * 2.0**0.5 / PHASES
 
 MOST_GROWTH = 0.3  # Largest change of an outline, as a share of the radius.
 
-# Residual at which a pixel counts half. A sharper cut trusts a lagging disc more than the pixels
-# that show its lag, and loses it where events are lost (measured: 0.3 loses markers that 0.8
-# keeps, and is less accurate).
+# Residual at which a pixel has half weight. A smaller one trusts a lagging disc more than the
+# pixels that show its lag, and loses it where events are lost (measured: 0.3 loses markers that 0.8
+# tracks, and is less accurate).
 SOFT_LEVEL = 0.8
 
-# A Gauss-Newton step is cut to this length: beyond it the edge model is not linear.
+# Largest Gauss-Newton step: over a longer one the edge model is not linear.
 LARGEST_STEP_PX = 2.0
 
-# A fit whose last step was shorter has converged. While the centre went no farther, the edge is not
-# read anew: the residuals move along its slope, and only their weights are new. (0.08 to 0.14 are
-# alike; fits at 0.04 take longer and err the same.)
+# A fit whose last step was shorter has converged. Over a shorter motion of the centre the edge is
+# not sampled again: residuals are extrapolated along its slope, and only the weights are new. (0.08
+# to 0.14 are alike; fits at 0.04 take longer and err the same.)
 LINEAR_STEP_PX = 0.12
 
 
 def fit_scratch(reach_px: float) -> NDArray[np.float32]:
-    """Return ``(3, n)`` scratch for the pixels of a disc: level, the disc's level, its slope."""
+    """Return ``(3, n)`` scratch for a disc's pixels: map level, model level, model slope."""
     return np.zeros((3, LANES * math.ceil(np.pi * reach_px**2 / LANES)), np.float32)
 
 
 @kernel(forceinline=True)
 def _coefficients_kernel(c: Array, m: Any, k: Any) -> tuple[Any, ...]:  # pragma: no cover
-    """Return the coefficients of polynomial k of marker m; in an array a loop reads them anew."""
+    """Return the coefficients of polynomial k of marker m as a tuple, which stays in registers."""
     first = c[m, k, 0], c[m, k, 1], c[m, k, 2], c[m, k, 3]
     return first + (c[m, k, 4], c[m, k, 5], c[m, k, 6], c[m, k, 7])  # noqa: RUF005 - compiled
 
 
 @kernel(forceinline=True, fastmath=SAME_BITS)
 def _polynomial_kernel(c: tuple[Any, ...], z: Any) -> Any:  # pragma: no cover
-    """Evaluate a polynomial of degree 7 by Estrin's scheme: Horner's waits."""
+    """Evaluate a polynomial of degree 7 by Estrin's scheme, which has more parallelism."""
     z2 = z * z
     low = (c[0] + c[1] * z) + z2 * (c[2] + c[3] * z)
     return low + z2 * z2 * ((c[4] + c[5] * z) + z2 * (c[6] + c[7] * z))
@@ -69,12 +69,12 @@ def _polynomial_kernel(c: tuple[Any, ...], z: Any) -> Any:  # pragma: no cover
 
 @kernel(forceinline=True, fastmath=SAME_BITS)
 def _edge_kernel(
-    around: Array, ring: Ring, disc: tuple[Any, ...], coefficients: Array, edge: Array, m: Any
+    polar: Array, ring: Ring, disc: tuple[Any, ...], coefficients: Array, edge: Array, m: Any
 ) -> None:  # pragma: no cover - compiled
-    """Write the disc's level at each pixel of a ring, and its slope there.
+    """Write the model's level and slope at each pixel of a ring.
 
-    ``disc`` is how far its centre is from the part of a pixel around which the ring lies, the
-    radius in the middle of the edge's stretch, b and c, and 2 over the stretch's length.
+    ``disc`` holds the offset (x, y) of the disc's centre from the centre of its subpixel cell, the
+    radius at the middle of the edge, b and c of the outline, and 2 over the width of the edge.
     """
     phase, first, inside, count = ring
     x, y, r, b, c, per_half = disc
@@ -82,9 +82,9 @@ def _edge_kernel(
     levels = _coefficients_kernel(coefficients, m, np.uint64(0))
     slopes = _coefficients_kernel(coefficients, m, np.uint64(1))
     for j in range(count):
-        to_x, to_y = around[phase, 1, first + j], around[phase, 2, first + j]
+        to_x, to_y = polar[phase, 1, first + j], polar[phase, 2, first + j]
         bulge = b * (to_x * to_x - to_y * to_y) + c * np.float32(2.0) * to_x * to_y
-        z = (around[phase, 0, first + j] - (to_x * x + to_y * y) - r - bulge) * per_half
+        z = (polar[phase, 0, first + j] - (to_x * x + to_y * y) - r - bulge) * per_half
         steep = (abs(z) < one) & (np.int32(j) < inside)
         z = one if z > one else z
         z = -one if z < -one else z
@@ -94,18 +94,18 @@ def _edge_kernel(
 
 @kernel(forceinline=True, fastmath=SAME_BITS)
 def center_equations_kernel(
-    around: Array, ring: Ring, edge: Array, moved: tuple[Any, Any], unit: np.float32
+    polar: Array, ring: Ring, edge: Array, moved: tuple[Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
-    """Sum the robust normal equations of a disc's centre; one straight loop, so that it vectorises.
+    """Sum the robust normal equations of a disc's centre, in one loop that vectorises.
 
-    ``moved`` is how far the centre went since the edge was read, px. Returns
-    the curvature (xx, xy, yy) and the gradient (x, y).
+    ``moved`` is the motion of the centre since the edge was sampled, px. Returns the curvature
+    (xx, xy, yy) and the gradient (x, y).
     """
     phase, first, _, count = ring
     one, per_soft2 = np.float32(1.0), np.float32(1.0 / SOFT_LEVEL**2)
     xx = xy = yy = gx = gy = np.int32(0)
     for j in range(count):
-        to_x, to_y = around[phase, 1, first + j], around[phase, 2, first + j]
+        to_x, to_y = polar[phase, 1, first + j], polar[phase, 2, first + j]
         s = edge[2, j]
         e = edge[0, j] - edge[1, j] - s * (to_x * moved[0] + to_y * moved[1])
         ws = unit * s / (one + e * e * per_soft2)
@@ -123,7 +123,7 @@ def center_equations_kernel(
 
 @kernel(forceinline=True, fastmath=SAME_BITS)
 def outline_equations_kernel(
-    around: Array, ring: Ring, edge: Array, moved: tuple[Any, Any], unit: np.float32
+    polar: Array, ring: Ring, edge: Array, moved: tuple[Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
     """Sum the robust normal equations of a disc's outline as :func:`center_equations_kernel` does.
 
@@ -133,7 +133,7 @@ def outline_equations_kernel(
     one, per_soft2 = np.float32(1.0), np.float32(1.0 / SOFT_LEVEL**2)
     gr = gb = gc = rr = weight = total = np.int32(0)
     for j in range(count):
-        to_x, to_y = around[phase, 1, first + j], around[phase, 2, first + j]
+        to_x, to_y = polar[phase, 1, first + j], polar[phase, 2, first + j]
         s = edge[2, j]
         e = edge[0, j] - edge[1, j] - s * (to_x * moved[0] + to_y * moved[1])
         us = unit * s
@@ -153,7 +153,7 @@ def outline_equations_kernel(
 def step_kernel(
     curvature: tuple[Any, Any, Any], gradient: tuple[Any, Any]
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
-    """Solve the 2x2 system, cut to LARGEST_STEP_PX; no step where the edge says nothing.
+    """Solve the 2x2 system, limited to LARGEST_STEP_PX; no step where it is singular.
 
     Returns the step and its length, px.
     """
@@ -173,9 +173,9 @@ def step_kernel(
 def ring_kernel(
     window: FitWindow, phase: Any, ends_px: tuple[float, float], most: int
 ) -> Ring:  # pragma: no cover - compiled
-    """Return a ring around a part of a pixel: the first pixel, and how many follow.
+    """Return the ring of pixels between two distances, px, from a subpixel cell's centre.
 
-    There are ``most`` at most: of an outline that grew larger the farthest are not read.
+    It has ``most`` pixels at most: the farthest pixels of a larger outline are left out.
     """
     last = window.within.shape[1] - 1
     near = max(ends_px[0] - ROUNDING_PX, 0.0) / RING_PX
@@ -183,16 +183,16 @@ def ring_kernel(
     first = window.within[phase, min(int(near), last)]
     after = window.within[phase, min(int(far) + 1, last)]
     inside = min(after - first, most)
-    # Unsigned, so that no index can be meant from the end: that would not be vectorised.
+    # Unsigned indices cannot count from the end, which would prevent vectorisation.
     count = (np.uint64(inside) + np.uint64(LANES - 1)) & ~np.uint64(LANES - 1)
     return phase, np.uint64(first), np.int32(inside), count
 
 
 @kernel(forceinline=True)
-def follow_kernel(
+def update_outline_kernel(
     outline_px: Array, m: Any, gradient: tuple[Any, Any, Any], step: float, rest_px: float
 ) -> None:  # pragma: no cover - compiled
-    """Move an outline (r, b, c) along its gradient, within MOST_GROWTH of the radius at rest."""
+    """Update an outline (r, b, c) along its gradient, within MOST_GROWTH of the radius at rest."""
     most = MOST_GROWTH * rest_px
     r, b, c = outline_px[m, 0], outline_px[m, 1], outline_px[m, 2]
     outline_px[m, 0] = min(max(r + step * gradient[0], rest_px - most), rest_px + most)
@@ -201,24 +201,25 @@ def follow_kernel(
 
 
 @kernel(forceinline=True)
-def ends_kernel(
+def edge_bounds_kernel(
     window: FitWindow, m: Any, outline_px: Array
 ) -> tuple[float, float]:  # pragma: no cover
-    """Return how far from marker m's centre its edge begins and ends, px."""
+    """Return the distances from marker m's centre at which its edge begins and ends, px."""
     r, bulge = outline_px[m, 0], abs(outline_px[m, 1]) + abs(outline_px[m, 2])
     return r - bulge + window.edge[m, 0], r + bulge + window.edge[m, 1]
 
 
 @kernel(forceinline=True)
-def read_kernel(
-    levels: tuple[Array, int, int], window: FitWindow, m: Any, place_px: tuple[float, float],
+def sample_ring_kernel(
+    levels: tuple[Array, int, int], window: FitWindow, m: Any, position_px: tuple[float, float],
     ends_px: tuple[float, float], outline_px: Array, edge: Array,
 ) -> tuple[Ring, tuple[int, int]]:  # pragma: no cover - compiled # fmt: skip
-    """Read the map's levels in a ring around a place, and marker m's edge as it would be there.
+    """Sample the map in a ring around a position, and the model of marker m's edge there.
 
-    ``ends_px`` is where the ring begins and ends. Returns it, and row and column of its middle.
+    ``ends_px`` is the ring's inner and outer radius. Returns the ring, and row and column of its
+    central pixel.
     """
-    (flat, width, height), (x, y) = levels, place_px
+    (flat, width, height), (x, y) = levels, position_px
     part_x = min(max(np.floor(PHASES * (x + 0.5)), 0.0), PHASES * width - 1.0)
     part_y = min(max(np.floor(PHASES * (y + 0.5)), 0.0), PHASES * height - 1.0)
     row, column = int(part_y) // PHASES, int(part_x) // PHASES
@@ -233,7 +234,7 @@ def read_kernel(
     r = np.float32(outline_px[m, 0] + 0.5 * (inner_px + outer_px))
     outline = r, np.float32(outline_px[m, 1]), np.float32(outline_px[m, 2])
     disc = off_x, off_y, *outline, np.float32(2.0) / (outer_px - inner_px)
-    _edge_kernel(window.around, ring, disc, window.coefficients, edge, m)
+    _edge_kernel(window.polar, ring, disc, window.coefficients, edge, m)
     return ring, (row, column)
 
 
@@ -242,30 +243,30 @@ def fit_disc_kernel(
     levels: tuple[Array, int, int], edge: Array, window: FitWindow, marker: int,
     center_px: tuple[float, float], outline_px: Array, settings: tuple[int, float, float],
 ) -> tuple[float, float, float, float]:  # pragma: no cover - compiled # fmt: skip
-    """Fit a marker's centre, and let its outline follow; return x, y, agreement and last step.
+    """Fit a marker's centre, and update its outline; return x, y, agreement and last step.
 
     Args:
         levels: The flat map with its margin of PAD_PX; the sensor's width and height, px.
-        edge: ``(3, n)`` scratch: the map's level, the disc's, and its slope at the edge's pixels.
+        edge: ``(3, n)`` scratch: the map's level, the model's level and its slope.
         window: From :func:`~spikingtac.markers.graded.appearance.fit_window`.
-        marker: Which marker.
-        center_px: Where the fit begins, px.
+        marker: Number of the marker.
+        center_px: Start of the fit, px.
         outline_px: ``(m, 3)`` r, b and c of the discs, px; changed.
-        settings: Gauss-Newton steps at most; share of the outline's own step that it makes, 0 for
-            none and no agreement; radius at rest, px.
+        settings: Most Gauss-Newton steps; gain of the outline's step, 0 for no step and no
+            agreement; radius at rest, px.
     """
     m, (x, y), length = np.uint64(marker), center_px, 0.0
-    ends_px = ends_kernel(window, m, outline_px)
+    ends_px = edge_bounds_kernel(window, m, outline_px)
     ring = np.uint64(0), np.uint64(0), np.int32(0), np.uint64(0)
     read_x, read_y, moved = np.inf, np.inf, (np.float32(0.0), np.float32(0.0))
     for _ in range(settings[0]):
         dx, dy = x - read_x, y - read_y
         if not dx * dx + dy * dy < LINEAR_STEP_PX * LINEAR_STEP_PX:
             read_x, read_y, dx, dy = x, y, 0.0, 0.0
-            ring, _ = read_kernel(levels, window, m, (x, y), ends_px, outline_px, edge)
+            ring, _ = sample_ring_kernel(levels, window, m, (x, y), ends_px, outline_px, edge)
         moved = np.float32(dx), np.float32(dy)
         step_x, step_y, length = step_kernel(
-            *center_equations_kernel(window.around, ring, edge, moved, window.edge[m, 2])
+            *center_equations_kernel(window.polar, ring, edge, moved, window.edge[m, 2])
         )
         x, y = x + step_x, y + step_y
         if length < LINEAR_STEP_PX:
@@ -273,7 +274,7 @@ def fit_disc_kernel(
     if settings[1] == 0.0:
         return x, y, np.nan, length
     gradient, rr, agreement = outline_equations_kernel(
-        window.around, ring, edge, moved, window.edge[m, 2]
+        window.polar, ring, edge, moved, window.edge[m, 2]
     )
-    follow_kernel(outline_px, m, gradient, settings[1] / (rr + 1e-3), settings[2])
+    update_outline_kernel(outline_px, m, gradient, settings[1] / (rr + 1e-3), settings[2])
     return x, y, agreement, length

@@ -1,17 +1,17 @@
-"""The leak of the graded map towards the fitted discs, and of the ground towards its level.
+"""Leak of the graded map: its levels relax towards the fitted discs, and the ground towards 0.
 
-Noise and lost events leave errors in the map's sums that no later event removes. Where the level of
-a pixel is off by more than a tolerance, it gives up a share of the excess; nothing leaks on the
-edge itself, where a slow marker is a little ahead of its fit and would be held back.
+Noise and lost events leave errors in the map that no later event removes. Where a pixel's level
+differs from the fitted disc by more than a tolerance, a share of the excess is removed. Nothing
+leaks on the edge itself, where a slow marker leads its fit a little and would be held back.
 
-So nothing anchors the edge of a marker that never swings its pixels fully: noise moves the edge of
-the map, the outline follows it, and both drift together. At rest, therefore, edges are drawn
-towards their calibrated radii, which leaves the centre alone (simulated, 20 s of 1 Hz/px: a radius
-of 7 px grows by 0.4 px, and without by 1.8 px).
+So nothing anchors the edge of a marker that never moves its pixels through a full swing: noise
+shifts the edge of the map, the outline gain, and both drift together. At rest, therefore, edges
+are pulled towards their calibrated radii, which leaves the centre alone (simulated, 20 s of
+1 Hz/px: a radius of 7 px grows by 0.4 px, and by 1.8 px without the pull).
 
 Nor does anything leak where the agreement with the map has just fallen: a marker that snaps back
-faster than its fit goes would be erased by the disc that is painted anew (measured: a snap of 14 px
-at 10 px/ms; the marker was given 8 px off, with a confidence of 0.99).
+faster than its fit converges would be erased by its own old disc (measured: at a snap of 14 px at
+10 px/ms the marker was estimated 8 px off, with a confidence of 0.99).
 """
 
 import math
@@ -27,59 +27,60 @@ from spikingtac.markers.graded.disc_fit import (
     SAME_BITS,
     Ring,
     fit_scratch,
-    read_kernel,
+    sample_ring_kernel,
 )
 from spikingtac.markers.graded.disc_locator import DiscLocator
-from spikingtac.markers.graded.motion import AGREEMENT, AT_US, FIT_US, VX, VY, X, Y
+from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, STATE_US, VX, VY, X, Y
 from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, Array
 
-# Time in which a marker's agreement becomes usual, s (a fit that may still follow its
-# marker does so within 0.1 s).
-USUAL_S = 0.2
+# Time constant of the mean agreement, s (a fit that can still reach its marker does so within
+# 0.1 s).
+AGREEMENT_MEMORY_S = 0.2
 
-# Disagreement that is left alone, in mean steps of the marker; and until it is known how many
-# events are lost: a faint touch brings too few to tell, and a leak that holds discs back blurs it.
+# Tolerated disagreement, in mean steps of the marker; the second value holds until the event loss
+# is measured: a faint touch brings too few events to measure it, and a leak that holds discs back
+# would blur the touch.
 TOLERANCE, FIRST_TOLERANCE = 0.3, 1.0
 
 # How far outside of a disc the leak works, px. (At 5 px a marker is lost at a snap of the twin; at
 # 3.5 px v2e's recording without 30 % of its events errs by 2 % more.)
 OUTER_PX = 4.0
 
-# Rate at which the edges of resting discs are drawn to their calibrated radii, 1/s.
-DRAWN_PER_S = 0.3
+# Rate at which the edges of resting discs are pulled to their calibrated radii, 1/s.
+RADIUS_PULL_PER_S = 0.3
 
 # Speed below which a marker counts as resting: creep, and the jitter of a filtered velocity.
 AT_REST_PX_S = 3.0
 
-# Rate at which the ground away from all discs returns to its level, 1/s. What noise adds up there
-# draws a disc that comes near: after 40 s of rest with 1 Hz/px, v2e's gel errs by 0.18 px (0.20 px
-# at a rate of 0.3, 0.87 px without; simulated). Above 2 nothing more is gained.
+# Rate at which the ground away from all discs leaks, 1/s. Noise that accumulates there biases a
+# disc that comes near: after 40 s of rest with 1 Hz/px, v2e's gel errs by 0.18 px (0.20 px at a
+# rate of 0.3, 0.87 px without; simulated). Above 2 nothing more is gained.
 GROUND_PER_S = 2.0
 
-# The leak visits every n-th marker per turn: each one every 32 ms where turns are 1 ms apart.
-# Less work, same effect.
+# Number of updates in which all markers leak once, a group in each: every 32 ms where updates are
+# 1 ms apart. This is less work with the same effect.
 GROUPS = 32
 
-# Turns in which all rows of the ground are visited once: a row or two of 320 in each.
-GROUND_TURNS = 256
+# Number of updates in which all rows of the ground leak once: a row or two of 320 in each.
+GROUND_SLOTS = 256
 
-# Fall of the agreement that tells of a marker that snapped away (a snap of 14 px costs 0.15
-# within 3 ms; 0.05 to 0.10 are equally good on a small simulated sensor).
+# Fall of the agreement below its mean that reveals a marker that snapped away (a snap of 14 px
+# costs 0.15 within 3 ms; 0.05 to 0.10 are equally good on a small simulated sensor).
 LARGEST_FALL = 0.05
 
-# Time without a fit, and so without events, after which a marker has leaked, us.
+# Time without a fit, and so without events, after which a marker's map leaks no more, us.
 LEAKED_US = 1_000_000
 
 
 class MapLeak:
-    """Lets the map around some markers leak towards their discs, and the ground return, in turn."""
+    """Lets the map leak: a group of markers and some rows of the ground at each update."""
 
     def __init__(self, calibration: Calibration, leak_per_s: float) -> None:
-        """Begin without a usual agreement.
+        """Begin with full agreement.
 
         Args:
-            calibration: How the markers look.
-            leak_per_s: Rate at which pixels give up their disagreement, 1/s.
+            calibration: Appearance of the markers.
+            leak_per_s: Rate at which disagreement beyond the tolerance is removed, 1/s.
         """
         appearance = appearance_of(calibration)
         steepest = np.array([profile.steepest for profile in appearance.profiles])
@@ -87,23 +88,23 @@ class MapLeak:
         self._discs = radius_px, steepest, appearance.mean_step
         self._scratch = fit_scratch((1.0 + MOST_GROWTH) * radius_px.max() + OUTER_PX)
         self._leak_per_s = leak_per_s
-        self._usual = np.ones(len(steepest))
-        self._turn = 0
+        self._mean_agreement = np.ones(len(steepest))
+        self._count = 0
 
-    def update(self, locator: DiscLocator, dt_s: float, known: bool) -> None:
-        """Do the next turn.
+    def update(self, locator: DiscLocator, dt_s: float, loss_known: bool) -> None:
+        """Leak the next group of markers, and the next rows of the ground.
 
         Args:
-            locator: What fits the markers, and its map, which is changed.
-            dt_s: Time since the last turn, s.
-            known: Whether it was seen how many events are lost.
+            locator: Fits of the markers, and their map, which is changed.
+            dt_s: Time since the last update, s.
+            loss_known: Whether the event loss was measured.
         """
-        tolerance = TOLERANCE if known else FIRST_TOLERANCE
-        self._turn += 1
-        discs = locator.motion, locator.fits, locator.outline_px, self._usual
-        take_turn_kernel(
+        tolerance = TOLERANCE if loss_known else FIRST_TOLERANCE
+        self._count += 1
+        discs = locator.motion, locator.fits, locator.outline_px, self._mean_agreement
+        leak_kernel(
             locator.map.padded.ravel(), locator.map.pixels, *discs, *locator.window,
-            self._scratch, *self._discs, self._turn, dt_s, self._leak_per_s, tolerance,
+            self._scratch, *self._discs, self._count, dt_s, self._leak_per_s, tolerance,
         )  # fmt: skip
 
 
@@ -111,29 +112,29 @@ class MapLeak:
 def _excess_kernel(
     ring: Ring, edge: Array, law: tuple[Any, Any, Any, Any]
 ) -> None:  # pragma: no cover - compiled
-    """Write what each pixel of a disc gives up in place of its level.
+    """Replace the level of each pixel of a disc by the amount that it loses.
 
-    ``law`` is the disagreement that is left alone, the share of what is above, how far the edge is
-    drawn inwards, in levels, and 1 over the steepest slope.
+    ``law`` holds the tolerance, the share of the excess that is removed, the pull of the edge
+    inwards, in levels, and 1 over the steepest slope.
     """
-    limit, portion, drawn, per_steepest = law
+    limit, portion, pull, per_steepest = law
     half, one = np.float32(0.5), np.float32(1.0)
     for j in range(ring[3]):
         level, slope = edge[1, j], edge[2, j] * per_steepest
-        # Inside of its edge a disc is all marker; the edge's foot goes on outside.
+        # Inside of its edge a disc is all marker; outside the foot of the edge decays to 0.
         level = one if slope == np.float32(0.0) and level > half else level
         e = edge[0, j] - level
         excess = e - min(max(e, -limit), limit)
-        edge[0, j] = portion * (one - np.sqrt(slope)) * excess + drawn * slope
+        edge[0, j] = portion * (one - np.sqrt(slope)) * excess + pull * slope
 
 
 @kernel(forceinline=True)
-def _give_kernel(
+def _subtract_kernel(
     flat: Array, pixels: Array, at: tuple[Any, Any], ring: Ring, offset: Array, edge: Array
 ) -> None:  # pragma: no cover - compiled
-    """Take what pixels give up off their sums, and off the levels that are shown.
+    """Subtract the losses from the pixels' levels, and from the expected levels of the map.
 
-    ``at`` is where the middle of the ring lies: row and column.
+    ``at`` is row and column of the ring's centre.
     """
     phase, zero, one = ring[0], np.float32(0.0), np.float32(1.0)
     middle = (at[0] + PAD_PX) * (pixels.shape[1] + 2 * PAD_PX) + at[1] + PAD_PX
@@ -148,20 +149,20 @@ def _give_kernel(
 
 
 @kernel()
-def return_ground_kernel(
+def leak_ground_kernel(
     flat: Array, pixels: Array, markers: int, rows: tuple[int, int], law: tuple[float, float]
 ) -> None:  # pragma: no cover - compiled
-    """Draw every n-th row of the ground, away from all discs, towards its own level, 0.
+    """Leak every n-th row of the ground, in no marker's gate, towards its level 0.
 
-    A pixel of the ground rightly remembers a level of up to a step, within which it sends no event.
-    What is above is noise.
+    A pixel of the ground may hold a level of up to a step, within which it sends no event. The
+    excess is noise.
 
     Args:
         flat: The flat map with its margin; changed.
-        pixels: ``(height, width)`` of PIXEL; their sums are changed.
-        markers: Their number, which stands where a pixel lies around none.
+        pixels: ``(height, width)`` of PIXEL; their levels are changed.
+        markers: Number of markers, which marks pixels in no gate.
         rows: The first row, and n.
-        law: The step, and which share of the level above it is given up.
+        law: The step, and the share of the excess above it that is removed.
     """
     (height, width), (first, every) = pixels.shape, rows
     step, portion = np.float32(law[0]), np.float32(law[1])
@@ -169,45 +170,45 @@ def return_ground_kernel(
         begin = (row + PAD_PX) * (width + 2 * PAD_PX) + PAD_PX
         for column in range(width):
             pixel = pixels[row, column]
-            if pixel.around == markers and pixel.level > step:
+            if pixel.marker == markers and pixel.level > step:
                 change = portion * (pixel.level - step)
                 pixel.level -= change
                 flat[begin + column] -= change
 
 
 @kernel()
-def take_turn_kernel(
-    flat: Array, pixels: Array, motions: Array, fits: Array, outline_px: Array, usual: Array,
-    offset: Array, around: Array, within: Array, coefficients: Array, ends: Array, edge: Array,
-    radius_px: Array, steepest: Array, mean_step: Array, turn: int, dt_s: float,
-    leak_per_s: float, tolerance: float,
+def leak_kernel(
+    flat: Array, pixels: Array, motions: Array, fits: Array, outline_px: Array,
+    mean_agreement: Array, offset: Array, polar: Array, within: Array, coefficients: Array,
+    ends: Array, edge: Array, radius_px: Array, steepest: Array, mean_step: Array, count: int,
+    dt_s: float, leak_per_s: float, tolerance: float,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
-    """Let some markers' surroundings leak, and some rows of the ground return.
+    """Leak the map around a group of markers and in some rows of the ground.
 
     Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, and its
-    pixels; motions, fits and outlines of the discs, and their usual agreements; the fields of a
-    :class:`FitWindow`, and scratch; their radii at rest, px, steepest slopes, 1/px, and steps; the
-    turn, the time since the last one, s, the rate of the leak, 1/s, and the disagreement that is
-    left alone, in steps.
+    pixels; filter states, fits, outlines and mean agreements of the markers; the fields of a
+    :class:`FitWindow`, and scratch; radii at rest, px, steepest slopes, 1/px, and mean steps; the
+    count of updates, the time since the last one, s, the rate of the leak, 1/s, and the tolerance
+    in steps.
     """
     levels = flat, pixels.shape[1], pixels.shape[0]
-    window = FitWindow(offset, around, within, coefficients, ends)
+    window = FitWindow(offset, polar, within, coefficients, ends)
     portion = np.float32(-math.expm1(-leak_per_s * dt_s * GROUPS))
-    drawing = -math.expm1(-DRAWN_PER_S * dt_s * GROUPS)
-    for m in range(turn % GROUPS, usual.size, GROUPS):
-        quiet = motions[m, AT_US] - fits[m, FIT_US] > LEAKED_US
-        if quiet or fits[m, AGREEMENT] < usual[m] - LARGEST_FALL:
+    pull_share = -math.expm1(-RADIUS_PULL_PER_S * dt_s * GROUPS)
+    for m in range(count % GROUPS, mean_agreement.size, GROUPS):
+        quiet = motions[m, STATE_US] - fits[m, FIT_US] > LEAKED_US
+        if quiet or fits[m, AGREEMENT] < mean_agreement[m] - LARGEST_FALL:
             continue
         place_px, ends_px = (motions[m, X], motions[m, Y]), (0.0, outline_px[m, 0] + OUTER_PX)
-        ring, at = read_kernel(levels, window, m, place_px, ends_px, outline_px, edge)
+        ring, at = sample_ring_kernel(levels, window, m, place_px, ends_px, outline_px, edge)
         rests = np.hypot(motions[m, VX], motions[m, VY]) <= AT_REST_PX_S
-        drawn = np.float32(drawing * rests * (outline_px[m, 0] - radius_px[m]) * steepest[m])
+        pull = np.float32(pull_share * rests * (outline_px[m, 0] - radius_px[m]) * steepest[m])
         limit = np.float32(tolerance * mean_step[m])
-        _excess_kernel(ring, edge, (limit, portion, drawn, np.float32(1.0 / steepest[m])))
-        _give_kernel(flat, pixels, at, ring, offset, edge)
-    follows = -math.expm1(-dt_s / USUAL_S)
-    for m in range(usual.size):
-        usual[m] += follows * (fits[m, AGREEMENT] - usual[m])
-    share = -math.expm1(-GROUND_PER_S * dt_s * GROUND_TURNS)
-    rows, law = (turn % GROUND_TURNS, GROUND_TURNS), (mean_step.mean(), share)
-    return_ground_kernel(flat, pixels, usual.size, rows, law)
+        _excess_kernel(ring, edge, (limit, portion, pull, np.float32(1.0 / steepest[m])))
+        _subtract_kernel(flat, pixels, at, ring, offset, edge)
+    gain = -math.expm1(-dt_s / AGREEMENT_MEMORY_S)
+    for m in range(mean_agreement.size):
+        mean_agreement[m] += gain * (fits[m, AGREEMENT] - mean_agreement[m])
+    share = -math.expm1(-GROUND_PER_S * dt_s * GROUND_SLOTS)
+    rows, law = (count % GROUND_SLOTS, GROUND_SLOTS), (mean_step.mean(), share)
+    leak_ground_kernel(flat, pixels, mean_agreement.size, rows, law)

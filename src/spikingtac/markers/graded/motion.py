@@ -1,8 +1,8 @@
-"""The motion of markers: constant-velocity Kalman filters, and the pixels that they stand around.
+"""Kalman filters of the markers' motion, the schedule of their fits, and the pixels of each marker.
 
-White acceleration noise of density q (px^2/s^3) drives both axes; a fit measures the position with
-standard deviation sigma once per ms. Faster estimates read nearly the same map, so that their
-variance grows as their period shrinks.
+The model is one of constant velocity: white acceleration noise of density q (px^2/s^3) drives both
+axes. A disc fit measures the position with standard deviation sigma once per ms. Fits that follow
+each other faster read nearly the same map, so their variance grows as their period shrinks.
 """
 
 import numpy as np
@@ -11,59 +11,64 @@ from numpy.typing import NDArray
 from spikingtac.kernels import kernel
 from spikingtac.state_map.graded import Array
 
-# Finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none. (At half of it v2e's
-# recording errs by 1 % more, its flawed gel by 0.4 % less; at twice it by 1 % more, both.)
+# Density of the acceleration noise. Finger motion and releases reach 1e4 px/s^2 within tens of ms.
+# (At half the density v2e's recording errs by 1 % more, its flawed gel by 0.4 % less; at twice the
+# density both err by 1 % more.)
 ACCELERATION_NOISE_PX2_S3 = 1.0e6
 
-# Scatter of a fit from one ms to the next (measured: 0.03 to 0.06).
+# Standard deviation of a fit's position from one ms to the next (measured: 0.03 to 0.06).
 MEASUREMENT_SIGMA_PX = 0.05
 
-# Time in which the map changes enough for the next measurement to be a new one.
+# Period from which the errors of successive fits count as independent, s.
 MEASUREMENT_PERIOD_S = 1.0e-3
 
 START_VELOCITY_PX_S = 100.0  # Standard deviation of the unknown velocity at the first estimate.
 
-# Fewer events are looked at after this time, us: as long as a prediction serves (at 6 ms,
-# 10,000 estimates a second err by 7 % more on v2e's recording).
-LATE_US = 2_000
+# Longest time that pending events wait for a fit when they are fewer than a fit needs, us: a
+# prediction is good for so long (at 6 ms, 10,000 estimates a second err by 7 % more on v2e's
+# recording).
+MAX_WAIT_US = 2_000
 
-# A marker is fitted at a time of its own in every period, us, if enough events wait, and is
-# predicted in between. (Once in 1 ms for all v2e's recording errs by 2 % less, and an estimate of
-# markers in motion takes a third longer.) The shorter period holds after a fit so far from its
-# prediction, px, and where SUDDEN times as many events wait as are enough: at a release a marker
-# would be gone. Fits to dead bands always have it: in less too few pixels fire to tell a place.
-PERIOD_US, HURRIED_US, MISSED_PX, SUDDEN = 2_000, 1_000, 0.12, 12
+# A marker with enough pending events is fitted once per period, us, and predicted in between; the
+# markers' phases are spread over the period. With 1 ms for all markers v2e's recording errs by 2 %
+# less, and an estimate of markers in motion takes a third longer. The fast period holds after an
+# innovation above MISSED_PX, px, and while BURST times as many events are pending as a fit
+# needs: a marker would be lost at a release. Fits to dead bands always use the fast period, and no
+# shorter one: in less time too few pixels fire to locate a disc.
+FIT_PERIOD_US, FAST_FIT_PERIOD_US, MISSED_PX, BURST = 2_000, 1_000, 0.12, 12
 
-AT_ONCE = 1 << 30  # Events that are due for any marker.
+FIT_NOW = 1 << 30  # Pending events that make the next estimate fit a marker, whatever its phase.
 
 NEVER_US = -(1 << 62)  # A time before all others, us: recordings may begin before zero.
 
-# How far beyond a disc's edge events ask for a fit, too: a prediction may be off by so much.
-FARTHER_PX = 1.0
+# Margin of a marker's gate beyond the edge of its disc: the largest error of a prediction, px.
+# Events within the gate count for the marker.
+GATE_PX = 1.0
 
-MARKED_PX = 2.5  # Way after which a marker marks its pixels anew, px.
+REASSIGN_PX = 2.5  # Motion after which a marker's gate is centred on it again, px.
 
-# Columns of a motion: place, px; velocity, px/s; the covariance of both axes; its time, us.
-X, Y, VX, VY, PP, PV, VV, AT_US = range(8)
+# Columns of a filter's state: position, px; velocity, px/s; variance of the position, covariance,
+# variance of the velocity (the same for both axes); time of the state, us.
+X, Y, VX, VY, PP, PV, VV, STATE_US = range(8)
 
-# Columns of a fit: place, px; its time, us; share of the edge that agrees with the disc; until
-# when no event changed it, us; where the marker stood when its pixels were marked, px; when its
-# outline was fitted last, us; how far from the prediction it was, px.
-FIT_X, FIT_Y, FIT_US, AGREEMENT, SILENT_US, MARKED_X, MARKED_Y, OUTLINED_US, OFF_PX = range(9)
+# Columns of a fit: position, px; its time, us; share of the edge that agrees with the disc; last
+# time without pending events, us; centre of the marker's gate, px; time of the last fit of the
+# outline, us; length of the innovation, px.
+FIT_X, FIT_Y, FIT_US, AGREEMENT, QUIET_US, GATE_X, GATE_Y, SHAPE_US, INNOVATION_PX = range(9)
 
 
 def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``(m, 8)`` motions of markers that rest somewhere, px, from a time not yet known."""
+    """Return ``(m, 8)`` states of filters that begin at rest at positions, px."""
     motion = np.zeros((len(position_px), 8))
     motion[:, X:VX] = position_px
     motion[:, PP], motion[:, VV] = MEASUREMENT_SIGMA_PX**2, START_VELOCITY_PX_S**2
-    motion[:, AT_US] = NEVER_US
+    motion[:, STATE_US] = NEVER_US
     return motion
 
 
 @kernel(forceinline=True)
 def predict_kernel(motion: Array, dt_s: float) -> None:  # pragma: no cover
-    """Move one marker's state on by ``dt_s``."""
+    """Predict one marker's state ``dt_s`` later."""
     pp, pv, vv, q = motion[PP], motion[PV], motion[VV], ACCELERATION_NOISE_PX2_S3
     motion[X] += dt_s * motion[VX]
     motion[Y] += dt_s * motion[VY]
@@ -74,36 +79,38 @@ def predict_kernel(motion: Array, dt_s: float) -> None:  # pragma: no cover
 
 @kernel(forceinline=True)
 def correct_kernel(motion: Array, x: float, y: float, dt_s: float) -> None:  # pragma: no cover
-    """Take in one marker's measured place, px, ``dt_s`` after the last."""
+    """Correct one marker's state by a measured position, px, ``dt_s`` after the last one."""
     pp, pv = motion[PP], motion[PV]
-    shortness = max(1.0, MEASUREMENT_PERIOD_S / max(dt_s, 1e-6))
-    total = pp + MEASUREMENT_SIGMA_PX**2 * shortness
-    near, speed = pp / total, pv / total
-    off_x, off_y = x - motion[X], y - motion[Y]
-    motion[X] += near * off_x
-    motion[Y] += near * off_y
-    motion[VX] += speed * off_x
-    motion[VY] += speed * off_y
-    motion[PP], motion[PV] = (1.0 - near) * pp, (1.0 - near) * pv
-    motion[VV] -= speed * pv
+    variance_factor = max(1.0, MEASUREMENT_PERIOD_S / max(dt_s, 1e-6))
+    innovation_variance = pp + MEASUREMENT_SIGMA_PX**2 * variance_factor
+    gain, velocity_gain = pp / innovation_variance, pv / innovation_variance
+    innovation_x, innovation_y = x - motion[X], y - motion[Y]
+    motion[X] += gain * innovation_x
+    motion[Y] += gain * innovation_y
+    motion[VX] += velocity_gain * innovation_x
+    motion[VY] += velocity_gain * innovation_y
+    motion[PP], motion[PV] = (1.0 - gain) * pp, (1.0 - gain) * pv
+    motion[VV] -= velocity_gain * pv
 
 
 @kernel(forceinline=True)
-def asks_kernel(
-    m: int, fits: Array, pending: Array, due: Array, dead_bands: bool, times_us: tuple[int, int]
+def fit_is_due_kernel(
+    m: int, fits: Array, pending: Array, needed: Array, dead_bands: bool, times_us: tuple[int, int]
 ) -> bool:  # pragma: no cover - compiled
-    """Return whether a marker asks for a fit, and note since when it has been silent.
+    """Return whether a marker is fitted now, and note the last time without pending events.
 
-    ``times_us`` is that of the last estimate, and of this one.
+    A fit needs ``needed[m]`` pending events, or a wait of MAX_WAIT_US. ``times_us`` holds the time
+    of the last estimate and the time of this one.
     """
     before_us, t_us = times_us
     if pending[m] == 0:
-        fits[m, SILENT_US] = t_us
-    asked = pending[m] >= due[m] or t_us - fits[m, SILENT_US] >= LATE_US
-    if pending[m] >= AT_ONCE or not asked:
-        return asked
-    hurried = dead_bands or fits[m, OFF_PX] >= MISSED_PX or pending[m] >= SUDDEN * due[m]
-    period_us = HURRIED_US if hurried else PERIOD_US
+        fits[m, QUIET_US] = t_us
+    enough = pending[m] >= needed[m] or t_us - fits[m, QUIET_US] >= MAX_WAIT_US
+    if pending[m] >= FIT_NOW or not enough:
+        return enough
+    fast = dead_bands or fits[m, INNOVATION_PX] >= MISSED_PX or pending[m] >= BURST * needed[m]
+    period_us = FAST_FIT_PERIOD_US if fast else FIT_PERIOD_US
+    # The marker's phase of the period lies between the last estimate and this one.
     return before_us < t_us - (t_us + m * period_us // len(fits)) % period_us
 
 
@@ -111,7 +118,7 @@ def asks_kernel(
 def _chord_kernel(
     x: float, y: float, radius: float, row: int, width: int
 ) -> tuple[int, int]:  # pragma: no cover - compiled
-    """Return the first pixel of a row in a circle, and that after the last."""
+    """Return the first column of a row inside a circle, and the first one after them."""
     half2 = radius * radius - (row - y) ** 2
     if half2 < 0.0:
         return 0, 0
@@ -120,21 +127,25 @@ def _chord_kernel(
 
 
 @kernel()
-def mark_kernel(
+def assign_pixels_kernel(
     pixels: Array, m: int, motions: Array, fits: Array, outline_px: Array, edge: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
-    """Mark the pixels around marker m with its number, and no longer those that it left."""
-    outer = outline_px[m, 0] + edge[m, 1] + FARTHER_PX + MARKED_PX
+    """Centre the gate of marker m on it: write its number into the gate's pixels.
+
+    Pixels that leave the gate get the number of no marker. Rows are scanned once, over both the
+    old gate and the new one.
+    """
+    radius = outline_px[m, 0] + edge[m, 1] + GATE_PX + REASSIGN_PX
     height, width = pixels.shape
-    left_x, left_y, x, y = fits[m, MARKED_X], fits[m, MARKED_Y], motions[m, X], motions[m, Y]
-    fits[m, MARKED_X], fits[m, MARKED_Y] = x, y
-    top, bottom = min(y, left_y) - outer, max(y, left_y) + outer
+    old_x, old_y, x, y = fits[m, GATE_X], fits[m, GATE_Y], motions[m, X], motions[m, Y]
+    fits[m, GATE_X], fits[m, GATE_Y] = x, y
+    top, bottom = min(y, old_y) - radius, max(y, old_y) + radius
     for row in range(max(0, int(np.ceil(top))), min(height - 1, int(np.floor(bottom))) + 1):
-        first, after = _chord_kernel(x, y, outer, row, width)
-        first_left, after_left = _chord_kernel(left_x, left_y, outer, row, width)
-        for rim in ((first_left, min(after_left, first)), (max(first_left, after), after_left)):
-            for column in range(np.uint64(rim[0]), np.uint64(rim[1])):
-                if pixels[row, column].around == m:
-                    pixels[row, column].around = len(fits)
+        first, after = _chord_kernel(x, y, radius, row, width)
+        old_first, old_after = _chord_kernel(old_x, old_y, radius, row, width)
+        for left in ((old_first, min(old_after, first)), (max(old_first, after), old_after)):
+            for column in range(np.uint64(left[0]), np.uint64(left[1])):
+                if pixels[row, column].marker == m:
+                    pixels[row, column].marker = len(fits)
         for column in range(np.uint64(first), np.uint64(after)):
-            pixels[row, column].around = m
+            pixels[row, column].marker = m

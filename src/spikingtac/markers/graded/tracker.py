@@ -1,11 +1,11 @@
-"""The project's own tracker, one screen: presets ``default`` and ``fast``.
+"""The project's own tracker: presets ``default`` and ``fast``.
 
-Map of levels -> disc fits with a Kalman filter for each marker -> lag, backlash, and what the
-neighbours say (:mod:`spikingtac.markers.graded.corrections`). In its own time it does the rest:
-lost markers are predicted from their neighbours and found again
-(:mod:`spikingtac.markers.graded.track_management`), steps grow when events are lost
-(:mod:`spikingtac.markers.graded.event_loss`), and the map leaks towards the fitted discs
-(:mod:`spikingtac.markers.graded.map_leak`).
+Events are integrated into a graded map, and discs are fitted to it with a Kalman filter for each
+marker. The estimates are corrected for lag, hysteresis (backlash) and outliers among neighbours
+(:mod:`spikingtac.markers.graded.corrections`). Slower tasks take turns: lost markers are predicted
+from their neighbours and found again (:mod:`spikingtac.markers.graded.track_management`), steps
+grow when events are lost (:mod:`spikingtac.markers.graded.event_loss`), and the map leaks towards
+the fitted discs (:mod:`spikingtac.markers.graded.map_leak`).
 """
 
 from dataclasses import dataclass, field
@@ -31,36 +31,36 @@ from spikingtac.types import EventPacket, MarkerFrame
 # mean time constant (the twin's preset ``typical``).
 LAG_DEFAULT_US = 500.0
 
-# Longest time between estimates, us; where they are asked for more rarely, some are made in
-# between. (At 2 ms discs are as accurate as at 1 ms; at 30 ms they lose markers.)
+# Longest time between estimates, us; where fewer are requested, some are made in between. (At 2 ms
+# discs are as accurate as at 1 ms; at 30 ms they lose markers.)
 LONGEST_PERIOD_US = 2_000
 
-# Least time between two leaks of the map, and between two tasks of :data:`TASKS`, us. Putting leaks
-# off by 1 or 2 ms in steps with many fits costs 5 or 21 % of the mean error of ``default`` on v2e's
-# recording.
-TURN_US = 1_000
+# Least time between two leaks of the map, and between two tasks, us. (Leaks that are put off by 1
+# or 2 ms at estimates with many fits cost 5 or 21 % of the mean error of ``default`` on v2e's
+# recording.)
+TASK_PERIOD_US = 1_000
 
-# Time between estimates below which a leak waits, up to another TURN_US, while more than so many
-# events came for each marker, and a task for an estimate without a leak: 10,000 estimates a second
-# so have shorter peaks and the same errors.
-SHORT_S, MANY_EVENTS = 0.5e-3, 8
+# At a shorter period of estimates no task runs beside a leak. Both are put off by up to another
+# TASK_PERIOD_US if more than this many events per marker came since the last estimate. 10,000
+# estimates a second so have shorter peaks and the same errors.
+SHORT_PERIOD_S, MANY_EVENTS = 0.5e-3, 8
 
-# Turns in which each task has one: the loss of events, silent markers, lost markers, and none.
-TASKS = 4
+# Round robin of the slower tasks: event loss, silent markers, lost markers, none.
+TASK_SLOTS = 4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class GradedTrackerConfig:
-    """How the tracker follows discs; shares of 0 switch a correction off.
+    """Settings of the tracker; a value of 0 switches a correction off.
 
     Attributes:
-        leak_per_s: Rate at which map pixels give up their disagreement with the disc, 1/s. It cures
-            what noise and lost events leave in the map.
-        backlash: Share of the backlash that is made good.
-        shrink: Share of a fit's error by which differences from the neighbours shrink.
-        adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
-        dead_bands: Whether levels count as known within their dead bands only, where an event
-            stands for much (a step above 0.3 of a swing, and pixels that do not recover).
+        leak_per_s: Rate at which levels of the map relax towards the fitted discs, 1/s. It removes
+            the errors that noise and lost events leave in the map.
+        backlash: Share of the backlash that is compensated.
+        shrink: Share of a fit's error by which residuals against the neighbours shrink.
+        adapt_to_loss: Whether steps grow when fewer events arrive than the motion should cause.
+        dead_bands: Whether discs are fitted to dead bands instead of levels, on sensors whose
+            events stand for much (a step above 0.3 of a swing, and pixels that do not recover).
     """
 
     leak_per_s: float = field(default=30.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
@@ -76,7 +76,7 @@ class GradedTrackerConfig:
 
 
 class GradedTracker:
-    """Follows markers on a map of levels.
+    """Tracks markers by disc fits on a graded state map.
 
     Attributes:
         calibration: Of the sensor.
@@ -92,14 +92,14 @@ class GradedTracker:
         """Paint the map from the calibration, so that no bootstrap slides are needed.
 
         Args:
-            config: How it follows discs.
-            calibration: Where the markers rest and how they look.
-            law: From detected to given position; None gives out what was detected.
+            config: Settings.
+            calibration: Rest positions and appearance of the markers.
+            law: Output law from detected to given position; None gives the detected position.
         """
         self.calibration = calibration
         self._law = law or OutputLaw()
-        # A fit to dead bands corrects levels itself, steps do not grow (motion is counted in full
-        # swings, which large steps do not show), and nothing silent holds it back.
+        # A fit to dead bands needs no leak, since it corrects levels itself, and no compensation of
+        # backlash. Steps do not adapt: the loss is measured by full swings, which large steps hide.
         bands = config.dead_bands and has_large_steps(calibration)
         self._adapts = config.adapt_to_loss and not bands
         self._leak_per_s = 0.0 if bands else config.leak_per_s
@@ -112,7 +112,7 @@ class GradedTracker:
 
     @property
     def state_map(self) -> GradedStateMap:
-        """The map as it stands; to be read, for a display or a picture, and not changed."""
+        """The present map; read it for a display, but do not change it."""
         return self._locator.map
 
     @property
@@ -122,37 +122,36 @@ class GradedTracker:
 
     @property
     def hot_pixels(self) -> int:
-        """How many pixels became hot meanwhile; their events are ignored."""
+        """Number of pixels that became hot since the start; their events are ignored."""
         return self._hot.found
 
     def absorb(self, packet: EventPacket) -> None:
-        """Take in every event of the next stretch of time, however long it is.
+        """Process all events of the next interval of time, however long it is.
 
         Raises:
             ConfigError: The recording comes from a sensor of another size.
         """
-        # A fit looks for its disc nearby: where estimates are asked for rarely, some in between
-        # keep it near.
-        if self._due_us < packet.t_start_us:
-            self._due_us = packet.t_start_us + LONGEST_PERIOD_US
-        while self._due_us < packet.t_end_us:
-            before, packet = packet.split(self._due_us)
-            self._take_in(before)
-            self._locate(self._due_us)
-        self._take_in(packet)
+        # A fit converges from nearby only: estimates in between keep the prediction near the disc.
+        if self._next_estimate_us < packet.t_start_us:
+            self._next_estimate_us = packet.t_start_us + LONGEST_PERIOD_US
+        while self._next_estimate_us < packet.t_end_us:
+            before, packet = packet.split(self._next_estimate_us)
+            self._integrate(before)
+            self._locate(self._next_estimate_us)
+        self._integrate(packet)
 
-    def _take_in(self, packet: EventPacket) -> None:
+    def _integrate(self, packet: EventPacket) -> None:
         known = self._hot.found
         self._events += len(packet)
         self._locator.absorb(packet, self._hot)
-        if self._hot.found > known:  # after the packet: no event of theirs follows
+        if self._hot.found > known:  # no more events of these pixels reach the map
             self._locator.map.restore(self._hot.hot)
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the markers at ``t_us``, the end of what was absorbed."""
         detected_px, coasted, confidence = self._locate(t_us)
         reference_px = self.calibration.reference_px
-        # A law may have a memory: it sees those estimates alone that were asked for.
+        # A law may have a memory: it sees only the estimates that were requested.
         position_px = self._law.update(detected_px, reference_px)
         displacement_px = position_px - reference_px
         return MarkerFrame(t_us, detected_px, position_px, displacement_px, coasted, confidence)
@@ -160,23 +159,23 @@ class GradedTracker:
     def _locate(
         self, t_us: int
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
-        """Return where the markers are at ``t_us``, px, who is predicted, and how sure each is."""
+        """Return positions at ``t_us``, px, which markers are coasted, and their confidence."""
         locator, manager = self._locator, self._manager
         locator.locate(t_us, manager.coasted)
-        self._due_us, before_us = t_us + LONGEST_PERIOD_US, locator.times_us[0]
+        self._next_estimate_us, before_us = t_us + LONGEST_PERIOD_US, locator.times_us[0]
         dt_s = 0.0 if before_us == NEVER_US else (t_us - before_us) * 1e-6
-        short = 0.0 < dt_s < SHORT_S
-        wait_us = TURN_US if short and self._events > MANY_EVENTS * len(locator.fits) else 0
-        leaks = t_us >= self._leak_us + wait_us
-        if t_us >= self._task_us + wait_us and not (leaks and short):
-            self._do_task(t_us)
-        # Until the stream's loss was judged steps are taken for larger than they are, and discs are
-        # ahead as often as behind.
-        judged = self._kept.judged or not self._adapts
-        backlash = self._backlash if judged else 0.0
+        short = 0.0 < dt_s < SHORT_PERIOD_S
+        wait_us = TASK_PERIOD_US if short and self._events > MANY_EVENTS * len(locator.fits) else 0
+        leaks = t_us >= self._leak_us + TASK_PERIOD_US + wait_us
+        if t_us >= self._task_us + TASK_PERIOD_US + wait_us and not (leaks and short):
+            self._run_task(t_us)
+        # Until the event loss is measured, steps are assumed larger than they are, and discs lead
+        # their markers as often as they lag.
+        loss_known = self._event_loss.measured or not self._adapts
+        backlash = self._backlash if loss_known else 0.0
         if leaks:
-            self._let_leak(t_us, judged)
-        noise = self._kept.background_hz_px, dt_s
+            self._leak_map(t_us, loss_known)
+        noise = self._event_loss.background_hz_px, dt_s
         given_px = self._corrections.update(t_us, locator.motion, self.lag_s, backlash, noise)
         if self._zero is not None:
             velocity_px_s = locator.motion[:, VX : VY + 1]
@@ -194,42 +193,42 @@ class GradedTracker:
     def _start(self) -> None:
         hot_px, size = self.calibration.hot_px, self.calibration.size
         self._hot = HotPixelWatch(hot_px, size, self._locator.map.pixels)
-        self._leaked_us: int | None = None
-        self._counted_us: int | None = None
-        self._heard = self._locator.heard
-        self._due_us = self._leak_us = self._task_us = NEVER_US
-        self._turn = self._events = 0
+        self._counted_events = self._locator.event_count
+        # The next estimate is made at this time; leak, task and count happened last at theirs.
+        self._next_estimate_us = self._leak_us = self._task_us = self._count_us = NEVER_US
+        self._task_count = self._events = 0
         self._manager = TrackManager(self.calibration)
         neighbours = self._manager.neighbours
         self._corrections = OutputCorrections(self.calibration, neighbours, self._shrink)
         recovers = self.calibration.recovery_s is not None
         self._zero = ReleasedZero(neighbours) if recovers else None
-        self._kept = EventLoss(self.calibration, self._locator.area_px)
+        self._event_loss = EventLoss(self.calibration, self._locator.area_px)
         self._leak = MapLeak(self.calibration, self._leak_per_s) if self._leak_per_s else None
         if self._adapts:
-            self._locator.map.events_kept = self._kept.share
+            self._locator.map.arrival_ratio = self._event_loss.arrival_ratio
 
-    def _let_leak(self, t_us: int, judged: bool) -> None:
-        since_s = 0.0 if self._leaked_us is None else (t_us - self._leaked_us) * 1e-6
-        self._leaked_us, self._leak_us = t_us, t_us + TURN_US
+    def _leak_map(self, t_us: int, loss_known: bool) -> None:
+        since_s = 0.0 if self._leak_us == NEVER_US else (t_us - self._leak_us) * 1e-6
+        self._leak_us = t_us
         if self._leak is not None and since_s:
-            self._leak.update(self._locator, since_s, judged)
+            self._leak.update(self._locator, since_s, loss_known)
 
-    def _do_task(self, t_us: int) -> None:
-        """Look after one thing: is the stream whole, does every marker send, is each there."""
-        locator, manager, kept, task = self._locator, self._manager, self._kept, self._turn % TASKS
-        self._task_us, self._turn = t_us + TURN_US, self._turn + 1
+    def _run_task(self, t_us: int) -> None:
+        """Run one task in turn: measure the event loss, or look for silent or lost markers."""
+        locator, manager, event_loss = self._locator, self._manager, self._event_loss
+        task, self._task_us = self._task_count % TASK_SLOTS, t_us
+        self._task_count += 1
         if task == 0:
-            counted_s = 0.0 if self._counted_us is None else (t_us - self._counted_us) * 1e-6
-            heard = locator.heard
-            self._counted = heard - self._heard, counted_s
-            self._counted_us, self._heard = t_us, heard
+            counted_s = 0.0 if self._count_us == NEVER_US else (t_us - self._count_us) * 1e-6
+            event_count = locator.event_count
+            self._counts = event_count - self._counted_events, counted_s
+            self._count_us, self._counted_events = t_us, event_count
             if self._adapts and counted_s > 0.0:
-                kept.update(locator.motion, *self._counted)
-                locator.map.events_kept = kept.share
+                event_loss.update(locator.motion, *self._counts)
+                locator.map.arrival_ratio = event_loss.arrival_ratio
         elif task == 1:
-            manager.listen(locator.motion, *self._counted, kept)
+            manager.update_silent(locator.motion, *self._counts, event_loss)
         elif task == 2:
-            manager.judge(t_us, locator.fits, locator.map.values)
-            if manager.placed:
-                locator.place(manager.moved, manager.position_px)
+            manager.update(t_us, locator.fits, locator.map.values)
+            if manager.any_relocated:
+                locator.place(manager.relocated, manager.position_px)

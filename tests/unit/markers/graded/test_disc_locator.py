@@ -12,14 +12,14 @@ from spikingtac.markers.graded.appearance import painted_levels
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
-    AT_ONCE,
-    FARTHER_PX,
+    FIT_NOW,
     FIT_US,
-    LATE_US,
-    MARKED_PX,
+    GATE_PX,
+    INNOVATION_PX,
+    MAX_WAIT_US,
     MEASUREMENT_SIGMA_PX,
     MISSED_PX,
-    OFF_PX,
+    REASSIGN_PX,
     START_VELOCITY_PX_S,
     VX,
     X,
@@ -80,16 +80,15 @@ def test_a_fit_waits_for_its_events_or_for_some_ms() -> None:
     locator.pending[:] = 3, 4, 0
     locator.locate(1_000, nobody)
     assert locator.fits[1, 0] == pytest.approx(70.5, abs=0.05)
-    locator.locate(LATE_US - 500, nobody)
+    locator.locate(MAX_WAIT_US - 500, nobody)
     assert locator.fits[0, 0] == 30.0, "three events are not enough"
     assert locator.pending.tolist() == [3, 0, 0]
-    locator.locate(LATE_US, nobody)
+    locator.locate(MAX_WAIT_US, nobody)
     assert locator.fits[0, 0] == pytest.approx(30.5, abs=0.05)
 
 
 def test_markers_take_turns_and_one_that_its_prediction_missed_takes_more() -> None:
-    locator, nobody = DiscLocator(CALIBRATION), np.zeros(2, np.bool_)
-    fitted = []
+    locator, nobody, fitted = DiscLocator(CALIBRATION), np.zeros(2, np.bool_), []
     for t_us in range(0, 6_000, 500):
         locator.pending[:] = 5
         locator.locate(t_us, nobody)
@@ -98,10 +97,11 @@ def test_markers_take_turns_and_one_that_its_prediction_missed_takes_more() -> N
     assert turns.sum(axis=0).tolist() == [2, 3], "each once in 2 ms"
     assert not turns.all(axis=1).any(), "not at one time"
     for k, t_us in enumerate((6_200, 6_600, 7_600, 7_900)):  # a miss, then a sudden motion
-        locator.pending[:], locator.fits[1, OFF_PX] = (5, (5, 999)[k // 2], 0), MISSED_PX * (k < 2)
+        locator.fits[1, INNOVATION_PX] = MISSED_PX * (k < 2)
+        locator.pending[:] = 5, (5, 999)[k // 2], 0
         locator.locate(t_us, nobody)
         assert (locator.fits[:, FIT_US] == t_us).tolist() == [k == 0, k in (1, 2)], "once in 1 ms"
-    locator.pending[0] = AT_ONCE
+    locator.pending[0] = FIT_NOW
     locator.locate(7_950, nobody)
     assert locator.fits[0, FIT_US] == 7_950
 
@@ -127,15 +127,15 @@ def test_events_count_for_the_marker_around_which_they_lie_also_far_from_its_res
     watch = HotPixelWatch(None, (100, 60), locator.map.pixels)
     locator.absorb(EventPacket(*events, 0, 6, (100, 60)), watch)
     assert locator.pending.tolist() == [2, 2, 2], "not what it left"
-    assert locator.heard.tolist() == [2, 2, 2]
+    assert locator.event_count.tolist() == [2, 2, 2]
     locator.place(np.array([True, False]), REST_PX)
     locator.locate(4_000, nobody)
-    assert locator.heard.tolist() == [2, 2, 2], "also of a marker that was put somewhere"
+    assert locator.event_count.tolist() == [2, 2, 2], "also of a marker that was put somewhere"
 
 
 def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
     locator, rng = moved_by(0.0), np.random.default_rng(4)
-    twin, marked = deepcopy(locator.map), locator.map.pixels["around"]
+    twin, marked = deepcopy(locator.map), locator.map.pixels["marker"]
     x, y, p = rng.integers(0, 100, 500), rng.integers(0, 60, 500), rng.random(500) < 0.5
     columns = x.astype(np.uint16), y.astype(np.uint16), p, np.arange(500)
     packet = EventPacket(*columns, 0, 500, (100, 60))
@@ -144,7 +144,7 @@ def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
     twin.absorb(packet)
     np.testing.assert_array_equal(locator.map.padded, twin.padded)
     away_px = np.hypot(*(np.column_stack([x, y])[:, np.newaxis] - REST_PX).transpose(2, 0, 1))
-    near = away_px <= 7.0 + locator.window.edge[0, 1] + FARTHER_PX + MARKED_PX
+    near = away_px <= 7.0 + locator.window.edge[0, 1] + GATE_PX + REASSIGN_PX
     assert locator.pending.tolist() == [*near.sum(axis=0), (~near.any(axis=1)).sum()]
     assert {*np.unique(marked).tolist()} == {0, 1, 2}
 

@@ -19,7 +19,7 @@ AGREED = np.ones(COUNT)
 LATER_US = 100_000
 CENTRE, CORNER = 12, 0
 EVENTS_PER_PX = np.full(COUNT, 170.0)
-NOISE_PER_S = np.full(COUNT, 300.0)
+NOISE_HZ = np.full(COUNT, 300.0)
 DT_S = 1e-3
 
 
@@ -39,7 +39,7 @@ def doubtful(marker: int = CENTRE) -> np.ndarray:
 def lost() -> TrackManager:
     manager = TrackManager(CALIBRATION)
     for t_us in (0, LATER_US):
-        manager.judge(t_us, fits(REST_PX, doubtful()), BLIND)
+        manager.update(t_us, fits(REST_PX, doubtful()), BLIND)
     assert np.flatnonzero(manager.coasted).tolist() == [CENTRE]
     return manager
 
@@ -53,10 +53,10 @@ def motion(velocity_px_s: np.ndarray) -> np.ndarray:
 
 
 def listen(
-    manager: TrackManager, velocity_px_s: np.ndarray, events: np.ndarray, share: float = 1.0
+    manager: TrackManager, velocity_px_s: np.ndarray, events: np.ndarray, ratio: float = 1.0
 ) -> None:
-    kept = SimpleNamespace(share=share, noise_per_s=NOISE_PER_S, events_per_px=EVENTS_PER_PX)
-    manager.listen(motion(velocity_px_s), events, DT_S, kept)  # type: ignore[arg-type]
+    loss = SimpleNamespace(arrival_ratio=ratio, noise_per_s=NOISE_HZ, events_per_px=EVENTS_PER_PX)
+    manager.update_silent(motion(velocity_px_s), events, DT_S, loss)  # type: ignore[arg-type]
 
 
 def moving(speed_px_s: float) -> np.ndarray:
@@ -71,7 +71,7 @@ def heard(
     speed = np.hypot(*velocity_px_s.T)
     seen_px_s = np.where((sent > 0)[:, None], velocity_px_s, 0.0)  # a fit of nothing rests
     for _ in range(steps):
-        events = rng.poisson((sent * share * EVENTS_PER_PX * speed + NOISE_PER_S) * DT_S)
+        events = rng.poisson((sent * share * EVENTS_PER_PX * speed + NOISE_HZ) * DT_S)
         listen(manager, seen_px_s, events, share)
     return manager
 
@@ -79,7 +79,7 @@ def heard(
 def test_doubt_needs_patience() -> None:
     manager = TrackManager(CALIBRATION)
     for t_us, held in ((0, False), (10_000, False), (20_000, True)):
-        manager.judge(t_us, fits(REST_PX, doubtful()), BLIND)
+        manager.update(t_us, fits(REST_PX, doubtful()), BLIND)
         assert manager.coasted[CENTRE] == held
     assert manager.coasted.sum() == 1
 
@@ -89,10 +89,10 @@ def test_a_lost_marker_is_predicted_from_its_neighbours() -> None:
     moved_px = REST_PX + np.array([5.0, -3.0])
     fitted_px = moved_px.copy()
     fitted_px[CENTRE] = REST_PX[CENTRE] + [-4.0, 7.0]
-    manager.judge(
+    manager.update(
         2 * LATER_US, fits(fitted_px, doubtful()), levels(np.delete(moved_px, CENTRE, axis=0))
     )
-    assert manager.moved[CENTRE]
+    assert manager.relocated[CENTRE]
     np.testing.assert_allclose(manager.position_px[CENTRE], moved_px[CENTRE], atol=0.2)
 
 
@@ -102,7 +102,7 @@ def test_held_markers_at_a_border_do_not_run_away() -> None:
     fitted_px[15:] += np.outer(REST_PX[15:, 1] - REST_PX[10, 1], [0.05, 0.1])
     agreement, blind = np.where(np.arange(COUNT) < 15, 0.1, 1.0), levels(REST_PX[15:])
     for t_us in range(0, 20 * LATER_US, LATER_US):
-        manager.judge(t_us, fits(fitted_px, agreement), blind)
+        manager.update(t_us, fits(fitted_px, agreement), blind)
     away_px = np.abs(manager.position_px[:15] - REST_PX[:15])
     assert away_px.max() <= np.abs(fitted_px - REST_PX).max()
 
@@ -110,7 +110,7 @@ def test_held_markers_at_a_border_do_not_run_away() -> None:
 def test_a_marker_that_reappears_near_its_prediction_is_found_again() -> None:
     manager, back_px = lost(), REST_PX.copy()
     back_px[CENTRE] += [3.0, 2.0]
-    manager.judge(LATER_US + 20_000, fits(REST_PX, doubtful()), levels(back_px))
+    manager.update(LATER_US + 20_000, fits(REST_PX, doubtful()), levels(back_px))
     assert not manager.coasted.any()
     np.testing.assert_allclose(manager.position_px[CENTRE], back_px[CENTRE], atol=0.2)
 
@@ -120,11 +120,11 @@ def test_a_silent_marker_comes_back_with_events_only() -> None:
     sent[CENTRE] = 0.0
     manager, events = heard(moving(60.0), sent), np.zeros(COUNT, np.int64)
     for t_us in range(0, 4 * LATER_US, LATER_US):
-        manager.judge(t_us, fits(REST_PX, AGREED), levels(REST_PX))
+        manager.update(t_us, fits(REST_PX, AGREED), levels(REST_PX))
         assert manager.coasted[CENTRE], "nothing tells that it is more than paint"
     events[CENTRE] = 400
     listen(manager, np.zeros((COUNT, 2)), events)
-    manager.judge(9 * LATER_US, fits(REST_PX, AGREED), levels(REST_PX))
+    manager.update(9 * LATER_US, fits(REST_PX, AGREED), levels(REST_PX))
     assert not manager.coasted.any()
 
 
@@ -134,7 +134,7 @@ def test_another_blob_is_not_a_marker_that_came_back(beside_px: tuple[float, flo
     manager, stray_px = lost(), REST_PX.copy()
     stray_px[CENTRE] += beside_px
     for t_us in (LATER_US + 20_000, LATER_US + 40_000):
-        manager.judge(t_us, fits(REST_PX, doubtful()), levels(stray_px))
+        manager.update(t_us, fits(REST_PX, doubtful()), levels(stray_px))
     assert np.flatnonzero(manager.coasted).tolist() == [CENTRE]
     np.testing.assert_allclose(manager.position_px[CENTRE], REST_PX[CENTRE], atol=0.2)
 
@@ -143,7 +143,7 @@ def test_a_runaway_is_noticed_by_its_neighbours() -> None:
     manager, fitted_px = TrackManager(CALIBRATION), REST_PX.copy()
     fitted_px[CENTRE] += [14.0, 0.0]
     for t_us in (0, LATER_US):
-        manager.judge(t_us, fits(fitted_px, AGREED), levels(REST_PX))
+        manager.update(t_us, fits(fitted_px, AGREED), levels(REST_PX))
     assert not manager.coasted.any(), "it was found again where it belongs"
     np.testing.assert_allclose(manager.position_px[CENTRE], REST_PX[CENTRE], atol=0.2)
 
@@ -157,7 +157,7 @@ def test_markers_that_are_gone_are_found(gone: tuple[int, ...], share: float) ->
     assert np.flatnonzero(manager.silent).tolist() == sorted(gone)
     confidence = manager.confidence(AGREED, DT_S)
     assert (np.flatnonzero(confidence < 0.5) == sorted(gone)).all()
-    manager.judge(0, fits(REST_PX, AGREED), levels(REST_PX))
+    manager.update(0, fits(REST_PX, AGREED), levels(REST_PX))
     assert np.flatnonzero(manager.coasted).tolist() == sorted(gone), "at once, and not found"
 
 
@@ -177,7 +177,7 @@ def test_held_neighbours_do_not_keep_each_other_silent() -> None:
     """All four in the middle were held: none of their neighbours' motion asked for events."""
     manager, velocity = TrackManager(CALIBRATION), moving(60.0)
     gone = [6, 7, 11, 12]
-    manager.silent[gone], manager._unheard_px[gone] = True, 4.0
+    manager.silent[gone], manager._cusum_px[gone] = True, 4.0
     velocity[gone] = 0.0
     for _ in range(150):
         listen(manager, velocity, (EVENTS_PER_PX * 60.0 * DT_S).astype(np.int64))
@@ -195,7 +195,7 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
         velocity = rng.normal(0, 120, (COUNT, 2))
         events = rng.poisson(np.linspace(0.0, 5.0, COUNT))
         cells = index, weight, surrounded, events, noise
-        track_management.listen_kernel(motion(velocity), *cells, 2.0 * full, 0.5, DT_S, *got)
+        track_management.silence_kernel(motion(velocity), *cells, 2.0 * full, 0.5, DT_S, *got)
         third = np.sort(np.hypot(*velocity.T)[index], axis=1)[:, 2]
         asked = np.minimum(
             third, np.linalg.norm((weight[:, :, None] * velocity[index]).sum(1), axis=1)
