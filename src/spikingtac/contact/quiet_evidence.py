@@ -193,8 +193,7 @@ def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
     threshold = []
     for scale, length in enumerate(windows):
         block = max(memory, int(length))
-        known = amplitude[int(length) - 1 :, scale]
-        tail = tail_threshold(known, block, per_window * block) ** 2
+        tail = tail_threshold(amplitude[int(length) - 1 :, scale], block, per_window * block) ** 2
         # So many events of a polarity that was not seen may come by chance, all for one motion.
         chance = math.ceil(pdtrik(1.0 - per_window, PRIOR_EVENTS * length / len(quiet.evidence)))
         threshold.append(max(tail, floor, chance**2 * _one_event(whiten[scale], quiet)))

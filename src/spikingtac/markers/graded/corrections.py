@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import crossing_px
-from spikingtac.markers.graded.motion import STATE_US, VX, VY, X, Y
+from spikingtac.markers.graded.motion import AT_REST_PX_S, STATE_US, VX, VY, X, Y
 from spikingtac.markers.neighbours import Neighbourhood
 from spikingtac.state_map.graded import Array
 
@@ -66,8 +66,6 @@ LOADED_PX = 1.5  # Mean displacement from which the skin is in contact.
 # sensor leaves up to 0.54 and 1.47 px behind, calibrated from half of its contacts; its presses
 # are 2.4 px and more.)
 NEAR_PX, NEAR_MOST_PX = 0.65, 1.6
-
-STILL_PX_S = 3.0  # Mean speed below which the skin stands still: the jitter of a filtered velocity.
 
 TINY_PX2 = 1e-12  # Keeps the shrinkage of a zero residual defined, px^2.
 
@@ -210,7 +208,7 @@ class ReleasedZero:
         away_px = np.hypot(left_px[:, 0], left_px[:, 1])[seen]
         mean_away_px = float(away_px.sum()) / count
         speed_px_s = float(np.hypot(velocity_px_s[:, 0], velocity_px_s[:, 1])[seen].sum()) / count
-        self._still_s = self._still_s + dt_s if speed_px_s < STILL_PX_S else 0.0
+        self._still_s = self._still_s + dt_s if speed_px_s < AT_REST_PX_S else 0.0
         if mean_away_px > LOADED_PX:
             self._loaded = True
         elif self._loaded and self._still_s > WAIT_S:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import crossing_px, events_per_px
-from spikingtac.markers.graded.motion import VX, VY, X, Y
+from spikingtac.markers.graded.motion import AT_REST_PX_S, VX, VY, X, Y
 from spikingtac.state_map.graded import Array
 
 # Speed below which a marker's events are not counted: creep, and the jitter of a filtered velocity.
@@ -28,8 +28,6 @@ SLOW_PX_S = 10.0
 # Speed above which they are not counted either: a snap saturates the readout for some ms, and says
 # nothing about the stream before and after.
 FAST_PX_S = 400.0
-
-STILL_PX_S = 3.0  # Mean speed below which all events are background.
 
 BACKGROUND_MEMORY_S = 0.5  # Time constant of the background's running mean.
 
@@ -113,7 +111,7 @@ class EventLoss:
             motion, self._reversal_px, counts, self.noise_per_s, self.events_per_px,
             self._stroke_px, dt_s,
         )  # fmt: skip
-        if mean_px_s < STILL_PX_S:
+        if mean_px_s < AT_REST_PX_S:  # all events are background
             rate_hz_px = float(counts.sum()) / dt_s / float(self._area_px.sum())
             gain = 1.0 - math.exp(-dt_s / BACKGROUND_MEMORY_S) if self._background_known else 1.0
             self.background_hz_px += gain * (rate_hz_px - self.background_hz_px)

@@ -30,7 +30,16 @@ from spikingtac.markers.graded.disc_fit import (
     sample_ring_kernel,
 )
 from spikingtac.markers.graded.disc_locator import DiscLocator
-from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, STATE_US, VX, VY, X, Y
+from spikingtac.markers.graded.motion import (
+    AGREEMENT,
+    AT_REST_PX_S,
+    FIT_US,
+    STATE_US,
+    VX,
+    VY,
+    X,
+    Y,
+)
 from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, Array
 
 # Time constant of the mean agreement, s (a fit that can still reach its marker does so within
@@ -48,9 +57,6 @@ OUTER_PX = 4.0
 
 # Rate at which the edges of resting discs are pulled to their calibrated radii, 1/s.
 RADIUS_PULL_PER_S = 0.3
-
-# Speed below which a marker counts as resting: creep, and the jitter of a filtered velocity.
-AT_REST_PX_S = 3.0
 
 # Rate at which the ground away from all discs leaks, 1/s. Noise that accumulates there biases a
 # disc that comes near: after 40 s of rest with 1 Hz/px, v2e's gel errs by 0.18 px (0.20 px at a

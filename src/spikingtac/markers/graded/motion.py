@@ -47,6 +47,10 @@ GATE_PX = 1.0
 
 REASSIGN_PX = 2.5  # Motion after which a marker's gate is centred on it again, px.
 
+# Speed up to which a marker, or the mean of all, is at rest: creep, and the jitter of a filtered
+# velocity, px/s.
+AT_REST_PX_S = 3.0
+
 # Columns of a filter's state: position, px; velocity, px/s; variance of the position, covariance,
 # variance of the velocity (the same for both axes); time of the state, us.
 X, Y, VX, VY, PP, PV, VV, STATE_US = range(8)

@@ -69,9 +69,7 @@ class TrackManager:
         neighbours: Predicts each marker's displacement from its neighbours.
         coasted: ``(m,)`` lost markers: predicted, not observed.
         silent: ``(m,)`` markers that do not send the events that their neighbours' motion predicts.
-        any_relocated: Whether the last update relocated any marker.
-        relocated: ``(m,)`` markers that it relocated.
-        position_px: ``(m, 2)`` their positions.
+        position_px: ``(m, 2)`` where lost markers were predicted or found last, px.
         capture_px: Radius of the gate around a prediction within which a detection is accepted, px.
     """
 
@@ -90,8 +88,7 @@ class TrackManager:
         self._rejected_since_us = np.full(count, NEVER_US, np.int64)
         self._search_at_us = NEVER_US
         self._cusum_px, self._trust = np.zeros(count), np.ones(count)
-        self.coasted, self.silent, self.relocated = np.zeros((3, count), np.bool_)
-        self.any_relocated = False
+        self.coasted, self.silent = np.zeros((2, count), np.bool_)
         self.position_px = calibration.reference_px.copy()
 
     def update_silent(
@@ -115,29 +112,34 @@ class TrackManager:
             event_loss.events_per_px, event_loss.arrival_ratio, dt_s, self._cusum_px, self.silent,
         )  # fmt: skip
 
-    def update(self, t_us: int, fits: NDArray[np.float64], levels: NDArray[np.float32]) -> None:
+    def update(
+        self, t_us: int, fits: NDArray[np.float64], levels: NDArray[np.float32]
+    ) -> NDArray[np.bool_]:
         """Decide which markers are lost at ``t_us``, predict those, and search the map for them.
 
         Args:
             t_us: Time of the estimate, us.
             fits: ``(m, 9)`` last fits (:mod:`spikingtac.markers.graded.motion`).
             levels: ``(height, width)`` the map.
+
+        Returns:
+            ``(m,)`` markers with a new position in ``position_px``.
         """
-        self.any_relocated, near, since_us = False, self.neighbours, self._rejected_since_us
+        near, since_us = self.neighbours, self._rejected_since_us
         flags = self.coasted, self.silent
         if not gate_kernel(fits, near.arrays, near.bound_px, flags, t_us, since_us):
-            return
+            return self.coasted
         fitted_px = fits[:, :FIT_US]
         lost = (since_us > NEVER_US) & (t_us - since_us >= LOST_AFTER_US)
         self.coasted |= lost | self.silent
-        self.relocated[:] = self.coasted
-        if self.coasted.any():
+        relocated = self.coasted.copy()
+        if relocated.any():
             blended_px = np.where(self.coasted[:, np.newaxis], self.position_px, fitted_px)
             self.position_px[self.coasted] = near.expected_px(blended_px)[self.coasted]
-            self.any_relocated = True
             if t_us >= self._search_at_us:
                 self._search_at_us = t_us + SEARCH_US
                 self._search(fitted_px, levels)
+        return relocated
 
     def confidence(self, agreement: NDArray[np.float64], dt_s: float) -> NDArray[np.float64]:
         """Return ``(m,)`` the confidence in each marker's position, 0 to 1.

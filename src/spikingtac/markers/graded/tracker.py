@@ -229,6 +229,6 @@ class GradedTracker:
         elif task == 1:
             manager.update_silent(locator.motion, *self._counts, event_loss)
         elif task == 2:
-            manager.update(t_us, locator.fits, locator.map.values)
-            if manager.any_relocated:
-                locator.place(manager.relocated, manager.position_px)
+            relocated = manager.update(t_us, locator.fits, locator.map.values)
+            if relocated.any():
+                locator.place(relocated, manager.position_px)

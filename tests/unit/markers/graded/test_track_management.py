@@ -89,10 +89,8 @@ def test_a_lost_marker_is_predicted_from_its_neighbours() -> None:
     moved_px = REST_PX + np.array([5.0, -3.0])
     fitted_px = moved_px.copy()
     fitted_px[CENTRE] = REST_PX[CENTRE] + [-4.0, 7.0]
-    manager.update(
-        2 * LATER_US, fits(fitted_px, doubtful()), levels(np.delete(moved_px, CENTRE, axis=0))
-    )
-    assert manager.relocated[CENTRE]
+    seen = levels(np.delete(moved_px, CENTRE, axis=0))
+    assert manager.update(2 * LATER_US, fits(fitted_px, doubtful()), seen)[CENTRE]
     np.testing.assert_allclose(manager.position_px[CENTRE], moved_px[CENTRE], atol=0.2)
 
 
