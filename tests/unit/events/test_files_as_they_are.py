@@ -75,6 +75,7 @@ TEXTS: dict[str, str] = {
     "a label of words": table("txypl", head="t,x,y,p,label\n", l=np.where(P, "slow press", "tap")),
     "a label without a header": table("txlyp", ";", l="b", p=np.where(P, "on", "off")),
     "UTF-16": table(head="t,x,y,p\n"),
+    "Latin-1": table(head="time (µs),x,y,p\n"),
     "nanoseconds since 1970": table(t=T * 1_000 + 1_700_000_000 * 10**9),
     "seconds since 1970": table(t=[f"{1_700_000_000 + t / 1e6:.6f}" for t in T]),
 }
@@ -82,7 +83,7 @@ TEXTS: dict[str, str] = {
 
 @pytest.mark.parametrize("form", TEXTS)
 def test_text(tmp_path: Path, form: str) -> None:
-    encoding = "utf-16" if form == "UTF-16" else "utf-8"
+    encoding = form if form in ("UTF-16", "Latin-1") else "utf-8"
     (tmp_path / "a.csv").write_text(TEXTS[form], encoding=encoding, newline="")
     since = 1_700_000_000_000_000 if "1970" in form else 0
     source = assert_read(tmp_path / "a.csv", since)

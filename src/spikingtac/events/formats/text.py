@@ -61,7 +61,8 @@ class TextSource(columns.TableSource):
         with path.open("rb") as file:
             while line := file.readline(CHUNK_BYTES):
                 bare = line.removeprefix(_BYTE_ORDER_MARK)
-                text = bare.decode("utf-8", "replace").strip()
+                # The only letter outside of ASCII that matters, where the text is no UTF-8.
+                text = bare.decode("utf-8", "replace").replace("\ufffd", "µ").strip()
                 if not text:
                     continue
                 if size := _SIZE.search(text) or _WIDTH_HEIGHT.search(text):
