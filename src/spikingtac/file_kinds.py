@@ -27,7 +27,7 @@ LARGEST_BYTES = 16 << 20  # Larger JSON files are not looked into.
 # Kind -> what it is and what reads it.
 TOLD = {
     "tracks": "it holds tracks, which spikingtac info, plot and compare read",
-    "table": "it is a table, and tracks are read as .npz only",
+    "table": "it is a table; tracks are read as .npz, events as .csv or .npz",
     "truth": "it holds the truth of a simulation, which spikingtac compare reads",
     "series": "it holds displacements of another sensor, which spikingtac touch and force read",
     "calibration": "it is a calibration: give it with --calibration, or to spikingtac info",

@@ -22,7 +22,10 @@ from spikingtac.file_kinds import kind_of, told_kind
 from spikingtac.plugins import import_place, with_plugins
 
 # Endings of what is no slip of the pen.
-FOREIGN = (".pdf", ".png", ".jpg", ".gif", ".svg", ".mp4", ".avi", ".json", ".toml", ".html", ".md")
+FOREIGN = (
+    ".pdf", ".png", ".jpg", ".gif", ".svg", ".mp4", ".avi", ".json", ".toml", ".html", ".md",
+    ".mat", ".bz2", ".xz", ".zst", ".zstd",
+)  # fmt: skip
 SAMPLE_BYTES = 1 << 16  # First bytes by which a file of an unknown ending is told.
 MOST_NAMED = 3  # Recordings of a folder that an error names.
 
@@ -200,8 +203,8 @@ def _kind_by_values(path: Path, start: bytes) -> str:
     meant = nearest(ending, READABLE) if ending not in FOREIGN else ""
     raise FormatError(
         f"{path.name!r} is no event file that this version knows{meant} "
-        f"(valid endings: {', '.join(READABLE)}); give it the ending of its format, or convert "
-        "it with the software of its camera"
+        f"(valid endings: {', '.join(READABLE)}); unpack it, give it the ending of its format, "
+        "or convert it with the software of its camera"
     )
 
 

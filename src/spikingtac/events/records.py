@@ -114,7 +114,7 @@ class Aedat2Source(_Records):
         if self._named_size is None and options.size is None:
             raise FormatError(
                 f"{str(path)!r} names no chip whose addresses are known in its header line "
-                f"'# AEChip:' (valid: {', '.join(SIZES_PX)})"
+                f"'# AEChip:' (valid: {', '.join(SIZES_PX)}); convert --size W H (size=) helps"
             )
         super().__init__(path, options)
 

@@ -18,7 +18,7 @@ import numpy as np
 from spikingtac.errors import FormatError
 from spikingtac.events.bags import Mcap, RawMessage, Ros1, messages_in
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
-from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES, Count
+from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES, ZSTD, Count, decompressed
 from spikingtac.types import LossCounters
 
 # Encoding ``mono``: from the lowest bit, 32 bits of time (ns after the base), 16 x, 15 y, 1 p.
@@ -141,6 +141,8 @@ class RosSource(FileSource):
 
 def _parsed(message: RawMessage) -> _Packet:
     data, cdr = message.data, message.cdr
+    if cdr and data.startswith(ZSTD):  # no encapsulation begins like that
+        data = decompressed(data, "zstd", "a message")
     order = "<" if not cdr or data[1] & 1 else ">"
     origin = at = 4 if cdr else 0
 

@@ -47,6 +47,7 @@ def table(order: str = "txyp", mark: str = ",", head: str = "", **changes: Any) 
 SIGNS = np.where(P, 1, -1)
 WORDS = np.where(P, "ON", "OFF")
 SECONDS = np.array([f"{t / 1e6:.6f}" for t in T])
+COMMAS = [seconds.replace(".", ",") for seconds in SECONDS]
 TEXTS: dict[str, str] = {
     "x,y,p,t without a header": table("xypt"),
     "x,y,t,p without a header, signs": table("xytp", " ", p=SIGNS),
@@ -54,9 +55,10 @@ TEXTS: dict[str, str] = {
     "any order by a header": table("pyxt", head="Polarity,Y,X,Timestamp\n"),
     "ms in a suffix": table(head="t_ms,x,y,p\n", t=T / 1e3),
     "seconds in brackets": table(mark=";", head="time (s);col;row;on\n", t=SECONDS),
-    "decimal commas": table(
-        mark=";", head="time (s);x;y;p\n", t=[s.replace(".", ",") for s in SECONDS]
-    ),
+    "decimal commas": table(mark=";", head="time (s);x;y;p\n", t=COMMAS),
+    "decimal commas between blanks": table(mark=" ", t=COMMAS),
+    "fractions that are far apart": table(t=T + 0.25),
+    "faery's header": table(head="t,x@346,y@260,on\n"),
     "v2e's comments": table(
         mark=" ",
         head="#!events.txt\n# made by v2e\n#Format: time (float s), x, y, polarity (0=off, 1=on)\n",
@@ -73,6 +75,7 @@ TEXTS: dict[str, str] = {
     "a label of words": table("txypl", head="t,x,y,p,label\n", l=np.where(P, "slow press", "tap")),
     "a label without a header": table("txlyp", ";", l="b", p=np.where(P, "on", "off")),
     "UTF-16": table(head="t,x,y,p\n"),
+    "Latin-1": table(head="time (µs),x,y,p\n"),
     "nanoseconds since 1970": table(t=T * 1_000 + 1_700_000_000 * 10**9),
     "seconds since 1970": table(t=[f"{1_700_000_000 + t / 1e6:.6f}" for t in T]),
 }
@@ -80,12 +83,13 @@ TEXTS: dict[str, str] = {
 
 @pytest.mark.parametrize("form", TEXTS)
 def test_text(tmp_path: Path, form: str) -> None:
-    encoding = "utf-16" if form == "UTF-16" else "utf-8"
+    encoding = form if form in ("UTF-16", "Latin-1") else "utf-8"
     (tmp_path / "a.csv").write_text(TEXTS[form], encoding=encoding, newline="")
     since = 1_700_000_000_000_000 if "1970" in form else 0
     source = assert_read(tmp_path / "a.csv", since)
     assert source.size == SIZE
     assert not source.losses
+    assert any("microseconds" in note for note in source.notes) == ("fractions" in form)
 
 
 @pytest.mark.parametrize("mark", [",", "\t"])
@@ -108,7 +112,8 @@ def test_rows_out_of_order_are_sorted_and_counted(tmp_path: Path, mark: str) -> 
         ("t,x,y,p,time\n1,2,3,1,5\n", "twice"),
         ("1,2,3\n4,5,6\n", "columns, but time, x, y and polarity are needed"),
         ("t,x,y,p\n1,2,3\n4,5,6\n", "columns, but time, x, y and polarity are needed"),
-        ("t,x,y,p\n", "holds no events"),
+        ("t,x,y,p\n", "holds no events: nothing was recorded"),
+        ("t,x,y,p\n2024-01-01,1,2,1\n", r"none can be read \(bad_record 1\)"),
         ("0,1,2,1\n1,2,3,0\n", r"several ways: x,y,t,p; t,x,y,p"),
         ("1.5,2.5,3.5,1\n2.5,4.5,6.5,0\n", "fit no order"),
         ("t,x,y,p\n1,2,3,17\n2,3,4,99\n", "the polarity holds 17, 99"),
@@ -121,10 +126,9 @@ def test_what_cannot_be_told_is_refused(tmp_path: Path, text: str, told: str) ->
 
 
 def structured(**kinds: str) -> np.ndarray:
-    names = {"t": "t", "x": "x", "y": "y", "p": "p", "timestamp": "t", "polarity": "p"}
     rows = np.zeros(N, list(kinds.items()))
     for name in kinds:
-        rows[name] = COLUMNS[names[name]]
+        rows[name] = COLUMNS[name[0]]
     return rows
 
 

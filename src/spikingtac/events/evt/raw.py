@@ -183,7 +183,7 @@ def _part(path: Path, encoding: str | None, notes: list[str]) -> _Part:
         notes.append(f"the header names no byte order; {name.partition('/')[2]} fits")
     if share > wire.FOREIGN_SHARE and claimed is None:
         raise FormatError(
-            f"{str(path)!r} names no encoding in its header, and its words fit none of "
+            f"{str(path)!r} names no encoding that is read, and its words fit none of "
             f"{', '.join(wire.NAMES.values())}; name one if you know it (--encoding, in Python "
             "encoding=), or export the recording again with the software of its camera"
         )

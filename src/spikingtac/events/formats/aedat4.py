@@ -31,7 +31,7 @@ STREAM_LIMIT = 1 << 10  # Numbers of streams that are believed.
 EDGES = {1: (0, True), 2: (0, False), 3: (0, True), 4: (1, True), 5: (1, False)}
 
 # How a packet's bytes begin, and how far behind its head; uncompressed ones name their type.
-_MARKS = {"lz4": (b"\x04\x22\x4d\x18", 8), "zstd": (b"\x28\xb5\x2f\xfd", 8)}
+_MARKS = {"lz4": (b"\x04\x22\x4d\x18", 8), "zstd": (pieces.ZSTD, 8)}
 
 HEAD_LIMIT_BYTES = 1 << 24  # Longest head that is believed.
 

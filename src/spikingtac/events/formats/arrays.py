@@ -3,7 +3,7 @@
 import math
 import zipfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -45,7 +45,8 @@ class ArrayReader:
         across = len(shape) == 2 and shape[0] in TABLE_WIDTHS and shape[1] > shape[0]
         self.length = int(shape[across]) if shape else 0
         self.width = int(shape[not across]) if len(shape) == 2 else 0
-        self.plain = len(shape) in (1, 2) and (self.type.kind in "uifb" or bool(self.type.names))
+        fields, flat = self.type.fields or {"": (self.type,)}, 1 if self.type.names else 2
+        self.plain = 0 < len(shape) <= flat and all(f[0].kind in "uifb" for f in fields.values())
         self._row_bytes = self.type.itemsize * max(self.width, 1)
         if self.plain and len(shape) == 2 and by_column != across:
             size = math.prod(shape) * self.type.itemsize
@@ -126,7 +127,7 @@ class ArraySource(columns.TableSource):
         told, rows = told_kind(self.path), []
         others = [name for name in self._names if name not in (*TRIGGERS, *_SIZES)]
         for name in others if told is None else ():
-            with suppress(FormatError):
+            with suppress(FormatError) if len(self._names) > 1 else nullcontext():
                 array = arrays(name)
                 widths = (*TABLE_WIDTHS, OPENMV_COLUMNS) if name == "events" else TABLE_WIDTHS
                 if array.plain and (array.width in widths or array.type.names):
@@ -134,8 +135,8 @@ class ArraySource(columns.TableSource):
         if len(rows) == 1:
             return rows
         told = told or (
-            f"it holds {', '.join(self._names) or 'no array'}; an event .npz holds t, x, y, p and "
-            "size, or one array of events"
+            f"it holds {', '.join(self._names) or 'no such array'}; an event .npz holds t, x, y, p "
+            "and size, or one array of events"
         )
         raise FormatError(f"{str(self.path)!r} has no columns of time, x, y and polarity; {told}")
 

@@ -39,7 +39,7 @@ _NAMES = {
 }
 _ROLE_OF = {name: role for role, names in _NAMES.items() for name in names}
 _NAME = re.compile(
-    r"(?P<name>[a-zµμ][\w.µμ]*?)(?:_(?:px|pixels?|coord|addr|address))?"
+    r"(?P<name>[a-zµμ][\w.µμ]*?)(?:_(?:px|pixels?|coord|addr|address)|@\d+)?"
     r"(?:[\s_/]*[\[({<]\s*(?P<unit>[^\])}>]*)[\])}>])?"
 )
 _PREFIX = re.compile(r"^(events?|ev|dvs|cd|addr|address)[._/]")
@@ -93,8 +93,8 @@ def role_of(name: str) -> tuple[str | None, str | None]:
     if found is None:
         return None, None
     word = _PREFIX.sub("", found["name"])
-    words = re.findall(r"[a-zµμ]+", found["unit"] or "")
-    unit = next((_UNITS[each] for each in words if each in _UNITS), None)
+    units = map(_UNITS.get, re.findall(r"[a-zµμ]+", found["unit"] or ""))
+    unit = next(filter(None, units), None)
     if word in _ROLE_OF:
         return _ROLE_OF[word], unit
     if word in _UNITS:
@@ -106,17 +106,11 @@ def role_of(name: str) -> tuple[str | None, str | None]:
 
 def order_named(names: Sequence[str]) -> Order | None:
     """Return the order that names tell; None unless each role is named exactly once."""
-    place: dict[str, int] = {}
-    unit = None
-    for index, name in enumerate(names):
-        role, told = role_of(name)
-        if role is None:
-            continue
-        if role in place:
-            return None
-        place[role] = index
-        unit = told if role == "t" else unit
-    return Order(place, unit) if len(place) == len(ROLES) else None
+    every = [(*role_of(name), index) for index, name in enumerate(names)]
+    told = [(role, unit, index) for role, unit, index in every if role is not None]
+    place = {role: index for role, _, index in told}
+    unit = next((unit for role, unit, _ in told if role == "t"), None)
+    return Order(place, unit) if len(place) == len(told) == len(ROLES) else None
 
 
 def order_of_values(samples: Iterable[NDArray[Any]], where: str) -> Order:
@@ -182,10 +176,10 @@ def _holds_wrapped(p: NDArray[Any], where: str) -> bool:
 def _guessed_unit(t: NDArray[Any]) -> tuple[str, str]:
     """Return the unit that the times of the first rows look like, and what was assumed."""
     times = t[np.isfinite(t)].astype(np.float64) if t.dtype.kind == "f" else np.empty(0)
-    if (times != np.rint(times)).any() and (
-        len(times) == 1 or float(np.median(np.abs(np.diff(times)))) < SECONDS_STEP
-    ):
-        return "s", "the times have fractions and are taken for seconds"
+    if (times != np.rint(times)).any():
+        near = len(times) == 1 or float(np.median(np.abs(np.diff(times)))) < SECONDS_STEP
+        name = "seconds" if near else "microseconds (a header such as t_ms,x,y,p tells)"
+        return "s" if near else "us", f"the times have fractions and are taken for {name}"
     if float(np.abs(t).max()) > NANOSECOND_TIMES:
         return "ns", "the times are beyond 1e17 and are taken for nanoseconds"
     return "us", ""
@@ -222,7 +216,9 @@ class TableSource(FileSource):
 
     def _size(self) -> tuple[int, int]:
         if self._named_size is None and next(self._understood(), None) is None:
-            raise FormatError(f"{str(self.path)!r} holds no events: nothing was recorded into it")
+            damage = ", ".join(f"{kind} {count}" for kind, count in self.losses.kinds())
+            told = f"none can be read ({damage})" if damage else "nothing was recorded into it"
+            raise FormatError(f"{str(self.path)!r} holds no events: {told}")
         return super()._size()
 
     def _columns(self) -> Iterator[Rows]:

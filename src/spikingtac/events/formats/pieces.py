@@ -29,6 +29,7 @@ PIECE_LIMIT_BYTES = 128 << 20
 
 # Bytes that are searched at once for the next piece after damage, and the longest mark of one.
 SEARCH_BYTES, MARK_BYTES = 1 << 20, 32
+ZSTD = b"\x28\xb5\x2f\xfd"  # How compressed content begins.
 CUT = -1  # Kind of the rest of a file in which no further piece is found.
 
 UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # How a text in UTF-16 begins.
@@ -152,17 +153,14 @@ def decompressed(data: bytes, kind: str, where: str) -> bytes:
         FormatError: The content is larger than the limit of a piece.
         MissingExtraError: The library is not installed.
     """
-    if kind in ("", "none"):
-        content = data
-    elif kind not in _DECOMPRESSORS:
+    if kind not in _DECOMPRESSORS:
         raise DamagedPieceError(f"unknown compression {kind!r}")
-    else:
-        try:
-            content = _DECOMPRESSORS[kind](data, PIECE_LIMIT_BYTES + 1)
-        except ImportError as error:
-            raise MissingExtraError(f"{kind} needs: pip install 'spikingtac[formats]'") from error
-        except (RuntimeError, ValueError, EOFError, MemoryError, OverflowError, OSError) as error:
-            raise DamagedPieceError(str(error)) from error
+    try:
+        content = _DECOMPRESSORS[kind](data, PIECE_LIMIT_BYTES + 1)
+    except ImportError as error:
+        raise MissingExtraError(f"{kind} needs: pip install 'spikingtac[formats]'") from error
+    except (RuntimeError, ValueError, EOFError, MemoryError, OverflowError, OSError) as error:
+        raise DamagedPieceError(str(error)) from error
     refuse_piece(where, len(content))
     return content
 
@@ -196,6 +194,7 @@ def _zstd(data: bytes, limit: int) -> bytes:
 
 
 _DECOMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
+    **dict.fromkeys(("", "none"), lambda data, _: data),
     "lz4": _lz4,
     "zstd": _zstd,
     "bz2": lambda data, limit: _streamed(bz2.BZ2Decompressor(), data, limit),

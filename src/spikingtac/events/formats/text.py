@@ -23,12 +23,12 @@ SAMPLE_BYTES = 1 << 16
 NUMBER_LIMIT = 1e19  # Numbers beyond are damage.
 
 # What may part words; a comma comes last, since it may be the decimal mark beside another one.
-_DELIMITERS = ";\t|,"
+_DELIMITERS = ";\t|, "
 
 # Words of a polarity -> its number.
 _WORDS = {"true": "1", "on": "1", "+": "1", "false": "0", "off": "0", "-": "0"}
 _SIZE = re.compile(r"(?:size|geometry|resolution)\W{1,3}(\d+)\s*[x,;\s]\s*(\d+)", re.IGNORECASE)
-_WIDTH_HEIGHT = re.compile(r"width\W{1,3}(\d+).*?height\W{1,3}(\d+)", re.IGNORECASE)
+_WIDTH_HEIGHT = re.compile(r"(?:width\W{1,3}|x@)(\d+).*?(?:height\W{1,3}|y@)(\d+)", re.IGNORECASE)
 _BYTE_ORDER_MARK = "\ufeff".encode()  # What some programs begin UTF-8 with.
 _IN_LABEL = re.compile(rb"(?<=[A-Za-z]) +(?=\w)")  # Blanks between the words of a label.
 _TO_BLANKS = bytes.maketrans(b',;\t|"\r', b"      ")
@@ -61,13 +61,14 @@ class TextSource(columns.TableSource):
         with path.open("rb") as file:
             while line := file.readline(CHUNK_BYTES):
                 bare = line.removeprefix(_BYTE_ORDER_MARK)
-                text = bare.decode("utf-8", "replace").strip()
+                # The only letter outside of ASCII that matters, where the text is no UTF-8.
+                text = bare.decode("utf-8", "replace").replace("\ufffd", "µ").strip()
                 if not text:
                     continue
+                if size := _SIZE.search(text) or _WIDTH_HEIGHT.search(text):
+                    self._named_size = int(size[1]), int(size[2])
                 if text[0] in "#%":
                     comments.append(text)
-                    if size := _SIZE.search(text) or _WIDTH_HEIGHT.search(text):
-                        self._named_size = int(size[1]), int(size[2])
                     continue
                 words = _split(text)
                 unread = [word for word in words if _number(word) is None]
@@ -126,7 +127,7 @@ class TextSource(columns.TableSource):
 
     def _blank(self, text: bytes) -> bytes:
         """Return text whose numbers are parted by blanks, with points as decimal marks."""
-        if self._delimiter in (";", "\t"):
+        if self._delimiter in "; \t":
             text = text.replace(b",", b".")
         if self._delimiter != " ":
             text = _IN_LABEL.sub(b"_", text)
@@ -177,9 +178,8 @@ def _samples(path: Path, start: int) -> list[bytes]:
 
 
 def _delimiter(text: str) -> str:
-    several = [mark for mark in _DELIMITERS if text.count(mark) >= 3]
-    found = several[0] if several else max(_DELIMITERS, key=text.count)
-    return found if found in text else " "
+    marks = (mark for least in (3, 1) for mark in _DELIMITERS if text.count(mark) >= least)
+    return next(marks, " ")
 
 
 def _split(line: str) -> list[str]:
