@@ -179,8 +179,8 @@ def _whole(t: NDArray[Any]) -> NDArray[np.int64]:
 class Counter:
     """A device's counter of time, which begins anew after a period.
 
-    It has begun anew where it fell by more than half of its period. A wrong timestamp near its end
-    falls, too, but rose before: such steps cancel.
+    It has begun anew where two times of its last sixteenth are followed by two of its first one: a
+    single time may be wrong. Where it seems to fall back so by wrong times, such steps cancel.
 
     Args:
         period: How far it counts.
@@ -193,9 +193,14 @@ class Counter:
         """Return ``(n,)`` times that follow the ones before, without the falls."""
         if not len(t):
             return t.astype(np.int64)
-        steps = np.diff(t.astype(np.int64), prepend=int(t[0]) if self._last is None else self._last)
-        half = self._period // 2
-        periods = np.cumsum((steps < -half).astype(np.int64) - (steps > half)) + self._begun
+        near = self._period // 16
+        place = np.append(t[:1] if self._last is None else self._last, t.astype(np.int64))
+        first, last = place < near, place >= self._period - near
+        of_two = [zone & np.append(True, zone[:-1]) for zone in (last, first)]
+        by_two = [zone & np.append(zone[1:], True) for zone in (first, last)]
+        ahead, back = (of[:-1] & by[1:] for of, by in zip(of_two, by_two, strict=True))
+        rounds = ahead.astype(np.int64) - back
+        periods = np.cumsum(rounds) + self._begun
         self._last, self._begun = int(t[-1]), int(periods[-1])
         return t + periods * self._period
 
