@@ -76,14 +76,14 @@ MUTATIONS = (
     ),
     Mutation(
         name="lag-sign",
-        old="locator.motion, self.lag_s,",
-        new="locator.motion, -self.lag_s,",
+        old="locator.markers, self.lag_s,",
+        new="locator.markers, -self.lag_s,",
         tests=(ACCURACY,),
     ),
     Mutation(
         name="lag-removed",
-        old="motion, self.lag_s,",
-        new="motion, 0.0,",
+        old="markers, self.lag_s,",
+        new="markers, 0.0,",
         tests=(ACCURACY,),
     ),
     Mutation(
@@ -136,7 +136,7 @@ MUTATIONS = (
     ),
     Mutation(
         name="coasting-speed",
-        old="motions[m, VX] = motions[m, VY] = 0.0",
+        old="marker.vx = marker.vy = 0.0",
         new="pass",
         tests=("tests/unit/markers/graded/test_disc_locator.py",),
     ),

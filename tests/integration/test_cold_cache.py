@@ -35,8 +35,8 @@ for shift in range(12):
     locator.map.values[:] = level
     locator.pending[:] = FIT_NOW
     locator.locate(1_000 * shift, np.zeros(64, np.bool_))
-    given_px = corrections.update(1_000 * shift, locator.motion, 2e-3, 1.0, (0.0, 0.0))
-    for found in (locator.motion, locator.fits, locator.outline_px, given_px):
+    given_px = corrections.update(1_000 * shift, locator.markers, 2e-3, 1.0, (0.0, 0.0))
+    for found in (locator.markers, locator.outline_px, given_px):
         digest.update(found.tobytes())
 print(digest.hexdigest())
 """

@@ -34,6 +34,7 @@ from spikingtac.markers.graded.map_leak import (
     leak_kernel,
 )
 from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, GradedStateMap
+from stand_ins.moving_markers import moving_markers
 
 SIZE = (80, 60)
 REFERENCE_PX = np.array([[18.0, 20.0], [55.0, 22.0], [30.0, 45.0]])
@@ -226,9 +227,10 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     tolerance, own_s = TOLERANCE * step, -np.log1p(-drawing) / RADIUS_PULL_PER_S
     outline_px = ROUND_PX.copy()
     outline_px[1] = 6.2, 0.4, -0.3
-    motions = np.pad(REFERENCE_PX, ((0, 0), (0, 6)))
-    states = motions, np.ones((3, 8)), outline_px, np.ones(3), *WINDOW, fit_scratch(16.0)
-    discs = RADIUS_PX, np.full(3, PROFILE.steepest), np.full(3, step)
+    markers = moving_markers(REFERENCE_PX)
+    markers["radius_px"] = RADIUS_PX
+    states = markers, outline_px, np.ones(3), *WINDOW, fit_scratch(16.0)
+    discs = np.full(3, PROFILE.steepest), np.full(3, step)
     for turn in range(3):
         law = turn, own_s / GROUPS, -np.log1p(-share) / own_s, TOLERANCE
         leak_kernel(*maps_of(state_map), *states, *discs, *law)

@@ -151,6 +151,11 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
             f"{len(kept)} quiet windows are too few for the sequential motion detector, at least "
             f"{LEAST_WINDOWS} are needed; record the moving arm for longer (a minute is good)"
         )
+    if not any(times.any() for times in fired):
+        raise CalibrationError(
+            f"no event lies on the markers' rims in {len(kept)} quiet windows: is the camera "
+            "alive, and the calibration its own? Record the moving arm (a minute is good)"
+        )
     period_s = period_us * 1e-6
     limit = max(HOT_HZ * len(kept) * period_s, 1.0)
     hot = [times > limit for times in fired]  # events on the rims only were counted

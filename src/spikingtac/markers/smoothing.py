@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.appearance import crossing_px
-from spikingtac.markers.graded.motion import PP, PV, STATE_US, VV, VX, VY, X, Y, predict_kernel
+from spikingtac.markers.graded.motion import predict_kernel
 from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac.markers.laws import OutputLaw
 from spikingtac.markers.registry import MarkerTracker
@@ -46,10 +46,11 @@ LOST_PX = 10.0
 # Innovation above which a marker was found again elsewhere, px: the smoother stops there.
 LEAP_PX = 2.0
 
-# Columns of a state after those of the filter: correction of the given position beyond the filter's
-# prediction, px; and whether the marker was coasted. The time is replaced by the age of the state,
-# s.
-CORRECTION_X, CORRECTION_Y, COASTED = 8, 9, 10
+# State behind an estimate: that of the filter; its age, s; correction of the given position beyond
+# the filter's prediction, px; and whether the marker was coasted. KEPT holds a long recording.
+FILTER = ("x", "y", "vx", "vy", "var_p", "cov_pv", "var_v")
+FIELDS = (*FILTER, "age_s", "correction_x", "correction_y", "coasted")
+STATE, KEPT = (np.dtype([(name, kind) for name in FIELDS]) for kind in (np.float64, np.float32))
 
 
 def smoothed(
@@ -73,13 +74,13 @@ def smoothed(
     kept, states, lag_s = [], [], tracker.lag_s
     for frame in frames:
         kept.append(frame)
-        states.append(state_of(frame, tracker.motion, lag_s))
+        states.append(state_of(frame, tracker.markers, lag_s))
     if not kept:
         return
     t_s = np.array([frame.t_us for frame in kept]) * 1e-6
     reference_px = kept[0].position_px - kept[0].displacement_px
     factor = np.maximum(crossing_px(tracker.calibration) / CROSSING_PX, 1.0)
-    places = smooth_places(t_s, np.array(states, np.float64), (reference_px, factor), lag_s)
+    places = smooth_places(t_s, np.array(states), (reference_px, factor), lag_s)
     for frame, place_px, sigma_px in zip(kept, *places, strict=True):
         position_px = law.update(place_px, reference_px)
         moved_px = position_px - reference_px
@@ -87,26 +88,28 @@ def smoothed(
         yield replace(frame, **given), sigma_px
 
 
-def state_of(frame: MarkerFrame, motion: NDArray[np.float64], lag_s: float) -> NDArray[np.float32]:
-    """Return ``(m, 11)`` the state behind an estimate that a tracker just made.
+def state_of(frame: MarkerFrame, markers: NDArray[np.void], lag_s: float) -> NDArray[np.void]:
+    """Return ``(m,)`` records of KEPT: the state behind an estimate that a tracker just made.
 
     Args:
         frame: The estimate.
-        motion: ``(m, 8)`` states of the filters (:mod:`spikingtac.markers.graded.motion`).
+        markers: ``(m,)`` records (:data:`~spikingtac.markers.graded.motion.MARKER`).
         lag_s: Delay of the events, s.
     """
-    state = np.zeros((len(motion), 11))
-    state[:, :STATE_US] = motion[:, :STATE_US]
-    state[:, STATE_US] = since_s = (frame.t_us - motion[:, STATE_US]) * 1e-6
-    late_s = lag_s + since_s[:, np.newaxis]
-    given_px = motion[:, X : Y + 1] + late_s * motion[:, VX : VY + 1]
-    state[:, CORRECTION_X:COASTED], state[:, COASTED] = frame.detected_px - given_px, frame.coasted
-    return state.astype(np.float32)  # a long recording is held in memory
+    state = np.zeros(len(markers), KEPT)
+    for name in FILTER:
+        state[name] = markers[name]
+    state["age_s"] = age_s = (frame.t_us - markers["t_us"]) * 1e-6
+    for axis, given_px in zip("xy", frame.detected_px.T, strict=True):
+        predicted_px = markers[axis] + (lag_s + age_s) * markers["v" + axis]
+        state["correction_" + axis] = given_px - predicted_px
+    state["coasted"] = frame.coasted
+    return state
 
 
 def smooth_places(
     t_s: NDArray[np.float64],
-    states: NDArray[np.float64],
+    kept: NDArray[np.void],
     markers: tuple[NDArray[np.float64], NDArray[np.float64]],
     lag_s: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
@@ -114,16 +117,17 @@ def smooth_places(
 
     Args:
         t_s: ``(n,)`` times of the estimates, s.
-        states: ``(n, m, 11)`` from :func:`state_of`; changed.
+        kept: ``(n, m)`` records from :func:`state_of`.
         markers: ``(m, 2)`` rests, px; ``(m,)`` factors of their standard deviations.
         lag_s: Delay of the events, s.
     """
-    reference_px, factor = markers
+    (reference_px, factor), states = markers, kept.astype(STATE)
     smooth_kernel(t_s, states)
-    lag_px = lag_s * states[..., VX : VY + 1]
-    place_px = states[..., X : Y + 1] + lag_px + states[..., CORRECTION_X:COASTED]
+    lag_px = lag_s * np.stack([states["vx"], states["vy"]], axis=-1)
+    parts_px = [states[axis] + states["correction_" + axis] for axis in "xy"]
+    place_px = np.stack(parts_px, axis=-1) + lag_px
     sigma_px = factor[:, np.newaxis] * place_sigma_px(place_px - reference_px, lag_px)
-    sigma_px[states[..., COASTED] > 0.0] = LOST_PX
+    sigma_px[states["coasted"] > 0.0] = LOST_PX
     return place_px, sigma_px.astype(np.float32)
 
 
@@ -145,27 +149,28 @@ def place_sigma_px(
 @njit(cache=True, nogil=True)
 def smooth_kernel(t_s: Array, states: Array) -> None:  # pragma: no cover - compiled
     """Bring each state up to the time of its estimate, then smooth backward; all in place."""
-    predicted = np.empty(8)
+    scratch = np.empty(1, STATE)
+    predicted = scratch[0]
     for m in range(states.shape[1]):
         for k in range(len(t_s)):
-            predict_kernel(states[k, m], states[k, m, STATE_US])
+            predict_kernel(states[k, m], states[k, m].age_s)
         for k in range(len(t_s) - 2, -1, -1):
             now, after = states[k, m], states[k + 1, m]
             dt_s = t_s[k + 1] - t_s[k]
-            predicted[:] = now[:8]
+            scratch[0] = now
             predict_kernel(predicted, dt_s)
-            leapt = max(abs(after[X] - predicted[X]), abs(after[Y] - predicted[Y])) > LEAP_PX
-            determinant = predicted[PP] * predicted[VV] - predicted[PV] * predicted[PV]
-            if leapt or now[COASTED] or after[COASTED] or not determinant > 0.0:
+            x, y = after.x - predicted.x, after.y - predicted.y
+            vx, vy = after.vx - predicted.vx, after.vy - predicted.vy
+            p_pp, p_pv, p_vv = predicted.var_p, predicted.cov_pv, predicted.var_v
+            determinant = p_pp * p_vv - p_pv * p_pv
+            unknown = now.coasted or after.coasted or not determinant > 0.0
+            if unknown or max(abs(x), abs(y)) > LEAP_PX:
                 continue
             # Gain C = P F' P'^-1 of the textbook, for place and speed of either axis.
-            pp, pv, vv = now[PP] + dt_s * now[PV], now[PV] + dt_s * now[VV], now[VV]
-            c_pp = (pp * predicted[VV] - now[PV] * predicted[PV]) / determinant
-            c_pv = (now[PV] * predicted[PP] - pp * predicted[PV]) / determinant
-            c_vp = (pv * predicted[VV] - vv * predicted[PV]) / determinant
-            c_vv = (vv * predicted[PP] - pv * predicted[PV]) / determinant
-            for axis in range(2):
-                place = after[X + axis] - predicted[X + axis]
-                speed = after[VX + axis] - predicted[VX + axis]
-                now[X + axis] += c_pp * place + c_pv * speed
-                now[VX + axis] += c_vp * place + c_vv * speed
+            pp, pv, vv = now.var_p + dt_s * now.cov_pv, now.cov_pv + dt_s * now.var_v, now.var_v
+            c_pp = (pp * p_vv - now.cov_pv * p_pv) / determinant
+            c_pv = (now.cov_pv * p_pp - pp * p_pv) / determinant
+            c_vp = (pv * p_vv - vv * p_pv) / determinant
+            c_vv = (vv * p_pp - pv * p_pv) / determinant
+            now.x, now.y = now.x + c_pp * x + c_pv * vx, now.y + c_pp * y + c_pv * vy
+            now.vx, now.vy = now.vx + c_vp * x + c_vv * vx, now.vy + c_vp * y + c_vv * vy

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import crossing_px
-from spikingtac.markers.graded.motion import AT_REST_PX_S, STATE_US, VX, VY, X, Y
+from spikingtac.markers.graded.motion import AT_REST_PX_S
 from spikingtac.markers.neighbours import Neighbourhood
 from spikingtac.state_map.graded import Array
 
@@ -94,32 +94,32 @@ class OutputCorrections:
         self._noise_px = shrink * SHRINK_PX
 
     def update(
-        self, t_us: int, motion: Array, lag_s: float, backlash: float, noise: tuple[float, float]
+        self, t_us: int, markers: Array, lag_s: float, backlash: float, noise: tuple[float, float]
     ) -> NDArray[np.float64]:
         """Return ``(m, 2)`` corrected positions, px.
 
         Args:
             t_us: Time of the estimate, us.
-            motion: ``(m, 8)`` filter states (:mod:`spikingtac.markers.graded.motion`).
+            markers: ``(m,)`` records (:data:`~spikingtac.markers.graded.motion.MARKER`).
             lag_s: Delay of the events, s.
             backlash: Share of the backlash that is compensated.
             noise: Background, Hz/px, and the time since the last call, s.
         """
-        given_px = np.empty((len(motion), 2))
-        settings = float(t_us), lag_s, backlash, *noise, self._noise_px
-        compensate_kernel(motion, *self._sensor, self._states, *settings, given_px)
+        given_px = np.empty((len(markers), 2))
+        settings = t_us, lag_s, backlash, *noise, self._noise_px
+        compensate_kernel(markers, *self._sensor, self._states, *settings, given_px)
         return given_px
 
 
 @kernel()
 def compensate_kernel(
-    motions: Array, crossings: Array, own_share: Array, reference_px: Array, index: Array,
-    weight: Array, states: Array, t_us: float, lag_s: float, backlash: float,
+    markers: Array, crossings: Array, own_share: Array, reference_px: Array, index: Array,
+    weight: Array, states: Array, t_us: int, lag_s: float, backlash: float,
     background_hz_px: float, dt_s: float, noise_px: float, given_px: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Predict every marker to the present, and correct it; see :class:`OutputCorrections`.
 
-    Arguments are plain, since a tuple costs a microsecond: filter states; of the markers the
+    Arguments are plain, since a tuple costs a microsecond: records of the markers; their
     crossings, px, the share of a residual that is their own error, rest positions, neighbours and
     their weights; ``(4, m, 2)`` positions of the last call, px, states of the short and the long
     play relative to their half-widths, and scratch; the time, the delay of the events, the share of
@@ -130,9 +130,9 @@ def compensate_kernel(
     decay, noise2 = np.exp(-FADING_PER_S * background_hz_px**2 * dt_s), noise_px**2 + TINY_PX2
     steady, turning = STEADY_SHARE * backlash, TURN_SHARE * backlash
     for m in range(crossings.size):
-        since_s = (t_us - motions[m, STATE_US]) * 1e-6
-        now_x = motions[m, X] + since_s * motions[m, VX]
-        now_y = motions[m, Y] + since_s * motions[m, VY]
+        since_s = (t_us - markers[m].t_us) * 1e-6
+        now_x = markers[m].x + since_s * markers[m].vx
+        now_y = markers[m].y + since_s * markers[m].vy
         for width, state in ((SHORT_PLAY, direction), (LONG_PLAY, long_play)):
             per_px = 1.0 / (width * crossings[m])
             x = decay * state[m, 0] + (now_x - last_px[m, 0]) * per_px
@@ -147,8 +147,8 @@ def compensate_kernel(
             sum_x += direction[index[m, k], 0]
             sum_y += direction[index[m, k], 1]
         mean = crossings[m] * (steady + turning) / index.shape[1]
-        lead_x = mean * sum_x - crossings[m] * turning * long_play[m, 0] + lag_s * motions[m, VX]
-        lead_y = mean * sum_y - crossings[m] * turning * long_play[m, 1] + lag_s * motions[m, VY]
+        lead_x = mean * sum_x - crossings[m] * turning * long_play[m, 0] + lag_s * markers[m].vx
+        lead_y = mean * sum_y - crossings[m] * turning * long_play[m, 1] + lag_s * markers[m].vy
         moved_px[m, 0] = last_px[m, 0] + lead_x - reference_px[m, 0]
         moved_px[m, 1] = last_px[m, 1] + lead_y - reference_px[m, 1]
     # A residual r against the neighbours shrinks by noise^2 / (r^2 + noise^2) times the marker's

@@ -27,29 +27,15 @@ from spikingtac.markers.graded.disc_fit import (
     fit_scratch,
 )
 from spikingtac.markers.graded.motion import (
-    AGREEMENT,
     FIT_NOW,
-    FIT_US,
-    FIT_X,
-    FIT_Y,
-    GATE_X,
-    GATE_Y,
-    INNOVATION_PX,
     MEASUREMENT_PERIOD_S,
     NEVER_US,
-    QUIET_US,
     REASSIGN_PX,
-    SHAPE_US,
-    STATE_US,
-    VX,
-    VY,
-    X,
-    Y,
     assign_pixels_kernel,
     correct_kernel,
     fit_is_due_kernel,
     predict_kernel,
-    resting_motion,
+    resting_markers,
 )
 from spikingtac.state_map.graded import HALF_STEP, PAD_PX, Array, integrate_event_kernel
 from spikingtac.types import EventPacket
@@ -75,8 +61,7 @@ class DiscLocator:
     Attributes:
         map: The graded state map.
         window: The pixels that fits read, and the edge profiles of the markers.
-        motion: ``(m, 8)`` filter states (:mod:`spikingtac.markers.graded.motion`).
-        fits: ``(m, 9)`` last fits; the columns are defined there, too.
+        markers: ``(m,)`` records (:data:`~spikingtac.markers.graded.motion.MARKER`).
         outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.
         pending: ``(m + 1,)`` events in each marker's gate since its last fit; the last element
             counts the events in no gate, so that counting needs no branch, which would cost half as
@@ -93,32 +78,28 @@ class DiscLocator:
             dead_bands: Whether discs are fitted to dead bands instead of levels
                 (:mod:`spikingtac.markers.graded.dead_bands`).
         """
-        self._rest_px = calibration.reference_px.astype(np.float64)
-        self._radius_px = calibration.radius_px.astype(np.float64)
+        radius_px = calibration.radius_px.astype(np.float64)
         profiles = appearance_of(calibration).profiles
         self.window = fit_window(profiles, calibration.size[0])
-        reach_px = (1.0 + MOST_GROWTH) * self._radius_px.max() + self.window.edge[:, 1].max()
+        reach_px = (1.0 + MOST_GROWTH) * radius_px.max() + self.window.edge[:, 1].max()
         self._scratch = fit_scratch(reach_px)
-        per_px = events_per_px(calibration)
-        self._needed = np.maximum(np.ceil(DUE_PX * per_px), 1.0)
+        self._at_rest = resting_markers(calibration.reference_px)
+        self._at_rest["radius_px"] = radius_px
+        self._at_rest["needed"] = np.ceil(DUE_PX * events_per_px(calibration)).clip(1.0)
         self._dead_bands = dead_bands
         self.map = painted_map(calibration, 0.0 if dead_bands else HALF_STEP)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
-        count = len(self._rest_px)
+        count, pixels = len(self._at_rest), self.map.pixels
         self.map.reset()
-        self.motion = resting_motion(self._rest_px)
-        self.fits = np.zeros((count, 9))
-        self.fits[:, :FIT_US] = self.fits[:, GATE_X : GATE_Y + 1] = self._rest_px
-        self.fits[:, AGREEMENT] = 1.0
-        self.outline_px = np.column_stack([self._radius_px, np.zeros((count, 2))])
+        self.markers = self._at_rest.copy()
+        self.outline_px = np.pad(self.markers["radius_px"][:, np.newaxis], ((0, 0), (0, 2)))
         self.pending, self.fitted_events = np.zeros((2, count + 1), np.int64)
         self.times_us = NEVER_US, NEVER_US
-        pixels, states = self.map.pixels, (self.motion, self.fits, self.outline_px)
-        markers = self.pending, self.fitted_events, self._radius_px, self._needed, pixels
-        self._arrays = *self.window, *states, *markers
+        states = self.markers, self.outline_px
+        self._arrays = *self.window, *states, self.pending, self.fitted_events, pixels
         pixels["marker"] = count
         for m in range(count):
             assign_pixels_kernel(pixels, m, *states, self.window.edge)
@@ -131,8 +112,8 @@ class DiscLocator:
 
     def place(self, marker: NDArray[np.bool_], position_px: NDArray[np.float64]) -> None:
         """Set the filters of markers to rest at positions where they were predicted or detected."""
-        self.motion[marker, X:VX] = position_px[marker]
-        self.motion[marker, VX : VX + 2] = 0.0
+        self.markers["x"][marker], self.markers["y"][marker] = position_px[marker].T
+        self.markers["vx"][marker] = self.markers["vy"][marker] = 0.0
         self.pending[:-1][marker] |= FIT_NOW
 
     def absorb(self, packet: EventPacket, watch: HotPixelWatch) -> None:
@@ -182,48 +163,48 @@ def absorb_events_kernel(
 @kernel()
 def locate_discs_kernel(
     flat: Array, scratch: Array, dead_bands: bool, offset: Array, polar: Array, within: Array,
-    coefficients: Array, edge: Array, motions: Array, fits: Array, outline_px: Array,
-    pending: Array, fitted_events: Array, radius_px: Array, needed: Array, pixels: Array,
-    coasted: Array, times_us: tuple[int, int],
+    coefficients: Array, edge: Array, markers: Array, outline_px: Array, pending: Array,
+    fitted_events: Array, pixels: Array, coasted: Array, times_us: tuple[int, int],
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that are due, and predict and correct their filters.
 
     Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, scratch
-    for fits, and whether they are fits to dead bands; the fields of a :class:`FitWindow`; filter
-    states, fits, outlines, pending and fitted events; radii at rest, px; events that a fit needs;
-    the map's pixels; lost markers; times of the last estimate and of this one, us.
+    for fits, and whether they are fits to dead bands; the fields of a :class:`FitWindow`; records,
+    outlines, pending and fitted events of the markers; the map's pixels; lost markers; times of the
+    last estimate and of this one, us.
     """
     levels, t_us = (flat, pixels.shape[1], pixels.shape[0]), times_us[1]
     window = FitWindow(offset, polar, within, coefficients, edge)
-    for m in range(len(fits)):
-        if motions[m, STATE_US] == NEVER_US:
-            fits[m, FIT_US] = fits[m, QUIET_US] = fits[m, SHAPE_US] = motions[m, STATE_US] = t_us
-        dt_s = (t_us - motions[m, STATE_US]) * 1e-6
-        is_due = fit_is_due_kernel(m, fits, pending, needed, dead_bands, times_us)
+    for m in range(len(markers)):
+        marker = markers[m]
+        if marker.t_us == NEVER_US:
+            marker.fit_us = marker.quiet_us = marker.outline_us = marker.t_us = t_us
+        dt_s = (t_us - marker.t_us) * 1e-6
+        is_due = fit_is_due_kernel(m, markers, pending[m], dead_bands, times_us)
         if not is_due and (pending[m] > 0 or dt_s < MEASUREMENT_PERIOD_S):
             continue
-        motions[m, STATE_US] = t_us
-        if not is_due and abs(motions[m, VX]) + abs(motions[m, VY]) < STILL_PX_S:
+        marker.t_us = t_us
+        if not is_due and abs(marker.vx) + abs(marker.vy) < STILL_PX_S:
             continue
-        predict_kernel(motions[m], dt_s)
+        predict_kernel(marker, dt_s)
         if is_due:
-            gain, since_us = 0.0, t_us - fits[m, SHAPE_US]
+            gain, since_us = 0.0, t_us - marker.outline_us
             if since_us >= OUTLINE_PERIOD_US:
-                gain, fits[m, SHAPE_US] = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * since_us), t_us
-            start = m, (motions[m, X], motions[m, Y]), outline_px, (ITERATIONS, gain, radius_px[m])
+                gain, marker.outline_us = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * since_us), t_us
+            start = m, (marker.x, marker.y), outline_px, (ITERATIONS, gain, marker.radius_px)
             if dead_bands:
                 x, y, agreement, step_px = fit_bands_kernel(pixels, levels, scratch, window, *start)
             else:
                 x, y, agreement, step_px = fit_disc_kernel(levels, scratch, window, *start)
-            fits[m, INNOVATION_PX] = np.hypot(x - motions[m, X], y - motions[m, Y])
-            fits[m, FIT_X], fits[m, FIT_Y], fits[m, FIT_US] = x, y, t_us
-            fits[m, AGREEMENT] = agreement if gain > 0.0 else fits[m, AGREEMENT]
+            marker.innovation_px = np.hypot(x - marker.x, y - marker.y)
+            marker.fit_x, marker.fit_y, marker.fit_us = x, y, t_us
+            marker.agreement = agreement if gain > 0.0 else marker.agreement
             fitted_events[m] += pending[m] % FIT_NOW
             pending[m] = FIT_NOW if step_px >= LINEAR_STEP_PX else 0  # goes on if not converged
         if coasted[m]:
-            motions[m, VX] = motions[m, VY] = 0.0
+            marker.vx = marker.vy = 0.0
         else:
-            correct_kernel(motions[m], fits[m, FIT_X], fits[m, FIT_Y], dt_s)
-        moved_x, moved_y = motions[m, X] - fits[m, GATE_X], motions[m, Y] - fits[m, GATE_Y]
-        if max(abs(moved_x), abs(moved_y)) > REASSIGN_PX:
-            assign_pixels_kernel(pixels, m, motions, fits, outline_px, edge)
+            correct_kernel(marker, marker.fit_x, marker.fit_y, dt_s)
+        moved_px = max(abs(marker.x - marker.gate_x), abs(marker.y - marker.gate_y))
+        if moved_px > REASSIGN_PX:
+            assign_pixels_kernel(pixels, m, markers, outline_px, edge)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import crossing_px, events_per_px
-from spikingtac.markers.graded.motion import AT_REST_PX_S, VX, VY, X, Y
+from spikingtac.markers.graded.motion import AT_REST_PX_S
 from spikingtac.state_map.graded import Array
 
 # Speed below which a marker's events are not counted: creep, and the jitter of a filtered velocity.
@@ -99,16 +99,16 @@ class EventLoss:
         """``(m,)`` background events in each marker's gate, 1/s."""
         return self.background_hz_px * self._area_px[:-1]
 
-    def update(self, motion: NDArray[np.float64], counts: NDArray[np.int64], dt_s: float) -> None:
+    def update(self, markers: NDArray[np.void], counts: NDArray[np.int64], dt_s: float) -> None:
         """Update the background at rest, and the ratio from markers that move.
 
         Args:
-            motion: ``(m, 8)`` filter states (:mod:`spikingtac.markers.graded.motion`).
+            markers: ``(m,)`` records (:data:`~spikingtac.markers.graded.motion.MARKER`).
             counts: ``(m + 1,)`` events in each marker's gate, and last those in no gate.
             dt_s: Time in which they came, s; above 0.
         """
         mean_px_s, expected, arrived = expected_events_kernel(
-            motion, self._reversal_px, counts, self.noise_per_s, self.events_per_px,
+            markers, self._reversal_px, counts, self.noise_per_s, self.events_per_px,
             self._stroke_px, dt_s,
         )  # fmt: skip
         if mean_px_s < AT_REST_PX_S:  # all events are background
@@ -128,18 +128,18 @@ class EventLoss:
 
 @kernel()
 def expected_events_kernel(
-    motions: Array, reversal_px: Array, events: Array, noise_per_s: Array, events_per_px: Array,
+    markers: Array, reversal_px: Array, events: Array, noise_per_s: Array, events_per_px: Array,
     stroke_px: Array, dt_s: float,
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled # fmt: skip
     """Return the mean speed, px/s, and the events that were expected and that arrived.
 
-    Arguments are plain, since a tuple costs a microsecond: filter states; positions of the last
-    reversals, which are updated; events in each gate, background per s, and events per px of
+    Arguments are plain, since a tuple costs a microsecond: records of the markers; positions of the
+    last reversals, which are updated; events in each gate, background per s, and events per px of
     motion; shortest stroke, px; the time, s.
     """
     speed_sum = expected = arrived = 0.0
-    for m in range(motions.shape[0]):
-        x, y, vx, vy = motions[m, X], motions[m, Y], motions[m, VX], motions[m, VY]
+    for m in range(len(markers)):
+        x, y, vx, vy = markers[m].x, markers[m].y, markers[m].vx, markers[m].vy
         speed = np.hypot(vx, vy)
         speed_sum += speed
         signal_per_s = events_per_px[m] * speed
@@ -150,4 +150,4 @@ def expected_events_kernel(
         if steady and signal_per_s > BACKGROUND_SHARE * noise_per_s[m]:
             expected += signal_per_s * dt_s
             arrived += events[m] - noise_per_s[m] * dt_s
-    return speed_sum / motions.shape[0], expected, arrived
+    return speed_sum / len(markers), expected, arrived

@@ -30,16 +30,7 @@ from spikingtac.markers.graded.disc_fit import (
     sample_ring_kernel,
 )
 from spikingtac.markers.graded.disc_locator import DiscLocator
-from spikingtac.markers.graded.motion import (
-    AGREEMENT,
-    AT_REST_PX_S,
-    FIT_US,
-    STATE_US,
-    VX,
-    VY,
-    X,
-    Y,
-)
+from spikingtac.markers.graded.motion import AT_REST_PX_S
 from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, Array
 
 # Time constant of the mean agreement, s (a fit that can still reach its marker does so within
@@ -90,9 +81,8 @@ class MapLeak:
         """
         appearance = appearance_of(calibration)
         steepest = np.array([profile.steepest for profile in appearance.profiles])
-        radius_px = calibration.radius_px.astype(np.float64)
-        self._discs = radius_px, steepest, appearance.mean_step
-        self._scratch = fit_scratch((1.0 + MOST_GROWTH) * radius_px.max() + OUTER_PX)
+        self._discs = steepest, appearance.mean_step
+        self._scratch = fit_scratch((1.0 + MOST_GROWTH) * calibration.radius_px.max() + OUTER_PX)
         self._leak_per_s = leak_per_s
         self._mean_agreement = np.ones(len(steepest))
         self._count = 0
@@ -107,7 +97,7 @@ class MapLeak:
         """
         tolerance = TOLERANCE if loss_known else FIRST_TOLERANCE
         self._count += 1
-        discs = locator.motion, locator.fits, locator.outline_px, self._mean_agreement
+        discs = locator.markers, locator.outline_px, self._mean_agreement
         leak_kernel(
             locator.map.padded.ravel(), locator.map.pixels, *discs, *locator.window,
             self._scratch, *self._discs, self._count, dt_s, self._leak_per_s, tolerance,
@@ -184,37 +174,37 @@ def leak_ground_kernel(
 
 @kernel()
 def leak_kernel(
-    flat: Array, pixels: Array, motions: Array, fits: Array, outline_px: Array,
-    mean_agreement: Array, offset: Array, polar: Array, within: Array, coefficients: Array,
-    ends: Array, edge: Array, radius_px: Array, steepest: Array, mean_step: Array, count: int,
-    dt_s: float, leak_per_s: float, tolerance: float,
+    flat: Array, pixels: Array, markers: Array, outline_px: Array, mean_agreement: Array,
+    offset: Array, polar: Array, within: Array, coefficients: Array, ends: Array, edge: Array,
+    steepest: Array, mean_step: Array, count: int, dt_s: float, leak_per_s: float,
+    tolerance: float,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Leak the map around a group of markers and in some rows of the ground.
 
     Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, and its
-    pixels; filter states, fits, outlines and mean agreements of the markers; the fields of a
-    :class:`FitWindow`, and scratch; radii at rest, px, steepest slopes, 1/px, and mean steps; the
-    count of updates, the time since the last one, s, the rate of the leak, 1/s, and the tolerance
-    in steps.
+    pixels; records, outlines and mean agreements of the markers; the fields of a
+    :class:`FitWindow`, and scratch; steepest slopes, 1/px, and mean steps; the count of updates,
+    the time since the last one, s, the rate of the leak, 1/s, and the tolerance in steps.
     """
     levels = flat, pixels.shape[1], pixels.shape[0]
     window = FitWindow(offset, polar, within, coefficients, ends)
     portion = np.float32(-math.expm1(-leak_per_s * dt_s * GROUPS))
     pull_share = -math.expm1(-RADIUS_PULL_PER_S * dt_s * GROUPS)
     for m in range(count % GROUPS, mean_agreement.size, GROUPS):
-        quiet = motions[m, STATE_US] - fits[m, FIT_US] > LEAKED_US
-        if quiet or fits[m, AGREEMENT] < mean_agreement[m] - LARGEST_FALL:
+        marker = markers[m]
+        quiet = marker.t_us - marker.fit_us > LEAKED_US
+        if quiet or marker.agreement < mean_agreement[m] - LARGEST_FALL:
             continue
-        place_px, ends_px = (motions[m, X], motions[m, Y]), (0.0, outline_px[m, 0] + OUTER_PX)
+        place_px, ends_px = (marker.x, marker.y), (0.0, outline_px[m, 0] + OUTER_PX)
         ring, at = sample_ring_kernel(levels, window, m, place_px, ends_px, outline_px, edge)
-        rests = np.hypot(motions[m, VX], motions[m, VY]) <= AT_REST_PX_S
-        pull = np.float32(pull_share * rests * (outline_px[m, 0] - radius_px[m]) * steepest[m])
+        rests = np.hypot(marker.vx, marker.vy) <= AT_REST_PX_S
+        pull = np.float32(pull_share * rests * (outline_px[m, 0] - marker.radius_px) * steepest[m])
         limit = np.float32(tolerance * mean_step[m])
         _excess_kernel(ring, edge, (limit, portion, pull, np.float32(1.0 / steepest[m])))
         _subtract_kernel(flat, pixels, at, ring, offset, edge)
     gain = -math.expm1(-dt_s / AGREEMENT_MEMORY_S)
     for m in range(mean_agreement.size):
-        mean_agreement[m] += gain * (fits[m, AGREEMENT] - mean_agreement[m])
+        mean_agreement[m] += gain * (markers[m].agreement - mean_agreement[m])
     share = -math.expm1(-GROUND_PER_S * dt_s * GROUND_SLOTS)
     rows, law = (count % GROUND_SLOTS, GROUND_SLOTS), (mean_step.mean(), share)
     leak_ground_kernel(flat, pixels, mean_agreement.size, rows, law)

@@ -5,6 +5,8 @@ axes. A disc fit measures the position with standard deviation sigma once per ms
 each other faster read nearly the same map, so their variance grows as their period shrinks.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -51,71 +53,81 @@ REASSIGN_PX = 2.5  # Motion after which a marker's gate is centred on it again, 
 # velocity, px/s.
 AT_REST_PX_S = 3.0
 
-# Columns of a filter's state: position, px; velocity, px/s; variance of the position, covariance,
-# variance of the velocity (the same for both axes); time of the state, us.
-X, Y, VX, VY, PP, PV, VV, STATE_US = range(8)
+# What a tracker knows of one marker. (One record takes the place of 19 arrays, which every compiled
+# call would be given.)
+MARKER = np.dtype(
+    [
+        # State of the filter: position, px; velocity, px/s; variance of the position, covariance,
+        # and variance of the velocity, the same for both axes; its time, us.
+        *((name, np.float64) for name in ("x", "y", "vx", "vy", "var_p", "cov_pv", "var_v")),
+        ("t_us", np.int64),
+        # Last fit: position and length of the innovation, px; share of the edge that agrees with
+        # the disc; its time, the time of the last fit of an outline, and the last time without
+        # pending events, us.
+        *((name, np.float64) for name in ("fit_x", "fit_y", "innovation_px", "agreement")),
+        *((name, np.int64) for name in ("fit_us", "outline_us", "quiet_us")),
+        # Centre of the gate, px; radius at rest, px; events that a fit needs.
+        *((name, np.float64) for name in ("gate_x", "gate_y", "radius_px", "needed")),
+    ]
+)
 
-# Columns of a fit: position, px; its time, us; share of the edge that agrees with the disc; last
-# time without pending events, us; centre of the marker's gate, px; time of the last fit of the
-# outline, us; length of the innovation, px.
-FIT_X, FIT_Y, FIT_US, AGREEMENT, QUIET_US, GATE_X, GATE_Y, SHAPE_US, INNOVATION_PX = range(9)
 
-
-def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``(m, 8)`` states of filters that begin at rest at positions, px."""
-    motion = np.zeros((len(position_px), 8))
-    motion[:, X:VX] = position_px
-    motion[:, PP], motion[:, VV] = MEASUREMENT_SIGMA_PX**2, START_VELOCITY_PX_S**2
-    motion[:, STATE_US] = NEVER_US
-    return motion
+def resting_markers(position_px: NDArray[np.floating]) -> NDArray[np.void]:
+    """Return ``(m,)`` MARKER records of markers that rest at ``(m, 2)`` positions, px."""
+    markers = np.zeros(len(position_px), MARKER)
+    for kind in ("", "fit_", "gate_"):
+        markers[kind + "x"], markers[kind + "y"] = position_px.T
+    markers["var_p"], markers["var_v"] = MEASUREMENT_SIGMA_PX**2, START_VELOCITY_PX_S**2
+    markers["t_us"], markers["agreement"] = NEVER_US, 1.0
+    return markers
 
 
 @kernel(forceinline=True)
-def predict_kernel(motion: Array, dt_s: float) -> None:  # pragma: no cover
+def predict_kernel(marker: Any, dt_s: float) -> None:  # pragma: no cover
     """Predict one marker's state ``dt_s`` later."""
-    pp, pv, vv, q = motion[PP], motion[PV], motion[VV], ACCELERATION_NOISE_PX2_S3
-    motion[X] += dt_s * motion[VX]
-    motion[Y] += dt_s * motion[VY]
-    motion[PP] = pp + dt_s * (2.0 * pv + dt_s * vv) + q * dt_s**3 / 3.0
-    motion[PV] = pv + dt_s * vv + 0.5 * q * dt_s**2
-    motion[VV] = vv + q * dt_s
+    pp, pv, vv, q = marker.var_p, marker.cov_pv, marker.var_v, ACCELERATION_NOISE_PX2_S3
+    marker.x += dt_s * marker.vx
+    marker.y += dt_s * marker.vy
+    marker.var_p = pp + dt_s * (2.0 * pv + dt_s * vv) + q * dt_s**3 / 3.0
+    marker.cov_pv = pv + dt_s * vv + 0.5 * q * dt_s**2
+    marker.var_v = vv + q * dt_s
 
 
 @kernel(forceinline=True)
-def correct_kernel(motion: Array, x: float, y: float, dt_s: float) -> None:  # pragma: no cover
+def correct_kernel(marker: Any, x: float, y: float, dt_s: float) -> None:  # pragma: no cover
     """Correct one marker's state by a measured position, px, ``dt_s`` after the last one."""
-    pp, pv = motion[PP], motion[PV]
+    pp, pv = marker.var_p, marker.cov_pv
     variance_factor = max(1.0, MEASUREMENT_PERIOD_S / max(dt_s, 1e-6))
     innovation_variance = pp + MEASUREMENT_SIGMA_PX**2 * variance_factor
     gain, velocity_gain = pp / innovation_variance, pv / innovation_variance
-    innovation_x, innovation_y = x - motion[X], y - motion[Y]
-    motion[X] += gain * innovation_x
-    motion[Y] += gain * innovation_y
-    motion[VX] += velocity_gain * innovation_x
-    motion[VY] += velocity_gain * innovation_y
-    motion[PP], motion[PV] = (1.0 - gain) * pp, (1.0 - gain) * pv
-    motion[VV] -= velocity_gain * pv
+    innovation_x, innovation_y = x - marker.x, y - marker.y
+    marker.x += gain * innovation_x
+    marker.y += gain * innovation_y
+    marker.vx += velocity_gain * innovation_x
+    marker.vy += velocity_gain * innovation_y
+    marker.var_p, marker.cov_pv = (1.0 - gain) * pp, (1.0 - gain) * pv
+    marker.var_v -= velocity_gain * pv
 
 
 @kernel(forceinline=True)
 def fit_is_due_kernel(
-    m: int, fits: Array, pending: Array, needed: Array, dead_bands: bool, times_us: tuple[int, int]
+    m: int, markers: Array, pending: int, dead_bands: bool, times_us: tuple[int, int]
 ) -> bool:  # pragma: no cover - compiled
-    """Return whether a marker is fitted now, and note the last time without pending events.
+    """Return whether marker m is fitted now, and note the last time without pending events.
 
-    A fit needs ``needed[m]`` pending events, or a wait of MAX_WAIT_US. ``times_us`` holds the time
-    of the last estimate and the time of this one.
+    A fit needs ``needed`` pending events, or a wait of MAX_WAIT_US. ``times_us`` holds the time of
+    the last estimate and the time of this one.
     """
-    before_us, t_us = times_us
-    if pending[m] == 0:
-        fits[m, QUIET_US] = t_us
-    enough = pending[m] >= needed[m] or t_us - fits[m, QUIET_US] >= MAX_WAIT_US
-    if pending[m] >= FIT_NOW or not enough:
+    (before_us, t_us), marker = times_us, markers[m]
+    if pending == 0:
+        marker.quiet_us = t_us
+    enough = pending >= marker.needed or t_us - marker.quiet_us >= MAX_WAIT_US
+    if pending >= FIT_NOW or not enough:
         return enough
-    fast = dead_bands or fits[m, INNOVATION_PX] >= MISSED_PX or pending[m] >= BURST * needed[m]
+    fast = dead_bands or marker.innovation_px >= MISSED_PX or pending >= BURST * marker.needed
     period_us = FAST_FIT_PERIOD_US if fast else FIT_PERIOD_US
     # The marker's phase of the period lies between the last estimate and this one.
-    return before_us < t_us - (t_us + m * period_us // len(fits)) % period_us
+    return before_us < t_us - (t_us + m * period_us // len(markers)) % period_us
 
 
 @kernel(forceinline=True)
@@ -132,17 +144,17 @@ def _chord_kernel(
 
 @kernel()
 def assign_pixels_kernel(
-    pixels: Array, m: int, motions: Array, fits: Array, outline_px: Array, edge: Array,
-) -> None:  # pragma: no cover - compiled # fmt: skip
+    pixels: Array, m: int, markers: Array, outline_px: Array, edge: Array
+) -> None:  # pragma: no cover - compiled
     """Centre the gate of marker m on it: write its number into the gate's pixels.
 
     Pixels that leave the gate get the number of no marker. Rows are scanned once, over both the
     old gate and the new one.
     """
     radius = outline_px[m, 0] + edge[m, 1] + GATE_PX + REASSIGN_PX
-    height, width = pixels.shape
-    old_x, old_y, x, y = fits[m, GATE_X], fits[m, GATE_Y], motions[m, X], motions[m, Y]
-    fits[m, GATE_X], fits[m, GATE_Y] = x, y
+    (height, width), marker = pixels.shape, markers[m]
+    old_x, old_y, x, y = marker.gate_x, marker.gate_y, marker.x, marker.y
+    marker.gate_x, marker.gate_y = x, y
     top, bottom = min(y, old_y) - radius, max(y, old_y) + radius
     for row in range(max(0, int(np.ceil(top))), min(height - 1, int(np.floor(bottom))) + 1):
         first, after = _chord_kernel(x, y, radius, row, width)
@@ -150,6 +162,6 @@ def assign_pixels_kernel(
         for left in ((old_first, min(old_after, first)), (max(old_first, after), old_after)):
             for column in range(np.uint64(left[0]), np.uint64(left[1])):
                 if pixels[row, column].marker == m:
-                    pixels[row, column].marker = len(fits)
+                    pixels[row, column].marker = len(markers)
         for column in range(np.uint64(first), np.uint64(after)):
             pixels[row, column].marker = m

@@ -31,7 +31,7 @@ from spikingtac.markers.graded.event_loss import (
     SLOW_PX_S,
     EventLoss,
 )
-from spikingtac.markers.graded.motion import AGREEMENT, FIT_US, FIT_X, NEVER_US, VX, VY
+from spikingtac.markers.graded.motion import NEVER_US
 from spikingtac.markers.neighbours import Neighbourhood, neighbour_range_kernel, smallest_spacing_px
 from spikingtac.state_map.graded import Array
 
@@ -93,7 +93,7 @@ class TrackManager:
 
     def update_silent(
         self,
-        motion: NDArray[np.float64],
+        markers: NDArray[np.void],
         counts: NDArray[np.int64],
         dt_s: float,
         event_loss: EventLoss,
@@ -101,35 +101,35 @@ class TrackManager:
         """Test for silence: compare the events of each marker with its neighbours' motion.
 
         Args:
-            motion: ``(m, 8)`` filter states (:mod:`spikingtac.markers.graded.motion`).
+            markers: ``(m,)`` records (:data:`~spikingtac.markers.graded.motion.MARKER`).
             counts: ``(m + 1,)`` events in each marker's gate, and last those in no gate.
             dt_s: Time in which they came, s.
             event_loss: Share of the events that arrives, and the background.
         """
         near = self.neighbours
         silence_kernel(
-            motion, near.index, near.weight, self._surrounded, counts, event_loss.noise_per_s,
+            markers, near.index, near.weight, self._surrounded, counts, event_loss.noise_per_s,
             event_loss.events_per_px, event_loss.arrival_ratio, dt_s, self._cusum_px, self.silent,
         )  # fmt: skip
 
     def update(
-        self, t_us: int, fits: NDArray[np.float64], levels: NDArray[np.float32]
+        self, t_us: int, markers: NDArray[np.void], levels: NDArray[np.float32]
     ) -> NDArray[np.bool_]:
         """Decide which markers are lost at ``t_us``, predict those, and search the map for them.
 
         Args:
             t_us: Time of the estimate, us.
-            fits: ``(m, 9)`` last fits (:mod:`spikingtac.markers.graded.motion`).
+            markers: ``(m,)`` records (:data:`~spikingtac.markers.graded.motion.MARKER`).
             levels: ``(height, width)`` the map.
 
         Returns:
             ``(m,)`` markers with a new position in ``position_px``.
         """
         near, since_us = self.neighbours, self._rejected_since_us
-        flags = self.coasted, self.silent
-        if not gate_kernel(fits, near.arrays, near.bound_px, flags, t_us, since_us):
+        fitted_px = np.column_stack([markers["fit_x"], markers["fit_y"]])
+        fits, flags = (fitted_px, markers["agreement"]), (self.coasted, self.silent)
+        if not gate_kernel(*fits, near.arrays, near.bound_px, flags, t_us, since_us):
             return self.coasted
-        fitted_px = fits[:, :FIT_US]
         lost = (since_us > NEVER_US) & (t_us - since_us >= LOST_AFTER_US)
         self.coasted |= lost | self.silent
         relocated = self.coasted.copy()
@@ -176,7 +176,7 @@ def confidence_kernel(
 
 @kernel()
 def _expected_speed_kernel(
-    motions: Array, index: Array, weight: Array, m: int
+    markers: Array, index: Array, weight: Array, m: int
 ) -> float:  # pragma: no cover - compiled
     """Return a cautious prediction of a marker's speed from its neighbours, px/s.
 
@@ -186,10 +186,10 @@ def _expected_speed_kernel(
     x = y = 0.0
     slowest = second = third = np.inf
     for k in range(index.shape[1]):
-        n = index[m, k]
-        x += weight[m, k] * motions[n, VX]
-        y += weight[m, k] * motions[n, VY]
-        speed_px_s = np.sqrt(motions[n, VX] ** 2 + motions[n, VY] ** 2)
+        neighbour = markers[index[m, k]]
+        x += weight[m, k] * neighbour.vx
+        y += weight[m, k] * neighbour.vy
+        speed_px_s = np.sqrt(neighbour.vx**2 + neighbour.vy**2)
         third = min(third, max(second, speed_px_s))
         second = min(second, max(slowest, speed_px_s))
         slowest = min(slowest, speed_px_s)
@@ -199,7 +199,7 @@ def _expected_speed_kernel(
 
 @kernel()
 def gate_kernel(
-    fits: Array, neighbours: tuple[Array, Array, Array], bound_px: Array,
+    fitted_px: Array, agreement: Array, neighbours: tuple[Array, Array, Array], bound_px: Array,
     flags: tuple[Array, Array], t_us: int, since_us: Array,
 ) -> bool:  # pragma: no cover - compiled # fmt: skip
     """Gate the fits: note since when each has been rejected, NEVER_US for accepted ones.
@@ -210,10 +210,10 @@ def gate_kernel(
     for m in range(bound_px.size):
         beyond2 = 0.0
         for axis in range(2):
-            _, low, high = neighbour_range_kernel(fits, neighbours, m, axis)
-            moved = fits[m, FIT_X + axis] - neighbours[0][m, axis]
+            _, low, high = neighbour_range_kernel(fitted_px, neighbours, m, axis)
+            moved = fitted_px[m, axis] - neighbours[0][m, axis]
             beyond2 += max(low - moved, moved - high, 0.0) ** 2
-        if beyond2 <= bound_px[m] ** 2 and fits[m, AGREEMENT] >= LEAST_AGREEMENT:
+        if beyond2 <= bound_px[m] ** 2 and agreement[m] >= LEAST_AGREEMENT:
             since_us[m] = NEVER_US
         elif since_us[m] == NEVER_US:
             since_us[m] = t_us
@@ -223,20 +223,20 @@ def gate_kernel(
 
 @kernel()
 def silence_kernel(
-    motions: Array, index: Array, weight: Array, surrounded: Array, counts: Array,
+    markers: Array, index: Array, weight: Array, surrounded: Array, counts: Array,
     noise_per_s: Array, lossless_per_px: Array, ratio: float, dt_s: float, cusum_px: Array,
     silent: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Update the CUSUM statistics of the silence test, px, and the markers that are silent.
 
-    Arguments are plain, since a tuple costs a microsecond: filter states; neighbours, their
-    weights, and which markers they surround; events in each gate, background per s, and events of
-    a stream without loss per px of motion; the arrival ratio, and the time, s; the statistics and
-    the silent markers, which are changed.
+    Arguments are plain, since a tuple costs a microsecond: records of the markers; neighbours,
+    their weights, and which markers they surround; events in each gate, background per s, and
+    events of a stream without loss per px of motion; the arrival ratio, and the time, s; the
+    statistics and the silent markers, which are changed.
     """
     for m in range(silent.size):
         events_per_px = ratio * lossless_per_px[m]
-        speed_px_s = _expected_speed_kernel(motions, index, weight, m)
+        speed_px_s = _expected_speed_kernel(markers, index, weight, m)
         noise = noise_per_s[m] * dt_s
         observable = SLOW_PX_S < speed_px_s < FAST_PX_S
         observable = observable and speed_px_s * events_per_px > BACKGROUND_SHARE * noise_per_s[m]

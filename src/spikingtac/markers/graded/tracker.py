@@ -21,7 +21,7 @@ from spikingtac.markers.graded.corrections import OutputCorrections, ReleasedZer
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.event_loss import EventLoss
 from spikingtac.markers.graded.map_leak import MapLeak
-from spikingtac.markers.graded.motion import AGREEMENT, NEVER_US, VX, VY
+from spikingtac.markers.graded.motion import NEVER_US
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.markers.laws import OutputLaw
 from spikingtac.state_map.graded import GradedStateMap
@@ -116,9 +116,9 @@ class GradedTracker:
         return self._locator.map
 
     @property
-    def motion(self) -> NDArray[np.float64]:
-        """``(m, 8)`` states of the filters (:mod:`spikingtac.markers.graded.motion`); a view."""
-        return self._locator.motion
+    def markers(self) -> NDArray[np.void]:
+        """``(m,)`` records (:data:`~spikingtac.markers.graded.motion.MARKER`); read them only."""
+        return self._locator.markers
 
     @property
     def hot_pixels(self) -> int:
@@ -165,7 +165,9 @@ class GradedTracker:
         self._next_estimate_us, before_us = t_us + LONGEST_PERIOD_US, locator.times_us[0]
         dt_s = 0.0 if before_us == NEVER_US else (t_us - before_us) * 1e-6
         short = 0.0 < dt_s < SHORT_PERIOD_S
-        wait_us = TASK_PERIOD_US if short and self._events > MANY_EVENTS * len(locator.fits) else 0
+        wait_us = (
+            TASK_PERIOD_US if short and self._events > MANY_EVENTS * len(locator.markers) else 0
+        )
         leaks = t_us >= self._leak_us + TASK_PERIOD_US + wait_us
         if t_us >= self._task_us + TASK_PERIOD_US + wait_us and not (leaks and short):
             self._run_task(t_us)
@@ -176,12 +178,12 @@ class GradedTracker:
         if leaks:
             self._leak_map(t_us, loss_known)
         noise = self._event_loss.background_hz_px, dt_s
-        given_px = self._corrections.update(t_us, locator.motion, self.lag_s, backlash, noise)
+        given_px = self._corrections.update(t_us, locator.markers, self.lag_s, backlash, noise)
         if self._zero is not None:
-            velocity_px_s = locator.motion[:, VX : VY + 1]
+            velocity_px_s = np.column_stack([locator.markers["vx"], locator.markers["vy"]])
             given_px = self._zero.update(given_px, velocity_px_s, manager.coasted, dt_s)
         self._events = 0
-        confidence = manager.confidence(locator.fits[:, AGREEMENT], dt_s)
+        confidence = manager.confidence(locator.markers["agreement"], dt_s)
         return given_px, manager.coasted.copy(), confidence
 
     def reset(self) -> None:
@@ -224,11 +226,11 @@ class GradedTracker:
             self._counts = event_count - self._counted_events, counted_s
             self._count_us, self._counted_events = t_us, event_count
             if self._adapts and counted_s > 0.0:
-                event_loss.update(locator.motion, *self._counts)
+                event_loss.update(locator.markers, *self._counts)
                 locator.map.arrival_ratio = event_loss.arrival_ratio
         elif task == 1:
-            manager.update_silent(locator.motion, *self._counts, event_loss)
+            manager.update_silent(locator.markers, *self._counts, event_loss)
         elif task == 2:
-            relocated = manager.update(t_us, locator.fits, locator.map.values)
+            relocated = manager.update(t_us, locator.markers, locator.map.values)
             if relocated.any():
                 locator.place(relocated, manager.position_px)

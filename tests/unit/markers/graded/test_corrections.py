@@ -20,6 +20,7 @@ from spikingtac.markers.graded.corrections import (
 )
 from spikingtac.markers.graded.tracker import GradedTrackerConfig
 from spikingtac.markers.neighbours import Neighbourhood
+from stand_ins.moving_markers import moving_markers
 from stand_ins.moving_rims import calibration
 
 SENSOR = calibration()
@@ -39,12 +40,10 @@ def given(
 ) -> np.ndarray:
     """Return ``(n, m, 2)`` the given displacements of fits that go along ``(n, m, 2)`` px."""
     made = OutputCorrections(sensor, Neighbourhood(sensor.reference_px), shrink)
-    states = np.zeros((len(sensor.reference_px), 8))
-    states[:, 2:4] = velocity_px_s
     out = []
     for place_px in path_px:
-        states[:, :2] = sensor.reference_px + place_px
-        given_px = made.update(0, states, 2e-3, backlash, (noise_hz_px, 0.01))
+        markers = moving_markers(sensor.reference_px + place_px, velocity_px_s)
+        given_px = made.update(0, markers, 2e-3, backlash, (noise_hz_px, 0.01))
         out.append(given_px - sensor.reference_px)
     return np.array(out)
 
@@ -94,10 +93,8 @@ def test_after_a_turn_it_is_farther_ahead_and_the_fit_catches_up() -> None:
 
 def test_the_lag_is_made_good_from_the_last_time_of_the_filter_on() -> None:
     made = OutputCorrections(SENSOR, Neighbourhood(SENSOR_PX), 0.0)
-    states = np.zeros((COUNT, 8))
-    states += np.array([0.0, 0.0, 40.0, -10.0, 0.0, 0.0, 0.0, 500.0])
-    states[:, :2] = SENSOR_PX
-    moved_px = made.update(2_000, states, 2e-3, 0.0, (0.0, 0.0)) - SENSOR_PX
+    markers = moving_markers(SENSOR_PX, np.array([40.0, -10.0]), t_us=500)
+    moved_px = made.update(2_000, markers, 2e-3, 0.0, (0.0, 0.0)) - SENSOR_PX
     np.testing.assert_allclose(moved_px, np.tile([40.0 * 3.5e-3, -10.0 * 3.5e-3], (COUNT, 1)))
 
 

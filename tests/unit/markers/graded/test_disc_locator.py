@@ -13,19 +13,15 @@ from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
     FIT_NOW,
-    FIT_US,
     GATE_PX,
-    INNOVATION_PX,
     MAX_WAIT_US,
     MEASUREMENT_SIGMA_PX,
     MISSED_PX,
     REASSIGN_PX,
     START_VELOCITY_PX_S,
-    VX,
-    X,
     correct_kernel,
     predict_kernel,
-    resting_motion,
+    resting_markers,
 )
 from spikingtac.types import EventPacket
 
@@ -64,27 +60,27 @@ def naive_filter(positions: np.ndarray, dt: float, sigma: float) -> tuple[np.nda
 def test_the_filter_equals_the_textbook(dt: float, spread: float) -> None:
     """Estimates that are made more often read nearly the same map: each tells less."""
     path = np.cumsum(np.random.default_rng(0).normal(0.0, 0.3, (60, 2)), axis=0)
-    motion, states = resting_motion(path[:1])[0], []
+    marker, states = resting_markers(path[:1])[0], []
     for x, y in path:
-        predict_kernel(motion, dt)
-        correct_kernel(motion, x, y, dt)
-        states.append(motion[:4].copy())
-    for axis in range(2):
-        place, speed = naive_filter(path[:, axis], dt, MEASUREMENT_SIGMA_PX * spread)
-        np.testing.assert_allclose(np.array(states)[:, axis], place, rtol=1e-8)
-        np.testing.assert_allclose(np.array(states)[:, 2 + axis], speed, rtol=1e-8)
+        predict_kernel(marker, dt)
+        correct_kernel(marker, x, y, dt)
+        states.append(marker.copy())
+    for axis, measured in zip("xy", path.T, strict=True):
+        place, speed = naive_filter(measured, dt, MEASUREMENT_SIGMA_PX * spread)
+        np.testing.assert_allclose(np.array(states)[axis], place, rtol=1e-8)
+        np.testing.assert_allclose(np.array(states)["v" + axis], speed, rtol=1e-8)
 
 
 def test_a_fit_waits_for_its_events_or_for_some_ms() -> None:
     locator, nobody = moved_by(0.5), np.zeros(2, np.bool_)
     locator.pending[:] = 3, 4, 0
     locator.locate(1_000, nobody)
-    assert locator.fits[1, 0] == pytest.approx(70.5, abs=0.05)
+    assert locator.markers["fit_x"][1] == pytest.approx(70.5, abs=0.05)
     locator.locate(MAX_WAIT_US - 500, nobody)
-    assert locator.fits[0, 0] == 30.0, "three events are not enough"
+    assert locator.markers["fit_x"][0] == 30.0, "three events are not enough"
     assert locator.pending.tolist() == [3, 0, 0]
     locator.locate(MAX_WAIT_US, nobody)
-    assert locator.fits[0, 0] == pytest.approx(30.5, abs=0.05)
+    assert locator.markers["fit_x"][0] == pytest.approx(30.5, abs=0.05)
 
 
 def test_markers_take_turns_and_one_that_its_prediction_missed_takes_more() -> None:
@@ -92,35 +88,35 @@ def test_markers_take_turns_and_one_that_its_prediction_missed_takes_more() -> N
     for t_us in range(0, 6_000, 500):
         locator.pending[:] = 5
         locator.locate(t_us, nobody)
-        fitted.append((locator.fits[:, FIT_US] == t_us).tolist())
+        fitted.append((locator.markers["fit_us"] == t_us).tolist())
     turns = np.array(fitted[1:])  # at 0 both begin
     assert turns.sum(axis=0).tolist() == [2, 3], "each once in 2 ms"
     assert not turns.all(axis=1).any(), "not at one time"
     for k, t_us in enumerate((6_200, 6_600, 7_600, 7_900)):  # a miss, then a sudden motion
-        locator.fits[1, INNOVATION_PX] = MISSED_PX * (k < 2)
+        locator.markers["innovation_px"][1] = MISSED_PX * (k < 2)
         locator.pending[:] = 5, (5, 999)[k // 2], 0
         locator.locate(t_us, nobody)
-        assert (locator.fits[:, FIT_US] == t_us).tolist() == [k == 0, k in (1, 2)], "once in 1 ms"
+        assert (locator.markers["fit_us"] == t_us).tolist() == [k == 0, k in (1, 2)], "once in 1 ms"
     locator.pending[0] = FIT_NOW
     locator.locate(7_950, nobody)
-    assert locator.fits[0, FIT_US] == 7_950
+    assert locator.markers["fit_us"][0] == 7_950
 
 
 def test_without_events_nothing_is_fitted_and_a_speed_fades() -> None:
     locator, nobody = moved_by(0.5), np.zeros(2, np.bool_)
-    locator.motion[:, VX] = 50.0
+    locator.markers["vx"] = 50.0
     for t_us in range(1_000, 40_000, 1_000):
         locator.locate(t_us, nobody)
-    np.testing.assert_array_equal(locator.fits[:, :2], REST_PX)
-    np.testing.assert_allclose(locator.motion[:, :2], REST_PX, atol=0.01)
-    assert np.abs(locator.motion[:, VX]).max() < 1.0
+    np.testing.assert_array_equal(locator.markers["fit_x"], REST_PX[:, 0])
+    np.testing.assert_allclose(locator.markers["x"], REST_PX[:, 0], atol=0.01)
+    assert np.abs(locator.markers["vx"]).max() < 1.0
 
 
 def test_events_count_for_the_marker_around_which_they_lie_also_far_from_its_rest() -> None:
     locator, nobody = moved_by(0.0), np.zeros(2, np.bool_)
     locator.pending[:] = 0
-    locator.motion[0, X] += 18.0  # beyond the middle between the two
-    locator.motion[:, VX] = 1.0
+    locator.markers["x"][0] += 18.0  # beyond the middle between the two
+    locator.markers["vx"] = 1.0
     locator.locate(2_000, nobody)
     columns = np.array([30, 37, 55, 48, 77, 70], np.uint16)
     events = columns, np.full(6, 30, np.uint16), np.ones(6, np.bool_), np.arange(6)
@@ -151,10 +147,10 @@ def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
 
 def test_a_held_marker_stays_where_it_is_put_and_loses_its_speed() -> None:
     locator, held = moved_by(0.5), np.array([True, False])
-    locator.motion[:, VX] = 300.0
+    locator.markers["vx"] = 300.0
     locator.place(held, REST_PX + 2.0)
     for t_us in range(1_000, 4_000, 1_000):
         locator.pending[1] = 4
         locator.locate(t_us, held)
-    np.testing.assert_array_equal(locator.motion[0, X:4], [32.0, 32.0, 0.0, 0.0])
-    assert locator.motion[1, 0] == pytest.approx(70.5, abs=0.2)
+    assert locator.markers[["x", "y", "vx", "vy"]][0].tolist() == (32.0, 32.0, 0.0, 0.0)
+    assert locator.markers["x"][1] == pytest.approx(70.5, abs=0.2)

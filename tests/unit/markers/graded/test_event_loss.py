@@ -7,6 +7,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded import event_loss
 from spikingtac.markers.graded.appearance import EXTRA_EVENTS
 from spikingtac.markers.graded.event_loss import EventLoss
+from stand_ins.moving_markers import moving_markers
 
 STEP = 1.0 / 7.0  # Six events of a full swing, and one step of dead band: 1 / (6 + 1).
 SIZE = (320, 40)
@@ -27,12 +28,6 @@ NONE = np.zeros(11, np.int64)
 AREA_PX = np.append(np.full(10, 32 * 40), 0)  # In each gate, and in none.
 
 
-def motion(position_px: np.ndarray, velocity_px_s: np.ndarray | float = 0.0) -> np.ndarray:
-    out = np.zeros((10, 8))
-    out[:, :2], out[:, 2:4] = position_px, velocity_px_s
-    return out
-
-
 def watched(ratio: float, moving: int = 10, seconds: float = 3.0) -> EventLoss:
     """Move some markers and lose events; return the estimator after 3 s."""
     watch, rng = EventLoss(CALIBRATION, AREA_PX), np.random.default_rng(1)
@@ -40,14 +35,14 @@ def watched(ratio: float, moving: int = 10, seconds: float = 3.0) -> EventLoss:
     velocity[:moving, 0] = SPEED_PX_S
     for _ in range(500):
         background = rng.poisson(BACKGROUND_PER_MS * ratio / 10, 10)
-        watch.update(motion(REFERENCE_PX), np.append(background, 0), 1e-3)
+        watch.update(moving_markers(REFERENCE_PX), np.append(background, 0), 1e-3)
         assert not watch.measured
     signal = EVENTS_PER_PX * SPEED_PX_S * 1e-3 * ratio * (np.arange(10) < moving)
     for _ in range(int(seconds * 1e3)):
         counts = rng.poisson(BACKGROUND_PER_MS * ratio / 10 + signal)
         position += 1e-3 * velocity
         velocity[np.abs(position[:, 0] - REFERENCE_PX[:, 0]) > STROKE_PX / 2.0] *= -1.0
-        watch.update(motion(position, velocity), np.append(counts, 0), 1e-3)
+        watch.update(moving_markers(position, velocity), np.append(counts, 0), 1e-3)
     return watch
 
 
@@ -68,7 +63,9 @@ def test_snaps_creep_and_short_strokes_of_wide_edges_are_not_counted() -> None:
         watch = EventLoss(replace(CALIBRATION, edge_px=edge_px), AREA_PX)
         velocity = np.tile([speed_px_s, 0.0], (10, 1))
         for _ in range(1_000):
-            watch.update(motion(REFERENCE_PX + np.array([0.0, away_px]), velocity), NONE, 1e-3)
+            watch.update(
+                moving_markers(REFERENCE_PX + np.array([0.0, away_px]), velocity), NONE, 1e-3
+            )
             assert not watch.measured
 
 
@@ -82,7 +79,7 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
         velocity = rng.normal(0, 1, (10, 2)) * 10.0 ** rng.uniform(0, 3, (10, 1))
         noise, per_px = rng.uniform(50, 6000, 10), rng.uniform(100, 300, 10)
         dt, turned, stroke = 1e-3, reversal.copy(), rng.uniform(2, 9, 10)
-        moved = motion(position, velocity)
+        moved = moving_markers(position, velocity)
         got = event_loss.expected_events_kernel(moved, turned, counts, noise, per_px, stroke, dt)
         speed = np.hypot(*velocity.T)
         counted = (speed > event_loss.SLOW_PX_S) & (speed < event_loss.FAST_PX_S)

@@ -15,7 +15,6 @@ from spikingtac.markers.graded.map_leak import (
     TOLERANCE,
     MapLeak,
 )
-from spikingtac.markers.graded.motion import AGREEMENT, STATE_US
 from spikingtac.markers.registry import make_tracker
 from spikingtac.types import EventPacket
 from stand_ins.camera_stage import CENTERS, RADIUS_PX, SIZE
@@ -40,7 +39,7 @@ def leaked(
         leak.update(locator, 1e-3, known)
     for levels in (locator.map.pixels["level"], locator.map.values):
         levels[BESIDE] += level
-    locator.fits[1, AGREEMENT], locator.motion[1, STATE_US] = of_one, quiet_us
+    locator.markers["agreement"][1], locator.markers["t_us"][1] = of_one, quiet_us
     for _ in range(duration_us // 1_000):
         leak.update(locator, 1e-3, known)
     return locator.map.pixels["level"][BESIDE]

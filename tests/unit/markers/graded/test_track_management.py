@@ -9,6 +9,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded import track_management
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.state_map.binary import paint_discs
+from stand_ins.moving_markers import moving_markers
 
 SIZE = (210, 210)
 PITCH_PX, COUNT = 40.0, 25
@@ -45,18 +46,16 @@ def lost() -> TrackManager:
 
 
 def fits(place_px: np.ndarray, agreement: np.ndarray) -> np.ndarray:
-    return np.column_stack([place_px, np.zeros(COUNT), agreement])
-
-
-def motion(velocity_px_s: np.ndarray) -> np.ndarray:
-    return np.column_stack([np.zeros((COUNT, 2)), velocity_px_s])
+    markers = moving_markers(place_px)
+    markers["agreement"] = agreement
+    return markers
 
 
 def listen(
     manager: TrackManager, velocity_px_s: np.ndarray, events: np.ndarray, ratio: float = 1.0
 ) -> None:
     loss = SimpleNamespace(arrival_ratio=ratio, noise_per_s=NOISE_HZ, events_per_px=EVENTS_PER_PX)
-    manager.update_silent(motion(velocity_px_s), events, DT_S, loss)  # type: ignore[arg-type]
+    manager.update_silent(moving_markers(REST_PX, velocity_px_s), events, DT_S, loss)  # type: ignore[arg-type]
 
 
 def moving(speed_px_s: float) -> np.ndarray:
@@ -193,7 +192,9 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
         velocity = rng.normal(0, 120, (COUNT, 2))
         events = rng.poisson(np.linspace(0.0, 5.0, COUNT))
         cells = index, weight, surrounded, events, noise
-        track_management.silence_kernel(motion(velocity), *cells, 2.0 * full, 0.5, DT_S, *got)
+        track_management.silence_kernel(
+            moving_markers(REST_PX, velocity), *cells, 2.0 * full, 0.5, DT_S, *got
+        )
         third = np.sort(np.hypot(*velocity.T)[index], axis=1)[:, 2]
         asked = np.minimum(
             third, np.linalg.norm((weight[:, :, None] * velocity[index]).sum(1), axis=1)
