@@ -72,6 +72,7 @@ class CalibrationCheck:
         contradiction: Largest share so far of the pixels that contradict the calibration, on the
             side of the rims where it is less, less its standard errors; 0 until enough moved.
         limit: Share from which the calibration counts as that of another sensor.
+        judged: True once enough pixels have answered to tell.
         ended: True when nothing will change any more.
     """
 
@@ -94,7 +95,7 @@ class CalibrationCheck:
         self._filter = HotPixelFilter(calibration.hot_px, calibration.size)
         self._turn_us: int | None = None
         self.limit = MOST_CONTRADICTION
-        self.contradiction = 0.0
+        self.contradiction, self.judged = 0.0, False
         self.ended = not len(self._marker)
 
     @property
@@ -140,6 +141,7 @@ class CalibrationCheck:
     def _judge(self) -> None:
         first = self._first[self._asked]
         self.contradiction = max(self.contradiction, self._share(first))
+        self.judged |= np.count_nonzero(first) >= FEWEST_PIXELS
         self._turn += 1
         if self._turn % NOISE_TURNS == 0:
             self._forget_noise(first)
@@ -166,8 +168,7 @@ def _rim_distance_px(calibration: Calibration, owner: NDArray[np.uint16]) -> NDA
     """Return ``(height, width)`` distances outside of the nearest marker's rim at rest, px."""
     y, x = np.mgrid[: owner.shape[0], : owner.shape[1]]
     center_px = calibration.reference_px[owner]
-    away_px = np.hypot(x - center_px[..., 0], y - center_px[..., 1])
-    return away_px - calibration.radius_px[owner]
+    return np.hypot(x - center_px[..., 0], y - center_px[..., 1]) - calibration.radius_px[owner]
 
 
 def _edge_px(calibration: Calibration) -> NDArray[np.float64]:
