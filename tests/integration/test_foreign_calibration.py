@@ -71,10 +71,10 @@ def test_recordings_are_checked_against_a_calibration(
 ) -> None:
     assert "fits own.json" in verbs.said("calibrate", slides, "--check", own)
     found = verbs.told("calibrate", slides, "--check", foreign, code=1)
-    assert not found["fits"]
-    assert found["contradiction"] > found["limit"]
+    assert (found["fits"], found["contradiction"] > found["limit"]) == (False, True)
+    simulate(load_scene("quiet"), still := tmp_path / "still", seed=0, duration_s=0.3)
+    assert "too little moves" in verbs.said("calibrate", still, "--check", own, code=1)
     day = tmp_path / "day"
-    day.mkdir()
     for name in ("a", "b"):
         shutil.copytree(slides, day / name)
     (day / "bad.raw").write_bytes(b"junk")

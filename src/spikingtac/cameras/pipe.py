@@ -99,8 +99,8 @@ class PipeCamera(Camera):
 
 def _opened_pipe(address: Address) -> int:
     if address.target in ("-", ""):
-        if sys.stdin.isatty():
-            raise DeviceError("standard input is a terminal; pipe RAW into it, or name a pipe")
+        if sys.stdin is None or sys.stdin.isatty():
+            raise DeviceError("standard input is closed or a terminal: pipe RAW in, or name a pipe")
         return os.dup(sys.stdin.fileno())
     path = Path(address.target)
     if not path.exists():

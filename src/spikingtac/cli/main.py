@@ -230,13 +230,14 @@ def _report(error: Exception, as_json: bool) -> int:
         code = error.exit_code
     elif isinstance(error, OSError):
         code, way_out = _OF_THE_SYSTEM.get(error.errno or 0, (EXIT_MACHINE, ""))
-        if error.filename is not None and error.strerror is not None:
-            message = f"{str(error.filename)!r}: {error.strerror}{way_out}"
+        where = "" if error.filename is None else f"{str(error.filename)!r}: "
+        message = f"{where}{error.strerror or error}{way_out}"
     else:
         message = f"internal error, {type(error).__name__}: {error}"
         hint = " (please report it with the output of --debug)"
     sys.stderr.write(f"spikingtac: error: {message}{hint}\n")
     if as_json:
         document = {"error": message, "kind": type(error).__name__, "exit_code": code}
-        sys.stdout.write(json.dumps(document) + "\n")
+        with contextlib.suppress(OSError):  # stdout may be what is full
+            sys.stdout.write(json.dumps(document) + "\n")
     return code

@@ -143,7 +143,7 @@ def on_twin(args: Args) -> ProbedHole:
     """
     site = twin.HoleSite(args.seed, args.seed)
     trial = twin.hole_trial(args.radius_mm, np.zeros(2), twin.CORNER_MM, args.seed)
-    remark("calibrating on a flat wall, then probing the hole; this takes about half a minute")
+    remark("calibrating on a flat wall, then probing the hole; this takes one or two minutes")
     with progress("calibrate on a flat wall, then probe") as advance:
         quiet, config = twin.quiet_windows(site), st.DetectionConfig()
         detector = st.make_detector(args.detector, config, [site.calibration], quiet)

@@ -71,6 +71,7 @@ class CalibrationCheck:
         contradiction: Largest lower confidence bound so far of the share of contradicting pixels,
             the smaller of both sides of the rims; 0 until enough pixels have fired.
         limit: Share above which the calibration belongs to another sensor.
+        measured: True once enough pixels have fired.
         ended: True once the result is final.
     """
 
@@ -93,7 +94,7 @@ class CalibrationCheck:
         self._filter = HotPixelFilter(calibration.hot_px, calibration.size)
         self._turn_us: int | None = None
         self.limit = MOST_CONTRADICTION
-        self.contradiction = 0.0
+        self.contradiction, self.measured = 0.0, False
         self.ended = not len(self._marker)
 
     @property
@@ -139,6 +140,7 @@ class CalibrationCheck:
     def _test(self) -> None:
         first = self._first[self._tested]
         self.contradiction = max(self.contradiction, self._share(first))
+        self.measured |= np.count_nonzero(first) >= FEWEST_PIXELS
         self._turn += 1
         if self._turn % NOISE_TURNS == 0:
             self._forget_noise(first)
@@ -165,8 +167,7 @@ def _rim_distance_px(calibration: Calibration, owner: NDArray[np.uint16]) -> NDA
     """Return ``(height, width)`` distances outside of the nearest marker's rim at rest, px."""
     y, x = np.mgrid[: owner.shape[0], : owner.shape[1]]
     center_px = calibration.reference_px[owner]
-    away_px = np.hypot(x - center_px[..., 0], y - center_px[..., 1])
-    return away_px - calibration.radius_px[owner]
+    return np.hypot(x - center_px[..., 0], y - center_px[..., 1]) - calibration.radius_px[owner]
 
 
 def _edge_px(calibration: Calibration) -> NDArray[np.float64]:

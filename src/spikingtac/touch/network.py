@@ -69,8 +69,7 @@ class Network:
 @cache
 def packaged(file: str) -> Network:
     """Return a network that comes with the package: ``patch.onnx`` or ``slip.onnx``."""
-    content = (importlib.resources.files("spikingtac.touch") / file).read_bytes()
-    return Network(content, file)
+    return Network((importlib.resources.files("spikingtac.touch") / file).read_bytes(), file)
 
 
 def graph(

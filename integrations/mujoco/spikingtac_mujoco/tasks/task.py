@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, get_args
 
 import gymnasium
 import mujoco
@@ -55,8 +55,8 @@ class TouchTask(gymnasium.Env[Observation, Floats]):
     SKIN: ClassVar[float] = FRICTION
 
     def __init__(self, sense: Sense = "markers", render_mode: str | None = None) -> None:
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise st.ConfigError(f"render_mode is {render_mode!r}, valid are None and 'rgb_array'")
+        if sense not in get_args(Sense) or render_mode not in (None, "rgb_array"):
+            raise st.ConfigError(f"{sense=}, {render_mode=}; valid: {get_args(Sense)}, 'rgb_array'")
         self.render_mode, self.sense = render_mode, sense
         spec = load_spec(Path(__file__).with_name(self.MODEL))
         mount = add_sensor(spec, site="fingertip", friction=self.SKIN)

@@ -23,6 +23,7 @@ from spikingtac.plots.figure import check_target
 from spikingtac.types import Polarity
 
 TELL_US = 2_000_000  # Sensor time between two reports of what a calibration lacks, us.
+TOO_STILL = "too little moves to tell whether it fits; touch the skin in many places"
 MOST_NAMED = 8  # Stray spots that are named one by one.
 
 # Figures of a calibration, and of its notes, that are told as they are.
@@ -254,10 +255,10 @@ def check_one(args: Args, recording: Path, output: Path | None, advance: Advance
     check.finish()
     found = {
         "recording": recording.name,
-        "fits": not check.foreign,
+        "fits": check.measured and not check.foreign,
         "contradiction": float(check.contradiction),
         "limit": float(check.limit),
-        "words": check.words() if check.foreign else "",
+        "words": check.words() if check.foreign else "" if check.measured else TOO_STILL,
     }
     if output is not None:
         write_json(output, found)

@@ -114,8 +114,7 @@ def _fit(args: Args) -> int:
         ],
     )
     notes = [ONE_SERIES] if len(told["series"]) == 1 else []
-    document = {"output": str(output)} | told
-    return tell(args.json, document, table, *notes, f"written: {output}")
+    return tell(args.json, {"output": str(output)} | told, table, *notes, f"written: {output}")
 
 
 def _drawn(args: Args) -> list[st.WrenchSeries]:

@@ -81,8 +81,7 @@ def run(args: Args) -> int:
         )
     args.claim(output)
     told = _of_tracks(args, output, kind) if tracked else _of_events(args, output, kind)
-    document = {"output": str(output), "kind": kind, **told}
-    return tell(args.json, document, f"written: {output}")
+    return tell(args.json, {"output": str(output), "kind": kind, **told}, f"written: {output}")
 
 
 def _of_events(args: Args, output: Path, kind: str) -> dict[str, Any]:

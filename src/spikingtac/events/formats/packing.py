@@ -194,7 +194,7 @@ class Counter:
         if not len(t):
             return t.astype(np.int64)
         near = self._period // 16
-        place = np.append(t[:1] if self._last is None else self._last, t.astype(np.int64))
+        place = np.append(int(t[0]) if self._last is None else self._last, t.astype(np.int64))
         first, last = place < near, place >= self._period - near
         of_two = [zone & np.append(True, zone[:-1]) for zone in (last, first)]
         by_two = [zone & np.append(zone[1:], True) for zone in (first, last)]

@@ -19,6 +19,8 @@ dies away and no neighbours stand beyond, so border markers are never lost for s
 confidence falls.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -186,7 +188,7 @@ def _expected_speed_kernel(
     x = y = 0.0
     slowest = second = third = np.inf
     for k in range(index.shape[1]):
-        neighbour = markers[index[m, k]]
+        neighbour: Any = markers[index[m, k]]
         x += weight[m, k] * neighbour.vx
         y += weight[m, k] * neighbour.vy
         speed_px_s = np.sqrt(neighbour.vx**2 + neighbour.vy**2)

@@ -13,7 +13,7 @@ from scipy.interpolate import RBFInterpolator
 from scipy.optimize import nnls
 
 from spikingtac.errors import ConfigError
-from spikingtac.touch.force.model import SCHEMA, ForceModel, fields_of, rest_share
+from spikingtac.touch.force.model import SCHEMA, ForceModel, fields_of, other_sensor, rest_share
 from spikingtac.touch.force.regression import NORMAL, fit_regression
 from spikingtac.touch.network import Network, with_record
 from spikingtac.touch.series import COMPONENTS, WrenchSeries
@@ -154,15 +154,13 @@ def _checked(
     for one in kept:
         if not one.displacement.any():
             raise ConfigError(f"{one.name}: no marker moves in its {len(one.t_us)} frames")
-        if one.wrench.shape[1] < components:
+        if one.wrench.shape[1] < components or not np.ptp(one.wrench[:, NORMAL]):
             raise ConfigError(
-                f"{one.name} holds no wrench of {components} components (N, Nm): give --wrench"
+                f"{one.name} holds no wrench of {components} components (N, Nm), or one whose "
+                "normal force never changes: give --wrench"
             )
-        if one.reference.shape != first.reference.shape or one.unit != first.unit:
-            raise ConfigError(
-                f"{one.name} and {first.name} differ in markers or unit; "
-                "a force model belongs to one sensor"
-            )
+        if why := other_sensor(one.reference, one.unit, first.reference, first.unit, first.name):
+            raise ConfigError(f"{one.name} has {why}; a force model belongs to one sensor")
     if (frames := sum(len(one.t_us) for one in kept)) < least:
         raise ConfigError(f"{frames} labelled frames are too few for a model, at least {least}")
     moved = np.concatenate([one.displacement.ravel() for one in kept])

@@ -38,6 +38,16 @@ MEMORY_SHARES, MEMORY_S = np.array([[0.15], [0.3]]), np.array([[0.3], [5.0]])
 LONGEST_GAP_S = 0.2
 
 
+def other_sensor(reference: Field, unit: str, own: Field, own_unit: str, whose: str) -> str:
+    """Return how markers differ from those of another one by name; nothing where they do not."""
+    if reference.shape != own.shape or unit != own_unit:
+        return f"{len(reference)} markers in {unit}, {whose} {len(own)} in {own_unit}"
+    aside = reference - reference.mean(axis=0) - own + own.mean(axis=0)
+    off = float(np.sqrt((aside**2).sum(axis=1).mean()))
+    same = off <= LAYOUT_PITCHES * marker_pitch_px(own)
+    return "" if same else f"markers that lie {off:.2g} {unit} from those of {whose}"
+
+
 class FieldStream:
     """Displacement fields from the skin's present rest, which frames close to it move."""
 
@@ -173,18 +183,11 @@ class ForceModel:
         Raises:
             ConfigError: The model was learned on another sensor.
         """
-        own = self.reference
-        why = f"{reference.shape} in {unit}, the force model {own.shape} in {self.unit}"
-        if reference.shape == own.shape and unit == self.unit:
-            shifted = reference - reference.mean(axis=0) + own.mean(axis=0)
-            off = float(np.sqrt(((shifted - own) ** 2).sum(axis=1).mean()))
-            if off <= LAYOUT_PITCHES * marker_pitch_px(own):
-                return
-            why = f"markers that lie {off:.2g} {unit} from those of the force model"
-        raise ConfigError(
-            f"{name} has {why}; a force model belongs to one sensor: fit one on its own presses: "
-            "spikingtac force fit tracks.npz --wrench FORCES -o force.onnx"
-        )
+        if why := other_sensor(reference, unit, self.reference, self.unit, "the force model"):
+            raise ConfigError(
+                f"{name} has {why}; a force model belongs to one sensor: fit one on its own "
+                "presses: spikingtac force fit tracks.npz --wrench FORCES -o force.onnx"
+            )
 
     def estimator(self) -> ForceEstimator:
         """Return a stream of wrenches that starts at the calibrated rest."""
