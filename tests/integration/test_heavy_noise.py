@@ -26,8 +26,7 @@ def errors_px(recording, config) -> tuple[np.ndarray, np.ndarray]:
     events = with_background(recording.events, NOISE_HZ, np.random.default_rng(0))
     truth = recording.truth
     sensor = known(truth.reference_px, truth.radius_px)
-    frames = follow([events], make_tracker(config.tracking, sensor), RATE_HZ)
-    found = Tracks.of(frames, sensor)
+    found = Tracks.of(follow([events], make_tracker(config.tracking, sensor), RATE_HZ), sensor)
     return np.linalg.norm(found.detected_px - recording.true_px(found.t_us), axis=2), found.coasted
 
 

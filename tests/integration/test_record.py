@@ -241,8 +241,9 @@ def test_info_shows_what_the_manifest_tells(
     assert told["recorded_losses"] == {"overflow": 7}
     assert "the manifest tells 80001 events" in verbs.err
     assert "sha256" not in verbs.err
-    data = (tmp_path / "events.raw").read_bytes()
-    (tmp_path / "events.raw").write_bytes(data + bytes(2))  # a word without an event
+    (tmp_path / "events.raw").write_bytes(
+        (tmp_path / "events.raw").read_bytes() + bytes(2)
+    )  # a word without an event
     verbs.told("info", tmp_path)
     assert "events.raw is not what was recorded" in verbs.err
 

@@ -113,8 +113,7 @@ def test_the_fit_its_corrections_and_its_outline_equal_their_twin() -> None:
 def test_after_a_fit_the_disc_is_shown_within_the_bands_and_no_level_is_new() -> None:
     state_map = random_map(4)
     x, y, *_ = fitted(state_map, (24.0, 20.0), np.array([OUTLINE]), (3, 0.0, RADIUS_PX))
-    near = Twin(state_map, x, y).near
-    above = (state_map.values - state_map.pixels["level"])[near]
+    above = (state_map.values - state_map.pixels["level"])[Twin(state_map, x, y).near]
     assert (above >= -STEP_OFF - 1e-6).all()
     assert (above <= STEP_ON + 1e-6).all()
     assert (above != 0.0).all()

@@ -156,8 +156,7 @@ def price_of(value: NDArray, last: int, kept: NDArray) -> int:
 
 
 def test_es_kernel_equals_twin() -> None:
-    rng = np.random.default_rng(5)
-    data = rng.integers(0, 256, 997).astype(np.uint8)
+    data = np.random.default_rng(5).integers(0, 256, 997).astype(np.uint8)
     data[::7] = 0xFF
     t, i, twin = 0, 0, []
     while i < len(data):

@@ -71,8 +71,7 @@ def test_the_smoother_equals_the_textbook() -> None:
     got_px, _ = run(states)
     for place_px, axis in zip(got_px[:, 0].T, "xy", strict=True):
         mean = textbook(np.concatenate(states), axis)
-        expected_px = mean[:, 0] + LAG_S * mean[:, 1] + 0.5
-        np.testing.assert_allclose(place_px, expected_px, atol=2e-3)
+        np.testing.assert_allclose(place_px, mean[:, 0] + LAG_S * mean[:, 1] + 0.5, atol=2e-3)
 
 
 def test_noise_shrinks_and_what_lies_before_a_hold_or_a_leap_is_left_alone() -> None:

@@ -22,8 +22,7 @@ def line(start: tuple[float, float], end: tuple[float, float], samples: int) -> 
 
 
 def run(law: OutputLaw, path: np.ndarray) -> np.ndarray:
-    outputs = [law.update(REST + point, REST)[0] - REST[0] for point in path]
-    return np.array(outputs)
+    return np.array([law.update(REST + point, REST)[0] - REST[0] for point in path])
 
 
 def corner_loop(samples_per_leg: int = 1_000) -> np.ndarray:

@@ -14,8 +14,9 @@ ROS1_KIND = "event_camera_msgs/EventPacket"
 
 def packet_words(t_us: int) -> bytes:
     """Return EVT3 words of one ON event at (1, 3)."""
-    words = [0x8000 | t_us >> 12 & 0xFFF, 0x6000 | t_us & 0xFFF, 3, 0x2801]
-    return np.array(words, "<u2").tobytes()
+    return np.array(
+        [0x8000 | t_us >> 12 & 0xFFF, 0x6000 | t_us & 0xFFF, 3, 0x2801], "<u2"
+    ).tobytes()
 
 
 def cdr(

@@ -209,8 +209,7 @@ class SkinScale:
         if self.lens is None:
             return place_px / np.float64(self.px_per_mm)
         center_px = np.array(self.lens.center_px)
-        away_mm = self.lens.to_mm(place_px) - self.lens.to_mm(center_px)
-        return away_mm + center_px / self.px_per_mm
+        return self.lens.to_mm(place_px) - self.lens.to_mm(center_px) + center_px / self.px_per_mm
 
     def mm_per_px(self, place_px: NDArray[np.floating]) -> float:
         """Return the scale at one position ``(2,)``: the square root of a pixel's area, mm."""

@@ -66,8 +66,7 @@ class NetworkDenoiser:
     """
 
     def __init__(self, path: str | Path) -> None:
-        content = _read_checked(Path(path))
-        self._session = _open_session(content, str(path))
+        self._session = _open_session(_read_checked(Path(path)), str(path))
         self._blocks, self._quantum = _checked_metadata(self._session, str(path))
         self._buffers: _BlockBuffers | None = None
 

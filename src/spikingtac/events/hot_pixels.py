@@ -289,7 +289,6 @@ def hot_pixels_of(packets: Iterable[EventPacket]) -> NDArray[np.int64]:
     Args:
         packets: The recording; it is iterated twice.
     """
-    begin_us = next((packet.t_start_us for packet in packets), 0)
-    end_us = begin_us + HOT_PIXEL_US
+    end_us = next((packet.t_start_us for packet in packets), 0) + HOT_PIXEL_US
     early = list(takewhile(lambda packet: packet.t_start_us < end_us, packets))
     return judge_events(EventPacket.concatenate(early)).hot_px if early else np.empty((0, 2), int)

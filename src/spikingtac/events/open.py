@@ -72,8 +72,7 @@ def open_events(
     if is_stream(Path(path)):
         from spikingtac.events.camera_source import CameraSource
 
-        named = path if is_address(path) else f"pipe:{path}"
-        return CameraSource(Address.parse(named), options)
+        return CameraSource(Address.parse(path if is_address(path) else f"pipe:{path}"), options)
     place = Path(path)
     if not place.is_dir():
         if not place.exists():

@@ -248,8 +248,7 @@ class WatchdogThread:
     def _run(self) -> None:
         checked_s, left_out = time.monotonic(), False
         while not self._end.wait(self._period_s):
-            woken_s = time.monotonic()
-            left_out = not left_out and woken_s - checked_s > 2.0 * self._period_s
+            left_out = not left_out and time.monotonic() - checked_s > 2.0 * self._period_s
             if not left_out:
                 self._watchdog.check()
             checked_s = time.monotonic()

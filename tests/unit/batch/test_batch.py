@@ -109,8 +109,7 @@ def test_failures_stop_nothing_and_come_first(batch: Batch) -> None:
 
 
 def test_a_resumed_run_works_on_what_is_missing_or_failed_only(batch: Batch) -> None:
-    begun = replace(batch, recordings=batch.recordings[:4])
-    run_batch(begun)
+    run_batch(replace(batch, recordings=batch.recordings[:4]))
     (batch.folder / "a.txt").unlink()
     (batch.folder / "b.txt").write_text("cut short")
     SEEN.clear()

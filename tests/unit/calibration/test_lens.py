@@ -94,8 +94,7 @@ def test_it_travels_with_the_calibration_and_the_tracks(tmp_path: Path) -> None:
     tracks = tracks_of(read, moved_px)
     np.testing.assert_allclose(tracks.displacement_mm[0], [[0.3, -0.2]] * 64, atol=0.012)
     assert tracks.summary()["displacement_max_mm"] == pytest.approx(np.hypot(0.3, 0.2), rel=0.02)
-    truth = read.reference_px[None]
-    apart = compare_with_truth(tracks, tracks.t_us, truth)
+    apart = compare_with_truth(tracks, tracks.t_us, read.reference_px[None])
     assert apart.summary()["error_mean_mm"] == pytest.approx(np.hypot(0.3, 0.2), rel=0.02)
     flat = tracks_of(replace(read, lens=None), moved_px)
     np.testing.assert_allclose(flat.displacement_mm[0], moved_px / 15.0, rtol=1e-5)

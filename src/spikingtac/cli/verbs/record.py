@@ -219,8 +219,7 @@ def _two(args: AlignArgs, second: Path) -> dict[str, Any]:
         raise st.ConfigError("-o names a recording that is read; choose another folder")
     prepare_folder(args.output, args.overwrite)
     first, inputs = st.open_events(args.first), [args.first.name, second.name]
-    written = write_pair(args.output, first, other, time_map, {"inputs": inputs})
-    return told | {"events": written}
+    return told | {"events": write_pair(args.output, first, other, time_map, {"inputs": inputs})}
 
 
 def _aligned(document: dict[str, Any]) -> list[Table]:

@@ -82,8 +82,7 @@ class Evt21Encoder(Evt2Encoder):
         same = (t[1:] == t[:-1]) & (y[1:] == y[:-1]) & (p[1:] == p[:-1])
         begins[1:] = ~(same & (x[1:] > x[:-1]) & (x[1:] >> 5 == x[:-1] >> 5))
         first = np.flatnonzero(begins)
-        bits = np.uint64(1) << (x & 31).astype(np.uint64)
-        masks = np.bitwise_or.reduceat(bits, first)
+        masks = np.bitwise_or.reduceat(np.uint64(1) << (x & 31).astype(np.uint64), first)
         address = (x[first].astype(np.int64) & ~31) << 11 | y[first]
         heads = p[first].astype(np.int64) << 28 | (t[first] & 0x3F) << 22 | address
         return self._with_times(t[first], heads.astype(np.uint64) << np.uint64(32) | masks)

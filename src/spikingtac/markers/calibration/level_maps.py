@@ -241,5 +241,4 @@ def starting_levels(
     fell[pixel] = np.where(code[first] & 1, -steps[0], steps[1])
     darkening = smoothed(fell.reshape(events.shape)) > 0.0
     around = covered | (fires & undecided & darkening)
-    grown = ndimage.binary_dilation(covered, iterations=GROWN_PX, mask=around)
-    return grown.astype(np.float32)
+    return ndimage.binary_dilation(covered, iterations=GROWN_PX, mask=around).astype(np.float32)

@@ -179,8 +179,7 @@ def quiet_spans(counts: NDArray[np.integer]) -> NDArray[np.int64]:
     above = max(QUIET_SHARE * (busy - floor), NOISE_DEVIATIONS * (np.sqrt(floor) + 1.0))
     quiet = np.concatenate([[0], sums <= floor + above, [0]]).astype(int)
     begins, ends = (np.flatnonzero(np.diff(quiet) == change) for change in (1, -1))
-    spans = np.column_stack([begins, ends])
-    return spans[ends - begins >= SHORTEST_REST_BINS]
+    return np.column_stack([begins, ends])[ends - begins >= SHORTEST_REST_BINS]
 
 
 def find_rests(events: BufferedEvents) -> NDArray[np.int64]:

@@ -238,8 +238,7 @@ def fit_window(profiles: list[DiscProfile], width_px: int) -> FitWindow:
 
 def _edge_ends_px(profile: DiscProfile) -> tuple[float, float]:
     q_px = np.linspace(-REACH_PX, REACH_PX, CURVE_POINTS)
-    steepness = -profile.slope(q_px)
-    steep_px = q_px[steepness > FLAT_SHARE * profile.steepest]
+    steep_px = q_px[-profile.slope(q_px) > FLAT_SHARE * profile.steepest]
     return float(steep_px[0]), float(steep_px[-1])
 
 

@@ -79,8 +79,7 @@ class DiscLocator:
                 (:mod:`spikingtac.markers.graded.dead_bands`).
         """
         radius_px = calibration.radius_px.astype(np.float64)
-        profiles = appearance_of(calibration).profiles
-        self.window = fit_window(profiles, calibration.size[0])
+        self.window = fit_window(appearance_of(calibration).profiles, calibration.size[0])
         reach_px = (1.0 + MOST_GROWTH) * radius_px.max() + self.window.edge[:, 1].max()
         self._scratch = fit_scratch(reach_px)
         self._at_rest = resting_markers(calibration.reference_px)
