@@ -27,7 +27,7 @@ MOST = {
     "src/spikingtac_paper": Size(60, 5_940, 4_860),
     "src/spikingtac_hardware": Size(11, 1_260, 1_180),
     "integrations": Size(23, 1_670, 1_580),
-    "tests": Size(215, 19_628, 17_285),
+    "tests": Size(215, 19_624, 17_281),
     "benchmarks": Size(4, 890, 700),
 }
 

@@ -34,7 +34,7 @@ from spikingtac.markers.graded.map_leak import (
     leak_kernel,
 )
 from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, GradedStateMap
-from stand_ins.moving_markers import moving_markers
+from stand_ins.known import moving_markers
 
 SIZE = (80, 60)
 REFERENCE_PX = np.array([[18.0, 20.0], [55.0, 22.0], [30.0, 45.0]])

@@ -1,4 +1,4 @@
-"""Calibrations of sensors whose markers are known."""
+"""Calibrations of sensors whose markers are known, and records of markers that move."""
 
 import math
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.graded.motion import resting_markers
 
 
 def known(
@@ -33,3 +34,13 @@ def known(
     return Calibration(
         reference_px=places, radius_px=radii, grid=grid or (side, side), size=size, **more
     )
+
+
+def moving_markers(
+    position_px: np.ndarray, velocity_px_s: np.ndarray | float = 0.0, t_us: int = 0
+) -> np.ndarray:
+    """Return records of markers at positions, with velocities, at a time."""
+    markers = resting_markers(position_px)
+    markers["vx"], markers["vy"] = np.broadcast_to(velocity_px_s, position_px.shape).T
+    markers["t_us"] = t_us
+    return markers

@@ -153,8 +153,7 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
         )
     if not any(times.any() for times in fired):
         raise CalibrationError(
-            f"no event lies on the markers' rims in {len(kept)} quiet windows: is the camera "
-            "alive, and the calibration its own? Record the moving arm (a minute is good)"
+            f"no event lies on the markers' rims in {len(kept)} quiet windows: check the camera"
         )
     period_s = period_us * 1e-6
     limit = max(HOT_HZ * len(kept) * period_s, 1.0)

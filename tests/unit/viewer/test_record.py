@@ -77,5 +77,5 @@ def test_a_press_shows_force_patch_and_later_a_spectrum(model: ForceModel) -> No
 
 
 def test_a_model_of_another_sensor_is_refused(model: ForceModel) -> None:
-    with pytest.raises(ConfigError, match=r"\(36, 2\) in px"):
+    with pytest.raises(ConfigError, match=r"the force model 36 in px"):
         FeltLayer(REFERENCE[:9], 200.0, model)

@@ -20,7 +20,7 @@ from spikingtac.markers.graded.corrections import (
 )
 from spikingtac.markers.graded.tracker import GradedTrackerConfig
 from spikingtac.markers.neighbours import Neighbourhood
-from stand_ins.moving_markers import moving_markers
+from stand_ins.known import moving_markers
 from stand_ins.moving_rims import calibration
 
 SENSOR = calibration()

@@ -7,7 +7,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded import event_loss
 from spikingtac.markers.graded.appearance import EXTRA_EVENTS
 from spikingtac.markers.graded.event_loss import EventLoss
-from stand_ins.moving_markers import moving_markers
+from stand_ins.known import moving_markers
 
 STEP = 1.0 / 7.0  # Six events of a full swing, and one step of dead band: 1 / (6 + 1).
 SIZE = (320, 40)

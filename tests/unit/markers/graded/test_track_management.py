@@ -9,7 +9,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded import track_management
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.state_map.binary import paint_discs
-from stand_ins.moving_markers import moving_markers
+from stand_ins.known import moving_markers
 
 SIZE = (210, 210)
 PITCH_PX, COUNT = 40.0, 25
