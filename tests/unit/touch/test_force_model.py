@@ -181,8 +181,14 @@ def test_too_little_makes_no_model() -> None:
     one, at = series(9), REFERENCE
     rows = (at, one.wrench[:, :0]), (at, 0.0 * one.wrench), (at[::-1], one.wrench)
     odd = [WrenchSeries(one.t_us, at, one.displacement, wrench, "mm", "it") for at, wrench in rows]
-    every = *odd, one.part(one.t_us < 0), one.part(one.t_us < 1_000_000)
-    told = *2 * ["it holds no wrench"], "it has markers that lie", "moves in its 0", "50 labelled"
+    every = *odd, one, one.part(one.t_us < 0), one.part(one.t_us < 1_000_000)
+    told = (
+        *2 * ["it holds no wrench"],
+        "it has markers that lie",
+        "twice",
+        "in its 0",
+        "50 labelled",
+    )
     for other, why in zip(every, told, strict=True):
         with pytest.raises(ConfigError, match=why):
             fit_force([other] if why.startswith("50") else [one, other])

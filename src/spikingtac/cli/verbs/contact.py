@@ -183,7 +183,8 @@ def _calibrations(args: Args, sources: Sequence[events.FileSource]) -> list[st.C
 def _table(document: dict[str, Any], recording: Path) -> Table:
     quiet, begin_us = document["quiet"], first_event_us(recording)
     title = (
-        f"contacts in {recording.name} by {document['detector']}, at most "
+        f"{'contacts' if document['contacts'] else 'no contact'} in {recording.name} by "
+        f"{document['detector']}, at most "
         f"{document['budget_per_hour']:g} false per hour; times from "
         f"{'zero' if begin_us is None else 'its first event'}"
     )

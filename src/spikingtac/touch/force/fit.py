@@ -151,7 +151,7 @@ def _checked(
         raise ConfigError("no series was given; give files with t_us, displacements and a wrench")
     kept = [one.in_image() for one in series]
     first, components = kept[0], max(components, kept[0].wrench.shape[1])
-    for one in kept:
+    for number, one in enumerate(kept):
         if not one.displacement.any():
             raise ConfigError(f"{one.name}: no marker moves in its {len(one.t_us)} frames")
         if one.wrench.shape[1] < components or not np.ptp(one.wrench[:, NORMAL]):
@@ -161,6 +161,8 @@ def _checked(
             )
         if why := other_sensor(one.reference, one.unit, first.reference, first.unit, first.name):
             raise ConfigError(f"{one.name} has {why}; a force model belongs to one sensor")
+        if any(np.array_equal(one.displacement, other.displacement) for other in kept[:number]):
+            raise ConfigError(f"{one.name} was given twice: a model is tested on other series")
     if (frames := sum(len(one.t_us) for one in kept)) < least:
         raise ConfigError(f"{frames} labelled frames are too few for a model, at least {least}")
     moved = np.concatenate([one.displacement.ravel() for one in kept])
