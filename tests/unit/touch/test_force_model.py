@@ -105,6 +105,83 @@ def test_rest_is_no_force_however_far_it_moved(model: ForceModel) -> None:
     wrench = estimator.update(15_020_000, far)
     assert np.abs(wrench.force_n).max() < 0.02
     np.testing.assert_allclose(wrench.force_sigma_n, wrench.half_width[:3] / 1.645)
+    told = Wrench(0, np.array([3.0, 0.0, -4.0]), np.array([0.0, 1.0, 1.0]))
+    assert (told.exceeds(4.2), told.exceeds(4.3)) == (True, False)  # 3 and 3 N surely
+    estimator.reset()
+    assert np.abs(estimator.update(0, far).force_n).max() > 0.3
+
+
+@pytest.mark.parametrize("rate_hz", [50, 1_000, 10_000])
+def test_a_slow_press_is_told_alike_however_fast_the_frames_come(
+    model: ForceModel, rate_hz: int
+) -> None:
+    press = 0.8 * PRESS
+    estimator, told = model.estimator(), None
+    for k in range(2 * rate_hz):
+        told = estimator.update(k * 1_000_000 // rate_hz, min(k / rate_hz, 1.0) * press)
+    assert told is not None
+    assert told.force_n[2] == pytest.approx(-3.0 * 0.8**1.5, abs=0.5)
+
+
+def test_an_arm_is_stopped_where_the_force_surely_exceeds_its_limit(model: ForceModel) -> None:
+    """On a press of 3 N * depth ** 1.5 that grows for a second."""
+    tracker = MovedBy(REFERENCE, lambda t_us: max(t_us / 1e6 - 0.2, 0.0) * PRESS)
+    limit = ForceLimit(tracker, model.estimator(), 1.5)
+    windows = [EventPacket.empty(k * 1_000, (k + 1) * 1_000, (9, 9)) for k in range(1_200)]
+    (told,) = [contact for window in windows if (contact := limit.update(window))]
+    true_n = 3.0 * (told.t_us / 1e6 - 0.2) ** 1.5
+    assert 1.5 < true_n < 2.5
+    assert told.count > told.threshold == 1.5
+    assert limit.in_contact
+    with pytest.raises(ConfigError, match="must be positive"):
+        ForceLimit(tracker, model.estimator(), 0.0)
+
+
+def test_a_model_survives_its_file(model: ForceModel, tmp_path: Path) -> None:
+    model.save(tmp_path / "force.onnx")
+    again = load_force(tmp_path / "force.onnx")
+    assert again.record == model.record
+    one = series(5)
+    for before, after in zip(model.estimate(one), again.estimate(one), strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+def test_other_and_damaged_files_are_refused(model: ForceModel, tmp_path: Path) -> None:
+    path = tmp_path / "force.onnx"
+    content = model.network.content
+    record = {**model.record, "interval": [[1.0, "x", 0.0]] * 3}
+    for bad in (b"", b"{}", content[:-40], with_record(content, {}), with_record(content, record)):
+        path.write_bytes(bad)
+        with pytest.raises(ConfigError, match="force fit"):
+            load_force(path)
+    with pytest.raises(ConfigError, match="schema 3"):
+        ForceModel(Network(with_record(content, {**model.record, "schema": 3}), "old"))
+    with pytest.raises(ConfigError, match="force fit"):
+        load_force(tmp_path / "none.onnx")
+
+
+def test_another_sensor_is_refused(model: ForceModel) -> None:
+    one = series(8)
+    fewer = WrenchSeries(one.t_us, REFERENCE[:9], one.displacement[:, :9], one.wrench, "mm", "few")
+    pixels = WrenchSeries(one.t_us, REFERENCE, one.displacement, one.wrench, "px", "pixels")
+    empty = fewer.part(one.t_us < 0)
+    for bad, told in ((fewer, "few has 9 markers in mm"), (pixels, "in px"), (empty, "no frame")):
+        with pytest.raises(ConfigError, match=told):
+            model.estimate(bad)
+    for other in (1.2 * REFERENCE, REFERENCE[:, ::-1], REFERENCE[::-1]):
+        with pytest.raises(ConfigError, match="markers that lie"):
+            model.require(np.ascontiguousarray(other), "mm")
+    model.require(REFERENCE + 3.0, "mm")  # elsewhere in the image, the same layout
+    for shape in ((29, 2), (30, 3), (60,)):
+        with pytest.raises(ConfigError, match=r"30, 2"):
+            model.estimator().update(0, np.zeros(shape))
+
+
+def test_too_little_makes_no_model() -> None:
+    one, at = series(9), REFERENCE
+    rows = (at, one.wrench[:, :0]), (at, 0.0 * one.wrench), (at[::-1], one.wrench)
+    odd = [WrenchSeries(one.t_us, at, one.displacement, wrench, "mm", "it") for at, wrench in rows]
+    every = *odd, one, one.part(one.t_us < 0), one.part(one.t_us < 1_000_000)
     told = *2 * ["holds no wrench"], "markers that lie", "twice", "in its 0", "50 labelled"
     for other, why in zip(every, told, strict=True):
         with pytest.raises(ConfigError, match=why):
