@@ -28,6 +28,7 @@ from spikingtac.markers.graded.disc_fit import (
 from spikingtac.markers.graded.map_leak import (
     GROUPS,
     OUTER_PX,
+    RADIUS_PULL_PER_EVENT,
     RADIUS_PULL_PER_S,
     TOLERANCE,
     leak_ground_kernel,
@@ -224,7 +225,8 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     start = np.clip(levels(REFERENCE_PX) + rng.normal(0.0, 0.2, (SIZE[1], SIZE[0])), 0.0, 1.0)
     state_map = GradedStateMap(start.astype(np.float32))  # all of it lies around marker 0
     reach, step, share, drawing = OUTER_PX, 0.4, 0.25, 0.1
-    tolerance, own_s = TOLERANCE * step, -np.log1p(-drawing) / RADIUS_PULL_PER_S
+    noise_hz_px, tolerance = 0.5, TOLERANCE * step
+    own_s = -np.log1p(-drawing) / (RADIUS_PULL_PER_S + noise_hz_px * RADIUS_PULL_PER_EVENT)
     outline_px = ROUND_PX.copy()
     outline_px[1] = 6.2, 0.4, -0.3
     markers = moving_markers(REFERENCE_PX)
@@ -232,7 +234,7 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     states = markers, outline_px, np.ones(3), *WINDOW, fit_scratch(16.0)
     discs = np.full(3, PROFILE.steepest), np.full(3, step)
     for turn in range(3):
-        law = turn, own_s / GROUPS, -np.log1p(-share) / own_s, TOLERANCE
+        law = turn, own_s / GROUPS, -np.log1p(-share) / own_s, TOLERANCE, noise_hz_px
         leak_kernel(*maps_of(state_map), *states, *discs, *law)
     expected, sure, (y, x) = start.copy(), np.ones(start.shape, bool), np.indices(start.shape)
     inner_px, outer_px = WINDOW.edge[0, :2]

@@ -5,9 +5,9 @@ differs from the fitted disc by more than a tolerance, a share of the excess is 
 leaks on the edge itself, where a slow marker leads its fit a little and would be held back.
 
 So nothing anchors the edge of a marker that never moves its pixels through a full swing: noise
-shifts the edge of the map, the outline gain, and both drift together. At rest, therefore, edges
-are pulled towards their calibrated radii, which leaves the centre alone (simulated, 20 s of
-1 Hz/px: a radius of 7 px grows by 0.4 px, and by 1.8 px without the pull).
+shifts the edge of the map, the outline follows, and both drift together, until the outline is at
+its limit and the disc stays behind its marker. At rest, therefore, edges are pulled towards their
+calibrated radii as fast as noise shifts them, which leaves the centre alone.
 
 Nor does anything leak where the agreement with the map has just fallen: a marker that snaps back
 faster than its fit converges would be erased by its own old disc (measured: at a snap of 14 px at
@@ -46,8 +46,11 @@ TOLERANCE, FIRST_TOLERANCE = 0.3, 1.0
 # 3.5 px v2e's recording without 30 % of its events errs by 2 % more.)
 OUTER_PX = 4.0
 
-# Rate at which the edges of resting discs are pulled to their calibrated radii, 1/s.
-RADIUS_PULL_PER_S = 0.3
+# Rate at which the edges of resting discs are pulled to their calibrated radii without noise, 1/s,
+# and how much it grows for each Hz/px of noise. (A simulated sensor whose pixels leak at 2 Hz errs
+# by 0.80 px without growth, by 0.16 px with it. Without a rate of its own the recorded gel, which
+# has no noise, errs by 0.92 px for 0.72.)
+RADIUS_PULL_PER_S, RADIUS_PULL_PER_EVENT = 0.3, 1.0
 
 # Rate at which the ground away from all discs leaks, 1/s. Noise that accumulates there biases a
 # disc that comes near: after 40 s of rest with 1 Hz/px, v2e's gel errs by 0.18 px (0.20 px at a
@@ -87,13 +90,16 @@ class MapLeak:
         self._mean_agreement = np.ones(len(steepest))
         self._count = 0
 
-    def update(self, locator: DiscLocator, dt_s: float, loss_known: bool) -> None:
+    def update(
+        self, locator: DiscLocator, dt_s: float, loss_known: bool, noise_hz_px: float
+    ) -> None:
         """Leak the next group of markers, and the next rows of the ground.
 
         Args:
             locator: Fits of the markers, and their map, which is changed.
             dt_s: Time since the last update, s.
             loss_known: Whether the event loss was measured.
+            noise_hz_px: Background, Hz/px.
         """
         tolerance = TOLERANCE if loss_known else FIRST_TOLERANCE
         self._count += 1
@@ -101,6 +107,7 @@ class MapLeak:
         leak_kernel(
             locator.map.padded.ravel(), locator.map.pixels, *discs, *locator.window,
             self._scratch, *self._discs, self._count, dt_s, self._leak_per_s, tolerance,
+            noise_hz_px,
         )  # fmt: skip
 
 
@@ -177,19 +184,21 @@ def leak_kernel(
     flat: Array, pixels: Array, markers: Array, outline_px: Array, mean_agreement: Array,
     offset: Array, polar: Array, within: Array, coefficients: Array, ends: Array, edge: Array,
     steepest: Array, mean_step: Array, count: int, dt_s: float, leak_per_s: float,
-    tolerance: float,
+    tolerance: float, noise_hz_px: float,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Leak the map around a group of markers and in some rows of the ground.
 
     Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, and its
     pixels; records, outlines and mean agreements of the markers; the fields of a
     :class:`FitWindow`, and scratch; steepest slopes, 1/px, and mean steps; the count of updates,
-    the time since the last one, s, the rate of the leak, 1/s, and the tolerance in steps.
+    the time since the last one, s, the rate of the leak, 1/s, the tolerance in steps, and the
+    background, Hz/px.
     """
     levels = flat, pixels.shape[1], pixels.shape[0]
     window = FitWindow(offset, polar, within, coefficients, ends)
     portion = np.float32(-math.expm1(-leak_per_s * dt_s * GROUPS))
-    pull_share = -math.expm1(-RADIUS_PULL_PER_S * dt_s * GROUPS)
+    pull_per_s = RADIUS_PULL_PER_S + RADIUS_PULL_PER_EVENT * noise_hz_px
+    pull_share = -math.expm1(-pull_per_s * dt_s * GROUPS)
     for m in range(count % GROUPS, mean_agreement.size, GROUPS):
         marker = markers[m]
         quiet = marker.t_us - marker.fit_us > LEAKED_US

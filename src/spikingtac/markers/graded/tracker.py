@@ -213,7 +213,8 @@ class GradedTracker:
         since_s = 0.0 if self._leak_us == NEVER_US else (t_us - self._leak_us) * 1e-6
         self._leak_us = t_us
         if self._leak is not None and since_s:
-            self._leak.update(self._locator, since_s, loss_known)
+            noise_hz_px = self._event_loss.background_hz_px
+            self._leak.update(self._locator, since_s, loss_known, noise_hz_px)
 
     def _run_task(self, t_us: int) -> None:
         """Run one task in turn: measure the event loss, or look for silent or lost markers."""

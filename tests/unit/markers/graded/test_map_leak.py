@@ -36,12 +36,12 @@ def leaked(
     """Return what is left of a level beside each disc; one agrees less, and was fitted before."""
     locator, leak = DiscLocator(CALIBRATION), MapLeak(CALIBRATION, 30.0)
     for _ in range(50):
-        leak.update(locator, 1e-3, known)
+        leak.update(locator, 1e-3, known, 0.5)
     for levels in (locator.map.pixels["level"], locator.map.values):
         levels[BESIDE] += level
     locator.markers["agreement"][1], locator.markers["t_us"][1] = of_one, quiet_us
     for _ in range(duration_us // 1_000):
-        leak.update(locator, 1e-3, known)
+        leak.update(locator, 1e-3, known, 0.5)
     return locator.map.pixels["level"][BESIDE]
 
 
