@@ -17,6 +17,10 @@ cautious: it is the speed of the neighbours' affine motion (the centre of a rota
 more than the speed of nearly all of them (at the rim of a touch some rest). At the border motion
 dies away and no neighbours stand beyond, so border markers are never lost for silence alone; their
 confidence falls.
+
+All markers are misplaced together when a sudden release overruns the readout: the discs stay where
+they were, and agree with a map that got no events. The next contact reveals it, since its events
+come from the rims at rest.
 """
 
 from typing import Any
@@ -26,7 +30,9 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.kernels import kernel
+from spikingtac.events.hot_pixels import HOT
 from spikingtac.markers.blobs import UNMATCHED, associate, blob_areas_px, find_blobs
+from spikingtac.markers.graded.appearance import nearest_marker
 from spikingtac.markers.graded.event_loss import (
     BACKGROUND_SHARE,
     FAST_PX_S,
@@ -63,6 +69,14 @@ CLEAR_SIGMAS = 3.0
 # distance, at which they surround it: 0 inside of a square grid, 0.6 at its border.
 SURROUNDED = 0.25
 
+# Mean displacement from which a skin is tested for being misplaced, px, and the events in no gate
+# since the last test that call for one.
+DISPLACED_PX, STRAY_EVENTS = 2.0, 100
+
+# Half of the width of a rim in which events are counted, px; how many there must be at rest, and
+# over those at the tracked rims. (After a press as fast as the readout allows both are alike.)
+RIM_PX, RIM_EVENTS, RIM_RATIO = 2.5, 300, 2.0
+
 
 class TrackManager:
     """Decides which of one sensor's markers are lost, and finds them again.
@@ -92,6 +106,22 @@ class TrackManager:
         self._cusum_px, self._trust = np.zeros(count), np.ones(count)
         self.coasted, self.silent = np.zeros((2, count), np.bool_)
         self.position_px = calibration.reference_px.copy()
+        self._nearest = nearest_marker(calibration.reference_px, calibration.size)
+
+    def is_misplaced(self, markers: NDArray[np.void], stray: int, pixels: NDArray[np.void]) -> bool:
+        """Return whether the events of this half second come from the rims at rest.
+
+        Args:
+            markers: ``(m,)`` records (:data:`~spikingtac.markers.graded.motion.MARKER`).
+            stray: Events in no gate since the last test.
+            pixels: ``(height, width)`` records of the map, with their counts of events.
+        """
+        rest_px = self.neighbours.reference_px
+        moved_px = np.hypot(markers["x"] - rest_px[:, 0], markers["y"] - rest_px[:, 1])
+        if stray < STRAY_EVENTS or moved_px.mean() < DISPLACED_PX:
+            return False
+        at_rest, tracked = rim_events_kernel(pixels, self._nearest, rest_px, markers)
+        return bool(at_rest >= max(RIM_EVENTS, RIM_RATIO * tracked))
 
     def update_silent(
         self,
@@ -162,6 +192,24 @@ class TrackManager:
         self.position_px[found] = blobs.center_px[match[found]]
         self.coasted &= ~found
         self._rejected_since_us[found] = NEVER_US
+
+
+@kernel()
+def rim_events_kernel(
+    pixels: Array, nearest: Array, rest_px: Array, markers: Array
+) -> tuple[int, int]:  # pragma: no cover - compiled
+    """Count the events on the markers' rims at rest, and on those where they are tracked."""
+    at_rest = tracked = 0
+    for y in range(pixels.shape[0]):
+        for x in range(pixels.shape[1]):
+            count = pixels[y, x].events if pixels[y, x].alone != HOT else 0
+            if count:
+                m = nearest[y, x]
+                rest = np.hypot(x - rest_px[m, 0], y - rest_px[m, 1]) - markers[m].radius_px
+                away = np.hypot(x - markers[m].x, y - markers[m].y) - markers[m].radius_px
+                at_rest += count if abs(rest) < RIM_PX else 0
+                tracked += count if abs(away) < RIM_PX else 0
+    return at_rest, tracked
 
 
 @kernel()

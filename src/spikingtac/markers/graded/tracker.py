@@ -45,7 +45,7 @@ TASK_PERIOD_US = 1_000
 # estimates a second so have shorter peaks and the same errors.
 SHORT_PERIOD_S, MANY_EVENTS = 0.5e-3, 8
 
-# Round robin of the slower tasks: event loss, silent markers, lost markers, none.
+# Round robin of the slower tasks: event loss, silent markers, lost markers, a misplaced skin.
 TASK_SLOTS = 4
 
 
@@ -217,7 +217,7 @@ class GradedTracker:
             self._leak.update(self._locator, since_s, loss_known, noise_hz_px)
 
     def _run_task(self, t_us: int) -> None:
-        """Run one task in turn: measure the event loss, or look for silent or lost markers."""
+        """Run one task in turn: event loss, silent markers, lost ones, or a misplaced skin."""
         locator, manager, event_loss = self._locator, self._manager, self._event_loss
         task, self._task_us = self._task_count % TASK_SLOTS, t_us
         self._task_count += 1
@@ -235,3 +235,5 @@ class GradedTracker:
             relocated = manager.update(t_us, locator.markers, locator.map.values)
             if relocated.any():
                 locator.place(relocated, manager.position_px)
+        elif manager.is_misplaced(locator.markers, self._counts[0][-1], locator.map.pixels):
+            locator.put_at_rest()
