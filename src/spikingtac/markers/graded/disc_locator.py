@@ -84,7 +84,6 @@ class DiscLocator:
         self._scratch = fit_scratch(reach_px)
         self._at_rest = resting_markers(calibration.reference_px)
         self._at_rest["radius_px"] = radius_px
-        self._outline_px = np.pad(radius_px[:, np.newaxis], ((0, 0), (0, 2)))
         self._at_rest["needed"] = np.ceil(DUE_PX * events_per_px(calibration)).clip(1.0)
         self._dead_bands = dead_bands
         self.map = painted_map(calibration, 0.0 if dead_bands else HALF_STEP)
@@ -95,7 +94,7 @@ class DiscLocator:
         count, pixels = len(self._at_rest), self.map.pixels
         self.map.reset()
         self.markers = self._at_rest.copy()
-        self.outline_px = self._outline_px.copy()
+        self.outline_px = np.pad(self.markers["radius_px"][:, np.newaxis], ((0, 0), (0, 2)))
         self.pending, self.fitted_events = np.zeros((2, count + 1), np.int64)
         self.times_us = NEVER_US, NEVER_US
         states = self.markers, self.outline_px
@@ -115,15 +114,6 @@ class DiscLocator:
         self.markers["x"][marker], self.markers["y"][marker] = position_px[marker].T
         self.markers["vx"][marker] = self.markers["vy"][marker] = 0.0
         self.pending[:-1][marker] |= FIT_NOW
-
-    def put_at_rest(self) -> None:
-        """Set all filters and the map to rest, however many events were lost."""
-        ratio = self.map.arrival_ratio
-        self.map.reset()
-        self.map.arrival_ratio = ratio
-        self.outline_px[:] = self._outline_px
-        rest_px = np.column_stack([self._at_rest["x"], self._at_rest["y"]])
-        self.place(np.ones(len(rest_px), np.bool_), rest_px)
 
     def absorb(self, packet: EventPacket, watch: HotPixelWatch) -> None:
         """Integrate events into the map and count them per marker, without those of hot pixels.

@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.kernels import kernel
 from spikingtac.events.hot_pixels import HOT
+from spikingtac.kernels import kernel
 from spikingtac.markers.blobs import UNMATCHED, associate, blob_areas_px, find_blobs
 from spikingtac.markers.graded.appearance import nearest_marker
 from spikingtac.markers.graded.event_loss import (
@@ -117,11 +117,7 @@ class TrackManager:
             pixels: ``(height, width)`` records of the map, with their counts of events.
         """
         rest_px = self.neighbours.reference_px
-        moved_px = np.hypot(markers["x"] - rest_px[:, 0], markers["y"] - rest_px[:, 1])
-        if stray < STRAY_EVENTS or moved_px.mean() < DISPLACED_PX:
-            return False
-        at_rest, tracked = rim_events_kernel(pixels, self._nearest, rest_px, markers)
-        return bool(at_rest >= max(RIM_EVENTS, RIM_RATIO * tracked))
+        return stray >= STRAY_EVENTS and misplaced_kernel(pixels, self._nearest, rest_px, markers)
 
     def update_silent(
         self,
@@ -195,21 +191,23 @@ class TrackManager:
 
 
 @kernel()
-def rim_events_kernel(
+def misplaced_kernel(
     pixels: Array, nearest: Array, rest_px: Array, markers: Array
-) -> tuple[int, int]:  # pragma: no cover - compiled
-    """Count the events on the markers' rims at rest, and on those where they are tracked."""
-    at_rest = tracked = 0
-    for y in range(pixels.shape[0]):
+) -> bool:  # pragma: no cover - compiled
+    """Compare the events on the markers' rims at rest with those on the rims as tracked."""
+    away = at_rest = tracked = 0.0
+    for m in range(len(markers)):
+        away += np.hypot(markers[m].x - rest_px[m, 0], markers[m].y - rest_px[m, 1])
+    for y in range(pixels.shape[0] if away >= DISPLACED_PX * len(markers) else 0):
         for x in range(pixels.shape[1]):
-            count = pixels[y, x].events if pixels[y, x].alone != HOT else 0
-            if count:
-                m = nearest[y, x]
-                rest = np.hypot(x - rest_px[m, 0], y - rest_px[m, 1]) - markers[m].radius_px
-                away = np.hypot(x - markers[m].x, y - markers[m].y) - markers[m].radius_px
-                at_rest += count if abs(rest) < RIM_PX else 0
-                tracked += count if abs(away) < RIM_PX else 0
-    return at_rest, tracked
+            if pixels[y, x].events > 0 and pixels[y, x].alone != HOT:
+                m, count = nearest[y, x], pixels[y, x].events
+                radius = markers[m].radius_px
+                off = np.hypot(x - rest_px[m, 0], y - rest_px[m, 1]) - radius
+                at_rest += count * (abs(off) < RIM_PX)
+                off = np.hypot(x - markers[m].x, y - markers[m].y) - radius
+                tracked += count * (abs(off) < RIM_PX)
+    return at_rest >= max(RIM_EVENTS, RIM_RATIO * tracked)
 
 
 @kernel()

@@ -236,4 +236,5 @@ class GradedTracker:
             if relocated.any():
                 locator.place(relocated, manager.position_px)
         elif manager.is_misplaced(locator.markers, self._counts[0][-1], locator.map.pixels):
-            locator.put_at_rest()
+            locator.map.reset()
+            locator.place(np.ones_like(manager.coasted), self.calibration.reference_px)

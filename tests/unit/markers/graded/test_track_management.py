@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.events.windows import windows
 from spikingtac.markers.graded import track_management
 from spikingtac.markers.graded.track_management import TrackManager
+from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
 from spikingtac.state_map.binary import paint_discs
+from stand_ins.ideal_events import ideal_events
 from stand_ins.known import moving_markers
 
 SIZE = (210, 210)
@@ -209,3 +212,17 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
     np.testing.assert_allclose(got[0], unheard)
     np.testing.assert_array_equal(got[1], silent)
     assert 0 < silent.sum() < COUNT
+
+
+def test_a_release_that_overran_the_readout_is_noticed_at_the_next_contact() -> None:
+    knots_ms, knots_px = [100, 200, 250, 258, 600, 650], [0.0, 10.0, 10.0, 0.0, 0.0, 3.0]
+    way_px = np.interp(np.arange(750), knots_ms, knots_px)
+    events = ideal_events(REST_PX + np.multiply.outer(way_px, [[1.0, 0.0]]), 6.0, SIZE)
+    kept = (events.t < 250_000) | (events.t > 260_000) | (np.arange(len(events)) % 10 == 0)
+    tracker, off_px = GradedTracker(GradedTrackerConfig(), CALIBRATION), []
+    for window in windows([events.select(kept)], 1_000):
+        tracker.absorb(window)
+        moved_px = tracker.estimate(window.t_end_us).displacement_px[:, 0]
+        off_px.append(np.abs(moved_px - way_px[window.t_start_us // 1_000]).max())
+    assert min(off_px[260:600]) > 5.0
+    assert max(off_px[700:]) < 1.0
