@@ -30,8 +30,7 @@ class WholeFile:
         self.path = Path(path)
         if self.path.is_symlink():
             self.path = self.path.resolve()
-        special = self.path.exists() and not self.path.is_file()
-        self._beside = not (in_place or special)
+        self._beside = not (in_place or (self.path.exists() and not self.path.is_file()))
         name = f".{self.path.stem}{PARTIAL}{os.getpid()}{self.path.suffix}"
         self.partial = self.path.with_name(name) if self._beside else self.path
         if self._beside:

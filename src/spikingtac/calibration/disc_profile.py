@@ -128,8 +128,7 @@ class Discs:
 def bounds_kernel(center: float, reach: float, size: int) -> tuple[int, int]:
     """Return the first pixel and the one after the last within ``reach``, inside of the image."""
     first = max(0, int(np.floor(center - reach)))
-    last = min(size, int(np.ceil(center + reach)) + 1)
-    return first, max(first, last)
+    return first, max(first, min(size, int(np.ceil(center + reach)) + 1))
 
 
 @njit(cache=True)

@@ -86,8 +86,7 @@ def _print(given: Table) -> None:
     for row in given.rows:
         grid.add_row(*(Text(str(cell)) for cell in row))
     # A pipe has no width: what reads it gets each row on one line.
-    width = None if sys.stdout.isatty() else PIPE_COLUMNS
-    console = Console(highlight=False, width=width)
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else PIPE_COLUMNS)
     # The title stands above the table: a narrow table would break it.
     console.print(Text(given.title, style="table.title"))
     console.print(grid)

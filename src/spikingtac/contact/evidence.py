@@ -104,8 +104,7 @@ def affine_field(points_px: Vector) -> Vector:
     x, y = (away / size).T
     one, none = np.ones(len(points)), np.zeros(len(points))
     along_x = np.column_stack([one, none, -y, x, x, y])
-    along_y = np.column_stack([none, one, x, y, -y, x])
-    return np.stack([along_x, along_y], axis=1)
+    return np.stack([along_x, np.column_stack([none, one, x, y, -y, x])], axis=1)
 
 
 POLARITIES = 2  # OFF and ON evidence are summed apart: the leak of the pixels fires ON only.

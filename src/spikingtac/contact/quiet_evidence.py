@@ -271,5 +271,4 @@ def _leak_bias(quiet: QuietEvidence, power: Vector) -> Vector:
     """
     variance = quiet.evidence.var(axis=0).reshape(-1, POLARITIES, MODES)[..., :AFFINE_MODES]
     events = variance.mean(axis=2) / power.mean(axis=1, keepdims=True)
-    excess = np.maximum(events[:, 1:] - events[:, :1], 0.0)
-    return (LEAK_BIAS * excess * np.sqrt(power)).ravel()
+    return (LEAK_BIAS * np.sqrt(power) * np.maximum(events[:, 1:] - events[:, :1], 0.0)).ravel()

@@ -149,8 +149,7 @@ class CalibrationCheck:
     def _forget_noise(self, first: NDArray[np.int8]) -> None:
         new = (first != 0) & (self._kept == 0)
         moved = np.bincount(self._marker[new], minlength=int(self._marker.max()) + 1) >= FEWEST_NEW
-        noise = new & ~moved[self._marker]
-        self._first[self._tested] = self._kept = np.where(noise, 0, first)
+        self._first[self._tested] = self._kept = np.where(new & ~moved[self._marker], 0, first)
 
     def _share(self, first: NDArray[np.int8]) -> float:
         lower = []

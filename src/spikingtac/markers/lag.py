@@ -92,8 +92,7 @@ def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
 
 def followed(packets: Iterable[EventPacket], known: Calibration) -> Iterator[MarkerFrame]:
     """Yield the markers at the end of each packet, by a tracker without lag correction."""
-    undelayed = replace(known, lag_us=0.0)
-    tracker = GradedTracker(GradedTrackerConfig(backlash=0.0), undelayed)
+    tracker = GradedTracker(GradedTrackerConfig(backlash=0.0), replace(known, lag_us=0.0))
     for packet in packets:
         tracker.absorb(packet)
         yield tracker.estimate(packet.t_end_us)

@@ -233,8 +233,7 @@ def hole_around(touches: Sequence[Touched], travel: TravelModel) -> Circle:
 
 def _is_head_on(touch: Touched, circle: Circle) -> bool:
     away = touch.reading_mm - circle.center_mm
-    cosine = float(away @ touch.direction) / float(np.linalg.norm(away))
-    return cosine >= math.cos(HEAD_ON_RAD)
+    return float(away @ touch.direction) / float(np.linalg.norm(away)) >= math.cos(HEAD_ON_RAD)
 
 
 def _middle(one: Touched, other: Touched) -> FloatArray:

@@ -108,8 +108,7 @@ class DdsPublisher:
         )
         kind = _idl_struct(name)
         announced = Topic(self._participant, f"rt{topic}", kind)
-        writer = DataWriter(self._participant, announced, qos=qos)
-        self._topics[topic] = message, kind, writer
+        self._topics[topic] = message, kind, DataWriter(self._participant, announced, qos=qos)
 
     def publish(self, topic: str, values: Mapping[str, Any], t_ns: int) -> None:
         """Send a message; its time stands in its header.

@@ -151,8 +151,7 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **settings: Any
     def anomalies() -> dict[str, int]:
         return {} if feed.source is None else dict(feed.source.losses.kinds())
 
-    sensor = replace(feed.sensor, name=args.source.name)
-    stream = SensorStream(publisher, sensor, **settings)
+    stream = SensorStream(publisher, replace(feed.sensor, name=args.source.name), **settings)
     exempt_from_collection()  # a collection in the middle would hold up 200 frames
     stop, begun_s = threading.Event(), time.monotonic()
     first_us: int | None = None

@@ -171,8 +171,7 @@ def mend_high_kernel(
                 follower += 1
             before = last if last >= 0 or follower == len(value) else value[follower]
             room = (value[follower] - before) % period if follower < len(value) else 1
-            step = 1 if wrapped[k] or room > 1 else 0
-            value[k] = (before + min(step, room)) % period
+            value[k] = (before + min(1 if wrapped[k] or room > 1 else 0, room)) % period
             mended += 1
         last = value[k]
     return mended

@@ -93,8 +93,7 @@ def role_of(name: str) -> tuple[str | None, str | None]:
     if found is None:
         return None, None
     word = _PREFIX.sub("", found["name"])
-    units = map(_UNITS.get, re.findall(r"[a-zµμ]+", found["unit"] or ""))
-    unit = next(filter(None, units), None)
+    unit = next(filter(None, map(_UNITS.get, re.findall(r"[a-zµμ]+", found["unit"] or ""))), None)
     if word in _ROLE_OF:
         return _ROLE_OF[word], unit
     if word in _UNITS:

@@ -199,8 +199,7 @@ class Counter:
         of_two = [zone & np.append(True, zone[:-1]) for zone in (last, first)]
         by_two = [zone & np.append(zone[1:], True) for zone in (first, last)]
         ahead, back = (of[:-1] & by[1:] for of, by in zip(of_two, by_two, strict=True))
-        rounds = ahead.astype(np.int64) - back
-        periods = np.cumsum(rounds) + self._begun
+        periods = np.cumsum(ahead.astype(np.int64) - back) + self._begun
         self._last, self._begun = int(t[-1]), int(periods[-1])
         return t + periods * self._period
 

@@ -196,8 +196,7 @@ def with_steps(evidence: Evidence, model: Model, rest_px: NDArray[np.float64]) -
         known, number = by_marker[:, column], by_marker[:, column + 1]
         counts.append((known + NEIGHBOUR_SWINGS * expected) / (number + NEIGHBOUR_SWINGS))
         own, number = by_pixel[:, column], by_pixel[:, column + 1]
-        beforehand = PIXEL_SWINGS * counts[-1][evidence.cell]
-        single.append((own + beforehand) / (number + PIXEL_SWINGS))
+        single.append((own + PIXEL_SWINGS * counts[-1][evidence.cell]) / (number + PIXEL_SWINGS))
     steps = np.array(steps_of_counts(*counts))
     pixel = np.array(steps_of_counts(*single)) / steps[:, evidence.cell]
     return replace(model, on=steps[0], off=steps[1], pixel=pixel)
@@ -220,5 +219,4 @@ def steps_of_counts(
     rises = np.maximum(on, FEWEST_EVENTS) + 0.5
     falls = np.maximum(off, FEWEST_EVENTS) + 0.5
     both = rises * falls - 0.25
-    on_step = ((falls - 0.5) / both).clip(*STEP_BOUNDS)
-    return on_step, ((rises - 0.5) / both).clip(*STEP_BOUNDS)
+    return ((falls - 0.5) / both).clip(*STEP_BOUNDS), ((rises - 0.5) / both).clip(*STEP_BOUNDS)

@@ -204,8 +204,7 @@ def noise_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArray
     Without a rest they are unknown, and 0 is returned.
     """
     silence_us = max(float(np.diff(rests_us, axis=1).sum()), 1.0)
-    silent = events.code[~moving_events(events, rests_us)]
-    off, on = np.bincount(silent & 1, minlength=2)
+    off, on = np.bincount(events.code[~moving_events(events, rests_us)] & 1, minlength=2)
     return np.array([on, off]) / events.pixels * events.duration_us / silence_us
 
 

@@ -124,8 +124,7 @@ def displaced_before(
 def robust_mean(position_px: NDArray[np.float64], length_us: NDArray[Any]) -> NDArray[np.float64]:
     """Return ``(m, 2)`` robust means: long rests have more weight, outliers less."""
     weight = np.minimum(np.asarray(length_us, float), SETTLED_US)
-    middle = weighted_median(position_px, weight)
-    off = np.linalg.norm(position_px - middle, axis=2)
+    off = np.linalg.norm(position_px - weighted_median(position_px, weight), axis=2)
     share = weight[:, np.newaxis] / (1.0 + (off / NEAR_PX) ** 2)
     return (share[..., np.newaxis] * position_px).sum(axis=0) / share.sum(axis=0)[:, np.newaxis]
 

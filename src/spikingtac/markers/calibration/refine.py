@@ -51,8 +51,7 @@ def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
     """Return the model after Gauss-Newton iterations; ``steps`` says whether steps change, too."""
     for _ in range(STEP_ROUNDS if steps else PLACE_ROUNDS):
         seen = compare(evidence, model)
-        change = Changes(seen)
-        common_px, own_px, residual = corrections(evidence, model, seen, change)
+        common_px, own_px, residual = corrections(evidence, model, seen, Changes(seen))
         model = _correct_positions(evidence.states, model, common_px, own_px)
         growth = SHAPE_GAIN * common_px[:, 2:].clip(-LARGEST_GROWTH_PX, LARGEST_GROWTH_PX)
         radius_px, edge_px = model.discs.radius_px, model.discs.edge_px + growth[:, 1]
@@ -185,7 +184,8 @@ def quality_of(evidence: Evidence, model: Model) -> Quality:
     left_over, whole = (
         rim.squares(levels, len(model.on)) for levels in (change.real - change.ideal, change.real)
     )
-    explained = (1.0 - left_over / np.maximum(whole, 1e-9)).clip(-1.0, 1.0)
+    # What has shrunk below a pixel is no disc, and explains nothing.
+    explained = (1.0 - left_over / np.maximum(whole, 1e-9)).clip(-1.0, model.discs.radius_px > 1.0)
     usual = float(np.median(explained))
     if usual < GRID_EXPLAINED:
         raise CalibrationError(
@@ -197,8 +197,7 @@ def quality_of(evidence: Evidence, model: Model) -> Quality:
         )
     above = (model.events[:, :2] - evidence.noise).sum(axis=1)
     busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
-    clear = explained >= FEWEST_EXPLAINED_SHARE * usual
-    measured = (above >= FEWEST_EVENTS) & (busy | clear)
+    measured = (above >= FEWEST_EVENTS) & (busy | (explained >= FEWEST_EXPLAINED_SHARE * usual))
     usual = float(np.median(explained[measured])) if measured.any() else 0.0
     doubtful = measured & (explained < DOUBTFUL_SHARE * usual)
     word = next(word for least, word in WORDS if usual >= least)

@@ -205,8 +205,7 @@ class ReleasedZero:
         if not count:
             return detected_px.copy()
         # Sums over a count: the method mean takes three times as long for so few numbers.
-        away_px = np.hypot(left_px[:, 0], left_px[:, 1])[seen]
-        mean_away_px = float(away_px.sum()) / count
+        mean_away_px = float(np.hypot(left_px[:, 0], left_px[:, 1])[seen].sum()) / count
         speed_px_s = float(np.hypot(velocity_px_s[:, 0], velocity_px_s[:, 1])[seen].sum()) / count
         self._still_s = self._still_s + dt_s if speed_px_s < AT_REST_PX_S else 0.0
         if mean_away_px > LOADED_PX:

@@ -73,8 +73,7 @@ def _center_equations_kernel(
         if edge[0, j] == OUTSIDE_LEVEL:
             continue
         row = at[0] + window.offset[phase, 1, first + j]
-        column = at[1] + window.offset[phase, 2, first + j]
-        pixel = pixels[np.uint64(row), np.uint64(column)]
+        pixel = pixels[np.uint64(row), np.uint64(at[1] + window.offset[phase, 2, first + j])]
         e, weight = _residual_kernel(pixel, edge[0, j], edge[1, j])
         jx = edge[2, j] * window.polar[phase, 1, first + j]
         jy = edge[2, j] * window.polar[phase, 2, first + j]

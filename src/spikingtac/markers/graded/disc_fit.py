@@ -181,8 +181,7 @@ def ring_kernel(
     near = max(ends_px[0] - ROUNDING_PX, 0.0) / RING_PX
     far = max(ends_px[1] + ROUNDING_PX, 0.0) / RING_PX
     first = window.within[phase, min(int(near), last)]
-    after = window.within[phase, min(int(far) + 1, last)]
-    inside = min(after - first, most)
+    inside = min(window.within[phase, min(int(far) + 1, last)] - first, most)
     # Unsigned indices cannot count from the end, which would prevent vectorisation.
     count = (np.uint64(inside) + np.uint64(LANES - 1)) & ~np.uint64(LANES - 1)
     return phase, np.uint64(first), np.int32(inside), count

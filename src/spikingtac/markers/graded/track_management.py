@@ -96,8 +96,7 @@ class TrackManager:
         around_px = calibration.reference_px[self.neighbours.index]
         around_px = around_px - calibration.reference_px[:, np.newaxis]
         away_px = np.linalg.norm(around_px.mean(axis=1), axis=1)
-        spread_px = np.linalg.norm(around_px, axis=2).mean(axis=1)
-        self._surrounded = away_px < SURROUNDED * spread_px
+        self._surrounded = away_px < SURROUNDED * np.linalg.norm(around_px, axis=2).mean(axis=1)
         self._areas_px = blob_areas_px(calibration.radius_px)
         spacing_px = min(smallest_spacing_px(calibration.reference_px), max(calibration.size))
         self.capture_px = CAPTURE_SHARE * spacing_px
@@ -192,7 +191,7 @@ class TrackManager:
 
 @kernel()
 def misplaced_kernel(
-    pixels: Array, nearest: Array, rest_px: Array, markers: Array
+    pixels: Array, nearest: Array, rest_px: Array, markers: Any
 ) -> bool:  # pragma: no cover - compiled
     """Compare the events on the markers' rims at rest with those on the rims as tracked."""
     away = at_rest = tracked = 0.0
@@ -200,13 +199,12 @@ def misplaced_kernel(
         away += np.hypot(markers[m].x - rest_px[m, 0], markers[m].y - rest_px[m, 1])
     for y in range(pixels.shape[0] if away >= DISPLACED_PX * len(markers) else 0):
         for x in range(pixels.shape[1]):
-            if pixels[y, x].events > 0 and pixels[y, x].alone != HOT:
-                m, count = nearest[y, x], pixels[y, x].events
-                radius = markers[m].radius_px
-                off = np.hypot(x - rest_px[m, 0], y - rest_px[m, 1]) - radius
-                at_rest += count * (abs(off) < RIM_PX)
-                off = np.hypot(x - markers[m].x, y - markers[m].y) - radius
-                tracked += count * (abs(off) < RIM_PX)
+            m, count = nearest[y, x], pixels[y, x].events * (pixels[y, x].alone != HOT)
+            if count:
+                rest = np.hypot(x - rest_px[m, 0], y - rest_px[m, 1])
+                now = np.hypot(x - markers[m].x, y - markers[m].y)
+                at_rest += count * (abs(rest - markers[m].radius_px) < RIM_PX)
+                tracked += count * (abs(now - markers[m].radius_px) < RIM_PX)
     return at_rest >= max(RIM_EVENTS, RIM_RATIO * tracked)
 
 

@@ -106,8 +106,7 @@ class GradedTracker:
         self._backlash = 0.0 if bands else config.backlash
         self._shrink = config.shrink
         self._locator = DiscLocator(calibration, bands)
-        lag_us = LAG_DEFAULT_US if calibration.lag_us is None else calibration.lag_us
-        self.lag_s = lag_us * 1e-6
+        self.lag_s = 1e-6 * (LAG_DEFAULT_US if calibration.lag_us is None else calibration.lag_us)
         self._start()
 
     @property
@@ -202,8 +201,7 @@ class GradedTracker:
         self._manager = TrackManager(self.calibration)
         neighbours = self._manager.neighbours
         self._corrections = OutputCorrections(self.calibration, neighbours, self._shrink)
-        recovers = self.calibration.recovery_s is not None
-        self._zero = ReleasedZero(neighbours) if recovers else None
+        self._zero = ReleasedZero(neighbours) if self.calibration.recovery_s is not None else None
         self._event_loss = EventLoss(self.calibration, self._locator.area_px)
         self._leak = MapLeak(self.calibration, self._leak_per_s) if self._leak_per_s else None
         if self._adapts:
