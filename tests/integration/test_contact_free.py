@@ -46,8 +46,7 @@ def both(request: pytest.FixtureRequest) -> Both:
     whole = SensingFinger(request.param, SEED, history="random")
     skins = [skin_state(pad, one) for one in bushing]
     optics, camera = whole.optics, whole.camera
-    rest = skin_state(pad, np.zeros(6))
-    camera.settle(optics.project(rest), whole.history)
+    camera.settle(optics.project(skin_state(pad, np.zeros(6))), whole.history)
     images = [optics.project(replace(skin, t_us=1000 * (k + 1))) for k, skin in enumerate(skins)]
     image = free_finger.image
     fast = free_finger.sparse_camera.render_motion(bushing)

@@ -48,8 +48,7 @@ class SilentFinger(SensingFinger):
 def press_and_release(rig: Rig, reach_mm: np.ndarray) -> None:
     """Touch the wall at ``reach_mm`` ``(3,)`` from here, return, wait, and drop the events."""
     home_mm = rig.arm.true_position_mm()
-    way_mm = reach_mm * (1.0 + 1.0 / float(np.linalg.norm(reach_mm)))
-    rig.arm.move_linear(home_mm + way_mm, 20.0)
+    rig.arm.move_linear(home_mm + reach_mm * (1.0 + 1.0 / float(np.linalg.norm(reach_mm))), 20.0)
     while rig.arm.state() is ArmState.MOVING:
         rig.wait(WAIT_S)
     rig.wait(0.2)

@@ -29,8 +29,7 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four parts of a simulated recording, a file that is none, and a calibration."""
     folder = tmp_path_factory.mktemp("day")
     (folder / "recordings").mkdir()
-    film = touches()
-    whole = EventPacket.concatenate(list(film.packets))
+    whole = EventPacket.concatenate(list(touches().packets))
     for number in range(COUNT):
         first_us = whole.t_start_us + number * PART_US
         inside = (whole.t >= first_us) & (whole.t < first_us + PART_US)

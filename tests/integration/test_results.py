@@ -137,8 +137,7 @@ def test_a_robots_log_is_aligned_in_time_and_never_from_the_future(
     assert said["largest_age_ms"] < 8.0
     table = pq.read_table(out / "data" / "chunk-000" / "file-000.parquet")
     state = np.array(table["observation.state"].to_pylist())
-    frame_us = 20_000 + np.array(table["frame_index"]) * 10_000
-    age_us = frame_us - state[:, 0]
+    age_us = 20_000 + np.array(table["frame_index"]) * 10_000 - state[:, 0]
     assert age_us.min() >= 0
     assert age_us.max() < 8_000
     assert (state[:, 2] == np.array(table["episode_index"])).all()

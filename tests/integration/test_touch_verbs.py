@@ -96,8 +96,7 @@ def test_forces_are_added_to_tracks(tmp_path: Path, verbs: Verbs) -> None:
 def test_a_skin_of_known_stiffness_needs_no_labels(
     tmp_path: Path, verbs: Verbs, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    few = partial(touch.synthetic_series, frames=35)
-    monkeypatch.setattr(touch, "synthetic_series", few)
+    monkeypatch.setattr(touch, "synthetic_series", partial(touch.synthetic_series, frames=35))
     places = 37.0 * REFERENCE[:, :2] / 1.5 + 40.0
     bare, scaled = tmp_path / "bare.json", tmp_path / "scaled.json"
     known(places, grid=(5, 6)).save(bare)

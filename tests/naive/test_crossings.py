@@ -78,8 +78,7 @@ def crossing(
         while back >= 0:
             now = on * place(track.center_px[back, m], m)
             if now > REACH_PX:
-                early = at[row] - at[back] > LOOK_BACK_US
-                return None if early else (q, speed, int(at[back]))
+                return None if at[row] - at[back] > LOOK_BACK_US else (q, speed, int(at[back]))
             if not now >= last - JITTER_PX:
                 return None
             last = now

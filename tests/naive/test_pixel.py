@@ -95,8 +95,7 @@ def walk(sensor: Sensor, times_us, intensities) -> list[tuple[float, bool]]:
                 emit_crossings_kernel(px, chip, out, last_us, t_us - last_us, rise)
         last_us = t_us
     advance_constant_light_kernel(px, chip, out, last_us)
-    keys = out[1 : 1 + out[0]]
-    return [(int(key) >> KEY_SHIFT, bool(key & 1)) for key in keys]
+    return [(int(key) >> KEY_SHIFT, bool(key & 1)) for key in out[1 : 1 + out[0]]]
 
 
 def plain(pixel: PixelConfig, leak_per_us: float, times_us, intensities, start: float):

@@ -57,8 +57,7 @@ def test_a_fine_grained_residue_is_scaled_not_removed() -> None:
 
 
 def closed(points: list[tuple[float, float]]) -> np.ndarray:
-    corners = [*points, points[0]]
-    return np.concatenate([line(one, two, 7) for one, two in pairwise(corners)])
+    return np.concatenate([line(one, two, 7) for one, two in pairwise([*points, points[0]])])
 
 
 @settings(max_examples=50, deadline=None)

@@ -41,8 +41,7 @@ def tracked(
 def test_a_simulated_sensor_with_rare_off_events_from_its_presses_alone(data_dir: Path) -> None:
     found = calibrated(data_dir / "gel" / "sim_presses.raw", CORNER_PX)
     places = np.load(data_dir / "gel" / "sim_presses.truth.npz")["reference_px"]
-    inside = (places < CORNER_PX).all(axis=1)
-    error_px = np.hypot(*(found.reference_px - places[inside]).T)
+    error_px = np.hypot(*(found.reference_px - places[(places < CORNER_PX).all(axis=1)]).T)
     assert (found.grid, found.polarity) == ((4, 4), "white")
     assert np.asarray(found.marker_measured).all()
     assert error_px.mean() < 0.12

@@ -44,5 +44,4 @@ def ideal_events(
         fired = np.stack([x, y, crossings[y, x] > 0, np.full(len(x), step * step_us)])
         columns.append(np.repeat(fired, times, axis=1))
     x, y, p, t = np.concatenate(columns, axis=1)
-    end_us = len(path_px) * step_us
-    return packet_of(t, x, y, p, size, (0, end_us))
+    return packet_of(t, x, y, p, size, (0, len(path_px) * step_us))

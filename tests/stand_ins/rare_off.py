@@ -53,8 +53,7 @@ def rare_off_events(seed: int = 1) -> EventPacket:
     pixels, rises, t_us = (np.concatenate(part) for part in zip(*_fired(seed), strict=True))
     order = np.argsort(t_us, kind="stable")
     y, x = np.divmod(pixels[order], SIZE[0])
-    end_us = len(presses_px()) * PERIOD_US
-    return packet_of(t_us[order], x, y, rises[order], SIZE, (0, end_us))
+    return packet_of(t_us[order], x, y, rises[order], SIZE, (0, len(presses_px()) * PERIOD_US))
 
 
 def rare_off_calibration() -> Calibration:

@@ -46,7 +46,6 @@ class IdealProber:
         met = start_mm + low * direction
         outward = (met - np.array(self.center_mm)) / np.linalg.norm(met - np.array(self.center_mm))
         cosine = float(outward @ direction)
-        cone = 1.0 / np.hypot(1.0, self.friction)
-        travel = self.travel_mm * max(cone / cosine, 1.0)
+        travel = self.travel_mm * max(1.0 / np.hypot(1.0, self.friction) / cosine, 1.0)
         noise = self.noise_mm.pop(0) if self.noise_mm else 0.0
         return Touched(np.array(start_mm), direction, met + (travel + noise) * direction)

@@ -40,8 +40,7 @@ def record() -> dict:
 
 @pytest.mark.parametrize("name", CONFIGS)
 def test_the_defaults_are_the_best_of_the_record(record: dict, name: str) -> None:
-    points = record[name]
-    best = min(points, key=lambda point: point["error_mean_px"])
+    best = min(record[name], key=lambda point: point["error_mean_px"])
     assert {key: CONFIGS[name][key] for key in best["values"]} == pytest.approx(best["values"])
 
 

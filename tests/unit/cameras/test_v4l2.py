@@ -73,8 +73,7 @@ def test_events_are_given_out_with_the_mark_before_the_frame_is_whole(
 
 def test_a_frame_without_a_mark_and_a_cut_dump_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "dump.raw"
-    data = frames(bursts(), "evt2")
-    path.write_bytes(data[: 2 * FRAME_BYTES + 4_000])
+    path.write_bytes(frames(bursts(), "evt2")[: 2 * FRAME_BYTES + 4_000])
     source = open_events(f"v4l2:{path}?encoding=evt2")
     found = sum(len(packet) for packet in source)
     assert 4_000 < found < 6_000

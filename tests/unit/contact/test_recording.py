@@ -47,6 +47,5 @@ def test_a_burst_at_the_start_is_neither_learned_nor_a_contact() -> None:
     begin, end = leading_quiet([source])  # type: ignore[list-item]
     assert begin == 60
     assert 540 <= end <= 640
-    detector = EventCountDetector(20)
-    (found,) = find_contacts([source], detector, first=begin)  # type: ignore[list-item]
+    (found,) = find_contacts([source], EventCountDetector(20), first=begin)  # type: ignore[list-item]
     assert found[0].t_us == 641 * WINDOW_US

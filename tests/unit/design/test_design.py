@@ -38,8 +38,7 @@ def test_a_stored_design_says_what_it_is_passes_and_survives_its_own_file(
     assert descriptions()[name] == design.about
     assert failed(design) == set()
     assert load_design(written(tmp_path, design.toml())) == design
-    bill = bill_of_materials(design, VOLUMES)
-    guide = build_guide(Layout(design), figures_of(design), bill)
+    guide = build_guide(Layout(design), figures_of(design), bill_of_materials(design, VOLUMES))
     assert design.about in guide
     assert "Nobody has built or measured this design" in guide
     assert f"M{design.fasteners.thread_mm:g} x {design.fasteners.length_mm:g} screws" in guide

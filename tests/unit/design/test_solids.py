@@ -34,8 +34,7 @@ def sensor(name: str) -> tuple[Part, ...]:
 
 @pytest.fixture(scope="module")
 def parts() -> dict[str, Part]:
-    layout = Layout(load_design())
-    return {part.name: part for part in (*sensor(DEFAULT), *tool_parts(layout))}
+    return {part.name: part for part in (*sensor(DEFAULT), *tool_parts(Layout(load_design())))}
 
 
 @pytest.mark.parametrize("name", names())

@@ -50,8 +50,7 @@ def test_the_loader_never_opens_the_truth(tmp_path, monkeypatch):
     monkeypatch.setattr(builtins, "open", watch(builtins.open))
     monkeypatch.setattr(io, "open", watch(io.open))
     monkeypatch.setattr(np, "load", watch(np.load))
-    clip = load_clip(folder)
-    make_pairs([clip], 2, np.random.default_rng(0))
+    make_pairs([load_clip(folder)], 2, np.random.default_rng(0))
     assert any(name.endswith("events.raw") for name in opened), "the watch saw nothing"
     assert not any("truth" in name for name in opened)
 
@@ -87,8 +86,7 @@ def test_an_empty_recording_is_refused(tmp_path):
 
 
 def test_background_has_its_rate_and_both_signs_alike():
-    silence = EventPacket.empty(0, 4_000_000, SIZE)
-    noisy = with_background(silence, 5.0, np.random.default_rng(1))
+    noisy = with_background(EventPacket.empty(0, 4_000_000, SIZE), 5.0, np.random.default_rng(1))
     expected = 5.0 * SIZE[0] * SIZE[1] * 4
     assert len(noisy) == pytest.approx(expected, abs=4 * expected**0.5)
     assert noisy.p.mean() == pytest.approx(0.5, abs=0.01)
