@@ -46,11 +46,11 @@ TOLERANCE, FIRST_TOLERANCE = 0.3, 1.0
 # 3.5 px v2e's recording without 30 % of its events errs by 2 % more.)
 OUTER_PX = 4.0
 
-# Rate at which the edges of resting discs are pulled to their calibrated radii without noise, 1/s,
-# and how much it grows for each Hz/px of noise. (A simulated sensor whose pixels leak at 2 Hz errs
-# by 0.80 px without growth, by 0.16 px with it. Without a rate of its own the recorded gel, which
-# has no noise, errs by 0.92 px for 0.72.)
-RADIUS_PULL_PER_S, RADIUS_PULL_PER_EVENT = 0.3, 1.0
+# Rate at which the edges of resting discs are pulled to their calibrated radii, 1/s; beyond a noise
+# of 1 Hz/px it grows with the square of the noise. (A simulated sensor of 5 Hz/px errs by 0.50 px
+# without growth, and by 0.2 px with it. Without a pull the recorded gel, which has no noise, errs
+# by 0.92 px for 0.72.)
+RADIUS_PULL_PER_S = 0.3
 
 # Rate at which the ground away from all discs leaks, 1/s. Noise that accumulates there biases a
 # disc that comes near: after 40 s of rest with 1 Hz/px, v2e's gel errs by 0.18 px (0.20 px at a
@@ -197,7 +197,7 @@ def leak_kernel(
     levels = flat, pixels.shape[1], pixels.shape[0]
     window = FitWindow(offset, polar, within, coefficients, ends)
     portion = np.float32(-math.expm1(-leak_per_s * dt_s * GROUPS))
-    pull_per_s = RADIUS_PULL_PER_S + RADIUS_PULL_PER_EVENT * noise_hz_px
+    pull_per_s = RADIUS_PULL_PER_S * max(noise_hz_px, 1.0) ** 2
     pull_share = -math.expm1(-pull_per_s * dt_s * GROUPS)
     for m in range(count % GROUPS, mean_agreement.size, GROUPS):
         marker = markers[m]
