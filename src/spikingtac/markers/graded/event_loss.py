@@ -96,8 +96,8 @@ class EventLoss:
 
     @property
     def noise_per_s(self) -> NDArray[np.float64]:
-        """``(m,)`` background events in each marker's gate, 1/s."""
-        return self.background_hz_px * self._area_px[:-1]
+        """``(m + 1,)`` background events in each marker's gate, and last in no gate, 1/s."""
+        return self.background_hz_px * self._area_px
 
     def update(self, markers: NDArray[np.void], counts: NDArray[np.int64], dt_s: float) -> None:
         """Update the background at rest, and the ratio from markers that move.

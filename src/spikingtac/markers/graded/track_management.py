@@ -70,7 +70,7 @@ CLEAR_SIGMAS = 3.0
 SURROUNDED = 0.25
 
 # Mean displacement from which a skin is tested for being misplaced, px, and the events in no gate
-# since the last test that call for one.
+# since the last test that call for one, above twice their background.
 DISPLACED_PX, STRAY_EVENTS = 2.0, 100
 
 # Half of the width of a rim in which events are counted, px; how many there must be at rest, and
@@ -107,23 +107,24 @@ class TrackManager:
         self.position_px = calibration.reference_px.copy()
         self._nearest = nearest_marker(calibration.reference_px, calibration.size)
 
-    def is_misplaced(self, markers: NDArray[np.void], stray: int, pixels: NDArray[np.void]) -> bool:
+    def is_misplaced(
+        self, markers: Array, pixels: Array, counts: Array, dt_s: float, loss: EventLoss
+    ) -> bool:
         """Return whether the events of this half second come from the rims at rest.
 
         Args:
             markers: ``(m,)`` records (:data:`~spikingtac.markers.graded.motion.MARKER`).
-            stray: Events in no gate since the last test.
             pixels: ``(height, width)`` records of the map, with their counts of events.
+            counts: ``(m + 1,)`` events in each marker's gate, and last those in no gate.
+            dt_s: Time in which they came, s.
+            loss: The background.
         """
-        rest_px = self.neighbours.reference_px
-        return stray >= STRAY_EVENTS and misplaced_kernel(pixels, self._nearest, rest_px, markers)
+        rest_px, noise = self.neighbours.reference_px, loss.noise_per_s[-1] * dt_s
+        stray = bool(counts[-1] >= STRAY_EVENTS + 2.0 * noise)
+        return stray and misplaced_kernel(pixels, self._nearest, rest_px, markers)
 
     def update_silent(
-        self,
-        markers: NDArray[np.void],
-        counts: NDArray[np.int64],
-        dt_s: float,
-        event_loss: EventLoss,
+        self, markers: Array, counts: Array, dt_s: float, event_loss: EventLoss
     ) -> None:
         """Test for silence: compare the events of each marker with its neighbours' motion.
 

@@ -173,10 +173,9 @@ class GradedTracker:
         # Until the event loss is measured, steps are assumed larger than they are, and discs lead
         # their markers as often as they lag.
         loss_known = self._event_loss.measured or not self._adapts
-        backlash = self._backlash if loss_known else 0.0
         if leaks:
             self._leak_map(t_us, loss_known)
-        noise = self._event_loss.background_hz_px, dt_s
+        backlash, noise = loss_known * self._backlash, (self._event_loss.background_hz_px, dt_s)
         given_px = self._corrections.update(t_us, locator.markers, self.lag_s, backlash, noise)
         if self._zero is not None:
             velocity_px_s = np.column_stack([locator.markers["vx"], locator.markers["vy"]])
@@ -217,8 +216,8 @@ class GradedTracker:
     def _run_task(self, t_us: int) -> None:
         """Run one task in turn: event loss, silent markers, lost ones, or a misplaced skin."""
         locator, manager, event_loss = self._locator, self._manager, self._event_loss
-        task, self._task_us = self._task_count % TASK_SLOTS, t_us
-        self._task_count += 1
+        task, self._task_count = self._task_count % TASK_SLOTS, self._task_count + 1
+        self._task_us = t_us
         if task == 0:
             counted_s = 0.0 if self._count_us == NEVER_US else (t_us - self._count_us) * 1e-6
             event_count = locator.event_count
@@ -233,6 +232,6 @@ class GradedTracker:
             relocated = manager.update(t_us, locator.markers, locator.map.values)
             if relocated.any():
                 locator.place(relocated, manager.position_px)
-        elif manager.is_misplaced(locator.markers, self._counts[0][-1], locator.map.pixels):
+        elif manager.is_misplaced(locator.markers, locator.map.pixels, *self._counts, event_loss):
             locator.map.reset()
             locator.place(np.ones_like(manager.coasted), self.calibration.reference_px)
