@@ -121,7 +121,7 @@ class TrackManager:
         """
         rest_px, noise = self.neighbours.reference_px, loss.noise_per_s[-1] * dt_s
         stray = bool(counts[-1] >= STRAY_EVENTS + 2.0 * noise)
-        return stray and misplaced_kernel(pixels, self._nearest, rest_px, markers)
+        return misplaced_kernel(stray, pixels, self._nearest, rest_px, markers)
 
     def update_silent(
         self, markers: Array, counts: Array, dt_s: float, event_loss: EventLoss
@@ -192,13 +192,13 @@ class TrackManager:
 
 @kernel()
 def misplaced_kernel(
-    pixels: Array, nearest: Array, rest_px: Array, markers: Any
+    stray: bool, pixels: Array, nearest: Array, rest_px: Array, markers: Any
 ) -> bool:  # pragma: no cover - compiled
-    """Compare the events on the markers' rims at rest with those on the rims as tracked."""
+    """Compare, if any are stray, the events on the rims at rest with those on the tracked rims."""
     away = at_rest = tracked = 0.0
     for m in range(len(markers)):
         away += np.hypot(markers[m].x - rest_px[m, 0], markers[m].y - rest_px[m, 1])
-    for y in range(pixels.shape[0] if away >= DISPLACED_PX * len(markers) else 0):
+    for y in range(pixels.shape[0] if stray and away >= DISPLACED_PX * len(markers) else 0):
         for x in range(pixels.shape[1]):
             m, count = nearest[y, x], pixels[y, x].events * (pixels[y, x].alone != HOT)
             if count:
