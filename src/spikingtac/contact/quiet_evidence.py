@@ -180,10 +180,10 @@ def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
 
     windows = 2 ** np.arange(SCALES)
     windows = windows[windows * LEAST_SUMS <= len(quiet.evidence)]
-    mean = quiet.evidence.mean(axis=0)
+    mean, power = quiet.evidence.mean(axis=0), _event_power(quiet)
     sums = np.concatenate([np.zeros((1, len(mean))), np.cumsum(quiet.evidence - mean, axis=0)])
     try:
-        whiten = np.stack([_whitening(sums, quiet, int(n)) for n in windows])
+        whiten = np.stack([_whitening(sums, quiet, int(n), power) for n in windows])
     except np.linalg.LinAlgError as error:
         raise CalibrationError(
             "the quiet windows do not tell motions apart: too few events lie on the markers' rims, "
@@ -200,7 +200,7 @@ def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
         tail = tail_threshold(amplitude[int(length) - 1 :, scale], block, per_window * block) ** 2
         # So many events of a polarity that was not seen may come by chance, all for one motion.
         chance = math.ceil(pdtrik(1.0 - per_window, PRIOR_EVENTS * length / len(quiet.evidence)))
-        threshold.append(max(tail, floor, chance**2 * _one_event(whiten[scale], quiet)))
+        threshold.append(max(tail, floor, chance**2 * _one_event(whiten[scale], power)))
     raised = _at_least_shorter(np.array(threshold), whiten)
     if not np.isfinite(raised).all():
         raise CalibrationError(
@@ -222,13 +222,12 @@ def _at_least_shorter(threshold: Vector, whiten: Vector) -> Vector:
     return raised
 
 
-def _whitening(sums: Vector, quiet: QuietEvidence, windows: int) -> Vector:
+def _whitening(sums: Vector, quiet: QuietEvidence, windows: int, power: Vector) -> Vector:
     """Return ``(d, length)``: join the polarities, then scale to unit variance at most.
 
     Motion fires ON and OFF events alike, the leak only ON events. The ON evidence is therefore
     weighted by what the leak may have added over this time.
     """
-    power = _event_power(quiet)
     unseen = PRIOR_EVENTS / len(quiet.evidence) * np.repeat(power, POLARITIES, axis=0)
     covariance = np.cov(quiet.evidence.T) + np.diag(unseen.ravel())
     bias = _leak_bias(quiet, power[:, :AFFINE_MODES])
@@ -256,9 +255,9 @@ def _event_power(quiet: QuietEvidence) -> Vector:
     return np.stack([(modes**2).mean(axis=0) for modes in rims])
 
 
-def _one_event(whiten: Vector, quiet: QuietEvidence) -> float:
+def _one_event(whiten: Vector, power: Vector) -> float:
     """Return the mean whitened square of one event, of the polarity where that is larger."""
-    power = np.repeat(_event_power(quiet), POLARITIES, axis=0)
+    power = np.repeat(power, POLARITIES, axis=0)
     return float((np.square(whiten).sum(axis=0).reshape(power.shape) * power).sum(axis=1).max())
 
 

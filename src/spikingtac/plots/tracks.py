@@ -230,6 +230,7 @@ def _finish_field(
 def _add_scale(axes: Axes, drawn: object, label: str, theme: Theme) -> None:
     figure = axes.get_figure()
     assert figure is not None
+    # As high as the picture, whatever its aspect.
     bar = figure.colorbar(drawn, cax=axes.inset_axes((1.04, 0.0, 0.05, 1.0)))  # type: ignore[arg-type]
     bar.set_label(label, color=theme.text, fontsize=FONT_PT)
     bar.ax.tick_params(colors=theme.text, labelsize=FONT_PT - 1)
