@@ -93,22 +93,24 @@ def _edge_kernel(
 
 
 @kernel(forceinline=True, fastmath=SAME_BITS)
-def center_equations_kernel(
+def normal_equations_kernel(
     polar: Array, ring: Ring, edge: Array, moved: tuple[Any, Any], unit: np.float32
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
-    """Sum the robust normal equations of a disc's centre, in one loop that vectorises.
+    """Sum the robust normal equations of a disc's centre and outline, in one loop of vectors.
 
-    ``moved`` is the motion of the centre since the edge was sampled, px. Returns the curvature
-    (xx, xy, yy) and the gradient (x, y).
+    ``moved`` is the motion of the centre since the edge was sampled, px. Returns the centre's
+    curvature (xx, xy, yy) and gradient (x, y), the gradient of the outline (r, b, c), and the share
+    of the edge that agrees. The curvature of r is xx + yy.
     """
     phase, first, _, count = ring
-    one, per_soft2 = np.float32(1.0), np.float32(1.0 / SOFT_LEVEL**2)
-    xx = xy = yy = gx = gy = np.int32(0)
+    one, two, per_soft2 = np.float32(1.0), np.float32(2.0), np.float32(1.0 / SOFT_LEVEL**2)
+    xx = xy = yy = gx = gy = gr = gb = gc = weight = total = np.int32(0)
     for j in range(count):
         to_x, to_y = polar[phase, 1, first + j], polar[phase, 2, first + j]
         s = edge[2, j]
         e = edge[0, j] - edge[1, j] - s * (to_x * moved[0] + to_y * moved[1])
-        ws = unit * s / (one + e * e * per_soft2)
+        us = unit * s
+        ws = us / (one + e * e * per_soft2)
         wse = ws * e
         wsx = ws * s * to_x
         wsy = ws * s * to_y
@@ -117,36 +119,14 @@ def center_equations_kernel(
         yy = np.int32(yy + np.int32(wsy * to_y))
         gx = np.int32(gx + np.int32(wse * to_x))
         gy = np.int32(gy + np.int32(wse * to_y))
-    part = 1.0 / float(unit)
-    return (xx * part, xy * part, yy * part), (gx * part, gy * part)
-
-
-@kernel(forceinline=True, fastmath=SAME_BITS)
-def outline_equations_kernel(
-    polar: Array, ring: Ring, edge: Array, moved: tuple[Any, Any], unit: np.float32
-) -> tuple[Any, ...]:  # pragma: no cover - compiled
-    """Sum the robust normal equations of a disc's outline as :func:`center_equations_kernel` does.
-
-    Returns the gradients of r, b and c, the curvature of r, and the share of the edge that agrees.
-    """
-    phase, first, _, count = ring
-    one, per_soft2 = np.float32(1.0), np.float32(1.0 / SOFT_LEVEL**2)
-    gr = gb = gc = rr = weight = total = np.int32(0)
-    for j in range(count):
-        to_x, to_y = polar[phase, 1, first + j], polar[phase, 2, first + j]
-        s = edge[2, j]
-        e = edge[0, j] - edge[1, j] - s * (to_x * moved[0] + to_y * moved[1])
-        us = unit * s
-        ws = us / (one + e * e * per_soft2)
-        wse = ws * e
         gr = np.int32(gr + np.int32(wse))
         gb = np.int32(gb + np.int32(wse * (to_x * to_x - to_y * to_y)))
-        gc = np.int32(gc + np.int32(wse * (np.float32(2.0) * to_x * to_y)))
-        rr = np.int32(rr + np.int32(ws * s))
+        gc = np.int32(gc + np.int32(wse * (two * to_x * to_y)))
         weight = np.int32(weight + np.int32(ws))
         total = np.int32(total + np.int32(us))
     part = 1.0 / float(unit)
-    return (gr * part, gb * part, gc * part), rr * part, weight / (total + 1.0)
+    curvature, gradient = (xx * part, xy * part, yy * part), (gx * part, gy * part)
+    return curvature, gradient, (gr * part, gb * part, gc * part), weight / (total + 1.0)
 
 
 @kernel(forceinline=True)
@@ -251,29 +231,26 @@ def fit_disc_kernel(
         marker: Number of the marker.
         center_px: Start of the fit, px.
         outline_px: ``(m, 3)`` r, b and c of the discs, px; changed.
-        settings: Most Gauss-Newton steps; gain of the outline's step, 0 for no step and no
-            agreement; radius at rest, px.
+        settings: Most Gauss-Newton steps; gain of the outline's step; radius at rest, px.
     """
-    m, (x, y), length = np.uint64(marker), center_px, 0.0
+    m, (x, y), length, agreement = np.uint64(marker), center_px, 0.0, 0.0
     ends_px = edge_bounds_kernel(window, m, outline_px)
     ring = np.uint64(0), np.uint64(0), np.int32(0), np.uint64(0)
-    read_x, read_y, moved = np.inf, np.inf, (np.float32(0.0), np.float32(0.0))
+    read_x = read_y = np.inf
+    curvature = outline_gradient = 0.0, 0.0, 0.0
     for _ in range(settings[0]):
         dx, dy = x - read_x, y - read_y
         if not dx * dx + dy * dy < LINEAR_STEP_PX * LINEAR_STEP_PX:
             read_x, read_y, dx, dy = x, y, 0.0, 0.0
             ring, _ = sample_ring_kernel(levels, window, m, (x, y), ends_px, outline_px, edge)
         moved = np.float32(dx), np.float32(dy)
-        step_x, step_y, length = step_kernel(
-            *center_equations_kernel(window.polar, ring, edge, moved, window.edge[m, 2])
+        curvature, gradient, outline_gradient, agreement = normal_equations_kernel(
+            window.polar, ring, edge, moved, window.edge[m, 2]
         )
+        step_x, step_y, length = step_kernel(curvature, gradient)
         x, y = x + step_x, y + step_y
         if length < LINEAR_STEP_PX:
             break
-    if settings[1] == 0.0:
-        return x, y, np.nan, length
-    gradient, rr, agreement = outline_equations_kernel(
-        window.polar, ring, edge, moved, window.edge[m, 2]
-    )
-    update_outline_kernel(outline_px, m, gradient, settings[1] / (rr + 1e-3), settings[2])
+    step = settings[1] / (curvature[0] + curvature[2] + 1e-3)
+    update_outline_kernel(outline_px, m, outline_gradient, step, settings[2])
     return x, y, agreement, length

@@ -50,10 +50,6 @@ DUE_PX = 0.02  # Motion that causes as many events as a fit needs, px.
 # Rate at which an outline follows its fits, 1/s (indentation and strain take tens of ms).
 OUTLINE_PER_S = 150.0
 
-# Shortest time between two fits of an outline, which also measure the agreement, us. (At 2,000 the
-# leak notices a marker that snaps back too late, and erases it.)
-OUTLINE_PERIOD_US = 1_000
-
 
 class DiscLocator:
     """Filters of one sensor's markers, and the map of levels to which their discs are fitted.
@@ -177,7 +173,7 @@ def locate_discs_kernel(
     for m in range(len(markers)):
         marker = markers[m]
         if marker.t_us == NEVER_US:
-            marker.fit_us = marker.quiet_us = marker.outline_us = marker.t_us = t_us
+            marker.fit_us = marker.quiet_us = marker.t_us = t_us
         dt_s = (t_us - marker.t_us) * 1e-6
         is_due = fit_is_due_kernel(m, markers, pending[m], dead_bands, times_us)
         if not is_due and (pending[m] > 0 or dt_s < MEASUREMENT_PERIOD_S):
@@ -187,17 +183,15 @@ def locate_discs_kernel(
             continue
         predict_kernel(marker, dt_s)
         if is_due:
-            gain, since_us = 0.0, t_us - marker.outline_us
-            if since_us >= OUTLINE_PERIOD_US:
-                gain, marker.outline_us = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * since_us), t_us
+            gain = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * (t_us - marker.fit_us))
             start = m, (marker.x, marker.y), outline_px, (ITERATIONS, gain, marker.radius_px)
             if dead_bands:
-                x, y, agreement, step_px = fit_bands_kernel(pixels, levels, scratch, window, *start)
+                fit = fit_bands_kernel(pixels, levels, scratch, window, *start)
             else:
-                x, y, agreement, step_px = fit_disc_kernel(levels, scratch, window, *start)
+                fit = fit_disc_kernel(levels, scratch, window, *start)
+            x, y, marker.agreement, step_px = fit
             marker.innovation_px = np.hypot(x - marker.x, y - marker.y)
             marker.fit_x, marker.fit_y, marker.fit_us = x, y, t_us
-            marker.agreement = agreement if gain > 0.0 else marker.agreement
             fitted_events[m] += pending[m] % FIT_NOW
             pending[m] = FIT_NOW if step_px >= LINEAR_STEP_PX else 0  # goes on if not converged
         if coasted[m]:

@@ -62,10 +62,9 @@ MARKER = np.dtype(
         *((name, np.float64) for name in ("x", "y", "vx", "vy", "var_p", "cov_pv", "var_v")),
         ("t_us", np.int64),
         # Last fit: position and length of the innovation, px; share of the edge that agrees with
-        # the disc; its time, the time of the last fit of an outline, and the last time without
-        # pending events, us.
+        # the disc; its time, and the last time without pending events, us.
         *((name, np.float64) for name in ("fit_x", "fit_y", "innovation_px", "agreement")),
-        *((name, np.int64) for name in ("fit_us", "outline_us", "quiet_us")),
+        *((name, np.int64) for name in ("fit_us", "quiet_us")),
         # Centre of the gate, px; radius at rest, px; events that a fit needs.
         *((name, np.float64) for name in ("gate_x", "gate_y", "radius_px", "needed")),
     ]
