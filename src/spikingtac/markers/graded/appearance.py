@@ -191,7 +191,8 @@ class FitWindow(NamedTuple):
 
     Attributes:
         offset: ``int32[f, 3, n]`` offset of each pixel in the flat padded map, in rows, in columns.
-        polar: ``float32[f, 3, n]`` distance from the centre, px, and direction (x, y) from it.
+        polar: ``float32[f, 5, n]`` distance from the centre, px, the direction (x, y) from it, and
+            cosine and sine of twice the direction's angle.
         within: ``int32[f, k]`` number of pixels nearer to the centre than 0, 1, 2, ... RING_PX.
         coefficients: ``(m, 2, POLYNOMIAL_DEGREE + 1)`` float32 polynomials of each marker's S and
             -dS/dq over -1 (at the inner end of the edge) to 1.
@@ -216,7 +217,8 @@ def fit_window(profiles: list[DiscProfile], width_px: int) -> FitWindow:
     for y_px, x_px in product(middles_px, middles_px):
         distance_px = np.hypot(dx - x_px, dy - y_px)
         order = np.argsort(distance_px, kind="stable")
-        polar = distance_px, (dx - x_px) / distance_px, (dy - y_px) / distance_px
+        to_x, to_y = (dx - x_px) / distance_px, (dy - y_px) / distance_px
+        polar = distance_px, to_x, to_y, to_x**2 - to_y**2, 2.0 * to_x * to_y
         orders.append(order)
         polars.append(np.array(polar)[:, order])
         within.append(np.searchsorted(distance_px[order], rings_px))

@@ -102,10 +102,9 @@ def _correct_levels_kernel(
         agreeing, total = agreeing + slope / (1.0 + apart * apart), total + slope
         e, weight = _residual_kernel(pixel, edge[0, j], level)
         pull = weight * slope * e
-        to_x, to_y = window.polar[phase, 1, first + j], window.polar[phase, 2, first + j]
         gr += pull
-        gb += pull * (to_x * to_x - to_y * to_y)
-        gc += pull * 2.0 * to_x * to_y
+        gb += pull * window.polar[phase, 3, first + j]
+        gc += pull * window.polar[phase, 4, first + j]
         rr += weight * slope * slope
         pixel.level -= np.float32(GAIN * e / (1.0 + e * e / SOFT_RESIDUAL**2))
         bound = min(max(level, pixel.level + pixel.off), pixel.level + pixel.on)

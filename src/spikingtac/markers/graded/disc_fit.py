@@ -83,7 +83,7 @@ def _edge_kernel(
     slopes = _coefficients_kernel(coefficients, m, np.uint64(1))
     for j in range(count):
         to_x, to_y = polar[phase, 1, first + j], polar[phase, 2, first + j]
-        bulge = b * (to_x * to_x - to_y * to_y) + c * np.float32(2.0) * to_x * to_y
+        bulge = b * polar[phase, 3, first + j] + c * polar[phase, 4, first + j]
         z = (polar[phase, 0, first + j] - (to_x * x + to_y * y) - r - bulge) * per_half
         steep = (abs(z) < one) & (np.int32(j) < inside)
         z = one if z > one else z
@@ -103,30 +103,31 @@ def normal_equations_kernel(
     of the edge that agrees. The curvature of r is xx + yy.
     """
     phase, first, _, count = ring
-    one, two, per_soft2 = np.float32(1.0), np.float32(2.0), np.float32(1.0 / SOFT_LEVEL**2)
-    xx = xy = yy = gx = gy = gr = gb = gc = weight = total = np.int32(0)
+    one, per_soft2 = np.float32(1.0), np.float32(1.0 / SOFT_LEVEL**2)
+    rr = rb = rc = gx = gy = gr = gb = gc = weight = total = np.int32(0)
     for j in range(count):
         to_x, to_y = polar[phase, 1, first + j], polar[phase, 2, first + j]
+        cos2, sin2 = polar[phase, 3, first + j], polar[phase, 4, first + j]
         s = edge[2, j]
         e = edge[0, j] - edge[1, j] - s * (to_x * moved[0] + to_y * moved[1])
         us = unit * s
         ws = us / (one + e * e * per_soft2)
-        wse = ws * e
-        wsx = ws * s * to_x
-        wsy = ws * s * to_y
-        xx = np.int32(xx + np.int32(wsx * to_x))
-        xy = np.int32(xy + np.int32(wsx * to_y))
-        yy = np.int32(yy + np.int32(wsy * to_y))
+        wse, wss = ws * e, ws * s
+        rr = np.int32(rr + np.int32(wss))
+        rb = np.int32(rb + np.int32(wss * cos2))
+        rc = np.int32(rc + np.int32(wss * sin2))
         gx = np.int32(gx + np.int32(wse * to_x))
         gy = np.int32(gy + np.int32(wse * to_y))
         gr = np.int32(gr + np.int32(wse))
-        gb = np.int32(gb + np.int32(wse * (to_x * to_x - to_y * to_y)))
-        gc = np.int32(gc + np.int32(wse * (two * to_x * to_y)))
+        gb = np.int32(gb + np.int32(wse * cos2))
+        gc = np.int32(gc + np.int32(wse * sin2))
         weight = np.int32(weight + np.int32(ws))
         total = np.int32(total + np.int32(us))
     part = 1.0 / float(unit)
-    curvature, gradient = (xx * part, xy * part, yy * part), (gx * part, gy * part)
-    return curvature, gradient, (gr * part, gb * part, gc * part), weight / (total + 1.0)
+    # x^2 = (1 + cos 2 phi) / 2, x y = sin 2 phi / 2, and y^2 = (1 - cos 2 phi) / 2.
+    curvature = 0.5 * part * (rr + rb), 0.5 * part * rc, 0.5 * part * (rr - rb)
+    outline = gr * part, gb * part, gc * part
+    return curvature, (gx * part, gy * part), outline, weight / (total + 1.0)
 
 
 @kernel(forceinline=True)
