@@ -166,7 +166,8 @@ def estimate_hole(
         normal = away / np.maximum(np.linalg.norm(away, axis=1), TINY)[:, None]
         if rounds == ROUNDS:
             break
-        doubt = np.maximum(np.abs(circle.residual_mm) * doubt / (DOUBT_SIGMA * sigma), 1.0) ** 2
+        excess = np.abs(circle.residual_mm) * doubt / (DOUBT_SIGMA * sigma)
+        doubt = np.maximum(excess, 1.0) ** 2
         radius_mm = max(circle.radius_mm, travel.across_flats_mm)
         rounds += 1
     rows = np.column_stack([normal, np.ones(len(normal))])

@@ -210,7 +210,8 @@ def _fit(
     row = design if heading is None else _with_heading(angle, heading, across_flats_mm)
     harmonics = np.linalg.pinv(design) @ travel
     residual = travel - design @ harmonics
-    square = residual**2 * (len(angle) / max(len(angle) - int(np.linalg.matrix_rank(row)), 1))
+    freedom = max(len(angle) - int(np.linalg.matrix_rank(row)), 1)
+    square = residual**2 * (len(angle) / freedom)
     sigma = math.sqrt(float(square.mean()))
     covariance = np.linalg.pinv(row.T @ row, hermitian=True).astype(np.float64) * sigma**2
     return TravelModel(

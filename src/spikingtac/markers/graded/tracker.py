@@ -161,26 +161,16 @@ class GradedTracker:
         """Return positions at ``t_us``, px, which markers are coasted, and their confidence."""
         locator, manager = self._locator, self._manager
         locator.locate(t_us, manager.coasted)
-        self._next_estimate_us, before_us = t_us + LONGEST_PERIOD_US, locator.times_us[0]
+        before_us = locator.times_us[0]
         dt_s = 0.0 if before_us == NEVER_US else (t_us - before_us) * 1e-6
-        short = 0.0 < dt_s < SHORT_PERIOD_S
-        wait_us = (
-            TASK_PERIOD_US if short and self._events > MANY_EVENTS * len(locator.markers) else 0
-        )
-        leaks = t_us >= self._leak_us + TASK_PERIOD_US + wait_us
-        if t_us >= self._task_us + TASK_PERIOD_US + wait_us and not (leaks and short):
-            self._run_task(t_us)
-        # Until the event loss is measured, steps are assumed larger than they are, and discs lead
-        # their markers as often as they lag.
-        loss_known = self._event_loss.measured or not self._adapts
-        if leaks:
-            self._leak_map(t_us, loss_known)
-        backlash, noise = loss_known * self._backlash, (self._event_loss.background_hz_px, dt_s)
+        self._next_estimate_us = t_us + LONGEST_PERIOD_US
+        self._run_slower_work(t_us, dt_s)
+        backlash = self._backlash if self._knows_loss else 0.0
+        noise = self._event_loss.background_hz_px, dt_s
         given_px = self._corrections.update(t_us, locator.markers, self.lag_s, backlash, noise)
         if self._zero is not None:
             velocity_px_s = np.column_stack([locator.markers["vx"], locator.markers["vy"]])
             given_px = self._zero.update(given_px, velocity_px_s, manager.coasted, dt_s)
-        self._events = 0
         confidence = manager.confidence(locator.markers["agreement"], dt_s)
         return given_px, manager.coasted.copy(), confidence
 
@@ -206,12 +196,30 @@ class GradedTracker:
         if self._adapts:
             self._locator.map.arrival_ratio = self._event_loss.arrival_ratio
 
-    def _leak_map(self, t_us: int, loss_known: bool) -> None:
+    @property
+    def _knows_loss(self) -> bool:
+        # Until the event loss is measured, steps are assumed larger than they are, and discs lead
+        # their markers as often as they lag.
+        return self._event_loss.measured or not self._adapts
+
+    def _run_slower_work(self, t_us: int, dt_s: float) -> None:
+        """Leak the map and run a task, if they are due ``dt_s`` after the last estimate."""
+        short = 0.0 < dt_s < SHORT_PERIOD_S
+        crowded = short and self._events > MANY_EVENTS * len(self._locator.markers)
+        period_us = TASK_PERIOD_US + (TASK_PERIOD_US if crowded else 0)
+        leaks = t_us >= self._leak_us + period_us
+        if t_us >= self._task_us + period_us and not (leaks and short):
+            self._run_task(t_us)
+        if leaks:
+            self._leak_map(t_us)
+        self._events = 0
+
+    def _leak_map(self, t_us: int) -> None:
         since_s = 0.0 if self._leak_us == NEVER_US else (t_us - self._leak_us) * 1e-6
         self._leak_us = t_us
         if self._leak is not None and since_s:
             noise_hz_px = self._event_loss.background_hz_px
-            self._leak.update(self._locator, since_s, loss_known, noise_hz_px)
+            self._leak.update(self._locator, since_s, self._knows_loss, noise_hz_px)
 
     def _run_task(self, t_us: int) -> None:
         """Run one task in turn: event loss, silent markers, lost ones, or a misplaced skin."""
