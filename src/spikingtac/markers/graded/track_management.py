@@ -17,10 +17,6 @@ cautious: it is the speed of the neighbours' affine motion (the centre of a rota
 more than the speed of nearly all of them (at the rim of a touch some rest). At the border motion
 dies away and no neighbours stand beyond, so border markers are never lost for silence alone; their
 confidence falls.
-
-All markers are misplaced together when a sudden release overruns the readout: the discs stay where
-they were, and agree with a map that got no events. The next contact reveals it, since its events
-come from the rims at rest.
 """
 
 from typing import Any
@@ -29,10 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.events.hot_pixels import HOT
 from spikingtac.kernels import kernel
 from spikingtac.markers.blobs import UNMATCHED, associate, blob_areas_px, find_blobs
-from spikingtac.markers.graded.appearance import nearest_marker
 from spikingtac.markers.graded.event_loss import (
     BACKGROUND_SHARE,
     FAST_PX_S,
@@ -69,14 +63,6 @@ CLEAR_SIGMAS = 3.0
 # distance, at which they surround it: 0 inside of a square grid, 0.6 at its border.
 SURROUNDED = 0.25
 
-# Mean displacement from which a skin is tested for being misplaced, px, and the events in no gate
-# since the last test that call for one, above twice their background.
-DISPLACED_PX, STRAY_EVENTS = 2.0, 100
-
-# Half of the width of a rim in which events are counted, px; how many there must be at rest, and
-# over those at the tracked rims. (After a press as fast as the readout allows both are alike.)
-RIM_PX, RIM_EVENTS, RIM_RATIO = 2.5, 300, 2.0
-
 
 class TrackManager:
     """Decides which of one sensor's markers are lost, and finds them again.
@@ -105,23 +91,6 @@ class TrackManager:
         self._cusum_px, self._trust = np.zeros(count), np.ones(count)
         self.coasted, self.silent = np.zeros((2, count), np.bool_)
         self.position_px = calibration.reference_px.copy()
-        self._nearest = nearest_marker(calibration.reference_px, calibration.size)
-
-    def is_misplaced(
-        self, markers: Array, pixels: Array, counts: Array, dt_s: float, loss: EventLoss
-    ) -> bool:
-        """Return whether the events of this half second come from the rims at rest.
-
-        Args:
-            markers: ``(m,)`` records (:data:`~spikingtac.markers.graded.motion.MARKER`).
-            pixels: ``(height, width)`` records of the map, with their counts of events.
-            counts: ``(m + 1,)`` events in each marker's gate, and last those in no gate.
-            dt_s: Time in which they came, s.
-            loss: The background.
-        """
-        rest_px, noise = self.neighbours.reference_px, loss.noise_per_s[-1] * dt_s
-        stray = bool(counts[-1] >= STRAY_EVENTS + 2.0 * noise)
-        return misplaced_kernel(stray, pixels, self._nearest, rest_px, markers)
 
     def update_silent(
         self, markers: Array, counts: Array, dt_s: float, event_loss: EventLoss
@@ -188,25 +157,6 @@ class TrackManager:
         self.position_px[found] = blobs.center_px[match[found]]
         self.coasted &= ~found
         self._rejected_since_us[found] = NEVER_US
-
-
-@kernel()
-def misplaced_kernel(
-    stray: bool, pixels: Array, nearest: Array, rest_px: Array, markers: Any
-) -> bool:  # pragma: no cover - compiled
-    """Compare, if any are stray, the events on the rims at rest with those on the tracked rims."""
-    away = at_rest = tracked = 0.0
-    for m in range(len(markers)):
-        away += np.hypot(markers[m].x - rest_px[m, 0], markers[m].y - rest_px[m, 1])
-    for y in range(pixels.shape[0] if stray and away >= DISPLACED_PX * len(markers) else 0):
-        for x in range(pixels.shape[1]):
-            m, count = nearest[y, x], pixels[y, x].events * (pixels[y, x].alone != HOT)
-            if count:
-                rest = np.hypot(x - rest_px[m, 0], y - rest_px[m, 1])
-                now = np.hypot(x - markers[m].x, y - markers[m].y)
-                at_rest += count * (abs(rest - markers[m].radius_px) < RIM_PX)
-                tracked += count * (abs(now - markers[m].radius_px) < RIM_PX)
-    return at_rest >= max(RIM_EVENTS, RIM_RATIO * tracked)
 
 
 @kernel()

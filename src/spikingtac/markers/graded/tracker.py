@@ -3,7 +3,8 @@
 Events are integrated into a graded map, and discs are fitted to it with a Kalman filter for each
 marker. The estimates are corrected for lag, hysteresis (backlash) and outliers among neighbours
 (:mod:`spikingtac.markers.graded.corrections`). Slower tasks take turns: lost markers are predicted
-from their neighbours and found again (:mod:`spikingtac.markers.graded.track_management`), steps
+from their neighbours and found again (:mod:`spikingtac.markers.graded.track_management`), a skin
+whose release lost its events is put back (:mod:`spikingtac.markers.graded.misplaced_skin`), steps
 grow when events are lost (:mod:`spikingtac.markers.graded.event_loss`), and the map leaks towards
 the fitted discs (:mod:`spikingtac.markers.graded.map_leak`).
 """
@@ -21,6 +22,7 @@ from spikingtac.markers.graded.corrections import OutputCorrections, ReleasedZer
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.event_loss import EventLoss
 from spikingtac.markers.graded.map_leak import MapLeak
+from spikingtac.markers.graded.misplaced_skin import MisplacedSkin
 from spikingtac.markers.graded.motion import NEVER_US
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.markers.laws import OutputLaw
@@ -188,6 +190,7 @@ class GradedTracker:
         self._next_estimate_us = self._leak_us = self._task_us = self._count_us = NEVER_US
         self._task_count = self._events = 0
         self._manager = TrackManager(self.calibration)
+        self._misplaced = MisplacedSkin(self.calibration)
         neighbours = self._manager.neighbours
         self._corrections = OutputCorrections(self.calibration, neighbours, self._shrink)
         self._zero = ReleasedZero(neighbours) if self.calibration.recovery_s is not None else None
@@ -240,6 +243,8 @@ class GradedTracker:
             relocated = manager.update(t_us, locator.markers, locator.map.values)
             if relocated.any():
                 locator.place(relocated, manager.position_px)
-        elif manager.is_misplaced(locator.markers, locator.map.pixels, *self._counts, event_loss):
+        elif self._misplaced.update(
+            locator.markers, locator.map, *self._counts, event_loss.noise_per_s
+        ):
             locator.map.reset()
             locator.place(np.ones_like(manager.coasted), self.calibration.reference_px)

@@ -8,9 +8,11 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.windows import windows
 from spikingtac.markers.graded import track_management
+from spikingtac.markers.graded.misplaced_skin import rest_light_kernel
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
 from spikingtac.state_map.binary import paint_discs
+from spikingtac.state_map.graded import PIXEL
 from stand_ins.ideal_events import ideal_events
 from stand_ins.known import moving_markers
 
@@ -214,15 +216,38 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
     assert 0 < silent.sum() < COUNT
 
 
-def test_a_release_that_overran_the_readout_is_noticed_at_the_next_contact() -> None:
+@pytest.mark.parametrize("lost_share", [0.9, 1.0])
+def test_a_skin_whose_release_lost_its_events_is_put_back(lost_share: float) -> None:
+    """It is by the few that are left, or by those of the next contact."""
     knots_ms, knots_px = [100, 200, 250, 258, 600, 650], [0.0, 10.0, 10.0, 0.0, 0.0, 3.0]
     way_px = np.interp(np.arange(750), knots_ms, knots_px)
     events = ideal_events(REST_PX + np.multiply.outer(way_px, [[1.0, 0.0]]), 6.0, SIZE)
-    kept = (events.t < 250_000) | (events.t > 260_000) | (np.arange(len(events)) % 10 == 0)
+    seen = np.random.default_rng(3).random(len(events)) >= lost_share
+    kept = (events.t < 250_000) | (events.t > 260_000) | seen
     tracker, off_px = GradedTracker(GradedTrackerConfig(), CALIBRATION), []
     for window in windows([events.select(kept)], 1_000):
         tracker.absorb(window)
         moved_px = tracker.estimate(window.t_end_us).displacement_px[:, 0]
         off_px.append(np.abs(moved_px - way_px[window.t_start_us // 1_000]).max())
-    assert min(off_px[260:600]) > 5.0
+    assert (max(off_px[300:600]) < 1.0) == (lost_share < 1.0)
+    assert off_px[260] > 5.0
     assert max(off_px[700:]) < 1.0
+
+
+def test_light_at_the_rests_equals_its_twin() -> None:
+    rng, place_px = np.random.default_rng(2), REST_PX + np.array([8.0, -3.0])
+    pixels, values = np.zeros(SIZE, PIXEL), rng.random(SIZE)
+    pixels["marker"] = np.where(rng.random(SIZE) < 0.8, COUNT, CENTRE)
+    markers = moving_markers(place_px)
+    markers["radius_px"] = RADIUS_PX
+    contrasts = []
+    for m, (place, way) in enumerate(zip(place_px, REST_PX - place_px, strict=True)):
+        for s in range(6 + 3, int(np.hypot(*way) + 6.0)):
+            point = np.rint(place + s * way / np.hypot(*way))
+            x, y = np.array([point, np.rint(2.0 * place - point)], int).T
+            inside = (np.stack([x, y]) >= 0).all() and (np.stack([x, y]) < SIZE[0]).all()
+            if inside and np.isin(pixels["marker"][y, x], (m, COUNT)).all():
+                contrasts.append(values[y[0], x[0]] - values[y[1], x[1]])
+    error = np.std(contrasts) / np.sqrt(len(contrasts))
+    got = rest_light_kernel(values, pixels, REST_PX, markers)
+    assert got == pytest.approx((np.mean(contrasts), error, len(contrasts) >= COUNT))
