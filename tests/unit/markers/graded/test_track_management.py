@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.events.hot_pixels import HOT
 from spikingtac.events.windows import windows
 from spikingtac.markers.graded import track_management
-from spikingtac.markers.graded.misplaced_skin import rest_light_kernel
+from spikingtac.markers.graded.misplaced_skin import rest_light_kernel, rim_events_kernel
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
 from spikingtac.state_map.binary import paint_discs
@@ -250,4 +251,27 @@ def test_light_at_the_rests_equals_its_twin() -> None:
                 contrasts.append(values[y[0], x[0]] - values[y[1], x[1]])
     error = np.std(contrasts) / np.sqrt(len(contrasts))
     got = rest_light_kernel(values, pixels, REST_PX, markers)
-    assert got == pytest.approx((np.mean(contrasts), error, len(contrasts) >= COUNT))
+    way_px = np.hypot(8.0, 3.0), 0.0
+    assert got == pytest.approx((np.mean(contrasts), error, len(contrasts) / COUNT, *way_px))
+
+
+def test_events_on_the_rims_equal_their_twin() -> None:
+    rng, place_px, pixels = (
+        np.random.default_rng(2),
+        REST_PX + np.array([5.0, -3.0]),
+        np.zeros(SIZE, PIXEL),
+    )
+    pixels["events"], pixels["alone"][::7] = rng.integers(0, 9, SIZE), HOT
+    angle, off = np.meshgrid(np.arange(16) * np.pi / 8.0, 6.0 + np.arange(-2, 3))
+    circle_px = np.stack([off * np.cos(angle), off * np.sin(angle)], -1).reshape(-1, 2)
+
+    def seen(here: np.ndarray, other: np.ndarray) -> int:
+        point = np.rint(here + circle_px)[(np.abs(here + circle_px - 104.5) < 105.0).all(axis=1)]
+        single = np.abs(np.hypot(*(point - other).T) - 6.0) > 2.5
+        chosen = pixels[tuple(point[single].astype(int).T[::-1])]
+        return int(chosen["events"][chosen["alone"] != HOT].sum())
+
+    expected = [sum(map(seen, *both)) for both in ((REST_PX, place_px), (place_px, REST_PX))]
+    markers = moving_markers(place_px)
+    markers["radius_px"] = RADIUS_PX
+    assert rim_events_kernel(pixels, REST_PX, markers) == tuple(expected)
