@@ -112,12 +112,12 @@ def require_within(config: Any, **limits: tuple[float, float]) -> None:
     """Check that fields of a configuration lie within limits; None is always valid.
 
     Raises:
-        ValueError: One does not; names it, its value and the limits.
+        ConfigError: One does not; names it, its value and the limits.
     """
     for name, (low, high) in limits.items():
         value = getattr(config, name)
         if value is not None and not low <= value <= high:
-            raise ValueError(f"{name} is {value:g}, valid are {low:g} to {high:g}")
+            raise ConfigError(f"{name} is {value:g}, valid are {low:g} to {high:g}")
 
 
 def merged(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:

@@ -88,8 +88,7 @@ def test_any_cutting_into_packets_gives_the_same_contacts(name: str, length_us: 
     edges = [*range(0, 800 * PERIOD_US, length_us), 800 * PERIOD_US]
     cuts = np.searchsorted(whole.t, edges).tolist()
     spans = zip(cuts, cuts[1:], edges, edges[1:], strict=False)
-    packets = [whole.part(*span) for span in spans]
-    stream = tuple(cut_windows(packets, PERIOD_US))
+    stream = tuple(cut_windows([whole.part(*span) for span in spans], PERIOD_US))
     assert found(build(name), stream) == found(build(name), touched())
 
 
@@ -155,9 +154,9 @@ def test_another_sensor_is_refused_not_indexed() -> None:
 def test_what_teaches_nothing_is_refused_in_our_words() -> None:
     known = calibration()
     silent = [EventPacket.empty(k * 1_000, (k + 1) * 1_000, SIZE) for k in range(600)]
-    twice = replace(known, reference_px=np.repeat(known.reference_px[:1], 4, 0)[:4])
-    twice = replace(twice, radius_px=known.radius_px[:4], grid=(2, 2))
-    far = replace(known, reference_px=known.reference_px + 9_000.0)
-    for given, windows_of in ((known, silent), (twice, quiet()), (far, quiet())):
+    with pytest.raises(CalibrationError):
+        make_detector("default", DetectionConfig(), [known], silent)
+    twice = np.repeat(known.reference_px[:1], 4, 0)
+    for places in (twice, known.reference_px + 9_000.0):  # refused before a detector can be asked
         with pytest.raises(CalibrationError):
-            make_detector("default", DetectionConfig(), [given], windows_of)
+            replace(known, reference_px=places, radius_px=known.radius_px[: len(places)], grid=None)

@@ -34,8 +34,7 @@ def name(request: pytest.FixtureRequest) -> str:
 
 
 def calibration(order: np.ndarray | None = None) -> Calibration:
-    reference = GRID if order is None else GRID[order]
-    return known(reference, RADIUS_PX, SIZE, step=0.13, contrast=6.0)
+    return known(GRID if order is None else GRID[order], RADIUS_PX, SIZE, step=0.13, contrast=6.0)
 
 
 def path() -> np.ndarray:
@@ -112,8 +111,7 @@ def test_the_strong_regularizer_holds_the_dots_back() -> None:
 
 
 def test_any_cutting_of_the_stream_gives_the_same(name: str) -> None:
-    rng = np.random.default_rng(11)
-    run = frames(main_methods()[name].build(calibration()), events(), rng)
+    run = frames(main_methods()[name].build(calibration()), events(), np.random.default_rng(11))
     for frame, expected in zip(run, reference_run(name), strict=True):
         np.testing.assert_array_equal(frame.detected_px, expected.detected_px)
         np.testing.assert_array_equal(frame.position_px, expected.position_px)

@@ -249,14 +249,12 @@ def test_the_verb_learns_the_lens_of_a_flat_grid(tmp_path: Path, verbs: Verbs) -
     even = np.column_stack([column - 2.0, row - 1.5]) * 36.0 / half_px
     far = np.hypot(*even.T)[:, None]  # solved for s: u = s / (1 + k s^2)
     still_px = even * (1 - np.sqrt(1 - 4 * radial * far**2)) / (2 * radial * far**2)
-    events = slides_of(still_px * half_px + middle, 6.0, size)
-    words = [*saved(events, tmp_path), "--lens"]
+    words = [*saved(slides_of(still_px * half_px + middle, 6.0, size), tmp_path), "--lens"]
     said = verbs.told(*words, "--pitch-mm", 2.4)
     assert said["no_lens"] is None
     assert said["lens"]["radial"] == pytest.approx(radial, abs=4 * said["lens"]["radial_sigma"])
     lens = Calibration.load(tmp_path / "c.json").lens
     assert lens is not None
     skin_mm = lens.to_mm(still_px * half_px + middle)
-    expected_mm = np.column_stack([column - 2.0, row - 1.5]) * 2.4
-    np.testing.assert_allclose(skin_mm, expected_mm, atol=0.02)
+    np.testing.assert_allclose(skin_mm, np.column_stack([column - 2.0, row - 1.5]) * 2.4, atol=0.02)
     assert "give pitch_mm" in verbs.said(*words, "--overwrite", code=2)

@@ -46,8 +46,7 @@ def test_a_run_is_the_closed_loop(name: str, detectors, run: ApproachRun) -> Non
     rig = SCENE.make_rig(SEED)
     prepare(rig, SPEED_MM_S, np.random.default_rng(7))
     config = ApproachConfig(speed_mm_s=SPEED_MM_S, settle_windows=SETTLE_WINDOWS)
-    target_mm = BEYOND_MM * DIRECTION
-    found = closed_loop(rig.arm, rig.windows(), detectors[name], target_mm, config)
+    found = closed_loop(rig.arm, rig.windows(), detectors[name], BEYOND_MM * DIRECTION, config)
     assert found.contact is not None
     assert rig.first_contact is not None
     assert rig.first_contact.t_us == run.touch.t_us

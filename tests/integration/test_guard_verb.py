@@ -144,6 +144,5 @@ def test_leaps_back_and_garbage_are_counted_and_told(
     loop = ContactLoop(calm, Watchdog(lambda: None, time.monotonic), lambda: None)
     for arrival in stream_arrivals(tmp_path / "pipe"):
         loop._process(arrival)
-    report = loop.report()
-    news = guard._news({**report, "phase": "ready", "precedes": True}, 0.0)
+    news = guard._news({**loop.report(), "phase": "ready", "precedes": True}, 0.0)
     assert {text.split()[2] for text in news if "the stream:" in text} & kinds

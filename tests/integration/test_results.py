@@ -108,8 +108,7 @@ def test_a_lerobot_data_set_holds_the_tracks_at_its_frames(
         np.testing.assert_array_equal(seen[mine] == 1, ~tracks.coasted[rows])
         stamps = np.array(table["timestamp"])[mine]
         np.testing.assert_allclose(stamps, frame / FPS, rtol=1e-6)
-    stats = json.loads((out / "meta" / "stats.json").read_text())
-    told = stats["observation.tactile.displacement"]
+    told = json.loads((out / "meta" / "stats.json").read_text())["observation.tactile.displacement"]
     np.testing.assert_allclose(told["mean"], moved.astype(float).mean(axis=0), atol=1e-9)
     np.testing.assert_allclose(told["std"], moved.astype(float).std(axis=0), atol=1e-9)
     assert told["count"] == [33]

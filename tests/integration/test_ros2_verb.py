@@ -83,8 +83,7 @@ def test_every_frame_arrives_as_it_was_tracked_and_a_slow_reader_does_no_harm(
 ) -> None:
     slow = crowd.subscriber("slow.npz", 1, "slow")
     reader = crowd.subscriber("all.npz", FRAMES, "reliable")
-    publisher = crowd.publisher(saved[FRAMES])
-    said = json.loads(publisher.communicate(timeout=PATIENCE_S)[0])
+    said = json.loads(crowd.publisher(saved[FRAMES]).communicate(timeout=PATIENCE_S)[0])
     assert said["messages"]["field"] == FRAMES
     assert reader.wait(timeout=PATIENCE_S) == 0
     assert slow.poll() is None

@@ -86,6 +86,12 @@ def test_forces_are_added_to_tracks(tmp_path: Path, verbs: Verbs) -> None:
         assert np.abs(after["force_n"] - before["wrench"][:, :3]).mean() < 0.05
         assert peak_n == pytest.approx(np.linalg.norm(after["force_n"], axis=1).max(), abs=1e-3)
         assert (after["force_sigma_n"] >= 0).all()
+        np.savez(tmp_path / "s.npz", **{**before, "t_us": before["t_us"] / 1e6})
+        np.savez(tmp_path / "w.npz", **{**before, "displacement_mm": 5 * before["displacement_mm"]})
+    line[2] = tmp_path / "s.npz"
+    assert "whole microseconds" in verbs.said(*line, "-o", tmp_path / "x", code=1)
+    line[2] = tmp_path / "w.npz"
+    assert verbs.told(*line, "-o", tmp_path / "x.npz")["beyond_learned"] > 0.3
     verbs.said(*line, "-o", out, code=2)
     assert "-o OUT" in verbs.said(*line, code=2)
     again = verbs.told("force", "fit", source, "--from", model, "-o", tmp_path / "other.onnx")

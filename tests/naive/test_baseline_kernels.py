@@ -69,8 +69,7 @@ def test_moving_circle_is_recovered() -> None:
             s,
         ]
     )
-    start = truth + np.array([1.0, -1.0, 2.0, 1.0, -0.5, -0.3])
-    fit, residual = moving_circle(points, start, 12)
+    fit, residual = moving_circle(points, truth + np.array([1.0, -1.0, 2.0, 1.0, -0.5, -0.3]), 12)
     np.testing.assert_allclose(fit[:2], truth[:2], atol=0.05)
     np.testing.assert_allclose(fit[4], truth[4], atol=0.05)
     assert residual < 0.05

@@ -50,8 +50,7 @@ def chosen(influence_of: Influence, wanted: Array) -> tuple[Array, Array, Array]
     influence_of.set_cells(wanted)
     count = len(influence_of.cells)
     rows, columns = np.divmod(influence_of.cells, 16)
-    matrices = np.ascontiguousarray(influence_of.matrices[:, :count, :count])
-    return matrices, rows, columns
+    return np.ascontiguousarray(influence_of.matrices[:, :count, :count]), rows, columns
 
 
 def patch(seed: int, count: int) -> tuple[Array, Array, Array]:

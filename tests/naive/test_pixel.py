@@ -73,8 +73,7 @@ class PlainPixel:
 
 def one_pixel(pixel: PixelConfig, intensity: float) -> Sensor:
     """Return a sensor of one pixel that rests at an intensity, with the mean leak and no jitter."""
-    light = LightConfig(contrast=1.0 / intensity)
-    config = CameraConfig(light=light, pixel=pixel)
+    config = CameraConfig(light=LightConfig(contrast=1.0 / intensity), pixel=pixel)
     sensor = make_sensor(config, (1, 1), np.random.default_rng(0))
     sensor.pixels["mean_leak_per_us"] = sensor.pixels["threshold_on"] * pixel.leak_hz * 1e-6
     sensor.chip["leak_jitter"] = 0.0
@@ -189,8 +188,7 @@ def plain_coverage(image: MarkerImage, k: int, x: float, y: float, width_px: flo
 def test_coverage_follows_the_definition_for_ellipses_chords_and_gaps():
     image = random_image(5, seed=1)
     discs = discs_of(image)
-    light = LightConfig(blur_px=0.5)
-    config = CameraConfig(light=light)
+    config = CameraConfig(light=LightConfig(blur_px=0.5))
     chip = make_sensor(config, (64, 64), np.random.default_rng(0)).chip[0]
     width_px = math.sqrt(0.25 + 1 / 12)
     expected = np.zeros((64, 64))
@@ -237,8 +235,7 @@ def plain_groups(plan: np.ndarray, moving: np.ndarray) -> list[int]:
 
 
 def test_the_background_is_poisson_in_time_and_even_in_space():
-    config = BackgroundConfig(rate_hz=2.0)
-    source = make_noise(config, 4096, np.random.default_rng(1))
+    source = make_noise(BackgroundConfig(rate_hz=2.0), 4096, np.random.default_rng(1))
     start_noise(source, 0.0)
     out = np.zeros(1 << 18, np.int64)
     assert background_events_kernel(source, 20e6, out)

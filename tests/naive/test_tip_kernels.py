@@ -95,8 +95,7 @@ def plain_update_anchors(points: TipPoints, normal: Array, friction: float, tip:
 
 
 def mount_of(rng: np.random.Generator, free: Array) -> CompliantMount:
-    basis = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    upright = np.eye(3) + 0.05 * (basis - np.eye(3))
+    upright = np.eye(3) + 0.05 * (np.linalg.qr(rng.normal(size=(3, 3)))[0] - np.eye(3))
     compliance = upright @ np.diag([24.0, rng.uniform(3.0, 24.0), 0.4]) @ upright.T
     return CompliantMount(free, compliance, np.linalg.inv(compliance))
 

@@ -72,8 +72,7 @@ def plain_summary(moved: Array) -> Array:
 def test_a_field_is_summarised_as_its_sums_say(scale: float) -> None:
     moved = scale * np.random.default_rng(3).normal(size=(2, *PLACES.shape))
     found = slip.summaries(PLACES, moved)
-    expected = [plain_summary(one) for one in moved]
-    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-14)
+    np.testing.assert_allclose(found, [plain_summary(one) for one in moved], rtol=1e-10, atol=1e-14)
 
 
 def test_the_stream_looks_at_the_changes_and_motions_of_the_last_spans() -> None:

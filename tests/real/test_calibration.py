@@ -32,8 +32,7 @@ def tracked(
     """Track the corner of a recording by the preset ``default``; return its scores."""
     frames = follow(corner(recording, size), make_tracker(DEFAULT, known), rate_hz)
     prediction = Prediction.collect(frames, known.reference_px, every=1)
-    truth = GroundTruth.load(recording.with_suffix(".truth.npz"))
-    scores = truth_scores(prediction, truth, known)
+    scores = truth_scores(prediction, GroundTruth.load(recording.with_suffix(".truth.npz")), known)
     print(recording.name, {name: round(value, 3) for name, value in scores.items()})
     return scores
 

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.touch.force.fit import fit_force, r_squared
+from spikingtac.touch.force.fit import fit_force
+from spikingtac.touch.force.regression import r_squared
 from spikingtac.touch.series import load_series
 
 SERIES = ("contacts_175756", "contacts_180422", "contacts_180917")

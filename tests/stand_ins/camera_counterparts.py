@@ -231,8 +231,7 @@ def prophesee(encoding: str, opened: ExitStack, folder: Path) -> Counterpart:
     opened.enter_context(with_module("metavision_hal", hal_module(device)))
 
     def send(packet: EventPacket) -> None:
-        words = encoder.encode(packet.t, packet.x, packet.y, packet.p)
-        device.buffers.append(words.view(np.uint8))
+        device.buffers.append(encoder.encode(packet.t, packet.x, packet.y, packet.p).view(np.uint8))
 
     camera = opened_camera(opened, "prophesee:")
     return Counterpart("prophesee:", camera, send, device.unplug, "lost")

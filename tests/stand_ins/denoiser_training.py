@@ -26,8 +26,7 @@ def moving_disc(seed: int = 0) -> Clip:
             t = np.full(len(x), move * SPAN_US // (MOVES + 1) + 100 * repeat)
             rows.append(np.stack([t, x, y, after[y, x] > 0.5]))
         before = after
-    events = packet_of(*np.concatenate(rows, axis=1), SIZE, (0, SPAN_US))
-    return Clip(f"disc-{seed}", events, start)
+    return Clip(f"disc-{seed}", packet_of(*np.concatenate(rows, axis=1), SIZE, (0, SPAN_US)), start)
 
 
 def noisy_maps(count: int = 4) -> list[np.ndarray]:

@@ -30,10 +30,9 @@ def known(
     places = np.array(reference_px, np.float64)
     radii = np.broadcast_to(np.float64(radius_px), len(places)).copy()
     side = math.isqrt(len(places))
+    grid = grid or ((side, side) if side * side == len(places) else None)
     more = {"step_on": step, "step_off": step} | more
-    return Calibration(
-        reference_px=places, radius_px=radii, grid=grid or (side, side), size=size, **more
-    )
+    return Calibration(reference_px=places, radius_px=radii, grid=grid, size=size, **more)
 
 
 def moving_markers(

@@ -28,8 +28,7 @@ class PipedCamera:
     _hold = 0
 
     def _write(self) -> None:
-        rng = np.random.default_rng(0)
-        cuts = np.sort(rng.integers(1, len(self._data), self._pieces)).tolist()
+        cuts = np.sort(np.random.default_rng(0).integers(1, len(self._data), self._pieces)).tolist()
         begun_s = None
         try:
             with self._pipe.open("wb", buffering=0) as file:

@@ -123,8 +123,7 @@ def _slides_of_a_plate(dx_mm: float, dy_mm: float) -> dict[str, Any]:
         {"kind": "slide", "dx_mm": -dx_mm, "dy_mm": -dy_mm, "duration_s": 0.3},
         {"kind": "lift", "height_mm": 0.1, "duration_s": 0.08},
     ]
-    motion = {"height_mm": 0.1, "segments": segments}
-    return {"indenter": PLATE, "pause_s": 0.15, "motion": motion}
+    return {"indenter": PLATE, "pause_s": 0.15, "motion": {"height_mm": 0.1, "segments": segments}}
 
 
 def slides_scene(sensor: Mapping[str, Any] = SENSOR, slides: int = 4) -> Scene:

@@ -21,5 +21,4 @@ def circling_tracks(
     coasted[:, HELD_MARKER] = True
     meta = {"grid": [8, 8]} | ({} if px_per_mm is None else {"px_per_mm": px_per_mm})
     confidence = np.where(coasted, 0.0, 0.9).astype(np.float32)
-    moved = position - rest
-    return Tracks(t_us, position, position.copy(), moved, coasted, confidence, rest, meta)
+    return Tracks(t_us, position, position.copy(), position - rest, coasted, confidence, rest, meta)

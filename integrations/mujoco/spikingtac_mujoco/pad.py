@@ -114,10 +114,10 @@ def add_sensor(
         )
     rest_mm, grid, optics = _markers(calibration)
     sides = np.array(pad_mm) if pad_mm is not None else _sides_mm(rest_mm)
-    if not ((sides >= PAD_MM[0]) & (sides <= PAD_MM[1])).all():
+    if sides.shape != (2,) or not ((sides >= PAD_MM[0]) & (sides <= PAD_MM[1])).all():
         raise st.ConfigError(
-            f"the pad is {sides[0]:g} x {sides[1]:g} mm, valid are {PAD_MM[0]:g} to {PAD_MM[1]:g} "
-            "mm a side; give pad_mm=(width, height), or a calibration in the right scale"
+            f"the pad is {' x '.join(map('{:g}'.format, sides.flat))} mm, valid are "
+            f"{PAD_MM[0]:g} to {PAD_MM[1]:g} mm a side; give pad_mm=(width, height), or a scale"
         )
     mount = Mount(
         site=site,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import spikingtac as st
 from spikingtac.sim import Gel, GelConfig, GridConfig, Optics, SkinConfig, SkinState
 from spikingtac_mujoco.observers import EventObserver, MarkerObserver
-from spikingtac_mujoco.pad import AXES, FRICTION, Mount
+from spikingtac_mujoco.pad import AXES, Mount
 from spikingtac_mujoco.shapes import MM_PER_M, BodyIndenter
 
 Floats = NDArray[np.float64]
@@ -28,9 +28,9 @@ Fidelity = Literal["markers", "events", "ideal"]
 # Cells of the gel along a side: half of the twin's, where speed counts.
 CELLS: dict[str, int] = {"markers": 32, "events": 64, "ideal": 32}
 
-# Least and largest stiffness of the springs, N/m: below that of the lightest touch, and
-# that of a pad that is touched all over.
-STIFFNESS_N_M = (300.0, 60_000.0)
+# Least and largest stiffness of the springs, N/m: below that of the lightest touch, and above
+# that of a pad that is touched all over (measured on the gel: 115,000).
+STIFFNESS_N_M = (300.0, 150_000.0)
 
 # Lateral over normal stiffness (0.2 to 0.4 on the twin: too stiff follows, too soft
 # swings).
@@ -48,8 +48,10 @@ FOLLOW = 0.5
 # Least mean square radius of a contact, for the springs of the hinges, mm².
 LEAST_TURN_MM2 = 4.0
 
-# Damping over stiffness of the springs, s (with half of it a ball bounces on).
-DAMPING_S = 0.01
+# Damping over stiffness of the springs, s (with half of it a ball bounces on), and the largest
+# share of its speed that a joint loses in a step: MuJoCo's contacts do not foresee the damping.
+# With 1 and more hard presses swing without end, with a quarter dropped bodies are thrown off.
+DAMPING_S, LARGEST_LOSS = 0.01, 0.5
 STILL_MM = 0.02  # Least indentation for a secant, mm.
 
 # Longest step of the gel, s: friction and creep take a traction as constant in it.
@@ -129,21 +131,13 @@ class Sensor:
         self._optics = Optics(mount.optics, SkinConfig().serial)
         self._held = [g for g in self._geoms(self._plate) if g != self._geom]
         self._indenters: dict[int, BodyIndenter] = {}
-        self._build_gel(FRICTION)
+        grid, self._t_s = GridConfig(cells=CELLS[fidelity]), np.nan
+        self._gel, self._axis_mm = Gel(GelConfig(grid=grid), mount.rest_mm), grid.axis_mm
+        self._state = self._gel.step(1e-3, None, None)
         self.reference_px = self._optics.project(self._state).center_px
 
     def _geoms(self, body: int) -> list[int]:
         return np.flatnonzero(self._model.geom_bodyid == body).tolist()
-
-    def _build_gel(self, friction: float) -> None:
-        """Take a gel with this friction, at rest."""
-        if getattr(self, "_friction", None) != friction:
-            grid = GridConfig(cells=CELLS[self._fidelity])
-            config = GelConfig(friction=friction, grid=grid)
-            self._gel, self._axis_mm = Gel(config, self.mount.rest_mm), grid.axis_mm
-        self._friction = friction
-        self._gel.reset()
-        self._state = self._gel.step(1e-3, None, None)
 
     def reset(self, data: mujoco.MjData, seed: int = 0) -> Reading:
         """Return to a skin at rest, or, where the pad holds something, to one long held.
@@ -154,7 +148,9 @@ class Sensor:
         """
         self._body: int | None = self._plate if self._held else None
         self._t_s, self._zero, self._spring = data.time, np.zeros(6), self._stiffness_at_rest()
-        self._build_gel(self._friction)
+        self._center_mm = np.zeros(3)
+        self._gel.reset()
+        self._state = self._gel.step(1e-3, None, None)
         if self._held:
             for _ in range(SETTLE_STEPS):
                 self._advance(data, SETTLE_S / SETTLE_STEPS)
@@ -208,9 +204,7 @@ class Sensor:
         first = mine[data.contact.dist[mine].argmin()]
         other = pairs[first].sum() - self._geom
         self._body = int(self._model.geom_bodyid[other])
-        friction = round(float(data.contact.friction[first, 0]), 3)
-        if friction != self._friction and self._gel.resting:
-            self._build_gel(friction)
+        self._gel.contact.friction = float(data.contact.friction[first, 0])
 
     def _indenter(self, data: mujoco.MjData, body: int) -> tuple[BodyIndenter, st.Pose]:
         """Return a body and its pose in the frame of the skin, mm."""
@@ -227,23 +221,27 @@ class Sensor:
         return indenter, st.Pose(position_mm=place, rotation=rotation, frame="skin")
 
     def _wrench(self) -> Floats:
-        """Return force and moment on the skin, N and N m."""
-        pads = HELD_PADS if self._held else 1.0
-        wrench = np.concatenate((self._state.force_n, self._state.torque_n_mm / MM_PER_M))
+        """Return force on the skin, and moment about the centre of pressure, N and N m."""
+        pads, force_n = HELD_PADS if self._held else 1.0, self._state.force_n
+        torque_n_mm = self._state.torque_n_mm - np.cross(self._center_mm, force_n)
+        wrench = np.concatenate((force_n, torque_n_mm / MM_PER_M))
         return pads * wrench - self._zero
 
     def _couple(self, data: mujoco.MjData) -> None:
         """Make the springs as stiff as the gel, and place them so that they push with its force.
 
-        The normal springs have their zero at the undeformed skin instead.
+        The normal springs have their zero at the undeformed skin instead. The hinges lie at the
+        centre of pressure: elsewhere a contact would tilt the plate, and meet less than the gel.
         """
         model = self._model
         self._spring += FOLLOW * (self._stiffness() - self._spring)
         placed = np.ones(6, bool) if self._held else SIDEWAYS & self._gel.in_contact
+        model.jnt_pos[self._joints[0, 3:]] = self._center_mm @ AXES / MM_PER_M
         for number, joints in enumerate(self._joints):
             qpos, dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
             model.jnt_stiffness[joints] = self._spring.reshape(-1, *model.jnt_stiffness.shape[1:])
-            damping = self._spring * DAMPING_S
+            most = LARGEST_LOSS * model.dof_armature[dofs] / model.opt.timestep
+            damping = np.minimum(self._spring * DAMPING_S, most)
             model.dof_damping[dofs] = damping.reshape(-1, *model.dof_damping.shape[1:])
             wrench = self._wrench() * (MIRROR if number else 1.0)
             zero = data.qpos[qpos] - wrench / self._spring
@@ -259,8 +257,11 @@ class Sensor:
         normal = np.clip(MM_PER_M * float(self._state.force_n[2]) / depth_mm, *STIFFNESS_N_M)
         normal *= HELD_PADS if self._held else 1.0
         lateral = SHEAR_SHARE * normal
-        square_mm2 = np.array([share.sum(axis=1), share.sum(axis=0)]) @ self._axis_mm**2
-        square_mm2 = np.maximum(square_mm2, LEAST_TURN_MM2)
+        along = np.array([share.sum(axis=1), share.sum(axis=0)])  # y, and x
+        center_mm = along @ self._axis_mm
+        square_mm2 = np.maximum(along @ self._axis_mm**2 - center_mm**2, LEAST_TURN_MM2)
+        if not self._held:
+            self._center_mm[:2] = center_mm[::-1]
         turn = np.append(normal * square_mm2, lateral * square_mm2.sum()) / MM_PER_M**2
         return np.array([lateral, lateral, normal, *turn])
 

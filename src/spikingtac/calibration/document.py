@@ -53,8 +53,9 @@ class Numbers:
         fits = found.dtype.kind in ("b" if self.kind is bool else "iuf") and found.shape == shape
         fits = fits and bool(((found >= self.low) & (found <= self.high)).all())
         if not fits or not (found.astype(self.kind) == found).all():
+            size = f" of shape {found.shape}" if found.size > 4 else ""
             raise ValueError(
-                f"{name} is {reprlib.repr(value)}, it must hold {self.what.format(markers)}, "
+                f"{name} is {reprlib.repr(value)}{size}, it must hold {self.what.format(markers)}, "
                 f"{self.low:g} to {self.high:g}"
             )
         numbers = found.astype(self.kind)
@@ -113,13 +114,20 @@ FORMER_KEYS = ("band_scale_on", "band_scale_off")
 
 KEYS = ("schema", *NUMBERS, *MAPS, "polarity", "hysteresis", "lens", "provenance")
 
+# What errors of a file advise.
+NEEDS = (
+    "; a calibration needs schema 1, size [w, h], grid [rows, cols] or null, "
+    "reference_px [[x, y], ...] row-major and radius_px [...]"
+)
 
-def checked_document(document: Any, where: str) -> dict[str, Any]:
+
+def checked_document(document: Any, where: str, advice: str = NEEDS) -> dict[str, Any]:
     """Return the arguments of ``Calibration`` from parsed JSON.
 
     Args:
-        document: What the JSON held.
+        document: What the JSON held; lists or arrays.
         where: Its origin, for errors.
+        advice: End of errors.
 
     Raises:
         CalibrationError: A key is missing or unfit; names it and what a calibration needs.
@@ -130,10 +138,7 @@ def checked_document(document: Any, where: str) -> dict[str, Any]:
         what = f"the key {error} is missing"
     except (TypeError, ValueError, OverflowError, AttributeError) as error:
         what = str(error)
-    raise CalibrationError(
-        f"{where}: {what}; a calibration needs schema 1, size [w, h], grid [rows, cols] or null, "
-        "reference_px [[x, y], ...] row-major and radius_px [...]"
-    )
+    raise CalibrationError(f"{where}: {what}{advice}")
 
 
 def _checked(document: Any) -> dict[str, Any]:
@@ -198,8 +203,9 @@ def _numbers(document: dict[str, Any]) -> dict[str, Any]:
             f"marker {np.argmax(off)} at {reference_px[np.argmax(off)].tolist()} px lies off the "
             f"sensor of {width}x{height} px"
         )
-    if len(np.unique(np.round(reference_px), axis=0)) < len(reference_px):
-        raise ValueError("two markers lie at one and the same pixel")
+    first = np.unique(np.round(reference_px), axis=0, return_index=True)[1]
+    for place in np.delete(reference_px, first, axis=0).tolist():
+        raise ValueError(f"two markers lie at one and the same pixel, {place}; leave out one")
     if (found.get("hot_px", np.zeros((0, 2))) >= (width, height)).any():
         raise ValueError(f"hot_px holds a pixel off the sensor of {width}x{height} px")
     return found

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -87,6 +86,14 @@ class Calibration:
 
     __repr__ = one_line
 
+    def __post_init__(self) -> None:
+        """Take lists for arrays, and refuse numbers that no file may hold (CalibrationError)."""
+        document: dict[str, Any] = {"schema": CALIBRATION_SCHEMA, "polarity": self.polarity}
+        document |= {name: getattr(self, name) for name in NUMBERS}
+        found = checked_document(document, "this calibration is not possible", "")
+        for name in NUMBERS:
+            object.__setattr__(self, name, found.get(name))
+
     def with_pitch(self, pitch_mm: float) -> Calibration:
         """Return a copy with the scale in which neighbouring markers lie ``pitch_mm`` apart.
 
@@ -96,8 +103,7 @@ class Calibration:
         """
         if not pitch_mm > 0.0:
             raise ValueError(f"pitch_mm is {pitch_mm}, it must be positive, in millimetres")
-        scale = mean_pitch_px(self.reference_px) / pitch_mm
-        return dataclasses.replace(self, px_per_mm=scale, lens=None)
+        return replace(self, px_per_mm=mean_pitch_px(self.reference_px) / pitch_mm, lens=None)
 
     @property
     def skin_scale(self) -> SkinScale | None:
@@ -117,8 +123,8 @@ class Calibration:
         Raises:
             CalibrationError: It holds what :meth:`load` refuses; nothing is written.
         """
-        values = {name: getattr(self, name) for name in (*NUMBERS, *MAPS)}
-        known = {name: value for name, value in values.items() if value is not None}
+        names = (*NUMBERS, *MAPS)
+        known = {name: one for name in names if (one := getattr(self, name)) is not None}
         document = {
             "schema": CALIBRATION_SCHEMA,
             "grid": None,

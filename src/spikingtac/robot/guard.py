@@ -104,7 +104,7 @@ class GuardStatus:
 
     def check(self, loop: ContactLoop, arm: Arm, watchdog: Watchdog) -> None:
         """Look at controller and asker and publish, once in a period; to be called per window."""
-        if time.monotonic() < self._due_s:
+        if time.monotonic() < self._due_s or watchdog.health is not Health.OK:
             return
         self._due_s = time.monotonic() + STATUS_PERIOD_S
         if self._asker_gone.is_set():
@@ -230,7 +230,7 @@ def _brake(watchdog: Watchdog, told: socket.socket, rests: threading.Event) -> N
         pass
     if rests.is_set():
         return
-    watchdog.disconnected("the guard was told to end")
+    watchdog.disconnected(watchdog.reason or "the guard was told to end")
     until_s = time.monotonic() + INSISTENCE_S
     while watchdog.stop_failure is not None and time.monotonic() < until_s:
         time.sleep(INSISTENCE_PERIOD_S)

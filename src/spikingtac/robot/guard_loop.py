@@ -81,7 +81,8 @@ def stream_arrivals(path: str | Path) -> Iterator[Arrival]:
     else:
         source = open_events(path)
     for window in windows(source, WINDOW_US, silence_limit_us=SILENCE_US):
-        yield Arrival(window, time.monotonic(), dict(source.losses))
+        if window.t_end_us - window.t_start_us == WINDOW_US:  # the last one is cut by the end
+            yield Arrival(window, time.monotonic(), dict(source.losses))
 
 
 def catch_up(

@@ -43,8 +43,8 @@ class Watchdog:
         stop: Tells the arm to stop and returns at once; called at each trip, also when it was
             called before.
         clock_s: A monotonic clock, s.
-        on_trip: Called at the first trip, after the stop was sent, and again when
-            :attr:`stop_failure` changes; it must not block. What it raises is ignored.
+        on_trip: Called at the first trip, after the stop was sent, and again when :attr:`reason`
+            or :attr:`stop_failure` changes; it must not block. What it raises is ignored.
         confirm: Waits until the arm rests, and raises where it does not. What it or ``stop`` raises
             is kept in :attr:`stop_failure`, and every later :meth:`check` stops again.
         stale_s: Longest time without a heartbeat, s.
@@ -52,7 +52,7 @@ class Watchdog:
 
     Attributes:
         backlog_s: The same.
-        health: OK, or the first fault since the last reset.
+        health: OK, or the first fault since the last reset; a disconnection goes before a silence.
         reason: What tripped it, in words; empty while OK.
         stop_failure: What the last attempt to stop raised, or None.
         armed: True between :meth:`arm` and a trip or :meth:`disarm`.
@@ -182,7 +182,9 @@ class Watchdog:
 
     def _trip(self, health: Health, reason: str) -> None:
         with self._lock:
-            first = self.health is Health.OK
+            # What is gone for certain explains a silence that tripped just before.
+            gone = health is Health.DISCONNECTED
+            first = self.health is Health.OK or (gone and self.health is Health.STALE)
             if first:
                 self.health, self.reason = health, reason
             self.armed = False

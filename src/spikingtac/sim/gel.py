@@ -54,6 +54,7 @@ class Gel:
 
     Attributes:
         displacement_mm: ``(3, n, n)`` displacement of the cells along x, y and towards the camera.
+        contact: With the body that touches; its ``friction`` may be set while none does.
         resting: True while nothing touches and the stored creep is negligible.
 
     Example:
@@ -71,7 +72,7 @@ class Gel:
         """
         grid, layer = config.grid, LayerOperator(config.grid, config.thickness_mm)
         self._grid, self._compliance = grid, KPA_PER_MPA / config.shear_modulus_kpa
-        self._contact = GelContact(grid, layer, config.friction)
+        self.contact = GelContact(grid, layer, config.friction)
         self._markers = MarkerInterpolation(grid, marker_rest_mm)
         self._rest = np.column_stack((marker_rest_mm, np.zeros(len(marker_rest_mm))))
         self.reset()
@@ -82,12 +83,12 @@ class Gel:
         self._t_s, self.resting = 0.0, True
         self.displacement_mm = np.zeros((3, cells, cells))
         self._retarded_mm = np.zeros((len(CREEP_TIMES_S), 3, cells, cells))  # of each element
-        self._contact.release()
+        self.contact.release()
 
     @property
     def pressure_mpa(self) -> FloatArray:
         """``(n, n)`` contact pressure on the cells, N/mm²."""
-        return self._contact.traction[2]
+        return self.contact.traction[2]
 
     @property
     def in_contact(self) -> bool:
@@ -128,9 +129,9 @@ class Gel:
         softening = 1.0 + float(CREEP_FRACTIONS @ -np.expm1(-dt_s / CREEP_TIMES_S))
         compliance = self._compliance * softening
         if touch is None:
-            self._contact.release()
+            self.contact.release()
         else:
-            moved = self._contact.press(*touch, history_mm, self.displacement_mm, compliance)
+            moved = self.contact.press(*touch, history_mm, self.displacement_mm, compliance)
         self.displacement_mm, self._retarded_mm = history_mm, retarded_mm
         if moved is not None:
             self.resting, self.displacement_mm = False, compliance * moved + history_mm
@@ -143,8 +144,8 @@ class Gel:
         moved, gradient = self._markers.at_markers(self.displacement_mm)
         force, torque = np.zeros(3), np.zeros(3)
         if self.in_contact:
-            grid, cells = self._grid, self._contact.cells
-            forces = self._contact.traction.reshape(3, -1)[:, cells] * grid.pitch_mm**2
+            grid, cells = self._grid, self.contact.cells
+            forces = self.contact.traction.reshape(3, -1)[:, cells] * grid.pitch_mm**2
             place = self.displacement_mm.reshape(3, -1)[:, cells].copy()
             rows, columns = np.divmod(cells, grid.cells)
             place[0] += grid.axis_mm[columns]
@@ -152,7 +153,7 @@ class Gel:
             x, y, z = place @ forces.T  # sums of place times force, components by components
             force = forces.sum(axis=1)
             torque = np.array([y[2] - z[1], z[0] - x[2], x[1] - y[0]])
-        touching, sticking = self._contact.patch
+        touching, sticking = self.contact.patch
         return SkinState(
             t_us=round(self._t_s * US_PER_S),
             marker_mm=self._rest + moved,

@@ -50,11 +50,12 @@ class GelContact:
         friction: Coefficient of friction while a cell sticks.
 
     Attributes:
+        friction: The same.
         traction: ``(3, n, n)`` shear along x and y, and pressure, N/mm².
     """
 
     def __init__(self, grid: GridConfig, layer: LayerOperator, friction: float) -> None:
-        self._grid, self._layer, self._friction = grid, layer, friction
+        self._grid, self._layer, self.friction = grid, layer, friction
         self._near_mm = NEAR_FRACTION * grid.pitch_mm
         self._rest = np.stack(np.meshgrid(grid.axis_mm, grid.axis_mm)).reshape(2, -1)
         self.traction = np.zeros((3, grid.cells, grid.cells))
@@ -197,7 +198,7 @@ class GelContact:
         pressure_shift = np.stack((product_kernel(xz, pressure), product_kernel(yz, pressure)))
         target[:2] -= pressure_shift
         coefficient = np.where(self._slipping[cells], KINETIC_RATIO, 1.0)
-        bound = (self._friction * coefficient * pressure).astype(np.float32)
+        bound = (self.friction * coefficient * pressure).astype(np.float32)
         shear_kernel(xx, xy, yy, target[:2], bound, shear, TOLERANCE_MM, MAX_SWEEPS)
         self._bound, self._pressure_shift = bound, pressure_shift
         self._traction_change[:] = 0.0

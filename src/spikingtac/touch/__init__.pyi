@@ -21,12 +21,12 @@ from .vibration import VibrationMonitor as VibrationMonitor
 # Forces
 from .force.fit import ForceScore as ForceScore
 from .force.fit import fit_force as fit_force
-from .force.fit import r_squared as r_squared
 from .force.fit import score_force as score_force
 from .force.model import ForceEstimator as ForceEstimator
 from .force.model import ForceModel as ForceModel
 from .force.model import Wrench as Wrench
 from .force.model import load_force as load_force
+from .force.regression import r_squared as r_squared
 from .series import WrenchSeries as WrenchSeries
 from .series import load_series as load_series
 from .elastic import SkinConfig as SkinConfig

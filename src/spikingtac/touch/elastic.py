@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import jv
 
 from spikingtac.errors import ConfigError
+from spikingtac.schema import require_within
 from spikingtac.touch.series import N_MM_PER_NM, WrenchSeries
 from spikingtac.types import FloatArray as Field
 
@@ -76,11 +77,7 @@ class SkinConfig:
     camera_distance_mm: float | None = None
 
     def __post_init__(self) -> None:
-        if not self.shear_modulus_kpa > 0 or not self.thickness_mm > 0:
-            raise ConfigError(
-                f"shear_modulus_kpa is {self.shear_modulus_kpa} and thickness_mm is "
-                f"{self.thickness_mm}, both must be positive"
-            )
+        require_within(self, shear_modulus_kpa=(0.1, 1e5), thickness_mm=(0.1, 50.0))
         if self.camera_distance_mm is not None and not self.camera_distance_mm > self.thickness_mm:
             raise ConfigError(
                 f"camera_distance_mm is {self.camera_distance_mm}, it must be more than the "
@@ -211,8 +208,8 @@ def synthetic_series(
     at_markers = at_markers.reshape(3 * len(places), -1)
     modulus_mpa, out = skin.shear_modulus_kpa / KPA_PER_MPA, []
     for number in range(PARTS * ROUNDS):
-        part = number % PARTS
-        force = np.array([_contact(rng, sources, own, modulus_mpa, part) for _ in range(frames)])
+        asked = rng, sources, own, modulus_mpa, number % PARTS
+        force = np.array([_contact(*asked) for _ in range(frames)])
         moved = force.reshape(frames, -1) @ at_markers.T
         moved, depth = np.split(moved.reshape(frames, -1, 3), [2], axis=2)
         if skin.camera_distance_mm is not None:

@@ -61,8 +61,8 @@ class WrenchSeries:
             and self.unit in ("mm", "px"),
             f"the wrench is {wrench.shape}, it must have {frames} rows and at most the columns "
             f"{', '.join(COMPONENTS)}": len(wrench) == frames and wrench.shape[1:] <= (6,),
-            "displacements or forces are not finite numbers": np.isfinite(moved).all()
-            and np.isfinite(wrench).all(),
+            "displacements are not finite; leave such rows out": np.isfinite(moved).all(),
+            "forces are not finite; leave such rows out": np.isfinite(wrench).all(),
             "the times run backwards; sort the rows by t_us": (np.diff(self.t_us) >= 0).all(),
         }
         for wrong, kept in rules.items():
@@ -71,8 +71,9 @@ class WrenchSeries:
 
     def in_image(self) -> WrenchSeries:
         """Return the series without depth: what one camera sees."""
-        reference, moved = self.reference[:, :2], self.displacement[:, :, :2]
-        return replace(self, reference=reference, displacement=moved)
+        return replace(
+            self, reference=self.reference[:, :2], displacement=self.displacement[..., :2]
+        )
 
     def part(self, rows: NDArray[Any]) -> WrenchSeries:
         """Return the rows of a mask or of indices as a series of their own."""
@@ -95,6 +96,8 @@ def load_series(path: str | Path) -> WrenchSeries:
         columns = t_us, reference, moved, wrench
         if any(column.dtype.kind not in "iuf" for column in columns):
             raise ValueError("an array holds no numbers")
+        if (t_us != np.round(t_us)).any():
+            raise ValueError("t_us holds fractions; it must be whole microseconds, not seconds")
         rest, away, labels = (one.astype(np.float64) for one in columns[1:])
         return WrenchSeries(t_us.astype(np.int64), rest, away, labels, unit, Path(path).name)
     except KeyError as error:

@@ -47,6 +47,25 @@ def test_a_minimal_file_by_hand_is_accepted() -> None:
         free.with_pitch(0.0)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        ("radius_px", np.full(6, 7.0), r"possible: radius_px is .* of shape \(6,\), .* 2 markers"),
+        (
+            "reference_px",
+            [[9, 9], [9.2, 9]],
+            r"one and the same pixel, \[9.2, 9.0\]; leave out one$",
+        ),
+        ("polarity", "black", "polarity is 'black', valid are 'white' and 'dark'$"),
+    ],
+)
+def test_what_no_file_may_hold_is_refused_by_hand_too(name: str, value: Any, told: str) -> None:
+    given: dict[str, Any] = {one: MINIMAL[one] for one in MINIMAL if one != "schema"}
+    assert Calibration(**given).reference_px.shape == (2, 2)
+    with pytest.raises(CalibrationError, match=told):
+        Calibration(**given | {name: value})
+
+
 def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
     steps = (np.random.default_rng(0).integers(0, 256, SIZE[::-1]) / 1000).astype(np.float32)
     steps[0, :2] = 0.13949, 0.0

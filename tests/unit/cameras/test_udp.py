@@ -50,8 +50,7 @@ def received(camera: UdpCamera) -> EventPacket:
 
 def test_loss_costs_its_own_events_and_no_other(camera: UdpCamera, out: socket.socket) -> None:
     pieces = datagrams(SENT)
-    kept = [piece for number, piece in enumerate(pieces) if number % 10 != 5]
-    sent(out, camera, kept)
+    sent(out, camera, [piece for number, piece in enumerate(pieces) if number % 10 != 5])
     found = received(camera)
     assert len(found) == pytest.approx(0.9 * len(SENT), rel=0.02)
     # Each event that arrived is one that was sent, at its time or within the stretch that was lost.
@@ -66,8 +65,7 @@ def test_loss_costs_its_own_events_and_no_other(camera: UdpCamera, out: socket.s
 
 def test_what_comes_late_together_is_put_in_order(camera: UdpCamera, out: socket.socket) -> None:
     pieces = datagrams(SENT)[:40]
-    swapped = [pieces[number ^ 1] for number in range(40)]
-    sent(out, camera, swapped)
+    sent(out, camera, [pieces[number ^ 1] for number in range(40)])
     found = received(camera)
     count = len(found)
     np.testing.assert_array_equal(found.x, SENT.x[:count])
@@ -141,8 +139,7 @@ def test_a_stranger_ends_no_camera_that_was_heard(
 
 @pytest.mark.parametrize("other", ["evt3", "evt21"])
 def test_another_encoding_is_named(camera: UdpCamera, out: socket.socket, other: str) -> None:
-    pieces = datagrams(SENT, other)
-    sent(out, camera, pieces[:40])
+    sent(out, camera, datagrams(SENT, other)[:40])
     with pytest.raises(FormatError, match=f"encoding={other}"):
         received(camera)
 

@@ -98,16 +98,14 @@ def test_triggers_stay_where_the_format_holds_them(tmp_path: Path, verbs: Verbs)
 
 
 def test_info_tells_what_files_of_ours_are(tmp_path: Path, verbs: Verbs) -> None:
-    tracks = circling_tracks(estimates=20)
-    tracks.save(tmp_path / "tracks.npz")
+    circling_tracks(estimates=20).save(tmp_path / "tracks.npz")
     t_us, rest = np.arange(5) * 1000, np.zeros((3, 2))
     moved, wrench = np.full((5, 3, 2), 0.3), np.full((5, 6), 2.0)
     series = {"t_us": t_us, "reference_mm": rest, "displacement_mm": moved, "wrench": wrench}
     np.savez(tmp_path / "series.npz", **series)
     np.savez(tmp_path / "truth.npz", marker_t_us=t_us, marker_px=moved)
     row = {"method": "default", "case": "all", "metric": "m", "value": 1.0, "source": "twin"}
-    report = {"experiment": "holes", "rows": [row, row]}
-    (tmp_path / "report.json").write_text(json.dumps(report))
+    (tmp_path / "report.json").write_text(json.dumps({"experiment": "holes", "rows": [row, row]}))
     force = {"schema": 3, "components": ["fx"], "reference": [[0, 0]], "unit": "mm"}
     (tmp_path / "force.json").write_text(json.dumps(force))
     expected = {

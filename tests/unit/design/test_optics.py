@@ -75,8 +75,7 @@ def projected_px(scene: Scene, indentation_mm: float) -> np.ndarray:
 def test_the_twin_images_the_discs_as_the_rays_do(name: str) -> None:
     design = load_design(name)
     scene = scene_on_design(catalog.load_scene("quiet"), design)
-    distance_mm = np.hypot(*scene.skin.rest_mm().T)
-    traced_px = imaging(design).image_px(distance_mm)
+    traced_px = imaging(design).image_px(np.hypot(*scene.skin.rest_mm().T))
     assert np.hypot(*projected_px(scene, 0.0).T) == pytest.approx(traced_px, abs=0.2)
 
 

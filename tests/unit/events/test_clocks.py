@@ -162,8 +162,7 @@ def test_odd_moments_give_the_clocks_in_spite_of_lost_edges(seed: int) -> None:
     rng = np.random.default_rng(seed)
     moments_us = np.cumsum(rng.uniform(20_000, 800_000, 120))
     mine, theirs = (moments_us[rng.random(120) > 0.1] for _ in range(2))
-    jitter_us = rng.normal(0.0, 5.0, len(mine))
-    own, base = line(on_own(mine[10:] + jitter_us[10:])), line(theirs[:-8])
+    own, base = line(on_own(mine[10:] + rng.normal(0.0, 5.0, len(mine))[10:])), line(theirs[:-8])
     found = through_triggers(own, base)
     assert_true(found)
     assert found.error_us < 2.0
@@ -227,15 +226,13 @@ def test_align_puts_events_and_edges_on_the_first_clock(tmp_path: Path, verbs: V
     assert "--trigger-channel" in verbs.said(*given, "--by", "triggers", code=2)
     source = open_events(tmp_path / "right.raw")
     line = SyncLine.of(open_events(tmp_path / "left.npz"))
-    found = through_triggers(SyncLine.of(source), line, 1)
-    placed = RetimedSource(source, found, ReadOptions())
+    placed = RetimedSource(source, through_triggers(SyncLine.of(source), line, 1), ReadOptions())
     assert sum(len(packet) for packet in placed) == len(t_us)
     assert np.abs(placed.triggers.t_us[:-1] - moments_us).max() < 4.0
 
 
 def test_a_table_is_read_in_any_unit_of_time_and_any_order_of_columns(tmp_path: Path) -> None:
-    rows = "x_mm,t_s,grip\n1,0.5,0\n2,0.75,1\n"
-    (tmp_path / "p.csv").write_text(rows)
+    (tmp_path / "p.csv").write_text("x_mm,t_s,grip\n1,0.5,0\n2,0.75,1\n")
     found = load_poses(tmp_path / "p.csv")
     assert found.t_us.tolist() == [500_000, 750_000]
     assert found.names == ("x_mm", "grip")

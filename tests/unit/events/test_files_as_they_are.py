@@ -85,8 +85,7 @@ TEXTS: dict[str, str] = {
 def test_text(tmp_path: Path, form: str) -> None:
     encoding = form if form in ("UTF-16", "Latin-1") else "utf-8"
     (tmp_path / "a.csv").write_text(TEXTS[form], encoding=encoding, newline="")
-    since = 1_700_000_000_000_000 if "1970" in form else 0
-    source = assert_read(tmp_path / "a.csv", since)
+    source = assert_read(tmp_path / "a.csv", 1_700_000_000_000_000 if "1970" in form else 0)
     assert source.size == SIZE
     assert not source.losses
     assert any("microseconds" in note for note in source.notes) == ("fractions" in form)
@@ -339,8 +338,7 @@ def test_archives_are_bounded_and_must_hold_one_recording(tmp_path: Path) -> Non
             archive.writestr(name, b"% evt 3.0\n")
     with pytest.raises(FormatError, match=r"holds a\.raw, b\.raw; a zip with exactly one"):
         open_events(tmp_path / "two.zip")
-    cut = gzip.compress(table().encode())[:3_000]
-    (tmp_path / "cut.csv.gz").write_bytes(cut)
+    (tmp_path / "cut.csv.gz").write_bytes(gzip.compress(table().encode())[:3_000])
     found, source = read(tmp_path / "cut.csv.gz")
     assert 100 < len(found) < N
     assert source.losses["truncated"] == 1

@@ -217,8 +217,7 @@ def _with_compression(head: bytes, number: int) -> bytes:
     """Return the head of a file whose table names a compression."""
     info = head[head.index(b"<dv") : head.rindex(b">") + 1]
     vtable = struct.pack("<HHHHH2x", 10, 12, 8, 0, 4)
-    table = struct.pack("<iIi", 12, 8, number)
-    new = struct.pack("<I4s", 20, b"IOHE") + vtable + table
+    new = struct.pack("<I4s", 20, b"IOHE") + vtable + struct.pack("<iIi", 12, 8, number)
     new += struct.pack("<I", len(info)) + info + b"\0"
     new += bytes(-len(new) % 4)
     return head[:14] + struct.pack("<I", len(new)) + new

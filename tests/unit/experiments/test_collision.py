@@ -42,8 +42,7 @@ def record(seed: int, speed: str = "0.18", **methods: dict[str, float] | None) -
 
 def at_speed(speed: str, seed: int) -> dict:
     default, ideal = outcome(0.1 * (1 + seed), 1.0 + seed), outcome(0.0, 0.9 + seed)
-    frames = outcome(2.0, 4.0)
-    return record(seed, speed, default=default, zero_delay=ideal, frame_sampling=frames)
+    return record(seed, speed, default=default, zero_delay=ideal, frame_sampling=outcome(2.0, 4.0))
 
 
 def value(rows: list[Row], method: str, case: str, metric: str) -> float | None:

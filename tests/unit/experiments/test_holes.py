@@ -103,8 +103,7 @@ def test_a_search_that_ended_with_an_error_counts_as_diverged(plates: Any) -> No
 
 
 def test_a_plate_is_laid_onto_the_truth_by_a_proper_motion() -> None:
-    rng = np.random.default_rng(1)
-    points, angle, shift = rng.normal(size=(10, 2)), 2.5, np.array([3.0, -1.0])
+    points, angle, shift = np.random.default_rng(1).normal(size=(10, 2)), 2.5, np.array([3.0, -1.0])
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     moved = points @ turn.T + shift
     np.testing.assert_allclose(laid_onto(points, moved), moved, atol=1e-9)

@@ -39,8 +39,7 @@ def test_the_truth_scores_perfectly() -> None:
 
 
 def test_a_constant_offset_shows_in_each_metric_as_defined() -> None:
-    off = moving() + np.array([0.6, 0.8])
-    scores = point_scores(said(off), truth(moving()))
+    scores = point_scores(said(moving() + np.array([0.6, 0.8])), truth(moving()))
     for name in ("error_mean_px", "error_p95_px", "error_final_px", "return_error_mean_px"):
         assert scores[name] == pytest.approx(1.0, abs=1e-4)
     assert scores["return_mean_px"] == pytest.approx(1.0, abs=1e-4)
@@ -50,8 +49,7 @@ def test_a_constant_offset_shows_in_each_metric_as_defined() -> None:
 
 
 def test_the_return_is_that_of_the_given_position_and_the_error_that_of_the_detected() -> None:
-    position = moving() + np.array([6.0, 0.0])
-    scores = point_scores(said(moving(), position), truth(moving()))
+    scores = point_scores(said(moving(), moving() + np.array([6.0, 0.0])), truth(moving()))
     assert scores["return_mean_px"] == pytest.approx(6.0, abs=1e-4)
     assert scores["success_rate"] == 0.0
     assert scores["error_mean_px"] == pytest.approx(0.0, abs=1e-5)

@@ -17,7 +17,7 @@ T_US = np.arange(0, 7_000_000, 10_000)
 
 
 def calibration(rest_px: np.ndarray = REST_PX) -> Calibration:
-    return known(rest_px, 6.0, (90, 90), (2, 2))
+    return known(rest_px, 6.0, (600, 600))
 
 
 def places() -> np.ndarray:

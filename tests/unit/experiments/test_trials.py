@@ -66,8 +66,7 @@ def test_what_has_not_changed_is_not_computed_again(
     assert BUILT == ["still"]
     assert json.loads(json.dumps(run_job(job))) == json.loads(json.dumps(first))
     assert BUILT == ["still"], "kept"
-    score = next((tmp_path / "scores" / "still").iterdir())
-    score.unlink()
+    next((tmp_path / "scores" / "still").iterdir()).unlink()
     assert run_job(job)[0]["scores"] == first[0]["scores"]
     assert BUILT == ["still", "still"], "scored again"
     monkeypatch.setattr(runner_module, "code_digest", lambda: "other")

@@ -151,8 +151,7 @@ REPEATABILITY_MM = 0.028
 
 def touched(prober: IdealProber, start: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, ...]:
     direction = np.column_stack([np.cos(angle), np.sin(angle)])
-    reading = np.array([prober.touch(start, unit).reading_mm for unit in direction])
-    return reading, direction
+    return np.array([prober.touch(start, unit).reading_mm for unit in direction]), direction
 
 
 @pytest.mark.parametrize(("contacts", "trials"), [(4, 350), (12, 150)])

@@ -25,7 +25,7 @@ PRESS = """<mujoco>
 <geom size=".01" mass=".5" contype="0" conaffinity="0"/>
 <joint name="base" type="slide" axis="0 1 0" damping="1"/>
 <frame pos="0 0 .01"><site name="tip" pos="0 0 -.01"/></frame></body>
-<body name="body" pos="0 0 {height}"><joint name="x" type="slide" axis="1 0 0" damping="2"/>
+<body name="body" pos="{aside} 0 {height}"><joint name="x" type="slide" axis="1 0 0" damping="2"/>
 <joint name="z" type="slide" axis="0 0 1" damping="2"/>
 <geom {geom} mass=".2" friction="{mu}"/></body>
 </worldbody><actuator><motor joint="x"/></actuator>
@@ -48,10 +48,12 @@ def module() -> Any:
     sys.path.remove(str(FOLDER))
 
 
-def pressed(module: Any, shape: str, mu: float, force_n: float, fidelity: str = "ideal") -> Any:
+def pressed(
+    module: Any, shape: str, mu: float, force_n: float, fidelity: str = "ideal", aside: float = 0.0
+) -> Any:
     """Let a body lie on a skin that looks up, drag it along x, and return its last reading."""
     geom, height = SHAPES[shape]
-    spec = mujoco.MjSpec.from_string(PRESS.format(geom=geom, height=height, mu=mu))
+    spec = mujoco.MjSpec.from_string(PRESS.format(geom=geom, height=height, mu=mu, aside=aside))
     mount = module.add_sensor(spec, site="tip", friction=mu)
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -91,9 +93,12 @@ def test_heights_are_those_of_rays(module: Any, shape: str) -> None:
         assert (found[~hit] < 0.5 * NO_SURFACE_MM).all()
 
 
+@pytest.mark.parametrize("aside", [0.0, 0.004])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_the_gel_carries_what_mujoco_presses_and_drags(module: Any, shape: str) -> None:
-    reading = pressed(module, shape, 0.9, 0.5)
+def test_the_gel_carries_what_mujoco_presses_and_drags(
+    module: Any, shape: str, aside: float
+) -> None:
+    reading = pressed(module, shape, 0.9, 0.5, aside=aside)
     np.testing.assert_allclose(reading.skin.force_n[[0, 2]], [0.5, WEIGHT_N], rtol=0.05)
     assert reading.true_px[:, 0].mean() > 0.3
 
@@ -102,6 +107,46 @@ def test_a_body_slips_on_the_skin_as_in_mujoco(module: Any) -> None:
     reading = pressed(module, "block", 0.2, 0.45)
     assert reading.slipping == pytest.approx(1.0)
     assert reading.skin.force_n[0] < 0.25 * reading.skin.force_n[2]
+
+
+TWO = """<mujoco><option timestep="0.001"/><worldbody><site name="tip"/>
+<body name="a" mocap="true"><geom {} friction=".9"/></body>
+<body name="b" mocap="true"><geom {} friction=".2"/></body></worldbody></mujoco>"""
+
+
+def drag(module: Any, shape: str, depth_m: float) -> list[Any]:
+    """Press one body, then another, into the same skin and drag them; return force and load."""
+    spec, found = mujoco.MjSpec.from_string(TWO.format(shape, shape)), []
+    mount = module.add_sensor(spec, site="tip", friction=0.1)
+    model = spec.compile()
+    data, wrench = mujoco.MjData(model), np.zeros(6)
+    mujoco.mj_forward(model, data)
+    sensor = module.Sensor(model, mount, "ideal")
+    with pytest.raises(ValueError, match=r"call reset\(data\)"):
+        sensor.step(data)
+    sensor.reset(data)
+    for which in (0, 1):
+        for k in range(100):
+            down_m, data.mocap_pos[:] = min(1.0, k / 20) * 2.0 * depth_m - depth_m, (0.0, 0.0, 1.0)
+            data.mocap_pos[which] = (3e-5 * max(0, k - 40), 0.0, 0.004 - down_m)
+            mujoco.mj_step(model, data, nstep=6)
+            reading = sensor.step(data)
+        load_n = 0.0
+        for contact in range(data.ncon):
+            mujoco.mj_contactForce(model, data, contact, wrench)
+            load_n += wrench[0]
+        found.append((reading.skin.force_n, load_n))
+    return found
+
+
+def test_each_body_has_its_own_friction(module: Any) -> None:
+    for (force_n, _), mu in zip(drag(module, 'size=".004"', 0.0007), (0.9, 0.2), strict=True):
+        assert 0.5 * mu < force_n[0] / force_n[2] <= mu
+
+
+def test_a_wide_face_is_carried_steadily(module: Any) -> None:
+    for force_n, load_n in drag(module, 'type="box" size=".008 .008 .004"', 0.0005):
+        assert load_n == pytest.approx(force_n[2], rel=0.08)
 
 
 def test_markers_err_as_the_tracker_does_on_events(module: Any) -> None:
@@ -115,7 +160,7 @@ def test_markers_err_as_the_tracker_does_on_events(module: Any) -> None:
 
 
 def test_keyframes_keep_their_joints(module: Any) -> None:
-    spec = mujoco.MjSpec.from_string(PRESS.format(geom=SHAPES["ball"][0], height=1, mu=1))
+    spec = mujoco.MjSpec.from_string(PRESS.format(geom=SHAPES["ball"][0], height=1, mu=1, aside=0))
     module.add_sensor(spec, site="tip")
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -127,7 +172,7 @@ def test_keyframes_keep_their_joints(module: Any) -> None:
 def test_a_calibration_gives_the_markers(module: Any) -> None:
     place = np.stack(np.meshgrid(np.arange(5.0), np.arange(4.0)), axis=-1).reshape(-1, 2) * 30.0
     calibration = known(place + 100.0, grid=(4, 5))
-    spec = mujoco.MjSpec.from_string(PRESS.format(geom=SHAPES["ball"][0], height=1, mu=1))
+    spec = mujoco.MjSpec.from_string(PRESS.format(geom=SHAPES["ball"][0], height=1, mu=1, aside=0))
     with pytest.raises(st.ConfigError, match="no scale"):
         module.add_sensor(spec, site="tip", calibration=calibration)
     mount = module.add_sensor(spec, site="tip", calibration=calibration.with_pitch(2.0))
@@ -141,7 +186,7 @@ def test_what_is_wrong_is_said(module: Any, tmp_path: Path) -> None:
     (tmp_path / "bad.xml").write_text("<mujoco><nothing/></mujoco>")
     with pytest.raises(st.ConfigError, match="no model"):
         module.load_spec(tmp_path / "bad.xml")
-    spec = mujoco.MjSpec.from_string(PRESS.format(geom=SHAPES["ball"][0], height=1, mu=1))
+    spec = mujoco.MjSpec.from_string(PRESS.format(geom=SHAPES["ball"][0], height=1, mu=1, aside=0))
     with pytest.raises(st.ConfigError, match=r"no site 'palm'; it has 'tip'"):
         module.add_sensor(spec, site="palm")
     with pytest.raises(st.ConfigError, match="the pad is 40 x 20 mm, valid are 4 to 24"):

@@ -83,8 +83,7 @@ def spread_us(estimate: tuple[float, float]) -> float:
 @pytest.mark.parametrize("skew_us", [0.0, 300.0])
 def test_the_lag_of_low_pass_pixels_is_solved(white_us: float, skew_us: float) -> None:
     lag_us = 2.2 * white_us
-    crossings = modelled(lag_us * 1e-6, white_us * 1e-6, 0.06, skew_us * 1e-6)
-    estimate = estimate_lag(crossings, EDGE)
+    estimate = estimate_lag(modelled(lag_us * 1e-6, white_us * 1e-6, 0.06, skew_us * 1e-6), EDGE)
     assert estimate is not None
     # A pixel falls behind by less than in proportion to the speed.
     assert estimate[0] == pytest.approx(lag_us, abs=3 * estimate[1], rel=0.12)

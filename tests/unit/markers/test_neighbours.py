@@ -6,8 +6,7 @@ GRID_PX = np.stack(np.meshgrid(np.arange(5) * 30.0, np.arange(4) * 28.0), -1).re
 
 
 def test_affine_motion_is_predicted_exactly() -> None:
-    matrix = np.array([[0.05, -0.2], [0.15, 0.02]])
-    moved_px = GRID_PX + GRID_PX @ matrix.T + [3.0, -1.0]
+    moved_px = GRID_PX + GRID_PX @ np.array([[0.05, -0.2], [0.15, 0.02]]).T + [3.0, -1.0]
     predicted_px = Neighbourhood(GRID_PX).expected_px(moved_px)
     inside = [6, 7, 8, 11, 12, 13]
     np.testing.assert_allclose(predicted_px[inside], moved_px[inside], atol=0.05)
@@ -30,5 +29,4 @@ def test_markers_on_a_line_and_alone() -> None:
     np.testing.assert_allclose(expected_px[1:-1], stretched[1:-1], atol=0.5)
     np.testing.assert_allclose(expected_px[[0, -1], 0], [2.0, 108.0])  # within their range
     alone_px = np.array([[4.0, 5.0]])
-    alone = Neighbourhood(line[:1])
-    np.testing.assert_array_equal(alone.expected_px(alone_px), alone_px)
+    np.testing.assert_array_equal(Neighbourhood(line[:1]).expected_px(alone_px), alone_px)

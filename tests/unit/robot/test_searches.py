@@ -48,8 +48,7 @@ def test_published_and_calibrated_formulas() -> None:
 def test_the_adaptive_search_is_exact_without_noise(radius_mm: float) -> None:
     prober = IdealProber(radius_mm, center_mm=CENTER_MM)
     far = 0.8 * (radius_mm - 0.433) * np.array([math.cos(0.5), math.sin(0.5)])
-    start = np.array(CENTER_MM) + far
-    found = probe_hole(prober, travel(), start, contacts=8)
+    found = probe_hole(prober, travel(), np.array(CENTER_MM) + far, contacts=8)
     assert len(found.touches) == 8
     np.testing.assert_allclose(found.circle.center_mm, CENTER_MM, atol=3e-3)
     assert found.circle.radius_mm == pytest.approx(radius_mm, abs=3e-3)

@@ -50,6 +50,8 @@ def test_silence_of_the_transport_trips_once_and_latches(bench: Bench) -> None:
     watchdog.beat()
     assert watchdog.check() is Health.STALE
     assert not watchdog.armed
+    watchdog.disconnected("the event stream ended")  # closing the camera had taken a while
+    assert (watchdog.check(), watchdog.reason) == (Health.DISCONNECTED, "the event stream ended")
 
 
 def test_a_patience_lasts_until_it_is_armed_again(bench: Bench) -> None:

@@ -98,8 +98,7 @@ def test_closed_forms_equal_a_numeric_solution(kh: float) -> None:
 
 def test_tables_are_what_the_operator_does() -> None:
     rng = np.random.default_rng(7)
-    grid = GridConfig(cells=16)
-    operator = LayerOperator(grid, THICKNESS_MM)
+    operator = LayerOperator(GridConfig(cells=16), THICKNESS_MM)
     traction = rng.normal(size=(3, 16, 16))
     xx, xy, yy, zz, xz, yz = operator.tables
     signed = [[xx, xy, xz], [xy, yy, yz], [-xz, -yz, zz]]
@@ -162,7 +161,7 @@ def test_partial_slip_of_a_ball_is_cattaneo_mindlin(monkeypatch: pytest.MonkeyPa
         state = gel.step(AT_ONCE_S, ball, pose(mindlin_shift_mm(share, force), 0.0, approach))
         assert state.force_n[0] == pytest.approx(share * FRICTION * force, rel=0.05)
         assert abs(state.force_n[1]) < 1e-3 * state.force_n[0]
-        strength = np.hypot(*gel._contact.traction[:2])
+        strength = np.hypot(*gel.contact.traction[:2])
         stuck = (gel.pressure_mpa > 0.0) & (strength < FRICTION * gel.pressure_mpa * (1 - 1e-5))
         expected = pressed * (1.0 - share) ** (2.0 / 3.0)  # area of the stuck disc
         assert stuck.sum() == pytest.approx(expected, rel=0.05, abs=12)

@@ -117,8 +117,7 @@ def test_what_comes_after_its_time_was_told_is_counted_and_later_events_count() 
 
 def test_a_camera_whose_time_leaps_does_not_silence_the_other_one(patient: None) -> None:
     """A wrong time of one sensor is no reason to go on without the other, which still delivers."""
-    hours_us = 7_200_000_000
-    wrong = Camera([packet(1_000), packet(1_500, hours_us)], [])
+    wrong = Camera([packet(1_000), packet(1_500, 7_200_000_000)], [])
     sound = Camera([packet(1_000 + 100 * n) for n in range(30)], [])
     windows = live_windows([wrong, sound])
     assert [len(next(windows)[1]) for _ in range(2)] == [10, 10]

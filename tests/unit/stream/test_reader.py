@@ -64,8 +64,7 @@ def test_a_slow_user_is_told_what_it_missed_and_slows_nobody() -> None:
 
 
 def test_a_packet_that_is_larger_than_the_ring_is_cut_and_counted() -> None:
-    stream = Stream(0)
-    reader = EventReader(iter([packet(0, 20_000)]), stream, new_ring(SIZE, 40_000))
+    reader = EventReader(iter([packet(0, 20_000)]), Stream(0), new_ring(SIZE, 40_000))
     taken = sum(len(one.packet) for one in reader)
     assert taken + reader.losses["missed"] == 20_000
     assert taken > 0
@@ -85,8 +84,7 @@ def test_times_of_hours_and_spans_of_silence_are_kept() -> None:
     t = np.array([-5, 1 << 40], np.int64)
     flat = np.zeros(2, np.uint16)
     long = EventPacket(flat, flat, flat > 0, t, -10, (1 << 40) + 7, SIZE)
-    stream = Stream(0)
-    reader = EventReader(iter([long, EventPacket.empty(5, 9, SIZE)]), stream)
+    reader = EventReader(iter([long, EventPacket.empty(5, 9, SIZE)]), Stream(0))
     first, second = (one.packet for one in reader)
     np.testing.assert_array_equal(first.t, t)
     assert (first.t_start_us, first.t_end_us, first.size) == (-10, (1 << 40) + 7, SIZE)

@@ -37,8 +37,7 @@ def test_two_presses_are_two_touches_in_time_and_place() -> None:
 
 def test_what_remains_after_a_release_is_no_touch() -> None:
     def creeping(t: float) -> float:
-        remains = 0.5 * np.exp(-(t - 1.9) / 0.4) if t > 1.9 else 0.0
-        return 4 * pulse(t, 0.8, 2.0) + float(remains)
+        return 4 * pulse(t, 0.8, 2.0) + float(0.5 * np.exp(-(t - 1.9) / 0.4) if t > 1.9 else 0.0)
 
     assert len(touches(watch(creeping, 5.0))) == 1
 
@@ -48,8 +47,7 @@ def test_noise_and_drift_are_no_touch() -> None:
 
 
 def test_a_gel_that_has_crept_off_its_calibrated_rest_is_at_rest() -> None:
-    detector = TouchDetector(REFERENCE)
-    strength = detector._gradient.strength_of(press(-2.4))
+    strength = TouchDetector(REFERENCE)._gradient.strength_of(press(-2.4))
     assert 0.03 < strength < START_STRENGTH, "as on the recorded gel"
     (touch,) = touches(watch(lambda t: 4 * pulse(t, 0.8, 1.9) - 2.4, 4.0))
     assert touch.begin_us / 1e6 == pytest.approx(0.8, abs=0.010)
@@ -69,8 +67,7 @@ def test_a_faint_touch_begins_and_ends_though_the_tracker_keeps_half_of_it(rise_
     """As trackers do that see only changes: presses that hardly exceed the threshold."""
 
     def faint(t_s: float) -> float:
-        kept = 0.25 if t_s > 0.8 + rise_s else 0.0
-        return max(0.45 * pulse(t_s, 0.8, 1.9, rise_s), kept)
+        return max(0.45 * pulse(t_s, 0.8, 1.9, rise_s), 0.25 if t_s > 0.8 + rise_s else 0.0)
 
     (touch,) = touches(watch(faint, 3.0))
     assert touch.peak_strength < 2.0 * TouchDetector(REFERENCE).threshold

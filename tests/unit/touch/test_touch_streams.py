@@ -36,8 +36,7 @@ def test_markers_without_a_place_do_not_hide_a_press(missing: list[int], every: 
         return dataclasses.replace(frame, detected_px=place)
 
     detector = TouchDetector(REFERENCE, PLACES_ONLY)
-    frames = (torn(frame, k) for k, frame in enumerate(watch(one_press, 3.0)))
-    (touch,) = touches(detector, frames)
+    (touch,) = touches(detector, (torn(frame, k) for k, frame in enumerate(watch(one_press, 3.0))))
     assert touch.begin_us == pytest.approx(800_000, abs=12_000)
     assert touch.end_us == pytest.approx(1_900_000, abs=100_000)
     np.testing.assert_allclose(touch.place_px, CENTER, atol=0.5 * PITCH_PX)
@@ -128,8 +127,7 @@ def test_a_single_row_of_markers_feels_a_press(degrees: float, bend_px: float) -
     bent = ROW + np.array([0.0, bend_px]) * ((np.arange(10.0) - 4.5) ** 2 / 20.0)[:, None]
     reference = bent @ turn
     center = ROW[4:6].mean(axis=0) @ turn
-    pattern = press(1.0, reference, center)
-    frames = watch(one_press, 3.0, reference, pattern)
+    frames = watch(one_press, 3.0, reference, press(1.0, reference, center))
     (touch,) = touches(TouchDetector(reference, PLACES_ONLY), frames)
     assert touch.begin_us == pytest.approx(800_000, abs=12_000)
     assert touch.end_us == pytest.approx(1_900_000, abs=100_000)

@@ -12,6 +12,7 @@ from spikingtac import touch
 from spikingtac.atomic_files import replacing
 from spikingtac.cli.messages import Table, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
+from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.touch.force.model import SIGMAS_90
 from spikingtac.touch.series import labelled
 
@@ -20,6 +21,8 @@ MODEL = Path("force.onnx")
 # Keys of a model's record that a summary leaves out.
 NUMBERS = ("schema", "reference", "interval", "rest_radius", "memory")
 ONE_SERIES = "note: one series; R2 is between its parts, a second series would be a harder test"
+
+BEYOND = "note: {:.1%} of them press beyond the presses that were learned: intervals hold for less"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,9 +125,7 @@ def _drawn(args: Args) -> list[st.WrenchSeries]:
     if args.shear_modulus_kpa is None:
         return []
     if args.calibration is None:
-        raise st.ConfigError(
-            "--shear-modulus-kpa needs --calibration: where the skin's markers rest"
-        )
+        raise st.ConfigError("--shear-modulus-kpa needs --calibration: where the markers rest")
     calibration = st.Calibration.load(args.calibration)
     if calibration.px_per_mm is None:
         raise st.ConfigError(
@@ -157,16 +158,19 @@ def _apply(args: Args) -> int:
     if len(args.files) != 1 or args.output is None:
         raise st.ConfigError("apply takes one file of tracks, --force F and -o OUT")
     args.claim(args.output)
-    values, half_widths = st.load_force(args.force).estimate(touch.load_series(args.files[0]))
+    model = st.load_force(args.force)
+    values, half_widths = model.estimate(touch.load_series(args.files[0]))
     columns = {"force_n": values[:, :3], "force_sigma_n": half_widths[:, :3] / SIGMAS_90}
     if values.shape[1] > 3:
         columns["torque_nm"] = values[:, 3:]
-    with np.load(args.files[0], allow_pickle=False) as archive:
-        kept = {name: archive[name] for name in archive.files}
+    kept: dict[str, Any] = load_arrays(args.files[0], "tracks")
     kept |= {name: column.astype(np.float32) for name, column in columns.items()}
     with replacing(args.output) as partial, partial.open("wb") as file:
         np.savez_compressed(file, **kept)
-    peak_n = float(np.sqrt((values[:, :3] ** 2).sum(axis=1)).max()) if len(values) else 0.0
+    peak_n = float(np.sqrt((values[:, :3] ** 2).sum(axis=1)).max())
     summary = {"output": str(args.output), "frames": len(values), "peak_force_n": round(peak_n, 4)}
-    written = f"written: {args.output}, {len(values)} frames, at most {peak_n:.2f} N"
-    return tell(args.json, summary, written)
+    notes = [f"written: {args.output}, {len(values)} frames, at most {peak_n:.2f} N"]
+    limits = np.array([*model.record["range"].values()]).T
+    if beyond := float(((values < limits[0]) | (values > limits[1])).any(axis=1).mean()):
+        notes.append(BEYOND.format(beyond))
+    return tell(args.json, summary | {"beyond_learned": round(beyond, 4)}, *notes)

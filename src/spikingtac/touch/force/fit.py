@@ -13,8 +13,9 @@ from scipy.interpolate import RBFInterpolator
 from scipy.optimize import nnls
 
 from spikingtac.errors import ConfigError
+from spikingtac.touch.force import regression
 from spikingtac.touch.force.model import SCHEMA, ForceModel, fields_of, other_sensor, rest_share
-from spikingtac.touch.force.regression import NORMAL, fit_regression
+from spikingtac.touch.force.regression import NORMAL, TINY
 from spikingtac.touch.network import Network, with_record
 from spikingtac.touch.series import COMPONENTS, WrenchSeries
 from spikingtac.types import FloatArray as Field
@@ -36,7 +37,6 @@ CHOOSING_PART = 3  # Part of the frames by which a memory is chosen.
 # Errors with a memory, over those without, below which it is kept (0.75 to 0.89 on data/force,
 # 0.97 on contacts that are drawn without any creep).
 MEMORY_RATIO = 0.92
-TINY = 1e-12  # Least variance of a force that is divided by, N squared.
 
 # Normal force of a light press, over its rms: the other components of the labels then read their
 # zero (the zero of the sensor of data/force moves by 0.1 N from series to series).
@@ -51,9 +51,6 @@ LEAST_FLOOR_SHARE = 0.1  # Least half-width at rest, over the mean absolute erro
 
 # Displacements of the learned sensor over those of another one under the same force.
 SOFTNESS = np.geomspace(0.4, 2.5, 13)
-
-# Weight of the gain that the largest force alone would ask for, beside the frames'.
-GAIN_PRIOR = 0.05
 
 
 class ForceScore(NamedTuple):
@@ -98,7 +95,7 @@ def fit_force(
     errors = []  # Of the forces between the series, without and with a memory.
     for memory in (False, True):
         truth, told, _ = _joined(crossed(memory, FRAMES // CHOOSING_PART)[1])
-        errors.append(_relative_error(told, truth))
+        errors.append(regression.relative_error(told, truth))
         if advance is not None:
             advance(len(errors) / 4)
     memory = errors[1] < MEMORY_RATIO * errors[0]
@@ -129,14 +126,8 @@ def score_force(model: ForceModel, series: WrenchSeries) -> list[ForceScore]:
     for name, truth, told, width in columns:
         error, unit = np.abs(truth - told), "N" if name.startswith("f") else "Nm"
         means = float(error.mean()), float((error <= width).mean())
-        rows.append(ForceScore(name, r_squared(truth, told), *means, len(truth), unit))
+        rows.append(ForceScore(name, regression.r_squared(truth, told), *means, len(truth), unit))
     return rows
-
-
-def r_squared(truth: Field, estimate: Field) -> float:
-    """Return 1 - (squared errors) / (squared deviations from the mean); 0 for constant truth."""
-    spread = float(((truth - truth.mean()) ** 2).sum())
-    return 1.0 - float(((truth - estimate) ** 2).sum()) / spread if spread > 0.0 else 0.0
 
 
 def _checked(
@@ -206,17 +197,13 @@ def _crossed(
 def _fitted(groups: Sequence[Taught], reference: Field) -> bytes:
     fields = np.concatenate([one for one, _, _ in groups])
     wrench = np.concatenate([labels - zero for _, labels, zero in groups])
-    return fit_regression(reference, fields, wrench, np.mean([zero for *_, zero in groups], axis=0))
+    return regression.fit_regression(
+        reference, fields, wrench, np.mean([zero for *_, zero in groups], axis=0)
+    )
 
 
 def _joined(parts: Iterable[tuple[Field, ...]]) -> list[Field]:
     return [np.concatenate(column) for column in zip(*parts, strict=True)]
-
-
-def _relative_error(told: Field, truth: Field) -> float:
-    """Return the squared errors of the forces, each over its variance."""
-    error = ((told - truth)[:, : NORMAL + 1] ** 2).mean(axis=0)
-    return float((error / np.maximum(truth[:, : NORMAL + 1].var(axis=0), TINY)).sum())
 
 
 def _judged(parts: list[tuple[Field, Field, Field]]) -> dict[str, Any]:
@@ -225,7 +212,7 @@ def _judged(parts: list[tuple[Field, Field, Field]]) -> dict[str, Any]:
     ends = np.cumsum([len(one) for one, _, _ in parts])[:-1]
     columns = list(zip(truth.T, told.T, spread.T, strict=True))
     ranges = [[round(float(one.min()), 4), round(float(one.max()), 4)] for one in truth.T]
-    scores = [round(r_squared(true, value), 4) for true, value, _ in columns]
+    scores = [round(regression.r_squared(true, value), 4) for true, value, _ in columns]
     return {
         "interval": [_interval(*column, ends) for column in columns],
         "frames": len(truth),
@@ -255,7 +242,8 @@ def retarget(model: ForceModel, series: Sequence[WrenchSeries]) -> ForceModel:
     """Return a model for the sensor of some labelled presses.
 
     Displacements of its markers are interpolated at the places of those that were learned. A factor
-    of softness, and a linear map of the wrench, are fitted to the presses.
+    of softness, and a linear map of the wrench, are fitted to the presses. The intervals are those
+    of the model, stretched where parts of the presses are told worse by the others.
 
     Raises:
         ConfigError: There are too few, or they do not fit each other or the model.
@@ -268,20 +256,23 @@ def retarget(model: ForceModel, series: Sequence[WrenchSeries]) -> ForceModel:
     places = (model.reference - model.reference.mean(axis=0)) / scale + reference.mean(axis=0)
     resample = scale * RBFInterpolator(reference, np.eye(len(reference)))(places)
     seen = np.einsum("mk,nkd->nmd", resample, fields.reshape(len(fields), -1, 2))
-    fits = []
-    for softness in SOFTNESS:
-        told = model.network(softness * seen.reshape(len(fields), -1))[0]
-        gain = _gain(told, wrench)
-        fits.append((_relative_error(told @ gain, wrench), softness, gain, told @ gain))
-    _, softness, gain, told = min(fits, key=lambda fit: fit[0])
-    floor = np.quantile(np.abs(told - wrench), COVERAGE, axis=0)
-    scores = [round(r_squared(*pair), 4) for pair in zip(wrench.T, told.T, strict=True)]
+    heard = [(one, *model.network(one * seen.reshape(len(seen), -1))) for one in SOFTNESS]
+    base, rows, tested = np.array(model.record["interval"]).T, np.arange(len(wrench)), 1.0 * wrench
+    softness, gain, *_ = _adapted(heard, base, wrench, rows)
+    ratios = np.empty(wrench.shape)
+    for part in np.array_split(rows, PARTS):  # each is told by the others
+        _, _, told, width = _adapted(heard, base, wrench, np.delete(rows, part))
+        tested[part], ratios[part] = told[part], (np.abs(told - wrench) / width)[part]
+    stretch = np.maximum(np.quantile(ratios, COVERAGE, axis=0), 1.0)
+    scores = [
+        round(regression.r_squared(*pair), 4) for pair in zip(wrench.T, tested.T, strict=True)
+    ]
     changes = {
         "unit": kept[0].unit,
         "reference": reference.round(5).tolist(),
         "rest_radius": radius,
         "target": {"resample": (softness * resample).round(7).tolist(), "gain": gain.tolist()},
-        "interval": [[float(one), 0.0, 0.0] for one in floor],
+        "interval": (stretch * [base[0] @ np.abs(gain), *base[1:]]).T.tolist(),
         "retargeted_with": [one.name for one in kept],
         "r2_between_series": dict(zip(COMPONENTS, scores, strict=False)),
         "frames": len(wrench),
@@ -289,10 +280,13 @@ def retarget(model: ForceModel, series: Sequence[WrenchSeries]) -> ForceModel:
     return ForceModel(Network(with_record(model.network.content, model.record | changes)))
 
 
-def _gain(told: Field, wrench: Field) -> Field:
-    """Return the linear map ``(c, c)`` from what a model tells to wrenches, both ``(n, c)``."""
-    size = np.sqrt((told**2).mean(axis=0)) + TINY
-    rows, prior = told / size, GAIN_PRIOR * len(told)
-    square = rows.T @ rows + prior * np.eye(len(size))
-    start = np.diag((rows * wrench).mean(axis=0))
-    return np.linalg.solve(square, rows.T @ wrench + prior * start) / size[:, None]
+def _adapted(heard: list[Any], base: Field, wrench: Field, taught: NDArray[Any]) -> tuple[Any, ...]:
+    """Return softness, gain, wrenches and half-widths of all frames, as some of them teach it."""
+    fits = []
+    for softness, told, spread in heard:
+        gain = regression.fitted_gain(told[taught], wrench[taught])
+        values, size = told @ gain, np.abs(gain)
+        width = base[0] @ size + base[1] * np.abs(values) + base[2] * (spread @ size) + TINY
+        error = regression.relative_error(values[taught], wrench[taught])
+        fits.append((error, softness, gain, values, width))
+    return min(fits, key=lambda fit: fit[0])[1:]

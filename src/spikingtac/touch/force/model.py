@@ -259,13 +259,17 @@ class ForceEstimator:
         """Take in displacements ``(m, 2)`` in the model's unit and return the wrench.
 
         Raises:
-            ConfigError: They are not of the model's markers.
+            ConfigError: They are not of the model's markers, or not finite; nothing is taken in.
         """
+        displacement = np.asarray(displacement, np.float64)
+        if not np.isfinite(displacement).all():
+            raise ConfigError(f"displacements at {t_us} us are not finite; leave such frames out")
         if displacement.shape != self._model.reference.shape:
             raise ConfigError(
                 f"displacements are {displacement.shape}, markers of the force model "
                 f"{self._model.reference.shape}; fit one of this sensor: spikingtac force fit"
             )
-        seen = self._fields.update(t_us, displacement.ravel().astype(np.float64))
-        values, half_width = self._model.wrench(seen[None])
+        values, half_width = self._model.wrench(
+            self._fields.update(t_us, displacement.ravel())[None]
+        )
         return Wrench(t_us, values[0], half_width[0])

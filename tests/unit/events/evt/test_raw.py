@@ -71,8 +71,7 @@ def test_a_vector_moves_the_base_on_by_its_own_length(raw) -> None:
 
 def test_a_restart_is_rebased_and_counted(raw) -> None:
     before = [w for h in range(1000, 1010) for w in (high3(h), *event3(7, 1))]
-    after = [w for h in range(10) for w in (high3(h), *event3(7, 2))]
-    source = raw(before + after)
+    source = raw(before + [w for h in range(10) for w in (high3(h), *event3(7, 2))])
     found = times(source)
     assert len(found) == 20
     assert found == sorted(found)

@@ -23,8 +23,7 @@ def sound_bytes(words: int) -> np.ndarray:
 def suspects_of(length: int, boundary: int, later_boundary: int) -> np.ndarray:
     """Doubt every second word that begins elsewhere: half of random words look plausible."""
     offset = np.arange(length - 1)
-    origin = np.where(offset < boundary, 0, later_boundary)
-    misplaced = (offset - origin) % 2 == 1
+    misplaced = (offset - np.where(offset < boundary, 0, later_boundary)) % 2 == 1
     return misplaced & (offset // 2 % 2 == 0)
 
 
