@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.lens import Lens
 from spikingtac.errors import CalibrationError, nearest
 
 CALIBRATION_SCHEMA = 1
@@ -103,15 +102,30 @@ NUMBERS = {
     "hot_px": Numbers("the column and the row of each hot pixel", 0, 1e6, (ANY, 2), int),
 }
 
+LARGEST_RADIAL = 0.9  # Beyond 1 the model folds the image over itself inside of the sensor.
+
+# Keys of a lens; in px and mm it holds nothing that is larger than a million.
+LENS = {
+    "center_px": Numbers("x and y of the centre, px", -1e6, 1e6, (2,)),
+    "half_diagonal_px": Numbers("half of the diagonal, px", 1e-3, 1e6),
+    "radial": Numbers("the radial coefficient", -LARGEST_RADIAL, LARGEST_RADIAL),
+    "radial_sigma": Numbers("the standard error of the radial coefficient", 0.0, 1e6),
+    "homography": Numbers("a homography of 3x3", -1e6, 1e6, (3, 3)),
+    "residual_mm": Numbers("a residual, mm", 0.0, 1e6),
+}
+
 MAPS = ("step_on_map", "step_off_map")  # Keys that may be absent: packed maps.
 
 # One count of a packed map stands for 0.0001 of the full swing: a thousandth of a usual step.
 COUNTS_PER_UNIT = 10_000
 
-# Keys of files of version 0.1, whose steps have another meaning.
-FORMER_KEYS = ("band_scale_on", "band_scale_off")
+# Keys of files of version 0.1, and what to do: steps had another meaning, and settings were held.
+FORMER_KEYS = {
+    **dict.fromkeys(("band_scale_on", "band_scale_off"), "calibrate the sensor again"),
+    "hysteresis": "leave it out, and give --hysteresis",
+}
 
-KEYS = ("schema", *NUMBERS, *MAPS, "polarity", "hysteresis", "lens", "provenance")
+KEYS = ("schema", *NUMBERS, *MAPS, "polarity", "lens", "provenance")
 
 
 def checked_document(document: Any, where: str) -> dict[str, Any]:
@@ -143,25 +157,38 @@ def _checked(document: Any) -> dict[str, Any]:
         raise ValueError(f"schema is {document.get('schema')!r}, this version reads 1")
     for key in document:
         if key in FORMER_KEYS and document[key] is not None:
-            raise ValueError(f"{key} is a key of version 0.1; calibrate the sensor again")
+            raise ValueError(f"{key} is a key of version 0.1; {FORMER_KEYS[key]}")
         if key not in (*KEYS, *FORMER_KEYS):
             raise ValueError(f"unknown key {key!r}{nearest(key, KEYS)} (valid: {', '.join(KEYS)})")
     polarity = document.get("polarity", "white")
     if polarity not in ("white", "dark"):
         raise ValueError(f"polarity is {polarity!r}, valid are 'white' and 'dark'")
-    for name, kind, what in (("hysteresis", str, "a name"), ("provenance", dict, "an object")):
-        if not isinstance(document.get(name), kind | None):
-            raise ValueError(f"{name} is {document[name]!r}, it must be {what}")
+    provenance = document.get("provenance")
+    if not isinstance(provenance, dict | None):
+        raise ValueError(f"provenance is {provenance!r}, it must be an object")
     found = _numbers(document)
     size = found["size"]
     return {
         **found,
         **{name: unpack_map(document[name], size, name) for name in MAPS if document.get(name)},
         "polarity": polarity,
-        "hysteresis": document.get("hysteresis"),
-        "lens": None if document.get("lens") is None else Lens.from_document(document["lens"]),
-        "provenance": document.get("provenance") or {},
+        "lens": None if document.get("lens") is None else checked_lens(document["lens"]),
+        "provenance": provenance or {},
     }
+
+
+def checked_lens(document: Any) -> dict[str, Any]:
+    """Return the arguments of ``Lens`` from parsed JSON.
+
+    Raises:
+        KeyError: A key is missing.
+        TypeError: It is no object.
+        ValueError: A value is unfit.
+    """
+    found = {name: kind.read(f"lens: {name}", document[name], 0) for name, kind in LENS.items()}
+    if np.linalg.det(found["homography"]) == 0.0:
+        raise ValueError("lens has a homography that cannot be inverted")
+    return found | {"center_px": tuple(found["center_px"].tolist())}
 
 
 def _numbers(document: dict[str, Any]) -> dict[str, Any]:

@@ -57,7 +57,6 @@ class Calibration:
             they do not (:mod:`spikingtac.markers.calibration.refine`).
         hot_px: ``(h, 2)`` columns and rows of pixels whose events tell nothing, or None
             (:mod:`spikingtac.events.hot_pixels`).
-        hysteresis: Output law that this sensor's owner asked for, or None (the preset's).
         provenance: Where the calibration came from.
     """
 
@@ -82,7 +81,6 @@ class Calibration:
     lens: Lens | None = None
     recovery_s: float | None = None
     hot_px: NDArray[np.int64] | None = None
-    hysteresis: str | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
 
     __repr__ = one_line
@@ -125,7 +123,6 @@ class Calibration:
             **{name: NUMBERS[name].written(known[name]) for name in NUMBERS if name in known},
             **{name: pack_map(known[name]) for name in MAPS if name in known},
             "polarity": self.polarity,
-            **({} if self.hysteresis is None else {"hysteresis": self.hysteresis}),
             **({} if self.lens is None else {"lens": self.lens.document()}),
             "provenance": self.provenance,
         }
@@ -155,4 +152,6 @@ class Calibration:
     @classmethod
     def from_document(cls, document: Any, where: str = "calibration") -> Self:
         """Build a calibration from parsed JSON; see :meth:`load`."""
-        return cls(**checked_document(document, where))
+        fields = checked_document(document, where)
+        lens = fields.pop("lens")
+        return cls(**fields, lens=None if lens is None else Lens(**lens))

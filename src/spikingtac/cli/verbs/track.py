@@ -28,7 +28,7 @@ class Args(ManyArgs, TrackerArgs, SecondArgs, RealtimeArgs):
         output: File to write: .npz, .csv, .parquet; tracks.npz unless given, tracks_1.npz of
             --second. A folder for many.
         polarity: White markers on dark ground, or dark on light; the calibration's unless given.
-        hysteresis: Law of the output position; the calibration's or the preset's unless given.
+        hysteresis: Law of the output position; the preset's unless given.
         smooth: For a file: smooth backward in time, and write the places' standard deviations,
             sigma_px.
         force: force.onnx: estimate the wrench of every frame, too; make one with: spikingtac force
@@ -50,9 +50,7 @@ class Args(ManyArgs, TrackerArgs, SecondArgs, RealtimeArgs):
         if self.polarity is not None:
             calibration = replace(calibration, polarity=self.polarity)
         config = st.load_config(self.preset).with_tracking(
-            rate_hz=self.rate_hz,
-            hysteresis=self.hysteresis or calibration.hysteresis,
-            smooth=self.smooth or None,
+            rate_hz=self.rate_hz, hysteresis=self.hysteresis, smooth=self.smooth or None
         )
         return config, calibration
 
