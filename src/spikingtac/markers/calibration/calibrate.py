@@ -142,7 +142,6 @@ def _calibration(
             "method": method,
             "unloaded_rests_us": (view.events.t_start_us + rests_us).tolist(),
             "missing": np.flatnonzero(~measured[keep]).tolist(),
-            "swings": np.round(model.swings[keep], 1).tolist(),
             "residual": np.round(model.residual[keep], 4).tolist(),
             "scatter_px": np.round(scatter_px[keep], 4).tolist(),
             "quality": "poor" if coarse else quality.word,

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.calibration.disc_profile import fall
 from spikingtac.markers.calibration.ideal_pixels import Comparison, Evidence, Model
 
 # Prior precision of a position at one state, and of the parameters that all states of a disc share:
@@ -110,11 +111,12 @@ def rims(evidence: Evidence, model: Model, seen: Comparison) -> Rims:
     across = np.maximum(rho, np.float32(0.1))
     dx, dy = dx / across, dy / across
     wide, slant = dx * dx - dy * dy, 2.0 * dx * dy
-    rim_px = model.discs.radius_px.astype(np.float32)[marker] + stretch_px[:, 0]
-    rim_px += stretch_px[:, 1] * wide + stretch_px[:, 2] * slant
-    z = (rho - rim_px) / model.discs.edge_px.astype(np.float32)[marker]
-    fall = model.discs.falls(marker, z)
-    slopes = fall[:, np.newaxis] * np.stack([dx, dy, np.ones_like(z), z, wide, slant], axis=1)
+    looks = model.discs.radius_px, model.discs.edge_px, model.discs.contrast
+    radius_px, edge_px, contrast = np.array(looks, np.float32)[:, marker]
+    rim_px = radius_px + stretch_px[:, 0] + stretch_px[:, 1] * wide + stretch_px[:, 2] * slant
+    z = (rho - rim_px) / edge_px
+    ways = np.stack([dx, dy, np.ones_like(z), z, wide, slant], axis=1)
+    slopes = fall(z, contrast, edge_px)[:, np.newaxis] * ways
     variance = (LEVEL_VARIANCE + (model.on**2 + model.off**2) / 12.0).astype(np.float32)
     return Rims(at, state, marker, variance[evidence.cell[pixel]], slopes)
 

@@ -91,7 +91,6 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
         pixel=np.ones((2, events.pixels)),
         residual=np.zeros(markers),
         events=np.zeros((markers, 4)),
-        swings=np.zeros(markers),
     )
     rest_px = view.markers.center_px
     model = with_steps(evidence, tracked(view, index, model, rest_px), rest_px)
@@ -177,7 +176,6 @@ def with_steps(evidence: Evidence, model: Model, rest_px: NDArray[np.float64]) -
     """
     seen = compare(evidence, model)
     by_marker, by_pixel = seen.marker_swings.copy(), seen.swings.copy()
-    model = replace(model, swings=by_marker[:, 1] + by_marker[:, 3])
     on, rises, off, falls = by_marker.sum(axis=0)[:4].tolist()
     if min(rises, falls) < FEWEST_SWINGS:
         return model
