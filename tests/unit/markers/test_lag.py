@@ -53,11 +53,6 @@ def late_px(brightening: bool, kappa_px: np.ndarray, dark: float) -> np.ndarray:
     return q_px[np.array(crossed)] - q_px[at_rest]
 
 
-def place_px(level: float) -> float:
-    """Return where a level is met at rest, px outside of the rim."""
-    return float(EDGE.edge_px * np.log((EDGE.contrast - 1.0) / (EDGE.contrast**level - 1.0) - 1.0))
-
-
 def modelled(lag_s: float, white_s: float, dark: float, skew_s: float = 0.0) -> Crossings:
     """Crossings of an ideal ladder whose positions are late by ``lag_s``."""
     speeds = 0.5 * (SPEED_EDGES_PX_S[:-1] + SPEED_EDGES_PX_S[1:])
@@ -68,7 +63,7 @@ def modelled(lag_s: float, white_s: float, dark: float, skew_s: float = 0.0) -> 
         late += (-lag_s + (2 * side - 1) * skew_s) * speeds[:, None]
         for order, level in enumerate(LEVELS if side == 0 else LEVELS[::-1]):
             column = order if side == 0 else len(LEVELS) - 1 - order
-            q = place_px(level) + (2 * side - 1) * late[:, column]
+            q = EDGE.place_px(level) + (2 * side - 1) * late[:, column]
             for bin_, middle in enumerate(q):
                 drawn = middle + rng.normal(0.0, 0.2, 4_000)
                 places = ((drawn + REACH_PX) / (2 * REACH_PX) * PLACE_BINS).astype(int)

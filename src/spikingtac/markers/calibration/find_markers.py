@@ -1,7 +1,7 @@
 """Detection of the markers in maps of the skin at rest: discs of equal size, in rows or free."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,14 +101,12 @@ class DetectedMarkers:
         center_px: ``(m, 2)`` detected position of each marker, or the expected one if missing, px.
         stray_px: ``(k, 2)`` spots that belong to no marker, px.
         radius_px: Typical radius of the markers, px.
-        count: Number of markers that were detected.
     """
 
     layout: Layout
     center_px: NDArray[np.float64]
     stray_px: NDArray[np.float64]
     radius_px: float
-    count: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,14 +151,12 @@ def survey(
         edges_us = np.linspace(0, events.duration_us, EVEN_MAPS + 1).astype(np.int64)
         spans_us = np.column_stack([edges_us[:-1], edges_us[1:]])
     index = shown.index_at(spans_us.mean(axis=1).astype(np.int64))
-    polarities: tuple[Polarity, ...] = ("white", "dark")
     views = {}
-    for polarity in polarities:
-        if config.polarity in ("auto", polarity):
-            swapped = shown.inverted(), steps[::-1].copy()
-            seen, mean = (shown, steps) if polarity == "white" else swapped
-            maps = level_maps(seen, mean, index, starting_levels(seen, rests_us, mean))
-            views[polarity] = seen, mean, maps
+    for polarity in get_args(Polarity) if config.polarity == "auto" else (config.polarity,):
+        swapped = shown.inverted(), steps[::-1].copy()
+        seen, mean = (shown, steps) if polarity == "white" else swapped
+        maps = level_maps(seen, mean, index, starting_levels(seen, rests_us, mean))
+        views[polarity] = seen, mean, maps
     polarity = min(views, key=lambda name: sum(map(clutter, views[name][2])))
     seen, steps, maps = views[polarity]
     length_us = np.diff(spans_us, axis=1)[:, 0]
@@ -226,7 +222,7 @@ def detect_markers(
         )
     place_px = layout.expected_px.copy()
     place_px[seen] = center_px[layout.point[seen]]
-    return DetectedMarkers(layout, place_px, center_px[layout.stray], radius_px, count)
+    return DetectedMarkers(layout, place_px, center_px[layout.stray], radius_px)
 
 
 def _matched(
