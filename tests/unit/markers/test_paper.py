@@ -5,7 +5,6 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.classical import Median3, NoDenoiser
-from spikingtac.errors import ConfigError
 from spikingtac.markers.paper import (
     BlobTracker,
     BlobTrackerConfig,
@@ -88,7 +87,7 @@ def test_a_refreshed_map_forgets_its_noise_and_no_marker() -> None:
     ],
 )
 def test_unfit_settings_are_refused(values: dict[str, float]) -> None:
-    with pytest.raises(ConfigError, match=next(iter(values))):
+    with pytest.raises(ValueError, match=next(iter(values))):
         BlobTrackerConfig(**values)
 
 
