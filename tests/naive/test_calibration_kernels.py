@@ -124,7 +124,7 @@ def evidence_and_model(
     cell = np.where(np.arange(PIXELS) % SIZE[0] < 20, 0, 1)
     known = Evidence(events or some_events(1, 1), states, states, rests, cell, none)
     step, even, stretch = np.full(2, 0.1), np.ones((2, PIXELS)), np.zeros((len(places), 2, 3))
-    model = Model(places, stretch, DISCS, step, step, even, none, np.zeros((2, 4)))
+    model = Model(places, stretch, DISCS, step, step, even, none)
     return known, replace(model, **looks)
 
 

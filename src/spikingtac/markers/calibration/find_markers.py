@@ -10,17 +10,13 @@ from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.markers.blobs import find_blobs
 from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.layout import Layout, find_layout
-from spikingtac.markers.calibration.level_maps import (
-    level_maps,
-    mean_steps,
-    smoothed,
-    starting_levels,
-)
+from spikingtac.markers.calibration.level_maps import level_maps, mean_steps, starting_levels
 from spikingtac.markers.calibration.recording import (
     BufferedEvents,
     find_rests,
     moving_events,
     noise_events,
+    smoothed,
     unloaded_rests,
 )
 from spikingtac.markers.calibration.reference import Method

@@ -90,7 +90,6 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
         off=off,
         pixel=np.ones((2, events.pixels)),
         residual=np.zeros(markers),
-        events=np.zeros((markers, 4)),
     )
     rest_px = view.markers.center_px
     model = with_steps(evidence, tracked(view, index, model, rest_px), rest_px)

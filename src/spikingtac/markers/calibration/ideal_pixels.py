@@ -44,7 +44,6 @@ class Model:
         off: The same for OFF events.
         pixel: ``(2, pixels)`` steps of a pixel's ON and OFF events relative to its marker's.
         residual: ``(m,)`` rms residual of the levels around each marker.
-        events: ``(m, 4)`` events near each marker: real ON and OFF, expected ON and OFF.
         recovery_s: Time constant with which pixels adapt to a darkening, s; 0: they do not.
     """
 
@@ -55,7 +54,6 @@ class Model:
     off: NDArray[np.float64]
     pixel: NDArray[np.float64]
     residual: NDArray[np.float64]
-    events: NDArray[np.float64]
     recovery_s: float = 0.0
 
 

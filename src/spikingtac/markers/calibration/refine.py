@@ -94,7 +94,7 @@ def _correct_steps(evidence: Evidence, model: Model, seen: Comparison) -> Model:
         (step * one.clip(1.0 / LARGEST_FACTOR, LARGEST_FACTOR)).clip(*STEP_BOUNDS)
         for step, one in zip((model.on, model.off), factor.T, strict=True)
     )
-    return replace(model, on=on, off=off, events=seen.events)
+    return replace(model, on=on, off=off)
 
 
 # Time constant with which the pixels of some sensors adapt to a darkening without an event, s (the
@@ -193,7 +193,7 @@ def quality_of(evidence: Evidence, model: Model) -> Quality:
             "their diameter; or a flicker of the light or noise drowns their events: use direct "
             "current, raise the thresholds (biases); otherwise the recording shows something else"
         )
-    above = (model.events[:, :2] - evidence.noise).sum(axis=1)
+    above = (seen.events[:, :2] - evidence.noise).sum(axis=1)
     busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
     measured = (above >= FEWEST_EVENTS) & (busy | (explained >= FEWEST_EXPLAINED_SHARE * usual))
     usual = float(np.median(explained[measured])) if measured.any() else 0.0
