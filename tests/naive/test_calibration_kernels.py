@@ -284,7 +284,7 @@ def test_corrections_undo_small_errors_although_offsets_are_unknown() -> None:
     known, model = evidence_and_model(places)
     seen = seen_at(measured, drawn, owner)
     common_px, own_px, _ = corrections(known, model, seen, Changes(seen))
-    np.testing.assert_allclose(common_px[:, :2], [shift, [0.0, 0.0]], atol=0.03)
+    np.testing.assert_allclose(common_px[:, :2], np.array([shift, [0.0, 0.0]]), atol=0.03)
     # Few pixels tell the shapes: they are drawn a little to their medians.
     np.testing.assert_allclose(common_px[:, 2:], 0.0, atol=0.07)
     assert np.abs(own_px[3, 1, :2] + common_px[1, :2] - move).max() < 0.03

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -86,7 +87,7 @@ def test_a_refreshed_map_forgets_its_noise_and_no_marker() -> None:
         {"refresh_us": -1},
     ],
 )
-def test_unfit_settings_are_refused(values: dict[str, float]) -> None:
+def test_unfit_settings_are_refused(values: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(values))):
         BlobTrackerConfig(**values)
 

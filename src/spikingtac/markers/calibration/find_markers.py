@@ -30,7 +30,9 @@ AREA_SHARES = (0.25, 3.0)
 LEAST_ROUND = 0.75
 
 # Outer radius of the template's dark ring, in marker radii: neighbours that nearly touch begin
-# there. (On the two sensors 1.6 completes all twenty spots, 1.4 leaves three, 1.9 most.)
+# there. (On the two sensors 1.6 completes all twenty spots, 1.4 leaves three, 1.9 most. Without the
+# template one marker of each of two simulated slides is calibrated 5 px off; put where the lattice
+# expects it, one of them still 3 px.)
 RING = 1.6
 
 # Level and areas of spots of the smoothed map that may be markers: radii of 2 px and more. Blur

@@ -18,7 +18,9 @@ Method = Literal["rest-mean", "bounding-box"]
 
 SETTLED_US = 3_000_000  # Duration of a rest after which the skin has crept back (recorded presses).
 
-COUNTED_US = 100_000  # Duration for which a rest counts once in the median: the shortest rest.
+# Duration for which a rest counts once in the median: the shortest rest. (With equal weights a
+# simulated gel with three rests errs by 0.20 px instead of 0.16.)
+COUNTED_US = 100_000
 
 # Distance from that median at which a rest has half weight (Cauchy): the residual of creep.
 NEAR_PX = 0.15
