@@ -130,7 +130,7 @@ MUTATIONS = (
     ),
     Mutation(
         name="lag-misfit-scale",
-        old="scale = max(1.0, misfit / (free.sum() + len(level) - 3))",
+        old="scale = max(1.0, misfit / (len(along) - rank))",
         new="scale = 1.0",
         tests=("tests/unit/markers/test_lag.py",),
     ),

@@ -124,7 +124,7 @@ def evidence_and_model(
     cell = np.where(np.arange(PIXELS) % SIZE[0] < 20, 0, 1)
     known = Evidence(events or some_events(1, 1), states, states, rests, cell, none)
     step, even, stretch = np.full(2, 0.1), np.ones((2, PIXELS)), np.zeros((len(places), 2, 3))
-    model = Model(places, stretch, DISCS, step, step, even, none, np.zeros((2, 4)), none)
+    model = Model(places, stretch, DISCS, step, step, even, none)
     return known, replace(model, **looks)
 
 
@@ -284,7 +284,7 @@ def test_corrections_undo_small_errors_although_offsets_are_unknown() -> None:
     known, model = evidence_and_model(places)
     seen = seen_at(measured, drawn, owner)
     common_px, own_px, _ = corrections(known, model, seen, Changes(seen))
-    np.testing.assert_allclose(common_px[:, :2], [shift, [0.0, 0.0]], atol=0.03)
+    np.testing.assert_allclose(common_px[:, :2], np.array([shift, [0.0, 0.0]]), atol=0.03)
     # Few pixels tell the shapes: they are drawn a little to their medians.
     np.testing.assert_allclose(common_px[:, 2:], 0.0, atol=0.07)
     assert np.abs(own_px[3, 1, :2] + common_px[1, :2] - move).max() < 0.03

@@ -5,84 +5,74 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from spikingtac.markers.crossings import (
+from spikingtac.markers.lag import (
     JITTER_PX,
-    LOOK_BACK_US,
-    LOOK_STEP_US,
+    LOOK_BACK,
+    LOOK_STEP,
     ORDERS,
+    PERIOD_US,
     PLACE_BINS,
     REACH_PX,
     SPEED_EDGES_PX_S,
+    SPEED_SPAN,
     MarkerTrack,
-    marker_track,
-    observe_crossings,
+    crossings,
 )
 from spikingtac.types import EventPacket
 
 SIZE = (64, 40)
-MEMORY = 16
 
 
 def naive(packet: EventPacket, track: MarkerTrack) -> tuple[np.ndarray, np.ndarray]:
     speeds = len(SPEED_EDGES_PX_S) - 1
     count = np.zeros((2, ORDERS, speeds, PLACE_BINS), int)
-    total = np.zeros((2, ORDERS, speeds))
-    ladders: dict[tuple[int, int], list[int]] = {}
-    polarity: dict[tuple[int, int], bool] = {}
+    total = np.zeros(speeds)
+    series: dict[tuple[int, int], list[tuple[bool, int]]] = {}
     for x, y, p, t in zip(packet.x, packet.y, packet.p, packet.t, strict=True):
-        pixel = (int(x), int(y))
-        if polarity.get(pixel) != bool(p):
-            ladders[pixel] = []
-        polarity[pixel] = bool(p)
-        ladders[pixel].append(int(t))
-        seen = crossing(track, pixel, bool(p), int(t))
-        if seen is None:
-            continue
-        q, speed, entry_us = seen
-        order = sum(at >= entry_us for at in ladders[pixel][-MEMORY:]) - 1
-        if order < ORDERS:
+        pixel, event = (int(x), int(y)), (bool(p), int(t))
+        before = series.setdefault(pixel, [])
+        if before and (before[-1][0] != p or t - before[-1][1] > LOOK_BACK * PERIOD_US):
+            before.clear()
+        before.append(event)
+        seen = crossing(track, pixel, *event)
+        if seen is not None and len(before) <= ORDERS:
+            q, speed = seen
             side, fast = int(not p), int(np.searchsorted(SPEED_EDGES_PX_S, speed, "right")) - 1
             place = min(int((q + REACH_PX) / (2 * REACH_PX) * PLACE_BINS), PLACE_BINS - 1)
-            count[side, order, fast, place] += 1
-            total[side, order, fast] += speed
-    return count, total
+            count[side, len(before) - 1, fast, place] += 1
+            total[fast] += speed
+    return count, total / np.maximum(count.sum(axis=(0, 1, 3)), 1)
 
 
 def crossing(
     track: MarkerTrack, pixel: tuple[int, int], p: bool, t: int
-) -> tuple[float, float, int] | None:
-    at, sign = track.t_us, track.facing
-    if not at[0] <= t < at[-1]:
+) -> tuple[float, float] | None:
+    row = int(np.searchsorted(track.t_us, t, "right")) - 1
+    if row < SPEED_SPAN or row + SPEED_SPAN >= len(track.t_us):
         return None
-    row = int(np.searchsorted(at, t, "right")) - 1
-    share = (t - at[row]) / (at[row + 1] - at[row])
-    velocity = track.velocity_px_s
+    share = (t - track.t_us[row]) / PERIOD_US
 
-    def mix(columns: np.ndarray, m: int) -> np.ndarray:
-        return (1 - share) * columns[row, m] + share * columns[row + 1, m]
-
-    def place(center: np.ndarray, m: int) -> float:
-        return sign * (float(np.hypot(*(np.array(pixel) - center))) - track.radius_px[m])
+    def place(at: int, m: int) -> float:
+        away_px = float(np.hypot(*(np.array(pixel) - track.center_px[at, m])))
+        return track.facing * (away_px - track.radius_px[m])
 
     for m in range(len(track.radius_px)):
-        center = mix(track.center_px, m)
-        away = np.array(pixel) - center
-        q = place(center, m)
-        if not (abs(q) <= REACH_PX and np.hypot(*away) > 1.0):
+        q = (1 - share) * place(row, m) + share * place(row + 1, m)
+        if not abs(q) <= REACH_PX:
             continue
         on = 1.0 if p else -1.0
-        speed = on * sign * float(mix(velocity, m) @ away) / float(np.hypot(*away))
+        moved = place(row - SPEED_SPAN, m) - place(row + SPEED_SPAN, m)
+        speed = on * moved / (2 * SPEED_SPAN * PERIOD_US * 1e-6)
         if not SPEED_EDGES_PX_S[0] <= speed < SPEED_EDGES_PX_S[-1]:
             return None
-        back, last = row, -REACH_PX
-        while back >= 0:
-            now = on * place(track.center_px[back, m], m)
+        last = -REACH_PX
+        for back in range(row, max(row - LOOK_BACK, 0) - 1, -LOOK_STEP):
+            now = on * place(back, m)
             if now > REACH_PX:
-                return None if at[row] - at[back] > LOOK_BACK_US else (q, speed, int(at[back]))
+                return q, speed
             if not now >= last - JITTER_PX:
                 return None
             last = now
-            back -= max(1, LOOK_STEP_US // int(at[1] - at[0]))
         return None
     return None
 
@@ -105,25 +95,26 @@ def example(seed: int, dark: bool, events: int = 6_000) -> tuple[EventPacket, Ma
     at = at + rim * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     x, y = np.clip(np.round(at), 0, np.array(SIZE) - 1).astype(np.uint16).T
     p = rng.random(events) < 0.5
-    return EventPacket(x, y, p, t, 0, 1_000_000, SIZE), marker_track(t_us, center, radius, dark)
+    track = MarkerTrack(t_us, center, radius, -1.0 if dark else 1.0)
+    return EventPacket(x, y, p, t, 0, 1_000_000, SIZE), track
 
 
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_kernel_and_plain_python_agree(seed: int, dark: bool) -> None:
     packet, track = example(seed, dark)
-    found = observe_crossings([packet], track, SIZE)
-    count, total = naive(packet, track)
+    found, speeds_px_s = crossings([packet], track, SIZE)
+    count, mean_px_s = naive(packet, track)
     assert count.sum() > 300, "the example tells nothing"
-    assert (found.count == count).all()
-    np.testing.assert_allclose(found.speed_sum_px_s, total, rtol=1e-9)
+    assert (found == count).all()
+    np.testing.assert_allclose(speeds_px_s, mean_px_s, rtol=1e-9)
 
 
 def test_any_cut_into_packets_gives_the_same() -> None:
     packet, track = example(2, False)
-    whole = observe_crossings([packet], track, SIZE)
+    whole = crossings([packet], track, SIZE)
     cuts = pairwise([0, 1, 1, 700, 701, 4_000, len(packet)])
     parts = [packet.part(first, last, 0, 1_000_000) for first, last in cuts]
-    found = observe_crossings(parts, track, SIZE)
-    assert (found.count == whole.count).all()
-    assert (found.speed_sum_px_s == whole.speed_sum_px_s).all()
+    found = crossings(parts, track, SIZE)
+    assert (found[0] == whole[0]).all()
+    assert (found[1] == whole[1]).all()

@@ -89,7 +89,7 @@ def test_every_named_law_is_built_and_no_other() -> None:
 
 @pytest.mark.parametrize("values", [{"delta_px": -1.0}, {"gamma": -0.1}, {"gamma": 1.1}])
 def test_unfit_settings_are_refused(values: dict[str, float]) -> None:
-    with pytest.raises(ConfigError, match=next(iter(values))):
+    with pytest.raises(ValueError, match=next(iter(values))):
         PaperLawConfig(**values)
 
 

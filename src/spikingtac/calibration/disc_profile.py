@@ -61,21 +61,33 @@ class DiscProfile:
     def level(self, q_px: NDArray[np.floating] | float) -> NDArray[np.float64]:
         """Return S(q) for distances of any shape, px (negative inside of the disc)."""
         k = self.contrast - 1.0
-        inside = 1.0 / (1.0 + np.exp(np.clip(np.asarray(q_px, float) / self.edge_px, -40.0, 40.0)))
-        return np.log1p(k * inside) / np.log1p(k)
+        return np.log1p(k * covered(np.asarray(q_px, float) / self.edge_px)) / np.log1p(k)
 
     def slope(self, q_px: NDArray[np.floating] | float) -> NDArray[np.float64]:
         """Return dS/dq, 1/px (negative)."""
+        return -fall(np.asarray(q_px, float) / self.edge_px, self.contrast, self.edge_px)
+
+    def place_px(self, level: float) -> float:
+        """Return the distance q at which the level is met, px; the inverse of :meth:`level`."""
         k = self.contrast - 1.0
-        inside = 1.0 / (1.0 + np.exp(np.clip(np.asarray(q_px, float) / self.edge_px, -40.0, 40.0)))
-        numerator = -k * inside * (1.0 - inside) / self.edge_px
-        return numerator / (1.0 + k * inside) / np.log1p(k)
+        return float(self.edge_px * np.log(k / np.expm1(level * np.log1p(k)) - 1.0))
 
     @property
     def steepest(self) -> float:
         """Largest fall of the level, 1/px."""
         k = self.contrast - 1.0
         return float((np.sqrt(self.contrast) - 1.0) ** 2 / (k * np.log1p(k) * self.edge_px))
+
+
+def covered(z: NDArray[Any]) -> NDArray[Any]:
+    """Return the share of a pixel's light that is the disc's, ``z`` edge scales outside the rim."""
+    return 1.0 / (1.0 + np.exp(z.clip(-30.0, 30.0)))
+
+
+def fall(z: NDArray[Any], contrast: Any, edge_px: Any) -> NDArray[Any]:
+    """Return the fall of the level, 1/px, ``z`` edge scales outside the rim."""
+    k, share = contrast - 1, covered(z)
+    return k * share * (1.0 - share) / (1.0 + k * share) / (edge_px * np.log1p(k))
 
 
 def disc_profiles(calibration: Calibration) -> list[DiscProfile]:
@@ -115,13 +127,6 @@ class Discs:
         z = np.linspace(-REACH_EDGES, REACH_EDGES, TABLE_STEPS)
         levels = [DiscProfile(float(contrast), 1.0).level(z) for contrast in self.contrast]
         return self.radius_px, self.edge_px, np.array(levels, np.float32)
-
-    def falls(self, marker: NDArray[np.int32], z: NDArray[np.float32]) -> NDArray[Any]:
-        """Return the fall of the level, 1/px, of some markers ``z`` edge scales outside the rim."""
-        k = self.contrast - 1.0
-        scale = (k / (self.edge_px * np.log1p(k))).astype(np.float32)[marker]
-        cover = 1.0 / (1.0 + np.exp(z.clip(-30.0, 30.0)))
-        return scale * cover * (1.0 - cover) / (1.0 + k.astype(np.float32)[marker] * cover)
 
 
 @njit(cache=True)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.lens import Lens
 from spikingtac.errors import CalibrationError, nearest
 
 CALIBRATION_SCHEMA = 1
@@ -104,6 +103,18 @@ NUMBERS = {
     "hot_px": Numbers("the column and the row of each hot pixel", 0, 1e6, (ANY, 2), int),
 }
 
+LARGEST_RADIAL = 0.9  # Beyond 1 the model folds the image over itself inside of the sensor.
+
+# Keys of a lens; in px and mm it holds nothing that is larger than a million.
+LENS = {
+    "center_px": Numbers("x and y of the centre, px", -1e6, 1e6, (2,)),
+    "half_diagonal_px": Numbers("half of the diagonal, px", 1e-3, 1e6),
+    "radial": Numbers("the radial coefficient", -LARGEST_RADIAL, LARGEST_RADIAL),
+    "radial_sigma": Numbers("the standard error of the radial coefficient", 0.0, 1e6),
+    "homography": Numbers("a homography of 3x3", -1e6, 1e6, (3, 3)),
+    "residual_mm": Numbers("a residual, mm", 0.0, 1e6),
+}
+
 MAPS = ("step_on_map", "step_off_map")  # Keys that may be absent: packed maps.
 
 # One count of a packed map stands for 0.0001 of the full swing: a thousandth of a usual step.
@@ -164,9 +175,23 @@ def _checked(document: Any) -> dict[str, Any]:
         **{name: unpack_map(document[name], size, name) for name in MAPS if document.get(name)},
         "polarity": polarity,
         "hysteresis": document.get("hysteresis"),
-        "lens": None if document.get("lens") is None else Lens.from_document(document["lens"]),
+        "lens": None if document.get("lens") is None else checked_lens(document["lens"]),
         "provenance": document.get("provenance") or {},
     }
+
+
+def checked_lens(document: Any) -> dict[str, Any]:
+    """Return the arguments of ``Lens`` from parsed JSON.
+
+    Raises:
+        KeyError: A key is missing.
+        TypeError: It is no object.
+        ValueError: A value is unfit.
+    """
+    found = {name: kind.read(f"lens: {name}", document[name], 0) for name, kind in LENS.items()}
+    if np.linalg.det(found["homography"]) == 0.0:
+        raise ValueError("lens has a homography that cannot be inverted")
+    return found | {"center_px": tuple(found["center_px"].tolist())}
 
 
 def _numbers(document: dict[str, Any]) -> dict[str, Any]:

@@ -11,10 +11,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.document import LARGEST_RADIAL, checked_lens
 from spikingtac.errors import CalibrationError, ConfigError
-
-LARGEST_NUMBER = 1e6  # A lens in px and mm holds nothing that is larger.
-LARGEST_RADIAL = 0.9  # Beyond 1 the model folds the image over itself inside of the sensor.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -55,23 +53,7 @@ class Lens:
             TypeError: A value is of another kind.
             ValueError: A value is unfit.
         """
-        x, y = (float(value) for value in document["center_px"])
-        numbers = {
-            name: float(document[name])
-            for name in ("half_diagonal_px", "radial", "radial_sigma", "residual_mm")
-        }
-        homography = np.array(document["homography"], np.float64)
-        if homography.shape != (3, 3) or not np.isfinite([x, y, *numbers.values()]).all():
-            raise ValueError("lens needs a homography of 3x3, and finite numbers")
-        if not np.isfinite(homography).all() or abs(np.linalg.det(homography)) == 0.0:
-            raise ValueError("lens has a homography that cannot be inverted")
-        if not (numbers["half_diagonal_px"] > 0 and abs(numbers["radial"]) <= LARGEST_RADIAL):
-            raise ValueError(
-                f"lens: radial must lie within {LARGEST_RADIAL}, half_diagonal_px above 0"
-            )
-        if max(abs(x), abs(y), *numbers.values(), np.abs(homography).max()) > LARGEST_NUMBER:
-            raise ValueError(f"lens holds a number beyond {LARGEST_NUMBER:g} px or mm")
-        return cls(center_px=(x, y), homography=homography, **numbers)
+        return cls(**checked_lens(document))
 
 
 def undistorted(scaled: NDArray[np.float64], radial: float) -> NDArray[np.float64]:
@@ -215,12 +197,9 @@ class SkinScale:
         """Return the scale at one position ``(2,)``: the square root of a pixel's area, mm."""
         if self.lens is None:
             return 1.0 / self.px_per_mm
-        steps_px = np.array([[-HALF_STEP_PX, 0.0], [HALF_STEP_PX, 0.0]])
-        x, y = (
-            np.diff(self.lens.to_mm(place_px + way), axis=0)[0]
-            for way in (steps_px, steps_px[:, ::-1])
-        )
-        return float(np.sqrt(abs(x[0] * y[1] - x[1] * y[0]))) / (2.0 * HALF_STEP_PX)
+        ways_px = HALF_STEP_PX * np.eye(2)
+        across_mm = self.lens.to_mm(place_px + ways_px) - self.lens.to_mm(place_px - ways_px)
+        return float(np.sqrt(abs(np.linalg.det(across_mm)))) / (2.0 * HALF_STEP_PX)
 
 
 FEWEST_NEIGHBOURS = 2  # Fewer markers have no pitch.
@@ -236,7 +215,7 @@ def marker_pitch_px(reference_px: NDArray[np.float64]) -> float:
     Raises:
         ConfigError: There are fewer than two markers.
     """
-    return float(np.median(_distances_px(reference_px).min(axis=1)))
+    return float(np.median(_several(reference_px).min(axis=1)))
 
 
 def mean_pitch_px(reference_px: NDArray[np.float64]) -> float:
@@ -245,17 +224,22 @@ def mean_pitch_px(reference_px: NDArray[np.float64]) -> float:
     Raises:
         ConfigError: There are fewer than two markers.
     """
-    away_px = _distances_px(reference_px)
+    away_px = _several(reference_px)
     nearest_px = away_px.min(axis=1)
     reach_px = NEIGHBOUR_SHARE * np.minimum(nearest_px[:, None], nearest_px)
     return float(away_px[away_px <= np.maximum(reach_px, nearest_px[:, None])].mean())
 
 
-def _distances_px(reference_px: NDArray[np.float64]) -> NDArray[np.float64]:
+def _several(reference_px: NDArray[np.float64]) -> NDArray[np.float64]:
     if len(reference_px) < FEWEST_NEIGHBOURS:
         raise ConfigError(
             f"{len(reference_px)} marker has no pitch, at least {FEWEST_NEIGHBOURS} are needed"
         )
-    away_px = np.sqrt(((reference_px[:, None] - reference_px[None]) ** 2).sum(axis=2))
+    return distances_px(reference_px)
+
+
+def distances_px(reference_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``(m, m)`` distances of markers ``(m, 2)`` from each other, infinite from itself."""
+    away_px = np.hypot(*(reference_px[:, np.newaxis] - reference_px).transpose(2, 0, 1))
     np.fill_diagonal(away_px, np.inf)
     return away_px

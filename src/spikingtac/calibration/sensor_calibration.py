@@ -161,4 +161,6 @@ class Calibration:
     @classmethod
     def from_document(cls, document: Any, where: str = "calibration") -> Self:
         """Build a calibration from parsed JSON; see :meth:`load`."""
-        return cls(**checked_document(document, where))
+        fields = checked_document(document, where)
+        lens = fields.pop("lens")
+        return cls(**fields, lens=None if lens is None else Lens(**lens))

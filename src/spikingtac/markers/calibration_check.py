@@ -10,9 +10,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.calibration.disc_profile import disc_profiles
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelFilter
-from spikingtac.markers.graded.appearance import appearance_of, nearest_marker
+from spikingtac.markers.graded.appearance import nearest_marker
 from spikingtac.types import EventPacket
 
 # Pixels of a resting marker's edge between these levels are not tested: they can rise and fall.
@@ -20,8 +21,6 @@ OUTSIDE_LEVEL, INSIDE_LEVEL = 0.1, 0.9
 
 # Width of the tested zone beside the edge, px: farther out the texture of the ground matters.
 DEPTH_PX = 1.0
-
-EDGE_REACH_PX = 8.0  # Largest distance from the rim at which an edge is searched, px.
 
 # An event is supported if so many of its eight neighbours sent an event of the same polarity within
 # this time before it; noise is not.
@@ -92,7 +91,7 @@ class CalibrationCheck:
         self._last_us = np.full((2, *tested.shape), np.iinfo(np.int64).min // 2)
         self._dark = calibration.polarity == "dark"
         self._filter = HotPixelFilter(calibration.hot_px, calibration.size)
-        self._turn_us: int | None = None
+        self._turn_us = int(np.iinfo(np.int64).min)
         self.limit = MOST_CONTRADICTION
         self.contradiction, self.measured = 0.0, False
         self.ended = not len(self._marker)
@@ -113,24 +112,14 @@ class CalibrationCheck:
 
     def absorb(self, packet: EventPacket) -> None:
         """Process the next packet; any division of the stream gives the same result."""
-        packet = self._filter.kept(packet)
-        begin = 0
-        while begin < len(packet) and not self.ended:
-            if self._turn_us is None:
-                self._turn_us = int(packet.t[0]) + TURN_US
-            end = int(np.searchsorted(packet.t, self._turn_us))
-            part = slice(begin, end)
-            _note_first_kernel(
-                (packet.x[part], packet.y[part], packet.p[part] != self._dark, packet.t[part]),
-                self._tested,
-                self._first,
-                self._last_us,
-            )
-            if end < len(packet):
+        rest = self._filter.kept(packet)
+        while len(rest) and not self.ended:
+            part, rest = rest.split(self._turn_us)
+            events = part.x, part.y, part.p != self._dark, part.t
+            _note_first_kernel(events, self._tested, self._first, self._last_us)
+            if len(rest):
                 self._test()
-                late_us = int(packet.t[end]) - self._turn_us
-                self._turn_us += TURN_US * (1 + late_us // TURN_US)
-            begin = end
+                self._turn_us = (int(rest.t[0]) // TURN_US + 1) * TURN_US
 
     def finish(self) -> None:
         """Test the events since the last test."""
@@ -171,10 +160,9 @@ def _rim_distance_px(calibration: Calibration, owner: NDArray[np.uint16]) -> NDA
 
 def _edge_px(calibration: Calibration) -> NDArray[np.float64]:
     """Return ``(2, m)`` inner and outer end of each marker's edge relative to its rim, px."""
-    rim_px = np.linspace(-EDGE_REACH_PX, EDGE_REACH_PX, 1_601)
-    levels = np.array([profile.level(rim_px) for profile in appearance_of(calibration).profiles])
-    begin, end = (levels > INSIDE_LEVEL).sum(axis=1), (levels > OUTSIDE_LEVEL).sum(axis=1)
-    return rim_px[np.clip([begin, end], 0, len(rim_px) - 1)]
+    profiles = disc_profiles(calibration)
+    levels = INSIDE_LEVEL, OUTSIDE_LEVEL
+    return np.array([[profile.place_px(level) for profile in profiles] for level in levels])
 
 
 @njit(cache=True, nogil=True)

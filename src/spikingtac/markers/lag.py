@@ -12,9 +12,8 @@ I = contrast^(level - 1) the light relative to white, and B the dark current (or
 the same unit. This is a pixel that is a first-order low-pass in log intensity whose corner grows
 with the light (Hu, Liu, Delbruck 2021, doi:10.1109/CVPRW53098.2021.00144), to first order in
 v tau. The spread of the levels gives tau_white, the common part the lag of the positions. The skew,
-of opposite sign for the two polarities, takes up leak and dead time and is discarded. So each rung
-is a straight line of places over speeds, and the slopes of all rungs are linear in lag, skew, and
-tau_white.
+of opposite sign for the two polarities, takes up leak and dead time and is discarded. So the mean
+places are linear in the a_n, lag, skew, and tau_white.
 
 An edge hardly shows B: it is a prior, and its spread is part of the uncertainty. What does not
 depend on light at all (a bus, a driver's clock) stays unseen and has to be measured otherwise.
@@ -22,24 +21,18 @@ depend on light at all (a bus, a driver's clock) stays unseen and has to be meas
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.source import EventSource
 from spikingtac.events.windows import windows
-from spikingtac.markers.crossings import (
-    PERIOD_US,
-    PLACE_BINS,
-    REACH_PX,
-    Crossings,
-    MarkerTrack,
-    marker_track,
-    observe_crossings,
-)
 from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
+from spikingtac.state_map.graded import Array
 from spikingtac.types import EventPacket, MarkerFrame
 
 # Dark current B, relative to white: between none and v2e's offset of 20 at a white of 170, 0.12.
@@ -70,6 +63,47 @@ LEAST_RUNGS = 2  # Rungs of each polarity without which level and skew cannot be
 # So many markers' edges tell the lag of a larger skin: each event is compared with all of them.
 MOST_MARKERS = 128
 
+ORDERS = 12  # Most events of one crossing: at contrast 12 a step of 0.21 makes 12.
+
+# Half-width of the zone around an edge (five logistic scales of a 0.55 px edge).
+REACH_PX = 3.0
+PLACE_BINS = 120  # Bins of q over the zone: 0.05 px each, a tenth of an edge's width.
+
+# Bins of the edge's speed: below 5 px/s noise dominates its motion, above 100 px/s the lag of a
+# pixel in px grows less than proportionally.
+SPEED_EDGES_PX_S = np.array([5, 8, 12, 18, 25, 35, 50, 70, 100], np.float64)
+
+PERIOD_US = 1_000  # Time between tracked positions: at 100 px/s an edge moves by 0.1 px.
+
+# Half of the time over which a speed is taken, in tracked positions: 0.5 px at 100 px/s, with
+# jitter of 0.03 px.
+SPEED_SPAN = 5
+
+# Longest crossing, and the time step in which it is traced back, in tracked positions: 1.5 zones
+# at 30 px/s; slower ones are left out.
+LOOK_BACK, LOOK_STEP = 300, 2
+
+JITTER_PX = 0.02  # Backward motion that does not end a crossing: jitter of tracked positions.
+
+
+Crossings = tuple[NDArray[np.int64], NDArray[np.float64]]  # What :func:`crossings` returns.
+
+
+class MarkerTrack(NamedTuple):
+    """Tracked markers over time.
+
+    Attributes:
+        t_us: ``(n,)`` times, us, PERIOD_US apart.
+        center_px: ``(n, m, 2)`` detected centres, px; NaN where a marker is lost.
+        radius_px: ``(m,)`` disc radii, px.
+        facing: 1 for white markers on dark ground, -1 for dark ones.
+    """
+
+    t_us: NDArray[np.int64]
+    center_px: NDArray[np.float64]
+    radius_px: NDArray[np.float64]
+    facing: float
+
 
 def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
     """Return the lag of a recording of slides, us, or None where it cannot be seen.
@@ -83,10 +117,8 @@ def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
     if calibration.contrast is None or calibration.edge_px is None:
         return None
     track = edge_track(followed(windows(source, PERIOD_US), calibration), calibration)
-    estimate = estimate_lag(
-        observe_crossings(source, track, source.size),
-        DiscProfile(calibration.contrast, calibration.edge_px),
-    )
+    edge = DiscProfile(calibration.contrast, calibration.edge_px)
+    estimate = estimate_lag(crossings(source, track, source.size), edge)
     return None if estimate is None else estimate[0]
 
 
@@ -108,57 +140,141 @@ def edge_track(frames: Iterable[MarkerFrame], calibration: Calibration) -> Marke
         center_px.append(np.where(held, np.nan, frame.detected_px[chosen]))
         t_us.append(frame.t_us)
     places = np.array(center_px).reshape(len(t_us), len(chosen), 2)
-    return marker_track(
-        np.array(t_us, np.int64), places, radius_px[chosen], calibration.polarity == "dark"
-    )
+    facing = -1.0 if calibration.polarity == "dark" else 1.0
+    return MarkerTrack(np.array(t_us, np.int64), places, radius_px[chosen], facing)
 
 
-def estimate_lag(crossings: Crossings, edge: DiscProfile) -> tuple[float, float] | None:
+def crossings(
+    packets: Iterable[EventPacket], track: MarkerTrack, size: tuple[int, int]
+) -> Crossings:
+    """Return histograms of the tracked edge's position q at the events of clean crossings.
+
+    A pixel crossed by an edge fires a series of events, one for each step of its log intensity. A
+    crossing counts if it begins with the edge well on the other side and keeps one direction. At
+    each of its events the position q of the tracked edge is the distance of the pixel from the
+    disc's rim, positive on the dark side of the edge, for dark markers too.
+
+    Args:
+        packets: Events in order of time, in any division.
+        track: Positions over the whole time of interest.
+        size: ``(width, height)`` of the sensor, px.
+
+    Returns:
+        ``(2, ORDERS, speeds, PLACE_BINS)`` events by polarity (0 brightens the pixel, 1 darkens
+        it), number in the series, speed of the edge, and q from -REACH_PX to REACH_PX;
+        ``(speeds,)`` the mean speed of each bin, px/s.
+
+    Raises:
+        ConfigError: A packet comes from a sensor of another size, or leaves it.
+    """
+    runs = np.zeros((size[1], size[0]), np.int64)
+    last_us, speed_sum = np.zeros_like(runs), np.zeros(len(SPEED_EDGES_PX_S) - 1)
+    count = np.zeros((2, ORDERS, len(speed_sum), PLACE_BINS), np.int64)
+    for packet in packets:
+        packet.require_map(runs.shape)
+        rows = np.searchsorted(track.t_us, packet.t, side="right") - 1
+        crossings_kernel(
+            (packet.x, packet.y, packet.p, packet.t, rows),
+            track,
+            (runs, last_us),
+            (count, speed_sum),
+        )
+    return count, speed_sum / np.maximum(count.sum(axis=(0, 1, 3)), 1)
+
+
+@njit(cache=True, nogil=True)
+def place_kernel(track: MarkerTrack, row: int, m: int, x: float, y: float) -> float:
+    """Return the position q of a marker's edge at a pixel, px, at one of the tracked times."""
+    dx, dy = x - track.center_px[row, m, 0], y - track.center_px[row, m, 1]
+    return (np.sqrt(dx * dx + dy * dy) - track.radius_px[m]) * track.facing
+
+
+@njit(cache=True, nogil=True)
+def crosses_kernel(track: MarkerTrack, row: int, m: int, x: float, y: float, side: float) -> bool:
+    """Return whether an edge came from the other side of its zone without turning back.
+
+    ``row`` is the sample before the event, ``side`` 1 if the pixel was on the dark side.
+    """
+    last = -REACH_PX
+    for before in range(row, max(row - LOOK_BACK, 0) - 1, -LOOK_STEP):
+        q = place_kernel(track, before, m, x, y) * side
+        if q > REACH_PX or not q >= last - JITTER_PX:
+            return q > REACH_PX
+        last = q
+    return False
+
+
+@njit(cache=True, nogil=True)
+def crossings_kernel(
+    events: tuple[Array, Array, Array, Array, Array],
+    track: MarkerTrack,
+    pixels: tuple[Array, Array],
+    found: tuple[Array, Array],
+) -> None:
+    """Count events into the histograms of :func:`crossings`, and add up the speeds of each bin.
+
+    ``events`` holds columns, rows, polarities, times, and the samples of the track before them;
+    ``pixels`` how many events of one polarity came in a row at each pixel, signed, and the time of
+    its last event, us.
+    """
+    columns, lines, polarities, times_us, rows = events
+    (count, speed_sum), (runs, last_us) = found, pixels
+    t_us, edges, bins = track.t_us, SPEED_EDGES_PX_S, count.shape[3]
+    for i in range(len(rows)):
+        x, y, t, row, on = columns[i], lines[i], times_us[i], rows[i], 1 if polarities[i] else -1
+        order = max(runs[y, x] * on, 0) if t - last_us[y, x] <= LOOK_BACK * PERIOD_US else 0
+        runs[y, x], last_us[y, x] = (order + 1) * on, t
+        if order >= ORDERS or row < SPEED_SPAN or row + SPEED_SPAN >= len(t_us):
+            continue
+        share = (t - t_us[row]) / (t_us[row + 1] - t_us[row])
+        for m in range(len(track.radius_px)):
+            q = (1.0 - share) * place_kernel(track, row, m, x, y)
+            q += share * place_kernel(track, row + 1, m, x, y)
+            if not abs(q) <= REACH_PX:
+                continue
+            # Only edges with the event's polarity: q decreases while the pixel brightens.
+            after = place_kernel(track, row + SPEED_SPAN, m, x, y)
+            moved = (place_kernel(track, row - SPEED_SPAN, m, x, y) - after) * on
+            speed = moved / (t_us[row + SPEED_SPAN] - t_us[row - SPEED_SPAN]) * 1e6
+            if edges[0] <= speed < edges[-1] and crosses_kernel(track, row, m, x, y, on):
+                place = min(int((q + REACH_PX) / (2.0 * REACH_PX) * bins), bins - 1)
+                fast = np.searchsorted(edges, speed, side="right") - 1
+                count[(1 - on) // 2, order, fast, place] += 1
+                speed_sum[fast] += speed
+            break
+
+
+def estimate_lag(found: Crossings, edge: DiscProfile) -> tuple[float, float] | None:
     """Return the lag of positions and its standard deviation, us; None where it cannot be seen.
 
     Args:
-        crossings: Those of the tracked positions.
+        found: The crossings of the tracked positions.
         edge: The calibrated edge.
     """
-    rungs = rung_lines(crossings)
-    level = edge.level(rungs[:, 1])
+    count, speed_px_s = found
+    enough = count.sum(axis=3) >= LEAST_COUNT
+    enough &= enough.sum(axis=2, keepdims=True) >= FEWEST_SPEEDS
+    side, order, fast = np.nonzero(enough)
+    place_px, error_px = trimmed_means(count[enough].astype(np.float64))
+    facing, moved_px_s = 2.0 * side - 1.0, speed_px_s[fast]
+    weight = 1.0 / np.hypot(error_px, FLOOR_PX)
+    rungs, rung = np.unique(side * ORDERS + order, return_inverse=True)
+    own = [rung == one for one in range(len(rungs))]  # each rung has a place at rest of its own
+    rest_px = [np.polyfit(moved_px_s[k], place_px[k], 1, w=weight[k])[1] for k in own]
+    level = edge.level(np.array(rest_px))[rung]
     told = (level > LOWEST_LEVEL) & (level < HIGHEST_LEVEL)
-    (facing, _, slope_s, error_s, bent, free), level = rungs[told].T, level[told]
-    if min(np.count_nonzero(facing == side) for side in (-1, 1)) < LEAST_RUNGS:
+    if min(len(np.unique(rung[told & (side == one)])) for one in (0, 1)) < LEAST_RUNGS:
         return None
-    design = np.column_stack([-np.ones(len(level)), facing, slowness(edge, level, DARK)])
-    design /= error_s[:, np.newaxis]
-    solved = np.linalg.lstsq(design, slope_s / error_s, rcond=None)[0]
-    misfit = bent.sum() + ((slope_s / error_s - design @ solved) ** 2).sum()
-    scale = max(1.0, misfit / (free.sum() + len(level) - 3))
+    parts = moved_px_s * [-np.ones(len(level)), facing, slowness(edge, level, DARK)]
+    design = (weight * [*parts, *own])[:, told].T
+    along = (weight * facing * place_px)[told]
+    solved, _, rank, _ = np.linalg.lstsq(design, along, rcond=None)
+    misfit = ((along - design @ solved) ** 2).sum()
+    scale = max(1.0, misfit / (len(along) - rank))
     spread_us = 1e6 * np.sqrt(scale * np.linalg.pinv(design.T @ design)[0, 0])
     lag_us = max(0.0, 1e6 * float(solved[0]))
     error_us = float(np.sqrt(spread_us**2 + (DARK_SHARE * lag_us) ** 2 + FLOOR_US**2))
     return (lag_us, error_us) if error_us < LARGEST_ERROR_US else None
-
-
-def rung_lines(crossings: Crossings) -> NDArray[np.float64]:
-    """Fit a straight line to the mean places of each rung over the speed.
-
-    Returns:
-        ``(r, 6)``: 1 where the edge takes light away and -1 where it brings light; place q at
-        rest, px; way along the motion per speed, s, and its error; sum of the squares of what the
-        line leaves, in errors, and degrees of freedom.
-    """
-    number, lines = crossings.count.sum(axis=3), []
-    for rung in np.ndindex(number.shape[:2]):
-        bins = number[rung] >= LEAST_COUNT
-        if np.count_nonzero(bins) < FEWEST_SPEEDS:
-            continue
-        mean_px, error_px = trimmed_means(crossings.count[rung][bins].astype(np.float64))
-        speed_px_s = crossings.speed_sum_px_s[rung][bins] / number[rung][bins]
-        facing, weight = (-1.0, 1.0)[rung[0]], 1.0 / np.hypot(error_px, FLOOR_PX)
-        along_px = facing * mean_px
-        line, covariance = np.polyfit(speed_px_s, along_px, 1, w=weight, cov="unscaled")
-        bent = ((weight * (along_px - np.polyval(line, speed_px_s))) ** 2).sum()
-        slope, free = (line[0], np.sqrt(covariance[0, 0])), np.count_nonzero(bins) - 2
-        lines.append((facing, facing * line[1], *slope, bent, free))
-    return np.array(lines).reshape(-1, 6)
 
 
 def trimmed_means(

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError
+from spikingtac.schema import require_within
 
 # Slope of the anchored law near zero; distances up to which it holds and from which the law is the
 # identity, px (a steepest slope of 1.83, a falsification below 0.6 px).
@@ -50,17 +50,14 @@ class PaperLawConfig:
 
     Attributes:
         delta_px: δ, radius of the window around the reference, px. Section IV-C: 4.0.
-        gamma: γ, gain inside the window. Section IV-C: 0.7.
+        gamma: γ, gain inside the window; 1 switches the law off. Section IV-C: 0.7.
     """
 
     delta_px: float = field(default=4.0, metadata={"range": (0.0, 12.0)})
     gamma: float = field(default=0.7, metadata={"range": (0.0, 1.0)})
 
     def __post_init__(self) -> None:
-        if not self.delta_px >= 0.0:
-            raise ConfigError(f"delta_px is {self.delta_px}, it must not be negative")
-        if not 0.0 <= self.gamma <= 1.0:
-            raise ConfigError(f"gamma is {self.gamma}, valid is 0 to 1 (1 switches the law off)")
+        require_within(self, delta_px=(0.0, 1e3), gamma=(0.0, 1.0))
 
 
 class PaperLaw(OutputLaw):

@@ -10,6 +10,7 @@ doi:10.1201/9781420057669).
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.lens import distances_px
 from spikingtac.kernels import kernel
 from spikingtac.state_map.graded import Array
 
@@ -105,10 +106,7 @@ def _affine_weights_at_origin(points: NDArray[np.float64]) -> NDArray[np.float64
 
 def nearest_px(reference_px: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return ``(m,)`` the distance of each marker from the nearest other, px; infinite for one."""
-    offset = reference_px[:, np.newaxis] - reference_px[np.newaxis]
-    distance = np.hypot(offset[..., 0], offset[..., 1])
-    np.fill_diagonal(distance, np.inf)
-    return np.asarray(distance.min(axis=1, initial=np.inf))
+    return np.asarray(distances_px(reference_px).min(axis=1, initial=np.inf))
 
 
 def smallest_spacing_px(reference_px: NDArray[np.float64]) -> float:

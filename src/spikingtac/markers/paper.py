@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.classical import Denoiser
-from spikingtac.errors import ConfigError
 from spikingtac.events.filters import BackgroundActivityFilter
 from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.blobs import UNMATCHED, associate, blob_areas_px, find_blobs
 from spikingtac.markers.laws import OutputLaw
 from spikingtac.markers.neighbours import smallest_spacing_px
+from spikingtac.schema import require_within
 from spikingtac.state_map.binary import BinaryStateMap, StateMap, paint_binary_discs
 from spikingtac.types import EventPacket, MarkerFrame
 
@@ -61,11 +61,7 @@ class BlobTrackerConfig:
     refresh_us: int = field(default=100_000, metadata={"range": (0, 1_000_000)})
 
     def __post_init__(self) -> None:
-        for name, none in (("support_us", "no filter"), ("refresh_us", "never")):
-            if getattr(self, name) < 0:
-                raise ConfigError(f"{name} is {getattr(self, name)}, valid is 0 ({none}) or above")
-        if not 0.0 < self.threshold <= 1.0:
-            raise ConfigError(f"threshold is {self.threshold}, valid is 0 < threshold <= 1")
+        require_within(self, threshold=(1e-3, 1.0), support_us=(0, 1e9), refresh_us=(0, 1e9))
 
 
 class BlobTracker:

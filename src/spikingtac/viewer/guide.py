@@ -270,7 +270,10 @@ class CalibrationGuide:
             seen = detect_markers(self.level, self._config)
         except CalibrationError:
             return
-        known = 0 if self._seen is None else self._seen.count
+        known, count = (
+            0 if one is None else np.count_nonzero(one.layout.point >= 0)
+            for one in (self._seen, seen)
+        )
         # While markers move they are seen elsewhere; only what is new is worth that.
-        if seen.count > known or (self._resting and seen.count >= 0.9 * known):
+        if count > known or (self._resting and count >= 0.9 * known):
             self._seen = seen

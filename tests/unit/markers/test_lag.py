@@ -12,17 +12,19 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.source import PacketSource
 from spikingtac.events.windows import windows
 from spikingtac.markers import lag
-from spikingtac.markers.crossings import (
+from spikingtac.markers.lag import (
+    DARK_SHARE,
     ORDERS,
     PLACE_BINS,
     REACH_PX,
     SPEED_EDGES_PX_S,
     Crossings,
     MarkerTrack,
-    marker_track,
-    observe_crossings,
+    crossings,
+    estimate_lag,
+    slide_lag_us,
+    slowness,
 )
-from spikingtac.markers.lag import DARK_SHARE, estimate_lag, slide_lag_us, slowness
 from spikingtac.sim.camera.config import load_camera
 from spikingtac.sim.camera.event_camera import EventCamera
 from spikingtac.sim.optics import MarkerImage
@@ -51,11 +53,6 @@ def late_px(brightening: bool, kappa_px: np.ndarray, dark: float) -> np.ndarray:
     return q_px[np.array(crossed)] - q_px[at_rest]
 
 
-def place_px(level: float) -> float:
-    """Return where a level is met at rest, px outside of the rim."""
-    return float(EDGE.edge_px * np.log((EDGE.contrast - 1.0) / (EDGE.contrast**level - 1.0) - 1.0))
-
-
 def modelled(lag_s: float, white_s: float, dark: float, skew_s: float = 0.0) -> Crossings:
     """Crossings of an ideal ladder whose positions are late by ``lag_s``."""
     speeds = 0.5 * (SPEED_EDGES_PX_S[:-1] + SPEED_EDGES_PX_S[1:])
@@ -66,12 +63,12 @@ def modelled(lag_s: float, white_s: float, dark: float, skew_s: float = 0.0) -> 
         late += (-lag_s + (2 * side - 1) * skew_s) * speeds[:, None]
         for order, level in enumerate(LEVELS if side == 0 else LEVELS[::-1]):
             column = order if side == 0 else len(LEVELS) - 1 - order
-            q = place_px(level) + (2 * side - 1) * late[:, column]
+            q = EDGE.place_px(level) + (2 * side - 1) * late[:, column]
             for bin_, middle in enumerate(q):
                 drawn = middle + rng.normal(0.0, 0.2, 4_000)
                 places = ((drawn + REACH_PX) / (2 * REACH_PX) * PLACE_BINS).astype(int)
                 count[side, order, bin_] = np.bincount(places, minlength=PLACE_BINS)
-    return Crossings(count, speeds * count.sum(axis=3))
+    return count, speeds
 
 
 def spread_us(estimate: tuple[float, float]) -> float:
@@ -83,20 +80,21 @@ def spread_us(estimate: tuple[float, float]) -> float:
 @pytest.mark.parametrize("skew_us", [0.0, 300.0])
 def test_the_lag_of_low_pass_pixels_is_solved(white_us: float, skew_us: float) -> None:
     lag_us = 2.2 * white_us
-    estimate = estimate_lag(modelled(lag_us * 1e-6, white_us * 1e-6, 0.06, skew_us * 1e-6), EDGE)
+    found = modelled(lag_us * 1e-6, white_us * 1e-6, 0.06, skew_us * 1e-6)
+    estimate = estimate_lag(found, EDGE)
     assert estimate is not None
     # A pixel falls behind by less than in proportion to the speed.
     assert estimate[0] == pytest.approx(lag_us, abs=3 * estimate[1], rel=0.12)
     assert spread_us(estimate) < 0.08 * lag_us + 100.0
 
 
-def roughened(crossings: Crossings, spread_px: float, seed: int) -> Crossings:
+def roughened(found: Crossings, spread_px: float, seed: int) -> Crossings:
     """Move the events of each rung and speed by an amount that no model explains."""
-    rng, count = np.random.default_rng(seed), crossings.count.copy()
+    rng, count = np.random.default_rng(seed), found[0].copy()
     bins = np.rint(rng.normal(0.0, spread_px, count.shape[:3]) * PLACE_BINS / (2 * REACH_PX))
     for place in np.ndindex(*bins.shape):
         count[place] = np.roll(count[place], int(bins[place]))
-    return Crossings(count, crossings.speed_sum_px_s)
+    return count, found[1]
 
 
 def test_places_that_do_not_fit_the_model_widen_the_uncertainty() -> None:
@@ -143,7 +141,7 @@ def delayed(path: np.ndarray, lag_us: float) -> MarkerTrack:
     flat = path.reshape(len(path), -1)
     late = [np.interp(t_us - lag_us, t_us, column) for column in flat.T]
     places = np.stack(late, axis=1).reshape(path.shape)
-    return marker_track(t_us, places, np.full(path.shape[1], 7.0))
+    return MarkerTrack(t_us, places, np.full(path.shape[1], 7.0), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -156,8 +154,8 @@ def test_the_twins_lag_is_found(preset: str, bandwidth_hz: float) -> None:
     middle_us = white_us * 6.0**0.5
     # The camera's edge: sqrt(0.5^2 + 1/12) px Gaussian, as the nearest logistic.
     edge = DiscProfile(6.0, 0.577 / 1.702)
-    crossings = observe_crossings([packet], delayed(path, middle_us), packet.size)
-    estimate = estimate_lag(crossings, edge)
+    found = crossings([packet], delayed(path, middle_us), packet.size)
+    estimate = estimate_lag(found, edge)
     assert estimate is not None
     assert estimate[0] == pytest.approx(middle_us, rel=0.2, abs=200.0)
     assert abs(estimate[0] - middle_us) < 2.0 * estimate[1]
@@ -166,14 +164,14 @@ def test_the_twins_lag_is_found(preset: str, bandwidth_hz: float) -> None:
 def test_what_tells_too_little_gives_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     size = 112, 112
     silence = [EventPacket.empty(0, 1_000_000, size)]
-    quiet = observe_crossings(silence, delayed(np.zeros((900, 1, 2)), 0.0), size)
+    quiet = crossings(silence, delayed(np.zeros((900, 1, 2)), 0.0), size)
     assert estimate_lag(quiet, EDGE) is None
-    crossings = modelled(2e-3, 8e-4, 0.06)
+    found = modelled(2e-3, 8e-4, 0.06)
     monkeypatch.setattr(lag, "LARGEST_ERROR_US", 50.0)
-    assert estimate_lag(crossings, EDGE) is None, "a measurement that is worse than a guess"
+    assert estimate_lag(found, EDGE) is None, "a measurement that is worse than a guess"
     monkeypatch.undo()
-    crossings.count[1] = 0
-    assert estimate_lag(crossings, EDGE) is None, "one polarity alone"
+    found[0][1] = 0
+    assert estimate_lag(found, EDGE) is None, "one polarity alone"
 
 
 def late_frames(source: PacketSource, path: np.ndarray, lag_us: float) -> Iterator[MarkerFrame]:
@@ -199,8 +197,8 @@ def test_a_recording_is_tracked_and_its_lag_found_by_all_markers_or_a_part_of_th
     for most in (128, 8):
         monkeypatch.setattr(lag, "MOST_MARKERS", most)
         track = lag.edge_track(late_frames(source, path, lag_us), known)
-        crossings = observe_crossings(source, track, packet.size)
-        estimate = estimate_lag(crossings, DiscProfile(6.0, 0.577 / 1.702)) or (0.0, 0.0)
+        found = crossings(source, track, packet.size)
+        estimate = estimate_lag(found, DiscProfile(6.0, 0.577 / 1.702)) or (0.0, 0.0)
         assert estimate[0] == pytest.approx(lag_us, rel=0.2)
-        samples.append(crossings.count.sum())
+        samples.append(found[0].sum())
     assert 0.2 < samples[1] / samples[0] < 0.7

@@ -28,7 +28,7 @@ MOST_NAMED = 8  # Stray spots that are named one by one.
 
 # Figures of a calibration, and of its notes, that are told as they are.
 TOLD = ("polarity", "contrast", "edge_px", "step_on", "step_off", "lag_us", "px_per_mm")
-NOTED = ("missing", "doubtful", "explained", "events", "swings", "residual", "scatter_px")
+NOTED = ("missing", "doubtful", "explained", "events", "residual", "scatter_px")
 UNUSUAL = ("no_lens", "left_out_px", "stray_px", "fitting_grid", "coarse_steps", "flicker_hz")
 
 
@@ -194,7 +194,6 @@ def _table(calibration: st.Calibration, found: dict[str, Any], args: Args) -> Ta
         "radius": f"{radii.mean():.2f} px, {radii.min():.2f} to {radii.max():.2f}",
         **{name: found[name] for name in same},
         "changes that discs explain": f"{median_high(found['explained']):.0%}",
-        "full swings of a marker": median_high(found["swings"]),
         "residual, levels": median_high(found["residual"]),
         "scatter over the rests_px": median_high(found["scatter_px"]),
     }

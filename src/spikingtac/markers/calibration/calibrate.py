@@ -101,7 +101,7 @@ def completed(source: EventSource, known: Calibration) -> Calibration:
     place_px = known.reference_px
     layout = Layout(known.grid, np.arange(len(place_px)), place_px)
     radius_px = float(np.median(known.radius_px))
-    given = DetectedMarkers(layout, place_px, place_px[:0], radius_px, len(place_px))
+    given = DetectedMarkers(layout, place_px, place_px[:0], radius_px)
     config = CalibrationConfig(polarity="dark" if known.polarity == "dark" else "white")
     try:
         events, hot_px = without_hot_pixels(buffer_events(source, FIRST_US))
@@ -142,7 +142,6 @@ def _calibration(
             "method": method,
             "unloaded_rests_us": (view.events.t_start_us + rests_us).tolist(),
             "missing": np.flatnonzero(~measured[keep]).tolist(),
-            "swings": np.round(model.swings[keep], 1).tolist(),
             "residual": np.round(model.residual[keep], 4).tolist(),
             "scatter_px": np.round(scatter_px[keep], 4).tolist(),
             "quality": "poor" if coarse else quality.word,

@@ -10,7 +10,6 @@ full swings of the real pixels, from ground to marker or back, are counted.
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise, starmap
 from typing import Any
 
 import numpy as np
@@ -45,8 +44,6 @@ class Model:
         off: The same for OFF events.
         pixel: ``(2, pixels)`` steps of a pixel's ON and OFF events relative to its marker's.
         residual: ``(m,)`` rms residual of the levels around each marker.
-        events: ``(m, 4)`` events near each marker: real ON and OFF, expected ON and OFF.
-        swings: ``(m,)`` number of full swings over each marker's pixels, both ways together.
         recovery_s: Time constant with which pixels adapt to a darkening, s; 0: they do not.
     """
 
@@ -57,8 +54,6 @@ class Model:
     off: NDArray[np.float64]
     pixel: NDArray[np.float64]
     residual: NDArray[np.float64]
-    events: NDArray[np.float64]
-    swings: NDArray[np.float64]
     recovery_s: float = 0.0
 
 
@@ -111,35 +106,34 @@ class Comparison:
 
 def compare(evidence: Evidence, model: Model) -> Comparison:
     """Simulate ideal pixels along a model's paths, and compare them with the real ones."""
-    events, states, discs = evidence.events, evidence.states, model.discs
+    events, states = evidence.events, evidence.states
     steps = (np.array([model.on, model.off])[:, evidence.cell] * model.pixel).astype(np.float32)
     kept = np.zeros((3, len(states), events.pixels), np.float32)
     owner = np.zeros((len(states), events.pixels), np.int32)
     swings = np.zeros((events.pixels, 6))
     at_s = np.multiply(events.times_at(evidence.index), 1e-6)
-    looks, width = discs.looks, events.size[0]
+    looks, width = model.discs.looks, events.size[0]
     per_s = 1.0 / model.recovery_s if model.recovery_s > 0.0 else 0.0
 
-    def compare_rows(rows: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        near, ended = np.zeros((len(discs.radius_px), 4)), np.zeros((len(discs.radius_px), 6))
-        pixels = slice(rows.start * width, rows.stop * width)
+    def compare_rows(top: int, bottom: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        near, ended = np.zeros((len(model.on), 4)), np.zeros((len(model.on), 6))
+        pixels = slice(top * width, bottom * width)
         compare_kernel(
             (events.code, pixels.start, width, at_s, per_s),
-            (evidence.index, model.center_px - [0.0, rows.start], model.stretch_px, states),
+            (evidence.index, model.center_px - [0.0, top], model.stretch_px, states),
             looks,
             (steps[0, pixels], steps[1, pixels]),
             (kept[:, :, pixels], owner[:, pixels], near, (swings[pixels], ended)),
         )
-        near[:, 2:] /= PHASES
         return near, ended
 
     edges = [events.size[1] * part // PARTS for part in range(PARTS + 1)]
     with ThreadPoolExecutor(THREADS) as pool:
-        parts = list(pool.map(compare_rows, starmap(slice, pairwise(edges))))
+        parts = list(pool.map(compare_rows, edges[:-1], edges[1:]))
     near, ended = (np.sum(some, axis=0) for some in zip(*parts, strict=True))
+    near[:, 2:] /= PHASES
     pixel = np.flatnonzero((owner >= 0).any(axis=0))
-    measured, expected, drawn = kept.take(pixel, axis=2)
-    owner = owner.take(pixel, axis=1)
+    (measured, expected, drawn), owner = kept.take(pixel, axis=2), owner.take(pixel, axis=1)
     return Comparison(pixel, measured, expected, drawn, owner, near, swings, ended)
 
 
@@ -212,28 +206,28 @@ def count_events_kernel(
 @njit(cache=True)
 def end_swings_kernel(
     chosen: NDArray[np.int64],
-    image: tuple[NDArray[np.float32], NDArray[np.int32], bool],
-    state: tuple[NDArray[np.int8], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]],
+    image: tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32], bool],
+    state: tuple[NDArray[np.int8], NDArray[np.int32], NDArray[np.float64]],
     counts: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]],
     out: tuple[NDArray[np.float64], NDArray[np.float64]],
     now_s: float,
 ) -> None:
     """Add completed full swings to the sums of pixels and markers.
 
-    ``image`` holds each pixel's level and disc, and whether only pixels without a disc are meant;
-    ``state`` each pixel's last end (1 ground, 2 marker, 0 none yet), the samples since a swing
-    reached it (-1: none did), its marker, and the time there, s; ``counts`` ``(pixels, 2)`` OFF
-    and ON events now, at the last sample at an end, and at the start of the swing.
+    ``image`` holds each pixel's level, its disc now and its last one, and whether only pixels that
+    discs have left are meant; ``state`` each pixel's last end (1 ground, 2 marker, 0 none yet), the
+    samples since a swing reached it (-1: none did), and the time there, s; ``counts``
+    ``(pixels, 2)`` OFF and ON events now, at the last sample at an end, and at the swing's start.
     """
-    (now, whose, uncovered), (end, since, marker, end_s) = image, state
+    (now, whose, marker, left), (end, since, end_s) = image, state
     (count, last, begun), (by_pixel, by_marker) = counts, out
     for q in chosen:
-        if uncovered and whose[q] >= 0:
+        if left and whose[q] >= 0:
             continue
         at = 2 if now[q] > MARKER_LEVEL else 1 if now[q] < GROUND_LEVEL else 0
         if since[q] >= 0:
             since[q] += 1
-            if at != end[q] or since[q] >= SETTLE_SAMPLES or uncovered:
+            if at != end[q] or since[q] >= SETTLE_SAMPLES or left:
                 rose = end[q] == 2
                 column, along = (0, 1) if rose else (2, 0)
                 until = last if at != end[q] else count
@@ -242,8 +236,6 @@ def end_swings_kernel(
                     sums[column + 1] += 1
                     sums[4 + column // 2] += until[q, 1 - along] - begun[q, 1 - along]
                 since[q] = -1
-        if at == 2:
-            marker[q] = whose[q]
         if at != 0:
             if at != end[q] and end[q] != 0 and now_s - end_s[q] > SNAP_S:
                 since[q] = 0
@@ -275,7 +267,7 @@ def compare_kernel(
     touched, former = np.empty(count, np.int64), np.empty(count, np.int64)
     seen_s, last_owner = np.full(count, at_s[0]), np.full(count, -1, np.int32)
     copies, counts = (phases, np.zeros(count, np.float32)), np.zeros((count, 2), np.int32)
-    ends = np.zeros(count, np.int8), np.full(count, -1, np.int32), last_owner.copy(), seen_s.copy()
+    ends = np.zeros(count, np.int8), np.full(count, -1, np.int32), seen_s.copy()
     counted = counts, np.zeros_like(counts), np.zeros_like(counts)
     at, formers, kept = index[0], 0, 0
     for sample in range(len(index)):
@@ -288,9 +280,10 @@ def compare_kernel(
             for phase in range(PHASES):
                 phases[:, phase] = now + off - (on + off) * np.float32((phase + 0.5) / PHASES)
         last_owner[covered] = whose[covered]
-        for some, uncovered in ((former[:formers], True), (covered, False)):  # left, then entered
+        for some, left in ((former[:formers], True), (covered, False)):
             follow_levels_kernel((some, last_owner), (now, before), copies, steps, near, clock)
-            end_swings_kernel(some, (now, whose, uncovered), ends, counted, swings, clock[1])
+            shown = now, whose, last_owner, left
+            end_swings_kernel(some, shown, ends, counted, swings, clock[1])
         if kept < len(states) and states[kept] == sample:
             levels[0, kept] = on * counts[:, 1] - off * counts[:, 0]
             levels[1, kept], levels[2, kept], owners[kept] = copies[1], now, whose

@@ -12,6 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.markers.blobs import UNMATCHED, associate
+
 LayoutKind = Literal["auto", "grid", "staggered", "free"]
 
 # Nearest points whose steps vote for the basis, the ring around a point of a square grid; and most
@@ -120,18 +122,16 @@ def _labelled(points: NDArray[np.float64], basis: NDArray[np.float64]) -> Lattic
     while True:
         low, high = lattice.label.min(axis=0) - AHEAD, lattice.label.max(axis=0) + AHEAD
         label = cells_of(low, tuple(high - low + 1))
-        apart_px, cell = map(np.asarray, KDTree(lattice.expected_px(label)).query(points))
-        nearest = np.asarray(KDTree(points).query(lattice.expected_px(label))[1])
-        own = (nearest[cell] == np.arange(len(points))) & (apart_px <= REACH * lattice.pitch_px)
-        index = np.flatnonzero(own)
+        match = associate(lattice.expected_px(label), points, REACH * lattice.pitch_px)
+        label, index = label[match != UNMATCHED], match[match != UNMATCHED]
         if len(index) <= len(lattice.index):
             return lattice
         terms = max(count for needed, count in MODEL_TERMS if len(index) >= needed)
         given = BASIS_WEIGHT * np.eye(2, terms, 1)
-        design = np.vstack([_terms(label[cell[index]], terms), given])
+        design = np.vstack([_terms(label, terms), given])
         places_px = np.vstack([points[index], BASIS_WEIGHT * basis])
         model = np.asarray(np.linalg.lstsq(design, places_px, rcond=None)[0], np.float64)
-        lattice = Lattice(points, index, label[cell[index]], model)
+        lattice = Lattice(points, index, label, model)
 
 
 def _bases(

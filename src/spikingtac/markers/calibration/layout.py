@@ -145,10 +145,10 @@ def _enclosed(there: NDArray[np.bool_], lattice: Lattice) -> NDArray[np.bool_]:
 
 
 def _best_placed(there: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.int64]:
-    rows, columns = shape
-    padded = np.pad(there, ((rows - 1, rows - 1), (columns - 1, columns - 1)))
-    windows = np.lib.stride_tricks.sliding_window_view(padded, shape).sum(axis=(2, 3))
-    return np.array(np.unravel_index(windows.argmax(), windows.shape), np.int64) + 1 - shape
+    from scipy.signal import correlate2d  # 0.1 s that other verbs need not wait
+
+    fits = correlate2d(there.astype(int), np.ones(shape, int))
+    return np.array(np.unravel_index(fits.argmax(), fits.shape), np.int64) + 1 - shape
 
 
 MOST_MISSING_SHARE = 1 / 3  # A grid of which more is missing was not found.

@@ -12,7 +12,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
-from spikingtac.markers.calibration.recording import BufferedEvents, moving_events, noise_events
+from spikingtac.markers.calibration.recording import (
+    BufferedEvents,
+    moving_events,
+    noise_events,
+    smoothed,
+)
 
 # Resolution and range of the histogram of brightness swings, in ON events.
 BINS_PER_EVENT, LARGEST_SWING = 4, 100
@@ -168,18 +173,6 @@ def add_kernel(
             level[pixel] = min(level[pixel] + on, np.float32(1.0))
         else:
             level[pixel] = max(level[pixel] - off, np.float32(0.0))
-
-
-# Standard deviation of the Gaussian that removes the noise of single pixels from maps.
-SMOOTH_PX = 1.0
-
-
-def smoothed(level: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return a map ``(height, width)`` without the noise of single pixels."""
-    # A late import: every verb's start would wait for it.
-    from scipy.ndimage import gaussian_filter
-
-    return np.asarray(gaussian_filter(level, SMOOTH_PX), np.float32)
 
 
 # A pixel counts as active with so many events of motion, and so many times the noise expected from

@@ -230,7 +230,17 @@ def flicker_hz(events: BufferedEvents) -> float | None:
     return hz if spectrum.max() > FLICKER_SHARE * len(events) else None
 
 
-SMOOTH_PX = 3  # Width of the box mean before two maps are compared: single pixels are noise.
+# Standard deviation of the Gaussian that removes the noise of single pixels from maps.
+SMOOTH_PX = 1.0
+
+
+def smoothed(level: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a map ``(height, width)`` without the noise of single pixels."""
+    # A late import: every verb's start would wait for it.
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(level, SMOOTH_PX), np.float32)
+
 
 CHANGED_LEVEL = 0.5  # A pixel differs between two rests when its level differs by half a swing.
 
@@ -253,11 +263,10 @@ def unloaded_rests(maps: NDArray[np.float32], length_us: NDArray[np.int64]) -> N
         maps: ``(rests, height, width)`` level maps.
         length_us: ``(rests,)`` duration of each, us.
     """
-    # Late imports: together they take a fifth of a second, which every verb's start would wait for.
-    from scipy.ndimage import uniform_filter
+    # A late import: every verb's start would wait for it.
     from scipy.sparse.csgraph import connected_components
 
-    smooth = np.array([uniform_filter(level, SMOOTH_PX) for level in maps])
+    smooth = [smoothed(level) for level in maps]
     changed = np.array(
         [[(np.abs(one - other) > CHANGED_LEVEL).sum() for other in smooth] for one in smooth]
     )

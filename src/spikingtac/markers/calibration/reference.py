@@ -18,7 +18,11 @@ Method = Literal["rest-mean", "bounding-box"]
 
 SETTLED_US = 3_000_000  # Duration of a rest after which the skin has crept back (recorded presses).
 
-# Distance from the weighted median at which a rest has half weight (Cauchy): the residual of creep.
+# Duration for which a rest counts once in the median: the shortest rest. (With equal weights a
+# simulated gel with three rests errs by 0.20 px instead of 0.16.)
+COUNTED_US = 100_000
+
+# Distance from that median at which a rest has half weight (Cauchy): the residual of creep.
 NEAR_PX = 0.15
 
 # Largest plausible creep, as a share of the displacement (simulated gels have 0.01 to 0.03; five
@@ -112,7 +116,7 @@ def displaced_before(
         sample_us: ``(k,)`` times of the samples, us since the start of the recording.
         sample_px: ``(k, m, 2)`` positions at the samples, px.
     """
-    middle_px = weighted_median(position_px, np.diff(rests_us, axis=1)[:, 0])
+    middle_px = np.median(position_px, axis=0)
     starts_us = np.concatenate([[0], rests_us[:-1, 1]])
     first, last = np.searchsorted(sample_us, [starts_us, rests_us[:, 0]])
     return np.array([
@@ -124,22 +128,8 @@ def displaced_before(
 def robust_mean(position_px: NDArray[np.float64], length_us: NDArray[Any]) -> NDArray[np.float64]:
     """Return ``(m, 2)`` robust means: long rests have more weight, outliers less."""
     weight = np.minimum(np.asarray(length_us, float), SETTLED_US)
-    off = np.linalg.norm(position_px - weighted_median(position_px, weight), axis=2)
+    counts = np.ceil(weight / COUNTED_US).astype(int)
+    middle_px = np.median(np.repeat(position_px, counts, axis=0), axis=0)
+    off = np.linalg.norm(position_px - middle_px, axis=2)
     share = weight[:, np.newaxis] / (1.0 + (off / NEAR_PX) ** 2)
     return (share[..., np.newaxis] * position_px).sum(axis=0) / share.sum(axis=0)[:, np.newaxis]
-
-
-def weighted_median(values: NDArray[np.float64], weight: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the medians over the first axis, interpolated between the middles of the weights.
-
-    Example:
-        >>> float(weighted_median(np.array([1.0, 2.0, 9.0]), np.array([1, 1, 1])))
-        2.0
-    """
-    order = np.argsort(values, axis=0, kind="stable")
-    ordered = np.take_along_axis(values, order, axis=0)
-    share = np.asarray(weight, float)[order] / float(np.sum(weight))
-    middle = np.cumsum(share, axis=0) - 0.5 * share
-    flat = zip(middle.reshape(len(values), -1).T, ordered.reshape(len(values), -1).T, strict=True)
-    found = [np.interp(0.5, place, value) for place, value in flat]
-    return np.array(found).reshape(values.shape[1:])
