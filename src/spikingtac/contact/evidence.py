@@ -246,8 +246,7 @@ def scales_kernel(
     """
     slots = ring.shape[0]
     before, now = seen % slots, (seen + 1) % slots
-    for part in range(len(evidence)):
-        ring[now, part] = ring[before, part] + evidence[part] - mean[part]
+    ring[now] = ring[before] + evidence - mean
     seen += 1
     for scale in range(len(values)):
         values[scale] = 0.0

@@ -109,10 +109,7 @@ class SequentialMotionDetector:
 
     @classmethod
     def from_quiet(
-        cls,
-        calibrations: Sequence[Calibration],
-        quiet: Iterable[Window],
-        alarms_per_hour: float,
+        cls, calibrations: Sequence[Calibration], quiet: Iterable[Window], alarms_per_hour: float
     ) -> SequentialMotionDetector:
         """Build a detector from quiet windows of the moving arm.
 
