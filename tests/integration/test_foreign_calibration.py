@@ -70,6 +70,7 @@ def test_recordings_are_checked_against_a_calibration(
     slides: Path, own: Path, foreign: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
     assert "fits own.json" in verbs.said("calibrate", slides, "--check", own)
+    assert "fits" not in verbs.err
     found = verbs.told("calibrate", slides, "--check", foreign, code=1)
     assert (found["fits"], found["contradiction"] > found["limit"]) == (False, True)
     simulate(load_scene("quiet"), still := tmp_path / "still", seed=0, duration_s=0.3)

@@ -293,7 +293,8 @@ def test_corrections_undo_small_errors_although_offsets_are_unknown() -> None:
     np.testing.assert_allclose(own_px[..., 2].mean(axis=0), 0.0, atol=1e-12)
 
 
-def test_first_events_with_company_are_noted_as_by_plain_loops() -> None:
+@pytest.mark.parametrize("share", [1.0, 0.4])
+def test_first_events_with_company_are_noted_as_by_plain_loops(share: float) -> None:
     rng = np.random.default_rng(5)
     height, width, count = 6, 7, 600
     x, y = rng.integers(0, width, count), rng.integers(0, height, count)
@@ -302,7 +303,7 @@ def test_first_events_with_company_are_noted_as_by_plain_loops() -> None:
     asked = rng.random((height, width)) < 0.7
     first, last_us = np.zeros((height, width), np.int8), np.full((2, height, width), -(10**12))
     events = (x.astype(np.uint16), y.astype(np.uint16), rises, t.astype(np.int64))
-    _note_first_kernel(events, asked, first, last_us)
+    _note_first_kernel(events, asked, first, last_us, share)
     expected = np.zeros((height, width), np.int8)
     for i in range(count):
         before = [
@@ -310,13 +311,13 @@ def test_first_events_with_company_are_noted_as_by_plain_loops() -> None:
             for k in range(i)
             if rises[k] == rises[i]
             and max(abs(int(x[k]) - x[i]), abs(int(y[k]) - y[i])) == 1
-            and t[i] - t[k] < NEIGHBOUR_US
+            and t[i] - t[k] < share * NEIGHBOUR_US
         ]
         company = len(set(before))
         if asked[y[i], x[i]] and not expected[y[i], x[i]] and company >= NEIGHBOURS:
             own = [k for k in range(i) if (x[k], y[k]) == (x[i], y[i])]
             back = [k for k in own if rises[k] != rises[i]]
-            back = [k for k in back if k == own[-1] or t[i] - t[k] < RETURN_US]
+            back = [k for k in back if k == own[-1] or t[i] - t[k] < share * RETURN_US]
             expected[y[i], x[i]] = NO_ANSWER if back else 1 if rises[i] else -1
     assert (first == expected).all()
     assert set(np.unique(first)) == {-1, 0, 1, NO_ANSWER}

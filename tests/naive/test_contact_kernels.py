@@ -4,6 +4,10 @@ import numpy as np
 import pytest
 
 from spikingtac.contact.evidence import (
+    AFFINE_MODES,
+    BESIDE,
+    CLEAR_LIGHT,
+    LEAST_AGREEMENT,
     MODES,
     OFF_RIM,
     RimTable,
@@ -20,8 +24,10 @@ def plain_evidence(packet: EventPacket, table: RimTable) -> np.ndarray:
     evidence = np.zeros((2, MODES))
     for x, y, p in zip(packet.x, packet.y, packet.p, strict=True):
         row = table.row[y, x]
-        if row != OFF_RIM:
-            evidence[int(p)] += (1.0 if p else -1.0) * table.modes[row]
+        if row == OFF_RIM:
+            evidence[int(p), BESIDE] += 1.0
+        else:
+            evidence[int(p), :BESIDE] += (1.0 if p else -1.0) * table.modes[row]
     return evidence
 
 
@@ -38,16 +44,20 @@ def test_evidence(count: int) -> None:
 def test_scales() -> None:
     rng = np.random.default_rng(1)
     lengths = np.array([1, 2, 4, 8])
-    test = ScaleTest(lengths, rng.normal(size=(4, 3, 5)), rng.normal(size=5), np.ones(4))
-    evidence = rng.normal(size=(60, 5))
+    chance, mean, parts = np.array([0.1, 0.5, 1.0, 2.0]), rng.normal(size=32), (2, 2, MODES)
+    test = ScaleTest(lengths, rng.normal(size=(4, 3, 32)), chance, mean, np.ones(4))
+    evidence = rng.normal(size=(60, 32))
     sums = ScaleSums(test)
     for now in range(1, 61):
         values = sums.add(evidence[now - 1])
-        for scale, length in enumerate(lengths):
-            total = (evidence[:now] - test.mean)[now - length :].sum(axis=0)
-            expected = float(((test.whiten[scale] @ total) ** 2).sum()) if now >= length else 0.0
+        for scale, length in enumerate(lengths[: now.bit_length()]):
+            total = (evidence[:now] - mean)[now - length :].sum(axis=0)
+            light = chance[scale] * total.reshape(parts)[..., BESIDE].clip(0.0).sum()
+            off, on = np.moveaxis(total.reshape(parts)[..., :AFFINE_MODES], 1, 0)
+            agree = (off * on).sum() >= LEAST_AGREEMENT * max((off**2).sum(), (on**2).sum())
+            expected = max(np.linalg.norm(test.whiten[scale] @ total) - light, 0.0) ** 2
+            expected *= light <= CLEAR_LIGHT or agree
             assert values[scale] == pytest.approx(expected)
-            if now >= length:
-                np.testing.assert_allclose(sums.total(scale), total)
+            np.testing.assert_allclose(sums.total(scale), total)
     sums.reset()
     assert sums.add(evidence[0])[1:].tolist() == [0.0, 0.0, 0.0]

@@ -14,6 +14,10 @@ whitened squared sums; testing n = 1, 2, 4, ... loses at most a factor of sqrt(2
 
 One more sum measures the distance of the discs from their rest positions in any direction: a
 displaced disc leaves the inside of its rim darker and the outside brighter than at rest.
+
+A change of the light fires pixels everywhere, with one polarity. Once a marker has moved, its rim's
+pixels are unevenly close to their thresholds, and their events need not cancel. The events beside
+the rims tell how many on the rims come from the light: so many may all point one way.
 """
 
 from __future__ import annotations
@@ -33,12 +37,20 @@ Vector = NDArray[np.float64]
 
 # Modes of motion of the whole field: see :func:`affine_field`.
 AFFINE_MODES = 6
-MODES = AFFINE_MODES + 1  # The last mode is the distance from rest: see :func:`distance_of`.
+# The seventh sum is the distance from rest: see :func:`distance_of`; the last counts the events
+# beside the rims, of either polarity.
+BESIDE, MODES = AFFINE_MODES + 1, AFFINE_MODES + 2
 OFF_RIM = -1  # Row of a pixel that lies on no rim.
 
 # Width of a rim inside and outside of the radius, px. The first events of a contact come from where
 # the log intensity is steepest: at the rim and a little outside of it.
 INSIDE_PX, OUTSIDE_PX = 2.0, 3.0
+
+# Whitened length of the light's share, standard deviations, beyond which the polarities are
+# compared, and least agreement of theirs: their product over the larger square. (Motions are near
+# 0.5 and more, steps of the light below 0.1. Of 42 false contacts in 88 simulated steps and
+# blinks, 18 stay without the comparison, 13 without the share, 11 with both.)
+CLEAR_LIGHT, LEAST_AGREEMENT = 3.0, 0.25
 
 
 class RimTable(NamedTuple):
@@ -46,7 +58,7 @@ class RimTable(NamedTuple):
 
     Attributes:
         row: ``int32[height, width]`` row of each pixel in ``modes``, or :data:`OFF_RIM`.
-        modes: ``float32[n, MODES]`` evidence of an ON event of the pixel for each motion of the
+        modes: ``float32[n, BESIDE]`` evidence of an ON event of the pixel for each motion of the
             whole field, and for a distance from the rest; an OFF event gives the opposite. The
             first two modes are the translations: there the evidence is the rim's outward unit
             vector, in image axes.
@@ -152,9 +164,11 @@ def evidence_kernel(
     """
     for event in range(len(x)):
         place = row[y[event], x[event]]
-        if place != OFF_RIM:
-            polarity = 1 if p[event] else 0
-            for mode in range(evidence.shape[1]):
+        polarity = 1 if p[event] else 0
+        if place == OFF_RIM:
+            evidence[polarity, BESIDE] += 1.0
+        else:
+            for mode in range(BESIDE):
                 evidence[polarity, mode] += (2 * polarity - 1) * modes[place, mode]
 
 
@@ -165,12 +179,15 @@ class ScaleTest(NamedTuple):
         windows: ``int64[s]`` number of windows in each scale's sum, increasing.
         whiten: ``(s, d, length)`` maps the evidence of a scale to d numbers, each of variance 1 or
             less without contact.
+        chance: ``(s,)`` length that the light's events on the rims may have, all pointing one way,
+            for each event beside the rims.
         mean: ``(length,)`` evidence per window without contact.
         threshold: ``(s,)`` squared length that calls a contact.
     """
 
     windows: NDArray[np.int64]
     whiten: Vector
+    chance: Vector
     mean: Vector
     threshold: Vector
 
@@ -194,10 +211,7 @@ class ScaleSums:
         Scales longer than the time since the start have the statistic 0. The next call overwrites
         the array.
         """
-        windows, whiten, mean, _ = self._test
-        self._seen = scales_kernel(
-            evidence, windows, whiten, mean, self._ring, self._seen, self._values
-        )
+        self._seen = scales_kernel(evidence, *self._test[:4], self._ring, self._seen, self._values)
         return self._values
 
     def total(self, scale: int) -> Vector:
@@ -217,6 +231,7 @@ def scales_kernel(
     evidence: Vector,
     windows: NDArray[np.int64],
     whiten: Vector,
+    chance: Vector,
     mean: Vector,
     ring: Vector,
     seen: int,
@@ -224,22 +239,25 @@ def scales_kernel(
 ) -> int:
     """Add a window to the ring of running sums; write each scale's squared whitened sum.
 
+    The share of the light is taken from its length.
+
     Returns:
         The number of windows so far, this one included.
     """
     slots = ring.shape[0]
     before, now = seen % slots, (seen + 1) % slots
-    for part in range(len(evidence)):
-        ring[now, part] = ring[before, part] + evidence[part] - mean[part]
+    ring[now] = ring[before] + evidence - mean
     seen += 1
     for scale in range(len(values)):
         values[scale] = 0.0
         if windows[scale] > seen:
             continue
-        start = (seen - windows[scale]) % slots
-        for row in range(whiten.shape[1]):
-            total = 0.0
-            for part in range(len(evidence)):
-                total += whiten[scale, row, part] * (ring[now, part] - ring[start, part])
-            values[scale] += total * total
+        total = ring[now] - ring[(seen - windows[scale]) % slots]
+        light = chance[scale] * np.maximum(total[BESIDE::MODES], 0.0).sum()
+        sums = total.reshape(-1, POLARITIES, MODES)[:, :, :AFFINE_MODES]
+        off, on = sums[:, 0], sums[:, 1]
+        least = LEAST_AGREEMENT * max((off * off).sum(), (on * on).sum())
+        if light <= CLEAR_LIGHT or (off * on).sum() >= least:
+            square = ((whiten[scale] * total).sum(axis=1) ** 2).sum()
+            values[scale] = max(square**0.5 - light, 0.0) ** 2
     return seen

@@ -10,15 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.contact.detector import (
-    SECONDS_PER_HOUR,
-    QuietStatistics,
-    Window,
-    count_of,
-    packets_of,
-)
+from spikingtac.contact.detector import SECONDS_PER_HOUR, QuietStatistics, Window, packets_of
 from spikingtac.contact.evidence import (
     AFFINE_MODES,
+    BESIDE,
     MODES,
     OFF_RIM,
     POLARITIES,
@@ -133,15 +128,15 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
             "spikingtac calibrate RECORDING -o calibration.json"
         )
     fired = [np.zeros(table.row.shape, np.int64) for table in tables]
-    kept, counts, period_us = [], [], 0
+    kept, beside, counts, period_us = [], [], [], 0
     for window in quiet:
         packets = packets_of(window)
         # The last window of a stream may be shorter than the others.
         period_us = period_us or packets[0].t_end_us - packets[0].t_start_us
-        counts.append(count_of(window))
+        counts.append(sum(map(len, packets)))
+        beside.append(evidence_of(window, tables)[BESIDE::MODES])
         parts = []
         for packet, table, times in zip(packets, tables, fired, strict=True):
-            packet.require_map(table.row.shape)
             rim = packet.select(table.row[packet.y, packet.x] != OFF_RIM)  # a tenth of the events
             np.add.at(times, (rim.y, rim.x), 1)
             parts.append(rim)
@@ -159,9 +154,11 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
     limit = max(HOT_HZ * len(kept) * period_s, 1.0)
     hot = [times > limit for times in fired]  # events on the rims only were counted
     clean = tuple(table.without(mask) for table, mask in zip(tables, hot, strict=True))
+    evidence = np.array([evidence_of(window, clean) for window in kept])
+    evidence[:, BESIDE::MODES] = beside  # only events on the rims were kept
     return QuietEvidence(
         tables=clean,
-        evidence=np.array([evidence_of(window, clean) for window in kept]),
+        evidence=evidence,
         period_s=period_s,
         hot_pixels=tuple(int(mask.sum()) for mask in hot),
         statistics=QuietStatistics.of_counts(counts, period_s),
@@ -189,7 +186,11 @@ def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
             "the quiet windows do not tell motions apart: too few events lie on the markers' rims, "
             "or markers share one place; check the calibration, and record the moving arm"
         ) from error
-    replayed = ScaleSums(ScaleTest(windows, whiten, mean, np.full(len(windows), np.inf)))
+    event = np.array([_one_event(part, power) for part in whiten])
+    rims = max(len(table.modes) / max((table.row == OFF_RIM).sum(), 1) for table in quiet.tables)
+    chance = rims * np.sqrt(event / whiten.shape[1])
+    # The light of the quiet windows is part of their amplitude.
+    replayed = ScaleSums(ScaleTest(windows, whiten, 0.0 * chance, mean, mean))
     amplitude = np.sqrt([replayed.add(window).copy() for window in quiet.evidence])
     per_window = alarms_per_hour * quiet.period_s / SECONDS_PER_HOUR / len(windows)
     floor = float(chdtri(whiten.shape[1], per_window))  # chi squared, inverse survival
@@ -199,14 +200,14 @@ def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
         block = max(memory, int(length))
         tail = tail_threshold(amplitude[int(length) - 1 :, scale], block, per_window * block) ** 2
         # So many events of a polarity that was not seen may come by chance, all for one motion.
-        chance = math.ceil(pdtrik(1.0 - per_window, PRIOR_EVENTS * length / len(quiet.evidence)))
-        threshold.append(max(tail, floor, chance**2 * _one_event(whiten[scale], power)))
+        unseen = math.ceil(pdtrik(1.0 - per_window, PRIOR_EVENTS * length / len(quiet.evidence)))
+        threshold.append(max(tail, floor, unseen**2 * event[scale]))
     raised = _at_least_shorter(np.array(threshold), whiten)
     if not np.isfinite(raised).all():
         raise CalibrationError(
             f"{len(quiet.evidence)} quiet windows give no threshold; record the arm for longer"
         )
-    return ScaleTest(windows, whiten, mean, raised)
+    return ScaleTest(windows, whiten, chance, mean, raised)
 
 
 def _at_least_shorter(threshold: Vector, whiten: Vector) -> Vector:
@@ -234,13 +235,12 @@ def _whitening(sums: Vector, quiet: QuietEvidence, windows: int, power: Vector) 
     columns = np.arange(len(covariance)).reshape(-1, POLARITIES, MODES)[..., :AFFINE_MODES]
     off, on = columns[:, 0].ravel(), columns[:, 1].ravel()
     variance = np.diag(covariance) + np.finfo(float).tiny
-    drift = np.zeros(len(covariance))
-    drift[on] = (windows * bias) ** 2
     rows = np.arange(len(on))
     joined = np.zeros((len(on), len(covariance)))
     joined[rows, off] = 1.0 / variance[off]
     joined[rows, on] = 1.0 / (variance[on] + windows * bias**2)
-    expected = joined @ (windows * covariance + np.diag(drift)) @ joined.T
+    expected = windows * joined @ covariance @ joined.T
+    expected += np.diag((windows * bias * joined[rows, on]) ** 2)
     half = np.linalg.inv(np.linalg.cholesky(expected)) @ joined
     # Directions in which the quiet sums vary more than expected, because of bursts, are shrunk.
     stride = max(windows // 4, 1)
@@ -252,7 +252,7 @@ def _whitening(sums: Vector, quiet: QuietEvidence, windows: int, power: Vector) 
 def _event_power(quiet: QuietEvidence) -> Vector:
     """Return ``(sensors, MODES)`` the mean square of what one event adds to the evidence."""
     rims = (table.modes[table.row[table.row != OFF_RIM]] for table in quiet.tables)
-    return np.stack([(modes**2).mean(axis=0) for modes in rims])
+    return np.stack([np.append((modes**2).mean(axis=0), 0.0) for modes in rims])
 
 
 def _one_event(whiten: Vector, power: Vector) -> float:

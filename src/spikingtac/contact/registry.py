@@ -190,10 +190,7 @@ def detectors() -> Mapping[str, DetectorBuilder]:
 
 
 def make_detector(
-    name: str,
-    config: DetectionConfig,
-    calibrations: Sequence[Calibration],
-    quiet: Iterable[Window],
+    name: str, config: DetectionConfig, calibrations: Sequence[Calibration], quiet: Iterable[Window]
 ) -> ContactDetector:
     """Build a detector by name.
 

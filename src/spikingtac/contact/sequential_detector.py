@@ -13,6 +13,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import DetectorSummary, Window, check_budget, packets_of
 from spikingtac.contact.evidence import (
@@ -32,6 +34,11 @@ from spikingtac.types import Contact
 BACK_SHARE = 0.3
 NO_DISTANCE = 0.25  # Insignificant evidence for a distance, per marker (up to 4 are alike).
 
+# Standard deviations of the quiet windows' distance, summed since the markers returned, by which
+# they have to move away in addition (a simulated sensor with 3 Hz of noise per pixel: 2 of 11
+# contacts were followed by a false one, now none; 3 and 5 are alike).
+NOISE_SIGMA = 3.0
+
 REST_WINDOWS = 50  # Windows in a row without motion after which a contact ends, markers at rest.
 
 # Windows in a row without motion after which any motion may be a contact, and not only one away
@@ -46,15 +53,16 @@ class ReleaseMonitor:
     Args:
         total: ``(length,)`` evidence of the contact up to the decision.
         markers: Number of markers, over all sensors.
+        noise: Standard deviation of the distance of one quiet window.
 
     Attributes:
         over: True once the markers have returned and stayed at rest.
     """
 
-    def __init__(self, total: Vector, markers: int) -> None:
+    def __init__(self, total: Vector, markers: int, noise: float) -> None:
         self.over = False
         self._distance = self._farthest = distance_of(total)
-        self._none = NO_DISTANCE * markers
+        self._none, self._noise = NO_DISTANCE * markers, noise
         self._nearest, self._windows = math.inf, 0  # since the markers returned
 
     def add(self, evidence: Vector) -> None:
@@ -65,7 +73,8 @@ class ReleaseMonitor:
     def left(self) -> bool:
         """Return whether the markers, which had returned, are moving away."""
         clear = self._none if self.over else max(BACK_SHARE * self._farthest, self._none)
-        return self._distance > self._nearest + clear
+        noise = NOISE_SIGMA * self._noise * math.sqrt(self._windows)
+        return self._distance > self._nearest + clear + noise
 
     def back(self) -> bool:
         """Return whether the markers have returned, or had when the contact ended."""
@@ -94,15 +103,13 @@ class SequentialMotionDetector:
         self.in_contact, self.test = False, test
         self._learned, self._sums = learned, ScaleSums(test)
         self._markers = sum(table.markers for table in learned.tables)
+        self._noise = float(np.std([distance_of(window) for window in learned.evidence]))
         self._release: ReleaseMonitor | None = None
         self._calm = 0
 
     @classmethod
     def from_quiet(
-        cls,
-        calibrations: Sequence[Calibration],
-        quiet: Iterable[Window],
-        alarms_per_hour: float,
+        cls, calibrations: Sequence[Calibration], quiet: Iterable[Window], alarms_per_hour: float
     ) -> SequentialMotionDetector:
         """Build a detector from quiet windows of the moving arm.
 
@@ -135,7 +142,7 @@ class SequentialMotionDetector:
             found = self._is_next(self._release, evidence, found)
         if not found:
             return None
-        self._release = ReleaseMonitor(self._sums.total(scale), self._markers)
+        self._release = ReleaseMonitor(self._sums.total(scale), self._markers, self._noise)
         self.in_contact, self._calm = True, 0
         t_us = packets_of(window)[0].t_end_us
         return Contact(t_us, float(values[scale]), float(self.test.threshold[scale]))

@@ -5,9 +5,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from spikingtac.contact.sequential_detector import REST_WINDOWS, SequentialMotionDetector
+from spikingtac.contact.evidence import AFFINE_MODES, MODES
+from spikingtac.contact.sequential_detector import (
+    REST_WINDOWS,
+    ReleaseMonitor,
+    SequentialMotionDetector,
+)
 from spikingtac.types import Contact, EventPacket
-from stand_ins.moving_rims import calibration, windows
+from stand_ins.moving_rims import SIZE, calibration, windows
+from stand_ins.random_packets import packet_of
 
 
 def press_and_back(window: int) -> tuple[float, float]:
@@ -81,3 +87,26 @@ def test_a_vibration_is_no_contact_where_it_was_learned() -> None:
 
     detector = learned(windows(3000, seed=4, speed=shake))
     assert course(detector, windows(3000, seed=5, speed=shake)) == ([], [])
+
+
+@pytest.mark.parametrize("brightens", [False, True])
+def test_a_step_of_the_light_is_no_contact(
+    detector: SequentialMotionDetector, brightens: bool
+) -> None:
+    stream = list(windows(500, 8, lambda k: (0.05 * (k >= 400), 0.0)))
+    x, y = np.random.default_rng(1).integers(0, SIZE[0], (2, 3000))
+    span_us = stream[100].t_start_us, stream[100].t_end_us
+    step = packet_of(np.full(3000, span_us[0]), x, y, np.full(3000, brightens), SIZE, span_us)
+    stream[100] = EventPacket.concatenate([step, stream[100]])
+    contacts, _ = course(detector, iter(stream))
+    assert [contact.t_us // 1000 for contact in contacts] == pytest.approx([401], abs=3)
+
+
+def test_markers_leave_by_more_than_the_noise_since_they_returned() -> None:
+    away = np.eye(MODES)[AFFINE_MODES]
+    release = ReleaseMonitor(1000.0 * away, 9, noise=5.0)
+    release.add(-1000.0 * away)
+    release.over = all([release.back() for _ in range(REST_WINDOWS)])
+    for more, left in ((80.0, False), (80.0, True)):
+        release.add(more * away)
+        assert release.left() == left

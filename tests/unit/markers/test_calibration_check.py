@@ -115,9 +115,11 @@ def test_any_cutting_gives_the_same_judgement(recording: EventPacket, length: in
         assert parts.ended == whole.ended
 
 
-def test_noise_before_the_motion_is_forgotten(recording: EventPacket) -> None:
-    rng, seconds = np.random.default_rng(2), 60
-    count = SIZE[0] * SIZE[1] * seconds  # 1 Hz a pixel
+@pytest.mark.parametrize(("hz", "seconds"), [(1, 60), (5, 12)])
+def test_noise_before_the_motion_is_forgotten(
+    recording: EventPacket, hz: int, seconds: int
+) -> None:
+    rng, count = np.random.default_rng(2), SIZE[0] * SIZE[1] * seconds * hz
     noise = packet(
         rng.integers(0, SIZE[0] * SIZE[1], count),
         rng.random(count) < 0.5,

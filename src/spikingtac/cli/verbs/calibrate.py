@@ -236,7 +236,8 @@ def _check(args: Args, known: Path) -> int:
     with progress(f"checking {recording.name}"):
         found = check_one(args, recording, None, no_progress)
     fit = f"{found['contradiction']:.1%} of the pixels contradict, at most {found['limit']:.0%}"
-    tell(args.json, found, found["words"] or f"{recording.name} fits {known.name}: {fit}")
+    verdict = found["words"] or f"{recording.name} fits {known.name}: {fit}"
+    tell(args.json, found, Table(verdict, (), ()))
     return 0 if found["fits"] else 1  # the input is at fault
 
 
