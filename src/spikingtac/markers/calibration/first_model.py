@@ -10,7 +10,7 @@ from itertools import pairwise, starmap
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.disc_profile import REACH_EDGES, Discs
+from spikingtac.calibration.disc_profile import Discs
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.find_markers import Overview
 from spikingtac.markers.calibration.ideal_pixels import Evidence, Model, compare
@@ -72,8 +72,7 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
         np.full(markers, FIRST_CONTRAST),
     )
     cell = nearest_marker(view.markers.center_px, events.size).ravel().astype(np.int64)
-    reach_px = float(discs.radius_px[0]) + REACH_EDGES * FIRST_EDGE_PX
-    noise = np.pi * reach_px**2 * noise_events(events, view.rests_us)
+    noise = noise_events(events, view.rests_us)
     states = choose_states(len(index), rests, events.pixels)
     evidence = Evidence(events, index, states, rests, cell, noise)
     on_per_off, swings = float(view.steps[1] / view.steps[0]), SwingHistogram(cell)

@@ -67,7 +67,7 @@ class Evidence:
         states: ``(k,)`` samples at which real and ideal pixels are compared.
         rests: ``(rests,)`` the sample of each rest.
         cell: ``(pixels,)`` nearest marker of each pixel.
-        noise: ``(2,)`` expected ON and OFF noise events near a marker.
+        noise: ``(2,)`` expected ON and OFF noise events of a pixel.
     """
 
     events: BufferedEvents

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.disc_profile import REACH_EDGES
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.corrections import Changes, corrections, rims
 from spikingtac.markers.calibration.find_markers import CalibrationConfig, Overview
@@ -88,13 +89,19 @@ def _correct_positions(
 
 def _correct_steps(evidence: Evidence, model: Model, seen: Comparison) -> Model:
     """Return a model with steps corrected by the counts: fewer events mean larger steps."""
-    real = (seen.events[:, :2] - evidence.noise).clip(0.0) + COUNT_PRIOR
+    real = _signal_events(evidence, model, seen).clip(0.0) + COUNT_PRIOR
     factor = ((seen.events[:, 2:] + COUNT_PRIOR) / real) ** COUNT_GAIN
     on, off = (
         (step * one.clip(1.0 / LARGEST_FACTOR, LARGEST_FACTOR)).clip(*STEP_BOUNDS)
         for step, one in zip((model.on, model.off), factor.T, strict=True)
     )
     return replace(model, on=on, off=off)
+
+
+def _signal_events(evidence: Evidence, model: Model, seen: Comparison) -> NDArray[np.float64]:
+    """Return ``(m, 2)`` ON and OFF events near each marker beyond the noise."""
+    reach_px = model.discs.radius_px + REACH_EDGES * model.discs.edge_px
+    return seen.events[:, :2] - np.multiply.outer(np.pi * reach_px**2, evidence.noise)
 
 
 # Time constant with which the pixels of some sensors adapt to a darkening without an event, s (the
@@ -193,7 +200,7 @@ def quality_of(evidence: Evidence, model: Model) -> Quality:
             "their diameter; or a flicker of the light or noise drowns their events: use direct "
             "current, raise the thresholds (biases); otherwise the recording shows something else"
         )
-    above = (seen.events[:, :2] - evidence.noise).sum(axis=1)
+    above = _signal_events(evidence, model, seen).sum(axis=1)
     busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
     measured = (above >= FEWEST_EVENTS) & (busy | (explained >= FEWEST_EXPLAINED_SHARE * usual))
     usual = float(np.median(explained[measured])) if measured.any() else 0.0
