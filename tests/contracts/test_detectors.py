@@ -15,6 +15,7 @@ from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.windows import windows as cut_windows
 from spikingtac.types import Contact, EventPacket
 from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows
+from stand_ins.random_packets import cut_at
 
 # Those of this package, and of every installed package that registers one.
 NAMES = sorted(detectors())
@@ -86,9 +87,7 @@ def test_reset_forgets_the_windows_and_keeps_the_calibration(name: str) -> None:
 def test_any_cutting_into_packets_gives_the_same_contacts(name: str, length_us: int) -> None:
     whole = EventPacket.concatenate(list(touched()))
     edges = [*range(0, 800 * PERIOD_US, length_us), 800 * PERIOD_US]
-    cuts = np.searchsorted(whole.t, edges).tolist()
-    spans = zip(cuts, cuts[1:], edges, edges[1:], strict=False)
-    stream = tuple(cut_windows([whole.part(*span) for span in spans], PERIOD_US))
+    stream = tuple(cut_windows(cut_at(whole, edges), PERIOD_US))
     assert found(build(name), stream) == found(build(name), touched())
 
 

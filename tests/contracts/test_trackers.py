@@ -15,7 +15,7 @@ from spikingtac_paper.trials.methods import main_methods
 from stand_ins.ideal_events import ideal_events
 from stand_ins.known import known
 from stand_ins.moving_rims import GRID, RADIUS_PX, SIZE
-from stand_ins.random_packets import packet_of
+from stand_ins.random_packets import cut_at, packet_of
 
 PERIOD_US = 10_000
 LAST_US = 300_000
@@ -56,8 +56,7 @@ def events() -> EventPacket:
 
 
 def between(packet: EventPacket, start_us: int, end_us: int) -> EventPacket:
-    first, last = np.searchsorted(packet.t, (start_us, end_us))
-    return packet.part(int(first), int(last), start_us, end_us)
+    return cut_at(packet, [start_us, end_us])[0]
 
 
 def frames(

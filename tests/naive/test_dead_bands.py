@@ -20,6 +20,7 @@ from spikingtac.markers.registry import MarkerTracker, make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket
+from stand_ins.random_packets import cut_at
 from stand_ins.rare_off import (
     PERIOD_US,
     PROFILE,
@@ -124,9 +125,7 @@ def course(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return times, us, and places, px, that a tracker finds in a stream of so many packets."""
     edges = np.linspace(0, packet.t_end_us, cuts + 1).astype(int).tolist()
-    index = np.searchsorted(packet.t, edges).tolist()
-    spans = zip(index, index[1:], edges, edges[1:], strict=False)
-    frames = list(follow([packet.part(*span) for span in spans], tracker, 1_000.0))
+    frames = list(follow(cut_at(packet, edges), tracker, 1_000.0))
     places_px = np.array([frame.detected_px for frame in frames])
     return np.array([frame.t_us for frame in frames]), places_px
 

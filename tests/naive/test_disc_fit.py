@@ -35,6 +35,7 @@ from spikingtac.markers.graded.map_leak import (
 )
 from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, GradedStateMap
 from stand_ins.known import moving_markers
+from stand_ins.rare_off import levels as levels_of
 
 SIZE = (80, 60)
 REFERENCE_PX = np.array([[18.0, 20.0], [55.0, 22.0], [30.0, 45.0]])
@@ -67,11 +68,7 @@ def fitted(
 
 
 def levels(center_px: np.ndarray) -> np.ndarray:
-    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    out = np.zeros((SIZE[1], SIZE[0]))
-    for (cx, cy), radius in zip(center_px, RADIUS_PX, strict=True):
-        out = np.maximum(out, PROFILE.level(np.hypot(x - cx, y - cy) - radius))
-    return out.astype(np.float32)
+    return levels_of(center_px, PROFILE, SIZE, RADIUS_PX).astype(np.float32)
 
 
 def cauchy_fit(level: np.ndarray, start: np.ndarray, radius: float, reach: float) -> np.ndarray:

@@ -13,12 +13,8 @@ from spikingtac.events.hot_pixels import (
 )
 from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
 from spikingtac.types import EventPacket
-from stand_ins.rare_off import (
-    RADIUS_PX,
-    REST_PX,
-    rare_off_calibration,
-    rare_off_events,
-)
+from stand_ins.random_packets import cut_at, packet_of
+from stand_ins.rare_off import RADIUS_PX, REST_PX, rare_off_calibration, rare_off_events
 from stand_ins.rare_off import SIZE as PRESSED_SIZE
 
 SIZE = (12, 9)
@@ -29,9 +25,7 @@ def packet(
     x: np.ndarray, y: np.ndarray, t: np.ndarray, size: tuple[int, int] = SIZE
 ) -> EventPacket:
     order = np.argsort(t, kind="stable")
-    columns = x[order].astype(np.uint16), y[order].astype(np.uint16)
-    p = np.arange(len(t)) % 2 == 0
-    return EventPacket(*columns, p, t[order], int(t.min()), int(t.max()) + 1, size)
+    return packet_of(t[order], x[order], y[order], np.arange(len(t)) % 2 == 0, size)
 
 
 def sending(x: int, y: int, rate_hz: float, span_s: tuple[float, float]) -> np.ndarray:
@@ -106,11 +100,9 @@ def test_the_mask_of_a_tracker_depends_on_no_packing_and_a_reset_forgets_it() ->
     whole = packet(*np.concatenate([np.column_stack([x, y, t]), hot]).T, PRESSED_SIZE)
     tracker = GradedTracker(GradedTrackerConfig(), rare_off_calibration())
     for pieces in (1, 50):
-        rest = whole
-        for at_us in np.linspace(whole.t_start_us, end_us, pieces + 1)[1:-1].astype(int).tolist():
-            first, rest = rest.split(at_us)
-            tracker.absorb(first)
-        tracker.absorb(rest)
+        edges_us = np.linspace(whole.t_start_us, whole.t_end_us, pieces + 1).astype(int).tolist()
+        for part in cut_at(whole, edges_us):
+            tracker.absorb(part)
         ends.append(tracker.estimate(whole.t_end_us).detected_px)
         assert tracker.hot_pixels == 1
         tracker.reset()

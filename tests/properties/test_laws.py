@@ -25,16 +25,15 @@ def run(law: OutputLaw, path: np.ndarray) -> np.ndarray:
     return np.array([law.update(REST + point, REST)[0] - REST[0] for point in path])
 
 
-def corner_loop(samples_per_leg: int = 1_000) -> np.ndarray:
+def closed(points: list[tuple[float, float]], samples: int) -> np.ndarray:
+    """Return a way from point to point and back to the first, of so many samples a leg."""
+    legs = pairwise([*points, points[0]])
+    return np.concatenate([line(one, two, samples) for one, two in legs])
+
+
+def corner_loop() -> np.ndarray:
     """Leave along +x by 10 px, round the corner outside of the window, return along +y."""
-    return np.concatenate(
-        [
-            line((0, 0), (10, 0), samples_per_leg),
-            line((10, 0), (10, 10), samples_per_leg),
-            line((10, 10), (0, 10), samples_per_leg),
-            line((0, 10), (0, 0), samples_per_leg),
-        ]
-    )
+    return closed([(0, 0), (10, 0), (10, 10), (0, 10)], 1_000)
 
 
 @pytest.mark.parametrize(("loops", "offset_px"), [(1, 1.70), (2, 3.39), (5, 8.49)])
@@ -47,17 +46,13 @@ def test_a_loop_round_the_corner_shifts_the_zero_each_time(loops: int, offset_px
 
 @pytest.mark.parametrize(("samples", "offset_px"), [(1, 3.0), (2, 1.5), (5, 0.6)])
 def test_the_bias_of_a_straight_trip_depends_on_the_rate(samples: int, offset_px: float) -> None:
-    path = np.concatenate([line((0, 0), (10, 0), samples), line((10, 0), (0, 0), samples)])
+    path = closed([(0, 0), (10, 0)], samples)
     assert run(PaperLaw(), path)[-1].tolist() == pytest.approx([offset_px, 0.0])
 
 
 def test_a_fine_grained_residue_is_scaled_not_removed() -> None:
     trip = [line((0, 0), (12, 0), 12_000), line((12, 0), (2, 0), 10_000)]
     assert run(PaperLaw(), np.concatenate(trip))[-1, 0] == pytest.approx(1.4, abs=0.002)
-
-
-def closed(points: list[tuple[float, float]]) -> np.ndarray:
-    return np.concatenate([line(one, two, 7) for one, two in pairwise([*points, points[0]])])
 
 
 @settings(max_examples=50, deadline=None)
@@ -72,7 +67,7 @@ def test_loops_wholly_inside_the_window_leave_nothing(
     points = [(r * np.cos(a), r * np.sin(a)) for r, a in radius_and_angle]
     law = PaperLaw()
     start = run(law, np.array([points[0]]))[-1]
-    np.testing.assert_allclose(run(law, closed(points))[-1], start, atol=1e-9)
+    np.testing.assert_allclose(run(law, closed(points, 7))[-1], start, atol=1e-9)
 
 
 def test_the_window_belongs_to_the_outside() -> None:

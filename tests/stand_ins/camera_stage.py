@@ -16,15 +16,10 @@ RADIUS_PX = 7.0
 CENTERS = np.array([[40.2, 40.1], [80.3, 40.4], [40.2, 80.7], [80.1, 80.2]])
 
 
-def image(t_us, shift=(0.0, 0.0), centers=CENTERS, radius=RADIUS_PX, chord=None) -> MarkerImage:
-    markers = len(centers)
-    return MarkerImage(
-        t_us=int(t_us),
-        center_px=centers + np.asarray(shift),
-        shape=np.tile(np.eye(2), (markers, 1, 1)),
-        radius_px=np.full(markers, radius),
-        chord=chord,
-    )
+def image(t_us, shift=(0.0, 0.0), centers=CENTERS) -> MarkerImage:
+    """Return whole discs that nothing deforms."""
+    shape, radius_px = np.tile(np.eye(2), (len(centers), 1, 1)), np.full(len(centers), RADIUS_PX)
+    return MarkerImage(int(t_us), centers + np.asarray(shift), shape, radius_px)
 
 
 def strokes(speed_px_s: float, travel_px: float, length_px: float = 14.0) -> list[MarkerImage]:

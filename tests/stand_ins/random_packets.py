@@ -1,6 +1,7 @@
 """Events drawn at random, and what sources give of them."""
 
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,13 @@ def random_packet(
     t = first_us + np.cumsum(rng.integers(0, steps_us, n))
     x, y = (rng.integers(0, side, n) for side in size)
     return packet_of(t, x, y, rng.random(n) < 0.5, size)
+
+
+def cut_at(packet: EventPacket, edges_us: Sequence[int]) -> list[EventPacket]:
+    """Return the parts of a packet between times, each over the span between two of them."""
+    index = np.searchsorted(packet.t, edges_us).tolist()
+    spans = zip(index, index[1:], edges_us, edges_us[1:], strict=False)
+    return [packet.part(*span) for span in spans]
 
 
 def save_events(

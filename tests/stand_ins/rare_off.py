@@ -25,12 +25,18 @@ def presses_px() -> np.ndarray:
     return REST_PX + depth[:, None, None] * 6.0 * apart / np.hypot(*apart.T).max()
 
 
-def levels(center_px: np.ndarray, profile: DiscProfile = PROFILE) -> np.ndarray:
-    """Return ``(height, width)`` shares of a full swing of discs."""
-    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    out = np.zeros((SIZE[1], SIZE[0]))
-    for cx, cy in center_px:
-        np.maximum(out, profile.level(np.hypot(x - cx, y - cy) - RADIUS_PX), out=out)
+def levels(
+    center_px: np.ndarray,
+    profile: DiscProfile = PROFILE,
+    size: tuple[int, int] = SIZE,
+    radius_px: np.ndarray | float = RADIUS_PX,
+) -> np.ndarray:
+    """Return ``(height, width)`` shares of a full swing of discs, of one radius or of their own."""
+    y, x = np.mgrid[: size[1], : size[0]]
+    out = np.zeros((size[1], size[0]))
+    radii_px = np.broadcast_to(radius_px, len(center_px))
+    for (cx, cy), radius in zip(center_px, radii_px, strict=True):
+        np.maximum(out, profile.level(np.hypot(x - cx, y - cy) - radius), out=out)
     return out
 
 

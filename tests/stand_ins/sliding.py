@@ -6,7 +6,7 @@ import numpy as np
 
 from spikingtac.types import EventPacket
 from stand_ins.ideal_events import ideal_events
-from stand_ins.random_packets import packet_of
+from stand_ins.random_packets import cut_at, packet_of
 
 SIZE, GRID, PITCH_PX, RADIUS_PX = (182, 144), (3, 4), 38.0, 7.0
 MARKERS = GRID[0] * GRID[1]
@@ -44,10 +44,7 @@ def packets_of_trips(trips: list[np.ndarray], noise_hz: float = 0.2) -> list[Eve
     t = np.append(t, rng.integers(0, end_us, count))
     order = np.argsort(t, kind="stable")
     whole = packet_of(*(column[order] for column in (t, x, y, p)), SIZE, (0, end_us))
-    edges = np.append(np.arange(0, end_us, 20_000), end_us)
-    cuts = np.searchsorted(whole.t, edges)
-    spans = zip(cuts, cuts[1:], edges, edges[1:], strict=False)
-    return [whole.part(a, b, int(start), int(end)) for a, b, start, end in spans]
+    return cut_at(whole, [*range(0, end_us, 20_000), end_us])
 
 
 @cache

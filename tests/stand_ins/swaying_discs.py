@@ -1,6 +1,6 @@
 """Four discs that sway, as ideal pixels with equal thresholds see them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from functools import cache
 
 import numpy as np
@@ -21,23 +21,27 @@ def ways_px() -> np.ndarray:
     return np.column_stack([8.0 * np.sin(phase), 5.0 * np.sin(0.5 * phase)])
 
 
-def fired() -> Iterator[tuple[int, np.ndarray]]:
-    """Yield time and codes of ideal pixels that follow the discs."""
-    known = levels(REST_PX + ways_px()[0], PROFILE).ravel()
-    for sample, way_px in enumerate(ways_px()):
-        now = levels(REST_PX + way_px, PROFILE).ravel()
-        for sign, bit in ((1.0, 1), (-1.0, 0)):
-            while len(pixels := np.flatnonzero(sign * (now - known) > STEP)):
-                known[pixels] += sign * STEP
-                yield sample * PERIOD_US, 2 * pixels + bit
+def fired(maps: Iterable[np.ndarray], step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return sample, pixel and polarity of the events of ideal pixels that follow levels."""
+    known, events = None, []
+    for sample, level in enumerate(maps):
+        now = level.ravel()
+        known = now.copy() if known is None else known
+        for rises in (1, 0):
+            sign = 1.0 if rises else -1.0
+            while len(pixels := np.flatnonzero(sign * (now - known) > step)):
+                known[pixels] += sign * step
+                events.append([0 * pixels + sample, pixels, 0 * pixels + rises])
+    sample, pixel, rises = np.concatenate(events, axis=1)
+    return sample, pixel, rises
 
 
 @cache
 def swaying_discs() -> BufferedEvents:
-    times, codes = zip(*fired(), strict=True)
-    stamps = np.repeat(times, [len(code) for code in codes])
-    code = np.concatenate(codes).astype(np.uint32)
-    return BufferedEvents(code, stamps.astype(np.uint32), SIZE, 0, SAMPLES * PERIOD_US)
+    maps = (levels(REST_PX + way_px, PROFILE) for way_px in ways_px())
+    sample, pixel, rises = fired(maps, STEP)
+    columns = (2 * pixel + rises).astype(np.uint32), (sample * PERIOD_US).astype(np.uint32)
+    return BufferedEvents(*columns, SIZE, 0, SAMPLES * PERIOD_US)
 
 
 def calibration(step: float) -> Calibration:

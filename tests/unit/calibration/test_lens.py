@@ -15,6 +15,7 @@ from spikingtac.sim.optics import Optics, OpticsConfig
 from spikingtac.sim.scene import SkinConfig
 from spikingtac.tracks.comparison import compare_with_truth
 from spikingtac.tracks.tracks import Tracks
+from stand_ins.known import known
 
 SIZE, GRID, PITCH_MM = (320, 320), (8, 8), 2.4
 NOISE_PX = 0.05
@@ -73,13 +74,7 @@ def test_what_the_grid_does_not_show_is_refused(
 
 
 def calibration() -> Calibration:
-    return Calibration(
-        reference_px=rests_px(3),
-        radius_px=np.full(64, 7.0),
-        grid=GRID,
-        size=SIZE,
-        px_per_mm=15.0,
-    )
+    return known(rests_px(3), 7.0, SIZE, GRID, px_per_mm=15.0)
 
 
 def test_it_travels_with_the_calibration_and_the_tracks(tmp_path: Path) -> None:
@@ -99,8 +94,8 @@ def test_it_travels_with_the_calibration_and_the_tracks(tmp_path: Path) -> None:
     np.testing.assert_allclose(flat.displacement_mm[0], moved_px / 15.0, rtol=1e-5)
 
 
-def tracks_of(known: Calibration, moved_px: np.ndarray) -> Tracks:
-    place = (known.reference_px + moved_px)[None].astype(np.float32)
+def tracks_of(sensor: Calibration, moved_px: np.ndarray) -> Tracks:
+    place = (sensor.reference_px + moved_px)[None].astype(np.float32)
     return Tracks(
         t_us=np.array([0]),
         detected_px=place,
@@ -108,8 +103,8 @@ def tracks_of(known: Calibration, moved_px: np.ndarray) -> Tracks:
         displacement_px=moved_px[None].astype(np.float32),
         coasted=np.zeros((1, 64), bool),
         confidence=np.ones((1, 64), np.float32),
-        reference_px=known.reference_px.astype(np.float32),
-        meta=known.scale(),
+        reference_px=sensor.reference_px.astype(np.float32),
+        meta=sensor.scale(),
     )
 
 
@@ -146,10 +141,8 @@ def test_a_damaged_lens_is_refused(damage: dict, tmp_path: Path) -> None:
 
 def test_the_local_scale_is_that_of_small_areas() -> None:
     lens, place = fit_lens(rests_px(1), GRID, SIZE, PITCH_MM), np.array([290.0, 40.0])
-    scale, corners = (
-        SkinScale(15.0, lens),
-        place + 2.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]),
-    )
+    scale = SkinScale(15.0, lens)
+    corners = place + 2.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     x, y = scale.to_mm(corners).T
     area_mm2 = 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
     assert scale.mm_per_px(place) == pytest.approx(np.sqrt(area_mm2 / 16.0), rel=1e-3)

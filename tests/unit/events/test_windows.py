@@ -14,7 +14,7 @@ from spikingtac.events.formats.packing import TimeCourse
 from spikingtac.events.source import SLOT_US, HealthMeter, slot_rate_ev_s, source_health
 from spikingtac.events.windows import SILENCE_LIMIT_US, stretches, windows
 from spikingtac.types import EventPacket, LossCounters
-from stand_ins.random_packets import packet_at
+from stand_ins.random_packets import cut_at, packet_at
 
 SIZE = (4, 4)
 
@@ -68,10 +68,7 @@ def test_packets_that_leave_the_sensor_are_refused_on_entry() -> None:
 )
 def test_any_packets_give_the_same_windows(times, cuts, period_us, start_us, limit_us) -> None:
     whole = packet(times, 0, 301)
-    parts = []
-    for first, last in itertools.pairwise([0, *cuts, 301]):
-        a, b = np.searchsorted(whole.t, (first, last))
-        parts.append(whole.part(int(a), int(b), first, last))
+    parts = cut_at(whole, [0, *cuts, 301])
     found = spans(list(windows(parts, period_us, start_us, limit_us)))
     assert found == spans(list(windows([whole], period_us, start_us, limit_us)))
     origin = start_us or 0

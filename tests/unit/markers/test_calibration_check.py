@@ -1,6 +1,5 @@
 """A recording of another sensor contradicts the calibration; noise and its own do not."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -12,32 +11,16 @@ from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration_check import CalibrationCheck
 from spikingtac.pipeline.follow import CheckedSource
 from spikingtac.types import EventPacket
+from stand_ins.known import known
+from stand_ins.random_packets import packet_of
+from stand_ins.rare_off import levels
+from stand_ins.swaying_discs import fired
 
 SIZE = (160, 128)
 X, Y = np.meshgrid(np.arange(20.0, 150.0, 30.0), np.arange(20.0, 120.0, 30.0))
 REST_PX = np.column_stack([X.ravel(), Y.ravel()])
 RADIUS_PX, STEP, PERIOD_US = 6.0, 0.15, 1_000
 PROFILE = DiscProfile(4.0, 0.6)
-
-
-def levels(center_px: np.ndarray) -> np.ndarray:
-    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    out = np.zeros((SIZE[1], SIZE[0]))
-    for cx, cy in center_px:
-        np.maximum(out, PROFILE.level(np.hypot(x - cx, y - cy) - RADIUS_PX), out=out)
-    return out
-
-
-def fired(t_us: np.ndarray, displacement_px: np.ndarray) -> Iterator[tuple[int, np.ndarray, bool]]:
-    """Yield time, pixels and polarity of ideal pixels while all discs are displaced alike."""
-    known = levels(REST_PX).ravel()
-    for now_us, away_px in zip(t_us.tolist(), displacement_px, strict=True):
-        now = levels(REST_PX + away_px).ravel()
-        for rises in (True, False):
-            sign = 1.0 if rises else -1.0
-            while len(pixels := np.flatnonzero(sign * (now - known) > STEP)):
-                known[pixels] += sign * STEP
-                yield now_us, pixels, rises
 
 
 @pytest.fixture(scope="module")
@@ -49,23 +32,20 @@ def recording() -> EventPacket:
 
 
 def recorded(t_us: np.ndarray, displacement_px: np.ndarray) -> EventPacket:
-    parts = list(fired(t_us, displacement_px))
-    pixel = np.concatenate([pixels for _, pixels, _ in parts])
-    t = np.repeat([t for t, _, _ in parts], [len(pixels) for _, pixels, _ in parts])
-    p = np.repeat([rises for *_, rises in parts], [len(pixels) for _, pixels, _ in parts])
-    return packet(pixel, p, t)
+    """Return the events of ideal pixels while all discs are displaced alike."""
+    maps = (levels(REST_PX + away_px, PROFILE, SIZE, RADIUS_PX) for away_px in displacement_px)
+    sample, pixel, p = fired(maps, STEP)
+    return packet(pixel, p, t_us[sample])
 
 
 def packet(pixel: np.ndarray, p: np.ndarray, t: np.ndarray) -> EventPacket:
-    x, y = (pixel % SIZE[0]).astype(np.uint16), (pixel // SIZE[0]).astype(np.uint16)
-    return EventPacket(x, y, p.astype(bool), t.astype(np.int64), 0, int(t[-1]) + 1, SIZE)
+    y, x = np.divmod(pixel, SIZE[0])
+    return packet_of(t, x, y, p, SIZE, (0, int(t[-1]) + 1))
 
 
 def calibration(moved_px: float = 0.0) -> Calibration:
     away = np.random.default_rng(1).normal(0.0, moved_px, REST_PX.shape)
-    return Calibration(
-        reference_px=REST_PX + away, radius_px=np.full(20, RADIUS_PX), grid=(4, 5), size=SIZE
-    )
+    return known(REST_PX + away, RADIUS_PX, SIZE, (4, 5))
 
 
 def judged(calibration: Calibration, *packets: EventPacket) -> CalibrationCheck:
@@ -77,13 +57,8 @@ def judged(calibration: Calibration, *packets: EventPacket) -> CalibrationCheck:
 
 
 def cut(whole: EventPacket, length: int) -> list[EventPacket]:
-    starts = range(0, len(whole), length)
-    parts = [(s, min(s + length, len(whole))) for s in starts]
-    columns = (whole.x, whole.y, whole.p, whole.t)
-    return [
-        EventPacket(*(c[a:b] for c in columns), int(whole.t[a]), int(whole.t[b - 1]) + 1, SIZE)
-        for a, b in parts
-    ]
+    parts = (whole.select(slice(k, k + length)) for k in range(0, len(whole), length))
+    return [replace(one, t_start_us=int(one.t[0]), t_end_us=int(one.t[-1]) + 1) for one in parts]
 
 
 def test_its_own_calibration_is_not_contradicted(recording: EventPacket) -> None:

@@ -6,12 +6,9 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.classical import Median3, NoDenoiser
-from spikingtac.markers.paper import (
-    BlobTracker,
-    BlobTrackerConfig,
-    painted_binary_map,
-)
+from spikingtac.markers.paper import BlobTracker, BlobTrackerConfig, painted_binary_map
 from spikingtac.types import EventPacket
+from stand_ins.known import known
 
 SIZE = (150, 120)
 GRID = (3, 4)
@@ -21,14 +18,8 @@ REST_PX = REST_PX.reshape(-1, 2)
 PLAIN = BlobTrackerConfig(support_us=0, refresh_us=0)
 
 
-def calibration(polarity: str = "white", rest_px: np.ndarray = REST_PX) -> Calibration:
-    return Calibration(
-        reference_px=rest_px,
-        radius_px=np.full(len(rest_px), RADIUS_PX),
-        grid=GRID if len(rest_px) == 12 else (1, len(rest_px)),
-        size=SIZE,
-        polarity=polarity,
-    )
+def calibration() -> Calibration:
+    return known(REST_PX, RADIUS_PX, SIZE, GRID)
 
 
 def test_a_vanished_marker_is_held_and_comes_back() -> None:

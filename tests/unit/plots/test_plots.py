@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 from matplotlib.quiver import Quiver
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from spikingtac.errors import ConfigError
 from spikingtac.events import open_events
@@ -106,11 +106,8 @@ def test_wrong_names_and_empty_tracks_are_refused(tmp_path: Path) -> None:
 
 def pictures(path: Path) -> np.ndarray:
     with Image.open(path) as image:
-        frames = []
-        for number in range(image.n_frames):
-            image.seek(number)
-            frames.append(np.asarray(image.convert("L"), float))
-    return np.array(frames)
+        frames = ImageSequence.Iterator(image)
+        return np.array([np.asarray(frame.convert("L"), float) for frame in frames])
 
 
 @pytest.mark.parametrize(("theme", "bright"), [("light", True), ("dark", False)])

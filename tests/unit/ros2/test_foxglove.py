@@ -9,7 +9,7 @@ import json
 import socket
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -67,15 +67,10 @@ class Client:
 
     def messages(self, number: int) -> list[bytes]:
         """Return what came of a subscription until the server ended."""
-        found: list[bytes] = []
-        try:
-            while True:
-                data = self.socket.recv(PATIENCE_S)
-                assert isinstance(data, bytes)
-                kind, subscription, _ = struct.unpack_from("<BIQ", data)
-                found += [data[13:]] if (kind, subscription) == (1, number) else []
-        except ConnectionClosed:
-            return found
+        came: list[Any] = []
+        with suppress(ConnectionClosed):
+            came.extend(self.socket)
+        return [data[13:] for data in came if struct.unpack_from("<BI", data) == (1, number)]
 
 
 def test_every_field_is_read_as_it_was_tracked_and_a_client_that_stalls_does_no_harm(

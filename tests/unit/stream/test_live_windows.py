@@ -3,7 +3,6 @@
 import threading
 from collections.abc import Iterator
 
-import numpy as np
 import pytest
 
 from spikingtac.contact.detector import DetectorSummary, Window, packets_of
@@ -12,15 +11,14 @@ from spikingtac.events.source import PacketSource
 from spikingtac.stream import pair
 from spikingtac.stream.pair import live_windows
 from spikingtac.types import Contact, EventPacket
+from stand_ins.random_packets import packet_at
 
 SIZE = (4, 4)
 LONG_S = 20.0  # Nobody waits so long in a test that passes.
 
 
 def packet(*t_us: int) -> EventPacket:
-    t = np.array(t_us, np.int64)
-    flat = np.zeros(len(t), np.uint16)
-    return EventPacket(flat, flat, flat > 0, t, t_us[0], t_us[-1] + 1, SIZE)
+    return packet_at(t_us, (t_us[0], t_us[-1] + 1), SIZE)
 
 
 class Camera(PacketSource):

@@ -1,6 +1,6 @@
 """Sensor time against host time: lag, drift and leaps, on clocks that only the tests move."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pytest
@@ -11,35 +11,28 @@ from spikingtac.stream.clock import StreamClock
 OFFSET_S = 1234.5  # Host time less sensor time, of a transport that takes no time.
 
 
-def run(
-    clock: StreamClock, windows: range, rate: float = 1.0, late_s: float = 0.0
-) -> tuple[float, float]:
-    """Let windows of 1 ms arrive at ``rate`` times their pace; return last backlog and leap."""
-    backlog_s = leap_s = 0.0
-    for number in windows:
-        end_us = (number + 1) * 1000
-        host_s = OFFSET_S + end_us * 1e-6 / rate + late_s
+def worst(arrivals: Iterable[tuple[int, float]]) -> tuple[float, float]:
+    """Return the longest backlog and leap of windows that end and arrive at these times."""
+    clock, backlog_s, leap_s = StreamClock(), 0.0, 0.0
+    for end_us, host_s in arrivals:
         leap_s = max(leap_s, clock.arrive(end_us, host_s))
-        backlog_s = clock.backlog_s(end_us, host_s)
+        backlog_s = max(backlog_s, clock.backlog_s(end_us, host_s))
     return backlog_s, leap_s
 
 
 @pytest.mark.parametrize("drift", [-90e-6, 90e-6])
 def test_an_hour_of_drift_between_the_clocks_is_no_lag_and_no_leap(drift: float) -> None:
-    clock, worst_s, leap_s = StreamClock(), 0.0, 0.0
-    for second in range(3600):
-        end_us = second * 1_000_000
-        host_s = OFFSET_S + second * (1.0 + drift)
-        leap_s = max(leap_s, clock.arrive(end_us, host_s))
-        worst_s = max(worst_s, clock.backlog_s(end_us, host_s))
-    assert worst_s < 1e-4
+    seconds = range(3600)
+    backlog_s, leap_s = worst((s * 1_000_000, OFFSET_S + s * (1.0 + drift)) for s in seconds)
+    assert backlog_s < 1e-4
     assert leap_s == 0.0
 
 
 @pytest.mark.parametrize("leap_s", [0.6, 600.0, 8_000.0])
 def test_a_leap_of_the_sensors_clock_is_told_once(leap_s: float) -> None:
     clock = StreamClock()
-    run(clock, range(1000))
+    for number in range(1, 1_001):
+        clock.arrive(1_000 * number, OFFSET_S + 1e-3 * number)
     host_s = OFFSET_S + 1.001
     assert clock.arrive(round((1.001 + leap_s) * 1e6), host_s) == pytest.approx(leap_s, abs=1e-3)
     assert clock.arrive(round((1.002 + leap_s) * 1e6), host_s + 0.001) == 0.0
@@ -62,11 +55,9 @@ def busy_arrivals(
 @pytest.mark.parametrize("seed", range(3))
 def test_a_minute_beside_a_busy_machine_trips_nothing(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    clock, worst_s, leap_s = StreamClock(), 0.0, 0.0
-    for end_us, host_s in busy_arrivals(rng, 60_000, drift=rng.uniform(-8e-5, 8e-5)):
-        leap_s = max(leap_s, clock.arrive(end_us, host_s))
-        worst_s = max(worst_s, clock.backlog_s(end_us, host_s))
-    assert worst_s < BACKLOG_S
+    arrivals = busy_arrivals(rng, 60_000, drift=rng.uniform(-8e-5, 8e-5))
+    backlog_s, leap_s = worst(arrivals)
+    assert backlog_s < BACKLOG_S
     assert leap_s == 0.0
 
 

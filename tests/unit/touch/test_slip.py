@@ -30,6 +30,13 @@ def scripted(shares: list[float], monkeypatch: pytest.MonkeyPatch) -> SlipMonito
     return SlipMonitor(REFERENCE)
 
 
+def felt(monitor: SlipMonitor, moved: np.ndarray) -> list[Slip]:
+    """Return the slips of a touch that moves the markers so, a frame every ms."""
+    found = [monitor.update(k * 1_000, row, touching=True) for k, row in enumerate(moved)]
+    found.append(monitor.finish((len(moved) - 1) * 1_000))
+    return [slip for slip in found if slip is not None]
+
+
 SETTLED = [1.0] * 20  # What is told of a contact in the first 20 ms, which count for nothing.
 
 
@@ -38,11 +45,8 @@ def slips(monkeypatch: pytest.MonkeyPatch) -> Callable[[list[float]], list[Slip]
     """From shares that the model tells of a touch, every ms from 1 ms on, to its slips."""
 
     def told(shares: list[float]) -> list[Slip]:
-        monitor, found = scripted(shares, monkeypatch), []
-        for k in range(len(shares) + 1):
-            found.append(monitor.update(k * 1_000, 0.01 * k**2 * REFERENCE, touching=True))
-        found.append(monitor.finish(len(shares) * 1_000))
-        return [slip for slip in found if slip is not None]
+        moved = 0.01 * np.arange(len(shares) + 1)[:, None, None] ** 2 * REFERENCE
+        return felt(scripted(shares, monkeypatch), moved)
 
     return told
 
@@ -77,25 +81,19 @@ def test_incipient_slips_begin_and_end(
 
 def test_a_skin_that_stands_still_rings_no_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
     monitor = scripted([*SETTLED, *[0.15] * 300], monkeypatch)
-    rng = np.random.default_rng(0)
-    for k in range(300):
-        moved = rng.normal(0.0, 0.05, REFERENCE.shape)
-        assert monitor.update(k * 1_000, moved, touching=True) is None
+    moved = np.random.default_rng(0).normal(0.0, 0.05, (300, *REFERENCE.shape))
+    assert felt(monitor, moved) == []
     assert monitor.state is not None
     assert (monitor.state.t_us, monitor.state.phase) == (299_000, "stick")
-    assert monitor.finish(300_000) is None
 
 
 def test_a_slip_under_a_skin_that_stands_still_is_told_where_hardly_anything_sticks(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    # A slow twist: the skin moves no further, the body does.
     moved = 0.02 * np.minimum(np.arange(300), 100)[:, None, None] * REFERENCE
-    monitor = scripted([1.0] * 145 + [0.05] * 155, monkeypatch)
-    for k in range(300):  # a slow twist: the skin moves no further, the body does
-        assert monitor.update(k * 1_000, moved[k], touching=True) is None
-    slip = monitor.finish(300_000)
-    assert slip is not None
-    assert slip.gross_us == 146_000
+    (slip,) = felt(scripted([1.0] * 145 + [0.05] * 155, monkeypatch), moved)
+    assert (slip.gross_us, slip.end_us) == (146_000, 299_000)
 
 
 @pytest.mark.parametrize(
@@ -113,11 +111,7 @@ def test_less_evidence_suffices_where_the_field_has_stopped_following(
 ) -> None:
     steps = np.where((np.arange(300) > 200) & stops, 0.1, 1.0)
     moved = speed * np.cumsum(steps)[:, None, None] * REFERENCE
-    monitor = scripted([share] * 300, monkeypatch)
-    for k in range(300):
-        monitor.update(k * 1_000, moved[k], touching=True)
-    slip = monitor.finish(300_000)
-    assert slip is not None
+    (slip,) = felt(scripted([share] * 300, monkeypatch), moved)
     assert (slip.gross_us is not None) == told
     if slip.gross_us is not None:
         assert 200_000 < slip.gross_us < 215_000

@@ -5,6 +5,7 @@ import os
 import signal
 import time
 from collections.abc import Awaitable, Callable
+from contextlib import closing
 from functools import partial
 from typing import Any, cast
 
@@ -22,6 +23,7 @@ from spikingtac.viewer.process import SessionProcess
 from spikingtac.viewer.server import UNACKNOWLEDGED, PageServer, serve
 from spikingtac.viewer.show import show
 from stand_ins.viewer import open_circling, open_nothing
+from stand_ins.waiting import wait_until
 
 pytestmark = pytest.mark.waits
 
@@ -57,11 +59,11 @@ def ask(request: bytes, token: str = "") -> bytes:
     return asyncio.run(run())
 
 
-def get(path: str, headers: dict[str, str], token: str = "") -> tuple[int, str]:
+def get(path: str, headers: dict[str, str]) -> tuple[int, str]:
     """Return status and text of an answer, headers and all."""
     given = {"Host": "127.0.0.1"} | headers
     lines = "".join(f"{name}: {value}\r\n" for name, value in given.items())
-    answer = ask(f"GET {path} HTTP/1.1\r\n{lines}\r\n".encode(), token).decode()
+    answer = ask(f"GET {path} HTTP/1.1\r\n{lines}\r\n".encode()).decode()
     return int(answer.split()[1]), answer
 
 
@@ -211,15 +213,10 @@ def test_a_page_that_answers_nothing_is_hung_up_on(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_session_that_cannot_open_says_why() -> None:
-    session = SessionProcess(open_nothing)
-    try:
-        until_s = time.monotonic() + PATIENCE_S
-        while session.alive() and time.monotonic() < until_s:
-            time.sleep(0.02)
+    with closing(SessionProcess(open_nothing)) as session:
+        wait_until(lambda: not session.alive())
         with pytest.raises(FileNotFoundError, match=r"nowhere\.raw"):
             session.receive()
-    finally:
-        session.close()
 
 
 ELSEWHERE = "192.0.2.1"  # An address of documentation (RFC 5737): no machine has it.

@@ -1,6 +1,7 @@
 """RAW: headers, dispatch, time rules, each kind of damage word by word, streams as they come."""
 
 import sys
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -149,8 +150,7 @@ def test_a_gap_is_seen_where_time_words_never_miss(tmp_path: Path) -> None:
     assert source.losses["time_backwards"] <= 256
 
 
-@pytest.mark.parametrize("claimed", ["evt2", "evt21", "evt3"])
-@pytest.mark.parametrize("actual", ["evt2", "evt21", "evt3"])
+@pytest.mark.parametrize(("claimed", "actual"), [*permutations(["evt2", "evt21", "evt3"], 2)])
 def test_a_wrong_header_is_refused_and_names_both(tmp_path: Path, claimed, actual) -> None:
     n = 20_000
     packet = random_packet(0, n, (320, 240))
@@ -159,9 +159,6 @@ def test_a_wrong_header_is_refused_and_names_both(tmp_path: Path, claimed, actua
     files = [(tmp_path / f"{name}.raw").read_bytes() for name in (claimed, actual)]
     ends = [data.index(b"% end\n") + 6 for data in files]
     (tmp_path / "a.raw").write_bytes(files[0][: ends[0]] + files[1][ends[1] :])
-    if claimed == actual:
-        assert len(times(open_events(tmp_path / "a.raw"))) == n
-        return
     names = {"evt2": "EVT2", "evt21": r"EVT2\.1", "evt3": "EVT3"}
     with pytest.raises(FormatError, match=f"says {names[claimed]}.*are {names[actual]}"):
         open_events(tmp_path / "a.raw")

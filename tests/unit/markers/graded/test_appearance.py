@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import (
     appearance_of,
     has_large_steps,
@@ -13,13 +12,9 @@ from spikingtac.markers.graded.appearance import (
     painted_map,
 )
 from spikingtac.state_map.graded import STEP_DEFAULT
+from stand_ins.known import known
 
-PLAIN = Calibration(
-    reference_px=np.array([[20.0, 20.0], [60.0, 20.0]]),
-    radius_px=np.array([6.0, 7.0]),
-    grid=(1, 2),
-    size=(80, 40),
-)
+PLAIN = known(np.array([[20.0, 20.0], [60.0, 20.0]]), np.array([6.0, 7.0]), (80, 40), (1, 2))
 
 
 def test_a_markers_own_values_come_before_the_sensors() -> None:

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.graded.appearance import painted_levels
 from spikingtac.markers.graded.disc_locator import DiscLocator
@@ -24,11 +23,10 @@ from spikingtac.markers.graded.motion import (
     resting_markers,
 )
 from spikingtac.types import EventPacket
+from stand_ins.known import known
 
 REST_PX = np.array([[30.0, 30.0], [70.0, 30.0]])
-CALIBRATION = Calibration(
-    reference_px=REST_PX, radius_px=np.full(2, 7.0), grid=(1, 2), size=(100, 60)
-)
+CALIBRATION = known(REST_PX, 7.0, (100, 60), (1, 2))
 
 
 def moved_by(shift_px: float) -> DiscLocator:

@@ -3,23 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded import event_loss
 from spikingtac.markers.graded.appearance import EXTRA_EVENTS
 from spikingtac.markers.graded.event_loss import EventLoss
-from stand_ins.known import moving_markers
+from stand_ins.known import known, moving_markers
 
 STEP = 1.0 / 7.0  # Six events of a full swing, and one step of dead band: 1 / (6 + 1).
 SIZE = (320, 40)
 REFERENCE_PX = np.column_stack([np.linspace(16.0, 304.0, 10), np.full(10, 20.0)])
-CALIBRATION = Calibration(
-    reference_px=REFERENCE_PX,
-    radius_px=np.full(10, 7.0),
-    grid=(1, 10),
-    size=SIZE,
-    step_on=STEP,
-    step_off=STEP,
-)
+CALIBRATION = known(REFERENCE_PX, 7.0, SIZE, (1, 10), STEP)
 EVENTS_PER_PX = 4 * 7.0 * 6.0 * EXTRA_EVENTS
 BACKGROUND_PER_MS = 20
 SPEED_PX_S = 200.0
