@@ -112,7 +112,7 @@ MUTATIONS = (
     ),
     Mutation(
         name="short-strokes-counted",
-        old="np.hypot(stroke_x, stroke_y) > stroke_px",
+        old="np.hypot(stroke_x, stroke_y) > stroke_px[m]",
         new="np.hypot(stroke_x, stroke_y) > 0.0",
         tests=("tests/unit/markers/graded/test_event_loss.py",),
     ),

@@ -141,15 +141,7 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
             np.add.at(times, (rim.y, rim.x), 1)
             parts.append(rim)
         kept.append(tuple(parts))
-    if len(kept) < LEAST_WINDOWS:
-        raise CalibrationError(
-            f"{len(kept)} quiet windows are too few for the sequential motion detector, at least "
-            f"{LEAST_WINDOWS} are needed; record the moving arm for longer (a minute is good)"
-        )
-    if not any(times.any() for times in fired):
-        raise CalibrationError(
-            f"no event lies on the markers' rims in {len(kept)} quiet windows: check the camera"
-        )
+    _require_evidence(len(kept), fired)
     period_s = period_us * 1e-6
     limit = max(HOT_HZ * len(kept) * period_s, 1.0)
     hot = [times > limit for times in fired]  # events on the rims only were counted
@@ -163,6 +155,18 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
         hot_pixels=tuple(int(mask.sum()) for mask in hot),
         statistics=QuietStatistics.of_counts(counts, period_s),
     )
+
+
+def _require_evidence(windows: int, fired: list[NDArray[np.int64]]) -> None:
+    if windows < LEAST_WINDOWS:
+        raise CalibrationError(
+            f"{windows} quiet windows are too few for the sequential motion detector, at least "
+            f"{LEAST_WINDOWS} are needed; record the moving arm for longer (a minute is good)"
+        )
+    if not any(times.any() for times in fired):
+        raise CalibrationError(
+            f"no event lies on the markers' rims in {windows} quiet windows: check the camera"
+        )
 
 
 def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:

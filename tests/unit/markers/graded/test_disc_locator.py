@@ -69,6 +69,15 @@ def test_the_filter_equals_the_textbook(dt: float, spread: float) -> None:
         np.testing.assert_allclose(np.array(states)["v" + axis], speed, rtol=1e-8)
 
 
+def test_a_lost_marker_stands_still() -> None:
+    locator = moved_by(0.0)
+    locator.markers["vx"] = 100.0
+    for t_us in (1_000, 2_000, 50_000):
+        locator.locate(t_us, np.array([True, False]))
+    assert locator.markers["vx"][0] == 0.0
+    assert locator.markers["x"][0] == pytest.approx(30.1)
+
+
 def test_a_fit_waits_for_its_events_or_for_some_ms() -> None:
     locator, nobody = moved_by(0.5), np.zeros(2, np.bool_)
     locator.pending[:] = 3, 4, 0
