@@ -99,7 +99,8 @@ def whole_run(preset: str) -> Run:
 @cache
 def covered_run(preset: str) -> Run:
     """The marker is hidden while the skin moves away and stays there."""
-    return tracked(preset, touches().covered(COVERED, COVER_PX, FIRST_SLIDE_US + 50_000, RETURN_US))
+    cover_us = FIRST_SLIDE_US + 50_000, RETURN_US
+    return tracked(preset, touches().covered(COVERED, COVER_PX, cover_us))
 
 
 def test_the_calibration_finds_the_markers() -> None:
