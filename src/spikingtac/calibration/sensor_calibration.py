@@ -88,6 +88,8 @@ class Calibration:
 
     def __post_init__(self) -> None:
         """Take lists for arrays, and refuse numbers that no file may hold (CalibrationError)."""
+        if not len(self.reference_px):  # stands for a sensor that is not calibrated
+            return
         document: dict[str, Any] = {"schema": CALIBRATION_SCHEMA, "polarity": self.polarity}
         document |= {name: getattr(self, name) for name in NUMBERS}
         found = checked_document(document, "this calibration is not possible", "")

@@ -59,6 +59,8 @@ FEWEST_SWINGS = 50.0  # Swings, of a marker or in all, below which the mean step
 
 FEWEST_EVENTS = 0.3  # Lower bound of the mean count of a full swing.
 
+LEAST_RADIUS_PX = 0.5  # Of a disc that is tracked: a smaller one covers no pixel, px.
+
 STEP_BOUNDS = (0.01, 1.0)  # Least and largest step, shares of a full swing.
 
 
@@ -124,7 +126,8 @@ def tracked(
 ) -> Model:
     """Return a model with the tracked positions of the markers at each sample.
 
-    Lost markers keep the positions of the model: a prediction for silent ones would be biased.
+    Lost markers keep the positions of the model: a prediction for silent ones would be biased. So
+    do places of a lattice that lie off the sensor.
 
     Args:
         view: The recording.
@@ -132,26 +135,30 @@ def tracked(
         model: Appearance of the markers, and their positions so far.
         rest_px: ``(m, 2)`` rest positions, px.
     """
+    radius_px = model.discs.radius_px.clip(LEAST_RADIUS_PX)
+    reach_px = radius_px[:, np.newaxis]
+    inside = (rest_px >= -reach_px) & (rest_px <= np.array(view.events.size) + reach_px)
+    seen = inside.all(axis=1)
     known = Calibration(
-        reference_px=rest_px,
+        reference_px=rest_px[seen],
         grid=None,
         size=view.events.size,
-        radius_px=model.discs.radius_px,
-        marker_edge_px=model.discs.edge_px,
-        marker_contrast=model.discs.contrast,
+        radius_px=radius_px[seen],
+        marker_edge_px=model.discs.edge_px[seen],
+        marker_contrast=model.discs.contrast[seen],
         step_on=float(np.median(model.on)),
         step_off=float(np.median(model.off)),
-        marker_step_on=model.on,
-        marker_step_off=model.off,
+        marker_step_on=model.on[seen],
+        marker_step_off=model.off[seen],
         recovery_s=model.recovery_s or None,
     )
     at_us = view.events.times_at(index).tolist()
     packets = starmap(view.events.packet, pairwise([0, *at_us]))
-    places_px = [
-        np.where(frame.coasted[:, np.newaxis], known_px, frame.detected_px)
-        for known_px, frame in zip(model.center_px, followed(packets, known), strict=True)
-    ]
-    return replace(model, center_px=np.array(places_px))
+    center_px = model.center_px.copy()
+    for place_px, frame in zip(center_px, followed(packets, known), strict=True):
+        lost = frame.coasted[:, np.newaxis]
+        place_px[seen] = np.where(lost, place_px[seen], frame.detected_px)
+    return replace(model, center_px=center_px)
 
 
 def with_steps(evidence: Evidence, model: Model, rest_px: NDArray[np.float64]) -> Model:

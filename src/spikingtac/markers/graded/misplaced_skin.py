@@ -67,14 +67,13 @@ class MisplacedSkin:
         )
         rise = light - self._light
         self._light += rise * -math.expm1(-dt_s / LIGHT_MEMORY_S)
-        if away_px < DISPLACED_PX or speed_px_s > STILL_PX_S:
-            return False
-        if points >= LEAST_POINTS and rise > max(LIGHT_RISE, RISE_ERRORS * error):
-            return True
-        if counts.sum() < NEW_EVENTS + 2.0 * dt_s * noise_per_s.sum():
-            return False
-        at_rest, tracked = rim_events_kernel(pixels, self._rest_px, markers)
-        return bool(at_rest >= max(RIM_EVENTS, RIM_RATIO * tracked))
+        still = away_px >= DISPLACED_PX and speed_px_s <= STILL_PX_S
+        lighter = points >= LEAST_POINTS and rise > max(LIGHT_RISE, RISE_ERRORS * error)
+        moves = still and counts.sum() >= NEW_EVENTS + 2.0 * dt_s * noise_per_s.sum()
+        # Called without markers, too, so that it is compiled before a sensor is touched.
+        seen = markers if moves else markers[:0]
+        at_rest, tracked = rim_events_kernel(pixels, self._rest_px, seen)
+        return bool(still and lighter) or at_rest >= max(RIM_EVENTS, RIM_RATIO * tracked)
 
 
 @kernel()
