@@ -6,6 +6,7 @@ Without any, the events of the next contact come from the rims at rest.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -90,7 +91,7 @@ def signs_kernel(
 
 @kernel()
 def rest_light_kernel(
-    levels: Array, pixels: Array, rest_px: Array, markers: Array
+    levels: Any, pixels: Any, rest_px: Any, markers: Any
 ) -> tuple[float, float, float, float, float]:  # pragma: no cover - compiled
     """Return how much lighter the map is at the rests than at their mirror images.
 
@@ -124,7 +125,7 @@ def rest_light_kernel(
 
 @kernel()
 def rim_events_kernel(
-    pixels: Array, rest_px: Array, markers: Array
+    pixels: Any, rest_px: Array, markers: Array
 ) -> tuple[float, float]:  # pragma: no cover - compiled
     """Return the events on the rims at rest and on the tracked rims, without those on both."""
     height, width = pixels.shape
