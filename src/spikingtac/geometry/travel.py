@@ -22,6 +22,7 @@ import numpy as np
 from spikingtac.types import FloatArray
 
 HEXAGON_STEP_RAD = math.pi / 3  # Angle between neighbouring corners of a hexagon, rad.
+CORNER = 0.5 / math.cos(HEXAGON_STEP_RAD / 2)  # Distance of a corner over that of opposite sides.
 HEADINGS = 120  # Number of headings that are tried: half a degree apart, 1 um of reach at most.
 HARMONICS = 5  # Number of coefficients of a travel: constant, first and second harmonic.
 
@@ -45,14 +46,12 @@ def hexagon_reach_mm(across_flats_mm: float, angle_rad: float | FloatArray) -> F
         angle_rad: Direction relative to a corner, rad, any shape.
     """
     folded = np.mod(np.asarray(angle_rad) + HEXAGON_STEP_RAD / 2, HEXAGON_STEP_RAD)
-    corner_mm = across_flats_mm / 2 / math.cos(HEXAGON_STEP_RAD / 2)
-    return corner_mm * np.cos(folded - HEXAGON_STEP_RAD / 2)
+    return CORNER * across_flats_mm * np.cos(folded - HEXAGON_STEP_RAD / 2)
 
 
 def _mean_hexagon_reach_mm(across_flats_mm: float) -> float:
     """Return the mean reach over all headings: 0.4135 mm for 0.75 mm across flats."""
-    corner_mm = across_flats_mm / 2 / math.cos(HEXAGON_STEP_RAD / 2)
-    return corner_mm * math.sin(HEXAGON_STEP_RAD / 2) / (HEXAGON_STEP_RAD / 2)
+    return CORNER * across_flats_mm * math.sin(HEXAGON_STEP_RAD / 2) / (HEXAGON_STEP_RAD / 2)
 
 
 def hexagon_reach_in_hole_mm(
@@ -72,8 +71,7 @@ def hexagon_reach_in_hole_mm(
     flat = hexagon_reach_mm(across_flats_mm, angle_rad)
     if math.isinf(radius_mm):
         return flat
-    corner_mm = across_flats_mm / 2 / math.cos(HEXAGON_STEP_RAD / 2)
-    across_square = np.maximum(corner_mm**2 - flat**2, 0.0)
+    across_square = np.maximum((CORNER * across_flats_mm) ** 2 - flat**2, 0.0)
     return radius_mm - np.sqrt(np.maximum(radius_mm**2 - across_square, 0.0)) + flat
 
 
@@ -196,8 +194,8 @@ def fit_travel(
         return _fit(angle, excess + reach, across_flats_mm, None)
     tried = np.linspace(0.0, HEXAGON_STEP_RAD, HEADINGS, endpoint=False)
     reach = hexagon_reach_mm(across_flats_mm, angle - tried[:, None])
-    design, travel = _design(angle), excess + reach
-    left = travel - travel @ (design @ np.linalg.pinv(design)).T
+    design = _design(angle)
+    left = (excess + reach) @ (np.eye(len(angle)) - design @ np.linalg.pinv(design)).T
     best = int((left**2).sum(axis=1).argmin())
     return _fit(angle, excess + reach[best], across_flats_mm, float(tried[best]))
 

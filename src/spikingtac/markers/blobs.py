@@ -77,8 +77,7 @@ def find_blobs(
     from scipy import ndimage  # a tenth of a second that only this function needs
 
     # Single precision, as the map: 0.2 in double precision lies above 0.2 in the map.
-    above = state_map >= np.float32(threshold)
-    found: Any = ndimage.label(above, EIGHT_CONNECTED)
+    found: Any = ndimage.label(state_map >= np.float32(threshold), EIGHT_CONNECTED)
     labels, count = found
     y, x = np.nonzero(labels)
     height, width = labels.shape

@@ -121,8 +121,7 @@ class AnchoredLaw(OutputLaw):
         away_px = detected_px - reference_px
         # Never 0 / 0: in the limit of no displacement the quotient is γ.
         distance_px = np.hypot(away_px[:, 0], away_px[:, 1]).clip(1e-9)
-        gain = anchored_px(distance_px) / distance_px
-        return reference_px + gain[:, np.newaxis] * away_px
+        return reference_px + (anchored_px(distance_px) / distance_px)[:, np.newaxis] * away_px
 
 
 def anchored_px(distance_px: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -166,14 +166,12 @@ class ArmProber:
     def touch(self, start_mm: FloatArray, direction: FloatArray) -> Touched:
         """Go, approach and back off; see :class:`Prober`. The watchdog is armed meanwhile."""
         start = np.asarray(start_mm, np.float64)
-        heading = np.asarray(direction, np.float64)
-        heading = heading / float(np.linalg.norm(heading))
+        heading = np.asarray(direction, np.float64) / float(np.linalg.norm(direction))
         if self.watchdog is not None:
             self.watchdog.arm()
         if self.free_travel is None or not self.free_travel(start, heading):
             self._move(start)
-        take = self._conditioned if self.config.conditions else self._meet
-        found = take(start, heading)
+        found = (self._conditioned if self.config.conditions else self._meet)(start, heading)
         if self.watchdog is not None:  # nobody reads the stream while the arm rests
             self.watchdog.disarm()
         return found

@@ -147,8 +147,7 @@ class URArm:
         if float(np.linalg.norm(setpoint)) > REST_MM_S:
             self._began = True
             return ArmState.MOVING
-        waited_s = self._clock_s() - self._commanded_s
-        pending = not self._began and waited_s < START_PATIENCE_S
+        pending = not self._began and self._clock_s() - self._commanded_s < START_PATIENCE_S
         return ArmState.MOVING if pending else ArmState.IDLE
 
     def close(self) -> None:

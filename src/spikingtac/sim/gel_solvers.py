@@ -87,8 +87,7 @@ class Influence:
         center = (self._stride // 2) * (self._stride + 1)
         cell_index = rows * self._stride + columns
         offset = cell_index[slots, None] - cell_index
-        rows_of = self._unrolled.take(center + offset, axis=1)
-        self.matrices[:, slots, : len(cell_index)] = rows_of
+        self.matrices[:, slots, : len(cell_index)] = self._unrolled.take(center + offset, axis=1)
         columns_of = self._unrolled.take(center - offset, axis=1).transpose(0, 2, 1)
         self.matrices[:, : len(cell_index), slots] = columns_of
 

@@ -111,8 +111,7 @@ class Punch(Compliant):
         """Return the surface's height below the deepest point; see :class:`Ellipsoid`."""
         flat = self.radius_mm - self.rim_mm
         plane = _plane_mm(x_mm, y_mm, rotation)
-        beyond = np.maximum(np.hypot(x_mm, y_mm) - flat, 0.0)
-        rim = _arc_mm(beyond, self.rim_mm)
+        rim = _arc_mm(np.maximum(np.hypot(x_mm, y_mm) - flat, 0.0), self.rim_mm)
         return plane + rim + self.center_mm(rotation)
 
     def center_mm(self, rotation: FloatArray) -> float:

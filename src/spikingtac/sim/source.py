@@ -246,8 +246,7 @@ class SceneSource:
     def frames(self) -> Iterator[tuple[SkinState, MarkerImage]]:
         """Yield skin and image at each step of the gel, from time zero, without the camera."""
         none = np.packbits(self._gel.pressure_mpa > 0.0)
-        rest = self.scene.skin.at_rest()
-        state = replace(rest, touching_cells=none, sticking_cells=none)
+        state = replace(self.scene.skin.at_rest(), touching_cells=none, sticking_cells=none)
         yield state, self._optics.project(state)
         for start_us in itertools.count(0, self._period_us):
             if start_us == self.t_end_us:

@@ -138,5 +138,5 @@ def paint_binary_discs(
     size: tuple[int, int], reference_px: NDArray[np.float64], radius_px: NDArray[np.float64]
 ) -> NDArray[np.float32]:
     """Paint discs of ones: the pixels whose centre a disc covers; see :func:`paint_discs`."""
-    half = np.float32(0.5)  # the cover of a pixel whose centre lies on the rim
-    return (paint_discs(size, reference_px, radius_px) >= half).astype(np.float32)
+    # Half of a pixel is covered whose centre lies on the rim.
+    return (paint_discs(size, reference_px, radius_px) >= np.float32(0.5)).astype(np.float32)

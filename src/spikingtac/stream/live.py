@@ -243,8 +243,7 @@ def follow_sensor(
     paced = PacedSource(events, lambda clock: asker.tell(("clock", clock)))
     checked = CheckedSource(paced, calibration, lambda why: asker.tell(("warning", why)))
     asker.tell(("running", ""))
-    frames = follow(checked, tracker, tracking.rate_hz)
-    for number, frame in enumerate(frames, 1):
+    for number, frame in enumerate(follow(checked, tracker, tracking.rate_hz), 1):
         behind_ms, health = paced.pace.behind_ms(), frame.health
         lost = health.gaps, health.overflows, health.damaged, health.reconnects, health.rate_ev_s
         made = number, time.monotonic_ns(), behind_ms, paced.pace.most_ms

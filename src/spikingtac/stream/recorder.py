@@ -201,8 +201,7 @@ class Recorder:
         assert writer is not None
         writer.flush(durable=True)
         writer.close()
-        part = self._parts[-1]
-        part |= {"bytes": writer.written_bytes, "sha256": self._digest.hexdigest()}
+        self._parts[-1] |= {"bytes": writer.written_bytes, "sha256": self._digest.hexdigest()}
         self._describe()
 
     def _fail(self, error: Exception) -> None:

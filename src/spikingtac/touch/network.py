@@ -91,14 +91,12 @@ def graph(
     parts += [_part(5, _tensor(name, values)) for name, values in weights.items()]
     parts += [_part(11, _value("fields", size))]
     parts += [_part(12, _value(name, width)) for name, width in outputs.items()]
-    opset = _part(8, _number(2, OPSET))
-    return _number(1, IR_VERSION) + _part(7, b"".join(parts)) + opset
+    return _number(1, IR_VERSION) + _part(7, b"".join(parts)) + _part(8, _number(2, OPSET))
 
 
 def with_record(content: bytes, record: Mapping[str, Any]) -> bytes:
     """Return an ONNX file with a record; messages of its encoding are joined by appending."""
-    text = json.dumps(record)
-    return content + _part(14, _part(1, RECORD.encode()) + _part(2, text.encode()))
+    return content + _part(14, _part(1, RECORD.encode()) + _part(2, json.dumps(record).encode()))
 
 
 def _varint(value: int) -> bytes:

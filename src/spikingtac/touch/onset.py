@@ -152,8 +152,7 @@ def _extrapolated(times: Times, above: Field, last: int, unseen: float) -> int:
     end = np.flatnonzero(above > LAST_SHARE)
     if not len(end):  # it has come to a stand: where it stands it rises no more
         end = np.flatnonzero(above > RISING_SHARE * float(above[last:].max()))
-    stop = int(end[0]) + 1 if len(end) else len(times)
-    rows = np.arange(last + 1, stop)
+    rows = np.arange(last + 1, int(end[0]) + 1 if len(end) else len(times))
     rows = rows[above[rows] > FIRST_SHARE]
     if len(rows) < LEAST_ROWS:
         return int(times[last])

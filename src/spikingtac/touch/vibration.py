@@ -97,8 +97,8 @@ class VibrationMonitor:
         # A late import: every verb's start would wait for it.
         from scipy.signal import detrend, periodogram
 
-        span_us = self._times[-1] - self._times[0]  # the frames' own rate, not the declared one
-        rate_hz = (self._frames - 1) * US_PER_S / span_us
+        # The frames' own rate, not the declared one.
+        rate_hz = (self._frames - 1) * US_PER_S / (self._times[-1] - self._times[0])
         moved = detrend(np.array(self._places), axis=0)
         frequency, power = periodogram(moved, rate_hz, "hann", scaling="spectrum", axis=0)
         amplitude = np.sqrt(2.0 * power.sum(axis=1))

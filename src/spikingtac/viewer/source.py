@@ -165,8 +165,7 @@ class EventStore:
 
     def between(self, t_start_us: int, t_end_us: int) -> EventPacket:
         """Return the events of ``[t_start_us, t_end_us)`` among those that were pulled (views)."""
-        times_us = self._columns["t"][: self._events]
-        first, last = np.searchsorted(times_us, (t_start_us, t_end_us))
+        first, last = self._columns["t"][: self._events].searchsorted((t_start_us, t_end_us))
         x, y, p, t = (self._columns[name][first:last] for name in COLUMNS)
         return EventPacket(x, y, p, t, t_start_us, t_end_us, self.size)
 

@@ -96,8 +96,7 @@ def make_sensor(config: CameraConfig, size: tuple[int, int], rng: np.random.Gene
     for name in ("refractory_us", "latency_us", "jitter_us"):
         chip[name] = getattr(pixel, name)
     chip["key"] = rng.integers(0, 1 << 63)
-    brightest = float(np.maximum(pixels["ground_intensity"], covered).max())
-    _fill_lookup_tables(chip, light, brightest)
+    _fill_lookup_tables(chip, light, float(np.maximum(pixels["ground_intensity"], covered).max()))
     unsettled = np.empty(height * width, np.int32), np.zeros(1, np.int64)
     return Sensor(pixels, chip, *unsettled, np.full(height, np.inf))
 
@@ -112,8 +111,7 @@ def _fill_lookup_tables(chip: NDArray[Any], light: LightConfig, brightest: float
         reach_px = width_px * math.log(1 / _EDGE_TAIL - 1)
     offset = np.linspace(-reach_px, reach_px, EDGE_ENTRIES) / width_px
     profile = ndtr(offset) if light.edge == "gaussian" else 1 / (1 + np.exp(-offset))
-    covered = ((profile - profile[0]) / (profile[-1] - profile[0])).clip(0, 1)
-    chip["edge_coverage"][0] = covered
+    chip["edge_coverage"][0] = ((profile - profile[0]) / (profile[-1] - profile[0])).clip(0, 1)
     chip["edge_half_width_px"] = reach_px
     chip["edge_per_px"] = (EDGE_ENTRIES - 1) / (2 * reach_px)
     top = _HEADROOM * brightest

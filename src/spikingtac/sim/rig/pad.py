@@ -137,8 +137,7 @@ class Pad:
 
     def skin(self, state: ProbeState) -> SkinState:
         """Return the skin under the rod, for a state of the probe."""
-        amplitude = GRIP + FROM_BUSHING @ state.bushing
-        fields = self._rest + amplitude @ _skin_fields()
+        fields = self._rest + (GRIP + FROM_BUSHING @ state.bushing) @ _skin_fields()
         places, gradient = fields[: self._coordinates], fields[self._coordinates :]
         force, lever = FROM_BASE @ state.force_n / PADS, state.tip_mm - state.center_mm
         (x, y, z), (fx, fy, fz) = (FROM_BASE @ lever).tolist(), force.tolist()

@@ -140,8 +140,7 @@ class Probe:
         free_bushing = compliance @ load
         force = self.contact.solve(arm_mm + TIP_JACOBIAN @ free_bushing, tip_compliance)
         bushing = free_bushing + from_tip @ force
-        elastic = stiffness * (bushing - creep)
-        self._creep = decay[:, None] * self._creep + gain * elastic
+        self._creep = decay[:, None] * self._creep + gain * (stiffness * (bushing - creep))
         self._rate, self._bushing = (bushing - self._bushing) / dt_s, bushing
         tip_mm = arm_mm + TIP_JACOBIAN @ bushing
         pressed, free_gap = bool(force.any()), self.contact.free_gap_mm
@@ -241,5 +240,4 @@ def transition(dt_ns: int) -> tuple[FloatArray, FloatArray]:
     omega = 2.0 * np.pi * RESONANCE_HZ
     system = np.array([[0.0, 1.0], [-(omega**2), -omega / QUALITY]])
     whole = np.asarray(expm(system * dt_ns * 1e-9), np.float64)
-    drive = STATIONARY - whole @ STATIONARY @ whole.T
-    return whole, np.linalg.cholesky(drive).astype(np.float64)
+    return whole, np.linalg.cholesky(STATIONARY - whole @ STATIONARY @ whole.T).astype(np.float64)

@@ -266,8 +266,6 @@ class FeatureStream:
         if not due:
             return None
         shape, changes = shape_features(now, before)
-        elapsed_us = t_us - np.array([self._times[k] for k in motions])
-        elapsed_s = np.maximum(elapsed_us, 1) / US_PER_S
+        elapsed_s = np.maximum(t_us - np.array([self._times[k] for k in motions]), 1) / US_PER_S
         own = motion_features(np.array(rows[: len(motions)]), now, elapsed_s)
-        features = np.concatenate([shape, changes.ravel(), own.ravel()])
-        return features.clip(-LARGEST, LARGEST)
+        return np.concatenate([shape, changes.ravel(), own.ravel()]).clip(-LARGEST, LARGEST)
