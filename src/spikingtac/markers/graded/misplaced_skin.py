@@ -31,10 +31,10 @@ CLEAR_PX, LEAST_POINTS = 3.0, 1.0
 LIGHT_RISE, RISE_ERRORS, LIGHT_MEMORY_S = 0.03, 6.0, 0.1
 
 # Events since the last test, above twice their background, that call for a look at the rims. Their
-# half width, px, and directions; events that there must be on the rims at rest, and over those on
-# the tracked rims. (Skins that stand still have 1.0 at most, misplaced ones 40 and more.)
-NEW_EVENTS, RIM_PX, RIM_EVENTS, RIM_RATIO = 100, 2.5, 100, 4.0
-ANGLES = np.arange(16) * (np.pi / 8.0)
+# half width, px; events that there must be at the points on the rims at rest, and over those on the
+# tracked rims. (Skins that stand still have 1.0 at most, misplaced ones 40 and more.)
+NEW_EVENTS, RIM_PX, RIM_EVENTS, RIM_RATIO = 100, 2.5, 30, 4.0
+ANGLES = np.arange(8) * (np.pi / 4.0)
 RIM_COS, RIM_SIN = np.cos(ANGLES), np.sin(ANGLES)
 
 
@@ -135,7 +135,7 @@ def rim_events_kernel(
         rest, now = (rest_px[m, 0], rest_px[m, 1]), (markers[m].x, markers[m].y)
         for k in range(RIM_COS.size):
             for here, other in ((rest, now), (now, rest)):
-                for off in range(-int(RIM_PX), int(RIM_PX) + 1):
+                for off in range(-int(RIM_PX), int(RIM_PX) + 1, 2):
                     x = round(here[0] + (radius + off) * RIM_COS[k])
                     y = round(here[1] + (radius + off) * RIM_SIN[k])
                     if min(x, y) < 0 or x >= width or y >= height or pixels[y, x].alone == HOT:

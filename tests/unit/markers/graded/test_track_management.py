@@ -262,7 +262,7 @@ def test_events_on_the_rims_equal_their_twin() -> None:
         np.zeros(SIZE, PIXEL),
     )
     pixels["events"], pixels["alone"][::7] = rng.integers(0, 9, SIZE), HOT
-    angle, off = np.meshgrid(np.arange(16) * np.pi / 8.0, 6.0 + np.arange(-2, 3))
+    angle, off = np.meshgrid(np.arange(8) * np.pi / 4.0, 6.0 + np.arange(-2, 3, 2))
     circle_px = np.stack([off * np.cos(angle), off * np.sin(angle)], -1).reshape(-1, 2)
 
     def seen(here: np.ndarray, other: np.ndarray) -> int:
