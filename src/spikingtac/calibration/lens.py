@@ -215,7 +215,7 @@ def marker_pitch_px(reference_px: NDArray[np.float64]) -> float:
     Raises:
         ConfigError: There are fewer than two markers.
     """
-    return float(np.median(_several(reference_px).min(axis=1)))
+    return float(np.median(_neighbour_distances_px(reference_px).min(axis=1)))
 
 
 def mean_pitch_px(reference_px: NDArray[np.float64]) -> float:
@@ -224,13 +224,13 @@ def mean_pitch_px(reference_px: NDArray[np.float64]) -> float:
     Raises:
         ConfigError: There are fewer than two markers.
     """
-    away_px = _several(reference_px)
+    away_px = _neighbour_distances_px(reference_px)
     nearest_px = away_px.min(axis=1)
     reach_px = NEIGHBOUR_SHARE * np.minimum(nearest_px[:, None], nearest_px)
     return float(away_px[away_px <= np.maximum(reach_px, nearest_px[:, None])].mean())
 
 
-def _several(reference_px: NDArray[np.float64]) -> NDArray[np.float64]:
+def _neighbour_distances_px(reference_px: NDArray[np.float64]) -> NDArray[np.float64]:
     if len(reference_px) < FEWEST_NEIGHBOURS:
         raise ConfigError(
             f"{len(reference_px)} marker has no pitch, at least {FEWEST_NEIGHBOURS} are needed"

@@ -23,7 +23,7 @@ the rims tell how many on the rims come from the light: so many may all point on
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -144,9 +144,13 @@ def evidence_of(window: Window, tables: Sequence[RimTable]) -> Vector:
     return evidence.ravel()
 
 
-def distance_of(evidence: Vector) -> float:
-    """Return the evidence for a distance of the markers from rest, over all sensors."""
-    return float(evidence.reshape(-1, MODES)[:, AFFINE_MODES].sum())
+def distance_of(evidence: Vector) -> Any:
+    """Return the evidence for a distance of the markers from rest, over all sensors.
+
+    Args:
+        evidence: ``(..., length)``, of one window or of many.
+    """
+    return evidence[..., AFFINE_MODES::MODES].sum(axis=-1)
 
 
 @njit(cache=True)

@@ -10,7 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.contact.detector import SECONDS_PER_HOUR, QuietStatistics, Window, packets_of
+from spikingtac.contact.detector import (
+    SECONDS_PER_HOUR,
+    QuietStatistics,
+    Window,
+    count_of,
+    packets_of,
+)
 from spikingtac.contact.evidence import (
     AFFINE_MODES,
     BESIDE,
@@ -133,7 +139,7 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
         packets = packets_of(window)
         # The last window of a stream may be shorter than the others.
         period_us = period_us or packets[0].t_end_us - packets[0].t_start_us
-        counts.append(sum(map(len, packets)))
+        counts.append(count_of(window))
         beside.append(evidence_of(window, tables)[BESIDE::MODES])
         parts = []
         for packet, table, times in zip(packets, tables, fired, strict=True):

@@ -13,8 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-import numpy as np
-
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import DetectorSummary, Window, check_budget, packets_of
 from spikingtac.contact.evidence import (
@@ -103,7 +101,7 @@ class SequentialMotionDetector:
         self.in_contact, self.test = False, test
         self._learned, self._sums = learned, ScaleSums(test)
         self._markers = sum(table.markers for table in learned.tables)
-        self._noise = float(np.std([distance_of(window) for window in learned.evidence]))
+        self._noise = float(distance_of(learned.evidence).std())
         self._release: ReleaseMonitor | None = None
         self._calm = 0
 

@@ -173,12 +173,8 @@ def crossings(
     for packet in packets:
         packet.require_map(runs.shape)
         rows = np.searchsorted(track.t_us, packet.t, side="right") - 1
-        crossings_kernel(
-            (packet.x, packet.y, packet.p, packet.t, rows),
-            track,
-            (runs, last_us),
-            (count, speed_sum),
-        )
+        events = packet.x, packet.y, packet.p, packet.t, rows
+        crossings_kernel(events, track, (runs, last_us), (count, speed_sum))
     return count, speed_sum / np.maximum(count.sum(axis=(0, 1, 3)), 1)
 
 
@@ -277,9 +273,7 @@ def estimate_lag(found: Crossings, edge: DiscProfile) -> tuple[float, float] | N
     return (lag_us, error_us) if error_us < LARGEST_ERROR_US else None
 
 
-def trimmed_means(
-    counts: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def trimmed_means(counts: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return ``(n,)`` means within TRIM_PX of the median, and their errors, px.
 
     ``counts`` is ``(n, PLACE_BINS)`` events by place; no row is empty.

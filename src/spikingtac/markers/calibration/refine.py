@@ -75,13 +75,13 @@ def _correct_positions(
     common_px: NDArray[np.float64],
     own_px: NDArray[np.float64],
 ) -> Model:
+    from scipy.interpolate import make_interp_spline  # 0.1 s that trackers need not wait
+
     # Corrections of positions and stretches are interpolated linearly between states.
     change = PLACE_GAIN * own_px
     change[..., :2] += common_px[:, :2].clip(-LARGEST_MOVE_PX, LARGEST_MOVE_PX)
     length = np.linalg.norm(change[..., :2], axis=2, keepdims=True)
     change[..., :2] *= np.minimum(1.0, LARGEST_MOVE_PX / np.maximum(length, 1e-9))
-    from scipy.interpolate import make_interp_spline  # 0.1 s that trackers need not wait
-
     between = make_interp_spline(states, change, k=1)(np.arange(len(model.center_px)))
     stretch_px = (model.stretch_px + between[..., 2:]).clip(-LARGEST_STRETCH_PX, LARGEST_STRETCH_PX)
     return replace(model, center_px=model.center_px + between[..., :2], stretch_px=stretch_px)
