@@ -103,7 +103,7 @@ class DiscLocator:
     @property
     def event_count(self) -> NDArray[np.int64]:
         """``(m + 1,)`` all events so far in each marker's gate, and last those in no gate."""
-        return self.fitted_events + self.pending % FIT_NOW
+        return self.fitted_events + (self.pending & (FIT_NOW - 1))
 
     def place(self, marker: NDArray[np.bool_], position_px: NDArray[np.float64]) -> None:
         """Set the filters of markers to rest at positions where they were predicted or detected."""

@@ -140,7 +140,7 @@ def rim_events_kernel(
                     y = round(here[1] + (radius + off) * RIM_SIN[k])
                     if min(x, y) < 0 or x >= width or y >= height or pixels[y, x].alone == HOT:
                         continue
-                    if abs(np.hypot(x - other[0], y - other[1]) - radius) > RIM_PX:
+                    if abs(np.sqrt((x - other[0]) ** 2 + (y - other[1]) ** 2) - radius) > RIM_PX:
                         at_rest += pixels[y, x].events * (here == rest)
                         tracked += pixels[y, x].events * (here == now)
     return at_rest, tracked

@@ -91,6 +91,7 @@ class TrackManager:
         self._cusum_px, self._trust = np.zeros(count), np.ones(count)
         self.coasted, self.silent = np.zeros((2, count), np.bool_)
         self.position_px = calibration.reference_px.copy()
+        self._fitted_px = np.empty_like(self.position_px)
 
     def update_silent(
         self, markers: Array, counts: Array, dt_s: float, event_loss: EventLoss
@@ -122,10 +123,9 @@ class TrackManager:
         Returns:
             ``(m,)`` markers with a new position in ``position_px``.
         """
-        near, since_us = self.neighbours, self._rejected_since_us
-        fitted_px = np.column_stack([markers["fit_x"], markers["fit_y"]])
-        fits, flags = (fitted_px, markers["agreement"]), (self.coasted, self.silent)
-        if not gate_kernel(*fits, near.arrays, near.bound_px, flags, t_us, since_us):
+        near, since_us, fitted_px = self.neighbours, self._rejected_since_us, self._fitted_px
+        flags = self.coasted, self.silent
+        if not gate_kernel(markers, near.arrays, near.bound_px, flags, t_us, since_us, fitted_px):
             return self.coasted
         lost = (since_us > NEVER_US) & (t_us - since_us >= LOST_AFTER_US)
         self.coasted |= lost | self.silent
@@ -196,21 +196,24 @@ def _expected_speed_kernel(
 
 @kernel()
 def gate_kernel(
-    fitted_px: Array, agreement: Array, neighbours: tuple[Array, Array, Array], bound_px: Array,
-    flags: tuple[Array, Array], t_us: int, since_us: Array,
+    markers: Array, neighbours: tuple[Array, Array, Array], bound_px: Array,
+    flags: tuple[Array, Array], t_us: int, since_us: Array, fitted_px: Array,
 ) -> bool:  # pragma: no cover - compiled # fmt: skip
     """Gate the fits: note since when each has been rejected, NEVER_US for accepted ones.
 
-    Returns whether any fit is rejected, or any marker is coasted or silent (``flags``).
+    The fits are copied from the records to ``fitted_px``. Returns whether any fit is rejected, or
+    any marker is coasted or silent (``flags``).
     """
     found = False
+    for m in range(bound_px.size):
+        fitted_px[m, 0], fitted_px[m, 1] = markers[m].fit_x, markers[m].fit_y
     for m in range(bound_px.size):
         beyond2 = 0.0
         for axis in range(2):
             _, low, high = neighbour_range_kernel(fitted_px, neighbours, m, axis)
             moved = fitted_px[m, axis] - neighbours[0][m, axis]
             beyond2 += max(low - moved, moved - high, 0.0) ** 2
-        if beyond2 <= bound_px[m] ** 2 and agreement[m] >= LEAST_AGREEMENT:
+        if beyond2 <= bound_px[m] ** 2 and markers[m].agreement >= LEAST_AGREEMENT:
             since_us[m] = NEVER_US
         elif since_us[m] == NEVER_US:
             since_us[m] = t_us
