@@ -122,7 +122,7 @@ def evidence_and_model(
 ) -> tuple[Evidence, Model]:
     states, rests, none = np.arange(len(places)), np.empty(0, np.int64), np.zeros(2)
     cell = np.where(np.arange(PIXELS) % SIZE[0] < 20, 0, 1)
-    known = Evidence(events or some_events(1, 1), states, states, rests, cell, none)
+    known = Evidence(events or some_events(1, 1), states, states, rests, cell, none, 0.0)
     step, even, stretch = np.full(2, 0.1), np.ones((2, PIXELS)), np.zeros((len(places), 2, 3))
     model = Model(places, stretch, DISCS, step, step, even, none)
     return known, replace(model, **looks)

@@ -29,7 +29,8 @@ MOST_NAMED = 8  # Stray spots that are named one by one.
 # Figures of a calibration, and of its notes, that are told as they are.
 TOLD = ("polarity", "contrast", "edge_px", "step_on", "step_off", "lag_us", "px_per_mm")
 NOTED = ("missing", "doubtful", "explained", "events", "residual", "scatter_px")
-UNUSUAL = ("no_lens", "left_out_px", "stray_px", "fitting_grid", "coarse_steps", "flicker_hz")
+UNUSUAL = ("no_lens", "left_out_px", "stray_px", "fitting_grid", "coarse_steps", "flicker_hz",
+           "event_loss")  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,6 +218,8 @@ def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
         "An event is more than half of the way from ground to marker, so places err by pixels: "
         "lower the camera's thresholds (biases) or add light.": found["coarse_steps"],
         f"The light flickers at {found['flicker_hz']} Hz: use direct current.": found["flicker_hz"],
+        f"Some {found['event_loss'] or 0:.0%} of the events were lost, so places err by more: "
+        "raise the camera's thresholds (biases), or use a faster link.": found["event_loss"],
         f"No lens: {found['no_lens']}.": found["no_lens"],
         f"Hot pixels, whose events are ignored: {len(hot)}.": hot,
         f"Left out, since they lie beyond the border: {len(left_out)}.": left_out,

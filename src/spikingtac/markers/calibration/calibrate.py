@@ -153,6 +153,7 @@ def _calibration(
             "flicker_hz": flicker_hz(view.events),
             **({"left_out_px": left_out_px} if left_out_px else {}),
             **({"coarse_steps": coarse} if coarse else {}),
+            **({"event_loss": round(evidence.loss, 2)} if evidence.loss else {}),
         },
     )
 

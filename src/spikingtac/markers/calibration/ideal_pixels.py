@@ -68,6 +68,7 @@ class Evidence:
         rests: ``(rests,)`` the sample of each rest.
         cell: ``(pixels,)`` nearest marker of each pixel.
         noise: ``(2,)`` expected ON and OFF noise events of a pixel.
+        loss: Share of the events that was lost.
     """
 
     events: BufferedEvents
@@ -76,6 +77,7 @@ class Evidence:
     rests: NDArray[np.int64]
     cell: NDArray[np.int64]
     noise: NDArray[np.float64]
+    loss: float
 
 
 @dataclass(frozen=True, slots=True)
