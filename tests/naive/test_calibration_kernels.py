@@ -9,8 +9,8 @@ import pytest
 from spikingtac.calibration.disc_profile import DiscProfile, Discs, draw_kernel
 from spikingtac.markers.calibration.corrections import (
     Changes,
+    _solved,
     corrections,
-    normal_equations_kernel,
     rims,
 )
 from spikingtac.markers.calibration.first_model import steps_of_counts
@@ -231,16 +231,16 @@ def test_offsets_are_weighted_means_over_the_states_around() -> None:
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
-def test_normal_equations_are_sums_over_each_group() -> None:
+def test_each_group_is_solved_by_weighted_least_squares_with_a_prior() -> None:
     rng = np.random.default_rng(6)
-    group, slopes = rng.integers(0, 3, 50), rng.normal(size=(50, 4)).astype(np.float32)
+    group, slopes = rng.integers(0, 3, 50), rng.normal(size=(4, 50)).astype(np.float32)
     error, weight = rng.uniform(0.5, 2.0, (2, 50)).astype(np.float32)
-    curvature, pull = np.tile(np.eye(4), (4, 1, 1)), np.ones((4, 4))
-    normal_equations_kernel(group, slopes, error, weight, curvature, pull)
-    for one in range(4):
-        a, w = slopes[group == one].astype(float), weight[group == one, np.newaxis]
-        np.testing.assert_allclose(curvature[one], np.eye(4) + a.T @ (w * a), rtol=1e-4)
-        np.testing.assert_allclose(pull[one], 1.0 + (w * a).T @ error[group == one], rtol=1e-4)
+    prior, towards = (1.0, 2.0, 3.0, 4.0), rng.normal(size=(4, 4))
+    found = _solved(group, (slopes, error, weight), prior, towards)
+    for one in range(4):  # the last group has no pixel
+        a, w = slopes[:, group == one].astype(float), weight[group == one]
+        pull = prior * towards[one] + a @ (w * error[group == one])
+        np.testing.assert_allclose((np.diag(prior) + (w * a) @ a.T) @ found[one], pull, rtol=1e-4)
 
 
 # A place that moves turns the ellipse a little, which the model leaves to the next round.
@@ -262,7 +262,7 @@ def test_slopes_of_a_disc_equal_numbers_from_differences(stretch: np.ndarray, ro
     for row in rows:
         change = small * np.eye(6)[row]
         expected = (shown(*change) - shown(*-change)) / (2 * small)
-        np.testing.assert_allclose(around.slopes[first, row], expected, atol=2e-4)
+        np.testing.assert_allclose(around.slopes[row, first], expected, atol=2e-4)
 
 
 def test_corrections_undo_small_errors_although_offsets_are_unknown() -> None:

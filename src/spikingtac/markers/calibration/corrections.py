@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import fall
@@ -76,7 +75,7 @@ class Rims:
         state: ``(n,)`` their states.
         marker: ``(n,)`` their discs.
         variance: ``(n,)`` variance of their levels: uniform within a step, and the model's.
-        slopes: ``(n, 6)`` derivative of the level by x, y, radius, edge and stretch of the disc.
+        slopes: ``(6, n)`` derivatives of the level by x, y, radius, edge and stretch of the disc.
     """
 
     at: NDArray[np.int64]
@@ -116,8 +115,7 @@ def rims(evidence: Evidence, model: Model, seen: Comparison) -> Rims:
     radius_px, edge_px, contrast = np.array(looks, np.float32)[:, marker]
     rim_px = radius_px + stretch_px[:, 0] + stretch_px[:, 1] * wide + stretch_px[:, 2] * slant
     z = (rho - rim_px) / edge_px
-    ways = np.stack([dx, dy, np.ones_like(z), z, wide, slant], axis=1)
-    slopes = fall(z, contrast, edge_px)[:, np.newaxis] * ways
+    slopes = fall(z, contrast, edge_px) * np.stack([dx, dy, np.ones_like(z), z, wide, slant])
     variance = (LEVEL_VARIANCE + (model.on**2 + model.off**2) / 12.0).astype(np.float32)
     return Rims(at, state, marker, variance[evidence.cell[pixel]], slopes)
 
@@ -137,20 +135,20 @@ def corrections(
     """
     around = rims(evidence, model, seen)
     markers, states, dense = len(model.on), len(evidence.states), np.zeros_like(seen.drawn)
-    shared = np.empty_like(around.slopes[:, :4])
-    for column in range(4):
-        dense.ravel()[around.at] = around.slopes[:, column]
-        shared[:, column] = change.of(dense).ravel()[around.at]
+    shared = np.empty_like(around.slopes[:4])
+    for row in range(4):
+        dense.ravel()[around.at] = around.slopes[row]
+        shared[row] = change.of(dense).ravel()[around.at]
     error, weight = around.weighted(change.real - change.ideal)
     total = np.maximum(np.bincount(around.marker, weight, markers), 1e-9)
     residual = np.sqrt(np.bincount(around.marker, weight * error**2, markers) / total)
     shapes_px = np.column_stack([model.discs.radius_px, model.discs.edge_px])
     towards_px = np.hstack([np.zeros((markers, 2)), np.median(shapes_px, axis=0) - shapes_px])
     common_px = _solved(around.marker, (shared, error, weight), SHARED_PRIOR, towards_px)
-    error = error - (common_px.astype(np.float32)[around.marker] * shared).sum(axis=1)
+    error = error - (common_px.T.astype(np.float32)[:, around.marker] * shared).sum(axis=0)
     stretch_px = model.stretch_px[evidence.states].reshape(-1, 3)
     drawn_px = np.hstack([np.zeros((len(stretch_px), 2)), -stretch_px])
-    own = around.slopes[:, [0, 1, 2, 4, 5]], error, weight
+    own = around.slopes[[0, 1, 2, 4, 5]], error, weight
     prior = (PLACE_PRIOR, PLACE_PRIOR, *[STRETCH_PRIOR] * 3)
     own_px = _solved(around.state * markers + around.marker, own, prior, drawn_px)
     own_px = own_px.reshape(states, markers, 5)
@@ -164,35 +162,14 @@ def _solved(
     prior: tuple[float, ...],
     towards: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    # Regularised weighted least squares of each group of pixels: slopes (n, k), errors, weights.
+    # Regularised weighted least squares of each group of pixels: slopes (k, n), errors, weights.
     # ``towards`` is the prior mean.
-    curvature, pull = np.tile(np.diag(prior), (len(towards), 1, 1)), towards * prior
-    normal_equations_kernel(group, *rows, curvature, pull)
+    (slopes, error, weight), group = rows, group.astype(np.intp)
+    curvature = np.tile(np.diag(prior), (len(towards), 1, 1))
+    pull = towards * prior
+    for row, slope in enumerate(slopes):
+        weighted = weight * slope
+        pull[:, row] += np.bincount(group, weighted * error, len(towards))
+        for column, other in enumerate(slopes):
+            curvature[:, row, column] += np.bincount(group, weighted * other, len(towards))
     return np.asarray(np.linalg.solve(curvature, pull[..., np.newaxis])[..., 0], np.float64)
-
-
-@njit(cache=True)
-def normal_equations_kernel(
-    group: NDArray[np.integer],
-    slopes: NDArray[np.float32],
-    error: NDArray[np.float32],
-    weight: NDArray[np.float32],
-    curvature: NDArray[np.float64],
-    pull: NDArray[np.float64],
-) -> None:
-    """Add ``n`` weighted equations to the normal equations of their groups.
-
-    Args:
-        group: ``(n,)`` group of each.
-        slopes: ``(n, k)`` slopes by the unknowns.
-        error: ``(n,)`` right-hand sides.
-        weight: ``(n,)`` inverse variances.
-        curvature: ``(groups, k, k)``.
-        pull: ``(groups, k)``.
-    """
-    for i in range(len(group)):
-        for row in range(slopes.shape[1]):
-            weighted = weight[i] * slopes[i, row]
-            pull[group[i], row] += weighted * error[i]
-            for column in range(slopes.shape[1]):
-                curvature[group[i], row, column] += weighted * slopes[i, column]
