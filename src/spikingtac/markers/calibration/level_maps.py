@@ -5,8 +5,6 @@ and backwards from the end. Clipping anchors the sum at both ends, so that neith
 thresholds make it drift. Both directions are averaged, since their errors are opposite.
 """
 
-from typing import Any
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -224,11 +222,9 @@ def starting_levels(
     enclosed = np.asarray(ndimage.binary_fill_holes(fires), bool) & ~fires
     silent = np.zeros(events.shape, np.int32)
     ndimage.label(enclosed, output=silent)
-    transform: Any = ndimage.distance_transform_cdt  # its type does not tell what it returns
-    away_px, nearest = transform(silent == 0, "taxicab", return_indices=True)
-    rim = (away_px <= RIM_PX) & fires & ~undecided
-    whose, parts = silent[tuple(nearest)][rim], int(silent.max()) + 1
-    bright = np.bincount(whose, lit[rim], parts) > LEAST_LIT * np.bincount(whose, minlength=parts)
+    voters, parts = fires & ~undecided, int(silent.max()) + 1
+    beside = np.asarray(ndimage.maximum_filter(silent, 2 * RIM_PX + 1))[voters]
+    bright = np.bincount(beside, lit[voters], parts) > LEAST_LIT * np.bincount(beside, None, parts)
     covered = enclosed & bright[silent]
     # Undecided pixels began bright if their first events of motion are OFF.
     pixel, first = np.unique(code >> 1, return_index=True)
