@@ -57,7 +57,8 @@ class Neighbourhood:
             self.index[i] = order[order != i][: self.index.shape[1]]
             self.weight[i] = _affine_weights_at_origin(offset[self.index[i]])
         self.arrays = self.reference_px, self.index, self.weight
-        self.bound_px = FARTHEST_PITCHES * nearest_px(self.reference_px)
+        nearest_px = distances_px(self.reference_px).min(axis=1, initial=np.inf)
+        self.bound_px = FARTHEST_PITCHES * nearest_px
         self.own_share = 1.0 / (1.0 + (self.weight**2).sum(axis=1))
 
     def expected_px(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -104,11 +105,6 @@ def _affine_weights_at_origin(points: NDArray[np.float64]) -> NDArray[np.float64
     return np.round(weights / weights.sum(), WEIGHT_DECIMALS)
 
 
-def nearest_px(reference_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``(m,)`` the distance of each marker from the nearest other, px; infinite for one."""
-    return np.asarray(distances_px(reference_px).min(axis=1, initial=np.inf))
-
-
 def smallest_spacing_px(reference_px: NDArray[np.float64]) -> float:
     """Return the smallest distance between two markers, px; infinite for a single marker."""
-    return float(nearest_px(reference_px).min(initial=np.inf))
+    return float(distances_px(reference_px).min(initial=np.inf))
