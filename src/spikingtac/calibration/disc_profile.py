@@ -96,13 +96,8 @@ def disc_profiles(calibration: Calibration) -> list[DiscProfile]:
     Raises:
         ConfigError: A contrast is not above 1, or an edge is not positive.
     """
-    count = len(calibration.reference_px)
-    contrast = calibration.marker_contrast
-    if contrast is None:
-        contrast = np.full(count, calibration.contrast or CONTRAST_DEFAULT)
-    edge_px = calibration.marker_edge_px
-    if edge_px is None:
-        edge_px = np.full(count, calibration.edge_px or EDGE_DEFAULT_PX)
+    contrast = calibration.of_each_marker("contrast", CONTRAST_DEFAULT)
+    edge_px = calibration.of_each_marker("edge_px", EDGE_DEFAULT_PX)
     pairs = zip(contrast.tolist(), edge_px.tolist(), strict=True)
     return [DiscProfile(ratio, edge) for ratio, edge in pairs]
 

@@ -107,6 +107,16 @@ class Calibration:
             raise ValueError(f"pitch_mm is {pitch_mm}, it must be positive, in millimetres")
         return replace(self, px_per_mm=mean_pitch_px(self.reference_px) / pitch_mm, lens=None)
 
+    def of_each_marker(self, name: str, default: float) -> NDArray[np.float64]:
+        """Return ``(m,)`` numbers: the markers' own where known, else the sensor's, else a default.
+
+        Args:
+            name: ``step_on``, ``step_off``, ``contrast`` or ``edge_px``.
+            default: What stands where neither is known.
+        """
+        own, common = getattr(self, f"marker_{name}"), getattr(self, name) or default
+        return np.full(len(self.reference_px), common) if own is None else own
+
     @property
     def skin_scale(self) -> SkinScale | None:
         """From pixels to the skin, or None where no pitch was given."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.disc_profile import EDGE_DEFAULT_PX, covered
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.plots.figure import Theme, new_figure, save_figure, style_axes
 from spikingtac.types import FloatArray
@@ -34,7 +35,6 @@ STATUS: dict[str, tuple[str, Literal["-", "--"]]] = {
 }
 
 LEVELS = {"white": (0.15, 0.85), "dark": (0.85, 0.15)}  # Grey of the ground and of the markers.
-EDGE_PX = 0.5  # Logistic scale of a marker's edge where the calibration holds none, px.
 
 PLANE_REGION = 5.991  # 95 % quantile of chi-squared with two degrees of freedom: the centre alone.
 
@@ -98,11 +98,10 @@ def _picture(calibration: Calibration) -> NDArray[np.float64]:
     width, height = calibration.size
     y, x = np.mgrid[:height, :width]
     cover = np.zeros((height, width))
-    edges = calibration.marker_edge_px
+    edges_px = calibration.of_each_marker("edge_px", EDGE_DEFAULT_PX)
     for marker, (cx, cy) in enumerate(calibration.reference_px):
-        edge_px = calibration.edge_px or EDGE_PX if edges is None else float(edges[marker])
         q_px = np.hypot(x - cx, y - cy) - calibration.radius_px[marker]
-        cover = np.maximum(cover, 1.0 / (1.0 + np.exp(np.clip(q_px / edge_px, -40.0, 40.0))))
+        cover = np.maximum(cover, covered(q_px / edges_px[marker]))
     ground, marker_level = LEVELS[calibration.polarity]
     return ground + (marker_level - ground) * cover
 

@@ -86,11 +86,11 @@ class Appearance:
 
 def appearance_of(calibration: Calibration) -> Appearance:
     """Return each marker's appearance: its own where known, else the sensor's, else a default."""
-    count, (on, off) = len(calibration.reference_px), _step_shares(calibration)
+    on, off = _step_shares(calibration)
     return Appearance(
         profiles=disc_profiles(calibration),
-        step_on=on * _each(calibration.marker_step_on, calibration.step_on, count),
-        step_off=off * _each(calibration.marker_step_off, calibration.step_off, count),
+        step_on=on * calibration.of_each_marker("step_on", STEP_DEFAULT),
+        step_off=off * calibration.of_each_marker("step_off", STEP_DEFAULT),
     )
 
 
@@ -153,10 +153,6 @@ def _pixel_steps(
     if step_map is None:
         return of_marker.astype(np.float32)
     return np.where(step_map > 0.0, share * step_map, of_marker).astype(np.float32)
-
-
-def _each(own: NDArray[np.float64] | None, common: float | None, count: int) -> NDArray[np.float64]:
-    return np.full(count, common or STEP_DEFAULT) if own is None else np.asarray(own, np.float64)
 
 
 def crossing_px(calibration: Calibration) -> NDArray[np.float64]:
