@@ -67,11 +67,6 @@ class DiscProfile:
         """Return dS/dq, 1/px (negative)."""
         return -fall(np.asarray(q_px, float) / self.edge_px, self.contrast, self.edge_px)
 
-    def place_px(self, level: float) -> float:
-        """Return the distance q at which the level is met, px; the inverse of :meth:`level`."""
-        k = self.contrast - 1.0
-        return float(self.edge_px * np.log(k / np.expm1(level * np.log1p(k)) - 1.0))
-
     @property
     def steepest(self) -> float:
         """Largest fall of the level, 1/px."""

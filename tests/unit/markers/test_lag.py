@@ -31,6 +31,8 @@ from spikingtac.sim.optics import MarkerImage
 from spikingtac.types import EventPacket, MarkerFrame
 
 EDGE = DiscProfile(6.0, 0.5)
+STEP_PX = 2e-3
+WAY_PX = np.arange(-7.0, 12.0, STEP_PX)  # of the edge past a pixel
 LEVELS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 
 
@@ -39,18 +41,16 @@ def late_px(brightening: bool, kappa_px: np.ndarray, dark: float) -> np.ndarray:
 
     Euler's method on dv/dt = (L - v) / tau, for n products of speed and tau at white, px.
     """
-    side, step_px = -1.0 if brightening else 1.0, 2e-3
-    q_px = np.arange(-7.0, 12.0, step_px)
-    level = EDGE.level(side * q_px)
-    rate = step_px / (kappa_px[:, np.newaxis] * slowness(EDGE, level, dark))
+    level = EDGE.level(-WAY_PX if brightening else WAY_PX)
+    rate = STEP_PX / (kappa_px[:, np.newaxis] * slowness(EDGE, level, dark))
     seen = np.empty_like(rate)
     seen[:, 0] = level[0]
-    for i in range(1, len(q_px)):
+    for i in range(1, len(WAY_PX)):
         before = seen[:, i - 1]
         seen[:, i] = before + (level[i] - before) * np.minimum(rate[:, i], 1.0)
     crossed = [[np.argmax((row >= one) == brightening) for one in LEVELS] for row in seen]
     at_rest = [np.argmax((level >= one) == brightening) for one in LEVELS]
-    return q_px[np.array(crossed)] - q_px[at_rest]
+    return WAY_PX[np.array(crossed)] - WAY_PX[at_rest]
 
 
 def modelled(lag_s: float, white_s: float, dark: float, skew_s: float = 0.0) -> Crossings:
@@ -63,7 +63,7 @@ def modelled(lag_s: float, white_s: float, dark: float, skew_s: float = 0.0) -> 
         late += (-lag_s + (2 * side - 1) * skew_s) * speeds[:, None]
         for order, level in enumerate(LEVELS if side == 0 else LEVELS[::-1]):
             column = order if side == 0 else len(LEVELS) - 1 - order
-            q = EDGE.place_px(level) + (2 * side - 1) * late[:, column]
+            q = np.interp(-level, -EDGE.level(WAY_PX), WAY_PX) + (2 * side - 1) * late[:, column]
             for bin_, middle in enumerate(q):
                 drawn = middle + rng.normal(0.0, 0.2, 4_000)
                 places = ((drawn + REACH_PX) / (2 * REACH_PX) * PLACE_BINS).astype(int)
