@@ -55,9 +55,15 @@ TAIL_US, TAIL_SHARE = 150_000, 0.3
 COMMON_SHARE = 0.1
 
 NOISE_FACTOR = 6.0  # Times the strength at rest that a touch must exceed.
+
+# Largest threshold, in thresholds of a sensor without noise: a slow press is no noise, however long
+# the rest has followed it (markers that drift by 0.3 px reach 4.4; with 4 and 7 a release, or a
+# press of 3 s, is told wrongly; simulated).
+MOST_FLOORS = 5.0
+
 SETTLE_US = 500_000  # Time after a release within which the rest follows whatever falls, us.
 START_US = 100_000  # Time from the first frame on that is rest, us.
-RESTING_US = 2_000_000  # Time constant of the rest otherwise, us (slower presses are lost).
+RESTING_US = 2_000_000  # Time constant of the rest otherwise, us.
 
 # Strength against the calibrated rest up to which that holds (a real gel, which creeps,
 # rested at 0.009 to 0.031 from where it was calibrated; its presses reach 0.09 and more).
@@ -148,7 +154,7 @@ class TouchDetector:
     @property
     def threshold(self) -> float:
         """Strength of the gradient at which a touch begins now."""
-        return max(self._floor, NOISE_FACTOR * self._rest_strength)
+        return min(max(self._floor, NOISE_FACTOR * self._rest_strength), MOST_FLOORS * self._floor)
 
     def update(self, frame: MarkerFrame) -> Touch | None:
         """Take in a frame and return the touch that it ends, if any."""

@@ -46,6 +46,14 @@ def test_noise_and_drift_are_no_touch() -> None:
     assert touches(watch(lambda t: 0.0, 4.0, drift=0.3)) == []
 
 
+def test_a_slow_press_is_a_touch_and_hides_no_tap_after_it() -> None:
+    slow, tap = touches(
+        watch(lambda t: 6 * pulse(t, 1, 13, 5.0) + 2 * pulse(t, 14, 14.2, 0.1), 15.0)
+    )
+    assert slow.begin_us < 6_000_000 < slow.peak_us < 8_000_000
+    assert tap.begin_us / 1e6 == pytest.approx(14.0, abs=0.02)
+
+
 def test_a_gel_that_has_crept_off_its_calibrated_rest_is_at_rest() -> None:
     strength = TouchDetector(REFERENCE)._gradient.strength_of(press(-2.4))
     assert 0.03 < strength < START_STRENGTH, "as on the recorded gel"
