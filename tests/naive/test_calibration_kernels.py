@@ -26,6 +26,7 @@ from spikingtac.markers.calibration.level_maps import level_maps, swings_kernel
 from spikingtac.markers.calibration.recording import BufferedEvents
 from spikingtac.markers.calibration.refine import with_rest_radii
 from spikingtac.markers.calibration_check import (
+    MOVED_EVENTS,
     NEIGHBOUR_US,
     NEIGHBOURS,
     NO_ANSWER,
@@ -303,7 +304,8 @@ def test_first_events_with_company_are_noted_as_by_plain_loops(share: float) -> 
     asked = rng.random((height, width)) < 0.7
     first, last_us = np.zeros((height, width), np.int8), np.full((2, height, width), -(10**12))
     events = (x.astype(np.uint16), y.astype(np.uint16), rises, t.astype(np.int64))
-    _note_first_kernel(events, asked, first, last_us, share)
+    net = np.zeros((height, width), np.int32)
+    _note_first_kernel(events, asked, first, last_us, net, share)
     expected = np.zeros((height, width), np.int8)
     for i in range(count):
         before = [
@@ -318,6 +320,8 @@ def test_first_events_with_company_are_noted_as_by_plain_loops(share: float) -> 
             own = [k for k in range(i) if (x[k], y[k]) == (x[i], y[i])]
             back = [k for k in own if rises[k] != rises[i]]
             back = [k for k in back if k == own[-1] or t[i] - t[k] < share * RETURN_US]
-            expected[y[i], x[i]] = NO_ANSWER if back else 1 if rises[i] else -1
+            against = sum(1 if rises[k] != rises[i] else -1 for k in own)
+            unknown = back or against >= MOVED_EVENTS
+            expected[y[i], x[i]] = NO_ANSWER if unknown else 1 if rises[i] else -1
     assert (first == expected).all()
     assert set(np.unique(first)) == {-1, 0, 1, NO_ANSWER}
