@@ -194,11 +194,10 @@ def _note_first_kernel(
                         support += 1
             if support >= NEIGHBOURS:
                 other_us = last_us[1 - side, row, column]
-                before = net[row, column] if rises[i] else -net[row, column]
                 soon = other_us > min(last_us[side, row, column], t[i] - share * RETURN_US)
-                if soon or before <= -MOVED_EVENTS:
+                if soon or (1 - 2 * side) * net[row, column] >= MOVED_EVENTS:
                     first[row, column] = NO_ANSWER
                 else:
                     first[row, column] = 1 if rises[i] else -1
         last_us[side, row, column] = t[i]
-        net[row, column] += 1 if rises[i] else -1
+        net[row, column] += 2 * side - 1

@@ -70,15 +70,10 @@ def test_its_own_calibration_is_not_contradicted(recording: EventPacket) -> None
 @pytest.mark.parametrize("slowly_px", [0.0, 0.5, 1.0])
 def test_a_slow_motion_and_its_fast_way_back_do_not_contradict_it(slowly_px: float) -> None:
     """The way back may begin slowly, too."""
-    turn_px = 3.0 - slowly_px
-    ways_px = (
-        np.linspace(0.0, 3.0, 300),
-        np.linspace(3.0, turn_px, 100),
-        np.linspace(turn_px, 0, 30),
-    )
+    ways_px = np.interp(np.arange(430), [0, 300, 400, 430], [0.0, 3.0, 3.0 - slowly_px, 0.0])
     t_us = 100_000 * np.arange(430)
     t_us[400:] = 42_000_000 + 2_000 * np.arange(30)
-    away_px = np.concatenate(ways_px)[:, None] * np.array([0.8, 0.6])
+    away_px = ways_px[:, None] * np.array([0.8, 0.6])
     assert not judged(calibration(), recorded(t_us, away_px)).foreign
 
 

@@ -47,9 +47,8 @@ def test_noise_and_drift_are_no_touch() -> None:
 
 
 def test_a_slow_press_is_a_touch_and_hides_no_tap_after_it() -> None:
-    slow, tap = touches(
-        watch(lambda t: 6 * pulse(t, 1, 13, 5.0) + 2 * pulse(t, 14, 14.2, 0.1), 15.0)
-    )
+    frames = watch(lambda t: 6 * pulse(t, 1, 13, 5.0) + 2 * pulse(t, 14, 14.2, 0.1), 15.0)
+    slow, tap = touches(frames)
     assert slow.begin_us < 6_000_000 < slow.peak_us < 8_000_000
     assert tap.begin_us / 1e6 == pytest.approx(14.0, abs=0.02)
 
