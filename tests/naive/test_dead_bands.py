@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from spikingtac.config import load_config
 from spikingtac.markers.graded.appearance import fit_window
@@ -60,7 +61,7 @@ def fitted(state_map: GradedStateMap, *disc: Any) -> tuple[float, float, float, 
 class Twin:
     """Residuals of a disc's pixels from the formulas alone."""
 
-    def __init__(self, state_map: GradedStateMap, x: float, y: float) -> None:
+    def __init__(self, state_map: GradedStateMap, x: float, y: float, signal: float = 1.0) -> None:
         row, column = np.mgrid[: SIZE[1], : SIZE[0]]
         dx, dy = column - x, row - y
         rho = np.hypot(dx, dy) + 1e-9
@@ -73,17 +74,17 @@ class Twin:
         self.slope = np.where(self.near, -PROFILE.slope(q), 0.0)
         apart = state_map.pixels["level"] - self.disc
         outside = np.where(apart > STEP_OFF, apart - STEP_OFF, np.minimum(apart + STEP_ON, 0.0))
-        new = state_map.values == state_map.pixels["level"]
-        self.e = np.where(new, apart, outside)
+        self.new = state_map.values == state_map.pixels["level"]
+        self.e = np.where(self.new, apart, outside)
         self.soft = 1.0 / (1.0 + (self.e / SOFT_RESIDUAL) ** 2)
-        self.weight = np.where(new, 1.0, BAND_WEIGHT) * self.soft * (self.e != 0.0)
+        self.weight = np.where(self.new, signal, BAND_WEIGHT) * self.soft * (self.e != 0.0)
 
 
-def plain_place(state_map: GradedStateMap, x: float, y: float) -> np.ndarray:
+def plain_place(state_map: GradedStateMap, x: float, y: float, signal: float) -> np.ndarray:
     """Return the place after all Gauss-Newton steps from a prediction, px."""
     place = predicted = np.array([x, y])
     for _ in range(3):
-        twin = Twin(state_map, *place)
+        twin = Twin(state_map, *place, signal)
         jacobian = np.stack([twin.slope * twin.x, twin.slope * twin.y])
         curvature = np.einsum("iyx,jyx,yx->ij", jacobian, jacobian, twin.weight)
         gradient = np.einsum("iyx,yx->i", jacobian, twin.weight * twin.e)
@@ -92,17 +93,19 @@ def plain_place(state_map: GradedStateMap, x: float, y: float) -> np.ndarray:
     return place
 
 
-def test_the_fit_its_corrections_and_its_outline_equal_their_twin() -> None:
+@pytest.mark.parametrize("signal", [1.0, 0.4])
+def test_the_fit_its_corrections_and_its_outline_equal_their_twin(signal: float) -> None:
     state_map, start_map, start = random_map(3), random_map(3), (23.6, 20.3)
-    expected_px = plain_place(state_map, *start)
+    expected_px = plain_place(state_map, *start, signal)
     outline_px = np.array([OUTLINE])
-    x, y, agreement, _ = fitted(state_map, start, outline_px, (3, 0.1, RADIUS_PX))
+    x, y, agreement, _ = fitted(state_map, start, outline_px, (3, 0.1, RADIUS_PX), signal)
     np.testing.assert_allclose((x, y), expected_px, atol=0.01)
     assert np.hypot(x - start[0], y - start[1]) > 0.1
     assert 0.5 < agreement < 1.0
-    twin, after = Twin(start_map, x, y), state_map.pixels["level"]
+    twin, after = Twin(start_map, x, y, signal), state_map.pixels["level"]
     before = start_map.pixels["level"]
-    corrected = before - GAIN * twin.e * twin.soft
+    undone = twin.new * (1.0 - signal) * np.clip(twin.e, -STEP_OFF, STEP_ON)
+    corrected = before - np.where(twin.new, signal, 1.0) * GAIN * twin.e * twin.soft - undone
     np.testing.assert_allclose(after[twin.near], corrected[twin.near], atol=0.02)
     np.testing.assert_array_equal(after[twin.far], before[twin.far])
     pull = twin.weight * twin.slope * twin.e
@@ -113,7 +116,7 @@ def test_the_fit_its_corrections_and_its_outline_equal_their_twin() -> None:
 
 def test_after_a_fit_the_disc_is_shown_within_the_bands_and_no_level_is_new() -> None:
     state_map = random_map(4)
-    x, y, *_ = fitted(state_map, (24.0, 20.0), np.array([OUTLINE]), (3, 0.0, RADIUS_PX))
+    x, y, *_ = fitted(state_map, (24.0, 20.0), np.array([OUTLINE]), (3, 0.0, RADIUS_PX), 1.0)
     above = (state_map.values - state_map.pixels["level"])[Twin(state_map, x, y).near]
     assert (above >= -STEP_OFF - 1e-6).all()
     assert (above <= STEP_ON + 1e-6).all()

@@ -19,7 +19,7 @@ from spikingtac.markers.graded.appearance import (
     fit_window,
     painted_map,
 )
-from spikingtac.markers.graded.dead_bands import fit_bands_kernel
+from spikingtac.markers.graded.dead_bands import fit_bands_kernel, signal_share_kernel
 from spikingtac.markers.graded.disc_fit import (
     LINEAR_STEP_PX,
     MOST_GROWTH,
@@ -123,16 +123,18 @@ class DiscLocator:
         for part in watch.parts(packet):
             absorb_events_kernel(part.x, part.y, part.p, *maps)
 
-    def locate(self, t_us: int, coasted: NDArray[np.bool_]) -> None:
+    def locate(self, t_us: int, coasted: NDArray[np.bool_], noise_hz_px: float = 0.0) -> None:
         """Fit the markers that are due at ``t_us``, and update their filters.
 
         Args:
             t_us: Time of the estimate, us.
             coasted: ``(m,)`` lost markers: they keep their position, their velocity is 0.
+            noise_hz_px: Background, Hz/px, from which fits to dead bands tell motion.
         """
         times_us = self.times_us = self.times_us[1], t_us
         maps = self.map.padded.ravel(), self._scratch, self._dead_bands
-        locate_discs_kernel(*maps, *self._arrays, coasted, times_us)
+        noise = self.area_px, noise_hz_px
+        locate_discs_kernel(*maps, *self._arrays, coasted, times_us, *noise)
 
 
 @kernel()
@@ -160,13 +162,14 @@ def locate_discs_kernel(
     flat: Array, scratch: Array, dead_bands: bool, offset: Array, polar: Array, within: Array,
     coefficients: Array, edge: Array, markers: Array, outline_px: Array, pending: Array,
     fitted_events: Array, pixels: Array, coasted: Array, times_us: tuple[int, int],
+    area_px: Array, noise_hz_px: float,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Fit the markers that are due, and predict and correct their filters.
 
     Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, scratch
     for fits, and whether they are fits to dead bands; the fields of a :class:`FitWindow`; records,
     outlines, pending and fitted events of the markers; the map's pixels; lost markers; times of the
-    last estimate and of this one, us.
+    last estimate and of this one, us; pixels in each gate, and the background, Hz/px.
     """
     levels, t_us = (flat, pixels.shape[1], pixels.shape[0]), times_us[1]
     window = FitWindow(offset, polar, within, coefficients, edge)
@@ -186,7 +189,10 @@ def locate_discs_kernel(
             gain = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * (t_us - marker.fit_us))
             start = m, (marker.x, marker.y), outline_px, (ITERATIONS, gain, marker.radius_px)
             if dead_bands:
-                fit = fit_bands_kernel(pixels, levels, scratch, window, *start)
+                since_s, noise_per_s = 1e-6 * (t_us - marker.fit_us), noise_hz_px * area_px[m]
+                events = pending[m] % FIT_NOW
+                signal = signal_share_kernel(marker, events, noise_per_s, since_s)
+                fit = fit_bands_kernel(pixels, levels, scratch, window, *start, signal)
             else:
                 fit = fit_disc_kernel(levels, scratch, window, *start)
             x, y, marker.agreement, step_px = fit

@@ -69,8 +69,8 @@ MARKER = np.dtype(
         # the disc; its time, and the last time without pending events, us.
         *((name, np.float64) for name in ("fit_x", "fit_y", "innovation_px", "agreement")),
         *((name, np.int64) for name in ("fit_us", "quiet_us")),
-        # Centre of the gate, px; radius at rest, px; events that a fit needs.
-        *((name, np.float64) for name in ("gate_x", "gate_y", "radius_px", "needed")),
+        # Centre of the gate, px; radius at rest, px; events that a fit needs; events of late.
+        *((name, np.float64) for name in ("gate_x", "gate_y", "radius_px", "needed", "recent")),
     ]
 )
 

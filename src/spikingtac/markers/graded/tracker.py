@@ -162,7 +162,7 @@ class GradedTracker:
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
         """Return positions at ``t_us``, px, which markers are coasted, and their confidence."""
         locator, manager = self._locator, self._manager
-        locator.locate(t_us, manager.coasted)
+        locator.locate(t_us, manager.coasted, self._event_loss.background_hz_px)
         before_us = locator.times_us[0]
         dt_s = 0.0 if before_us == NEVER_US else (t_us - before_us) * 1e-6
         self._next_estimate_us = t_us + LONGEST_PERIOD_US
@@ -234,8 +234,9 @@ class GradedTracker:
             event_count = locator.event_count
             self._counts = event_count - self._counted_events, counted_s
             self._count_us, self._counted_events = t_us, event_count
-            if self._adapts and counted_s > 0.0:
+            if counted_s > 0.0:
                 event_loss.update(locator.markers, *self._counts)
+            if self._adapts:
                 locator.map.arrival_ratio = event_loss.arrival_ratio
         elif task == 1:
             manager.update_silent(locator.markers, *self._counts, event_loss)
