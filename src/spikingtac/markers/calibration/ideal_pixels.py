@@ -90,7 +90,8 @@ class Comparison:
         expected: The mean sum of the ideal events' steps since the start.
         drawn: The level of the model's image.
         owner: The disc that covers each pixel, -1 for none.
-        events: ``(m, 4)`` events near each marker: real ON and OFF, expected ON and OFF.
+        events: ``(m, 5)`` events near each marker: real ON and OFF, expected ON and OFF; last the
+            sum of the times for which its pixels were looked at, s.
         swings: ``(pixels, 6)`` real events of the full swings of every pixel: ON events and number
             of rises, OFF events and number of falls, OFF events of rises, ON events of falls.
         marker_swings: ``(m, 6)`` the same sums for the marker that covered the pixel.
@@ -118,7 +119,7 @@ def compare(evidence: Evidence, model: Model) -> Comparison:
     per_s = 1.0 / model.recovery_s if model.recovery_s > 0.0 else 0.0
 
     def compare_rows(top: int, bottom: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        near, ended = np.zeros((len(model.on), 4)), np.zeros((len(model.on), 6))
+        near, ended = np.zeros((len(model.on), 5)), np.zeros((len(model.on), 6))
         pixels = slice(top * width, bottom * width)
         compare_kernel(
             (events.code, pixels.start, width, at_s, per_s),
@@ -133,7 +134,7 @@ def compare(evidence: Evidence, model: Model) -> Comparison:
     with ThreadPoolExecutor(THREADS) as pool:
         parts = list(pool.map(compare_rows, edges[:-1], edges[1:]))
     near, ended = (np.sum(some, axis=0) for some in zip(*parts, strict=True))
-    near[:, 2:] /= PHASES
+    near[:, 2:4] /= PHASES
     pixel = np.flatnonzero((owner >= 0).any(axis=0))
     (measured, expected, drawn), owner = kept.take(pixel, axis=2), owner.take(pixel, axis=1)
     return Comparison(pixel, measured, expected, drawn, owner, near, swings, ended)
@@ -258,7 +259,7 @@ def compare_kernel(
 
     ``real`` holds the codes of all events, the number of the first pixel of these rows, their
     width, the time of each sample, s, and the rate of recovery, 1/s; ``out`` the levels
-    ``(3, states, pixels)``, the owners, the events ``(m, 4)``, swings by pixel, by marker.
+    ``(3, states, pixels)``, the owners, the events ``(m, 5)``, swings by pixel, by marker.
     """
     (code, first, width, at_s, per_s), (levels, owners, near, swings) = real, out
     (index, center_px, stretch_px, states), (on, off) = paths, steps
@@ -271,9 +272,10 @@ def compare_kernel(
     copies, counts = (phases, np.zeros(count, np.float32)), np.zeros((count, 2), np.int32)
     ends = np.zeros(count, np.int8), np.full(count, -1, np.int32), seen_s.copy()
     counted = counts, np.zeros_like(counts), np.zeros_like(counts)
-    at, formers, kept = index[0], 0, 0
+    at, formers, kept, owned = index[0], 0, 0, np.zeros(len(near))
     for sample in range(len(index)):
         count_events_kernel(code[at : index[sample]], first, counts, last_owner, near)
+        near[:, 4] += owned * (at_s[sample] - at_s[max(sample - 1, 0)])
         at, clock = index[sample], (seen_s, at_s[sample], per_s)
         place = center_px[sample], stretch_px[sample]
         covered = touched[: draw_kernel(place, looks, (image, owner), touched)]
@@ -281,7 +283,11 @@ def compare_kernel(
             before[:], ends[0][:] = now, 2 * (now > MARKER_LEVEL) + (now < GROUND_LEVEL)
             for phase in range(PHASES):
                 phases[:, phase] = now + off - (on + off) * np.float32((phase + 0.5) / PHASES)
-        last_owner[covered] = whose[covered]
+        for q in covered:
+            owned[whose[q]] += whose[q] != last_owner[q]
+            if last_owner[q] >= 0:
+                owned[last_owner[q]] -= whose[q] != last_owner[q]
+            last_owner[q] = whose[q]
         for some, left in ((former[:formers], True), (covered, False)):
             follow_levels_kernel((some, last_owner), (now, before), copies, steps, near, clock)
             shown = now, whose, last_owner, left

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.disc_profile import REACH_EDGES
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.corrections import Changes, corrections, rims
 from spikingtac.markers.calibration.find_markers import CalibrationConfig, Overview
@@ -89,8 +88,8 @@ def _correct_positions(
 
 def _correct_steps(evidence: Evidence, model: Model, seen: Comparison) -> Model:
     """Return a model with steps corrected by the counts: fewer events mean larger steps."""
-    real = _signal_events(evidence, model, seen).clip(0.0) + COUNT_PRIOR
-    factor = ((seen.events[:, 2:] + COUNT_PRIOR) / real) ** COUNT_GAIN
+    real = _signal_events(evidence, seen).clip(0.0) + COUNT_PRIOR
+    factor = ((seen.events[:, 2:4] + COUNT_PRIOR) / real) ** COUNT_GAIN
     on, off = (
         (step * one.clip(1.0 / LARGEST_FACTOR, LARGEST_FACTOR)).clip(*STEP_BOUNDS)
         for step, one in zip((model.on, model.off), factor.T, strict=True)
@@ -98,10 +97,10 @@ def _correct_steps(evidence: Evidence, model: Model, seen: Comparison) -> Model:
     return replace(model, on=on, off=off)
 
 
-def _signal_events(evidence: Evidence, model: Model, seen: Comparison) -> NDArray[np.float64]:
+def _signal_events(evidence: Evidence, seen: Comparison) -> NDArray[np.float64]:
     """Return ``(m, 2)`` ON and OFF events near each marker beyond the noise."""
-    reach_px = model.discs.radius_px + REACH_EDGES * model.discs.edge_px
-    return seen.events[:, :2] - np.multiply.outer(np.pi * reach_px**2, evidence.noise)
+    noise_per_s = evidence.noise / (1e-6 * max(evidence.events.duration_us, 1))
+    return seen.events[:, :2] - np.multiply.outer(seen.events[:, 4], noise_per_s)
 
 
 # Time constant with which the pixels of some sensors adapt to a darkening without an event, s (the
@@ -113,9 +112,9 @@ RECOVERY_S = 0.2
 LEAST_ON_SHARE = 0.6
 
 # Share by which residuals must shrink, median over the markers, to accept recovery (the recorded
-# sensor 0.17, parts of it 0.13 to 0.24; simulated sensors that recover 0.14 to 0.16, others at most
-# 0.08; four short presses are too few to decide).
-RECOVERY_GAIN = 0.1
+# sensor 0.10, parts of it 0.05 to 0.15; seven simulated recordings of sensors that do not recover
+# grow by up to 0.29, and shrink by 0.04 with noise of 1 Hz/px; four short presses are too few).
+RECOVERY_GAIN = 0.05
 
 
 def with_recovery(evidence: Evidence, model: Model) -> Model:
@@ -200,7 +199,7 @@ def quality_of(evidence: Evidence, model: Model) -> Quality:
             "their diameter; or a flicker of the light or noise drowns their events: use direct "
             "current, raise the thresholds (biases); otherwise the recording shows something else"
         )
-    above = _signal_events(evidence, model, seen).sum(axis=1)
+    above = _signal_events(evidence, seen).sum(axis=1)
     busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
     measured = (above >= FEWEST_EVENTS) & (busy | (explained >= FEWEST_EXPLAINED_SHARE * usual))
     usual = float(np.median(explained[measured])) if measured.any() else 0.0

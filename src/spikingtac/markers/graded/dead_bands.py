@@ -57,13 +57,14 @@ RECENT_S = 0.01
 
 @kernel(forceinline=True)
 def signal_share_kernel(
-    marker: Any, events: int, noise_per_s: float, dt_s: float
+    marker: Any, events: int, noise_per_s: float, t_us: int
 ) -> float:  # pragma: no cover - compiled
     """Return the share of a marker's latest events that come from motion, and count new events.
 
     One standard deviation of the noise counts as noise, too.
     """
-    marker.recent = marker.recent * np.exp(-dt_s / RECENT_S) + events
+    fading = np.exp(-1e-6 * (t_us - marker.fit_us) / RECENT_S)
+    marker.recent = marker.recent * fading + events
     noise = noise_per_s * RECENT_S
     return max(1.0 - (noise + np.sqrt(noise)) / max(marker.recent, 0.5), 0.0)
 

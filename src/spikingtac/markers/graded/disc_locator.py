@@ -189,9 +189,8 @@ def locate_discs_kernel(
             gain = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * (t_us - marker.fit_us))
             start = m, (marker.x, marker.y), outline_px, (ITERATIONS, gain, marker.radius_px)
             if dead_bands:
-                since_s, noise_per_s = 1e-6 * (t_us - marker.fit_us), noise_hz_px * area_px[m]
-                events = pending[m] % FIT_NOW
-                signal = signal_share_kernel(marker, events, noise_per_s, since_s)
+                noise_per_s = noise_hz_px * area_px[m]
+                signal = signal_share_kernel(marker, pending[m] % FIT_NOW, noise_per_s, t_us)
                 fit = fit_bands_kernel(pixels, levels, scratch, window, *start, signal)
             else:
                 fit = fit_disc_kernel(levels, scratch, window, *start)
