@@ -65,6 +65,20 @@ def data_dir() -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def circling(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a recording of circling discs, with their calibration."""
+    from stand_ins.viewer import record_circling  # compiles: once the cache is prepared
+
+    return record_circling(tmp_path_factory.mktemp("circling"))
+
+
+@pytest.fixture
+def discs_in_their_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the twin print every disc where its grid has it."""
+    monkeypatch.setattr("spikingtac.sim.optics.POSITION_SIGMA_MM", 0.0)
+
+
 @pytest.fixture
 def controller() -> Iterator[URController]:
     """Return the controller of an arm, on an address of this machine."""

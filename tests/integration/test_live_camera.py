@@ -18,7 +18,6 @@ from stand_ins.moving_rims import calibration, windows
 from stand_ins.piped_camera import PipedCamera
 from stand_ins.random_packets import save_events
 from stand_ins.verbs import Verbs
-from stand_ins.viewer import record_circling
 
 pytestmark = pytest.mark.waits
 
@@ -28,11 +27,6 @@ TOUCH_MS = 400
 
 # How long a camera of 2 s is shown: a machine that compiles meanwhile is given more.
 LONGER_AND_LONGER_S = (2.5, 8.0, 20.0)
-
-
-@pytest.fixture(scope="module")
-def circling(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record_circling(tmp_path_factory.mktemp("circling"))
 
 
 def moving(path: Path, count: int, seed: int, touch_ms: int = 1 << 30) -> Path:

@@ -62,13 +62,12 @@ def speed(controller: URController) -> float:
 def test_a_stop_that_is_obeyed_needs_one_means(
     controller: URController, patient_arm: RemoteArm
 ) -> None:
-    arm = patient_arm
-    arm.stop()
-    arm.confirm_stop()
+    patient_arm.stop()
+    patient_arm.confirm_stop()
     assert speed(controller) < 1.0
     assert "spikingtac" not in controller.scripts[-1]
-    wait_until(lambda: arm.state() is ArmState.IDLE)
-    arm.move_linear(arm.pose().position_mm + np.array([1.0, 0.0, 0.0]), 20.0)
+    wait_until(lambda: patient_arm.state() is ArmState.IDLE)
+    patient_arm.move_linear(patient_arm.pose().position_mm + np.array([1.0, 0.0, 0.0]), 20.0)
 
 
 def test_letting_go_of_a_resting_arm_leaves_it_without_a_protective_stop(
@@ -93,10 +92,9 @@ def test_letting_go_of_a_resting_arm_leaves_it_without_a_protective_stop(
 def test_a_stop_that_is_acknowledged_and_not_obeyed_is_followed_by_a_firmer_one(
     controller: URController, patient_arm: RemoteArm, deaf_to: set[str], script: str
 ) -> None:
-    arm = patient_arm
     controller.deaf_to = frozenset(deaf_to)
-    arm.stop()
-    arm.confirm_stop()
+    patient_arm.stop()
+    patient_arm.confirm_stop()
     assert speed(controller) < 1.0
     assert script in controller.scripts[-1]
     wait_until(lambda: ("stop" in controller.dashboard_commands) == (SCRIPT in deaf_to))

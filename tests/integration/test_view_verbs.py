@@ -11,14 +11,8 @@ import httpx
 import pytest
 
 from stand_ins.verbs import Verbs
-from stand_ins.viewer import record_circling
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record_circling(tmp_path_factory.mktemp("recording"))
 
 
 def pictured(verbs: Verbs, picture: Path, *words: object) -> dict[str, Any]:
@@ -41,32 +35,32 @@ def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(tmp_path: Pat
 
 
 def test_a_recording_ends_where_it_ends_and_events_alone_make_a_picture(
-    recording: Path, tmp_path: Path, verbs: Verbs
+    circling: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
     picture = tmp_path / "x.png"
-    summary = pictured(verbs, picture, recording, "-o")
+    summary = pictured(verbs, picture, circling, "-o")
     assert summary["played_s"] == pytest.approx(0.6, abs=0.02)
     assert summary["estimates"] == pytest.approx(600, abs=12)
-    assert summary["calibration"] == str(recording / "calibration.json")
+    assert summary["calibration"] == str(circling / "calibration.json")
     assert summary["picture"] == str(picture)
-    (tmp_path / "events.raw").write_bytes((recording / "events.raw").read_bytes())
+    (tmp_path / "events.raw").write_bytes((circling / "events.raw").read_bytes())
     for option in ("-o", "--export"):
         summary = pictured(verbs, tmp_path / f"x{option}.png", tmp_path, option)
         assert (summary["calibration"], summary.get("estimates", 0)) == (None, 0)
 
 
 def test_a_silent_camera_is_left(
-    recording: Path, verbs: Verbs, monkeypatch: pytest.MonkeyPatch
+    circling: Path, verbs: Verbs, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("spikingtac.stream.reader.SILENT_S", 0.1)
-    given = "udp:0", "--seconds", 0.1, "--calibration", recording / "calibration.json"
+    given = "udp:0", "--seconds", 0.1, "--calibration", circling / "calibration.json"
     assert verbs.told("view", *given, "--headless")["estimates"] == 0
     assert "field" not in verbs.told("foxglove", *given, "--port", 0)["messages"]
 
 
-def test_ctrl_c_ends_it_quietly(recording: Path) -> None:
+def test_ctrl_c_ends_it_quietly(circling: Path) -> None:
     process = subprocess.Popen(
-        [COMMAND, "view", str(recording), "--no-browser", "--port", "0"],
+        [COMMAND, "view", str(circling), "--no-browser", "--port", "0"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

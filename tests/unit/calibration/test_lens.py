@@ -17,6 +17,8 @@ from spikingtac.tracks.comparison import compare_with_truth
 from spikingtac.tracks.tracks import Tracks
 from stand_ins.known import known
 
+pytestmark = pytest.mark.usefixtures("discs_in_their_places")
+
 SIZE, GRID, PITCH_MM = (320, 320), (8, 8), 2.4
 NOISE_PX = 0.05
 
@@ -24,11 +26,6 @@ NOISE_PX = 0.05
 def skin_mm(grid: tuple[int, int] = GRID) -> np.ndarray:
     y, x = np.mgrid[0 : grid[0], 0 : grid[1]] * PITCH_MM
     return np.stack([x.ravel() - x.mean(), y.ravel() - y.mean()], axis=1)
-
-
-@pytest.fixture(autouse=True)
-def discs_in_their_places(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("spikingtac.sim.optics.POSITION_SIGMA_MM", 0.0)
 
 
 def imaged_px(place_mm: np.ndarray, tilt: float = 0.0) -> np.ndarray:

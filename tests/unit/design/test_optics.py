@@ -18,6 +18,8 @@ from spikingtac_hardware.optics import Imaging, illuminance_lux
 from spikingtac_hardware.twin import scene_on_design
 from stand_ins.verbs import Verbs
 
+pytestmark = pytest.mark.usefixtures("discs_in_their_places")
+
 RADII_MM = np.array([1.0, 4.0, 8.4, 12.0])
 
 
@@ -57,11 +59,6 @@ def test_the_field_is_where_the_sensor_ends() -> None:
     seen = imaging(load_design())
     assert seen.image_px(np.array([seen.field_mm[0] / 2]))[0] == pytest.approx(160.0, abs=1e-3)
     assert min(seen.field_mm) >= 20.6
-
-
-@pytest.fixture(autouse=True)
-def discs_in_their_places(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("spikingtac.sim.optics.POSITION_SIGMA_MM", 0.0)
 
 
 def projected_px(scene: Scene, indentation_mm: float) -> np.ndarray:

@@ -10,35 +10,29 @@ import spikingtac as st
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.pipeline.track import track_to_file
 from stand_ins.random_packets import save_events
-from stand_ins.viewer import record_circling
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record_circling(tmp_path_factory.mktemp("recording"))
-
-
-def test_paths_and_objects_give_what_the_file_holds(folder: Path) -> None:
-    calibration = st.Calibration.load(folder / "calibration.json")
+def test_paths_and_objects_give_what_the_file_holds(circling: Path) -> None:
+    calibration = st.Calibration.load(circling / "calibration.json")
     tracks = st.track(
-        str(folder), calibration=folder / "calibration.json", preset="fast", rate_hz=500
+        str(circling), calibration=circling / "calibration.json", preset="fast", rate_hz=500
     )
-    again = st.track(st.open_events(folder), calibration, "fast", rate_hz=500)
+    again = st.track(st.open_events(circling), calibration, "fast", rate_hz=500)
     config = st.load_config("fast").with_tracking(rate_hz=500)
-    track_to_file(st.open_events(folder), folder / "t.npz", config.tracking, calibration)
-    written = st.Tracks.load(folder / "t.npz")
+    track_to_file(st.open_events(circling), circling / "t.npz", config.tracking, calibration)
+    written = st.Tracks.load(circling / "t.npz")
     for one in (again, written):
         np.testing.assert_array_equal(tracks.t_us, one.t_us)
         np.testing.assert_array_equal(tracks.detected_px, one.detected_px)
     assert tracks.meta["config"] == written.meta["config"]
 
 
-def test_triggers_of_the_recording_are_in_the_tracks(folder: Path, tmp_path: Path) -> None:
-    packets, edges = list(st.open_events(folder)), Triggers()
+def test_triggers_of_the_recording_are_in_the_tracks(circling: Path, tmp_path: Path) -> None:
+    packets, edges = list(st.open_events(circling)), Triggers()
     first_us = int(packets[0].t[0])
     edges.append([first_us + 2_500, first_us + 7_000], 3, [True, False])
     save_events(tmp_path / "e.npz", *packets, triggers=edges)
-    calibration, config = st.Calibration.load(folder / "calibration.json"), st.load_config("fast")
+    calibration, config = st.Calibration.load(circling / "calibration.json"), st.load_config("fast")
     tracking = config.with_tracking(rate_hz=500).tracking
     for name in ("t.npz", "t.csv"):
         source = st.open_events(tmp_path / "e.npz")
@@ -56,16 +50,16 @@ def test_triggers_of_the_recording_are_in_the_tracks(folder: Path, tmp_path: Pat
 
 
 def test_smoothed_tracks_hold_their_deviations_in_memory_and_in_files(
-    folder: Path, tmp_path: Path
+    circling: Path, tmp_path: Path
 ) -> None:
-    calibration = st.Calibration.load(folder / "calibration.json")
+    calibration = st.Calibration.load(circling / "calibration.json")
     causal, smooth = (
-        st.track(folder, calibration, "fast", rate_hz=500, smooth=told) for told in (False, True)
+        st.track(circling, calibration, "fast", rate_hz=500, smooth=told) for told in (False, True)
     )
     assert causal.sigma_px is None
     tracking = st.load_config("fast").with_tracking(rate_hz=500, smooth=True).tracking
     for name in ("t.npz", "t.csv"):
-        track_to_file(st.open_events(folder), tmp_path / name, tracking, calibration)
+        track_to_file(st.open_events(circling), tmp_path / name, tracking, calibration)
     written = st.Tracks.load(tmp_path / "t.npz")
     for key in ("detected_px", "displacement_px", "sigma_px"):
         np.testing.assert_array_equal(getattr(written, key), getattr(smooth, key))
@@ -76,11 +70,11 @@ def test_smoothed_tracks_hold_their_deviations_in_memory_and_in_files(
     smooth.save(tmp_path / "again.npz")
     np.testing.assert_array_equal(st.Tracks.load(tmp_path / "again.npz").sigma_px, smooth.sigma_px)
     with pytest.raises(st.SpikingTacError, match="BlobTracker cannot be smoothed"):
-        st.track(folder, calibration, "paper", smooth=True)
+        st.track(circling, calibration, "paper", smooth=True)
 
 
-def test_mistakes_are_told(folder: Path) -> None:
+def test_mistakes_are_told(circling: Path) -> None:
     with pytest.raises(st.SpikingTacError, match="unknown preset 'fats'; did you mean 'fast'"):
-        st.track(folder, folder / "calibration.json", preset="fats")
+        st.track(circling, circling / "calibration.json", preset="fats")
     with pytest.raises(st.SpikingTacError, match=r"no\.json"):
-        st.track(folder, "no.json")
+        st.track(circling, "no.json")

@@ -18,7 +18,8 @@ from spikingtac.ros2.feed import rehearse
 from spikingtac.ros2.messages import definition, encode, type_store
 from spikingtac.ros2.stream import FIELD, SensorInfo, SensorStream
 from spikingtac.stream.paced import Pace
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket
+from stand_ins.live import frame_of
 from stand_ins.tracks import HELD_MARKER, circling_tracks
 
 NOW_NS = 1_700_000_000_000_000_000
@@ -131,10 +132,7 @@ def test_contact_is_told_at_its_changes(kept: Kept) -> None:
     rest = TRACKS.reference_px.astype(float)
     away = rest - rest.mean(axis=0)
     for step in range(300):
-        place = rest + 0.08 * away * (100 <= step < 200)
-        publishing.frame(
-            MarkerFrame(step * 1_000, place, place, place - rest, np.zeros(64, bool), np.ones(64))
-        )
+        publishing.frame(frame_of(step * 1_000, rest, 0.08 * away * (100 <= step < 200)))
     assert [message["data"] for message in kept.of("/tactile/contact")] == [False, True, False]
 
 

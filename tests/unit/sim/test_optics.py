@@ -1,16 +1,10 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim import optics as lens_and_skin
 from spikingtac.sim.optics import DiscConfig, Optics, OpticsConfig, SkinState, draw_discs
 
 STRAIGHT = OpticsConfig(k1=0.0)
 BENT = OpticsConfig(k1=-0.06, k2=0.01)
-
-
-@pytest.fixture
-def exact(monkeypatch):
-    monkeypatch.setattr(lens_and_skin, "POSITION_SIGMA_MM", 0.0)
 
 
 def skin(marker_mm, gradient=None) -> SkinState:
@@ -20,7 +14,7 @@ def skin(marker_mm, gradient=None) -> SkinState:
     return SkinState(0, marker_mm, gradient)
 
 
-def test_an_indentation_magnifies_as_the_distance_shrinks(exact):
+def test_an_indentation_magnifies_as_the_distance_shrinks(discs_in_their_places):
     rest, pressed = skin([[9.0, 0, 0]]), skin([[9.0, 0, 0.6]])
     optics = Optics(STRAIGHT)
     moved = optics.project(pressed).center_px - optics.project(rest).center_px
@@ -31,7 +25,7 @@ def test_an_indentation_magnifies_as_the_distance_shrinks(exact):
 
 
 @pytest.mark.parametrize("lens", [STRAIGHT, BENT])
-def test_a_discs_rim_maps_onto_the_images_ellipse(lens, exact):
+def test_a_discs_rim_maps_onto_the_images_ellipse(lens, discs_in_their_places):
     gradient = np.array([[[1.1, 0.07], [-0.04, 0.9]]])
     center = np.array([[5.0, -6.0, 0.3]])
     optics = Optics(lens)

@@ -8,13 +8,9 @@ from spikingtac.errors import ConfigError
 from spikingtac.sim.layer import GridConfig, LayerOperator
 from spikingtac.touch import elastic
 from spikingtac.touch.elastic import FRICTION, SkinConfig, SurfaceResponse, synthetic_series
+from stand_ins.pressed_skin import REFERENCE
 
 SKIN = SkinConfig(shear_modulus_kpa=30.0, thickness_mm=3.0)
-
-
-def grid() -> np.ndarray:
-    x, y = np.meshgrid(np.arange(8.0), np.arange(8.0))
-    return 37.0 * np.column_stack([x.ravel(), y.ravel()]) + 30.0
 
 
 @pytest.mark.parametrize("direction", [0, 1, 2], ids=["along x", "along y", "pressing"])
@@ -35,7 +31,7 @@ def test_the_closed_form_is_the_fourier_solution(direction: int) -> None:
 
 
 def test_contacts_that_are_drawn_obey_friction_and_repeat() -> None:
-    first, again = (synthetic_series(SKIN, grid(), 15.4, seed=3, frames=30) for _ in range(2))
+    first, again = (synthetic_series(SKIN, REFERENCE, 15.4, seed=3, frames=30) for _ in range(2))
     assert [one.name for one in first] == [f"synthetic {k}" for k in (1, 2, 3, 4, 5, 6)]
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.displacement, other.displacement)
@@ -49,9 +45,9 @@ def test_a_press_towards_the_camera_moves_markers_outwards(monkeypatch: pytest.M
     monkeypatch.setattr(elastic, "NOISE_MM", 0.0)
     monkeypatch.setattr(elastic, "FRICTION", 0.0)
     near = SkinConfig(camera_distance_mm=13.0)
-    flat, seen = (synthetic_series(skin, grid(), 15.4, frames=40)[-1] for skin in (SKIN, near))
+    flat, seen = (synthetic_series(skin, REFERENCE, 15.4, frames=40)[-1] for skin in (SKIN, near))
     np.testing.assert_array_equal(flat.wrench, seen.wrench)
-    outwards = grid() - grid().mean(axis=0)
+    outwards = REFERENCE - REFERENCE.mean(axis=0)
     moved = seen.displacement - flat.displacement
     along = (moved * outwards).sum(axis=2) / np.hypot(*outwards.T)
     across = moved[..., 0] * outwards[:, 1] - moved[..., 1] * outwards[:, 0]

@@ -10,10 +10,10 @@ from spikingtac.errors import ConfigError
 from spikingtac.touch.elastic import SkinConfig, synthetic_series
 from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.model import ForceModel
-from spikingtac.types import MarkerFrame
 from spikingtac.viewer import record as module
 from spikingtac.viewer.export import steps, tracked
 from spikingtac.viewer.source import FeltLayer
+from stand_ins.live import frame_of
 from stand_ins.viewer import open_circling
 
 
@@ -53,11 +53,6 @@ def model() -> ForceModel:
     return fit_force(synthetic_series(SkinConfig(), REFERENCE, 15.4, frames=70))
 
 
-def frame(t_us: int, moved: np.ndarray) -> MarkerFrame:
-    place, markers = REFERENCE + moved, len(REFERENCE)
-    return MarkerFrame(t_us, place, place, moved, np.zeros(markers, np.bool_), np.ones(markers))
-
-
 def test_a_press_shows_force_patch_and_later_a_spectrum(model: ForceModel) -> None:
     layer = FeltLayer(REFERENCE, 200.0, model)
     assert layer.shown() == {}
@@ -65,14 +60,14 @@ def test_a_press_shows_force_patch_and_later_a_spectrum(model: ForceModel) -> No
     press = 3.0 * away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True))
     for k in range(150):
         share = np.clip((k - 50) / 40, 0.0, 1.0) ** 2
-        layer.take(frame(k * 5_000 - 10_000_000, share * press))
+        layer.take(frame_of(k * 5_000 - 10_000_000, REFERENCE, share * press))
     shown = layer.shown()
     json.dumps(shown, allow_nan=False)
     assert shown["force_n"][2] > 0.05
     assert len(shown["outline_px"]) >= 3
     np.testing.assert_allclose(shown["place_px"], REFERENCE.mean(axis=0), atol=20.0)
     assert len(shown["spectrum_px"]) > 10
-    layer.take(frame(-10_000_000, 0.0 * press))
+    layer.take(frame_of(-10_000_000, REFERENCE, 0.0 * press))
     assert layer.shown()["outline_px"] is None
 
 
