@@ -170,11 +170,12 @@ def _sync(path: Path) -> None:
 def _remove_orphans(path: Path) -> None:
     for file in path.parent.glob(f".{escape(path.stem)}{PARTIAL}*{escape(path.suffix)}"):
         number = file.name.rpartition(PARTIAL)[2].removesuffix(path.suffix)
-        if number.isdecimal() and not _runs(int(number)):
+        if number.isdecimal() and not runs(int(number)):
             file.unlink(missing_ok=True)
 
 
-def _runs(process: int) -> bool:
+def runs(process: int) -> bool:
+    """Return whether a process, given by its number, goes on."""
     try:
         os.kill(process, 0)
     except OSError as error:

@@ -22,6 +22,10 @@ DOCUMENTS = {
 }
 RECORDING = "events.raw"  # What a recording folder has.
 TABLES = b"t_us,marker,", b"PAR1"  # How tables of tracks begin, as CSV and as Parquet.
+
+# What the list of an archive's members raises where it is damaged.
+DAMAGE = OSError, ValueError, NotImplementedError, OverflowError, MemoryError, zipfile.BadZipFile
+
 LARGEST_BYTES = 16 << 20  # Larger JSON files are not looked into.
 
 # Kind -> what it is and what reads it.
@@ -51,7 +55,7 @@ def kind_of(path: str | Path) -> str | None:
         with file.open("rb") as opened:
             return "table" if opened.read(max(map(len, TABLES))).startswith(TABLES) else None
     if zipfile.is_zipfile(file):
-        return _first(ARCHIVES, _members(file))
+        return _first(ARCHIVES, members_of(file) or ())
     return _first(DOCUMENTS, document_of(file).keys()) if file.suffix == ".json" else None
 
 
@@ -79,12 +83,13 @@ def document_of(file: Path) -> dict[str, Any]:
     return document if isinstance(document, dict) else {}
 
 
-def _members(file: Path) -> set[str]:
+def members_of(file: Path) -> set[str] | None:
+    """Return the names of an archive's members; None where it is damaged."""
     try:
         with zipfile.ZipFile(file) as archive:
             return set(archive.namelist())
-    except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError):
-        return set()
+    except DAMAGE:
+        return None
 
 
 def _first(kinds: dict[str, set[str]], names: Any) -> str | None:

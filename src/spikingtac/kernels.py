@@ -41,12 +41,12 @@ def provide_kernel_cache(package: Path = PACKAGE) -> None:
         return
     chosen = os.environ.get("XDG_CACHE_HOME")
     with suppress(RuntimeError, OSError):  # a user without a home, or with that of another
-        if _may_hold(Path(chosen) if chosen else Path.home() / ".cache"):
+        if may_hold(Path(chosen) if chosen else Path.home() / ".cache"):
             return
     os.environ[VARIABLE] = str(_own_folder())
 
 
-def _may_hold(folder: Path) -> bool:
+def may_hold(folder: Path) -> bool:
     """Return whether a folder can be written, or made."""
     standing = next((path for path in (folder, *folder.parents) if path.exists()), None)
     return standing is not None and os.access(standing, os.W_OK)
@@ -58,12 +58,10 @@ def _own_folder() -> Path:
 
     user = os.getuid() if hasattr(os, "getuid") else 0
     folder = Path(tempfile.gettempdir()) / f"spikingtac_kernels_{user}"
-    try:
+    with suppress(OSError):
         folder.mkdir(OWN_ONLY, exist_ok=True)
         found = folder.lstat()
-    except OSError:
-        return Path(tempfile.mkdtemp(prefix="spikingtac_kernels_"))
-    mine = stat.S_ISDIR(found.st_mode) and stat.S_IMODE(found.st_mode) == OWN_ONLY
-    if mine and found.st_uid == user:
-        return folder
+        mine = stat.S_ISDIR(found.st_mode) and stat.S_IMODE(found.st_mode) == OWN_ONLY
+        if mine and found.st_uid == user:
+            return folder
     return Path(tempfile.mkdtemp(prefix="spikingtac_kernels_"))

@@ -106,9 +106,8 @@ def _control(name: str, value: Any, metadata: Mapping[str, Any]) -> Control:
 
 
 def _checked(control: Control, value: Any) -> Any:
-    if control.kind == "choice" and value in control.choices:
-        return value
-    if control.kind == "switch" and isinstance(value, bool):
+    chosen = control.kind == "choice" and value in control.choices
+    if chosen or (control.kind == "switch" and isinstance(value, bool)):
         return value
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if control.kind in ("number", "whole") and number and control.low <= value <= control.high:

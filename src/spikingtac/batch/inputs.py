@@ -2,14 +2,13 @@
 
 import glob
 import os
-import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.camera import is_address
-from spikingtac.events.formats.pieces import ARCHIVE_DAMAGE
 from spikingtac.events.open import READABLE, RECORDING_NAME
+from spikingtac.file_kinds import members_of
 
 # Endings of many kinds of tables: in a folder they are no recordings, by name they may be.
 TABLES = frozenset({".csv", ".txt"})
@@ -109,9 +108,8 @@ def _at(path: Path, members: Sequence[str]) -> Iterator[Path]:
 
 
 def _is_pattern(path: Path) -> bool:
-    if path.exists() or is_address(path):  # the options of an address begin with a question mark
-        return False
-    return glob.has_magic(str(path))
+    # The options of an address begin with a question mark.
+    return glob.has_magic(str(path)) and not (path.exists() or is_address(path))
 
 
 def _is_plain_folder(path: Path) -> bool:
@@ -123,8 +121,5 @@ def _is_event_file(path: Path, members: Sequence[str]) -> bool:
     ending = path.suffix.lower()
     if ending != ".npz":
         return ending in READABLE and ending not in TABLES
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return any(name in members for name in archive.namelist())
-    except ARCHIVE_DAMAGE:
-        return True  # it is told as the failure that it is
+    names = members_of(path)
+    return names is None or not names.isdisjoint(members)  # damage is told as the failure it is

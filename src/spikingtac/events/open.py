@@ -2,7 +2,6 @@
 
 import io
 import re
-import zipfile
 from pathlib import Path
 
 from spikingtac import plugins
@@ -10,7 +9,7 @@ from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
 from spikingtac.events.camera import Address, is_address, is_stream
 from spikingtac.events.evt.raw import RawSource, later_parts, read_header
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
-from spikingtac.events.formats.pieces import ARCHIVE_DAMAGE, UTF16_MARKS
+from spikingtac.events.formats.pieces import UTF16_MARKS
 from spikingtac.events.recording import (
     RECORDING_NAME,
     RecordedClock,
@@ -18,7 +17,7 @@ from spikingtac.events.recording import (
     name_of,
     time_base_of,
 )
-from spikingtac.file_kinds import kind_of, told_kind
+from spikingtac.file_kinds import kind_of, members_of, told_kind
 from spikingtac.plugins import import_place, with_plugins
 
 # Endings of what is no slip of the pen.
@@ -135,10 +134,8 @@ def first_event_us(path: str | Path) -> int | None:
 
 def _bags(folder: Path) -> list[Path]:
     """Return the files of a bag in a folder, in the order of their recording."""
-    if (folder / "metadata.yaml").is_file():
-        files = [*folder.glob("*.db3"), *folder.glob("*.mcap")]
-    else:
-        files = list(folder.glob("*.bag"))
+    endings = (".db3", ".mcap") if (folder / "metadata.yaml").is_file() else (".bag",)
+    files = [file for ending in endings for file in folder.glob(f"*{ending}")]
     numbers = {file: [int(number) for number in re.findall(r"\d+", file.name)] for file in files}
     return sorted(files, key=lambda file: (numbers[file], file.name))  # 9 comes before 10
 
@@ -169,12 +166,9 @@ def _kind_by_signature(path: Path, start: bytes) -> str | None:
     if start.startswith(UTF16_MARKS) and b"\0" in start[2:4]:
         return "packed"
     if start.startswith(b"PK\x03\x04"):
-        try:
-            with zipfile.ZipFile(path) as archive:
-                names = archive.namelist()
-        except ARCHIVE_DAMAGE:
-            return "npz"
-        return "npz" if any(name.endswith(".npy") for name in names) else "packed"
+        names = members_of(path)
+        arrays = names is None or any(name.endswith(".npy") for name in names)
+        return "npz" if arrays else "packed"
     if start.startswith(b"%"):
         fields = read_header(io.BytesIO(start)).fields
         if fields.keys() & _RAW_FIELDS:

@@ -36,7 +36,7 @@ class Grip(enum.IntEnum):
     AT_POSITION = 3
 
 
-class RobotiqGripper:
+class RobotiqGripper(contextlib.AbstractContextManager["RobotiqGripper"]):
     """A gripper on the network; a context manager that closes its connection.
 
     Args:
@@ -56,9 +56,6 @@ class RobotiqGripper:
                 f"no gripper answers at {host}:{port}: {error}; "
                 "check that the Robotiq URCap is installed and the controller is on"
             ) from error
-
-    def __enter__(self) -> RobotiqGripper:
-        return self
 
     def __exit__(self, *exception: object) -> None:
         self.close()

@@ -28,14 +28,11 @@ def step_back() -> None:
     A native client may wait for its controller without letting go of the core (ur_rtde: up to 3 s);
     with equal priority nothing else of the process would run there meanwhile, its watchdog neither.
     """
-    try:
-        if os.sched_getscheduler(os.getpid()) != os.SCHED_FIFO:  # the id of the main thread
-            return
-        highest = os.sched_getparam(os.getpid()).sched_priority - 1
-        if highest >= 1:
+    with contextlib.suppress(AttributeError, OSError):  # another system than Linux
+        main = os.getpid()  # the id of the main thread
+        highest = os.sched_getparam(main).sched_priority - 1
+        if os.sched_getscheduler(main) == os.SCHED_FIFO and highest >= 1:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(highest))
-    except (AttributeError, OSError):  # another system than Linux
-        return
 
 
 def step_down(thread: int = 0) -> None:

@@ -60,8 +60,7 @@ class EventReader(PacketReader):
 
     def close(self) -> None:
         """End the stream; what was read by then can still be taken."""
-        if hasattr(self._source, "close"):
-            self._source.close()
+        getattr(self._source, "close", lambda: None)()
 
     def release(self) -> None:
         """End the stream, and give the ring back."""

@@ -16,6 +16,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
 from typing import Any
 
+from spikingtac.atomic_files import runs
 from spikingtac.errors import DeviceError
 
 # Offsets of the numbers in the head, bytes: places of the oldest message, of the end and of the
@@ -108,13 +109,7 @@ class SharedRing:
     @property
     def written(self) -> bool:
         """True while the writer goes on: it has neither ended nor died."""
-        if self.get(CLOSED):
-            return False
-        try:
-            os.kill(self.get(WRITER), 0)
-        except OSError as error:
-            return isinstance(error, PermissionError)
-        return True
+        return not self.get(CLOSED) and runs(self.get(WRITER))
 
     @property
     def weight(self) -> int:

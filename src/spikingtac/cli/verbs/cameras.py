@@ -17,6 +17,7 @@ from spikingtac.cli.messages import Table, tell
 from spikingtac.cli.options import JsonArgs
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.events.camera import KINDS
+from spikingtac.kernels import may_hold
 
 EXIT_MACHINE = 3
 
@@ -148,9 +149,7 @@ def _settings() -> Iterator[Finding]:
     """Yield what of the system's settings matters to live work."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(chosen) if chosen else Path(__file__).resolve().parents[2]
-    # Numba makes the folder itself; what counts is whether its nearest ancestor may be written.
-    standing = next(path for path in (folder, *folder.parents) if path.exists())
-    yield _judged("kernel cache", os.access(standing, os.W_OK), f"{folder}", CACHE_REMEDY)
+    yield _judged("kernel cache", may_hold(folder), f"{folder}", CACHE_REMEDY)
     cpus = Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
     governors = {_text(path) for path in cpus} or {"not adjustable here"}
     todo = "live at 1 kHz: sudo cpupower frequency-set -g performance"
