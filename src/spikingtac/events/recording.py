@@ -17,7 +17,7 @@ from spikingtac.atomic_files import write_text
 from spikingtac.errors import RecordingError
 from spikingtac.events.clock import TimeMap
 from spikingtac.events.formats.array_file import ColumnFile, load_truth
-from spikingtac.events.formats.codec import Triggers
+from spikingtac.events.formats.codec import Triggers, WrittenWhole
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.types import EventPacket, LossCounters
 
@@ -209,7 +209,7 @@ class Recording:
         return load_truth(path) if path.is_file() else None
 
 
-class RecordingWriter:
+class RecordingWriter(WrittenWhole):
     """Writes a recording folder packet by packet; the same input gives the same bytes.
 
     What was received stays readable whatever happens; the manifest comes last, so that a folder
@@ -252,7 +252,7 @@ class RecordingWriter:
         """Complete the folder; further calls do nothing."""
         if self._closed:
             return
-        self._close_files()
+        self.abandon()  # all files are closed; what follows completes the folder
         from spikingtac._version import package_version
 
         manifest = {
@@ -268,16 +268,8 @@ class RecordingWriter:
         text = json.dumps(manifest, indent=1, sort_keys=True, allow_nan=False) + "\n"
         write_text(self.path / MANIFEST, text)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self._close_files()
-
-    def _close_files(self) -> None:
+    def abandon(self) -> None:
+        """End without a manifest; what was received stays readable."""
         self._closed = True
         for file in (*self._writers, self._truth):
             if file is not None:

@@ -159,7 +159,28 @@ class Blocks:
         return rows[:whole]
 
 
-class EventWriter(ABC):
+class WrittenWhole(ABC):
+    """Something written in a ``with`` block: completed at its end, given up where it raises."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Complete what is written; further calls do nothing."""
+
+    @abstractmethod
+    def abandon(self) -> None:
+        """Give up without completing it."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+
+
+class EventWriter(WrittenWhole):
     """A file that events are appended to, packet by packet, at constant memory.
 
     The file appears when it is closed; used as a context, it appears unless there was an error.
@@ -183,23 +204,6 @@ class EventWriter(ABC):
         where the format keeps them apart from the events.
         """
         self.triggers_left_out += len(triggers)
-
-    @abstractmethod
-    def close(self) -> None:
-        """Complete the file; further calls do nothing."""
-
-    @abstractmethod
-    def abandon(self) -> None:
-        """Give up: leave what was there before."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.abandon()
 
 
 class OneFileWriter(EventWriter):
