@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from spikingtac.atomic_files import runs
 from spikingtac.batch.worker_pool import ATTEMPTS, worker_pool
 from spikingtac.errors import DeviceError
 from stand_ins.waiting import wait_until
@@ -56,7 +57,7 @@ def test_what_is_given_up_ends_at_once() -> None:
         raise KeyboardInterrupt
     assert later.cancelled()
     assert time.monotonic() - begun_s < 60
-    wait_until(lambda: gone(pid))
+    wait_until(lambda: not runs(pid))
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
@@ -69,12 +70,4 @@ def test_no_worker_outlives_its_parent(tmp_path: Path, how: signal.Signals) -> N
     parent.send_signal(how)
     parent.wait(timeout=30)
     parent.stdout.close()
-    wait_until(lambda: gone(worker))
-
-
-def gone(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    return False
+    wait_until(lambda: not runs(worker))

@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.types import EventPacket
-from spikingtac_paper.baselines.ekalibr import (
-    moving_circle,
-)
-from spikingtac_paper.baselines.evetac import (
-    TURN_RATIO,
-    attraction,
-    regularizer,
-)
+from spikingtac_paper.baselines.ekalibr import moving_circle
+from spikingtac_paper.baselines.evetac import TURN_RATIO, attraction, regularizer
 from spikingtac_paper.baselines.neutac import TimeSurface
 
 

@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.disc_profile import DiscProfile, Discs, draw_kernel
-from spikingtac.markers.calibration.corrections import (
-    Changes,
-    _solved,
-    corrections,
-    rims,
-)
+from spikingtac.markers.calibration.corrections import Changes, _solved, corrections, rims
 from spikingtac.markers.calibration.first_model import steps_of_counts
 from spikingtac.markers.calibration.ideal_pixels import (
     PHASES,

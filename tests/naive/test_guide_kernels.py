@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.viewer.guide import (
-    SLOWEST_SWING_US,
-    SWUNG_LEVEL,
-    levels_kernel,
-)
+from spikingtac.viewer.guide import SLOWEST_SWING_US, SWUNG_LEVEL, levels_kernel
 
 PIXELS = 6
 

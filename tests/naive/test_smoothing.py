@@ -8,12 +8,7 @@ from spikingtac.markers.graded.motion import (
     predict_kernel,
     resting_markers,
 )
-from spikingtac.markers.smoothing import (
-    LOST_PX,
-    place_sigma_px,
-    smooth_places,
-    state_of,
-)
+from spikingtac.markers.smoothing import LOST_PX, place_sigma_px, smooth_places, state_of
 from spikingtac.types import MarkerFrame
 
 DT_S = 1e-3

@@ -53,8 +53,7 @@ class NotingArm:
     def state(self) -> ArmState:
         return ArmState.MOVING
 
-    def close(self) -> None:
-        self.stop()
+    close = stop
 
 
 SLOW_S = 1.5  # For so long an arm that is slow to tell its state holds up the loop of its guard, s.

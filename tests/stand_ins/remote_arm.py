@@ -37,7 +37,7 @@ def drive(pipe: Any, host: str, constants: dict[str, Any]) -> None:
                 pipe.send(error)
 
 
-class RemoteArm:
+class RemoteArm(contextlib.AbstractContextManager["RemoteArm"]):
     """A URArm in another process, with the methods of :class:`spikingtac.robot.arm.Arm`.
 
     Args:
@@ -58,9 +58,6 @@ class RemoteArm:
         except SpikingTacError:
             self.kill()
             raise
-
-    def __enter__(self) -> RemoteArm:
-        return self
 
     def __exit__(self, *exception: object) -> None:
         self.kill()

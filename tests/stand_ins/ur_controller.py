@@ -38,7 +38,7 @@ START_MM = np.array([100.0, 200.0, 300.0])
 _addresses = itertools.count()
 
 
-class URController:
+class URController(contextlib.AbstractContextManager["URController"]):
     """One controller on a loopback address of its own (in 127.0.0.0/8).
 
     Args:
@@ -72,9 +72,6 @@ class URController:
         self._ended = threading.Event()
         self._in_background(self._tick)
         self._start_listening()
-
-    def __enter__(self) -> URController:
-        return self
 
     def __exit__(self, *exception: object) -> None:
         self.shut_down()

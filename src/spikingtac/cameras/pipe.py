@@ -11,13 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from spikingtac.cameras.words import WORD_OPTIONS, CameraWords, header_of
-from spikingtac.errors import (
-    CameraLostError,
-    ConfigError,
-    DeviceError,
-    FormatError,
-    RecordingError,
-)
+from spikingtac.errors import CameraLostError, ConfigError, DeviceError, FormatError, RecordingError
 from spikingtac.events.camera import Address, Camera
 from spikingtac.events.evt.raw import HEADER_LIMIT_BYTES, RawHeader, read_header
 from spikingtac.events.evt.wire import NAMES

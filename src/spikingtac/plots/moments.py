@@ -13,13 +13,7 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError
 from spikingtac.plots.figure import THEMES, check_target, new_figure, save_gif, style_axes
-from spikingtac.plots.tracks import (
-    draw_course,
-    draw_field,
-    require_estimates,
-    turn_arrows,
-    view_px,
-)
+from spikingtac.plots.tracks import draw_course, draw_field, require_estimates, turn_arrows, view_px
 from spikingtac.tracks import Tracks
 from spikingtac.types import US_PER_S
 

@@ -10,14 +10,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.errors import ConfigError, named, require_type
-from spikingtac.plots.figure import (
-    FONT_PT,
-    PAD_IN,
-    Theme,
-    legend_above,
-    new_figure,
-    style_axes,
-)
+from spikingtac.plots.figure import FONT_PT, PAD_IN, Theme, legend_above, new_figure, style_axes
 from spikingtac.touch.field import GradientOperator
 from spikingtac.tracks import Tracks
 from spikingtac.tracks.comparison import LOADED, Comparison

@@ -17,14 +17,7 @@ from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.field import FieldGauge, GradientOperator, LostMarkers, spread_of
 from spikingtac.touch.onset import OnsetMemory
 from spikingtac.touch.patch import Patch, PatchEstimator
-from spikingtac.touch.touch import (
-    END_SHARE,
-    CalibratedRest,
-    OpenTouch,
-    Release,
-    Touch,
-    spreads,
-)
+from spikingtac.touch.touch import END_SHARE, CalibratedRest, OpenTouch, Release, Touch, spreads
 from spikingtac.types import FloatArray as Field
 from spikingtac.types import MarkerFrame
 

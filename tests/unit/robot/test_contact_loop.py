@@ -12,19 +12,11 @@ from spikingtac.types import EventPacket
 from stand_ins.moving_rims import SIZE, windows
 
 
-class Clock:
-    def __init__(self) -> None:
-        self.now_s = 1000.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-
 class Bench:
     """A loop over a clock that only the stream moves, 1 ms per window plus a transport."""
 
     def __init__(self) -> None:
-        self.clock, self.order = Clock(), list[str]()
+        self.now_s, self.order = 1000.0, list[str]()
         stop = lambda: self.order.append("stop")  # noqa: E731
         self.watchdog = Watchdog(stop, self.clock)
         self.watchdog.self_test()
@@ -33,12 +25,15 @@ class Bench:
         detector = EventCountDetector(40)
         self.loop = ContactLoop(detector, self.watchdog, stop, self.clock)
 
+    def clock(self) -> float:
+        return self.now_s
+
     def arrivals(self, late_s: float = 0.0, queued_s: float = 0.0) -> Iterator[Arrival]:
         for window in windows(200, seed=1, speed=lambda k: (0.1 * (k >= 100), 0.0)):
             late = window.t_start_us >= 50_000
-            self.clock.now_s = 1000.0 + window.t_end_us * 1e-6 + late_s * late
-            received_s = self.clock.now_s
-            self.clock.now_s += queued_s * late
+            self.now_s = 1000.0 + window.t_end_us * 1e-6 + late_s * late
+            received_s = self.now_s
+            self.now_s += queued_s * late
             yield Arrival(window, received_s)
 
 
@@ -75,11 +70,11 @@ def test_a_leap_of_the_sensors_clock_trips_whatever_fills_it() -> None:
 
     def leaping() -> Iterator[Arrival]:
         for window in windows(100, seed=1):
-            bench.clock.now_s = 1000.0 + window.t_end_us * 1e-6
-            yield Arrival(window, bench.clock.now_s)
+            bench.now_s = 1000.0 + window.t_end_us * 1e-6
+            yield Arrival(window, bench.now_s)
         for start_us in range(100_000, 600_000_000, 1000):  # read faster than they happen
-            bench.clock.now_s += 1e-5
-            yield Arrival(EventPacket.empty(start_us, start_us + 1000, SIZE), bench.clock.now_s)
+            bench.now_s += 1e-5
+            yield Arrival(EventPacket.empty(start_us, start_us + 1000, SIZE), bench.now_s)
 
     report = bench.loop.guard(leaping())
     assert report["health"] == Health.TIME_JUMP.value
@@ -103,11 +98,11 @@ def test_a_small_leap_is_counted_once_and_stops_nothing(leap_us: int) -> None:
 
     def leaping() -> Iterator[Arrival]:
         for window in windows(600, seed=1):
-            bench.clock.now_s = 1000.0 + window.t_end_us * 1e-6
+            bench.now_s = 1000.0 + window.t_end_us * 1e-6
             late_us = leap_us * (window.t_start_us >= 100_000)
             span = window.t_start_us + late_us, window.t_end_us + late_us
             moved = replace(window, t=window.t + late_us, t_start_us=span[0], t_end_us=span[1])
-            yield Arrival(moved, bench.clock.now_s, {"damaged": 2})
+            yield Arrival(moved, bench.now_s, {"damaged": 2})
 
     report = bench.loop.guard(leaping())
     assert (report["reason"], report["leaps"]) == ("the event stream ended", 1)

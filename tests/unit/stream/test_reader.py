@@ -22,6 +22,7 @@ from spikingtac.stream.ring import RingReader
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import datagrams, events
 from stand_ins.packets import SIZE, Stream, packet
+from stand_ins.random_packets import assert_equal
 
 NAME = f"test-{os.getpid()}"
 ADDRESS = Address.parse(f"ring:{NAME}")
@@ -36,9 +37,8 @@ def test_everything_comes_in_order_with_losses_and_edges() -> None:
     found = list(reader)
     whole = EventPacket.concatenate([one.packet for one in found])
     sent = EventPacket.concatenate([packet(number) for number in range(30)])
-    for column in ("x", "y", "p", "t"):
-        np.testing.assert_array_equal(getattr(whole, column), getattr(sent, column))
-        assert getattr(whole, column).flags.writeable
+    assert_equal(whole, sent)
+    assert all(getattr(whole, column).flags.writeable for column in "xypt")
     assert dict(reader.losses) == {"gap": 10}
     edges = Triggers()
     for one in found:
