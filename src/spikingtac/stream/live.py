@@ -11,10 +11,11 @@ import os
 import struct
 import time
 from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 
@@ -127,7 +128,7 @@ def live(
     return Live(str(source), calibration, tracking)
 
 
-class Live:
+class Live(AbstractContextManager["Live"]):
     """A sensor that is followed in a process of its own, until this object is closed.
 
     Iterating yields every frame in order, from the first one that is still there; ``async for``
@@ -197,9 +198,6 @@ class Live:
     def close(self) -> None:
         """End the process and give the shared memory back."""
         self._host.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
