@@ -92,15 +92,13 @@ def keep_to_one_core() -> int | None:
     serves most interrupts. Threads of libraries stay free: OpenBLAS waits for its own without
     letting go of the core, so that on one core and with priority it would wait for ever.
     """
-    try:
+    with suppress(AttributeError, OSError):  # no such system, or a thread that has ended
         cores = os.sched_getaffinity(0)
-        if len(cores) < 2:
-            return None
-        for thread in [0, *(one.native_id for one in threading.enumerate() if one.native_id)]:
-            os.sched_setaffinity(thread, {max(cores)})  # 0: this one
-    except (AttributeError, OSError):  # no such system, or a thread that has ended
-        return None
-    return max(cores)
+        if len(cores) >= 2:
+            for thread in [0, *(one.native_id for one in threading.enumerate() if one.native_id)]:
+                os.sched_setaffinity(thread, {max(cores)})  # 0: this one
+            return max(cores)
+    return None
 
 
 def lock_memory() -> bool:
