@@ -1,13 +1,16 @@
 """The contact path: decide first, stop, and never wait for anybody."""
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
 
 from spikingtac.contact.registry import EventCountDetector
-from spikingtac.robot.guard_loop import Arrival, ContactLoop
+from spikingtac.events.source import PacketSource
+from spikingtac.robot.guard_loop import Arrival, ContactLoop, watched_windows
 from spikingtac.robot.watchdog import Health, Watchdog
+from spikingtac.stream.reader import EventReader
 from spikingtac.types import EventPacket
 from stand_ins.moving_rims import SIZE, windows
 
@@ -107,3 +110,18 @@ def test_a_small_leap_is_counted_once_and_stops_nothing(leap_us: int) -> None:
     report = bench.loop.guard(leaping())
     assert (report["reason"], report["leaps"]) == ("the event stream ended", 1)
     assert report["losses"] == {"damaged": 2}
+
+
+def test_windows_come_in_order_and_a_consumer_that_lags_is_an_overload() -> None:
+    # A busy machine is no stall.
+    watchdog = Watchdog(lambda: None, time.monotonic, stale_s=20.0, backlog_s=0.1)
+    watchdog.self_test()
+    watchdog.arm()
+    source, seen = PacketSource(list(windows(400, seed=0)), SIZE), list[int]()
+    for window in watched_windows(EventReader(source, source), watchdog):
+        seen.append(window[0].t_start_us)
+        time.sleep(0.003)
+        if watchdog.check() is not Health.OK:
+            break
+    assert seen == list(range(0, 1_000 * len(seen), 1_000))
+    assert watchdog.health is Health.OVERLOAD
