@@ -8,12 +8,12 @@ import pytest
 
 from spikingtac.calibration.disc_profile import DiscProfile, Discs, draw_kernel
 from spikingtac.markers.calibration.corrections import Changes, _solved, corrections, rims
+from spikingtac.markers.calibration.find_markers import Evidence
 from spikingtac.markers.calibration.first_model import steps_of_counts
 from spikingtac.markers.calibration.ideal_pixels import (
     PHASES,
     SNAP_S,
     Comparison,
-    Evidence,
     Model,
     compare,
 )
@@ -165,7 +165,9 @@ def test_ideal_pixels_fire_as_plain_loops_have_it(recovery_s: float) -> None:
     apart = np.abs(seen.expected - shown[:, seen.pixel])
     assert (apart > 0.02).mean(axis=1).max() < 0.02
     assert np.abs(np.delete(shown, seen.pixel, axis=1)).max() < 0.02
-    np.testing.assert_allclose(seen.events[:, 2:].sum(axis=0), fired, rtol=0.03)
+    np.testing.assert_allclose(seen.events[:, 2:4].sum(axis=0), fired, rtol=0.03)
+    covered = np.logical_or.accumulate(seen.owner >= 0)[:-1].sum(axis=1)
+    np.testing.assert_allclose(seen.events[:, 4].sum(), covered @ after_s[1:])
     total = np.zeros(PIXELS)
     for code in events.code[:150].tolist():
         pixel = code >> 1

@@ -21,11 +21,12 @@ from spikingtac.events.source import EventSource, refuse_path
 from spikingtac.markers.calibration.find_markers import (
     CalibrationConfig,
     DetectedMarkers,
+    Evidence,
     Overview,
     survey,
 )
 from spikingtac.markers.calibration.first_model import STEP_BOUNDS
-from spikingtac.markers.calibration.ideal_pixels import Evidence, Model
+from spikingtac.markers.calibration.ideal_pixels import Model
 from spikingtac.markers.calibration.layout import Layout
 from spikingtac.markers.calibration.recording import buffer_events, flicker_hz, without_hot_pixels
 from spikingtac.markers.calibration.reference import Method, displaced_before, reference

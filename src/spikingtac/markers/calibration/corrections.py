@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import fall
-from spikingtac.markers.calibration.ideal_pixels import Comparison, Evidence, Model
+from spikingtac.markers.calibration.find_markers import Evidence
+from spikingtac.markers.calibration.ideal_pixels import Comparison, Model
 
 # Prior precision of a position at one state, and of the parameters that all states of a disc share:
 # shift along x and y, radius, edge (1 / px^2). Priors of shifts are 0, of radii and edges the

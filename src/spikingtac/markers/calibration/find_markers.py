@@ -15,7 +15,7 @@ from spikingtac.markers.calibration.recording import (
     BufferedEvents,
     find_rests,
     moving_events,
-    noise_events,
+    noise_rates,
     smoothed,
     unloaded_rests,
 )
@@ -128,6 +128,29 @@ class Overview:
     markers: DetectedMarkers
 
 
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """The recording to which a model is fitted, and its samples.
+
+    Attributes:
+        events: The recording, markers brighter than the ground.
+        index: ``(n,)`` number of events before each sample.
+        states: ``(k,)`` samples at which real and ideal pixels are compared.
+        rests: ``(rests,)`` the sample of each rest.
+        cell: ``(pixels,)`` nearest marker of each pixel.
+        noise_hz_px: ``(2,)`` rates of ON and OFF noise, Hz/px.
+        loss: Share of the events that was lost.
+    """
+
+    events: BufferedEvents
+    index: NDArray[np.int64]
+    states: NDArray[np.int64]
+    rests: NDArray[np.int64]
+    cell: NDArray[np.int64]
+    noise_hz_px: NDArray[np.float64]
+    loss: float
+
+
 def survey(
     events: BufferedEvents, config: CalibrationConfig, known: DetectedMarkers | None = None
 ) -> Overview:
@@ -142,7 +165,7 @@ def survey(
         CalibrationError: There are no markers.
     """
     spans_us = rests_us = find_rests(events)
-    hazy = noise_events(events, rests_us).sum() >= HAZE_EVENTS
+    hazy = noise_rates(events, rests_us).sum() * 1e-6 * events.duration_us >= HAZE_EVENTS
     shown = events.supported() if hazy else events
     steps = mean_steps(events, moving_events(events, rests_us))
     if not len(rests_us):

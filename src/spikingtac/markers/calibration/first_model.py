@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import Discs
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.calibration.find_markers import Overview
-from spikingtac.markers.calibration.ideal_pixels import Evidence, Model, compare
+from spikingtac.markers.calibration.find_markers import Evidence, Overview
+from spikingtac.markers.calibration.ideal_pixels import Model, compare
 from spikingtac.markers.calibration.level_maps import SwingHistogram
-from spikingtac.markers.calibration.recording import BufferedEvents, noise_events
+from spikingtac.markers.calibration.recording import BufferedEvents, noise_rates
 from spikingtac.markers.graded.appearance import nearest_marker
 from spikingtac.markers.lag import followed
 
@@ -83,10 +83,10 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
         np.full(markers, FIRST_CONTRAST),
     )
     cell = nearest_marker(view.markers.center_px, events.size).ravel().astype(np.int64)
-    noise = noise_events(events, view.rests_us)
+    noise_hz_px = noise_rates(events, view.rests_us)
     states = choose_states(len(index), rests, events.pixels)
-    loss = event_loss(events, index[rests[view.unloaded]], noise)
-    evidence = Evidence(events, index, states, rests, cell, noise, loss)
+    loss = event_loss(events, index[rests[view.unloaded]], noise_hz_px)
+    evidence = Evidence(events, index, states, rests, cell, noise_hz_px, loss)
     on_per_off, swings = float(view.steps[1] / view.steps[0]), SwingHistogram(cell)
     swings.absorb(events.code, on_per_off)
     own, many = swings.steps(on_per_off), swings.counts.sum(axis=1) > FEWEST_SWINGS
@@ -104,14 +104,13 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
     )
     rest_px = view.markers.center_px
     model = with_steps(evidence, tracked(view, index, model, rest_px), rest_px)
-    # Steps count the lost events as well: a step so stands for more than one threshold.
-    threshold = THRESHOLD / (1.0 - loss)
-    contrast = np.exp(threshold / np.sqrt(model.on * model.off)).clip(*CONTRASTS)
+    # Where events are lost, a step stands for more than one threshold.
+    contrast = np.exp(THRESHOLD / (1.0 - loss) / np.sqrt(model.on * model.off)).clip(*CONTRASTS)
     return evidence, replace(model, discs=replace(discs, contrast=contrast))
 
 
 def event_loss(
-    events: BufferedEvents, index: NDArray[np.int64], noise: NDArray[np.float64]
+    events: BufferedEvents, index: NDArray[np.int64], noise_hz_px: NDArray[np.float64]
 ) -> float:
     """Return the share of the events that was lost, measured by the balance of ON and OFF events.
 
@@ -125,28 +124,25 @@ def event_loss(
     Args:
         events: The recording.
         index: Events before each rest without load.
-        noise: ``(2,)`` expected ON and OFF noise events of a pixel.
+        noise_hz_px: ``(2,)`` rates of ON and OFF noise.
     """
     if len(index) < LOSS_RESTS:
         return 0.0
-
-    def counts(first: int, last: int) -> NDArray[np.int64]:
-        return np.bincount(events.code[first:last], minlength=2 * events.pixels).reshape(-1, 2)
-
-    total, intervals = counts(index[0], index[-1]), len(index) - 1
-    busy = (total >= np.maximum(BUSY_EVENTS, BUSY_OVER_NOISE * noise[::-1])).all(axis=1)
+    slots = 2 * events.pixels
+    parts = [np.bincount(events.code[a:b], minlength=slots) for a, b in pairwise(index)]
+    counts = np.array(parts, np.uint32).reshape(len(parts), -1, 2)  # OFF and ON events of pixels
+    total, span_s = counts.sum(axis=0), 1e-6 * np.diff(events.times_at(index[[0, -1]]))
+    noise = noise_hz_px[::-1] * span_s
+    busy = (total >= np.maximum(BUSY_EVENTS, BUSY_OVER_NOISE * noise)).all(axis=1)
     if np.count_nonzero(busy) < LOSS_PIXELS:
         return 0.0
     ratio = total[busy, 1] / total[busy, 0]
-    parts = [counts(*ends)[busy] for ends in pairwise(index)]
-    walk = np.array([part[:, 1] - ratio * part[:, 0] for part in parts])
+    walk = counts[:, busy, 1] - ratio * counts[:, busy, 0]
     one_interval, two = np.mean(walk**2), np.mean((walk[1:] + walk[:-1]) ** 2)
-    growth = (two - one_interval) / (1.0 - 3.0 / intervals)
-    # Variances of the events and of the noise in an interval, if each came by chance.
+    growth = len(walk) * (two - one_interval) / (1.0 - 3.0 / len(walk))
+    # Variances of all events and of the noise, if each came by chance.
     by_chance = np.column_stack([ratio**2, np.ones_like(ratio)])
-    share = np.diff(events.times_at(index[[0, -1]])) / events.duration_us / intervals
-    of_noise = float(np.mean(by_chance @ noise[::-1]) * share[0])
-    of_events = float(np.mean((by_chance * total[busy]).sum(axis=1))) / intervals
+    of_events, of_noise = np.mean((by_chance * total[busy]).sum(axis=1)), np.mean(by_chance @ noise)
     loss = float(growth - of_noise) / (of_events - of_noise)
     return min(loss, MOST_LOSS) if loss > LEAST_LOSS else 0.0
 

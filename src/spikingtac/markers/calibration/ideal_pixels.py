@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import Discs, draw_kernel
-from spikingtac.markers.calibration.recording import BufferedEvents
+from spikingtac.markers.calibration.find_markers import Evidence
 
 PHASES = 4  # Ideal pixels per real one: their mean is exact to an eighth of a step.
 STILL_LEVEL = 1e-4  # Smaller changes of the level are no motion.
@@ -55,29 +55,6 @@ class Model:
     pixel: NDArray[np.float64]
     residual: NDArray[np.float64]
     recovery_s: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """The recording to which a model is fitted, and its samples.
-
-    Attributes:
-        events: The recording, markers brighter than the ground.
-        index: ``(n,)`` number of events before each sample.
-        states: ``(k,)`` samples at which real and ideal pixels are compared.
-        rests: ``(rests,)`` the sample of each rest.
-        cell: ``(pixels,)`` nearest marker of each pixel.
-        noise: ``(2,)`` expected ON and OFF noise events of a pixel.
-        loss: Share of the events that was lost.
-    """
-
-    events: BufferedEvents
-    index: NDArray[np.int64]
-    states: NDArray[np.int64]
-    rests: NDArray[np.int64]
-    cell: NDArray[np.int64]
-    noise: NDArray[np.float64]
-    loss: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +184,28 @@ def count_events_kernel(
 
 
 @njit(cache=True)
+def own_pixels_kernel(
+    covered: NDArray[np.int64],
+    whose: NDArray[np.int32],
+    last_owner: NDArray[np.int32],
+    owned: NDArray[np.float64],
+    looked_s: NDArray[np.float64],
+    span_s: NDArray[np.float64],
+) -> None:
+    """Give pixels to the discs that cover them, and sum up how long each disc's are looked at, s.
+
+    ``whose`` and ``last_owner`` hold each pixel's disc now, and its last one, which changes;
+    ``owned`` the number of pixels of each disc, and last of none; ``span_s`` the times of this
+    sample and of the next.
+    """
+    for q in covered:
+        owned[last_owner[q]] -= 1.0
+        owned[whose[q]] += 1.0
+        last_owner[q] = whose[q]
+    looked_s += owned[:-1] * (span_s[-1] - span_s[0])
+
+
+@njit(cache=True)
 def end_swings_kernel(
     chosen: NDArray[np.int64],
     image: tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32], bool],
@@ -272,10 +271,9 @@ def compare_kernel(
     copies, counts = (phases, np.zeros(count, np.float32)), np.zeros((count, 2), np.int32)
     ends = np.zeros(count, np.int8), np.full(count, -1, np.int32), seen_s.copy()
     counted = counts, np.zeros_like(counts), np.zeros_like(counts)
-    at, formers, kept, owned = index[0], 0, 0, np.zeros(len(near))
+    at, formers, kept, owned = index[0], 0, 0, np.zeros(len(near) + 1)
     for sample in range(len(index)):
         count_events_kernel(code[at : index[sample]], first, counts, last_owner, near)
-        near[:, 4] += owned * (at_s[sample] - at_s[max(sample - 1, 0)])
         at, clock = index[sample], (seen_s, at_s[sample], per_s)
         place = center_px[sample], stretch_px[sample]
         covered = touched[: draw_kernel(place, looks, (image, owner), touched)]
@@ -283,11 +281,7 @@ def compare_kernel(
             before[:], ends[0][:] = now, 2 * (now > MARKER_LEVEL) + (now < GROUND_LEVEL)
             for phase in range(PHASES):
                 phases[:, phase] = now + off - (on + off) * np.float32((phase + 0.5) / PHASES)
-        for q in covered:
-            owned[whose[q]] += whose[q] != last_owner[q]
-            if last_owner[q] >= 0:
-                owned[last_owner[q]] -= whose[q] != last_owner[q]
-            last_owner[q] = whose[q]
+        own_pixels_kernel(covered, whose, last_owner, owned, near[:, 4], at_s[sample : sample + 2])
         for some, left in ((former[:formers], True), (covered, False)):
             follow_levels_kernel((some, last_owner), (now, before), copies, steps, near, clock)
             shown = now, whose, last_owner, left

@@ -13,7 +13,7 @@ from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.recording import (
     BufferedEvents,
     moving_events,
-    noise_events,
+    noise_rates,
     smoothed,
 )
 
@@ -211,7 +211,7 @@ def starting_levels(
     sent = np.bincount(code >> 1, minlength=events.pixels).reshape(events.shape)
     # Active pixels send more events than noise while the skin moves.
     moving_us = events.duration_us - np.diff(rests_us, axis=1).sum()
-    noise = noise_events(events, rests_us).sum() * moving_us / max(events.duration_us, 1)
+    noise = noise_rates(events, rests_us).sum() * 1e-6 * moving_us
     fires = smoothed(sent.astype(np.float32)) > max(FEWEST_EVENTS, OVER_NOISE * noise)
     # First levels integrated backwards from a dark and from a bright map: undecided where they
     # differ.

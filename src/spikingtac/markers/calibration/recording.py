@@ -198,14 +198,11 @@ def moving_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArra
     return moving if moving.any() else ~moving
 
 
-def noise_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return ``(2,)`` ON and OFF noise events per pixel over the recording, measured at rests.
-
-    Without a rest they are unknown, and 0 is returned.
-    """
-    silence_us = max(float(np.diff(rests_us, axis=1).sum()), 1.0)
+def noise_rates(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return ``(2,)`` rates of ON and OFF noise, Hz/px, measured at rests; 0 if there are none."""
+    silence_s = max(1e-6 * float(np.diff(rests_us, axis=1).sum()), 1e-6)
     off, on = np.bincount(events.code[~moving_events(events, rests_us)] & 1, minlength=2)
-    return np.array([on, off]) / events.pixels * events.duration_us / silence_us
+    return np.array([on, off]) / events.pixels / silence_s
 
 
 # Windows for the spectrum of the balance of ON and OFF events, ms, and the lowest frequency of

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.corrections import Changes, corrections, rims
-from spikingtac.markers.calibration.find_markers import CalibrationConfig, Overview
+from spikingtac.markers.calibration.find_markers import CalibrationConfig, Evidence, Overview
 from spikingtac.markers.calibration.first_model import STEP_BOUNDS, first_model, tracked, with_steps
-from spikingtac.markers.calibration.ideal_pixels import Comparison, Evidence, Model, compare
+from spikingtac.markers.calibration.ideal_pixels import Comparison, Model, compare
 from spikingtac.markers.calibration.layout import refuse_gaps
 
 # Most iterations, with steps, and with positions and shapes alone. Wide edges take many iterations:
@@ -99,8 +99,7 @@ def _correct_steps(evidence: Evidence, model: Model, seen: Comparison) -> Model:
 
 def _signal_events(evidence: Evidence, seen: Comparison) -> NDArray[np.float64]:
     """Return ``(m, 2)`` ON and OFF events near each marker beyond the noise."""
-    noise_per_s = evidence.noise / (1e-6 * max(evidence.events.duration_us, 1))
-    return seen.events[:, :2] - np.multiply.outer(seen.events[:, 4], noise_per_s)
+    return seen.events[:, :2] - np.multiply.outer(seen.events[:, 4], evidence.noise_hz_px)
 
 
 # Time constant with which the pixels of some sensors adapt to a darkening without an event, s (the

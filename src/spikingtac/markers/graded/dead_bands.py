@@ -63,8 +63,7 @@ def signal_share_kernel(
 
     One standard deviation of the noise counts as noise, too.
     """
-    fading = np.exp(-1e-6 * (t_us - marker.fit_us) / RECENT_S)
-    marker.recent = marker.recent * fading + events
+    marker.recent = marker.recent * np.exp(1e-6 * (marker.fit_us - t_us) / RECENT_S) + events
     noise = noise_per_s * RECENT_S
     return max(1.0 - (noise + np.sqrt(noise)) / max(marker.recent, 0.5), 0.0)
 

@@ -133,8 +133,7 @@ class DiscLocator:
         """
         times_us = self.times_us = self.times_us[1], t_us
         maps = self.map.padded.ravel(), self._scratch, self._dead_bands
-        noise = self.area_px, noise_hz_px
-        locate_discs_kernel(*maps, *self._arrays, coasted, times_us, *noise)
+        locate_discs_kernel(*maps, *self._arrays, coasted, times_us, self.area_px, noise_hz_px)
 
 
 @kernel()
@@ -203,6 +202,5 @@ def locate_discs_kernel(
             marker.vx = marker.vy = 0.0
         else:
             correct_kernel(marker, marker.fit_x, marker.fit_y, dt_s)
-        moved_px = max(abs(marker.x - marker.gate_x), abs(marker.y - marker.gate_y))
-        if moved_px > REASSIGN_PX:
+        if max(abs(marker.x - marker.gate_x), abs(marker.y - marker.gate_y)) > REASSIGN_PX:
             assign_pixels_kernel(pixels, m, markers, outline_px, edge)

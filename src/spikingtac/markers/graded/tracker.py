@@ -236,8 +236,7 @@ class GradedTracker:
             self._count_us, self._counted_events = t_us, event_count
             if counted_s > 0.0:
                 event_loss.update(locator.markers, *self._counts)
-            if self._adapts:
-                locator.map.arrival_ratio = event_loss.arrival_ratio
+                locator.map.arrival_ratio = event_loss.arrival_ratio if self._adapts else 1.0
         elif task == 1:
             manager.update_silent(locator.markers, *self._counts, event_loss)
         elif task == 2:
