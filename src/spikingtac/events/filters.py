@@ -47,7 +47,8 @@ class BackgroundActivityFilter:
         height, width = self._last_us.shape
         packet.require_map((height - 2, width - 2))
         events = packet.x, packet.y, packet.p, packet.t
-        x, y, p, t = map(np.empty_like, events)
+        x, y = np.empty_like(packet.x), np.empty_like(packet.y)
+        p, t = np.empty_like(packet.p), np.empty_like(packet.t)
         count = supported_kernel(*events, self._window_us, self._last_us, (x, y, p, t))
         kept = EventPacket(x, y, p, t, packet.t_start_us, packet.t_end_us, packet.size, True)
         return kept.part(0, count, packet.t_start_us, packet.t_end_us)
