@@ -2,8 +2,11 @@
 
 import hashlib
 import json
+import struct
 import zipfile
+import zlib
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 # Kind -> members that its archive has.
@@ -23,8 +26,12 @@ DOCUMENTS = {
 RECORDING = "events.raw"  # What a recording folder has.
 TABLES = b"t_us,marker,", b"PAR1"  # How tables of tracks begin, as CSV and as Parquet.
 
-# What the list of an archive's members raises where it is damaged.
-DAMAGE = OSError, ValueError, NotImplementedError, OverflowError, MemoryError, zipfile.BadZipFile
+# What zipfile and NumPy's header parser raise on damaged archives.
+ARCHIVE_DAMAGE = (
+    OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError,
+    SyntaxError, TokenError, RuntimeError, MemoryError, OverflowError, TypeError,
+    KeyError, struct.error,
+)  # fmt: skip
 
 LARGEST_BYTES = 16 << 20  # Larger JSON files are not looked into.
 
@@ -88,7 +95,7 @@ def members_of(file: Path) -> set[str] | None:
     try:
         with zipfile.ZipFile(file) as archive:
             return set(archive.namelist())
-    except DAMAGE:
+    except ARCHIVE_DAMAGE:
         return None
 
 

@@ -57,8 +57,7 @@ class Neighbourhood:
             self.index[i] = order[order != i][: self.index.shape[1]]
             self.weight[i] = _affine_weights_at_origin(offset[self.index[i]])
         self.arrays = self.reference_px, self.index, self.weight
-        nearest_px = distances_px(self.reference_px).min(axis=1, initial=np.inf)
-        self.bound_px = FARTHEST_PITCHES * nearest_px
+        self.bound_px = FARTHEST_PITCHES * distances_px(reference_px).min(axis=1, initial=np.inf)
         self.own_share = 1.0 / (1.0 + (self.weight**2).sum(axis=1))
 
     def expected_px(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:

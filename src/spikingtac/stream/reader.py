@@ -60,7 +60,8 @@ class EventReader(PacketReader):
 
     def close(self) -> None:
         """End the stream; what was read by then can still be taken."""
-        getattr(self._source, "close", lambda: None)()
+        if hasattr(self._source, "close"):
+            self._source.close()
 
     def release(self) -> None:
         """End the stream, and give the ring back."""

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import RecordingError
-from spikingtac.events.formats.pieces import ARCHIVE_DAMAGE, PACKINGS, refuse_piece
+from spikingtac.events.formats.pieces import PACKINGS, refuse_piece
+from spikingtac.file_kinds import ARCHIVE_DAMAGE
 
 # Most that arrays beyond the limit may be compressed: stored ones take what their file takes.
 BOMB_RATIO = 20

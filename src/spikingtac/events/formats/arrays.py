@@ -17,8 +17,8 @@ from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.events.formats.columns import CHUNK_ROWS, ROLES, TABLE_WIDTHS, Order, Table
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.formats.packing import Counter
-from spikingtac.events.formats.pieces import ARCHIVE_DAMAGE, refuse_piece
-from spikingtac.file_kinds import told_kind
+from spikingtac.events.formats.pieces import refuse_piece
+from spikingtac.file_kinds import ARCHIVE_DAMAGE, told_kind
 
 _SIZES = ("size", "resolution", "sensor_size")
 

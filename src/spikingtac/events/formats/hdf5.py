@@ -19,7 +19,8 @@ from spikingtac.events.formats import columns
 from spikingtac.events.formats.columns import CHUNK_ROWS, ROLES, TABLE_WIDTHS, Order, Table
 from spikingtac.events.formats.file_source import ReadOptions, chosen_sensor
 from spikingtac.events.formats.packing import TIME_LIMIT_US
-from spikingtac.events.formats.pieces import ARCHIVE_DAMAGE, PIECE_LIMIT_BYTES, refuse_piece
+from spikingtac.events.formats.pieces import PIECE_LIMIT_BYTES, refuse_piece
+from spikingtac.file_kinds import ARCHIVE_DAMAGE
 
 DAMAGE = (*ARCHIVE_DAMAGE, IndexError, AttributeError)  # What h5py raises on damaged files.
 ECF_FILTER = 0x8ECF  # Prophesee's compression, which hdf5plugin does not bring.

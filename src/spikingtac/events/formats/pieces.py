@@ -10,18 +10,17 @@ import gzip
 import io
 import re
 import shutil
-import struct
 import tempfile
 import weakref
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from tokenize import TokenError
 from typing import IO, Any, BinaryIO, NamedTuple
 
 from spikingtac.errors import FormatError, MissingExtraError, RecordingError
 from spikingtac.events.formats.file_source import FileSource
+from spikingtac.file_kinds import ARCHIVE_DAMAGE
 
 # Largest piece of an input (a chunk, a message, an array) that is taken into memory, bytes: an hour
 # of tracks stays below, and a piece costs at most thrice as much while it is decoded.
@@ -33,13 +32,6 @@ ZSTD = b"\x28\xb5\x2f\xfd"  # How compressed content begins.
 CUT = -1  # Kind of the rest of a file in which no further piece is found.
 
 UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # How a text in UTF-16 begins.
-
-# What zipfile and NumPy's header parser raise on damaged archives.
-ARCHIVE_DAMAGE = (
-    OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError,
-    SyntaxError, TokenError, RuntimeError, MemoryError, OverflowError, TypeError,
-    KeyError, struct.error,
-)  # fmt: skip
 
 # What NumPy writes; Python unpacks others without a bound on what comes out.
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)

@@ -128,21 +128,25 @@ def event_loss(
     """
     if len(index) < LOSS_RESTS:
         return 0.0
-    slots = 2 * events.pixels
-    parts = [np.bincount(events.code[a:b], minlength=slots) for a, b in pairwise(index)]
-    counts = np.array(parts, np.uint32).reshape(len(parts), -1, 2)  # OFF and ON events of pixels
-    total, span_s = counts.sum(axis=0), 1e-6 * np.diff(events.times_at(index[[0, -1]]))
-    noise = noise_hz_px[::-1] * span_s
+    slots = 2 * events.pixels  # for OFF and ON events
+    total = np.bincount(events.code[index[0] : index[-1]], minlength=slots).reshape(-1, 2)
+    noise = noise_hz_px[::-1] * 1e-6 * np.diff(events.times_at(index[[0, -1]]))
     busy = (total >= np.maximum(BUSY_EVENTS, BUSY_OVER_NOISE * noise)).all(axis=1)
     if np.count_nonzero(busy) < LOSS_PIXELS:
         return 0.0
     ratio = total[busy, 1] / total[busy, 0]
-    walk = counts[:, busy, 1] - ratio * counts[:, busy, 0]
+    counts = np.array(
+        [
+            np.bincount(events.code[a:b], minlength=slots).reshape(-1, 2)[busy]
+            for a, b in pairwise(index)
+        ]
+    )
+    walk = counts[..., 1] - ratio * counts[..., 0]
     one_interval, two = np.mean(walk**2), np.mean((walk[1:] + walk[:-1]) ** 2)
     growth = len(walk) * (two - one_interval) / (1.0 - 3.0 / len(walk))
     # Variances of all events and of the noise, if each came by chance.
-    by_chance = np.column_stack([ratio**2, np.ones_like(ratio)])
-    of_events, of_noise = np.mean((by_chance * total[busy]).sum(axis=1)), np.mean(by_chance @ noise)
+    of_events = np.mean(total[busy, 1] + ratio**2 * total[busy, 0])
+    of_noise = np.mean(noise[1] + ratio**2 * noise[0])
     loss = float(growth - of_noise) / (of_events - of_noise)
     return min(loss, MOST_LOSS) if loss > LEAST_LOSS else 0.0
 

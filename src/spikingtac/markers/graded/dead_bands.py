@@ -171,7 +171,8 @@ def fit_bands_kernel(
         if length < SMALL_STEP_PX:
             break
     ring, at = sample_ring_kernel(levels, window, m, (x, y), ends_px, outline_px, edge)
-    maps = pixels, levels[0]
-    gradient, rr, agreement = _correct_levels_kernel(maps, window, ring, at, edge, signal)
+    gradient, rr, agreement = _correct_levels_kernel(
+        (pixels, levels[0]), window, ring, at, edge, signal
+    )
     update_outline_kernel(outline_px, m, gradient, settings[1] / (rr + OUTLINE_PRIOR), settings[2])
     return x, y, agreement, length
