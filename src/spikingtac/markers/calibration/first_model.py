@@ -147,7 +147,7 @@ def event_loss(
     # Variances of all events and of the noise, if each came by chance.
     of_events = np.mean(total[busy, 1] + ratio**2 * total[busy, 0])
     of_noise = np.mean(noise[1] + ratio**2 * noise[0])
-    loss = float(growth - of_noise) / (of_events - of_noise)
+    loss = float((growth - of_noise) / (of_events - of_noise))
     return min(loss, MOST_LOSS) if loss > LEAST_LOSS else 0.0
 
 
