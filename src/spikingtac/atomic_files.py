@@ -31,10 +31,7 @@ class WholeFile:
         if self.path.is_symlink():
             self.path = self.path.resolve()
         self._beside = not (in_place or (self.path.exists() and not self.path.is_file()))
-        name = f".{self.path.stem}{PARTIAL}{os.getpid()}{self.path.suffix}"
-        self.partial = self.path.with_name(name) if self._beside else self.path
-        if self._beside:
-            _remove_orphans(self.path)
+        self.partial = _beside(self.path) if self._beside else self.path
 
     def open(self, mode: str = "wb", **options: Any) -> IO[Any]:
         """Open the unfinished file."""
@@ -127,8 +124,8 @@ def whole_folder(path: str | Path, last: str) -> Iterator[Path]:
         path: Where the files shall be; other files there stay.
         last: The file that says that all others are there: it is taken away first and put last.
     """
-    folder = Path(path)
-    partial = folder.with_name(f".{folder.name}{PARTIAL}{os.getpid()}")
+    folder = Path(path).resolve()
+    partial = _beside(folder)
     partial.mkdir(parents=True)
     try:
         yield partial
@@ -167,11 +164,13 @@ def _sync(path: Path) -> None:
         os.close(handle)
 
 
-def _remove_orphans(path: Path) -> None:
-    for file in path.parent.glob(f".{escape(path.stem)}{PARTIAL}*{escape(path.suffix)}"):
-        number = file.name.rpartition(PARTIAL)[2].removesuffix(path.suffix)
+def _beside(path: Path) -> Path:
+    """Return where this process writes what shall be at a path; remove what killed ones left."""
+    for left in path.parent.glob(f".{escape(path.stem)}{PARTIAL}*{escape(path.suffix)}"):
+        number = left.name.rpartition(PARTIAL)[2].removesuffix(path.suffix)
         if number.isdecimal() and not runs(int(number)):
-            file.unlink(missing_ok=True)
+            shutil.rmtree(left) if left.is_dir() else left.unlink(missing_ok=True)
+    return path.with_name(f".{path.stem}{PARTIAL}{os.getpid()}{path.suffix}")
 
 
 def runs(process: int) -> bool:

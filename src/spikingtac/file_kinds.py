@@ -24,7 +24,9 @@ DOCUMENTS = {
     "manifest": {"t_start_us", "t_end_us", "size"},
 }
 RECORDING = "events.raw"  # What a recording folder has.
-TABLES = b"t_us,marker,", b"PAR1"  # How tables of tracks begin, as CSV and as Parquet.
+
+# How tables of tracks begin, as CSV and as Parquet; and lists of touches, of distances, of results.
+TABLES, LISTS = (b"t_us,marker,", b"PAR1"), (b"begin_us,end_us,", b"marker,", b"source,output,")
 
 # What zipfile and NumPy's header parser raise on damaged archives.
 ARCHIVE_DAMAGE = (
@@ -33,12 +35,14 @@ ARCHIVE_DAMAGE = (
     KeyError, struct.error,
 )  # fmt: skip
 
+LONGEST_HEAD = 64  # Bytes of a table that are looked at.
 LARGEST_BYTES = 16 << 20  # Larger JSON files are not looked into.
 
 # Kind -> what it is and what reads it.
 TOLD = {
     "tracks": "it holds tracks, which spikingtac info, plot and compare read",
     "table": "it is a table; tracks are read as .npz, events as .csv or .npz",
+    "list": "it is a list of touches, distances or results, for other programs",
     "truth": "it holds the truth of a simulation, which spikingtac compare reads",
     "series": "it holds displacements of another sensor, which spikingtac touch and force read",
     "calibration": "it is a calibration: give it with --calibration, or to spikingtac info",
@@ -60,7 +64,8 @@ def kind_of(path: str | Path) -> str | None:
         return "force"
     if file.suffix in (".csv", ".parquet"):
         with file.open("rb") as opened:
-            return "table" if opened.read(max(map(len, TABLES))).startswith(TABLES) else None
+            head = opened.readline(LONGEST_HEAD)
+        return "table" if head.startswith(TABLES) else "list" if head.startswith(LISTS) else None
     if zipfile.is_zipfile(file):
         return _first(ARCHIVES, members_of(file) or ())
     return _first(DOCUMENTS, document_of(file).keys()) if file.suffix == ".json" else None

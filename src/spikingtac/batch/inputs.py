@@ -46,7 +46,7 @@ def find_recordings(
     if not given:
         raise ConfigError("name a recording, several, a folder of them, or a pattern in quotes")
     # A dictionary keeps the order, and each recording once.
-    results = None if apart_from is None else apart_from.absolute()
+    results = None if apart_from is None else _absolute(apart_from)
     found: dict[Path, None] = {}
     for path in given:
         if str(path) == "-" or is_address(path):
@@ -54,12 +54,13 @@ def find_recordings(
                 f"{str(path)!r} is a live source; many recordings must be files or folders"
             )
         named = sorted(glob.glob(str(path), recursive=True)) if _is_pattern(path) else [path]
-        several = [
-            recording
-            for one in named
-            for recording in _at(Path(one), members)
-            if results not in recording.absolute().parents
-        ]
+        inside = [recording for one in named for recording in _at(Path(one), members)]
+        several = [one for one in inside if results not in _absolute(one).parents]
+        if inside and not several:
+            raise ConfigError(
+                f"{str(path)!r} lies in the folder for the results, {str(apart_from)!r}; "
+                "give another folder: -o results"
+            )
         if not several:
             raise ConfigError(
                 f"{str(path)!r} holds no recording; valid are folders with {RECORDING_NAME}, and "
@@ -71,7 +72,7 @@ def find_recordings(
 
 def common_parent(recordings: Sequence[Path]) -> Path:
     """Return the folder below which all recordings lie."""
-    return Path(os.path.commonpath([path.absolute().parent for path in recordings]))
+    return Path(os.path.commonpath([_absolute(path).parent for path in recordings]))
 
 
 def outputs_of(recordings: Sequence[Path], folder: Path, ending: str) -> list[Path]:
@@ -82,7 +83,7 @@ def outputs_of(recordings: Sequence[Path], folder: Path, ending: str) -> list[Pa
     """
     parent = common_parent(recordings)
     taken: dict[Path, Path] = {}
-    for path in (path.absolute() for path in recordings):
+    for path in map(_absolute, recordings):
         # A folder's dots belong to its name: 2026.05.01 has no ending.
         name = path.name if path.is_dir() else path.stem
         output = folder / path.relative_to(parent).with_name(name + ending)
@@ -93,6 +94,11 @@ def outputs_of(recordings: Sequence[Path], folder: Path, ending: str) -> list[Pa
             )
         taken[output] = path
     return list(taken)
+
+
+def _absolute(path: Path) -> Path:
+    """Return a path from the root, without ``..``; links stay, since their names are the user's."""
+    return Path(os.path.abspath(path))
 
 
 def _at(path: Path, members: Sequence[str]) -> Iterator[Path]:

@@ -5,7 +5,7 @@ is the place relative to the image's centre over half of its diagonal; then a ho
 the skin.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -39,6 +39,11 @@ class Lens:
         """Return places ``(..., 2)`` on the flat skin, mm, of places ``(..., 2)`` on the image."""
         scaled = (place_px.astype(np.float64) - self.center_px) / self.half_diagonal_px
         return projected(self.homography, undistorted(scaled, self.radial))
+
+    def scaled(self, factor: float) -> Self:
+        """Return the same lens over a skin that is larger by a factor."""
+        homography = np.diag([factor, factor, 1.0]) @ self.homography
+        return replace(self, homography=homography, residual_mm=factor * self.residual_mm)
 
     def document(self) -> dict[str, Any]:
         """Return it as JSON, for calibrations and tracks."""

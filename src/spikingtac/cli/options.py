@@ -15,6 +15,7 @@ import tyro
 
 from spikingtac.atomic_files import require_free
 from spikingtac.errors import ConfigError, nearest
+from spikingtac.file_kinds import RECORDING
 
 Output = Annotated[Path | None, tyro.conf.arg(aliases=["-o"])]  # Option -o: what is written.
 
@@ -53,11 +54,16 @@ class WriteArgs(JsonArgs):
         """Refuse files to write that are there already, before anything is computed.
 
         Raises:
-            ConfigError: One is there and --overwrite is not given, or its folder is not.
+            ConfigError: One is there and --overwrite is not given, its folder is not, or it is
+                among what is read.
         """
-        for path in paths:
-            if path is not None:
-                require_free(path, self.overwrite)
+        given = [one if isinstance(one, tuple) else (one,) for one in vars(self).values()]
+        named = [one for several in given for one in several if isinstance(one, Path)]
+        for path in filter(None, paths):
+            require_free(path, self.overwrite)
+            read = [inner for one in named if one is not path for inner in (one, one / RECORDING)]
+            if path.exists() and any(one.exists() and path.samefile(one) for one in read):
+                raise ConfigError(f"{str(path)!r} is the input itself; give another name")
 
 
 @dataclass(frozen=True, kw_only=True)

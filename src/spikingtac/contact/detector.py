@@ -15,7 +15,9 @@ from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.types import Contact, EventPacket
 
 SECONDS_PER_HOUR = 3600.0
-MOST_PER_HOUR = 360_000.0  # Largest budget of false contacts: a tenth of all windows of 1 ms.
+# Least and largest budget of false contacts: one in a hundred years, and a tenth of all windows of
+# 1 ms.
+LEAST_PER_HOUR, MOST_PER_HOUR = 1e-6, 360_000.0
 BLOCK_WINDOWS = 30  # Windows of a block: half a period of the arm's vibration, 15 Hz.
 CLEAR_SIGMA = 5.0  # Standard deviations by which a block with motion exceeds blocks of noise.
 
@@ -123,14 +125,14 @@ class QuietStatistics:
 
 
 def check_budget(false_alarms_per_hour: float) -> None:
-    """Refuse a budget of false alarms that is not positive, or too large.
+    """Refuse a budget of false alarms that is too small or too large.
 
     Raises:
-        ConfigError: It is zero, negative, too large or not a number.
+        ConfigError: It is so, or not a number.
     """
-    if not 0.0 < false_alarms_per_hour <= MOST_PER_HOUR:
+    if not LEAST_PER_HOUR <= false_alarms_per_hour <= MOST_PER_HOUR:
         given = f"the budget is {false_alarms_per_hour:g} false contacts per hour"
-        raise ConfigError(f"{given}, it must be positive and at most {MOST_PER_HOUR:g}")
+        raise ConfigError(f"{given}, valid are {LEAST_PER_HOUR:g} to {MOST_PER_HOUR:g}")
 
 
 def unsettled(count: NDArray[np.int64]) -> int:

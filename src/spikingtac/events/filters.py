@@ -95,6 +95,9 @@ def supported_kernel(
     return count
 
 
+MOST_SHIFT_US = 1 << 53  # Largest shift: 285 years, so that no time leaves 64 bits.
+
+
 @dataclass(frozen=True, kw_only=True)
 class Transform:
     """Changes in a fixed order: time, polarity, crop, flip, rotation.
@@ -153,6 +156,8 @@ class Transform:
 
     def _changed(self, packet: EventPacket) -> EventPacket:
         width, height = packet.size
+        if abs(self.shift_us) > MOST_SHIFT_US:
+            raise ConfigError(f"shift_us is {self.shift_us}, valid are +-{MOST_SHIFT_US} us")
         if self.shift_us:
             packet = replace(
                 packet,

@@ -2,13 +2,19 @@
 
 import io
 import re
+from dataclasses import replace
 from pathlib import Path
 
 from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
 from spikingtac.events.camera import Address, is_address, is_stream
 from spikingtac.events.evt.raw import RawSource, later_parts, read_header
-from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
+from spikingtac.events.formats.file_source import (
+    CHUNK_EVENTS,
+    FileSource,
+    ReadOptions,
+    chosen_sensor,
+)
 from spikingtac.events.formats.pieces import UTF16_MARKS
 from spikingtac.events.recording import (
     RECORDING_NAME,
@@ -80,6 +86,7 @@ def open_events(
     name = name_of(RECORDING_NAME, sensor or 0)
     file = place / name
     if file.is_file():  # all parts of one sensor, on the first sensor's clock
+        options = replace(options, sensor=None)
         later = later_parts(file)
         source = RawSource(file, options, later) if later else _open_file(file, options)
         time_map = time_base_of(place, sensor or 0)
@@ -151,9 +158,11 @@ def _open_file(path: Path, options: ReadOptions) -> FileSource:
         foreign = with_plugins({}, plugins.READERS)
         if ending.removeprefix(".") in foreign:
             return foreign[ending.removeprefix(".")](path, options)
-        known = None if kind_of(path) == "table" else _BY_ENDING.get(ending)
+        known = None if kind_of(path) in ("table", "list") else _BY_ENDING.get(ending)
         kind = known or _kind_by_values(path, start)
     reader = import_place(f"spikingtac.events.{_KINDS[kind][0]}")
+    if kind not in _SEVERAL:
+        chosen_sensor([path.name], options.sensor, path)
     if kind == "packed":
         return reader(path, lambda inner: _open_file(inner, options))
     return reader(path, options)
@@ -218,6 +227,7 @@ _KINDS: dict[str, tuple[str, tuple[str, ...], tuple[bytes, ...]]] = {
     "packed": ("formats.pieces:open_packed", (".gz", ".zip"), (b"\x1f\x8b",)),
 }  # fmt: skip
 _BY_ENDING = {ending: kind for kind, (_, endings, _) in _KINDS.items() for ending in endings}
+_SEVERAL = {"aedat4", "hdf5", "ros", "packed"}  # Kinds that may hold several cameras.
 READABLE = tuple(_BY_ENDING)  # Endings of what can be read; the content decides first.
 
 # Fields of a header that only RAW files of cameras have.

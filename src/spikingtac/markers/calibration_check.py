@@ -140,7 +140,7 @@ class CalibrationCheck:
     def _test(self) -> None:
         first = self._first[self._tested]
         self.contradiction = max(self.contradiction, self._share(first))
-        self.measured |= np.count_nonzero(first) >= FEWEST_PIXELS
+        self.measured |= bool(np.count_nonzero(first) >= FEWEST_PIXELS)
         self._turn += 1
         hz = self._events / (self._tested.size * TURN_US * 1e-6)
         if self._turn > SHORT_TURNS:

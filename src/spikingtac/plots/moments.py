@@ -218,12 +218,14 @@ def _rows(tracks: Tracks, stretch_s: tuple[float | None, float | None], slow: fl
             "cannot animate from {:g} to {:g} s: the tracks go from 0 to {:g} s, and an animation "
             "ends after it begins".format(*shown)
         )
-    times = np.arange(first_us, last_us + 1, FRAME_MS * 1_000 / slow)
-    if len(times) > MOST_PICTURES:
+    every_us = FRAME_MS * 1_000 / slow
+    pictures = 1 + (last_us - first_us) // every_us
+    if pictures > MOST_PICTURES:
         raise ConfigError(
-            f"this animation would have {len(times)} pictures, {MOST_PICTURES} at most; take a "
+            f"this animation would have {pictures:.0f} pictures, {MOST_PICTURES} at most; take a "
             "shorter stretch, or show it faster"
         )
+    times = np.arange(first_us, last_us + 1, every_us)
     return np.searchsorted(tracks.t_us, times).clip(0, len(tracks.t_us) - 1).tolist()
 
 

@@ -79,8 +79,7 @@ def simulate(
 
 def _prepared(folder: Path, overwrite: bool) -> Path:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        names = sorted(path.name for path in folder.iterdir())
+        names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
     except OSError as error:
         raise RecordingError(
             f"cannot write the folder {str(folder)!r}: {error.strerror}"

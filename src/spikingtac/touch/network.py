@@ -54,7 +54,7 @@ class Network:
             about = session.get_modelmeta().custom_metadata_map
             self.record: dict[str, Any] = json.loads(about.get(RECORD, "{}"))
         except Exception as error:  # the runtime has a class of its own for each kind of damage
-            raise ConfigError(f"{where!r} is no network of this package: {error}") from error
+            raise ConfigError(f"{where!r} is damaged, or no network of this package") from error
         self.content = content
         self._session = session
         self._inputs = [one.name for one in session.get_inputs()]

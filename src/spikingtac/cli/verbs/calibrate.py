@@ -11,7 +11,7 @@ import tyro
 
 import spikingtac as st
 from spikingtac import events
-from spikingtac.atomic_files import write_json
+from spikingtac.atomic_files import require_free, write_json
 from spikingtac.cli.messages import Advance, Table, figures, no_progress, progress, remark, tell
 from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many
 from spikingtac.cli.sources import ending_on_interrupt, fitting
@@ -29,6 +29,10 @@ MOST_NAMED = 8  # Stray spots that are named one by one.
 # Figures of a calibration, and of its notes, that are told as they are.
 TOLD = ("polarity", "contrast", "edge_px", "step_on", "step_off", "lag_us", "px_per_mm")
 NOTED = ("missing", "doubtful", "explained", "events", "residual", "scatter_px")
+
+# Options that mean nothing where the scale of a calibration is set.
+OF_RECORDINGS = ("grid", "layout", "lens", "polarity", "method", "allow_missing", "plot",
+                 "until_ready")  # fmt: skip
 UNUSUAL = ("no_lens", "left_out_px", "stray_px", "fitting_grid", "coarse_steps", "flicker_hz",
            "event_loss")  # fmt: skip
 
@@ -90,11 +94,11 @@ def run(args: Args) -> int:
             "spikingtac calibrate --check calibration.json DAY -o DAY_checked"
         )
     recording = args.recordings[0]
+    if kind_of(recording) == "calibration":
+        return _set_scale(args, recording)
     args.claim(args.output)
     if args.plot is not None:
         check_target(args.plot, overwrite=args.overwrite)
-    if kind_of(recording) == "calibration":
-        return _set_scale(args, recording)
     same = ("pitch_mm", "lens", "polarity", "layout", "method", "allow_missing")
     given = {name: getattr(args, name) for name in same}
     config = st.CalibrationConfig(grid=_grid_shape(args.grid), **given)
@@ -121,6 +125,14 @@ def _set_scale(args: Args, path: Path) -> int:
             f"{str(path)!r} is a calibration already; calibrate learns from a recording, and sets "
             "the scale of a calibration: --pitch-mm 2.4 (above 0)"
         )
+    plain = Args(recordings=args.recordings)
+    for name in OF_RECORDINGS:
+        if getattr(args, name) != getattr(plain, name):
+            raise st.ConfigError(
+                f"--{name.replace('_', '-')} is learned from a recording, and {str(path)!r} is a "
+                "calibration; leave it out, or give the recording"
+            )
+    require_free(args.output, args.overwrite)
     calibration = st.Calibration.load(path).with_pitch(args.pitch_mm)
     calibration.save(args.output)
     document = {"output": str(args.output), "px_per_mm": calibration.px_per_mm}

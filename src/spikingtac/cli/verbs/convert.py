@@ -81,9 +81,6 @@ def run(args: Args) -> int:
 
 def convert_one(args: Args, path: Path, target: Path, advance: Advance) -> dict[str, Any]:
     """Convert a recording, and return the figures."""
-    inner = path / "events.raw" if path.is_dir() else path
-    if target.exists() and inner.exists() and target.samefile(inner):
-        raise st.ConfigError(f"{str(target)!r} is the input itself; give another name")
     same = ("from_us", "to_us", "shift_us", "flip_polarity", "flip")
     given = {name: getattr(args, name) for name in same}
     change = events.Transform(**given, crop_px=args.crop, rotate_deg=args.rotate or 0)

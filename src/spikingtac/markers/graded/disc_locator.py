@@ -43,6 +43,10 @@ from spikingtac.types import EventPacket
 # Most Gauss-Newton steps of a disc fit: two suffice on average, a sudden release takes more.
 ITERATIONS = 3
 
+# Time without an estimate after which nothing is left of a speed: a clock leapt, or a camera was
+# unplugged, s.
+LONGEST_WAY_S = 0.1
+
 STILL_PX_S = 0.2  # Filtered speed below which a marker without new events is not predicted.
 
 DUE_PX = 0.02  # Motion that causes as many events as a fit needs, px.
@@ -183,6 +187,8 @@ def locate_discs_kernel(
         marker.t_us = t_us
         if not is_due and abs(marker.vx) + abs(marker.vy) < STILL_PX_S:
             continue
+        if dt_s > LONGEST_WAY_S:
+            marker.vx = marker.vy = 0.0
         predict_kernel(marker, dt_s)
         if is_due:
             gain = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * (t_us - marker.fit_us))
