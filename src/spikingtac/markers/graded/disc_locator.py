@@ -43,9 +43,9 @@ from spikingtac.types import EventPacket
 # Most Gauss-Newton steps of a disc fit: two suffice on average, a sudden release takes more.
 ITERATIONS = 3
 
-# Time without an estimate after which nothing is left of a speed: a clock leapt, or a camera was
-# unplugged, s.
-LONGEST_WAY_S = 0.1
+# Longest time over which a motion is predicted, s: several times that between two estimates. Longer
+# ones are leaps of a clock, or a camera was unplugged.
+LONGEST_WAY_S = 0.01
 
 STILL_PX_S = 0.2  # Filtered speed below which a marker without new events is not predicted.
 
@@ -187,9 +187,7 @@ def locate_discs_kernel(
         marker.t_us = t_us
         if not is_due and abs(marker.vx) + abs(marker.vy) < STILL_PX_S:
             continue
-        if dt_s > LONGEST_WAY_S:
-            marker.vx = marker.vy = 0.0
-        predict_kernel(marker, dt_s)
+        predict_kernel(marker, min(dt_s, LONGEST_WAY_S))
         if is_due:
             gain = 1.0 - np.exp(-1e-6 * OUTLINE_PER_S * (t_us - marker.fit_us))
             start = m, (marker.x, marker.y), outline_px, (ITERATIONS, gain, marker.radius_px)

@@ -30,6 +30,10 @@ CLEAR_PX, LEAST_POINTS = 3.0, 1.0
 # times of 1 to 20 ms make it rise by 0.047 to 0.27, 6.5 to 36 standard errors.)
 LIGHT_RISE, RISE_ERRORS, LIGHT_MEMORY_S = 0.03, 6.25, 0.1
 
+# Farther way of the mean marker after which the light counts from anew, px: a fast hit leaves light
+# at the rests as well, and its hold would pass for a release.
+FARTHER_PX = 1.0
+
 # Events since the last test, above twice their background, that call for a look at the rims. Their
 # half width, px; events that there must be at the points on the rims at rest, and over those on the
 # tracked rims. (Skins that stand still have 1.0 at most, misplaced ones 40 and more.)
@@ -43,7 +47,7 @@ class MisplacedSkin:
 
     def __init__(self, calibration: Calibration) -> None:
         """Begin with a skin at rest."""
-        self._rest_px, self._light = calibration.reference_px, 0.0
+        self._rest_px, self._light, self._away_px = calibration.reference_px, 0.0, 0.0
 
     def update(
         self,
@@ -62,9 +66,12 @@ class MisplacedSkin:
             dt_s: Time in which they came, s.
             noise_per_s: ``(m + 1,)`` background events in the same places, 1/s.
         """
-        light, error, at_rest, tracked = signs_kernel(
+        light, error, away_px, at_rest, tracked = signs_kernel(
             state_map.values, state_map.pixels, self._rest_px, markers, counts, dt_s, noise_per_s
         )
+        self._away_px = min(self._away_px, away_px)
+        if away_px > self._away_px + FARTHER_PX:
+            self._light, self._away_px = light, away_px
         rise = light - self._light
         self._light += rise * -math.expm1(-dt_s / LIGHT_MEMORY_S)
         released = rise > max(LIGHT_RISE, RISE_ERRORS * error)
@@ -75,10 +82,10 @@ class MisplacedSkin:
 def signs_kernel(
     levels: Array, pixels: Array, rest_px: Array, markers: Array, counts: Array, dt_s: float,
     noise_per_s: Array,
-) -> tuple[float, float, float, float]:  # pragma: no cover - compiled # fmt: skip
+) -> tuple[float, float, float, float, float]:  # pragma: no cover - compiled # fmt: skip
     """Return the light at the rests and its standard error, and events on both kinds of rims.
 
-    The error is infinite while the skin is at rest or in motion, or where there are too few points.
+    Between both stands the mean displacement, px. The error is infinite while the skin is at rest or in motion, or where there are too few points.
     Events are counted if the skin stands still and more of them come than the background.
     """
     light, error, points, away_px, speed_px_s = rest_light_kernel(levels, pixels, rest_px, markers)
@@ -86,7 +93,8 @@ def signs_kernel(
     at_rest = tracked = 0.0
     if still and counts.sum() >= NEW_EVENTS + 2.0 * dt_s * noise_per_s.sum():
         at_rest, tracked = rim_events_kernel(pixels, rest_px, markers)
-    return light, error if still and points >= LEAST_POINTS else np.inf, at_rest, tracked
+    tells = still and points >= LEAST_POINTS
+    return light, error if tells else np.inf, away_px, at_rest, tracked
 
 
 @kernel()
