@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from spikingtac.cameras.words import WORD_FORMS, WORD_OPTIONS, CameraWords, header_of
+from spikingtac.cameras.words import WORD_OPTIONS, CameraWords, header_of
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError
 from spikingtac.events.camera import Address, Camera
 from spikingtac.events.evt.words import Rows
@@ -53,9 +53,7 @@ class V4l2Camera(Camera):
         self._frame_bytes = width * height
         # Of a frame: bytes read, its words as long as no mark came, and whether one did.
         self._at, self._payload, self._marked = 0, bytearray(), False
-        kind, self._heads, _ = WORD_FORMS[self._words.form]
-        self._kind = np.dtype(kind)
-        self._bits, self._mark_value = np.array(_MARKS[self._words.encoding], self._kind)
+        self._bits, self._mark_value = _MARKS[self._words.encoding]
         self._file: int | None = file
         self._tool = tool
         self._ended = False
@@ -122,10 +120,8 @@ class V4l2Camera(Camera):
         size, looked = self._words.word_bytes, len(self._payload)
         self._payload += data
         looked, end = looked // size * size, len(self._payload) // size * size
-        words = np.frombuffer(
-            self._payload, self._kind, (end - looked) // self._kind.itemsize, looked
-        )
-        found = np.flatnonzero((words[self._heads] & self._bits) == self._mark_value)
+        heads = self._words.heads(self._payload[looked:end])
+        found = np.flatnonzero((heads & self._bits) == self._mark_value)
         if not (len(found) or last):
             return None
         self.losses.add("no_end_mark", int(not len(found)))

@@ -13,6 +13,8 @@ from spikingtac.events.evt.wire import (
     FOREIGN_SHARE,
     NAMES,
     SOUND_SHARE,
+    TIME_HIGH,
+    Words,
     best_candidate,
     implausible_share,
 )
@@ -26,17 +28,7 @@ GENX320_SIZE = (320, 320)
 # Options of addresses whose words come without a header.
 WORD_OPTIONS = ("encoding", "size", "order")
 
-
-# Numbers in which each form's words begin, which of them, and their bits below the word's type.
-WORD_FORMS = {
-    "evt2": ("<u4", slice(None), 28),
-    "evt21/little": ("<u4", slice(1, None, 2), 28),
-    "evt21/legacy": ("<u4", slice(0, None, 2), 28),
-    "evt21/big": (">u4", slice(0, None, 2), 28),
-    "evt3": ("<u2", slice(None), 12),
-}
 NOISE_BYTES = 1 << 14  # Noise in which everything is to be mended, for a warm-up, bytes.
-TIME_HIGH = 8  # Type of the words of upper time in all three encodings.
 
 # Steps of the upper time, 0.13 s, by which a piece may be late; beyond, the sensor began anew.
 LATEST_STEPS = {"evt2": 2_000, "evt21": 2_000, "evt3": 30}
@@ -71,7 +63,7 @@ class CameraWords:
     Attributes:
         encoding: ``evt2``, ``evt21`` or ``evt3``.
         size: ``(width, height)``, px.
-        form: The encoding, with the byte order of EVT2.1: a key of :data:`WORD_FORMS`.
+        form: The encoding, with the byte order of EVT2.1.
         word_bytes: Bytes of a word.
     """
 
@@ -86,11 +78,15 @@ class CameraWords:
         self._losses = losses
         self._reached: int | None = None
         self.word_bytes = self._stream.word.itemsize
-        warm_up(self.encoding, self.size, self._order)
+        warm_up(self.form, self.size)
 
     def feed(self, data: bytes | memoryview, final: bool = False) -> Rows:
         """Return the columns of the events in the next bytes; they are overwritten by the next."""
         return self._stream.feed(data, final)
+
+    def heads(self, data: bytes | bytearray) -> Words:
+        """Return the part of each of some whole words that holds its type."""
+        return self._stream.heads(np.frombuffer(data, self._stream.word))
 
     def fits(self, data: bytes) -> bool:
         """Return whether bytes look like whole words of this encoding, with a time among them."""
@@ -114,7 +110,7 @@ class CameraWords:
             pieces: Whole words each, as they came.
         """
         late, steps, step = 0, [], 0
-        half = 1 << (WORD_FORMS[self.form][2] - 1)  # of the counter, which wraps
+        half = 1 << (self._stream.form.high_bits - 1)  # of the counter, which wraps
         for piece in pieces:
             time = self._first_time(piece)
             if time is not None:
@@ -132,9 +128,8 @@ class CameraWords:
         return [pieces[place] for place in np.argsort(steps, kind="stable")]
 
     def _first_time(self, piece: bytes) -> int | None:
-        kind, chosen, bits = WORD_FORMS[self.form]
-        words = np.frombuffer(piece, kind)[chosen]
-        times = words[words >> bits == TIME_HIGH]
+        heads, bits = self.heads(piece), self._stream.form.high_bits
+        times = heads[heads >> bits == TIME_HIGH]
         return int(times[0]) & ((1 << bits) - 1) if len(times) else None
 
     def describe(self) -> dict[str, Any]:
@@ -143,13 +138,12 @@ class CameraWords:
         return named | ({"byte_order": self._order} if self.encoding == "evt21" else {})
 
 
-def warm_up(encoding: str, size: tuple[int, int], order: str = "little") -> None:
+def warm_up(form: str, size: tuple[int, int]) -> None:
     """Compile, or load, what decodes and what mends, before words wait for it.
 
     Args:
-        encoding: ``evt2``, ``evt21`` or ``evt3``.
+        form: ``evt2``, ``evt21`` or ``evt3``, perhaps with a byte order of EVT2.1: ``evt21/big``.
         size: ``(width, height)``, px.
-        order: Byte order of EVT2.1 words.
     """
-    stream = WordStream(f"{encoding}/{order}", size, LossCounters(), Triggers())
+    stream = WordStream(form, size, LossCounters(), Triggers())
     stream.feed(np.random.default_rng(0).bytes(NOISE_BYTES), final=True)
