@@ -7,8 +7,8 @@ named wherever one of this package's own can. The how-to pages ``add-a-tracker.m
 
 from collections.abc import Iterator, Mapping
 from functools import cached_property
-from importlib import import_module, metadata
-from typing import Any, TypeVar
+from importlib import metadata
+from typing import TypeVar
 
 from spikingtac.errors import ConfigError
 
@@ -33,8 +33,15 @@ WRITERS = "spikingtac.writers"
 SCENE_DESIGNS = "spikingtac.scene_designs"
 
 
-class _WithPlugins(Mapping[str, T]):
-    """A table of own entries, and behind them what other packages register under a group."""
+class WithPlugins(Mapping[str, T]):
+    """This package's entries together with those that other packages register under a group.
+
+    A plug-in is imported when it is asked for; a name of this package cannot be replaced.
+
+    Args:
+        own: Name -> entry.
+        group: Entry point group, as ``spikingtac.trackers``.
+    """
 
     def __init__(self, own: Mapping[str, T], group: str) -> None:
         self._own, self._group = own, group
@@ -63,24 +70,6 @@ class _WithPlugins(Mapping[str, T]):
 
     def __len__(self) -> int:
         return len({*self._own, *self._plugins})
-
-
-def import_place(place: str) -> Any:
-    """Return what stands at ``module:name``."""
-    module, _, name = place.partition(":")
-    return getattr(import_module(module), name)
-
-
-def with_plugins(own: Mapping[str, T], group: str) -> Mapping[str, T]:
-    """Return this package's entries together with those that other packages register.
-
-    A plug-in is imported when it is asked for; a name of this package cannot be replaced.
-
-    Args:
-        own: Name -> entry.
-        group: Entry point group, as ``spikingtac.trackers``.
-    """
-    return _WithPlugins(own, group)
 
 
 def origin(group: str, name: str) -> str:

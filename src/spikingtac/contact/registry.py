@@ -186,7 +186,7 @@ DETECTORS: dict[str, DetectorBuilder] = {
 
 def detectors() -> Mapping[str, DetectorBuilder]:
     """Return every detector by name, also those that other packages register."""
-    return plugins.with_plugins(DETECTORS, plugins.DETECTORS)
+    return plugins.WithPlugins(DETECTORS, plugins.DETECTORS)
 
 
 def make_detector(

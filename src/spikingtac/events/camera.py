@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, ClassVar, NamedTuple, Self
 
 from numpy.typing import NDArray
@@ -21,7 +22,6 @@ from spikingtac import plugins
 from spikingtac.errors import ConfigError, named, nearest
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.packing import NO_ROWS, Rows
-from spikingtac.plugins import import_place, with_plugins
 from spikingtac.types import LossCounters
 
 _FORM = re.compile(r"(?P<kind>[a-z][a-z0-9]+):(?P<target>[^?]*)(?:\?(?P<options>.*))?", re.DOTALL)
@@ -288,8 +288,8 @@ def open_camera(address: Address) -> Camera:
         DeviceError: There is no such camera, or it refuses.
     """
     own = {name: f"spikingtac.{kind.place}" for name, kind in KINDS.items()}
-    camera = named(with_plugins(own, plugins.CAMERAS), address.kind, "kind of camera")
-    chosen: type[Camera] = import_place(camera) if isinstance(camera, str) else camera
+    camera = named(plugins.WithPlugins(own, plugins.CAMERAS), address.kind, "kind of camera")
+    chosen: type[Camera] = resolve_name(camera) if isinstance(camera, str) else camera
     valid = (*chosen.OPTIONS, *SOURCE_OPTIONS)
     for name in address.options:
         if name not in valid:

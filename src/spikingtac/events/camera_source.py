@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +15,6 @@ from spikingtac.events.camera import Address, Camera, open_camera
 from spikingtac.events.clock import US_PER_S, ClockFit
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.formats.packing import ColumnCheck
-from spikingtac.plugins import import_place
 
 # What to do when a camera is gone: end the stream and count it, raise, or wait until it is back.
 # A robot's guard must never reconnect: the watchdog has to trip.
@@ -152,7 +152,7 @@ class CameraSource(FileSource):
         super().__init__(Path(str(address)), options)
         share = address.text("share")
         # Others attach to this ring as ring:NAME, whichever verb reads the camera.
-        self._shared = import_place(SHARED_WRITER)(self, share) if share else None
+        self._shared = resolve_name(SHARED_WRITER)(self, share) if share else None
         self.ended = ""
         self.received_s = time.monotonic()
         self.clock = ClockFit()

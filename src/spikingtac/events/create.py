@@ -20,7 +20,6 @@ from spikingtac.events.formats.aedat4 import EVENT, PACKET_HEAD, SIGNATURE
 from spikingtac.events.formats.array_file import ColumnFile
 from spikingtac.events.formats.codec import Blocks, EventWriter, OneFileWriter, Triggers
 from spikingtac.events.formats.hdf5 import TRIGGERS, library
-from spikingtac.plugins import with_plugins
 from spikingtac.types import EventPacket
 
 TYPES = {"t": np.dtype("<i8"), "x": np.dtype("<u2"), "y": np.dtype("<u2"), "p": np.dtype("?")}
@@ -198,7 +197,7 @@ def writer_of(ending: str, encoding: str | None = None) -> Callable[..., EventWr
         raise ConfigError(
             f"encoding {encoding!r} is for .raw files, not for .{plain}; leave it out"
         )
-    writer = named(with_plugins(_WRITERS, plugins.WRITERS), plain, "ending to write")
+    writer = named(plugins.WithPlugins(_WRITERS, plugins.WRITERS), plain, "ending to write")
     return writer if encoding is None else partial(writer, encoding=encoding)
 
 

@@ -4,6 +4,7 @@ import io
 import re
 from dataclasses import replace
 from pathlib import Path
+from pkgutil import resolve_name
 
 from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
@@ -24,7 +25,6 @@ from spikingtac.events.recording import (
     time_base_of,
 )
 from spikingtac.file_kinds import kind_of, members_of, told_kind
-from spikingtac.plugins import import_place, with_plugins
 
 # Endings of what is no slip of the pen.
 FOREIGN = (
@@ -155,12 +155,12 @@ def _open_file(path: Path, options: ReadOptions) -> FileSource:
     kind = _kind_by_signature(path, start)
     if kind is None:
         ending = path.suffix.lower()
-        foreign = with_plugins({}, plugins.READERS)
+        foreign = plugins.WithPlugins({}, plugins.READERS)
         if ending.removeprefix(".") in foreign:
             return foreign[ending.removeprefix(".")](path, options)
         known = None if kind_of(path) in ("table", "list") else _BY_ENDING.get(ending)
         kind = known or _kind_by_values(path, start)
-    reader = import_place(f"spikingtac.events.{_KINDS[kind][0]}")
+    reader = resolve_name(f"spikingtac.events.{_KINDS[kind][0]}")
     if kind not in _SEVERAL:
         chosen_sensor([path.name], options.sensor, path)
     if kind == "packed":

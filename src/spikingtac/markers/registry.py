@@ -79,7 +79,7 @@ TRACKERS: dict[str, Builder] = {
 
 def trackers() -> Mapping[str, Builder]:
     """Return every tracking method, also those that other packages register."""
-    return plugins.with_plugins(TRACKERS, plugins.TRACKERS)
+    return plugins.WithPlugins(TRACKERS, plugins.TRACKERS)
 
 
 def make_tracker(config: TrackingConfig, calibration: Calibration) -> MarkerTracker:

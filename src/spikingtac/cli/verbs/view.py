@@ -203,7 +203,7 @@ class SimulateArgs(WriteArgs):
 def simulate(args: SimulateArgs) -> int:
     """Write the recording, or list the scenes."""
     from spikingtac import sim
-    from spikingtac.plugins import SCENE_DESIGNS, with_plugins
+    from spikingtac.plugins import SCENE_DESIGNS, WithPlugins
     from spikingtac.stream.record import recorded
 
     if args.list:
@@ -222,7 +222,7 @@ def simulate(args: SimulateArgs) -> int:
     scene = sim.load_scene(args.scene).with_camera(args.camera).with_serial(args.serial)
     if args.design is not None:
         # The package that registers the designs puts the scene on one of them.
-        scene = with_plugins({}, SCENE_DESIGNS)["design"](scene, args.design)
+        scene = WithPlugins({}, SCENE_DESIGNS)["design"](scene, args.design)
     with progress(f"simulating {args.scene}") as advance:
         given = {"seed": args.seed, "duration_s": args.duration_s, "overwrite": args.overwrite}
         summary = sim.simulate(scene, args.output, advance=advance, **given)
