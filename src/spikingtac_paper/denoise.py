@@ -40,7 +40,7 @@ from spikingtac_paper.harness.report import (
     write_report,
 )
 from spikingtac_paper.harness.run import Progress, RunOptions
-from spikingtac_paper.training.dataset import US_PER_S, with_background, with_drops
+from spikingtac_paper.training.dataset import US_PER_S, maps_at, with_background, with_drops
 from spikingtac_paper.trials.trajectories import GroundTruth
 from spikingtac_paper.trials.trial import V2E
 
@@ -375,11 +375,8 @@ def _state_maps(
         if kind == "binary"
         else GradedStateMap(paint_discs(*shape))
     )
-    first, start_us = 0, events.t_start_us
-    for end_us, last in zip(at_us, np.searchsorted(events.t, at_us), strict=True):
-        state_map.absorb(events.part(first, int(last), start_us, int(end_us)))
-        first, start_us = int(last), int(end_us)
-        yield np.ascontiguousarray(state_map.values, np.float32)
+    for levels in maps_at(state_map, events, at_us):
+        yield np.ascontiguousarray(levels, np.float32)
 
 
 def report_rows(parts: Sequence[Samples]) -> list[Row]:

@@ -5,7 +5,7 @@ through :func:`spikingtac.events.open.open_events`, and nothing else. Each round
 recording anew, so that no pair occurs twice.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -140,13 +140,19 @@ def _maps(
     """Return the maps ``(n, height, width)`` at some times, us."""
     state_map: StateMap = GradedStateMap(start) if graded else BinaryStateMap(events.size, start)
     out = np.empty((len(at_us), *start.shape), np.uint8)
-    first, start_us = 0, events.t_start_us
-    for index, last in enumerate(np.searchsorted(events.t, at_us).tolist()):
-        end_us = int(at_us[index])
-        state_map.absorb(events.part(first, last, start_us, end_us))
-        out[index] = np.rint(LEVELS * state_map.values)
-        first, start_us = last, end_us
+    for index, levels in enumerate(maps_at(state_map, events, at_us)):
+        out[index] = np.rint(LEVELS * levels)
     return out
+
+
+def maps_at(
+    state_map: StateMap, events: EventPacket, at_us: NDArray[np.int64]
+) -> Iterator[NDArray[np.float32]]:
+    """Yield the map at each of some times, us, in their order; the next one overwrites it."""
+    for end_us in at_us.tolist():
+        before, events = events.split(end_us)
+        state_map.absorb(before)
+        yield state_map.values
 
 
 def with_background(packet: EventPacket, rate_hz: float, random: Generator) -> EventPacket:
