@@ -56,7 +56,6 @@ from .rig.rig import SensingFinger as SensingFinger
 from .rig.rig import grip_camera as grip_camera
 from .rig.hole_site import HoleSite as HoleSite
 from .rig.hole_site import HoleTrial as HoleTrial
-from .rig.hole_site import flat_wall as flat_wall
 from .rig.hole_site import hole_trial as hole_trial
 from .rig.pad import Pad as Pad
 from .rig.probe import Probe as Probe
@@ -84,9 +83,9 @@ from .rig.hole_site import CORNER_MM as CORNER_MM
 from .rig.hole_site import CROSS as CROSS
 from .rig.hole_site import DEFAULT as DEFAULT
 from .rig.hole_site import STYLES as STYLES
-from .rig.hole_site import WALL_MM as WALL_MM
 from .rig.hole_site import prober_for as prober_for
 from .rig.hole_site import quiet_windows as quiet_windows
+from .rig.hole_site import touch_flat_wall as touch_flat_wall
 from .rig.hole_site import touch_flat_walls as touch_flat_walls
 from .rig.hole_site import travel_of as travel_of
 

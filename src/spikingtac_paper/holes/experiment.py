@@ -5,7 +5,6 @@ all touches before. Both searches of a hole are therefore made once, and every m
 repeatabilities of the arm are evaluated on their touches.
 """
 
-import contextlib
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,12 +28,11 @@ from spikingtac.sim import (
     PLANNING_MM,
     SIGMAS_MM,
     STYLES,
-    WALL_MM,
     HoleSite,
     RecordingProber,
-    flat_wall,
     prober_for,
     quiet_windows,
+    touch_flat_wall,
     touch_flat_walls,
     travel_of,
 )
@@ -168,11 +166,7 @@ def _search(
 
 def _make_past_contact(site: HoleSite, detector: ContactDetector, rng: np.random.Generator) -> None:
     """Touch another wall and wait a second: the pixels' references keep traces of this contact."""
-    angle = 2.0 * np.pi * rng.uniform()
-    direction = np.array([np.cos(angle), np.sin(angle)])
-    site.set_wall(flat_wall(direction, WALL_MM), np.zeros(2))
-    with contextlib.suppress(SearchError):
-        prober_for(site, detector, DEFAULT).touch(np.zeros(2), direction)
+    touch_flat_wall(site, prober_for(site, detector, DEFAULT), 2.0 * np.pi * rng.uniform())
     site.rig.wait(1.0)
 
 

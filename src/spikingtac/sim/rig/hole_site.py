@@ -141,12 +141,6 @@ class HoleSite:
         return True
 
 
-def flat_wall(direction: FloatArray, distance_mm: float) -> PlaneWall:
-    """Return a wall across a direction ``(2,)`` at a distance from the origin."""
-    toward = np.array([*direction, 0.0])
-    return PlaneWall(distance_mm * toward, -toward)
-
-
 class RecordingProber:
     """A prober that adds the arm's repeatability to the readings, and stores readings and draws.
 
@@ -217,10 +211,16 @@ def touch_flat_walls(
         elif before_cross is not None:
             before_cross()
         for angle in angles:
-            direction = np.array([np.cos(angle), np.sin(angle)])
-            site.set_wall(flat_wall(direction, WALL_MM), np.zeros(2))
-            with contextlib.suppress(SearchError):  # a failed touch is left out of the fit
-                prober.touch(np.zeros(2), direction)
+            touch_flat_wall(site, prober, angle)
+
+
+def touch_flat_wall(site: HoleSite, prober: Prober, angle_rad: float) -> None:
+    """Touch a flat wall at :data:`WALL_MM` in a direction; a touch may fail."""
+    direction = np.array([np.cos(angle_rad), np.sin(angle_rad)])
+    toward = np.array([*direction, 0.0])
+    site.set_wall(PlaneWall(WALL_MM * toward, -toward), np.zeros(2))
+    with contextlib.suppress(SearchError):
+        prober.touch(np.zeros(2), direction)
 
 
 def prober_for(site: HoleSite, detector: ContactDetector, style: str) -> ArmProber:
