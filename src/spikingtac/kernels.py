@@ -31,13 +31,9 @@ def kernel(**options: Any) -> Any:
     return njit(**options)
 
 
-def provide_kernel_cache(package: Path = PACKAGE) -> None:
-    """Name a folder of this user among the temporary ones, if Numba would find no other.
-
-    Args:
-        package: Folder of the package.
-    """
-    if os.environ.get(VARIABLE) or os.access(package, os.W_OK):
+def provide_kernel_cache() -> None:
+    """Name a folder of this user among the temporary ones, if Numba would find no other."""
+    if os.environ.get(VARIABLE) or os.access(PACKAGE, os.W_OK):
         return
     chosen = os.environ.get("XDG_CACHE_HOME")
     with suppress(RuntimeError, OSError):  # a user without a home, or with that of another

@@ -223,11 +223,11 @@ def render(scene_name: str, seed: int, duration_s: float) -> CleanRecording:
     return CleanRecording(scene_name, events, known, "twin")
 
 
-def open_v2e(folder: Path, name: str = "mix") -> CleanRecording:
-    """Open a v2e recording; its own noise (0.1 Hz/px) remains in it."""
-    source = open_events(folder / f"{name}.raw")
+def open_v2e(folder: Path) -> CleanRecording:
+    """Open the v2e recording ``mix``; its own noise (0.1 Hz/px) remains in it."""
+    source = open_events(folder / "mix.raw")
     events = EventPacket.concatenate([packet for packet in source if len(packet)])
-    return CleanRecording(name, events, GroundTruth.load(folder / f"{name}.truth.npz"), "v2e")
+    return CleanRecording("mix", events, GroundTruth.load(folder / "mix.truth.npz"), "v2e")
 
 
 class Centroids(NamedTuple):

@@ -22,6 +22,7 @@ from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.robot.arm import Arm, ArmState, checked_target
 from spikingtac.robot.ur_client import DISCONNECT_S, BoundedCalls, connect, disconnect
 from spikingtac.robot.ur_stop import (
+    CALL_LIMIT_S,
     DECELERATION_M_S2,
     Means,
     Report,
@@ -38,8 +39,6 @@ PROGRAM_RUNNING = 0b10  # Bit of the robot's status: a program runs.
 ACCELERATION_M_S2 = 1.2  # Acceleration of ``movel``, m/s2 (URScript's default).
 START_PATIENCE_S = 0.5  # Longest wait for a commanded motion to begin, s.
 
-# Longest wait for a command, s (60 cycles of CB3); then the controller counts as lost.
-CALL_LIMIT_S = 0.5
 REST_MM_S = 0.01  # Set-point speed below which the arm rests, mm/s; set points carry no noise.
 
 # Programs that stop the arm, and that make the controller stop it as on a limit of force.
@@ -67,26 +66,25 @@ class URArm:
 
     Args:
         host: Its address; ports 29999, 30002 to 30004 are used.
-        clock_s: A monotonic clock, s.
 
     Raises:
         MissingExtraError: ur_rtde is not installed.
         DeviceError: The controller does not answer, or refuses.
     """
 
-    def __init__(self, host: str, clock_s: Callable[[], float] = time.monotonic) -> None:
-        self._host, self._clock_s = host, clock_s
+    def __init__(self, host: str) -> None:
+        self._host = host
         self._receive, self._control = connect(host, CONNECT_LIMIT_S)
-        self._calls = BoundedCalls(f"the controller at {host}", clock_s)
+        self._calls = BoundedCalls(f"the controller at {host}")
         self._lost, self._closed, self._began = False, False, True
-        self._stamp, self._stamp_seen_s, self._commanded_s = -1.0, clock_s(), -np.inf
+        self._stamp, self._stamp_seen_s, self._commanded_s = -1.0, time.monotonic(), -np.inf
         means = (
             Means("a stop", self._stop_gently, REACT_S[0]),
             Means("a stop script", self._stop_by_own_script, REACT_S[1]),
             Means("a protective stop", self._stop_protectively, REACT_S[2]),
         )
-        power_off = Means("power off", lambda: dashboard(host, "power off", CALL_LIMIT_S))
-        self._stopping = VerifiedStop(means, self._report, power_off, clock_s)
+        power_off = Means("power off", lambda: dashboard(host, "power off"))
+        self._stopping = VerifiedStop(means, self._report, power_off)
         self._end_heartbeat = threading.Event()
         self._heartbeat = threading.Thread(target=self._beat, name="ur-heartbeat", daemon=True)
         self._call(lambda: self._control.setWatchdog(WATCHDOG_HZ))
@@ -111,7 +109,7 @@ class URArm:
         target = checked_target(target_mm, speed_mm_s, self.state())
         goal = [*(target / MM_PER_M).tolist(), *self._receive.getActualTCPPose()[3:]]
         motion = goal, speed_mm_s / MM_PER_M, ACCELERATION_M_S2, True
-        self._commanded_s, self._began = self._clock_s(), False
+        self._commanded_s, self._began = time.monotonic(), False
         try:
             if not self._call(lambda: self._control.moveL(*motion), self._stopping.begin):
                 raise DeviceError("the controller refused the motion; look at its teach pendant")
@@ -147,7 +145,7 @@ class URArm:
         if float(np.linalg.norm(setpoint)) > REST_MM_S:
             self._began = True
             return ArmState.MOVING
-        pending = not self._began and self._clock_s() - self._commanded_s < START_PATIENCE_S
+        pending = not self._began and time.monotonic() - self._commanded_s < START_PATIENCE_S
         return ArmState.MOVING if pending else ArmState.IDLE
 
     def close(self) -> None:
@@ -189,19 +187,19 @@ class URArm:
     def _stop_gently(self) -> None:
         """Give the control script a stop, or send a program where there is no script."""
         if self._is_lost() or not (self._is_fresh() and self._scripted()):
-            send_script(self._host, STOP, CALL_LIMIT_S)
+            send_script(self._host, STOP)
         else:
             self._call(lambda: self._control.stopL(DECELERATION_M_S2, True))
 
     def _stop_by_own_script(self) -> None:
         """Send a program, which ends the one that runs; the controller's watchdog stops, too."""
         self._end_heartbeat.set()
-        send_script(self._host, STOP, CALL_LIMIT_S)
+        send_script(self._host, STOP)
 
     def _stop_protectively(self) -> None:
         """Make a protective stop; the dashboard, which has no command for one, ends the program."""
-        send_script(self._host, PROTECT, CALL_LIMIT_S)
-        dashboard(self._host, "stop", CALL_LIMIT_S)
+        send_script(self._host, PROTECT)
+        dashboard(self._host, "stop")
 
     def _report(self) -> Report:
         """Return the last report, for the stop."""
@@ -217,7 +215,7 @@ class URArm:
     def _is_fresh(self) -> bool:
         """Return whether the controller's own time advanced lately."""
         # The clock first: a thread that is held up in between takes no report for old.
-        now_s, stamp = self._clock_s(), self._receive.getTimestamp()
+        now_s, stamp = time.monotonic(), self._receive.getTimestamp()
         if stamp != self._stamp:
             self._stamp, self._stamp_seen_s = stamp, now_s
         return now_s - self._stamp_seen_s <= PATIENCE_S

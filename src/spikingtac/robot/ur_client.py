@@ -51,11 +51,10 @@ class BoundedCalls:
 
     Args:
         name: What is called, for messages and for the thread.
-        clock_s: A monotonic clock, s.
     """
 
-    def __init__(self, name: str, clock_s: Callable[[], float] = time.monotonic) -> None:
-        self._name, self._clock_s = name, clock_s
+    def __init__(self, name: str) -> None:
+        self._name = name
         self._calls: queue.SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]
         self._calls = queue.SimpleQueue()
         self._begun_s: float | None = None
@@ -79,16 +78,16 @@ class BoundedCalls:
         Raises:
             DeviceError: The command raised an error, or did not return in time.
         """
-        until_s = self._clock_s() + limit_s
+        until_s = time.monotonic() + limit_s
         if not self._turn.acquire(timeout=max(limit_s, 0.0)):
             raise DeviceError(f"{self._name}: an earlier call has not returned within {limit_s} s")
         call: Future[Any] = Future()
         try:
             self._calls.put((call, command))
-            done, _ = wait([call], min(SPIN_S, max(until_s - self._clock_s(), 0.0)))
+            done, _ = wait([call], min(SPIN_S, max(until_s - time.monotonic(), 0.0)))
             if not done:
                 step_down(self._thread.native_id or 0)  # ordinary work from now on
-            return call.result(max(until_s - self._clock_s(), 0.0))
+            return call.result(max(until_s - time.monotonic(), 0.0))
         except TimeoutError as error:
             if not (call.cancel() or call.done()):
                 call.add_done_callback(lambda _: late())
@@ -101,7 +100,7 @@ class BoundedCalls:
     def running_s(self) -> float:
         """Return for how long the present call has run, s; 0 without one."""
         begun_s = self._begun_s
-        return 0.0 if begun_s is None else self._clock_s() - begun_s
+        return 0.0 if begun_s is None else time.monotonic() - begun_s
 
     def end(self, limit_s: float) -> bool:
         """Take no further calls, wait for the present one, and return whether it has returned."""
@@ -115,7 +114,7 @@ class BoundedCalls:
             if not call.set_running_or_notify_cancel():  # given up before its turn
                 continue
             step_back()
-            self._begun_s = self._clock_s()
+            self._begun_s = time.monotonic()
             try:
                 result, error = command(), None
             except Exception as raised:

@@ -36,6 +36,8 @@ RTDE_PORT = 30004
 # RTDE package: length, type, version of the protocol that is asked for.
 ASK_PROTOCOL_2 = struct.pack(">HBH", 5, ord("V"), 2)
 LONGEST_LINE = 4096  # Bytes of the longest line that is taken for an answer.
+# Longest wait for a command, s (60 cycles of CB3); then the controller counts as lost.
+CALL_LIMIT_S = 0.5
 DECELERATION_M_S2 = 8.0  # Deceleration that is asked for, m/s2 (contract.md).
 
 # Rest counts once it is reported so long after the stop, s (two cycles of CB3, within which a
@@ -180,28 +182,28 @@ class VerifiedStop:
         threading.Thread(target=use, name=f"stop: {means.name}", daemon=True).start()
 
 
-def send_script(host: str, script: str, limit_s: float) -> None:
+def send_script(host: str, script: str) -> None:
     """Send a URScript program; it replaces the one that runs.
 
     Raises:
-        DeviceError: It could not be sent within the limit.
+        DeviceError: It could not be sent within :data:`CALL_LIMIT_S`.
     """
     try:
-        with socket.create_connection((host, SCRIPT_PORT), limit_s) as connection:
+        with socket.create_connection((host, SCRIPT_PORT), CALL_LIMIT_S) as connection:
             connection.sendall(script.encode())
     except OSError as error:
         raise DeviceError(f"no script could be sent to {host}:{SCRIPT_PORT}: {error}") from error
 
 
-def dashboard(host: str, command: str, limit_s: float) -> str:
+def dashboard(host: str, command: str) -> str:
     """Give the dashboard server one command and return its answer, a line.
 
     Raises:
-        DeviceError: There is no answer within the limit.
+        DeviceError: There is no answer within :data:`CALL_LIMIT_S`.
     """
     try:
         with (
-            socket.create_connection((host, DASHBOARD_PORT), limit_s) as connection,
+            socket.create_connection((host, DASHBOARD_PORT), CALL_LIMIT_S) as connection,
             connection.makefile("r", errors="replace") as lines,
         ):
             connection.sendall(command.encode() + b"\n")  # it need not wait for the greeting

@@ -32,6 +32,10 @@ class Health(enum.Enum):
 STALE_S = 0.04
 BACKLOG_S = 0.005  # Longest delay of processed data behind the newest, s (five windows).
 
+# Time between checks, s: the arm is told to stop within ``stale_s`` and a period, or two where the
+# process did not run.
+PERIOD_S = 0.002
+
 
 class Watchdog:
     """Trips once and stays tripped until :meth:`reset`; at first it is disarmed and not tested.
@@ -229,13 +233,10 @@ class WatchdogThread:
 
     Args:
         watchdog: What to check.
-        period_s: Time between checks, s; the arm is told to stop within ``stale_s`` and a period,
-            or two where the process did not run.
     """
 
-    def __init__(self, watchdog: Watchdog, period_s: float = 0.002) -> None:
+    def __init__(self, watchdog: Watchdog) -> None:
         self._watchdog = watchdog
-        self._period_s = period_s
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="watchdog", daemon=True)
 
@@ -249,8 +250,8 @@ class WatchdogThread:
 
     def _run(self) -> None:
         checked_s, left_out = time.monotonic(), False
-        while not self._end.wait(self._period_s):
-            left_out = not left_out and time.monotonic() - checked_s > 2.0 * self._period_s
+        while not self._end.wait(PERIOD_S):
+            left_out = not left_out and time.monotonic() - checked_s > 2.0 * PERIOD_S
             if not left_out:
                 self._watchdog.check()
             checked_s = time.monotonic()

@@ -171,7 +171,7 @@ class SmallMotionCamera(EventCamera):
         out = np.empty((LAGS, DEGREES_OF_FREEDOM, 1 + len(bushing)), np.float32)
         out[..., 0] = self._previous
         for k, lag_us in enumerate(self._lags_us):
-            b, a = lag_coefficients(lag_us, STEP_US)
+            b, a = lag_coefficients(lag_us)
             seen, self._filter_state[k] = lfilter(b, a, bushing, axis=0, zi=self._filter_state[k])
             out[k, :, 1:] = seen.T
         self._previous = out[..., -1].copy()
@@ -214,9 +214,9 @@ def edge_distance_px(image: MarkerImage, size: tuple[int, int]) -> FloatArray:
     return inside
 
 
-def lag_coefficients(lag_us: float, step_us: float) -> tuple[list[float], list[float]]:
+def lag_coefficients(lag_us: float) -> tuple[list[float], list[float]]:
     """Return the filter (b, a) of a first-order low-pass for a piecewise linear input."""
-    steps = lag_us / step_us
+    steps = lag_us / STEP_US
     decay = math.exp(-1.0 / steps)
     rest = steps * (1.0 - decay)
     return [1.0 - rest, rest - decay], [1.0, -decay]

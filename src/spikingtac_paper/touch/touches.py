@@ -65,7 +65,7 @@ def _felt(name: str, seed: int) -> tuple[Spans, dict[str, Spans]]:
     if open_touch is not None:
         found.append((open_touch.begin_us, last_us))
     truth = [(times_us[a], times_us[min(b, len(times_us) - 1)]) for a, b in _runs(pressed)]
-    by_events = event_touches(np.bincount(np.concatenate(windows)), WINDOW_US)
+    by_events = event_touches(np.bincount(np.concatenate(windows)))
     return truth, {"touches": found, "event-threshold": by_events}
 
 
@@ -75,16 +75,15 @@ def _runs(flags: Any) -> Spans:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def event_touches(counts: NDArray[np.int64], window_us: int) -> Spans:
+def event_touches(counts: NDArray[np.int64]) -> Spans:
     """Return begin and end, us, of the stretches in which events exceed their quiet rate.
 
     Args:
-        counts: ``(n,)`` events in each window; the first are quiet.
-        window_us: Length of a window, us.
+        counts: ``(n,)`` events in each window of :data:`WINDOW_US`; the first are quiet.
     """
     quiet = counts[:QUIET_WINDOWS]
     threshold = float(quiet.mean()) + EVENT_SIGMAS * max(float(quiet.std()), 1.0)
-    return [(a * window_us, b * window_us) for a, b in _runs(counts > threshold)]
+    return [(a * WINDOW_US, b * WINDOW_US) for a, b in _runs(counts > threshold)]
 
 
 def touch_scores(truth: Spans, found: Spans) -> dict[str, float]:

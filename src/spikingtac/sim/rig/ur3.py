@@ -245,14 +245,10 @@ class UR3Twin:
 
 
 class RealTimeArm(UR3Twin):
-    """A simulated UR3 that starts at the origin; its time is the host's. ``twin:`` opens it.
+    """A simulated UR3 that starts at the origin; its time is the host's. ``twin:`` opens it."""
 
-    Args:
-        seed: Seed of controller phase, servo lag and repeatability.
-    """
-
-    def __init__(self, seed: int = 0) -> None:
-        super().__init__(np.zeros(3), np.random.default_rng(seed))
+    def __init__(self) -> None:
+        super().__init__(np.zeros(3), np.random.default_rng(0))
         self._zero_s = time.monotonic()
 
     def confirm_stop(self) -> None:
