@@ -1,5 +1,8 @@
 """Calibration without options: recordings of real gels, and simulated ones of the same kind."""
 
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +12,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.errors import CalibrationError
 from spikingtac.events.open import open_events
-from spikingtac.events.source import PacketSource
+from spikingtac.events.source import EventSource, PacketSource
 from spikingtac.markers.calibration.calibrate import calibrate
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
@@ -17,13 +20,44 @@ from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket
 from spikingtac_paper.real_gels import truth_scores
 from spikingtac_paper.trials.trajectories import GroundTruth, Prediction
-from stand_ins.calibrated import calibrated, corner
+from stand_ins.made_once import made_once
 from stand_ins.verbs import Verbs
 
 DEFAULT = load_config("default").tracking
 CORNER_PX = (138, 144)  # Two borders of the sensor, and four by four of its five by seven markers.
 
 GEL_CORNER_PX = (160, 160)  # Four by four of the eight by eight markers of v2e's gel.
+
+
+@cache
+def calibrated(path: Path, size: tuple[int, int] | None = None) -> Calibration:
+    """Return what a recording, or its corner, teaches, without its lag.
+
+    Skips the test where there is no recording.
+    """
+
+    def make() -> Calibration:
+        return calibrate(corner(path, size) if size else recording(path), estimate_lag=None)
+
+    return made_once(f"calibrated_{path.parent.name}_{path.name}_{size}", make)
+
+
+def recording(path: Path) -> EventSource:
+    """Open a recording; skips the test where there is none."""
+    if not path.is_file():
+        pytest.skip(f"{path.name} is not among the test recordings")
+    return open_events(path)
+
+
+def corner(path: Path, size: tuple[int, int]) -> PacketSource:
+    """Return the upper left ``(width, height)`` of a recording, as if the sensor were so small."""
+    return PacketSource(list(_cut(recording(path), size)), size)
+
+
+def _cut(source: EventSource, size: tuple[int, int]) -> Iterator[EventPacket]:
+    for packet in source:
+        inside = packet.select((packet.x < size[0]) & (packet.y < size[1]))
+        yield replace(inside, size=size)
 
 
 def tracked(

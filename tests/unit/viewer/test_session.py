@@ -4,18 +4,20 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from spikingtac.errors import DeviceError
 from spikingtac.types import EventPacket
 from spikingtac.viewer import session as module
 from spikingtac.viewer.server import CommandError, parse_command
 from spikingtac.viewer.session import Session
+from spikingtac.viewer.snapshot import MAGIC, PREFIX
 from spikingtac.viewer.source import ViewSource
 from stand_ins.viewer import SIZE, CirclingDots, open_circling, positions_px, reference_px
-from stand_ins.wire import decode, unpack
 
 
 class Kept:
@@ -45,6 +47,25 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Iterator[Opened]:
     monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
     with session_of(open_circling(duration_us=1_000_000)) as made:
         yield made
+
+
+def unpack(packed: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return ``(height, width)`` codes of an image, of which two share a byte."""
+    flat = np.stack([packed >> 4, packed & 15], axis=1).ravel()
+    return flat[: size[0] * size[1]].reshape(size[1], size[0])
+
+
+def decode(message: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return what ``encode`` was given, as a page reads it."""
+    magic, length = PREFIX.unpack_from(message)
+    assert magic == MAGIC
+    body = PREFIX.size + length
+    meta = json.loads(message[PREFIX.size : body])
+    arrays = {
+        name: np.frombuffer(message, f"<{kind}", int(np.prod(shape)), body + offset).reshape(shape)
+        for name, kind, shape, offset in meta.pop("arrays")
+    }
+    return meta, arrays
 
 
 def stepped(opened: Opened, steps: int = 1) -> tuple[dict, dict]:
