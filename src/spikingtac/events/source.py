@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, require_type
-from spikingtac.events.formats.codec import HARMLESS
 from spikingtac.types import US_PER_S, EventPacket, LossCounters, SourceHealth
 
 
@@ -62,6 +61,12 @@ def refuse_path(given: object) -> None:
     if isinstance(given, np.ndarray) or not isinstance(given, Iterable):
         require_type(given, EventSource, "open_events('a.raw')")
 
+
+# Kinds of loss that lose nothing; ``strict`` does not refuse them.
+HARMLESS = frozenset({
+    "trigger", "padding", "vendor_word", "duplicate", "before_zero", "other_data",
+    "hot_pixels",
+})  # fmt: skip
 
 # Kind of loss -> the counter that it belongs to; every other kind is damage, or loses nothing.
 COUNTERS = {

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spikingtac.errors import ConfigError
-from spikingtac.events.formats.codec import HARMLESS, KINDS
+from spikingtac.events.formats.codec import KINDS
 from spikingtac.events.formats.packing import TimeCourse
-from spikingtac.events.source import SLOT_US, HealthMeter, slot_rate_ev_s, source_health
+from spikingtac.events.source import HARMLESS, SLOT_US, HealthMeter, slot_rate_ev_s, source_health
 from spikingtac.events.windows import SILENCE_LIMIT_US, stretches, windows
 from spikingtac.types import EventPacket, LossCounters
 from stand_ins.random_packets import cut_at, packet_at

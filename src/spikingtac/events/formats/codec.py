@@ -44,12 +44,6 @@ KINDS: dict[str, str] = {
     "bad_record": "lines, records or chunks that do not parse or fail their checksum",
 }
 
-# Kinds that lose nothing; ``strict`` does not refuse them.
-HARMLESS = frozenset({
-    "trigger", "padding", "vendor_word", "duplicate", "before_zero", "other_data",
-    "hot_pixels",
-})  # fmt: skip
-
 # Columns of trigger edges in archives, where there are any.
 TRIGGERS = ("trigger_t_us", "trigger_channel", "trigger_edge")
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from spikingtac.errors import ConfigError, DamageError, FormatError
-from spikingtac.events.formats.codec import HARMLESS, KINDS, Triggers
+from spikingtac.events.formats.codec import KINDS, Triggers
 from spikingtac.events.formats.packing import ColumnCheck, Packer, Rows
-from spikingtac.events.source import HealthMeter
+from spikingtac.events.source import HARMLESS, HealthMeter
 from spikingtac.types import EventPacket, LossCounters, SourceHealth
 
 CHUNK_EVENTS = 1 << 17  # About how many events a packet holds by default.
