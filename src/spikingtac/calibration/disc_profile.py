@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
+from spikingtac.types import FloatArray
 
 REACH_EDGES = 6.5  # S is within 0.005 of its limits this many edge scales to both sides of the rim.
 
@@ -58,12 +59,12 @@ class DiscProfile:
         """Distance from the nominal radius beyond which the level is flat, px."""
         return REACH_EDGES * self.edge_px
 
-    def level(self, q_px: NDArray[np.floating] | float) -> NDArray[np.float64]:
+    def level(self, q_px: NDArray[np.floating] | float) -> FloatArray:
         """Return S(q) for distances of any shape, px (negative inside of the disc)."""
         k = self.contrast - 1.0
         return np.log1p(k * covered(np.asarray(q_px, float) / self.edge_px)) / np.log1p(k)
 
-    def slope(self, q_px: NDArray[np.floating] | float) -> NDArray[np.float64]:
+    def slope(self, q_px: NDArray[np.floating] | float) -> FloatArray:
         """Return dS/dq, 1/px (negative)."""
         return -fall(np.asarray(q_px, float) / self.edge_px, self.contrast, self.edge_px)
 
@@ -107,12 +108,12 @@ class Discs:
         contrast: ``(m,)`` intensity of the marker over that of its ground, above 1.
     """
 
-    radius_px: NDArray[np.float64]
-    edge_px: NDArray[np.float64]
-    contrast: NDArray[np.float64]
+    radius_px: FloatArray
+    edge_px: FloatArray
+    contrast: FloatArray
 
     @property
-    def looks(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
+    def looks(self) -> tuple[FloatArray, FloatArray, NDArray[np.float32]]:
         """Radius, edge, and levels ``(m, TABLE_STEPS)`` around the rim, for kernels."""
         z = np.linspace(-REACH_EDGES, REACH_EDGES, TABLE_STEPS)
         levels = [DiscProfile(float(contrast), 1.0).level(z) for contrast in self.contrast]
@@ -140,8 +141,8 @@ def level_kernel(z: Any, table: NDArray[np.float32]) -> np.float32:
 
 @njit(cache=True)
 def draw_kernel(
-    place: tuple[NDArray[np.float64], NDArray[np.float64]],
-    looks: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]],
+    place: tuple[FloatArray, FloatArray],
+    looks: tuple[FloatArray, FloatArray, NDArray[np.float32]],
     image: tuple[NDArray[np.float32], NDArray[np.int32]],
     touched: NDArray[np.int64],
 ) -> int:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.document import LARGEST_RADIAL, checked_lens
 from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.types import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -32,10 +33,10 @@ class Lens:
     half_diagonal_px: float
     radial: float
     radial_sigma: float
-    homography: NDArray[np.float64]
+    homography: FloatArray
     residual_mm: float
 
-    def to_mm(self, place_px: NDArray[np.floating]) -> NDArray[np.float64]:
+    def to_mm(self, place_px: NDArray[np.floating]) -> FloatArray:
         """Return places ``(..., 2)`` on the flat skin, mm, of places ``(..., 2)`` on the image."""
         scaled = (place_px.astype(np.float64) - self.center_px) / self.half_diagonal_px
         return projected(self.homography, undistorted(scaled, self.radial))
@@ -61,12 +62,12 @@ class Lens:
         return cls(**checked_lens(document))
 
 
-def undistorted(scaled: NDArray[np.float64], radial: float) -> NDArray[np.float64]:
+def undistorted(scaled: FloatArray, radial: float) -> FloatArray:
     """Return places as a lens without distortion would show them; all relative to the centre."""
     return scaled / (1.0 + radial * (scaled**2).sum(axis=-1, keepdims=True))
 
 
-def projected(homography: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
+def projected(homography: FloatArray, place: FloatArray) -> FloatArray:
     """Return places ``(..., 2)`` under a homography ``(3, 3)``."""
     moved = place @ homography[:, :2].T + homography[:, 2]
     return moved[..., :2] / moved[..., 2:]
@@ -80,7 +81,7 @@ LARGEST_DOUBT = 0.01
 
 
 def fit_lens(
-    reference_px: NDArray[np.float64],
+    reference_px: FloatArray,
     grid: tuple[int, int],
     size: tuple[int, int],
     pitch_mm: float,
@@ -128,13 +129,11 @@ def fit_lens(
     )
 
 
-def _solved(
-    scaled: NDArray[np.float64], ideal_mm: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float, float]:
+def _solved(scaled: FloatArray, ideal_mm: FloatArray) -> tuple[FloatArray, float, float]:
     """Return the parameters, the standard error of the radial one, and the rms residual, mm."""
     from scipy.optimize import least_squares
 
-    def off_mm(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def off_mm(values: FloatArray) -> FloatArray:
         place = projected(_homography(values), undistorted(scaled, values[-1]))
         return (place - ideal_mm).ravel()
 
@@ -148,11 +147,11 @@ def _solved(
     return found.x, float(np.sqrt(spread[-1, -1])), float(np.sqrt((found.fun**2).mean()))
 
 
-def _homography(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _homography(values: FloatArray) -> FloatArray:
     return np.append(values[:8], 1.0).reshape(3, 3)
 
 
-def _upright(homography: NDArray[np.float64]) -> NDArray[np.float64]:
+def _upright(homography: FloatArray) -> FloatArray:
     """Return it with the skin's axes along those of the image at the centre, not of the grid."""
     middle, fall = homography[:2, 2], homography[2, :2]
     slope = homography[:2, :2] - np.outer(middle, fall)  # d mm / d u at u = 0
@@ -187,7 +186,7 @@ class SkinScale:
         known = None if lens is None else Lens.from_document(lens)
         return None if px_per_mm is None else cls(px_per_mm, known)
 
-    def to_mm(self, place_px: NDArray[np.floating]) -> NDArray[np.float64]:
+    def to_mm(self, place_px: NDArray[np.floating]) -> FloatArray:
         """Return places ``(..., 2)`` of the skin, mm, of places ``(..., 2)`` of the image.
 
         The axes are those of the image. With a lens, the image's centre is where the mean scale
@@ -214,7 +213,7 @@ FEWEST_NEIGHBOURS = 2  # Fewer markers have no pitch.
 NEIGHBOUR_SHARE = 1.25
 
 
-def marker_pitch_px(reference_px: NDArray[np.float64]) -> float:
+def marker_pitch_px(reference_px: FloatArray) -> float:
     """Return the median distance of markers ``(m, 2)`` from their nearest neighbours, px.
 
     Raises:
@@ -223,7 +222,7 @@ def marker_pitch_px(reference_px: NDArray[np.float64]) -> float:
     return float(np.median(_neighbour_distances_px(reference_px).min(axis=1)))
 
 
-def mean_pitch_px(reference_px: NDArray[np.float64]) -> float:
+def mean_pitch_px(reference_px: FloatArray) -> float:
     """Return the mean distance of all neighbours among markers ``(m, 2)``, px.
 
     Raises:
@@ -235,7 +234,7 @@ def mean_pitch_px(reference_px: NDArray[np.float64]) -> float:
     return float(away_px[away_px <= np.maximum(reach_px, nearest_px[:, None])].mean())
 
 
-def _neighbour_distances_px(reference_px: NDArray[np.float64]) -> NDArray[np.float64]:
+def _neighbour_distances_px(reference_px: FloatArray) -> FloatArray:
     if len(reference_px) < FEWEST_NEIGHBOURS:
         raise ConfigError(
             f"{len(reference_px)} marker has no pitch, at least {FEWEST_NEIGHBOURS} are needed"
@@ -243,7 +242,7 @@ def _neighbour_distances_px(reference_px: NDArray[np.float64]) -> NDArray[np.flo
     return distances_px(reference_px)
 
 
-def distances_px(reference_px: NDArray[np.float64]) -> NDArray[np.float64]:
+def distances_px(reference_px: FloatArray) -> FloatArray:
     """Return ``(m, m)`` distances of markers ``(m, 2)`` from each other, infinite from itself."""
     away_px = np.hypot(*(reference_px[:, np.newaxis] - reference_px).transpose(2, 0, 1))
     np.fill_diagonal(away_px, np.inf)

@@ -21,7 +21,7 @@ from spikingtac.calibration.document import (
 from spikingtac.calibration.lens import Lens, SkinScale, mean_pitch_px
 from spikingtac.errors import CalibrationError
 from spikingtac.file_kinds import told_kind
-from spikingtac.types import one_line
+from spikingtac.types import FloatArray, one_line
 
 # What errors of a file advise.
 MAKE_ONE = "make one with: spikingtac calibrate RECORDING -o calibration.json"
@@ -60,8 +60,8 @@ class Calibration:
         provenance: Where the calibration came from.
     """
 
-    reference_px: NDArray[np.float64]
-    radius_px: NDArray[np.float64]
+    reference_px: FloatArray
+    radius_px: FloatArray
     grid: tuple[int, int] | None
     size: tuple[int, int]
     polarity: str = "white"
@@ -71,10 +71,10 @@ class Calibration:
     step_off_map: NDArray[np.float32] | None = None
     contrast: float | None = None
     edge_px: float | None = None
-    marker_contrast: NDArray[np.float64] | None = None
-    marker_edge_px: NDArray[np.float64] | None = None
-    marker_step_on: NDArray[np.float64] | None = None
-    marker_step_off: NDArray[np.float64] | None = None
+    marker_contrast: FloatArray | None = None
+    marker_edge_px: FloatArray | None = None
+    marker_step_on: FloatArray | None = None
+    marker_step_off: FloatArray | None = None
     marker_measured: NDArray[np.bool_] | None = None
     lag_us: float | None = None
     px_per_mm: float | None = None
@@ -111,7 +111,7 @@ class Calibration:
             lens = lens.scaled(pitch_mm / mean_pitch_px(lens.to_mm(self.reference_px)))
         return replace(self, px_per_mm=px_per_mm, lens=lens)
 
-    def of_each_marker(self, name: str, default: float) -> NDArray[np.float64]:
+    def of_each_marker(self, name: str, default: float) -> FloatArray:
         """Return ``(m,)`` numbers: the markers' own where known, else the sensor's, else a default.
 
         Args:

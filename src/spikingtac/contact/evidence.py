@@ -32,8 +32,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import Window, packets_of
 from spikingtac.errors import ConfigError
-
-Vector = NDArray[np.float64]
+from spikingtac.types import FloatArray
 
 # Modes of motion of the whole field: see :func:`affine_field`.
 AFFINE_MODES = 6
@@ -103,7 +102,7 @@ def rim_table(calibration: Calibration) -> RimTable:
     return RimTable(row.astype(np.int32), modes.astype(np.float32), len(calibration.reference_px))
 
 
-def affine_field(points_px: Vector) -> Vector:
+def affine_field(points_px: FloatArray) -> FloatArray:
     """Return ``(m, 2, AFFINE_MODES)``: motion of each point in each mode, about the mean point.
 
     The modes are two translations, rotation, dilation and two shears; all but the translations are
@@ -122,7 +121,7 @@ def affine_field(points_px: Vector) -> Vector:
 POLARITIES = 2  # OFF and ON evidence are summed apart: the leak of the pixels fires ON only.
 
 
-def evidence_of(window: Window, tables: Sequence[RimTable]) -> Vector:
+def evidence_of(window: Window, tables: Sequence[RimTable]) -> FloatArray:
     """Return a window's evidence ``(length,)``: by sensor, OFF before ON, by mode.
 
     Args:
@@ -144,7 +143,7 @@ def evidence_of(window: Window, tables: Sequence[RimTable]) -> Vector:
     return evidence.ravel()
 
 
-def distance_of(evidence: Vector) -> Any:
+def distance_of(evidence: FloatArray) -> Any:
     """Return the evidence for a distance of the markers from rest, over all sensors.
 
     Args:
@@ -160,7 +159,7 @@ def evidence_kernel(
     p: NDArray[np.bool_],
     row: NDArray[np.int32],
     modes: NDArray[np.float32],
-    evidence: Vector,
+    evidence: FloatArray,
 ) -> None:
     """Add a packet's evidence to ``evidence (2, modes)`` by polarity.
 
@@ -190,10 +189,10 @@ class ScaleTest(NamedTuple):
     """
 
     windows: NDArray[np.int64]
-    whiten: Vector
-    chance: Vector
-    mean: Vector
-    threshold: Vector
+    whiten: FloatArray
+    chance: FloatArray
+    mean: FloatArray
+    threshold: FloatArray
 
 
 class ScaleSums:
@@ -209,7 +208,7 @@ class ScaleSums:
         self._values = np.zeros(len(test.windows))
         self._seen = 0
 
-    def add(self, evidence: Vector) -> Vector:
+    def add(self, evidence: FloatArray) -> FloatArray:
         """Take the evidence of the next window; return the statistic of each scale.
 
         Scales longer than the time since the start have the statistic 0. The next call overwrites
@@ -218,7 +217,7 @@ class ScaleSums:
         self._seen = scales_kernel(evidence, *self._test[:4], self._ring, self._seen, self._values)
         return self._values
 
-    def total(self, scale: int) -> Vector:
+    def total(self, scale: int) -> FloatArray:
         """Return the evidence ``(length,)`` of the windows that a scale sums now."""
         now = self._seen % len(self._ring)
         start = (self._seen - int(self._test.windows[scale])) % len(self._ring)
@@ -232,14 +231,14 @@ class ScaleSums:
 
 @njit(cache=True)
 def scales_kernel(
-    evidence: Vector,
+    evidence: FloatArray,
     windows: NDArray[np.int64],
-    whiten: Vector,
-    chance: Vector,
-    mean: Vector,
-    ring: Vector,
+    whiten: FloatArray,
+    chance: FloatArray,
+    mean: FloatArray,
+    ring: FloatArray,
     seen: int,
-    values: Vector,
+    values: FloatArray,
 ) -> int:
     """Add a window to the ring of running sums; write each scale's squared whitened sum.
 

@@ -26,10 +26,10 @@ from spikingtac.contact.evidence import (
     RimTable,
     ScaleSums,
     ScaleTest,
-    Vector,
     evidence_of,
 )
 from spikingtac.errors import CalibrationError
+from spikingtac.types import FloatArray
 
 # Shares of the highest blocks that form the tail. Rare swings of an arm exceed the noise of the
 # pixels only in the outermost blocks. Each share gives a threshold; the highest is used.
@@ -41,7 +41,7 @@ WHOLE_TAIL, LEAST_TAIL = 10, 6
 STANDARD_ERRORS = 2.0  # The mean excess is raised by this many of its standard errors.
 
 
-def tail_threshold(values: NDArray[np.float64], block: int, per_block: float) -> float:
+def tail_threshold(values: FloatArray, block: int, per_block: float) -> float:
     """Return the value that a block's highest value exceeds with a small probability.
 
     The excess of the blocks' maxima over a high quantile is taken as exponential (Pickands, Ann.
@@ -68,7 +68,7 @@ def tail_threshold(values: NDArray[np.float64], block: int, per_block: float) ->
     return max(_extrapolated(peaks, tail, per_block) for tail in tails)
 
 
-def _extrapolated(peaks: NDArray[np.float64], tail: int, per_block: float) -> float:
+def _extrapolated(peaks: FloatArray, tail: int, per_block: float) -> float:
     """Return the threshold that the highest ``tail`` of the sorted peaks give."""
     level = float(peaks[-tail - 1])
     excess = float(peaks[-tail:].mean()) - level
@@ -115,7 +115,7 @@ class QuietEvidence:
     """
 
     tables: tuple[RimTable, ...]
-    evidence: Vector
+    evidence: FloatArray
     period_s: float
     hot_pixels: tuple[int, ...]
     statistics: QuietStatistics
@@ -220,7 +220,7 @@ def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
     return ScaleTest(windows, whiten, chance, mean, raised)
 
 
-def _at_least_shorter(threshold: Vector, whiten: Vector) -> Vector:
+def _at_least_shorter(threshold: FloatArray, whiten: FloatArray) -> FloatArray:
     """Raise thresholds to what a sum makes of a shorter one that is just below its own.
 
     A swing of the arm that is rare at a short scale is part of every longer sum too, at a level
@@ -233,7 +233,9 @@ def _at_least_shorter(threshold: Vector, whiten: Vector) -> Vector:
     return raised
 
 
-def _whitening(sums: Vector, quiet: QuietEvidence, windows: int, power: Vector) -> Vector:
+def _whitening(
+    sums: FloatArray, quiet: QuietEvidence, windows: int, power: FloatArray
+) -> FloatArray:
     """Return ``(d, length)``: join the polarities, then scale to unit variance at most.
 
     Motion fires ON and OFF events alike, the leak only ON events. The ON evidence is therefore
@@ -259,19 +261,19 @@ def _whitening(sums: Vector, quiet: QuietEvidence, windows: int, power: Vector) 
     return (axes / np.sqrt(np.maximum(value, 1.0))).T @ half
 
 
-def _event_power(quiet: QuietEvidence) -> Vector:
+def _event_power(quiet: QuietEvidence) -> FloatArray:
     """Return ``(sensors, MODES)`` the mean square of what one event adds to the evidence."""
     rims = (table.modes[table.row[table.row != OFF_RIM]] for table in quiet.tables)
     return np.stack([np.append((modes**2).mean(axis=0), 0.0) for modes in rims])
 
 
-def _one_event(whiten: Vector, power: Vector) -> float:
+def _one_event(whiten: FloatArray, power: FloatArray) -> float:
     """Return the mean whitened square of one event, of the polarity where that is larger."""
     power = np.repeat(power, POLARITIES, axis=0)
     return float((np.square(whiten).sum(axis=0).reshape(power.shape) * power).sum(axis=1).max())
 
 
-def _leak_bias(quiet: QuietEvidence, power: Vector) -> Vector:
+def _leak_bias(quiet: QuietEvidence, power: FloatArray) -> FloatArray:
     """Return evidence per window and mode ``(d,)`` that the leak may add in one direction.
 
     Args:

@@ -18,14 +18,13 @@ from spikingtac.contact.detector import DetectorSummary, Window, check_budget, p
 from spikingtac.contact.evidence import (
     ScaleSums,
     ScaleTest,
-    Vector,
     distance_of,
     evidence_of,
     rim_table,
 )
 from spikingtac.contact.quiet_evidence import QuietEvidence, quiet_evidence, scale_test
 from spikingtac.errors import CalibrationError
-from spikingtac.types import Contact
+from spikingtac.types import Contact, FloatArray
 
 # Share of their largest distance from rest below which the markers have returned (21 scenes of the
 # twin: up to 0.26 remains 60 ms after a contact, and 0.4 and more during one).
@@ -57,13 +56,13 @@ class ReleaseMonitor:
         over: True once the markers have returned and stayed at rest.
     """
 
-    def __init__(self, total: Vector, markers: int, noise: float) -> None:
+    def __init__(self, total: FloatArray, markers: int, noise: float) -> None:
         self.over = False
         self._distance = self._farthest = distance_of(total)
         self._none, self._noise = NO_DISTANCE * markers, noise
         self._nearest, self._windows = math.inf, 0  # since the markers returned
 
-    def add(self, evidence: Vector) -> None:
+    def add(self, evidence: FloatArray) -> None:
         """Take the evidence of the next window."""
         self._distance += distance_of(evidence)
         self._farthest = max(self._farthest, self._distance)
@@ -165,7 +164,7 @@ class SequentialMotionDetector:
         self.in_contact, self._release, self._calm = False, None, 0
         self._sums.reset()
 
-    def _is_next(self, release: ReleaseMonitor, evidence: Vector, found: bool) -> bool:
+    def _is_next(self, release: ReleaseMonitor, evidence: FloatArray, found: bool) -> bool:
         """Follow a contact to its end; return whether the next one has begun.
 
         Once the markers have come back, the contact ends when they rest or move away again.

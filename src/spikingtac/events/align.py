@@ -20,6 +20,7 @@ from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource, ReadOptions
 from spikingtac.events.open import is_same_folder, open_events
 from spikingtac.events.recording import RecordedClock, RecordingWriter, RetimedSource, name_of
+from spikingtac.types import FloatArray
 
 # How two clocks meet: at the host of both, or in a line; auto takes the host where it is known.
 By = Literal["auto", "host", "triggers"]
@@ -64,11 +65,7 @@ def second_finger(first: Path, second: Path) -> tuple[FileSource, RecordedClock 
 
 
 def map_between(
-    first: Path,
-    second: FileSource,
-    own: RecordedClock | None,
-    by: By,
-    channel: int | None = None,
+    first: Path, second: FileSource, own: RecordedClock | None, by: By, channel: int | None
 ) -> tuple[TimeMap, float | None]:
     """Return the map from the second clock to the first.
 
@@ -240,7 +237,7 @@ class Poses(NamedTuple):
     """A robot's poses: ``(n,)`` times in order, us, ``(n, k)`` values, and the columns' names."""
 
     t_us: NDArray[np.int64]
-    state: NDArray[np.float64]
+    state: FloatArray
     names: tuple[str, ...]
 
     def save(self, path: Path, time_map: TimeMap) -> None:

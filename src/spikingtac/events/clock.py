@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.schema import build
-from spikingtac.types import US_PER_S
+from spikingtac.types import US_PER_S, FloatArray
 
 PPM = 1e-6
 
@@ -191,7 +191,7 @@ def through_moments(
     )
 
 
-def _agreeing(own: NDArray[np.float64], shift: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _agreeing(own: FloatArray, shift: FloatArray) -> NDArray[np.bool_]:
     """Return which moments lie near the line through most of them."""
     keep = np.ones(len(own), bool)
     if len(own) < LEAST_TO_REJECT or not np.ptp(own):
@@ -272,9 +272,7 @@ def _keep_fastest(bins: _Bins, number: int, arrival: tuple[float, float]) -> Non
         bins[number] = arrival
 
 
-def _fastest_line(
-    x: NDArray[np.float64], delay_s: NDArray[np.float64], middle_s: float, span_s: float
-) -> TimeMap:
+def _fastest_line(x: FloatArray, delay_s: FloatArray, middle_s: float, span_s: float) -> TimeMap:
     """Fit a line to the fastest arrivals: the late half of those above it is left out each time."""
     base_s = float(delay_s[0])
     y, keep = delay_s - base_s, np.ones(len(x), bool)

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.types import FloatArray
+
 UNMATCHED = -1  # What a marker without a centroid gets.
 
 # Level half-way between ground and marker: it keeps a blurred disc's area, and on a binary map any
@@ -46,10 +48,10 @@ class Blobs:
         roundness: ``(n,)`` area over second moment, relative to a disc: 1, of all else less.
     """
 
-    center_px: NDArray[np.float64]
-    area_px: NDArray[np.float64]
+    center_px: FloatArray
+    area_px: FloatArray
     cut: NDArray[np.bool_]
-    roundness: NDArray[np.float64]
+    roundness: FloatArray
 
 
 def find_blobs(
@@ -94,14 +96,14 @@ def find_blobs(
     return Blobs(center_px, area_px, cut > 0.0, area_px / (2.0 * np.pi * spread_px2))
 
 
-def blob_areas_px(radius_px: NDArray[np.float64]) -> tuple[float, float]:
+def blob_areas_px(radius_px: FloatArray) -> tuple[float, float]:
     """Return the smallest and the largest area of a blob that may be one of the markers, px."""
     disc_px = np.pi * radius_px**2
     return SMALLEST_SHARE * float(disc_px.min()), LARGEST_SHARE * float(disc_px.max())
 
 
 def associate(
-    previous_px: NDArray[np.float64], detected_px: NDArray[np.float64], proximity_px: float
+    previous_px: FloatArray, detected_px: FloatArray, proximity_px: float
 ) -> NDArray[np.int64]:
     """Return for each marker the centroid that is its own, or :data:`UNMATCHED`.
 

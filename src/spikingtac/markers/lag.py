@@ -33,7 +33,7 @@ from spikingtac.events.source import EventSource
 from spikingtac.events.windows import windows
 from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
 from spikingtac.state_map.graded import Array
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket, FloatArray, MarkerFrame
 
 # Dark current B, relative to white: between none and v2e's offset of 20 at a white of 170, 0.12.
 # What these two make of the lag differs from it by this share (0.08 to 0.1 on three recordings).
@@ -86,7 +86,7 @@ LOOK_BACK, LOOK_STEP = 300, 2
 JITTER_PX = 0.02  # Backward motion that does not end a crossing: jitter of tracked positions.
 
 
-Crossings = tuple[NDArray[np.int64], NDArray[np.float64]]  # What :func:`crossings` returns.
+Crossings = tuple[NDArray[np.int64], FloatArray]  # What :func:`crossings` returns.
 
 
 class MarkerTrack(NamedTuple):
@@ -100,8 +100,8 @@ class MarkerTrack(NamedTuple):
     """
 
     t_us: NDArray[np.int64]
-    center_px: NDArray[np.float64]
-    radius_px: NDArray[np.float64]
+    center_px: FloatArray
+    radius_px: FloatArray
     facing: float
 
 
@@ -273,7 +273,7 @@ def estimate_lag(found: Crossings, edge: DiscProfile) -> tuple[float, float] | N
     return (lag_us, error_us) if error_us < LARGEST_ERROR_US else None
 
 
-def trimmed_means(counts: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def trimmed_means(counts: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return ``(n,)`` means within TRIM_PX of the median, and their errors, px.
 
     ``counts`` is ``(n, PLACE_BINS)`` events by place; no row is empty.
@@ -289,6 +289,6 @@ def trimmed_means(counts: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
     return mean_px, np.sqrt(variance_px2 / total)
 
 
-def slowness(edge: DiscProfile, level: NDArray[np.float64], dark: float) -> NDArray[np.float64]:
+def slowness(edge: DiscProfile, level: FloatArray, dark: float) -> FloatArray:
     """Return tau over tau_white at a level, (1 + B) / (I + B)."""
     return (1.0 + dark) / (edge.contrast ** (level - 1.0) + dark)

@@ -14,9 +14,9 @@ falsified: by 0.59 px at worst. Therefore the truthful estimate is the default.
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.schema import require_within
+from spikingtac.types import FloatArray
 
 # Slope of the anchored law near zero; distances up to which it holds and from which the law is the
 # identity, px (a steepest slope of 1.83, a falsification below 0.6 px).
@@ -26,9 +26,7 @@ ANCHORED_GAMMA, DELTA1_PX, DELTA2_PX = 0.3, 0.75, 2.0
 class OutputLaw:
     """Gives out what was detected: the truthful estimate, and the base of the other laws."""
 
-    def update(
-        self, detected_px: NDArray[np.float64], reference_px: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def update(self, detected_px: FloatArray, reference_px: FloatArray) -> FloatArray:
         """Return the positions to give out.
 
         Args:
@@ -83,12 +81,10 @@ class PaperLaw(OutputLaw):
 
     def __init__(self, config: PaperLawConfig | None = None) -> None:
         self.config = config or PaperLawConfig()
-        self._before_px: NDArray[np.float64] | None = None
+        self._before_px: FloatArray | None = None
         self._position_px = np.empty((0, 2))
 
-    def update(
-        self, detected_px: NDArray[np.float64], reference_px: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def update(self, detected_px: FloatArray, reference_px: FloatArray) -> FloatArray:
         """Return P_real,t; see :class:`OutputLaw`."""
         if self._before_px is None:
             self._before_px = self._position_px = reference_px.astype(np.float64)
@@ -114,9 +110,7 @@ class AnchoredLaw(OutputLaw):
         [[0.15, 0.0], [0.0, 8.0]]
     """
 
-    def update(
-        self, detected_px: NDArray[np.float64], reference_px: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def update(self, detected_px: FloatArray, reference_px: FloatArray) -> FloatArray:
         """Return the zeroed positions; see :class:`OutputLaw`."""
         away_px = detected_px - reference_px
         # Never 0 / 0: in the limit of no displacement the quotient is γ.
@@ -124,7 +118,7 @@ class AnchoredLaw(OutputLaw):
         return reference_px + (anchored_px(distance_px) / distance_px)[:, np.newaxis] * away_px
 
 
-def anchored_px(distance_px: NDArray[np.float64]) -> NDArray[np.float64]:
+def anchored_px(distance_px: FloatArray) -> FloatArray:
     """Return f of distances, px: γ d, then a cubic with continuous slope, then d."""
     gamma, span_px = ANCHORED_GAMMA, DELTA2_PX - DELTA1_PX
     s = np.clip((distance_px - DELTA1_PX) / span_px, 0.0, 1.0)

@@ -8,11 +8,11 @@ doi:10.1201/9781420057669).
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.calibration.lens import distances_px
 from spikingtac.kernels import kernel
 from spikingtac.state_map.graded import Array
+from spikingtac.types import FloatArray
 
 NEIGHBOURS = 8  # Neighbours of a marker: the ring around it in a square grid.
 
@@ -41,7 +41,7 @@ class Neighbourhood:
         bound_px: ``(m,)`` largest distance from the range of the neighbours' displacements, px.
     """
 
-    def __init__(self, reference_px: NDArray[np.float64]) -> None:
+    def __init__(self, reference_px: FloatArray) -> None:
         """Solve the weights once; a marker without neighbours predicts itself.
 
         Args:
@@ -60,7 +60,7 @@ class Neighbourhood:
         self.bound_px = FARTHEST_PITCHES * distances_px(reference_px).min(axis=1, initial=np.inf)
         self.own_share = 1.0 / (1.0 + (self.weight**2).sum(axis=1))
 
-    def expected_px(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    def expected_px(self, position_px: FloatArray) -> FloatArray:
         """Return ``(m, 2)`` positions that the neighbours predict, px."""
         out = np.empty_like(self.reference_px)
         expect_kernel(position_px, self.arrays, out)
@@ -96,7 +96,7 @@ def expect_kernel(
             out[m, axis] = neighbours[0][m, axis] + min(max(moved, low), high)
 
 
-def _affine_weights_at_origin(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _affine_weights_at_origin(points: FloatArray) -> FloatArray:
     spread = max(float(np.sqrt((points**2).mean())), 1e-9)
     design = np.column_stack([np.ones(len(points)), points / spread])
     ridge = np.diag([0.0, RIDGE * len(points), RIDGE * len(points)])
@@ -104,6 +104,6 @@ def _affine_weights_at_origin(points: NDArray[np.float64]) -> NDArray[np.float64
     return np.round(weights / weights.sum(), WEIGHT_DECIMALS)
 
 
-def smallest_spacing_px(reference_px: NDArray[np.float64]) -> float:
+def smallest_spacing_px(reference_px: FloatArray) -> float:
     """Return the smallest distance between two markers, px; infinite for a single marker."""
     return float(distances_px(reference_px).min(initial=np.inf))

@@ -20,7 +20,7 @@ from spikingtac.markers.laws import OutputLaw
 from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.schema import require_within
 from spikingtac.state_map.binary import BinaryStateMap, StateMap, paint_binary_discs
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket, FloatArray, MarkerFrame
 
 # OFF events are rare where each stands for so many ON events: they come alone, so that the filter
 # takes them for noise. (The twin and v2e have 1.04, a simulated recorded sensor 2.8.)
@@ -93,7 +93,7 @@ class BlobTracker:
         self._config = config = _adapted(config, calibration)
         self._calibration, self._denoiser, self._law = calibration, denoiser, law or OutputLaw()
         self._map = state_map or painted_binary_map(calibration)
-        self._disc_area_px: NDArray[np.float64] = np.pi * calibration.radius_px**2
+        self._disc_area_px: FloatArray = np.pi * calibration.radius_px**2
         self._areas_px = blob_areas_px(calibration.radius_px)
         self._proximity_px = PROXIMITY_SHARE * smallest_spacing_px(calibration.reference_px)
         self._start()

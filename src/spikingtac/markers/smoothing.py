@@ -26,7 +26,7 @@ from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac.markers.laws import OutputLaw
 from spikingtac.markers.registry import MarkerTracker
 from spikingtac.state_map.graded import Array
-from spikingtac.types import MarkerFrame
+from spikingtac.types import FloatArray, MarkerFrame
 
 SCATTER_PX = 0.05  # Standard deviation of the scatter of positions, px.
 
@@ -108,11 +108,8 @@ def state_of(frame: MarkerFrame, markers: NDArray[np.void], lag_s: float) -> NDA
 
 
 def smooth_places(
-    t_s: NDArray[np.float64],
-    kept: NDArray[np.void],
-    markers: tuple[NDArray[np.float64], NDArray[np.float64]],
-    lag_s: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    t_s: FloatArray, kept: NDArray[np.void], markers: tuple[FloatArray, FloatArray], lag_s: float
+) -> tuple[FloatArray, NDArray[np.float32]]:
     """Return ``(n, m, 2)`` places, px, and their standard deviations.
 
     Args:
@@ -131,9 +128,7 @@ def smooth_places(
     return place_px, sigma_px.astype(np.float32)
 
 
-def place_sigma_px(
-    displacement_px: NDArray[np.float64], lag_px: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def place_sigma_px(displacement_px: FloatArray, lag_px: FloatArray) -> FloatArray:
     """Return ``(n, m, 2)`` standard deviations of the places of plain markers, px, smoothed or not.
 
     Args:

@@ -27,7 +27,7 @@ from spikingtac.schema import to_mapping
 from spikingtac.touch.force.model import ForceEstimator, ForceModel, Wrench
 from spikingtac.tracks import Tracks, TracksWriter, create_tracks
 from spikingtac.tracks.files import SIGMA
-from spikingtac.types import Contact, EventPacket, MarkerFrame
+from spikingtac.types import Contact, EventPacket, FloatArray, MarkerFrame
 
 PROGRESS_EVERY = 64  # Estimates between two reports of progress.
 
@@ -168,7 +168,7 @@ def _mark(writer: TracksWriter, source: FileSource | CheckedSource, before: bool
     writer.mark(source.triggers.columns())
 
 
-def _columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:
+def _columns(wrench: Wrench) -> dict[str, FloatArray]:
     """Return a wrench by the keys of a file."""
     torque = {"torque_nm": wrench.values[3:]} if len(wrench.values) > 3 else {}
     return {"force_n": wrench.force_n, "force_sigma_n": wrench.force_sigma_n, **torque}
@@ -204,7 +204,7 @@ class _Counts:
         self.estimates, self._coasted = 0, np.zeros(markers, np.int64)
         self._largest_px, self._largest_n = 0.0, 0.0
 
-    def add(self, frame: MarkerFrame, force_n: NDArray[np.float64] | None) -> None:
+    def add(self, frame: MarkerFrame, force_n: FloatArray | None) -> None:
         if force_n is not None:
             self._largest_n = max(self._largest_n, float(np.linalg.norm(force_n)))
         self.estimates += 1

@@ -93,7 +93,7 @@ def save_calibration_plot(calibration: Calibration, path: str | Path) -> None:
     save_figure(figure, path)
 
 
-def _picture(calibration: Calibration) -> NDArray[np.float64]:
+def _picture(calibration: Calibration) -> FloatArray:
     """Return ``(height, width)`` grey levels 0 to 1 of the sensor as its calibration has it."""
     width, height = calibration.size
     y, x = np.mgrid[:height, :width]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError, named
 from spikingtac.events.hot_pixels import hot_pixels_of
 from spikingtac.plots.figure import FONT_PT, Theme, new_figure, style_axes
-from spikingtac.types import US_PER_S
+from spikingtac.types import US_PER_S, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,9 +49,9 @@ class EventFigures:
 
     at_us: int
     first_us: int
-    rate_kev_s: NDArray[np.float64]
+    rate_kev_s: FloatArray
     moment: NDArray[np.int64]
-    surface: NDArray[np.float64]
+    surface: FloatArray
     counts: NDArray[np.int64]
     hot_px: NDArray[np.int64]
 
@@ -97,7 +97,7 @@ def event_figures(source: FileSource, at_s: float | None = None) -> EventFigures
     )
 
 
-def _until(source: FileSource, at_us: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _until(source: FileSource, at_us: int) -> tuple[NDArray[np.int64], FloatArray]:
     """Return ON minus OFF events of the moment, and when each pixel sent last before its end."""
     pixels = source.size[0] * source.size[1]
     moment, last_us = np.zeros(pixels, np.int64), np.full(pixels, -np.inf)

@@ -8,10 +8,9 @@ import enum
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, DeviceError
-from spikingtac.types import Pose
+from spikingtac.types import FloatArray, Pose
 
 SPEED_LIMIT_MM_S = 1000.0  # Largest tool speed that is accepted, mm/s (UR3 manual, 1 m/s).
 
@@ -37,11 +36,11 @@ class Arm(Protocol):
         """
         ...
 
-    def speed_mm_s(self) -> NDArray[np.float64]:
+    def speed_mm_s(self) -> FloatArray:
         """Return the velocity ``(3,)`` of the tool as last reported, mm/s."""
         ...
 
-    def move_linear(self, target_mm: NDArray[np.float64], speed_mm_s: float) -> None:
+    def move_linear(self, target_mm: FloatArray, speed_mm_s: float) -> None:
         """Start to move along a straight line, keeping the rotation, and return at once.
 
         Raises:
@@ -75,9 +74,7 @@ class Arm(Protocol):
         ...
 
 
-def checked_target(
-    target_mm: NDArray[np.float64], speed_mm_s: float, state: ArmState
-) -> NDArray[np.float64]:
+def checked_target(target_mm: FloatArray, speed_mm_s: float, state: ArmState) -> FloatArray:
     """Return the target ``(3,)`` of a motion that begins in a state, mm.
 
     Raises:

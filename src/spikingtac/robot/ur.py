@@ -15,7 +15,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from spikingtac.errors import ConfigError, DeviceError
@@ -30,9 +29,7 @@ from spikingtac.robot.ur_stop import (
     dashboard,
     send_script,
 )
-from spikingtac.types import Pose
-
-Vector = NDArray[np.float64]
+from spikingtac.types import FloatArray, Pose
 
 MM_PER_M = 1000.0
 PROGRAM_RUNNING = 0b10  # Bit of the robot's status: a program runs.
@@ -99,12 +96,12 @@ class URArm:
             position_mm=values[:3] * MM_PER_M, rotation=Rotation.from_rotvec(values[3:]).as_matrix()
         )
 
-    def speed_mm_s(self) -> Vector:
+    def speed_mm_s(self) -> FloatArray:
         """Return the last reported velocity ``(3,)`` of the tool, mm/s."""
         self._require_stream()
         return np.array(self._receive.getActualTCPSpeed()[:3]) * MM_PER_M
 
-    def move_linear(self, target_mm: Vector, speed_mm_s: float) -> None:
+    def move_linear(self, target_mm: FloatArray, speed_mm_s: float) -> None:
         """Start a straight motion; see :class:`~spikingtac.robot.arm.Arm`."""
         target = checked_target(target_mm, speed_mm_s, self.state())
         goal = [*(target / MM_PER_M).tolist(), *self._receive.getActualTCPPose()[3:]]

@@ -16,7 +16,7 @@ from spikingtac.ros2.stream import SensorInfo, SensorStream
 from spikingtac.stream.paced import Pace, PacedSource
 from spikingtac.touch.force.model import ForceModel
 from spikingtac.tracks import Tracks
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket, FloatArray, MarkerFrame
 
 # Span of a message of events, us: 100 per second, as event camera drivers send them.
 EVENTS_US = 10_000
@@ -132,7 +132,7 @@ def feed_of_events(
 
 
 def _felt_by(
-    model: ForceModel | None, rest_px: NDArray[np.float64]
+    model: ForceModel | None, rest_px: FloatArray
 ) -> Callable[[Iterable[MarkerFrame]], Iterator[Felt]]:
     """Return what adds a wrench to every frame, where there is a force model."""
     if model is None:

@@ -20,6 +20,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.types import FloatArray
+
 Single = NDArray[np.float32]
 Cells = NDArray[np.int64]
 
@@ -41,7 +43,7 @@ class Influence:
             other. Only the leading c by c parts hold values.
     """
 
-    def __init__(self, tables: NDArray[np.float64]) -> None:
+    def __init__(self, tables: FloatArray) -> None:
         """Take the ``(tables, n, n)`` responses by offset ``[dy, dx]`` modulo n."""
         n = tables.shape[-1]
         offsets = np.arange(1 - n, n) % n

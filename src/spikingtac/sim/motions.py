@@ -12,10 +12,9 @@ from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.schema import require_within
-from spikingtac.types import Pose
+from spikingtac.types import FloatArray, Pose
 
 SegmentKind = Literal["hold", "press", "lift", "release", "slide", "rub", "twist", "circle", "roll"]
 Profile = Literal["minimum_jerk", "trapezoid"]
@@ -185,7 +184,7 @@ _PROFILES: dict[str, tuple[Callable[[float], float], float]] = {
 }
 
 
-def rotation_about(axis: NDArray[np.float64], angle_rad: float) -> NDArray[np.float64]:
+def rotation_about(axis: FloatArray, angle_rad: float) -> FloatArray:
     """Return the ``(3, 3)`` rotation about a unit axis ``(3,)`` (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -220,7 +219,7 @@ def _pose(segment: SegmentConfig, start: Pose, fraction: float) -> Pose:
     return Pose(position, start.rotation if turn is None else turn @ start.rotation, FRAME)
 
 
-def _offset_mm(segment: SegmentConfig, start: Pose, covered: float) -> NDArray[np.float64]:
+def _offset_mm(segment: SegmentConfig, start: Pose, covered: float) -> FloatArray:
     offset = np.array([segment.dx_mm or 0.0, segment.dy_mm or 0.0, 0.0]) * covered
     if segment.kind in ("lift", "release"):
         height = CLEARANCE_MM if segment.height_mm is None else segment.height_mm
@@ -235,7 +234,7 @@ def _offset_mm(segment: SegmentConfig, start: Pose, covered: float) -> NDArray[n
     return offset
 
 
-def _turn(segment: SegmentConfig, covered: float) -> NDArray[np.float64] | None:
+def _turn(segment: SegmentConfig, covered: float) -> FloatArray | None:
     if segment.angle_deg is not None:
         return rotation_about(NORMAL, math.radians(segment.angle_deg) * covered)
     distance = math.hypot(segment.dx_mm or 0.0, segment.dy_mm or 0.0)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.schema import build, merged, require_within, to_mapping
 from spikingtac.sim.camera.config import CameraConfig, load_camera
@@ -16,6 +15,7 @@ from spikingtac.sim.gel import GelConfig
 from spikingtac.sim.indenters import IndenterConfig, make_indenter
 from spikingtac.sim.motions import IndenterMotion, MotionConfig
 from spikingtac.sim.optics import OpticsConfig, SkinState
+from spikingtac.types import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -39,7 +39,7 @@ class SkinConfig:
             raise ValueError(f"grid is {list(self.grid)}, valid are 1 to {MOST_MARKERS} markers")
         require_within(self, pitch_mm=(0.01, 1e3), serial=(0, 1 << 32))
 
-    def rest_mm(self) -> NDArray[np.float64]:
+    def rest_mm(self) -> FloatArray:
         """Return the nominal places ``(m, 2)`` of the markers, mm, row-major about the axis."""
         rows, columns = self.grid
         y, x = np.mgrid[0:rows, 0:columns].astype(np.float64)

@@ -7,12 +7,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.sim.indenters import Indenter, make_indenter
 from spikingtac.sim.motions import IndenterMotion, MotionConfig, SegmentConfig, minimum_jerk
 from spikingtac.sim.scene import HistoryConfig, Scene, VariationConfig
-from spikingtac.types import Pose
+from spikingtac.types import FloatArray, Pose
 
 FULL_TURN_DEG = 360.0
 QUIET_S = 3.0  # Length of a scene without contacts, s.
@@ -135,9 +134,7 @@ class Timeline:
                 yield contact
 
 
-def prior_drag_mm(
-    config: HistoryConfig, seed: int, times_s: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def prior_drag_mm(config: HistoryConfig, seed: int, times_s: FloatArray) -> FloatArray:
     """Return the displacement ``(n, 2)`` of the skin by the drag before the recording, mm.
 
     Args:

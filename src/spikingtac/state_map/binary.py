@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.state_map.graded import Array
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, FloatArray
 
 
 class StateMap(Protocol):
@@ -94,8 +94,8 @@ def _paint_events_kernel(values: Array, x: Array, y: Array, p: Array, dark_marke
 
 def paint_discs(
     size: tuple[int, int],
-    reference_px: NDArray[np.float64],
-    radius_px: NDArray[np.float64],
+    reference_px: FloatArray,
+    radius_px: FloatArray,
     profiles: Sequence[Any] | None = None,
 ) -> NDArray[np.float32]:
     """Paint discs with smooth edges, so that a calibrated sensor needs no new slides.
@@ -135,7 +135,7 @@ def paint_discs(
 
 
 def paint_binary_discs(
-    size: tuple[int, int], reference_px: NDArray[np.float64], radius_px: NDArray[np.float64]
+    size: tuple[int, int], reference_px: FloatArray, radius_px: FloatArray
 ) -> NDArray[np.float32]:
     """Paint discs of ones: the pixels whose centre a disc covers; see :func:`paint_discs`."""
     # Half of a pixel is covered whose centre lies on the rim.

@@ -18,8 +18,7 @@ from spikingtac.touch.field import FieldGauge, GradientOperator, LostMarkers, sp
 from spikingtac.touch.onset import OnsetMemory
 from spikingtac.touch.patch import Patch, PatchEstimator
 from spikingtac.touch.touch import END_SHARE, CalibratedRest, OpenTouch, Release, Touch, spreads
-from spikingtac.types import FloatArray as Field
-from spikingtac.types import MarkerFrame
+from spikingtac.types import FloatArray, MarkerFrame
 
 # Scatter of a marker of an event camera that is no touch, px (twenty times the scatter of the
 # tracker ``default`` on the twin at rest; its steps are smaller), and of one of another sensor, as
@@ -68,7 +67,7 @@ class _Settling:
     """The rest after a touch: what it was before, and how near to it the skin has come."""
 
     t_us: int
-    former_zero: Field
+    former_zero: FloatArray
     lowest: float
 
 
@@ -82,7 +81,7 @@ class TouchDetector:
         >>> touches = [t for f in frames if (t := detector.update(f))]  # doctest: +SKIP
     """
 
-    def __init__(self, reference_px: Field, unit: str = "px") -> None:
+    def __init__(self, reference_px: FloatArray, unit: str = "px") -> None:
         """Start at rest.
 
         Args:
@@ -126,12 +125,12 @@ class TouchDetector:
         return self._open is not None
 
     @property
-    def displacement_px(self) -> Field:
+    def displacement_px(self) -> FloatArray:
         """``(m, 2)`` markers of the last frame from their rest; lost ones as their neighbours."""
         return self._moved - self._zero
 
     @property
-    def tracked_px(self) -> Field:
+    def tracked_px(self) -> FloatArray:
         """``(m, 2)`` the same, but of a touch's markers only those lost before it as neighbours.
 
         The rim of a small contact strains the skin so much that its markers look lost, and are
@@ -207,7 +206,7 @@ class TouchDetector:
             field=self._gauge.measure(touch.field),
         )
 
-    def _repaired(self, moved: Field) -> Field:
+    def _repaired(self, moved: FloatArray) -> FloatArray:
         """Replace lost markers; one that is lost or found at rest is at rest where it is now."""
         before = self._lost.lost
         repaired = self._lost.repaired(moved)
@@ -219,7 +218,7 @@ class TouchDetector:
                 self._memory.clear()
         return repaired
 
-    def _follow(self, touch: OpenTouch, t_us: int, moved: Field) -> Touch | None:
+    def _follow(self, touch: OpenTouch, t_us: int, moved: FloatArray) -> Touch | None:
         """Measure an open touch and return it if it is over."""
         away = moved - self._zero
         strength = self._gradient.strength_of(away)
@@ -239,7 +238,7 @@ class TouchDetector:
         ended = self._closed(touch, back_us, moved)
         return None if touch.home.was_return(touch.strength) else ended
 
-    def _closed(self, touch: OpenTouch, end_us: int, moved: Field) -> Touch | None:
+    def _closed(self, touch: OpenTouch, end_us: int, moved: FloatArray) -> Touch | None:
         """Return a touch that is over, None of noise; where the skin is now, is its rest."""
         told = self._told(touch, end_us)
         self._open, self._zero = None, moved
@@ -262,7 +261,7 @@ class TouchDetector:
             return left
         return min(left, END_SHARE / SPREAD_SHARE * spread / touch.spread)
 
-    def _settle(self, t_us: int, moved: Field) -> bool:
+    def _settle(self, t_us: int, moved: FloatArray) -> bool:
         """Right after a release the rest is wherever the skin falls back to.
 
         Returns:
@@ -281,7 +280,7 @@ class TouchDetector:
                 self._zero = moved
         return falls_back
 
-    def _rest(self, elapsed_us: int, moved: Field, strength: float) -> None:
+    def _rest(self, elapsed_us: int, moved: FloatArray, strength: float) -> None:
         """Let the rest and its noise follow what is seen while nothing touches."""
         share = -np.expm1(-elapsed_us / RESTING_US)
         self._zero = self._zero + share * (moved - self._zero)

@@ -20,15 +20,15 @@ from scipy.special import jv
 from spikingtac.errors import ConfigError
 from spikingtac.schema import require_within
 from spikingtac.touch.series import N_MM_PER_NM, WrenchSeries
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import FloatArray
 
 # Limit of kh, before cosh overflows; 1/cosh² is zero in double precision long before.
 MAX_ARGUMENT = 300.0
 
 
 def layer_response(
-    wavenumber_per_mm: Field, thickness_mm: float
-) -> tuple[Field, Field, Field, Field]:
+    wavenumber_per_mm: FloatArray, thickness_mm: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return surface displacements per traction exp(i k x), mm at unit modulus.
 
     They are: normal under pressure; outward under pressure, as the factor of ``-i k/|k|``; lateral
@@ -115,7 +115,7 @@ class SurfaceResponse:
             -second @ (weight * (0.5 * (along - across))),
         )
 
-    def matrix(self, places_mm: Field, sources_mm: Field) -> Field:
+    def matrix(self, places_mm: FloatArray, sources_mm: FloatArray) -> FloatArray:
         """Return the response at places to forces at sources.
 
         Args:
@@ -183,7 +183,7 @@ NOISE_MM = 0.01  # Error of a marker's place, per axis, mm (0.15 px of the track
 
 def synthetic_series(
     skin: SkinConfig,
-    reference_px: Field,
+    reference_px: FloatArray,
     px_per_mm: float,
     seed: int = 0,
     frames: int = FRAMES,
@@ -225,8 +225,8 @@ def synthetic_series(
 
 
 def _contact(
-    rng: np.random.Generator, sources: Field, own: Field, modulus_mpa: float, part: int
-) -> Field:
+    rng: np.random.Generator, sources: FloatArray, own: FloatArray, modulus_mpa: float, part: int
+) -> FloatArray:
     """Return the forces ``(c, 3)``, N, of a contact that is pressed, then dragged and twisted."""
     if rng.random() < REST_SHARE:
         return np.zeros((len(sources), 3))
@@ -248,12 +248,14 @@ def _contact(
     return np.column_stack([shear, pressing])
 
 
-def _rotation(angle_rad: float) -> Field:
+def _rotation(angle_rad: float) -> FloatArray:
     cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[cosine, -sine], [sine, cosine]])
 
 
-def _stuck_shear(own: Field, pressing: Field, moved: Field, kept: float) -> Field:
+def _stuck_shear(
+    own: FloatArray, pressing: FloatArray, moved: FloatArray, kept: float
+) -> FloatArray:
     """Return the shear forces ``(c, 2)`` under which a pressed patch moves as it is told.
 
     Args:

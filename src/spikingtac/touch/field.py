@@ -8,7 +8,7 @@ import numpy as np
 
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.errors import ConfigError
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import FloatArray
 
 # Markers whose displacements make a gradient, the marker itself included: the 3 by 3 block of a
 # square grid, or half of it at the border.
@@ -23,7 +23,7 @@ LINE_PITCHES = 0.1
 LEAST_EXTENT = 1e-9
 
 
-def straightened(reference: Field) -> Field | None:
+def straightened(reference: FloatArray) -> FloatArray | None:
     """Return markers ``(m, 2)`` of one row, each moved onto the row's line; None of any others.
 
     Raises:
@@ -47,7 +47,7 @@ class GradientOperator:
         [[0.1, 0.0], [0.0, 0.1]]
     """
 
-    def __init__(self, reference: Field) -> None:
+    def __init__(self, reference: FloatArray) -> None:
         """Prepare the operator.
 
         Args:
@@ -76,11 +76,11 @@ class GradientOperator:
             self._slopes[marker] = np.linalg.pinv(rows, LEAST_EXTENT)[1:]
             self.along[:, marker, chosen] = self._slopes[marker]
 
-    def slopes(self, displacement: Field) -> Field:
+    def slopes(self, displacement: FloatArray) -> FloatArray:
         """Return ``(m, 2, 2)`` derivatives by x and y of each of displacements ``(m, 2)``."""
         return np.matmul(self._slopes, displacement[self._near])
 
-    def strength_of(self, displacement: Field) -> float:
+    def strength_of(self, displacement: FloatArray) -> float:
         """Return the root mean square over the markers of the gradient of one field ``(m, 2)``.
 
         It is the length of divergence, curl, stretch and skew together.
@@ -143,7 +143,7 @@ class FieldGauge:
         0.01
     """
 
-    def __init__(self, reference_px: Field, noise_px: float) -> None:
+    def __init__(self, reference_px: FloatArray, noise_px: float) -> None:
         """Prepare the gauge.
 
         Args:
@@ -164,7 +164,7 @@ class FieldGauge:
         self._of_divergence = np.column_stack([by_x, by_y]).ravel()
         self._of_curl = np.column_stack([-by_y, by_x]).ravel()
 
-    def measure(self, displacement: Field) -> FieldQuantities:
+    def measure(self, displacement: FloatArray) -> FieldQuantities:
         """Measure displacements ``(m, 2)``, px."""
         away, flat = self._away, displacement.ravel()
         mean, of_mean = displacement.mean(axis=0), self._noise / np.sqrt(len(away))
@@ -183,7 +183,7 @@ class FieldGauge:
             self._strain(displacement),
         )
 
-    def _strain(self, displacement: Field) -> Estimate:
+    def _strain(self, displacement: FloatArray) -> Estimate:
         """Return the strength without its noise: a root of a sum of squares.
 
         The sum's variance is that of a quadratic form of normal numbers; a root's deviation is the
@@ -198,7 +198,7 @@ class FieldGauge:
         least = max(strain, np.sqrt(deviation), np.finfo(np.float64).tiny)
         return Estimate(float(strain), float(0.5 * deviation / least))
 
-    def _linear(self, weights: Field, flat: Field) -> Estimate:
+    def _linear(self, weights: FloatArray, flat: FloatArray) -> Estimate:
         return Estimate(float(weights @ flat), self._noise * float(np.sqrt(weights @ weights)))
 
 
@@ -229,7 +229,7 @@ class LostMarkers:
         lost: ``(m,)`` True for the markers that were replaced in the last frame.
     """
 
-    def __init__(self, reference: Field) -> None:
+    def __init__(self, reference: FloatArray) -> None:
         """Prepare the neighbourhoods of markers ``(m, 2)`` at rest, px or mm.
 
         Raises:
@@ -244,7 +244,7 @@ class LostMarkers:
         """Believe every marker again."""
         self.lost, self._frame = np.zeros(self._near.shape[1], np.bool_), 0
 
-    def filled(self, displacement: Field, rest: Field, before: Field) -> Field:
+    def filled(self, displacement: FloatArray, rest: FloatArray, before: FloatArray) -> FloatArray:
         """Return displacements ``(m, 2)`` of which none is missing.
 
         Args:
@@ -264,7 +264,7 @@ class LostMarkers:
                 filled[marker] = rest[marker] + np.median(filled[near] - rest[near], axis=0)
         return filled
 
-    def repaired(self, displacement: Field) -> Field:
+    def repaired(self, displacement: FloatArray) -> FloatArray:
         """Return displacements ``(m, 2)`` of which the lost ones are replaced."""
         if self._frame % EVERY == 0:
             around = displacement[self._near]
@@ -280,12 +280,12 @@ class LostMarkers:
         return out
 
 
-def middle_of(values: Field) -> Field:
+def middle_of(values: FloatArray) -> FloatArray:
     """Return the upper median along the first axis."""
     return np.partition(values, len(values) // 2, axis=0)[len(values) // 2]
 
 
-def spread_of(away: Field, share: float) -> tuple[float, float]:
+def spread_of(away: FloatArray, share: float) -> tuple[float, float]:
     """Return the largest displacement, and within which distance of the common one a share lies.
 
     Args:

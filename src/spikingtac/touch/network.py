@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import FloatArray
 
 RECORD = "spikingtac.record"  # Key of the record in a file's metadata.
 
@@ -59,7 +59,7 @@ class Network:
         self._session = session
         self._inputs = [one.name for one in session.get_inputs()]
 
-    def __call__(self, *inputs: NDArray[np.floating]) -> list[Field]:
+    def __call__(self, *inputs: NDArray[np.floating]) -> list[FloatArray]:
         """Return the outputs of inputs in the order of the file."""
         values = (np.ascontiguousarray(one, np.float32) for one in inputs)
         told = self._session.run(None, dict(zip(self._inputs, values, strict=True)))

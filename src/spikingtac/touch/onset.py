@@ -16,7 +16,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import FloatArray
 
 Times = NDArray[np.int64]
 
@@ -30,7 +30,7 @@ STRING_PX = 0.2
 UNSEEN_LATER_PX, UNSEEN_REVERSED_PX = 0.15, 0.25
 
 
-def unseen_px(string: Field, pattern: Field) -> float:
+def unseen_px(string: FloatArray, pattern: FloatArray) -> float:
     """Return how far the skin moves along a pattern ``(m, 2)`` before that is seen, px."""
     strength = (pattern * pattern).sum(axis=1)
     total = float(strength.sum())
@@ -76,7 +76,7 @@ class OnsetMemory:
         """Start with markers that never moved; ``sees_changes`` of an event camera."""
         self._sees_changes = sees_changes
         self._followed = np.zeros((markers, 2))  # The strings' ends.
-        self._frames: deque[tuple[int, Field, Field]] = deque()
+        self._frames: deque[tuple[int, FloatArray, FloatArray]] = deque()
         self._noticed_us: int | None = None
         self._pattern = np.zeros((0, 2))
 
@@ -85,7 +85,7 @@ class OnsetMemory:
         self._frames.clear()
         self._noticed_us = None
 
-    def _string(self, displacement: Field) -> Field:
+    def _string(self, displacement: FloatArray) -> FloatArray:
         """Return the strings ``(m, 2)`` of the next frame, px: each along the last motion."""
         away = displacement - self._followed
         length = np.sqrt((away * away).sum(axis=1, keepdims=True))
@@ -93,18 +93,18 @@ class OnsetMemory:
         self._followed = displacement - string
         return string
 
-    def add(self, t_us: int, displacement: Field) -> None:
+    def add(self, t_us: int, displacement: FloatArray) -> None:
         """Remember a frame ``(m, 2)`` and forget those too old."""
         self._frames.append((t_us, displacement, self._string(displacement)))
         while self._frames and t_us - self._frames[0][0] > HISTORY_US:
             self._frames.popleft()
 
-    def notice(self, pattern: Field) -> int:
+    def notice(self, pattern: FloatArray) -> int:
         """Take the last frame's pattern ``(m, 2)`` for a touch; return when it began, us."""
         self._noticed_us, self._pattern = self._frames[-1][0], pattern
         return self._begin_us()
 
-    def refine(self, t_us: int, displacement: Field) -> int | None:
+    def refine(self, t_us: int, displacement: FloatArray) -> int | None:
         """Take in a frame after the notice; return a better beginning once the rise is done."""
         string = self._string(displacement)
         if self._noticed_us is None:
@@ -140,7 +140,7 @@ class OnsetMemory:
         return _extrapolated(times, above, last, unseen / max(largest, 1e-9))
 
 
-def _extrapolated(times: Times, above: Field, last: int, unseen: float) -> int:
+def _extrapolated(times: Times, above: FloatArray, last: int, unseen: float) -> int:
     """Return where the rise after the row ``last`` meets its rest, by its law of growth.
 
     Args:

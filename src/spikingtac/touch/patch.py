@@ -8,7 +8,7 @@ import numpy as np
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.field import straightened
 from spikingtac.touch.network import packaged
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import FloatArray
 
 REACH = 2  # Rows and columns of neighbours on each side.
 NEIGHBOURS = (2 * REACH + 1) ** 2  # Places of a neighbourhood, the marker itself included.
@@ -54,12 +54,12 @@ class Patch:
         outline: ``(k, 2)`` its convex outline.
     """
 
-    place: Field
+    place: FloatArray
     area: float
-    outline: Field
+    outline: FloatArray
 
 
-def patch_of_cells(corners: Field, weights: Field) -> Patch:
+def patch_of_cells(corners: FloatArray, weights: FloatArray) -> Patch:
     """Return the patch that cells make up.
 
     Args:
@@ -82,7 +82,7 @@ class PatchFeatures:
         pitch_px: Distance between neighbours, px.
     """
 
-    def __init__(self, reference_px: Field, optical_axis_px: Field) -> None:
+    def __init__(self, reference_px: FloatArray, optical_axis_px: FloatArray) -> None:
         """Find the neighbourhoods.
 
         Args:
@@ -105,7 +105,7 @@ class PatchFeatures:
             self._there[:, k] = away.min(axis=1) < WITHIN_PITCHES * self.pitch_px
         self._place = (reference_px - optical_axis_px) / self.pitch_px
 
-    def of(self, displacement_px: Field) -> Field:
+    def of(self, displacement_px: FloatArray) -> FloatArray:
         """Return the features ``(..., m, FEATURES)`` of displacements ``(..., m, 2)``, px.
 
         Where the neighbours are from the marker, along x, then along y, row by row; which of them
@@ -135,7 +135,7 @@ class SquareLattice:
         rotation: ``(2, 2)`` from the lattice's axes to the image's.
     """
 
-    def __init__(self, reference: Field) -> None:
+    def __init__(self, reference: FloatArray) -> None:
         """Lay the lattice over markers ``(m, 2)``.
 
         Raises:
@@ -155,22 +155,22 @@ class SquareLattice:
         neighbours = 4.0 * (len(reference) - np.sqrt(len(reference)))
         on_grid = (off_grid < GRID_TOLERANCE).sum() >= GRID_SHARE * neighbours
         in_a_row = len(reference) < LEAST_MESH_MARKERS or straightened(reference) is not None
-        self.weights: Field | None = None
+        self.weights: FloatArray | None = None
         self.pitch = float(np.hypot(*near.T).mean()) if len(near) else pitch
         if not (on_grid or in_a_row):
             self.pitch, self.places, self.weights = _between(self.places)
 
-    def field(self, values: Field) -> Field:
+    def field(self, values: FloatArray) -> FloatArray:
         """Return vectors ``(m, 2)`` at the markers as the lattice's points see them, ``(n, 2)``."""
         turned = values @ self.rotation
         return turned if self.weights is None else self.weights @ turned
 
-    def in_image(self, places: Field) -> Field:
+    def in_image(self, places: FloatArray) -> FloatArray:
         """Return places ``(..., 2)`` of the lattice in the image."""
         return places @ self.rotation.T + self._middle
 
 
-def _between(places: Field) -> tuple[float, Field, Field]:
+def _between(places: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     """Return pitch and points of a lattice within the markers' hull, and their shares in each."""
     # A late import: every verb's start would wait for it.
     from scipy.interpolate import LinearNDInterpolator
@@ -198,7 +198,7 @@ class PatchEstimator:
         4210.0
     """
 
-    def __init__(self, reference: Field) -> None:
+    def __init__(self, reference: FloatArray) -> None:
         """Prepare for a layout of markers.
 
         Args:
@@ -216,7 +216,7 @@ class PatchEstimator:
         corners = cell * (steps[:, None] + SQUARE)
         self._corners = self._lattice.in_image(self._lattice.places[:, None, None] + corners)
 
-    def probability(self, displacement: Field) -> Field:
+    def probability(self, displacement: FloatArray) -> FloatArray:
         """Return how probably each cell about each point of the lattice is touched, ``(n, c)``.
 
         Args:
@@ -225,7 +225,7 @@ class PatchEstimator:
         """
         return self._network(self._features.of(self._lattice.field(displacement)))[0]
 
-    def patch(self, displacement: Field) -> Patch:
+    def patch(self, displacement: FloatArray) -> Patch:
         """Return the touched part of a skin that is touched somewhere; see :meth:`probability`."""
         probability = self.probability(displacement)
         touched = probability > LIKELY * probability.max()

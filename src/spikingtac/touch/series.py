@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import RecordingError
 from spikingtac.events.align import load_poses
 from spikingtac.events.formats.array_file import load_arrays, load_truth
-from spikingtac.types import FloatArray as Field
-from spikingtac.types import one_line
+from spikingtac.types import FloatArray, one_line
 
 Times = NDArray[np.int64]
 
@@ -44,9 +43,9 @@ class WrenchSeries:
     """
 
     t_us: NDArray[np.int64]
-    reference: Field
-    displacement: Field
-    wrench: Field
+    reference: FloatArray
+    displacement: FloatArray
+    wrench: FloatArray
     unit: str
     name: str = "series"
 
@@ -133,7 +132,7 @@ def labelled(series: WrenchSeries, path: str | Path) -> WrenchSeries:
     return replace(series, wrench=np.column_stack(columns)).part(inside)
 
 
-def _clock_offset_us(series: WrenchSeries, t_us: Times, wrench: Field) -> int:
+def _clock_offset_us(series: WrenchSeries, t_us: Times, wrench: FloatArray) -> int:
     """Return what must be added to the labels' times to get those of the displacements, us.
 
     The amount of motion and the amount of force are made uniform in time and correlated. Contacts
@@ -142,7 +141,7 @@ def _clock_offset_us(series: WrenchSeries, t_us: Times, wrench: Field) -> int:
     # A late import: every verb's start would wait for it.
     from scipy.signal import correlate
 
-    def uniform(times_us: Times, values: Field) -> Field:
+    def uniform(times_us: Times, values: FloatArray) -> FloatArray:
         even = np.interp(np.arange(times_us[0], times_us[-1] + 1, STEP_US), times_us, values)
         return even - even.mean()
 
@@ -159,7 +158,7 @@ def _clock_offset_us(series: WrenchSeries, t_us: Times, wrench: Field) -> int:
     return int(series.t_us[0]) - int(t_us[0]) + (best - (len(felt) - 1)) * STEP_US
 
 
-def _from_truth(path: Path) -> tuple[Times, Field]:
+def _from_truth(path: Path) -> tuple[Times, FloatArray]:
     values = load_truth(path, ("contact_t_us", "force_n"))
     wrench = values["force_n"]
     if "torque_n_mm" in values:
@@ -167,7 +166,7 @@ def _from_truth(path: Path) -> tuple[Times, Field]:
     return values["contact_t_us"], wrench
 
 
-def _from_csv(path: Path) -> tuple[Times, Field]:
+def _from_csv(path: Path) -> tuple[Times, FloatArray]:
     table = load_poses(path, "forces")
     names = [name.lower() for name in table.names]
     kept = [name for name in COMPONENTS if name in names]

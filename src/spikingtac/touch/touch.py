@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spikingtac.touch.field import FieldQuantities, GradientOperator, spread_of
-from spikingtac.types import FloatArray as Field
-from spikingtac.types import one_line
+from spikingtac.types import FloatArray, one_line
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +37,9 @@ class Touch:
     peak_us: int
     peak_strength: float
     peak_displacement_px: float
-    place_px: Field
+    place_px: FloatArray
     area_px2: float
-    outline_px: Field
+    outline_px: FloatArray
     field: FieldQuantities
 
     __repr__ = one_line
@@ -56,7 +55,7 @@ class Touch:
 SUPPORT_MARKERS, SUPPORT_SHARE = 3, 0.15
 
 
-def spreads(away: Field) -> bool:
+def spreads(away: FloatArray) -> bool:
     """Return whether displacements ``(m, 2)`` are more than a fault of one or two markers."""
     markers = len(away)
     if markers <= 2 * SUPPORT_MARKERS:
@@ -153,7 +152,7 @@ RETURN_FACTOR = 1.5
 class CalibratedRest:
     """Watches an open touch for the skin's return to where it was calibrated, causally."""
 
-    def __init__(self, gradient: GradientOperator, zero: Field, pattern: Field) -> None:
+    def __init__(self, gradient: GradientOperator, zero: FloatArray, pattern: FloatArray) -> None:
         """Start where a touch begins.
 
         Args:
@@ -168,7 +167,7 @@ class CalibratedRest:
         self._towards = bool((pattern * zero).sum() < 0.0)
         self._back_us: int | None = None
 
-    def update(self, t_us: int, moved: Field) -> int | None:
+    def update(self, t_us: int, moved: FloatArray) -> int | None:
         """Take in displacements ``(m, 2)``, px; return since when the skin is back, us.
 
         Returns:
@@ -208,7 +207,7 @@ class OpenTouch:
     threshold: float
     release: Release
     home: CalibratedRest
-    field: Field
+    field: FloatArray
     strength: float = 0.0
     peak_us: int = 0
     largest_px: float = 0.0

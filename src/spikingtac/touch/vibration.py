@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spikingtac.errors import ConfigError
-from spikingtac.types import US_PER_S, one_line
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import US_PER_S, FloatArray, one_line
 
 # Fewer frames make no spectrum: below 128 frames a second a window of 0.5 s is longer.
 LEAST_FRAMES = 64
@@ -36,8 +35,8 @@ class Spectrum:
     """
 
     t_us: int
-    frequency_hz: Field
-    amplitude_px: Field
+    frequency_hz: FloatArray
+    amplitude_px: FloatArray
     noise_px: float
     line_hz: float | None
     line_px: float
@@ -73,14 +72,14 @@ class VibrationMonitor:
         self._period_us = US_PER_S / rate_hz
         self._frames = max(round(window_s * rate_hz), LEAST_FRAMES)
         self._times: deque[int] = deque(maxlen=self._frames)
-        self._places: deque[Field] = deque(maxlen=self._frames)
+        self._places: deque[FloatArray] = deque(maxlen=self._frames)
 
     @property
     def window_us(self) -> int:
         """Length of the window, us."""
         return round(self._frames * self._period_us)
 
-    def update(self, t_us: int, displacement: Field) -> None:
+    def update(self, t_us: int, displacement: FloatArray) -> None:
         """Take in displacements ``(m, 2)``, px; the window begins anew after a gap in time."""
         if self._times:
             late_us = t_us - self._times[-1] - self._period_us
@@ -108,7 +107,7 @@ class VibrationMonitor:
         return Spectrum(self._times[-1], frequency, amplitude, noise, line_hz, line_px)
 
 
-def _line(frequency: Field, amplitude: Field, noise: float) -> tuple[float | None, float]:
+def _line(frequency: FloatArray, amplitude: FloatArray, noise: float) -> tuple[float | None, float]:
     """Return frequency and amplitude of the strongest line, between bins by a parabola.
 
     The window keeps a line within three bins; the logarithms of their amplitudes lie on a parabola

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, require_type
 from spikingtac.tracks.tracks import Tracks
-from spikingtac.types import one_line
+from spikingtac.types import FloatArray, one_line
 
 LOADED = "Tracks.load('tracks.npz')"  # How tracks are made, for errors.
 
@@ -26,9 +26,9 @@ class Comparison:
     """
 
     t_us: NDArray[np.int64]
-    distance_px: NDArray[np.float64]
+    distance_px: FloatArray
     coasted: NDArray[np.bool_]
-    distance_mm: NDArray[np.float64] | None = None
+    distance_mm: FloatArray | None = None
     truth: bool = False
 
     __repr__ = one_line

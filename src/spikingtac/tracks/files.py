@@ -16,7 +16,7 @@ from spikingtac.atomic_files import WholeFile, write_text
 from spikingtac.errors import ConfigError, import_extra
 from spikingtac.events.formats.array_file import ColumnFile, Specs
 from spikingtac.events.formats.codec import TRIGGERS
-from spikingtac.types import MarkerFrame
+from spikingtac.types import FloatArray, MarkerFrame
 
 Columns = Mapping[str, NDArray[Any]]  # Key of a file -> values.
 
@@ -116,7 +116,7 @@ def trigger_column(
 class _Archive:
     """``tracks.npz``; equal frames give equal bytes."""
 
-    def __init__(self, path: Path, reference_px: NDArray[np.float64]) -> None:
+    def __init__(self, path: Path, reference_px: FloatArray) -> None:
         self._file = ColumnFile(path)
         self._file.set("reference_px", reference_px.astype(np.float32))
         self.append, self.abandon = self._file.append, self._file.abandon
@@ -131,7 +131,7 @@ class _Archive:
 class _CsvTable:
     """One line per time and marker, and the meta data beside it, in ``NAME.csv.json``."""
 
-    def __init__(self, path: Path, _: NDArray[np.float64]) -> None:
+    def __init__(self, path: Path, _: FloatArray) -> None:
         self._target = WholeFile(path)
         self._file: IO[str] = self._target.open("w", encoding="utf-8", newline="")
         self._rows = csv.writer(self._file, lineterminator="\n")
@@ -166,7 +166,7 @@ def _texts(name: str, values: NDArray[Any]) -> list[Any]:
 class _ParquetTable:
     """The columns of the CSV file, with their types: for pandas, Polars, R and DuckDB."""
 
-    def __init__(self, path: Path, _: NDArray[np.float64]) -> None:
+    def __init__(self, path: Path, _: FloatArray) -> None:
         self._parquet = import_extra("pyarrow.parquet", "Parquet", "parquet")
         self._target = WholeFile(path)
         self._file: Any = None
@@ -252,7 +252,7 @@ class TracksWriter:
 FORMS = {".npz": _Archive, ".csv": _CsvTable, ".parquet": _ParquetTable}
 
 
-def create_tracks(path: str | Path, reference_px: NDArray[np.float64]) -> TracksWriter:
+def create_tracks(path: str | Path, reference_px: FloatArray) -> TracksWriter:
     """Return a writer of ``.npz``, or of ``.csv`` or ``.parquet`` in long form.
 
     Args:

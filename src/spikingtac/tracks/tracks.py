@@ -31,7 +31,7 @@ from spikingtac.tracks.files import (
     stacked,
     trigger_column,
 )
-from spikingtac.types import US_PER_S, MarkerFrame, SourceHealth
+from spikingtac.types import US_PER_S, FloatArray, MarkerFrame, SourceHealth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -182,7 +182,7 @@ class Tracks:
             raise RecordingError(f"the lens of these tracks is damaged: {error}") from error
 
     @property
-    def displacement_mm(self) -> NDArray[np.float64]:
+    def displacement_mm(self) -> FloatArray:
         """``(n, m, 2)`` displacement on the skin, mm.
 
         Raises:

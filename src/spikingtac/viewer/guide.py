@@ -23,7 +23,7 @@ from spikingtac.markers.calibration.find_markers import (
 from spikingtac.markers.calibration.layout import region
 from spikingtac.markers.calibration.level_maps import SwingHistogram
 from spikingtac.markers.calibration.recording import BIN_US, coded, quiet_spans
-from spikingtac.types import EventPacket, Polarity
+from spikingtac.types import EventPacket, FloatArray, Polarity
 
 # A pixel has shown a marker when it came from the ground to this level: steps are estimated to 30
 # %, so that most pixels reach the full level, not all.
@@ -86,9 +86,7 @@ def levels_kernel(
                 swung[row, pixel] = True
 
 
-def coverage(
-    swung: NDArray[np.bool_], center_px: NDArray[np.float64], radius_px: float
-) -> NDArray[np.float64]:
+def coverage(swung: NDArray[np.bool_], center_px: FloatArray, radius_px: float) -> FloatArray:
     """Return ``(m, 5)`` shares of each disc that swung: of all, right, left, below, above.
 
     Args:
@@ -133,10 +131,10 @@ class GuideView:
     t_us: int = 0
     rests: int = 0
     grid: tuple[int, int] | None = None
-    place_px: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
+    place_px: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     radius_px: float = 0.0
-    share: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
-    sides: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 4)))
+    share: FloatArray = field(default_factory=lambda: np.empty(0))
+    sides: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
 
     @property
     def enough(self) -> NDArray[np.bool_]:

@@ -20,7 +20,7 @@ from spikingtac.markers.registry import MarkerTracker
 from spikingtac.touch.force.model import ForceModel, Wrench
 from spikingtac.touch.slip.held import HeldTouchDetector
 from spikingtac.touch.vibration import Spectrum, VibrationMonitor
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket, FloatArray, MarkerFrame
 
 if TYPE_CHECKING:  # both need every kernel of the calibration and of touch
     from spikingtac.viewer.calibrating import CalibrationDesk
@@ -97,7 +97,7 @@ class SampledTruth:
         self._t_us.extend(t_us.tolist())
         self._marker_px.extend(marker_px)
 
-    def at(self, t_us: int) -> NDArray[np.float64] | None:
+    def at(self, t_us: int) -> FloatArray | None:
         """Return ``(m, 2)`` positions at a time, or None where they are not known."""
         times_us = self._t_us
         if len(times_us) < 2 or not times_us[0] <= t_us <= times_us[-1] + BEYOND_US:
@@ -213,9 +213,7 @@ class EventStore:
 class FeltLayer:
     """Takes every estimate and gives the page the latest quantities of touch."""
 
-    def __init__(
-        self, reference_px: NDArray[np.float64], rate_hz: float, force: ForceModel
-    ) -> None:
+    def __init__(self, reference_px: FloatArray, rate_hz: float, force: ForceModel) -> None:
         """Begin at rest.
 
         Args:
@@ -257,7 +255,7 @@ class FeltLayer:
             return {}
         patch, line, slip = self._touches.touches.patch, self._spectrum, self._touches.slip
 
-        def rounded(values: NDArray[np.float64]) -> Any:
+        def rounded(values: FloatArray) -> Any:
             return np.round(values, 4).tolist()
 
         return {

@@ -25,8 +25,7 @@ from scipy import ndimage
 from spikingtac import Calibration
 from spikingtac.events import HotPixelFilter
 from spikingtac.markers import UNMATCHED, associate, smallest_spacing_px
-from spikingtac.types import EventPacket, MarkerFrame
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import EventPacket, FloatArray, MarkerFrame
 
 RATE_HZ = 100.0  # Estimates per second, Hz (two per window).
 ROUNDS = 2  # Number of fits of each plane (original).
@@ -110,9 +109,9 @@ class EkalibrTracker:
         """Return to the calibrated rest positions."""
         self._last_us[:] = NEVER
         self._recent: list[EventPacket] = []
-        self._detected_px: Field = self._calibration.reference_px.astype(np.float64)
+        self._detected_px: FloatArray = self._calibration.reference_px.astype(np.float64)
 
-    def _circles(self, t_us: int, since_us: int) -> Field:
+    def _circles(self, t_us: int, since_us: int) -> FloatArray:
         """Return the centres ``(n, 2)`` of the circles at ``t_us``, px."""
         labels, arcs = [], []
         for last_us in self._last_us:
@@ -136,7 +135,7 @@ class EkalibrTracker:
 
     def _grouped(
         self, labels: list[NDArray[np.int32]], t_us: int
-    ) -> tuple[Field, NDArray[np.int64], NDArray[np.intp]]:
+    ) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.intp]]:
         """Return the recent events ``(n, 3)`` sorted by arc, the arcs, and the first of each."""
         x, y, p, t = (
             np.concatenate([getattr(packet, name) for packet in self._recent]) for name in "xypt"
@@ -150,7 +149,7 @@ class EkalibrTracker:
         groups, first = np.unique(group[order], return_index=True)
         return points.astype(np.float64), groups, np.append(first, len(points))
 
-    def _circle(self, points: Field, arcs: Field) -> Field | None:
+    def _circle(self, points: FloatArray, arcs: FloatArray) -> FloatArray | None:
         """Return the centre ``(2,)`` of a circle through events; None where none fits.
 
         Args:
@@ -166,7 +165,7 @@ class EkalibrTracker:
         return fit[:2] if fits else None
 
 
-def normal_flow(last_us: NDArray[np.int64], since_us: int) -> Field:
+def normal_flow(last_us: NDArray[np.int64], since_us: int) -> FloatArray:
     """Fit a plane t = a x + b y + c to each active pixel's 3x3; return its normal flow, px/us.
 
     The flow is the gradient divided by its square; it is 0 where no plane fits. Outliers are
@@ -198,7 +197,7 @@ def normal_flow(last_us: NDArray[np.int64], since_us: int) -> Field:
     return flow
 
 
-def _planes(later_us: Field, used: Field) -> tuple[Field, Field]:
+def _planes(later_us: FloatArray, used: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return slopes ``(n, 2)`` and levels ``(n,)`` of planes through the used of nine pixels."""
     count = np.maximum(used.sum(axis=1), 1.0)[:, None]
     mean, level = used @ PLACES / count, (used * later_us).sum(axis=1) / count[:, 0]
@@ -212,7 +211,9 @@ def _planes(later_us: Field, used: Field) -> tuple[Field, Field]:
     return slope, level - (slope * mean).sum(axis=1)
 
 
-def moving_circle(points: Field, start: Field, iterations: int) -> tuple[Field, float]:
+def moving_circle(
+    points: FloatArray, start: FloatArray, iterations: int
+) -> tuple[FloatArray, float]:
     """Fit |e - c - v s| = r + q s to events by damped Gauss-Newton iterations.
 
     Args:
@@ -241,8 +242,8 @@ def moving_circle(points: Field, start: Field, iterations: int) -> tuple[Field, 
 
 
 def find_arcs(
-    flow: Field, active: NDArray[np.bool_], dilate_px: int
-) -> tuple[NDArray[np.int32], Field]:
+    flow: FloatArray, active: NDArray[np.bool_], dilate_px: int
+) -> tuple[NDArray[np.int32], FloatArray]:
     """Cluster the active pixels of one polarity that have a flow.
 
     Args:
@@ -270,7 +271,7 @@ def find_arcs(
     return label, arcs[1:][size[1:] >= MIN_CLUSTER_PX]
 
 
-def pair_arcs(trailing: Field, leading: Field, reach_px: float) -> NDArray[np.int64]:
+def pair_arcs(trailing: FloatArray, leading: FloatArray, reach_px: float) -> NDArray[np.int64]:
     """Return which arcs ``(n, 2)`` have the same motion, one behind the other.
 
     Each arc belongs to one pair at most.
@@ -296,6 +297,6 @@ def pair_arcs(trailing: Field, leading: Field, reach_px: float) -> NDArray[np.in
     return np.array(pairs, np.int64).reshape(-1, 2)
 
 
-def _unit(vectors: Field) -> Field:
+def _unit(vectors: FloatArray) -> FloatArray:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.maximum(length, np.finfo(np.float64).tiny)

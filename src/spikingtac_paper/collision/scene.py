@@ -27,11 +27,11 @@ from spikingtac.sim import (
     UR3Twin,
     grip_camera,
 )
-from spikingtac.types import FloatArray as Vector
+from spikingtac.types import FloatArray
 from spikingtac_paper.free_motion.free_rig import FreeRig
 
 # Direction of the approach in the base frame: along the pads, across the rod.
-DIRECTION: Vector = np.array([1.0, 0.0, 0.0])
+DIRECTION: FloatArray = np.array([1.0, 0.0, 0.0])
 NEAR_MM = 0.5  # Distance from the wall at which the arm stands before its first touch, mm.
 
 # Windows at constant speed before the detectors listen: the rod's oscillation has decayed to a

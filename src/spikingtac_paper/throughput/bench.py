@@ -14,13 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac import Calibration, windows
 from spikingtac.config import digest
 from spikingtac.events import create_events, open_events
 from spikingtac.state_map import BinaryStateMap
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, FloatArray
 from spikingtac_paper.harness.report import Metric, Report, Row, by_name, lines_of, write_report
 from spikingtac_paper.harness.run import Record, RunOptions, code_digest, kept
 from spikingtac_paper.throughput.peers import PEERS
@@ -103,7 +102,7 @@ def _part(camera: str, options: RunOptions) -> Record:
 
 def paced_process(
     name: str, stream: BenchStream, calibration: Calibration, duration_s: float
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Return the latencies, us, of the paced run of one method; for a process of its own."""
     gc.disable()
     in_windows = list(windows([stream.events], PACE_US))

@@ -20,11 +20,11 @@ from spikingtac.touch import (
     r_squared,
     synthetic_series,
 )
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import FloatArray
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.contacts import record, watch
 
-Estimate = Callable[[WrenchSeries], Field]  # From a series to its wrenches (n, c).
+Estimate = Callable[[WrenchSeries], FloatArray]  # From a series to its wrenches (n, c).
 
 # Penalty per frame, over the variance of a displacement (of 1e-4 to 1e-2 the least errors
 # between the series of data/force).
@@ -38,7 +38,7 @@ RATE, DECAY = 1e-3, 1e-4  # Its largest learning rate and the decay of its weigh
 def mean_displacement(series: Iterable[WrenchSeries]) -> Estimate:
     """Fit the wrench linearly to the markers' mean displacement and its length."""
 
-    def features(one: WrenchSeries) -> Field:
+    def features(one: WrenchSeries) -> FloatArray:
         mean = one.displacement.mean(axis=1)
         length = np.sqrt((one.displacement**2).sum(axis=2)).mean(axis=1)
         return np.column_stack([mean, length, np.ones(len(mean))])
@@ -85,7 +85,7 @@ def perceptron(series: Iterable[WrenchSeries]) -> Estimate:
 
     fit(network, batches, loss, Schedule(rate=RATE, decay=DECAY, epochs=EPOCHS))
 
-    def estimate(one: WrenchSeries) -> Field:
+    def estimate(one: WrenchSeries) -> FloatArray:
         seen = torch.tensor((_stacked([one])[0] - middle) / spread, dtype=torch.float32)
         with torch.no_grad():
             return np.asarray(network(seen).numpy() * size + level, np.float64)
@@ -93,7 +93,7 @@ def perceptron(series: Iterable[WrenchSeries]) -> Estimate:
     return estimate
 
 
-def _stacked(series: Iterable[WrenchSeries]) -> tuple[Field, Field]:
+def _stacked(series: Iterable[WrenchSeries]) -> tuple[FloatArray, FloatArray]:
     """Return displacements ``(n, size)`` and wrenches ``(n, c)`` of series."""
     taught = list(series)
     rows = [one.displacement.reshape(len(one.displacement), -1) for one in taught]
@@ -167,7 +167,7 @@ def force_records(folder: Path, methods: list[str]) -> list[dict[str, Any]]:
 
 def _predicted(
     method: str, taught: list[WrenchSeries], left_out: WrenchSeries
-) -> tuple[Field, Field]:
+) -> tuple[FloatArray, FloatArray]:
     """Return forces ``(n, 3)`` of a series and their 90 % half-widths, nan where none is stated."""
     if method == "force":
         values, widths = fit_force(taught).estimate(left_out)
@@ -177,7 +177,7 @@ def _predicted(
     return estimate[:, :3], np.full((len(estimate), 3), np.nan)
 
 
-def _force_scores(truth: Field, estimate: Field, width: Field) -> dict[str, float]:
+def _force_scores(truth: FloatArray, estimate: FloatArray, width: FloatArray) -> dict[str, float]:
     scores = {}
     for k, name in enumerate(FORCES):
         error = np.abs(truth[:, k] - estimate[:, k])
@@ -230,7 +230,7 @@ def tracked_series(name: str, seed: int, camera: str) -> WrenchSeries:
     """Return what `default` tracks of a scene through a camera's preset, and the wrench."""
     source = SceneSource(load_scene(name).with_camera(camera), seed)
     true_us: list[NDArray[np.int64]] = []
-    wrench: list[Field] = []
+    wrench: list[FloatArray] = []
 
     def note(step: Any) -> None:
         true_us.append(step.truth.contact_t_us)
@@ -244,7 +244,7 @@ def tracked_series(name: str, seed: int, camera: str) -> WrenchSeries:
     return WrenchSeries(t_us, source.reference_px, moved, at_frames, "px", name)
 
 
-def _estimator(method: str, taught: list[WrenchSeries], reference: Field) -> Estimate:
+def _estimator(method: str, taught: list[WrenchSeries], reference: FloatArray) -> Estimate:
     """Return what gives a method's wrenches ``(n, c)`` of a series."""
     if method == "mean-displacement":
         return mean_displacement(taught)
@@ -253,7 +253,7 @@ def _estimator(method: str, taught: list[WrenchSeries], reference: Field) -> Est
     return lambda series: model.estimate(series)[0]
 
 
-def _drawn(reference: Field) -> list[WrenchSeries]:
+def _drawn(reference: FloatArray) -> list[WrenchSeries]:
     """Return contacts drawn from the equations of the tested skin."""
     scene = load_scene(TESTED[0])
     skin = SkinConfig(
@@ -265,7 +265,7 @@ def _drawn(reference: Field) -> list[WrenchSeries]:
     return synthetic_series(skin, reference, float(size_px / size_mm))
 
 
-def _wrench_scores(truth: Field, estimate: Field) -> dict[str, float]:
+def _wrench_scores(truth: FloatArray, estimate: FloatArray) -> dict[str, float]:
     rms = np.sqrt(((truth - estimate) ** 2).mean(axis=0))
     spread = np.ptp(truth, axis=0)
     scores = {"rms_normal": float(rms[2] / spread[2])}

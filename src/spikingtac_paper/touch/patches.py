@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from spikingtac.sim import ContactConfig, MotionConfig, Scene, SceneSource, SegmentConfig
 from spikingtac.touch import Touch, TouchDetector
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import FloatArray
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.contacts import LONG, TESTED, record, watch
 
@@ -47,9 +47,9 @@ class WatchedPress:
     """
 
     touch: Touch | None
-    cells_px: Field
+    cells_px: FloatArray
     touched: NDArray[np.bool_]
-    cell_px2: Field
+    cell_px2: FloatArray
     px_per_mm: float
 
     @property
@@ -111,7 +111,7 @@ def watch_press(scene: Scene, camera: str, seed: int) -> WatchedPress:
     return WatchedPress(touch, cells_px, touched, cell_px2, scene.optics.px_per_mm)
 
 
-def _cells_px(source: SceneSource) -> tuple[Field, Field]:
+def _cells_px(source: SceneSource) -> tuple[FloatArray, FloatArray]:
     """Return where the cells of the skin lie in the image ``(n, 2)``, px, and their areas, px2.
 
     A cubic polynomial through the resting markers follows the lens to a hundredth of a pixel.
@@ -120,12 +120,12 @@ def _cells_px(source: SceneSource) -> tuple[Field, Field]:
     map_px, *_ = np.linalg.lstsq(_cubic(rest_mm), source.reference_px, rcond=None)
     places_mm = np.stack(np.meshgrid(grid.axis_mm, grid.axis_mm), axis=-1)
     cells_px = _cubic(places_mm.reshape(-1, 2)) @ map_px
-    square: Field = cells_px.reshape(grid.cells, grid.cells, 2)
+    square: FloatArray = cells_px.reshape(grid.cells, grid.cells, 2)
     (xx, xy), (yx, yy) = (np.gradient(square[..., axis]) for axis in (0, 1))
     return cells_px, np.abs(xy * yx - yy * xx).ravel()
 
 
-def _cubic(places: Field) -> Field:
+def _cubic(places: FloatArray) -> FloatArray:
     x, y = places.T
     return np.column_stack([x**i * y**j for i in range(4) for j in range(4 - i)])
 

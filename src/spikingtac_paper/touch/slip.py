@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError
 from spikingtac.sim import SceneSource, Timeline
 from spikingtac.touch import SlipMonitor, TouchDetector
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import FloatArray
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.contacts import (
     CARRY,
@@ -132,11 +132,11 @@ class WatchedContact:
     """
 
     contact: DrawnContact
-    reference_px: Field
+    reference_px: FloatArray
     t_us: Times
-    moved_px: Field
+    moved_px: FloatArray
     touching: Flags
-    share: Field
+    share: FloatArray
     judged: Flags
 
 
@@ -164,7 +164,7 @@ def watch_contact(contact: DrawnContact, seed: int) -> WatchedContact:
     return WatchedContact(contact, source.reference_px, t_us, moved, touching, share, judged)
 
 
-def _share_at(t_us: Times, truth: Times) -> Field:
+def _share_at(t_us: Times, truth: Times) -> FloatArray:
     """Return the sticking share of the last true row at each time."""
     rows = np.maximum(np.searchsorted(truth[:, 0], t_us, side="right") - 1, 0)
     touching, sticking = truth[rows, 1], truth[rows, 2]
@@ -227,7 +227,7 @@ class Truth:
     """
 
     t_us: Times
-    share: Field
+    share: FloatArray
     judged: Flags
     slow: bool
 
@@ -316,7 +316,9 @@ def _row(truth: Truth, t_us: int) -> int:
     return min(int(np.searchsorted(truth.t_us, t_us)), len(truth.t_us) - 1)
 
 
-def _false(truth: Truth, stuck: Field, alarms: Sequence[int], after_us: int, share: float) -> float:
+def _false(
+    truth: Truth, stuck: FloatArray, alarms: Sequence[int], after_us: int, share: float
+) -> float:
     """Return how many alarms were given while more than a share stuck all the while."""
     count = 0
     for t_us in alarms:

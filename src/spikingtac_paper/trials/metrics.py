@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import RecordingError
 from spikingtac.markers import AnchoredLaw
+from spikingtac.types import FloatArray
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.trials.trajectories import GroundTruth, Prediction
 
@@ -102,7 +103,7 @@ def longest_duration_us(state: NDArray[np.bool_], t_us: NDArray[np.int64]) -> ND
 
 
 def nearest_another(
-    detected_px: NDArray[np.float64], true_px: NDArray[np.float64], own: NDArray[np.intp]
+    detected_px: FloatArray, true_px: FloatArray, own: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
     """Return a mask ``(n, k)`` of estimates that are nearer to another marker than to their own.
 

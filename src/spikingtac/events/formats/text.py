@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
 from spikingtac.events.formats import columns
 from spikingtac.events.formats.columns import Order, order_named
 from spikingtac.events.formats.file_source import ReadOptions
+from spikingtac.types import FloatArray
 
 CHUNK_BYTES = 1 << 20
 
@@ -113,7 +113,7 @@ class TextSource(columns.TableSource):
             found = columns.order_of_values([table[:, kept] for table in tables], repr(str(path)))
             self._order = Order({role: kept[index] for role, index in found.place.items()})
 
-    def _tables(self) -> Iterator[NDArray[np.float64]]:
+    def _tables(self) -> Iterator[FloatArray]:
         self._bad, tail = 0, b""
         for data in itertools.chain(self._chunks(self._start, CHUNK_BYTES), [b""]):
             complete, newline, tail = (tail + (data or b"\n")).rpartition(b"\n")
@@ -133,7 +133,7 @@ class TextSource(columns.TableSource):
             text = _IN_LABEL.sub(b"_", text)
         return text.translate(_TO_BLANKS)
 
-    def _table(self, text: bytes) -> NDArray[np.float64]:
+    def _table(self, text: bytes) -> FloatArray:
         """Return the lines that parse, ``(n, columns)``: at once if all do, else one by one."""
         try:
             table = np.loadtxt(io.BytesIO(text), comments="#", ndmin=2, encoding="latin-1")

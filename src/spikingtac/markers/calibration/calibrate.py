@@ -32,6 +32,7 @@ from spikingtac.markers.calibration.recording import buffer_events, flicker_hz, 
 from spikingtac.markers.calibration.reference import Method, displaced_before, reference
 from spikingtac.markers.calibration.refine import Quality, fit_recording
 from spikingtac.markers.lag import slide_lag_us
+from spikingtac.types import FloatArray
 
 # Estimates ``lag_us`` from the recording and the calibration so far; None where it cannot.
 LagEstimator = Callable[[EventSource, Calibration], float | None]
@@ -161,8 +162,8 @@ def _calibration(
 
 def _in_sight(
     layout: Layout,
-    place_px: NDArray[np.float64],
-    radius_px: NDArray[np.float64],
+    place_px: FloatArray,
+    radius_px: FloatArray,
     measured: NDArray[np.bool_],
     size: tuple[int, int],
 ) -> tuple[NDArray[np.bool_], tuple[int, int] | None]:

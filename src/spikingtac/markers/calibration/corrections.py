@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.disc_profile import fall
 from spikingtac.markers.calibration.find_markers import Evidence
 from spikingtac.markers.calibration.ideal_pixels import Comparison, Model
+from spikingtac.types import FloatArray
 
 # Prior precision of a position at one state, and of the parameters that all states of a disc share:
 # shift along x and y, radius, edge (1 / px^2). Priors of shifts are 0, of radii and edges the
@@ -90,7 +91,7 @@ class Rims:
         level = levels.ravel()[self.at]
         return level, 1.0 / (self.variance * (1.0 + (level / RESIDUAL_LEVEL) ** 2))
 
-    def squares(self, levels: NDArray[np.float32], markers: int) -> NDArray[np.float64]:
+    def squares(self, levels: NDArray[np.float32], markers: int) -> FloatArray:
         """Return ``(m,)`` sums of weighted squares of levels around each disc."""
         level, weight = self.weighted(levels)
         return np.bincount(self.marker, weight * level**2, markers).astype(np.float64)
@@ -123,7 +124,7 @@ def rims(evidence: Evidence, model: Model, seen: Comparison) -> Rims:
 
 def corrections(
     evidence: Evidence, model: Model, seen: Comparison, change: Changes
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Solve for one Gauss-Newton step of all discs.
 
     Discs stretch with the skin, by 0.2 px on the twin, which would bias a common edge.
@@ -161,8 +162,8 @@ def _solved(
     group: NDArray[np.integer],
     rows: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
     prior: tuple[float, ...],
-    towards: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    towards: FloatArray,
+) -> FloatArray:
     # Regularised weighted least squares of each group of pixels: slopes (k, n), errors, weights.
     # ``towards`` is the prior mean.
     (slopes, error, weight), group = rows, group.astype(np.intp)

@@ -20,7 +20,7 @@ from spikingtac.markers.calibration.recording import (
     unloaded_rests,
 )
 from spikingtac.markers.calibration.reference import Method
-from spikingtac.types import Polarity
+from spikingtac.types import FloatArray, Polarity
 
 # Bounds of a marker's area, as shares of the median: smaller spots are none, larger ones two.
 AREA_SHARES = (0.25, 3.0)
@@ -102,8 +102,8 @@ class DetectedMarkers:
     """
 
     layout: Layout
-    center_px: NDArray[np.float64]
-    stray_px: NDArray[np.float64]
+    center_px: FloatArray
+    stray_px: FloatArray
     radius_px: float
 
 
@@ -147,7 +147,7 @@ class Evidence:
     states: NDArray[np.int64]
     rests: NDArray[np.int64]
     cell: NDArray[np.int64]
-    noise_hz_px: NDArray[np.float64]
+    noise_hz_px: FloatArray
     loss: float
 
 
@@ -246,9 +246,7 @@ def detect_markers(
     return DetectedMarkers(layout, place_px, center_px[layout.stray], radius_px)
 
 
-def _matched(
-    spot_px: NDArray[np.float64], radius_px: float, signed: NDArray[np.float32]
-) -> NDArray[np.float64]:
+def _matched(spot_px: FloatArray, radius_px: float, signed: NDArray[np.float32]) -> FloatArray:
     # Template matching near some spots: a bright disc of that radius with a dark ring around it.
     from scipy.signal import fftconvolve
 

@@ -18,6 +18,7 @@ from spikingtac.markers.calibration.level_maps import SwingHistogram
 from spikingtac.markers.calibration.recording import BufferedEvents, noise_rates
 from spikingtac.markers.graded.appearance import nearest_marker
 from spikingtac.markers.lag import followed
+from spikingtac.types import FloatArray
 
 # Initial edge width and contrast of the refinement.
 FIRST_EDGE_PX, FIRST_CONTRAST = 0.8, 3.3
@@ -109,9 +110,7 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
     return evidence, replace(model, discs=replace(discs, contrast=contrast))
 
 
-def event_loss(
-    events: BufferedEvents, index: NDArray[np.int64], noise_hz_px: NDArray[np.float64]
-) -> float:
+def event_loss(events: BufferedEvents, index: NDArray[np.int64], noise_hz_px: FloatArray) -> float:
     """Return the share of the events that was lost, measured by the balance of ON and OFF events.
 
     Between two rests of the skin brightness returns, and ON and OFF events balance but for an event
@@ -174,9 +173,7 @@ def choose_states(samples: int, rests: NDArray[np.int64], pixels: int) -> NDArra
     return np.unique(np.concatenate([even[apart > 0.5 * samples / most], rests]))
 
 
-def tracked(
-    view: Overview, index: NDArray[np.int64], model: Model, rest_px: NDArray[np.float64]
-) -> Model:
+def tracked(view: Overview, index: NDArray[np.int64], model: Model, rest_px: FloatArray) -> Model:
     """Return a model with the tracked positions of the markers at each sample.
 
     Lost markers keep the positions of the model: a prediction for silent ones would be biased. So
@@ -214,7 +211,7 @@ def tracked(
     return replace(model, center_px=center_px)
 
 
-def with_steps(evidence: Evidence, model: Model, rest_px: NDArray[np.float64]) -> Model:
+def with_steps(evidence: Evidence, model: Model, rest_px: FloatArray) -> Model:
     """Return a model with the steps of each marker and each pixel, from counts of full swings.
 
     With a and b the steps (shares of a full swing) of an ON and an OFF event, the mean counts of
@@ -261,7 +258,7 @@ def with_steps(evidence: Evidence, model: Model, rest_px: NDArray[np.float64]) -
 
 def steps_of_counts(
     on: NDArray[np.floating], off: NDArray[np.floating]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[FloatArray, FloatArray]:
     """Return the ON and OFF steps for mean counts of events in full swings.
 
     Args:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import Discs, draw_kernel
 from spikingtac.markers.calibration.find_markers import Evidence
+from spikingtac.types import FloatArray
 
 PHASES = 4  # Ideal pixels per real one: their mean is exact to an eighth of a step.
 STILL_LEVEL = 1e-4  # Smaller changes of the level are no motion.
@@ -47,13 +48,13 @@ class Model:
         recovery_s: Time constant with which pixels adapt to a darkening, s; 0: they do not.
     """
 
-    center_px: NDArray[np.float64]
-    stretch_px: NDArray[np.float64]
+    center_px: FloatArray
+    stretch_px: FloatArray
     discs: Discs
-    on: NDArray[np.float64]
-    off: NDArray[np.float64]
-    pixel: NDArray[np.float64]
-    residual: NDArray[np.float64]
+    on: FloatArray
+    off: FloatArray
+    pixel: FloatArray
+    residual: FloatArray
     recovery_s: float = 0.0
 
 
@@ -79,9 +80,9 @@ class Comparison:
     expected: NDArray[np.float32]
     drawn: NDArray[np.float32]
     owner: NDArray[np.int32]
-    events: NDArray[np.float64]
-    swings: NDArray[np.float64]
-    marker_swings: NDArray[np.float64]
+    events: FloatArray
+    swings: FloatArray
+    marker_swings: FloatArray
 
 
 def compare(evidence: Evidence, model: Model) -> Comparison:
@@ -95,7 +96,7 @@ def compare(evidence: Evidence, model: Model) -> Comparison:
     looks, width = model.discs.looks, events.size[0]
     per_s = 1.0 / model.recovery_s if model.recovery_s > 0.0 else 0.0
 
-    def compare_rows(top: int, bottom: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def compare_rows(top: int, bottom: int) -> tuple[FloatArray, FloatArray]:
         near, ended = np.zeros((len(model.on), 5)), np.zeros((len(model.on), 6))
         pixels = slice(top * width, bottom * width)
         compare_kernel(
@@ -123,8 +124,8 @@ def follow_levels_kernel(
     levels: tuple[NDArray[np.float32], NDArray[np.float32]],
     copies: tuple[NDArray[np.float32], NDArray[np.float32]],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
-    events: NDArray[np.float64],
-    clock: tuple[NDArray[np.float64], Any, Any],
+    events: FloatArray,
+    clock: tuple[FloatArray, Any, Any],
 ) -> None:
     """Advance the ideal pixels to their present levels, and count their events by marker.
 
@@ -169,7 +170,7 @@ def count_events_kernel(
     first: int,
     counts: NDArray[np.int32],
     owner: NDArray[np.int32],
-    events: NDArray[np.float64],
+    events: FloatArray,
 ) -> None:
     """Count real events per pixel, OFF and ON, and per covering disc, ON and OFF.
 
@@ -188,9 +189,9 @@ def own_pixels_kernel(
     covered: NDArray[np.int64],
     whose: NDArray[np.int32],
     last_owner: NDArray[np.int32],
-    owned: NDArray[np.float64],
-    looked_s: NDArray[np.float64],
-    span_s: NDArray[np.float64],
+    owned: FloatArray,
+    looked_s: FloatArray,
+    span_s: FloatArray,
 ) -> None:
     """Give pixels to the discs that cover them, and sum up how long each disc's are looked at, s.
 
@@ -209,9 +210,9 @@ def own_pixels_kernel(
 def end_swings_kernel(
     chosen: NDArray[np.int64],
     image: tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32], bool],
-    state: tuple[NDArray[np.int8], NDArray[np.int32], NDArray[np.float64]],
+    state: tuple[NDArray[np.int8], NDArray[np.int32], FloatArray],
     counts: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]],
-    out: tuple[NDArray[np.float64], NDArray[np.float64]],
+    out: tuple[FloatArray, FloatArray],
     now_s: float,
 ) -> None:
     """Add completed full swings to the sums of pixels and markers.
@@ -248,9 +249,9 @@ def end_swings_kernel(
 
 @njit(cache=True, nogil=True)
 def compare_kernel(
-    real: tuple[NDArray[np.uint32], int, int, NDArray[np.float64], float],
-    paths: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
-    looks: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]],
+    real: tuple[NDArray[np.uint32], int, int, FloatArray, float],
+    paths: tuple[NDArray[np.int64], FloatArray, FloatArray, NDArray[np.int64]],
+    looks: tuple[FloatArray, FloatArray, NDArray[np.float32]],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
     out: tuple[Any, ...],
 ) -> None:

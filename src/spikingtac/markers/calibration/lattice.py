@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.markers.blobs import UNMATCHED, associate
+from spikingtac.types import FloatArray
 
 LayoutKind = Literal["auto", "grid", "staggered", "free"]
 
@@ -62,10 +63,10 @@ class Lattice:
         phase: 0 or 1 where rows are staggered, else None.
     """
 
-    points: NDArray[np.float64]
+    points: FloatArray
     index: NDArray[np.int64]
     label: NDArray[np.int64]
-    model: NDArray[np.float64]
+    model: FloatArray
     phase: int | None = None
 
     @property
@@ -73,7 +74,7 @@ class Lattice:
         """``(k, 2)`` row and column of each point."""
         return self._shifted(self.label, 1)
 
-    def expected_px(self, cell: NDArray[np.int64]) -> NDArray[np.float64]:
+    def expected_px(self, cell: NDArray[np.int64]) -> FloatArray:
         """Return the positions of cells ``(c, 2)`` by the model, px."""
         return _terms(self._shifted(cell, -1), len(self.model)) @ self.model
 
@@ -99,7 +100,7 @@ def cells_of(first: NDArray[np.int64] | tuple[int, int], shape: tuple[int, ...])
     return np.indices(shape).reshape(2, -1).T + np.asarray(first)
 
 
-def find_lattice(points: NDArray[np.float64], kind: LayoutKind) -> Lattice:
+def find_lattice(points: FloatArray, kind: LayoutKind) -> Lattice:
     """Return the lattice of ``(n, 2)`` points that fills the smallest window of cells."""
     found = [
         replace(lattice, phase=phase)
@@ -110,7 +111,7 @@ def find_lattice(points: NDArray[np.float64], kind: LayoutKind) -> Lattice:
     return min(found, key=lambda one: one.occupied()[1].size)
 
 
-def _labelled(points: NDArray[np.float64], basis: NDArray[np.float64]) -> Lattice:
+def _labelled(points: FloatArray, basis: FloatArray) -> Lattice:
     from scipy.spatial import KDTree  # 0.1 s that other verbs need not wait
 
     # The seed is the point whose four neighbours fit the basis best.
@@ -134,9 +135,7 @@ def _labelled(points: NDArray[np.float64], basis: NDArray[np.float64]) -> Lattic
         lattice = Lattice(points, index, label, model)
 
 
-def _bases(
-    points: NDArray[np.float64], kind: LayoutKind
-) -> list[tuple[NDArray[np.float64], tuple[int | None, ...]]]:
+def _bases(points: FloatArray, kind: LayoutKind) -> list[tuple[FloatArray, tuple[int | None, ...]]]:
     # Bases, steps to the next column and row, px, as (2, 2), and phases to try.
     first, second = _shortest_steps(points)
     cosine = abs(first @ second) / (np.hypot(*first) * np.hypot(*second))
@@ -146,9 +145,7 @@ def _bases(
     return [(np.array([across * np.sign(across[0] or 1), down * np.sign(down[1] or 1)]), (None,))]
 
 
-def _staggered_bases(
-    first: NDArray[np.float64], second: NDArray[np.float64]
-) -> list[NDArray[np.float64]]:
+def _staggered_bases(first: FloatArray, second: FloatArray) -> list[FloatArray]:
     # A step along the row, and a step of half a pitch to the next row. Hexagonal lattices have rows
     # in three directions; the most level ones come first.
     found = []
@@ -166,8 +163,8 @@ def _staggered_bases(
 
 
 def _shortest_steps(
-    points: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    points: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
     # The two shortest frequent steps between neighbours.
     from scipy.spatial import KDTree
 
@@ -181,7 +178,7 @@ def _shortest_steps(
     return first, second
 
 
-def _frequent_step(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+def _frequent_step(steps: FloatArray) -> FloatArray:
     # The shortest frequent step: the median of the steps equal to it, up to sign.
     length = np.hypot(*steps.T)
     both = np.stack([steps, -steps])[:, :, np.newaxis]
@@ -193,7 +190,7 @@ def _frequent_step(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.median(like * np.sign(like @ steps[best])[:, np.newaxis], axis=0)
 
 
-def _terms(label: NDArray[np.int64], terms: int) -> NDArray[np.float64]:
+def _terms(label: NDArray[np.int64], terms: int) -> FloatArray:
     row, column = label.astype(np.float64).T
     columns = [np.ones(len(row)), column, row, row * column, row**2, column**2]
     columns += [row**3, row**2 * column, row * column**2, column**3]

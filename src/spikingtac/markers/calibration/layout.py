@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.lattice import Lattice, LayoutKind, cells_of, find_lattice
+from spikingtac.types import FloatArray
 
 # Distance from its lattice cell, as a share of the pitch, up to which a point in a nearly empty
 # border line is a marker; of points at random within REACH one in eight is so near.
@@ -44,14 +45,14 @@ class Layout:
 
     shape: tuple[int, int] | None
     point: NDArray[np.int64]
-    expected_px: NDArray[np.float64]
+    expected_px: FloatArray
     stray: list[int] = field(default_factory=list)
     staggered: bool = False
     fits: tuple[int, int] | None = None
 
 
 def find_layout(
-    points: NDArray[np.float64],
+    points: FloatArray,
     size: tuple[int, int],
     shape: tuple[int, int] | None = None,
     kind: LayoutKind = "auto",
@@ -202,7 +203,7 @@ def marker_name(index: int, shape: tuple[int, int] | None) -> str:
     return f"row {index // shape[1] + 1}, column {index % shape[1] + 1}"
 
 
-def region(position_px: NDArray[np.float64], size: tuple[int, int]) -> str:
+def region(position_px: FloatArray, size: tuple[int, int]) -> str:
     """Return the ninth of the image that holds a position, as ``upper left``.
 
     Args:

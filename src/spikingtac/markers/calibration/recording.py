@@ -17,7 +17,7 @@ from spikingtac.errors import CalibrationError
 from spikingtac.events.filters import BackgroundActivityFilter
 from spikingtac.events.hot_pixels import find_hot_pixels, hot_mask, quiet_events
 from spikingtac.events.source import EventSource
-from spikingtac.types import EventPacket, LossCounters
+from spikingtac.types import EventPacket, FloatArray, LossCounters
 
 LONGEST_US = int(np.iinfo(np.uint32).max)  # Longest recording whose times fit 32 bits: 71 minutes.
 
@@ -198,7 +198,7 @@ def moving_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArra
     return moving if moving.any() else ~moving
 
 
-def noise_rates(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArray[np.float64]:
+def noise_rates(events: BufferedEvents, rests_us: NDArray[np.int64]) -> FloatArray:
     """Return ``(2,)`` rates of ON and OFF noise, Hz/px, measured at rests; 0 if there are none."""
     silence_s = max(1e-6 * float(np.diff(rests_us, axis=1).sum()), 1e-6)
     off, on = np.bincount(events.code[~moving_events(events, rests_us)] & 1, minlength=2)

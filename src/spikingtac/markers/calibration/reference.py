@@ -14,6 +14,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.types import FloatArray
+
 Method = Literal["rest-mean", "bounding-box"]
 
 SETTLED_US = 3_000_000  # Duration of a rest after which the skin has crept back (recorded presses).
@@ -45,11 +47,8 @@ EXPLAINED_SHARE = 0.2
 
 
 def reference(
-    position_px: NDArray[np.float64],
-    rests_us: NDArray[np.int64],
-    displaced_px: NDArray[np.float64],
-    method: Method,
-) -> NDArray[np.float64]:
+    position_px: FloatArray, rests_us: NDArray[np.int64], displaced_px: FloatArray, method: Method
+) -> FloatArray:
     """Return ``(m, 2)`` reference positions, px.
 
     Args:
@@ -67,9 +66,7 @@ def reference(
     return robust_mean(position_px - left_px, length_us)
 
 
-def creep_shares(
-    position_px: NDArray[np.float64], displaced_px: NDArray[np.float64]
-) -> tuple[float, float]:
+def creep_shares(position_px: FloatArray, displaced_px: FloatArray) -> tuple[float, float]:
     """Return the creep, a share of the displacements before the rests, and the spread of the skin.
 
     They are non-negative least-squares slopes over all markers and rests, with equal weights: the
@@ -92,9 +89,7 @@ def creep_shares(
     return float(shares[0]), min(float(shares[1]), MOST_SPREAD)
 
 
-def _from_centroid(
-    position_px: NDArray[np.float64], displaced_px: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _from_centroid(position_px: FloatArray, displaced_px: FloatArray) -> FloatArray:
     # (rests, m, 2) positions relative to the centroid of the skin, 0 before the first contact.
     moved_px = np.linalg.norm(displaced_px, axis=2).mean(axis=1)
     touched = np.maximum.accumulate(moved_px > TOUCHED_PX)
@@ -104,10 +99,10 @@ def _from_centroid(
 
 def displaced_before(
     rests_us: NDArray[np.int64],
-    position_px: NDArray[np.float64],
+    position_px: FloatArray,
     sample_us: NDArray[np.int64],
-    sample_px: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    sample_px: FloatArray,
+) -> FloatArray:
     """Return ``(rests, m, 2)`` mean displacement between each rest and the one before it, px.
 
     Args:
@@ -125,7 +120,7 @@ def displaced_before(
     ])  # fmt: skip
 
 
-def robust_mean(position_px: NDArray[np.float64], length_us: NDArray[Any]) -> NDArray[np.float64]:
+def robust_mean(position_px: FloatArray, length_us: NDArray[Any]) -> FloatArray:
     """Return ``(m, 2)`` robust means: long rests have more weight, outliers less."""
     weight = np.minimum(np.asarray(length_us, float), SETTLED_US)
     counts = np.ceil(weight / COUNTED_US).astype(int)

@@ -17,6 +17,7 @@ from spikingtac.markers.calibration.find_markers import CalibrationConfig, Evide
 from spikingtac.markers.calibration.first_model import STEP_BOUNDS, first_model, tracked, with_steps
 from spikingtac.markers.calibration.ideal_pixels import Comparison, Model, compare
 from spikingtac.markers.calibration.layout import refuse_gaps
+from spikingtac.types import FloatArray
 
 # Most iterations, with steps, and with positions and shapes alone. Wide edges take many iterations:
 # they grow by 0.1 px in each.
@@ -69,10 +70,7 @@ def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
 
 
 def _correct_positions(
-    states: NDArray[np.int64],
-    model: Model,
-    common_px: NDArray[np.float64],
-    own_px: NDArray[np.float64],
+    states: NDArray[np.int64], model: Model, common_px: FloatArray, own_px: FloatArray
 ) -> Model:
     from scipy.interpolate import make_interp_spline  # 0.1 s that trackers need not wait
 
@@ -97,7 +95,7 @@ def _correct_steps(evidence: Evidence, model: Model, seen: Comparison) -> Model:
     return replace(model, on=on, off=off)
 
 
-def _signal_events(evidence: Evidence, seen: Comparison) -> NDArray[np.float64]:
+def _signal_events(evidence: Evidence, seen: Comparison) -> FloatArray:
     """Return ``(m, 2)`` ON and OFF events near each marker beyond the noise."""
     return seen.events[:, :2] - np.multiply.outer(seen.events[:, 4], evidence.noise_hz_px)
 
@@ -167,8 +165,8 @@ class Quality:
         word: The quality in a word or two.
     """
 
-    explained: NDArray[np.float64]
-    events: NDArray[np.float64]
+    explained: FloatArray
+    events: FloatArray
     measured: NDArray[np.bool_]
     doubtful: NDArray[np.bool_]
     word: str

@@ -21,6 +21,7 @@ from spikingtac.calibration.disc_profile import DiscProfile, disc_profiles
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.state_map.binary import paint_discs
 from spikingtac.state_map.graded import HALF_STEP, PAD_PX, STEP_DEFAULT, GradedStateMap
+from spikingtac.types import FloatArray
 
 # Side of the blocks in which the nearest markers are looked up, px (16 and 64 take longer).
 BLOCK_PX = 32
@@ -75,11 +76,11 @@ class Appearance:
     """
 
     profiles: list[DiscProfile]
-    step_on: NDArray[np.float64]
-    step_off: NDArray[np.float64]
+    step_on: FloatArray
+    step_off: FloatArray
 
     @property
-    def mean_step(self) -> NDArray[np.float64]:
+    def mean_step(self) -> FloatArray:
         """``(m,)`` mean share of the full swing per event."""
         return 0.5 * (self.step_on + self.step_off)
 
@@ -107,7 +108,7 @@ def has_large_steps(calibration: Calibration) -> bool:
     return calibration.recovery_s is None and max(on, off) > LARGE_STEP
 
 
-def nearest_marker(reference_px: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.uint16]:
+def nearest_marker(reference_px: FloatArray, size: tuple[int, int]) -> NDArray[np.uint16]:
     """Return ``(height, width)`` the marker nearest to each pixel, the first of equals.
 
     Each block of pixels is compared only with the markers that may be nearest to one of them: all
@@ -147,7 +148,7 @@ def painted_levels(calibration: Calibration) -> NDArray[np.float32]:
 
 
 def _pixel_steps(
-    step_map: NDArray[np.float32] | None, share: float, of_marker: NDArray[np.float64]
+    step_map: NDArray[np.float32] | None, share: float, of_marker: FloatArray
 ) -> NDArray[np.float32]:
     """Return each pixel's own step where it is known, and otherwise its marker's step."""
     if step_map is None:
@@ -155,7 +156,7 @@ def _pixel_steps(
     return np.where(step_map > 0.0, share * step_map, of_marker).astype(np.float32)
 
 
-def crossing_px(calibration: Calibration) -> NDArray[np.float64]:
+def crossing_px(calibration: Calibration) -> FloatArray:
     """Return the length over which the steepest part of each marker's edge crosses one step.
 
     Args:
@@ -168,7 +169,7 @@ def crossing_px(calibration: Calibration) -> NDArray[np.float64]:
     return appearance.mean_step / np.array([profile.steepest for profile in appearance.profiles])
 
 
-def events_per_px(calibration: Calibration) -> NDArray[np.float64]:
+def events_per_px(calibration: Calibration) -> FloatArray:
     """Return ``(m,)`` events of a stream without loss per px of each marker's motion.
 
     A swept pixel swings up and down once. Either way takes 1 / step - 1 events, and both together
@@ -240,7 +241,7 @@ def _edge_ends_px(profile: DiscProfile) -> tuple[float, float]:
     return float(steep_px[0]), float(steep_px[-1])
 
 
-def _polynomials(profiles: list[DiscProfile], ends_px: NDArray[np.float64]) -> NDArray[np.float32]:
+def _polynomials(profiles: list[DiscProfile], ends_px: FloatArray) -> NDArray[np.float32]:
     """Return ``(m, 2, POLYNOMIAL_DEGREE + 1)`` coefficients of every disc's curves.
 
     All are fitted at once: one by one they would take 6 ms each, 6 s for a skin of 1,024 markers.
@@ -256,7 +257,7 @@ def _polynomials(profiles: list[DiscProfile], ends_px: NDArray[np.float64]) -> N
     return rows.astype(np.float32, order="C")
 
 
-def _units(coefficients: NDArray[np.float32], pixels: int) -> NDArray[np.float64]:
+def _units(coefficients: NDArray[np.float32], pixels: int) -> FloatArray:
     """Return ``(m,)`` integer units of a weight of one: powers of two, which scale exactly."""
     z = np.linspace(-1.0, 1.0, CURVE_POINTS)
     slope = np.polynomial.polynomial.polyval(z, coefficients[:, 1].T.astype(np.float64))

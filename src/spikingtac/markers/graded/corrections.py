@@ -33,6 +33,7 @@ from spikingtac.markers.graded.appearance import crossing_px
 from spikingtac.markers.graded.motion import AT_REST_PX_S
 from spikingtac.markers.neighbours import Neighbourhood
 from spikingtac.state_map.graded import Array
+from spikingtac.types import FloatArray
 
 # Half-width of the short play, whose state is the direction of motion, in crossings: lengths over
 # which an edge crosses one step (0.1 to 0.3 are alike on the training scenes; below it is the
@@ -95,7 +96,7 @@ class OutputCorrections:
 
     def update(
         self, t_us: int, markers: Array, lag_s: float, backlash: float, noise: tuple[float, float]
-    ) -> NDArray[np.float64]:
+    ) -> FloatArray:
         """Return ``(m, 2)`` corrected positions, px.
 
         Args:
@@ -186,11 +187,11 @@ class ReleasedZero:
 
     def update(
         self,
-        detected_px: NDArray[np.float64],
-        velocity_px_s: NDArray[np.float64],
+        detected_px: FloatArray,
+        velocity_px_s: FloatArray,
         coasted: NDArray[np.bool_],
         dt_s: float,
-    ) -> NDArray[np.float64]:
+    ) -> FloatArray:
         """Return ``(m, 2)`` positions less their zero offset, px.
 
         Args:

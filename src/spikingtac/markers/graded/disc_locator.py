@@ -38,7 +38,7 @@ from spikingtac.markers.graded.motion import (
     resting_markers,
 )
 from spikingtac.state_map.graded import HALF_STEP, PAD_PX, Array, integrate_event_kernel
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, FloatArray
 
 # Most Gauss-Newton steps of a disc fit: two suffice on average, a sudden release takes more.
 ITERATIONS = 3
@@ -109,7 +109,7 @@ class DiscLocator:
         """``(m + 1,)`` all events so far in each marker's gate, and last those in no gate."""
         return self.fitted_events + (self.pending & (FIT_NOW - 1))
 
-    def place(self, marker: NDArray[np.bool_], position_px: NDArray[np.float64]) -> None:
+    def place(self, marker: NDArray[np.bool_], position_px: FloatArray) -> None:
         """Set the filters of markers to rest at positions where they were predicted or detected."""
         self.markers["x"][marker], self.markers["y"][marker] = position_px[marker].T
         self.markers["vx"][marker] = self.markers["vy"][marker] = 0.0

@@ -21,6 +21,7 @@ from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import crossing_px, events_per_px
 from spikingtac.markers.graded.motion import AT_REST_PX_S
 from spikingtac.state_map.graded import Array
+from spikingtac.types import FloatArray
 
 # Speed below which a marker's events are not counted: creep, and the jitter of a filtered velocity.
 SLOW_PX_S = 10.0
@@ -95,7 +96,7 @@ class EventLoss:
         return self._expected >= FIRST_EVENTS
 
     @property
-    def noise_per_s(self) -> NDArray[np.float64]:
+    def noise_per_s(self) -> FloatArray:
         """``(m + 1,)`` background events in each marker's gate, and last in no gate, 1/s."""
         return self.background_hz_px * self._area_px
 

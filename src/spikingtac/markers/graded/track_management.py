@@ -36,6 +36,7 @@ from spikingtac.markers.graded.event_loss import (
 from spikingtac.markers.graded.motion import NEVER_US
 from spikingtac.markers.neighbours import Neighbourhood, neighbour_range_kernel, smallest_spacing_px
 from spikingtac.state_map.graded import Array
+from spikingtac.types import FloatArray
 
 LEAST_AGREEMENT = 0.35  # Share of the edge that must agree with the fitted disc.
 
@@ -138,7 +139,7 @@ class TrackManager:
                 self._search(fitted_px, levels)
         return relocated
 
-    def confidence(self, agreement: NDArray[np.float64], dt_s: float) -> NDArray[np.float64]:
+    def confidence(self, agreement: FloatArray, dt_s: float) -> FloatArray:
         """Return ``(m,)`` the confidence in each marker's position, 0 to 1.
 
         Args:
@@ -149,7 +150,7 @@ class TrackManager:
         confidence_kernel(agreement, self._cusum_px, self.coasted, self._trust, dt_s, confidence)
         return confidence
 
-    def _search(self, fitted_px: NDArray[np.float64], levels: NDArray[np.float32]) -> None:
+    def _search(self, fitted_px: FloatArray, levels: NDArray[np.float32]) -> None:
         blobs = find_blobs(levels, areas_px=self._areas_px)
         expected_px = np.where(self.coasted[:, np.newaxis], self.position_px, fitted_px)
         match = associate(expected_px, blobs.center_px, self.capture_px)

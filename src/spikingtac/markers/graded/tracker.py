@@ -27,7 +27,7 @@ from spikingtac.markers.graded.motion import NEVER_US
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.markers.laws import OutputLaw
 from spikingtac.state_map.graded import GradedStateMap
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket, FloatArray, MarkerFrame
 
 # Delay of the events where nothing was calibrated: 150 us of latency and a 2 kHz photoreceptor's
 # mean time constant (the twin's preset ``typical``).
@@ -157,9 +157,7 @@ class GradedTracker:
         displacement_px = position_px - reference_px
         return MarkerFrame(t_us, detected_px, position_px, displacement_px, coasted, confidence)
 
-    def _locate(
-        self, t_us: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+    def _locate(self, t_us: int) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
         """Return positions at ``t_us``, px, which markers are coasted, and their confidence."""
         locator, manager = self._locator, self._manager
         locator.locate(t_us, manager.coasted, self._event_loss.background_hz_px)

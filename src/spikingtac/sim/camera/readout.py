@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from spikingtac.sim.camera.config import BackgroundConfig, ReadoutConfig
 from spikingtac.sim.camera.pixels import KEY_SHIFT, uniform_kernel
-from spikingtac.types import EventPacket, LossCounters
+from spikingtac.types import EventPacket, FloatArray, LossCounters
 
 # Lowest and highest rate of a hot pixel, Hz; log-uniform in between (contract.md).
 HOT_HZ = (10.0, 500.0)
@@ -36,9 +36,9 @@ class NoiseSource(NamedTuple):
     rate_per_us: float
     background_fraction: float
     hot_pixel: NDArray[np.int64]
-    hot_cumulative: NDArray[np.float64]
+    hot_cumulative: FloatArray
     polarity: NDArray[np.uint8]
-    next_us: NDArray[np.float64]
+    next_us: FloatArray
     drawn: NDArray[np.uint64]
     key: np.uint64
 
@@ -131,7 +131,7 @@ class Arbiter(NamedTuple):
 
     event_us: float
     loss: float
-    free_us: NDArray[np.float64]
+    free_us: FloatArray
     served: NDArray[np.uint64]
     key: np.uint64
 

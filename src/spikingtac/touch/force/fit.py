@@ -18,9 +18,11 @@ from spikingtac.touch.force.model import SCHEMA, ForceModel, fields_of, other_se
 from spikingtac.touch.force.regression import NORMAL, TINY
 from spikingtac.touch.network import Network, with_record
 from spikingtac.touch.series import COMPONENTS, WrenchSeries
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import FloatArray
 
-Taught = tuple[Field, Field, Field]  # Fields (n, size), labels (n, c), and the labels' zero (c,).
+Taught = tuple[
+    FloatArray, FloatArray, FloatArray
+]  # Fields (n, size), labels (n, c), and the labels' zero (c,).
 
 # Parts into which a single series is cut, in time, so that each is predicted from the rest.
 PARTS = 5
@@ -88,7 +90,9 @@ def fit_force(
     """
     kept, reference, radius = _checked(series, LEAST_FRAMES)
 
-    def crossed(memory: bool, frames: int) -> tuple[list[Taught], list[tuple[Field, Field, Field]]]:
+    def crossed(
+        memory: bool, frames: int
+    ) -> tuple[list[Taught], list[tuple[FloatArray, FloatArray, FloatArray]]]:
         groups = [_taught(one, radius, memory, frames // len(kept)) for one in kept]
         return groups, list(_crossed(groups, reference, radius))
 
@@ -132,7 +136,7 @@ def score_force(model: ForceModel, series: WrenchSeries) -> list[ForceScore]:
 
 def _checked(
     series: Sequence[WrenchSeries], least: int, components: int = NORMAL + 1
-) -> tuple[list[WrenchSeries], Field, float]:
+) -> tuple[list[WrenchSeries], FloatArray, float]:
     """Return series in the image, their markers, and the largest rms distance of a frame at rest.
 
     Raises:
@@ -177,8 +181,8 @@ def _taught(series: WrenchSeries, radius: float, memory: bool, frames: int) -> T
 
 
 def _crossed(
-    groups: list[Taught], reference: Field, radius: float
-) -> Iterator[tuple[Field, Field, Field]]:
+    groups: list[Taught], reference: FloatArray, radius: float
+) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Yield labels, wrenches and spreads ``(n, c)`` of each series as the others tell them.
 
     Of a single series those of its parts.
@@ -194,7 +198,7 @@ def _crossed(
         yield wrench, values - rest_share(fields, radius) * at_rest, spread
 
 
-def _fitted(groups: Sequence[Taught], reference: Field) -> bytes:
+def _fitted(groups: Sequence[Taught], reference: FloatArray) -> bytes:
     fields = np.concatenate([one for one, _, _ in groups])
     wrench = np.concatenate([labels - zero for _, labels, zero in groups])
     return regression.fit_regression(
@@ -202,11 +206,11 @@ def _fitted(groups: Sequence[Taught], reference: Field) -> bytes:
     )
 
 
-def _joined(parts: Iterable[tuple[Field, ...]]) -> list[Field]:
+def _joined(parts: Iterable[tuple[FloatArray, ...]]) -> list[FloatArray]:
     return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
 
-def _judged(parts: list[tuple[Field, Field, Field]]) -> dict[str, Any]:
+def _judged(parts: list[tuple[FloatArray, FloatArray, FloatArray]]) -> dict[str, Any]:
     """Return intervals, ranges and R2 of what the series tell of each other."""
     truth, told, spread = _joined(parts)
     ends = np.cumsum([len(one) for one, _, _ in parts])[:-1]
@@ -221,7 +225,9 @@ def _judged(parts: list[tuple[Field, Field, Field]]) -> dict[str, Any]:
     }
 
 
-def _interval(truth: Field, told: Field, spread: Field, ends: NDArray[np.int64]) -> list[float]:
+def _interval(
+    truth: FloatArray, told: FloatArray, spread: FloatArray, ends: NDArray[np.int64]
+) -> list[float]:
     """Return floor, share of the amount and factor of the spread of a 90 % interval.
 
     They are fitted to the absolute errors of series that were left out, and then stretched until
@@ -280,7 +286,9 @@ def retarget(model: ForceModel, series: Sequence[WrenchSeries]) -> ForceModel:
     return ForceModel(Network(with_record(model.network.content, model.record | changes)))
 
 
-def _adapted(heard: list[Any], base: Field, wrench: Field, taught: NDArray[Any]) -> tuple[Any, ...]:
+def _adapted(
+    heard: list[Any], base: FloatArray, wrench: FloatArray, taught: NDArray[Any]
+) -> tuple[Any, ...]:
     """Return softness, gain, wrenches and half-widths of all frames, as some of them teach it."""
     fits = []
     for softness, told, spread in heard:

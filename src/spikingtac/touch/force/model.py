@@ -12,8 +12,7 @@ from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.errors import ConfigError
 from spikingtac.touch.network import Network
 from spikingtac.touch.series import COMPONENTS, WrenchSeries
-from spikingtac.types import US_PER_S
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import US_PER_S, FloatArray
 
 BATCH = 4096  # Frames that the network takes at once, so that memory is bounded.
 SCHEMA = 5  # Version of the record.
@@ -38,7 +37,9 @@ MEMORY_SHARES, MEMORY_S = np.array([[0.15], [0.3]]), np.array([[0.3], [5.0]])
 LONGEST_GAP_S = 0.2
 
 
-def other_sensor(reference: Field, unit: str, own: Field, own_unit: str, whose: str) -> str:
+def other_sensor(
+    reference: FloatArray, unit: str, own: FloatArray, own_unit: str, whose: str
+) -> str:
     """Return how markers differ from those of another one by name; nothing where they do not."""
     if reference.shape != own.shape or unit != own_unit:
         return f"{len(reference)} markers in {unit}, {whose} {len(own)} in {own_unit}"
@@ -69,7 +70,7 @@ class FieldStream:
         self._zero, self._rested_s = self._last, rested_s
         self._means = np.zeros((len(MEMORY_S), len(self._last)))
 
-    def update(self, t_us: int, displacement: Field) -> Field:
+    def update(self, t_us: int, displacement: FloatArray) -> FloatArray:
         """Take in the frame ``(size,)`` of a time, us, and return it from the zero."""
         before_us, self._last, self._last_us = self._last_us, displacement, t_us
         elapsed_s = 0.0 if before_us is None else max(t_us - before_us, 0) / US_PER_S
@@ -81,7 +82,7 @@ class FieldStream:
             away = displacement - self._zero
         return self._with_memory(elapsed_s, away) if self._memory else away
 
-    def _with_memory(self, elapsed_s: float, away: Field) -> Field:
+    def _with_memory(self, elapsed_s: float, away: FloatArray) -> FloatArray:
         """Solve e = u + sum of c_i ((1 - g_i) m_i + g_i e) for e; the means m_i follow it."""
         fade = -np.expm1(-elapsed_s / MEMORY_S)
         if elapsed_s > LONGEST_GAP_S:
@@ -93,7 +94,7 @@ class FieldStream:
         return told
 
 
-def fields_of(series: WrenchSeries, radius: float, memory: bool) -> Field:
+def fields_of(series: WrenchSeries, radius: float, memory: bool) -> FloatArray:
     """Return the fields ``(n, size)`` of a series."""
     flat = series.displacement.reshape(len(series.t_us), -1)
     stream = FieldStream(radius, flat.shape[1], memory)
@@ -112,16 +113,16 @@ class Wrench:
     """
 
     t_us: int
-    values: Field
-    half_width: Field
+    values: FloatArray
+    half_width: FloatArray
 
     @property
-    def force_n(self) -> Field:
+    def force_n(self) -> FloatArray:
         """``(3,)`` force, N."""
         return self.values[:3]
 
     @property
-    def force_sigma_n(self) -> Field:
+    def force_sigma_n(self) -> FloatArray:
         """``(3,)`` one standard deviation of it, N."""
         return self.half_width[:3] / SIGMAS_90
 
@@ -172,7 +173,7 @@ class ForceModel:
         except (KeyError, TypeError, ValueError) as error:
             raise ConfigError(f"{where} holds no force model: {error}; {HINT}") from error
 
-    def require(self, reference: Field, unit: str, name: str = "the tracker") -> None:
+    def require(self, reference: FloatArray, unit: str, name: str = "the tracker") -> None:
         """Refuse markers of another layout, number, scale or unit.
 
         Args:
@@ -193,7 +194,7 @@ class ForceModel:
         """Return a stream of wrenches that starts at the calibrated rest."""
         return ForceEstimator(self)
 
-    def estimate(self, series: WrenchSeries) -> tuple[Field, Field]:
+    def estimate(self, series: WrenchSeries) -> tuple[FloatArray, FloatArray]:
         """Return values ``(n, c)`` and half-widths ``(n, c)`` of a series, causally.
 
         Raises:
@@ -208,7 +209,7 @@ class ForceModel:
         values, widths = zip(*(self.wrench(part) for part in parts), strict=True)
         return np.concatenate(values), np.concatenate(widths)
 
-    def wrench(self, fields: Field) -> tuple[Field, Field]:
+    def wrench(self, fields: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return wrenches and half-widths ``(n, c)`` of fields ``(n, size)`` from their zero."""
         values, spread = self.network(fields @ self._resample)
         values = (values - rest_share(fields, self.rest_radius) * self._zero) @ self._gain
@@ -221,7 +222,7 @@ class ForceModel:
             partial.write_bytes(self.network.content)
 
 
-def rest_share(fields: Field, radius: float) -> Field:
+def rest_share(fields: FloatArray, radius: float) -> FloatArray:
     """Return which share ``(n, 1)`` of the wrench at rest is taken off: 1 at rest."""
     return 1.0 / (1.0 + (fields**2).mean(axis=1, keepdims=True) / (REST_RADII * radius) ** 2)
 
@@ -255,7 +256,7 @@ class ForceEstimator:
         """Take the last frame for the skin at rest: displacement and force are zero there."""
         self._fields.tare()
 
-    def update(self, t_us: int, displacement: Field) -> Wrench:
+    def update(self, t_us: int, displacement: FloatArray) -> Wrench:
         """Take in displacements ``(m, 2)`` in the model's unit and return the wrench.
 
         Raises:

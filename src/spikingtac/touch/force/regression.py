@@ -21,7 +21,7 @@ from scipy.spatial.distance import cdist
 
 from spikingtac.calibration.lens import marker_pitch_px
 from spikingtac.touch.network import graph
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import FloatArray
 
 NORMAL = 2  # Component of the normal force in a wrench.
 TINY = 1e-12  # Least variance of a force that is divided by, N squared.
@@ -95,7 +95,9 @@ STEPS = (
 )
 
 
-def fit_regression(reference: Field, fields: Field, wrench: Field, zero: Field) -> bytes:
+def fit_regression(
+    reference: FloatArray, fields: FloatArray, wrench: FloatArray, zero: FloatArray
+) -> bytes:
     """Fit both regressions and return them as an ONNX file with ``wrench`` and ``spread``.
 
     Args:
@@ -133,7 +135,7 @@ def fit_regression(reference: Field, fields: Field, wrench: Field, zero: Field) 
     return graph(STEPS, arrays, fields.shape[1], {"wrench": components, "spread": components})
 
 
-def _described(fields: Field) -> tuple[Field, Field, Field, dict[str, Any]]:
+def _described(fields: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, dict[str, Any]]:
     """Return what fields ``(n, size)`` look like, and the constants that tell it of other fields.
 
     That are amplitudes ``(n, 1)``, quadratic features, and places in the kernel's space.
@@ -155,20 +157,20 @@ def _described(fields: Field) -> tuple[Field, Field, Field, dict[str, Any]]:
     return amplitude, quadratic, place, constants
 
 
-def _gaussians(places: Field, centers: Field) -> Field:
+def _gaussians(places: FloatArray, centers: FloatArray) -> FloatArray:
     """Return exp(-distance squared / 2) of places ``(n, k)`` from centres ``(m, k)``."""
     square = (places**2).sum(axis=1)[:, None] + (centers**2).sum(axis=1) - 2.0 * places @ centers.T
     return np.exp(-0.5 * np.maximum(square, 0.0))
 
 
 def _fit(
-    rows: Field,
-    targets: Field,
-    weight: Field,
-    between: Field,
+    rows: FloatArray,
+    targets: FloatArray,
+    weight: FloatArray,
+    between: FloatArray,
     penalties: tuple[float, float, float],
     free: int = 0,
-) -> Field:
+) -> FloatArray:
     """Return the weights ``(2, f, c)`` in the ridge regression and in the process.
 
     Those of the Gaussians are 0 in the former.
@@ -192,7 +194,9 @@ def _fit(
     return found
 
 
-def _fit_logarithm(force: Field, rows: Field, weight: Field, between: Field) -> dict[str, Any]:
+def _fit_logarithm(
+    force: FloatArray, rows: FloatArray, weight: FloatArray, between: FloatArray
+) -> dict[str, Any]:
     """Return the constants of the normal force; ``logs (f, 2)`` weigh what makes its logarithm.
 
     Args:
@@ -214,7 +218,9 @@ def _fit_logarithm(force: Field, rows: Field, weight: Field, between: Field) -> 
     return constants | {"logs": logs, "levels": level - center @ logs}
 
 
-def with_mirrored(reference: Field, fields: Field, wrench: Field) -> tuple[Field, Field, Field]:
+def with_mirrored(
+    reference: FloatArray, fields: FloatArray, wrench: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return frames, wrenches and weights ``(n,)``, with mirror images (x to -x) of the frames.
 
     A skin whose markers lie symmetrically feels a mirrored contact alike. Where layout or labels
@@ -234,7 +240,7 @@ def with_mirrored(reference: Field, fields: Field, wrench: Field) -> tuple[Field
     return np.concatenate([fields, image]), np.concatenate([wrench, force]), weight
 
 
-def _force_mirror(fields: Field, shear: Field) -> Field | None:
+def _force_mirror(fields: FloatArray, shear: FloatArray) -> FloatArray | None:
     """Return the mirror ``(2, 2)`` of x in the labels' frame, which may be turned to the markers'.
 
     None where the shear forces do not follow the mean displacement.
@@ -249,19 +255,19 @@ def _force_mirror(fields: Field, shear: Field) -> Field | None:
     return np.asarray(turn @ np.diag([-1.0, 1.0]) @ turn.T)
 
 
-def r_squared(truth: Field, estimate: Field) -> float:
+def r_squared(truth: FloatArray, estimate: FloatArray) -> float:
     """Return 1 - (squared errors) / (squared deviations from the mean); 0 for constant truth."""
     spread = float(((truth - truth.mean()) ** 2).sum())
     return 1.0 - float(((truth - estimate) ** 2).sum()) / spread if spread > 0.0 else 0.0
 
 
-def relative_error(told: Field, truth: Field) -> float:
+def relative_error(told: FloatArray, truth: FloatArray) -> float:
     """Return the squared errors of the forces, each over its variance."""
     error = ((told - truth)[:, : NORMAL + 1] ** 2).mean(axis=0)
     return float((error / np.maximum(truth[:, : NORMAL + 1].var(axis=0), TINY)).sum())
 
 
-def fitted_gain(told: Field, wrench: Field) -> Field:
+def fitted_gain(told: FloatArray, wrench: FloatArray) -> FloatArray:
     """Return the linear map ``(c, c)`` from what a model tells to wrenches, both ``(n, c)``."""
     size, force = np.sqrt((told**2).mean(axis=0)) + TINY, np.s_[:, : NORMAL + 1]
     rows, factor = told / size, (told[force] * wrench[force]).sum() / (told[force] ** 2).sum()

@@ -17,8 +17,7 @@ from math import log
 import numpy as np
 
 from spikingtac.calibration.lens import marker_pitch_px
-from spikingtac.types import US_PER_S
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import US_PER_S, FloatArray
 
 # Widths of the Gaussian windows, pitches of the markers: from one marker to the patch.
 WIDTHS = (0.6, 1.0, 1.6, 2.6)
@@ -76,7 +75,7 @@ STILL = 0.008
 PAUSED = 0.017
 
 
-def summaries(places: Field, moved: Field) -> Field:
+def summaries(places: FloatArray, moved: FloatArray) -> FloatArray:
     """Summarise fields, ``(f, SIZE)``.
 
     Shifts, growths and turns are in pitches (growth and turn: of a place one pitch from the
@@ -101,7 +100,9 @@ def summaries(places: Field, moved: Field) -> Field:
     return np.hstack([shifts, sums[..., 3] / arm, sums[..., 4] / arm, center])
 
 
-def _parts(summary: Field) -> tuple[Field, Field, Field, Field, Field]:
+def _parts(
+    summary: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return shifts ``(..., 4, 2)``, growths, turns, centre and size of summaries.
 
     The size is the root mean square over the widths of shifts, growths and turns.
@@ -112,18 +113,18 @@ def _parts(summary: Field) -> tuple[Field, Field, Field, Field, Field]:
     return shifts, growths, turns, summary[..., 4 * _K :], size
 
 
-def _direction(shift: Field) -> Field:
+def _direction(shift: FloatArray) -> FloatArray:
     """Return unit vectors ``(..., 2)`` along shifts; along x where there is none."""
     length = np.hypot(shift[..., :1], shift[..., 1:])
     return np.where(length > 0.0, shift / np.where(length > 0.0, length, 1.0), [1.0, 0.0])
 
 
-def _speeds(size: Field) -> Field:
+def _speeds(size: FloatArray) -> FloatArray:
     """Return the logarithms of the speeds of changes over the spans, from their sizes ``(s,)``."""
     return np.log(size / (np.array(SPANS_US) / US_PER_S * USUAL_SPEED) + LEAST_SPEED)
 
 
-def shape_features(now: Field, before: Field) -> tuple[Field, Field]:
+def shape_features(now: FloatArray, before: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the features ``(SHAPE_FEATURES,)`` of a field's shape and those of its changes.
 
     Args:
@@ -160,7 +161,7 @@ def shape_features(now: Field, before: Field) -> tuple[Field, Field]:
     return shape, changes
 
 
-def motion_features(own: Field, now: Field, elapsed_s: Field) -> Field:
+def motion_features(own: FloatArray, now: FloatArray, elapsed_s: FloatArray) -> FloatArray:
     """Return the features ``(k, MOTION_FEATURES)`` of motions about their own centres.
 
     Args:
@@ -204,7 +205,7 @@ class FeatureStream:
         slowing: Logarithm of the field's speed over 10 ms by that over the longest span.
     """
 
-    def __init__(self, reference: Field) -> None:
+    def __init__(self, reference: FloatArray) -> None:
         """Start without a memory.
 
         Args:
@@ -220,13 +221,13 @@ class FeatureStream:
     def reset(self) -> None:
         """Forget every frame."""
         self._times: list[int] = []
-        self._moved: list[Field] = []
-        self._summaries: list[Field | None] = []
+        self._moved: list[FloatArray] = []
+        self._summaries: list[FloatArray | None] = []
         self.known, self.still, self.slowing = False, True, 0.0
 
     def update(
-        self, t_us: int, displacement: Field, wanted: bool = True, due: bool = True
-    ) -> Field | None:
+        self, t_us: int, displacement: FloatArray, wanted: bool = True, due: bool = True
+    ) -> FloatArray | None:
         """Take in displacements ``(m, 2)`` from the rest and return their features, if due.
 
         What :attr:`still` and :attr:`slowing` say follows every frame that is wanted.
@@ -245,7 +246,7 @@ class FeatureStream:
             del self._times[0], self._moved[0], self._summaries[0]
         return self._features(t_us, due) if wanted and self.known else None
 
-    def _features(self, t_us: int, due: bool) -> Field | None:
+    def _features(self, t_us: int, due: bool) -> FloatArray | None:
         ends_us = t_us - np.array((*SPANS_US, *MOTION_SPANS_US))
         starts = [max(bisect_right(self._times, end_us) - 1, 0) for end_us in ends_us.tolist()]
         spans, motions = starts[: len(SPANS_US)], starts[len(SPANS_US) :] if due else []

@@ -8,8 +8,7 @@ from spikingtac.touch.detector import TouchDetector
 from spikingtac.touch.slip.monitor import Slip, SlipMonitor, SlipState
 from spikingtac.touch.touch import Touch
 from spikingtac.tracks import Tracks
-from spikingtac.types import FloatArray as Field
-from spikingtac.types import MarkerFrame
+from spikingtac.types import FloatArray, MarkerFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +37,7 @@ class HeldTouchDetector:
         touches: The detector of touches within.
     """
 
-    def __init__(self, reference: Field, unit: str = "px") -> None:
+    def __init__(self, reference: FloatArray, unit: str = "px") -> None:
         """Start at rest.
 
         Args:

@@ -8,7 +8,7 @@ import numpy as np
 
 from spikingtac.touch.network import packaged
 from spikingtac.touch.slip.features import FeatureStream
-from spikingtac.types import FloatArray as Field
+from spikingtac.types import FloatArray
 
 Phase = Literal["stick", "incipient", "gross"]
 
@@ -109,7 +109,7 @@ class SlipMonitor:
         tells: Whether the last two frames were near enough to each other to tell slip (6 ms).
     """
 
-    def __init__(self, reference: Field) -> None:
+    def __init__(self, reference: FloatArray) -> None:
         """Start without a contact; ``reference`` are the markers ``(m, 2)`` at rest, px or mm."""
         self._features = FeatureStream(reference)
         self._network = packaged("slip.onnx")
@@ -139,7 +139,7 @@ class SlipMonitor:
         self._gross_us: int | None = None
         self._least = 1.0
 
-    def update(self, t_us: int, displacement: Field, touching: bool) -> Slip | None:
+    def update(self, t_us: int, displacement: FloatArray, touching: bool) -> Slip | None:
         """Take in a frame and return the slip that it ends, if any.
 
         Args:
@@ -165,7 +165,7 @@ class SlipMonitor:
             return None
         return self._told(t_us, *self._estimate)
 
-    def _follow(self, t_us: int, features: Field) -> None:
+    def _follow(self, t_us: int, features: FloatArray) -> None:
         """Take in the features ``(FEATURES,)`` that are due: networks step at their own rate."""
         told, self._hidden = self._network(features[None], self._hidden)
         share, incipient = told.tolist()
