@@ -34,6 +34,7 @@ from spikingtac_paper.collision.scene import (
     run_up_mm,
     travel_time_s,
 )
+from spikingtac_paper.trials.trajectories import places_at
 
 RATE_HZ = 32.0  # Frames per second (section V-B of the paper, on GelStereo 2.0).
 PERIOD_US = 1e6 / RATE_HZ  # Time between two frames, us.
@@ -79,11 +80,7 @@ def measured_px(times_us: FloatArray, truth: Truth, rng: np.random.Generator) ->
         truth: The true centres, which are interpolated.
         rng: Source of the measurement noise.
     """
-    known_us, centers = truth
-    right = np.clip(np.searchsorted(known_us, times_us), 1, len(known_us) - 1)
-    fraction = (times_us - known_us[right - 1]) / (known_us[right] - known_us[right - 1])
-    weight = np.clip(fraction, 0.0, 1.0)[:, None, None]
-    exact = (1.0 - weight) * centers[right - 1] + weight * centers[right]
+    exact = places_at(times_us, *truth)
     return exact + rng.normal(0.0, NOISE_PX, exact.shape)
 
 

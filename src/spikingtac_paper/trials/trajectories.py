@@ -61,10 +61,15 @@ class GroundTruth:
 
     def at(self, t_us: NDArray[np.int64]) -> FloatArray:
         """Return the true positions ``(k, m, 2)`` at some times, px; constant beyond the ends."""
-        after = np.clip(np.searchsorted(self.t_us, t_us), 1, len(self.t_us) - 1)
-        span_us = self.t_us[after] - self.t_us[after - 1]
-        fraction = np.clip((t_us - self.t_us[after - 1]) / span_us, 0.0, 1.0)[:, None, None]
-        return self.marker_px[after - 1] * (1.0 - fraction) + self.marker_px[after] * fraction
+        return places_at(t_us, self.t_us, self.marker_px)
+
+
+def places_at(t_us: NDArray[Any], known_us: NDArray[Any], marker_px: FloatArray) -> FloatArray:
+    """Return places ``(k, m, 2)`` between those of known times; constant beyond the ends."""
+    after = np.clip(np.searchsorted(known_us, t_us), 1, len(known_us) - 1)
+    span_us = known_us[after] - known_us[after - 1]
+    fraction = np.clip((t_us - known_us[after - 1]) / span_us, 0.0, 1.0)[:, None, None]
+    return marker_px[after - 1] * (1.0 - fraction) + marker_px[after] * fraction
 
 
 def _released_us(columns: dict[str, NDArray[Any]], last_us: int) -> int:
