@@ -29,7 +29,7 @@ from spikingtac.state_map import (
     paint_binary_discs,
     paint_discs,
 )
-from spikingtac.types import EventPacket, FloatArray
+from spikingtac.types import US_PER_S, EventPacket, FloatArray
 from spikingtac_paper.harness.report import (
     Metric,
     Report,
@@ -40,7 +40,7 @@ from spikingtac_paper.harness.report import (
     write_report,
 )
 from spikingtac_paper.harness.run import Progress, RunOptions
-from spikingtac_paper.training.dataset import US_PER_S, maps_at, with_background, with_drops
+from spikingtac_paper.training.dataset import maps_at, with_background, with_drops
 from spikingtac_paper.trials.trajectories import GroundTruth
 from spikingtac_paper.trials.trial import V2E
 

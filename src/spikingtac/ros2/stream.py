@@ -15,9 +15,8 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.evt.encode import Evt3Encoder
 from spikingtac.ros2.messages import NS_PER_US, Publisher, header
 from spikingtac.touch.detector import TouchDetector
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import US_PER_S, EventPacket, MarkerFrame
 
-US_PER_S = 1_000_000
 TOPIC_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")  # Absolute name of a topic.
 
 # Topic -> its message.

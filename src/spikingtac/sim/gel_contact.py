@@ -37,7 +37,8 @@ MAX_SWEEPS = 400  # Limit of the friction sweeps; a cold start takes about 20, a
 # Limit of how often the set of cells grows in one step, where the gel bulges into the body.
 MAX_EXTENSIONS = 4
 
-# Fraction of the friction bound from which a cell counts as slipping (rounding only).
+# Fraction of the friction bound from which a cell, or a point of a tip, counts as slipping
+# (rounding only).
 SLIP_FRACTION = 1.0 - 1e-6
 
 

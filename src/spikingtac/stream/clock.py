@@ -6,7 +6,7 @@ later than it lags behind. The map may drift, since no two crystals run alike.
 
 from collections import deque
 
-US_PER_S = 1e6
+from spikingtac.types import US_PER_S
 
 # Largest drift between the clocks, s/s (two crystals of 50 ppm each). A backlog that grows
 # more slowly than this is taken for drift.

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import norm
 
-from spikingtac.contact import ContactDetector
+from spikingtac.contact import WINDOW_US, ContactDetector
 from spikingtac.robot import CRUISE_TOLERANCE, ApproachConfig, ArmState
 from spikingtac.sim import FirstContact, Rig, UR3Twin
 from spikingtac.types import FloatArray
@@ -141,7 +141,6 @@ RETREAT_MM_S = 180.0
 WAIT_S = 0.001  # Period at which a waiting loop checks its condition, s.
 BEYOND_MM = 60.0  # Distance of the commanded target behind the wall, mm: no method stops that late.
 FRAMES = "frames"  # Name of the frame sampler's decision in :attr:`ApproachRun.decided_us`.
-WINDOW_US = 1000  # Length of a window of the detectors, us (Section V-B).
 
 
 @dataclass

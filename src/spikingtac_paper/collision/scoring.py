@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 
 from spikingtac.contact import DETECTORS
-from spikingtac_paper.collision.approach import FRAMES
+from spikingtac_paper.collision.approach import FRAMES, SECONDS_PER_HOUR
 from spikingtac_paper.harness.report import CONFIDENCE, Metric, Row, by_name, interval
 
 Outcome = Mapping[str, float]
-SECONDS_PER_HOUR = 3600.0
 ABOUT = {
     "event_count": "as published: events of 1 ms above a threshold, taken from the moving arm",
     "default": "sequential test of the signed rim events over nine time scales",

@@ -15,11 +15,11 @@ import numpy as np
 
 from spikingtac.events import Address
 from spikingtac.stream import RingCamera
+from spikingtac.types import US_PER_S
 
 EVENTS = 3_600  # Events of a datagram, which takes 14 KB.
 SIZE = (320, 320)
 TIME_HIGH, LOW_BITS = 8, 6  # EVT2: type of a word with the upper time, and bits of the lower time.
-US_PER_S = 1e6
 NAP_S = 0.0005
 POLL_S = 0.05
 READY = "ready"  # First line of a user that has attached.

@@ -11,7 +11,7 @@ import numpy as np
 
 from spikingtac import Calibration, MarkerTracker
 from spikingtac.sim import EventCamera, Optics, Scene, image_radius_px, load_scene
-from spikingtac.types import EventPacket, FloatArray
+from spikingtac.types import US_PER_S, EventPacket, FloatArray
 from spikingtac_paper.trials.trajectories import GroundTruth
 
 TARGET_HZ = 2.0e6  # Events per second of the throughput bench: a busy tactile recording.
@@ -19,8 +19,6 @@ CIRCLE_MM = 0.33  # Radius of the circle, mm: about 5 px.
 FIRST_GUESS_HZ = 4.0  # Circles per second of the first trial; the rate of events grows with it.
 IMAGE_US = 1_000  # Time between two images, us; the camera moves the markers linearly in between.
 TRY_US = 500_000  # Length of a trial, us.
-
-US_PER_S = 1e6
 PACE_US = 1_000  # Period of the paced run: 1 kHz.
 
 # Fraction of the steps that runs first and is not timed: kernels compile, caches fill.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError
 from spikingtac.sim import SceneSource, Timeline
 from spikingtac.touch import SlipMonitor, TouchDetector
-from spikingtac.types import FloatArray
+from spikingtac.types import US_PER_S, FloatArray
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.contacts import (
     CARRY,
@@ -88,7 +88,7 @@ BEFORE_US, AFTER_INCIPIENT_US, AFTER_GROSS_US = 20_000, 300_000, 100_000
 # What is told between the two shares is told of a contact that slips in part: early, if not
 # right.
 STICKING_SHARE = 0.9
-US_PER_MS, US_PER_S = 1e3, 1e6
+US_PER_MS = 1e3
 
 METHODS = {
     "slip": "the share of the contact that sticks, from the shape of the field",

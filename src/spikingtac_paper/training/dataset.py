@@ -18,9 +18,8 @@ from spikingtac.denoise import Median3
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events import BackgroundActivityFilter, open_events
 from spikingtac.state_map import BinaryStateMap, GradedStateMap, StateMap
-from spikingtac.types import EventPacket
+from spikingtac.types import US_PER_S, EventPacket
 
-US_PER_S = 1e6
 LEVELS = 255  # Largest value of a stored map, one byte per pixel; a step of a graded map is 35.
 
 

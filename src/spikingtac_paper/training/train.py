@@ -22,6 +22,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from spikingtac.atomic_files import replacing
+from spikingtac.denoise import FORMAT
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.schema import build, read_toml, to_mapping
 from spikingtac_paper.training.architecture import (
@@ -43,7 +44,6 @@ CONFIGS = ("lean", "evflownet")  # Configurations of the package, under ``config
 # Seed, besides the run's, of the maps on which the int8 ranges are measured.
 CALIBRATION_SEED = 1 << 21
 CALIBRATION_MAPS = 128  # Number of these maps: few of a hundred are noisy enough to set the ranges.
-FORMAT = "spikingtac-denoiser-1"  # Format name in the metadata of a weight file.
 HELD_OUT_SEED = 1 << 20  # Second seed of the held-out pairs; no round has this number.
 
 # Rounds between two evaluations of the held-out loss, which take as long as a dozen steps.

@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.sim.gel_contact import SLIP_FRACTION
 from spikingtac.types import FloatArray
 
 SWEEPS = 30  # Largest number of Gauss-Seidel sweeps; two points of a hexagon need about ten.
@@ -16,7 +17,6 @@ SLIP_STEPS = 12
 
 # Change of force at which the sweeps end, N (a millionth of the force at 1 mm of travel).
 TOLERANCE_N = 1e-8
-SLIP_FRACTION = 1.0 - 1e-6  # Fraction of the friction cone's width beyond which a point slips.
 
 
 class TipPoints(NamedTuple):
