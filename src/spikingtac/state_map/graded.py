@@ -34,12 +34,14 @@ STEP_DEFAULT = 0.139
 # State of a pixel, in one line of the processor's cache (separate arrays take twice as long): the
 # clipped sum of its steps; the step of an OFF event (negative) and of an ON event; the number of
 # the marker in whose gate it lies; the counters of
-# :class:`~spikingtac.events.hot_pixels.HotPixelWatch`.
+# :class:`~spikingtac.events.hot_pixels.HotPixelWatch`; the time of its last event, us, in 32 bits,
+# and whether it rose.
 PIXEL = np.dtype(
     [
         *((name, np.float32) for name in ("level", "off", "on")),
         ("marker", np.uint16),
         *((name, np.uint8) for name in ("events", "alone")),
+        *((name, np.uint32) for name in ("last_us", "rose")),
     ]
 )
 

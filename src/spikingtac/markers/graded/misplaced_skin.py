@@ -15,9 +15,10 @@ from spikingtac.events.hot_pixels import HOT
 from spikingtac.kernels import kernel
 from spikingtac.state_map.graded import Array, GradedStateMap
 
-# Mean displacement from which a skin is tested, px, and the mean speed up to which it stands still,
-# px/s: events that are lost in motion leave light at the rests, too, and rubs pass by them.
-DISPLACED_PX, STILL_PX_S = 2.0, 15.0
+# Mean displacement from which a skin is tested, px (a few markers may stay behind), and the mean
+# speed up to which it stands still, px/s: events that are lost in motion leave light at the rests,
+# too, and rubs pass by them.
+DISPLACED_PX, STILL_PX_S = 1.0, 15.0
 
 # Distance from a disc beyond which the map is compared, px: nearer, a disc in motion leaves a
 # trail. Points per marker that a comparison needs.
@@ -85,8 +86,9 @@ def signs_kernel(
 ) -> tuple[float, float, float, float, float]:  # pragma: no cover - compiled # fmt: skip
     """Return the light at the rests and its standard error, and events on both kinds of rims.
 
-    Between both stands the mean displacement, px. The error is infinite while the skin is at rest or in motion, or where there are too few points.
-    Events are counted if the skin stands still and more of them come than the background.
+    Between both stands the mean displacement, px. The error is infinite while the skin is at rest
+    or in motion, or where there are too few points. Events are counted if the skin stands still and
+    more of them come than the background.
     """
     light, error, points, away_px, speed_px_s = rest_light_kernel(levels, pixels, rest_px, markers)
     still = away_px >= DISPLACED_PX and speed_px_s <= STILL_PX_S
