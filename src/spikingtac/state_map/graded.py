@@ -35,13 +35,13 @@ STEP_DEFAULT = 0.139
 # clipped sum of its steps; the step of an OFF event (negative) and of an ON event; the number of
 # the marker in whose gate it lies; the counters of
 # :class:`~spikingtac.events.hot_pixels.HotPixelWatch`; the time of its last event, us, in 32 bits,
-# and whether it rose.
+# and its direction: 1 down, 2 up, 0 before the first.
 PIXEL = np.dtype(
     [
         *((name, np.float32) for name in ("level", "off", "on")),
         ("marker", np.uint16),
         *((name, np.uint8) for name in ("events", "alone")),
-        *((name, np.uint32) for name in ("last_us", "rose")),
+        *((name, np.uint32) for name in ("last_us", "direction")),
     ]
 )
 
@@ -120,7 +120,7 @@ class GradedStateMap:
 
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
-        self.pixels["level"] = self._start_level
+        self.pixels["level"], self.pixels["direction"] = self._start_level, 0
         self.values[:] = self._start
         self.arrival_ratio = 1.0
 

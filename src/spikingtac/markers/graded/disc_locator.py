@@ -163,10 +163,11 @@ def absorb_events_kernel(
         pixel = pixels[row, column]
         if heard_kernel(pixel):
             rises, arrives = p[i] != dark_markers, ratio
+            direction = np.uint32(2 if rises else 1)
             since_us = np.uint32(np.uint32(t[i]) - pixel.last_us)
-            if rises == pixel.rose and 0 < since_us < FAST_US:
+            if direction == pixel.direction and 0 < since_us < FAST_US:
                 arrives *= max((since_us - DEAD_US) / since_us, LEAST_SEEN)
-            pixel.last_us, pixel.rose = np.uint32(t[i]), np.uint32(rises)
+            pixel.last_us, pixel.direction = np.uint32(t[i]), direction
             shown = integrate_event_kernel(pixel, rises, lead, arrives)
             padded[row + np.uint64(PAD_PX), column + np.uint64(PAD_PX)] = shown
             pending[pixel.marker] += 1

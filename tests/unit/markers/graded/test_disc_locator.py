@@ -8,7 +8,7 @@ import pytest
 
 from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.graded.appearance import painted_levels
-from spikingtac.markers.graded.disc_locator import DiscLocator
+from spikingtac.markers.graded.disc_locator import DEAD_US, FAST_US, LEAST_SEEN, DiscLocator
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
     FIT_NOW,
@@ -139,12 +139,20 @@ def test_events_count_for_the_marker_around_which_they_lie_also_far_from_its_res
 def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
     locator, rng = moved_by(0.0), np.random.default_rng(4)
     twin, marked = deepcopy(locator.map), locator.map.pixels["marker"]
-    x, y, p = rng.integers(0, 100, 500), rng.integers(0, 60, 500), rng.random(500) < 0.5
-    columns = x.astype(np.uint16), y.astype(np.uint16), p, np.arange(500)
-    packet = EventPacket(*columns, 0, 500, (100, 60))
+    x, y, p = rng.integers(0, 100, 6_000), rng.integers(0, 60, 6_000), rng.random(6_000) < 0.5
+    t = np.sort(rng.integers(0, 9_000, 6_000))
+    packet = EventPacket(x.astype(np.uint16), y.astype(np.uint16), p, t, 0, 9_000, (100, 60))
     locator.pending[:] = 0
     locator.absorb(packet, HotPixelWatch(None, (100, 60), locator.map.pixels))
-    twin.absorb(packet)
+    last: dict[tuple[int, int], tuple[int, bool]] = {}
+    for i in range(len(packet)):
+        place, event = (int(x[i]), int(y[i])), (int(t[i]), bool(p[i]))
+        before_us, rose = last.get(place, event)
+        since_us = event[0] - before_us
+        follows = rose == event[1] and 0 < since_us < FAST_US
+        share = max((since_us - DEAD_US) / since_us, LEAST_SEEN) if follows else 1.0
+        twin.arrival_ratio, last[place] = share, event
+        twin.absorb(packet.select(np.array([i])))
     np.testing.assert_array_equal(locator.map.padded, twin.padded)
     away_px = np.hypot(*(np.column_stack([x, y])[:, np.newaxis] - REST_PX).transpose(2, 0, 1))
     near = away_px <= 7.0 + locator.window.edge[0, 1] + GATE_PX + REASSIGN_PX

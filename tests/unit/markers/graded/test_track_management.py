@@ -9,11 +9,15 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HOT
 from spikingtac.events.windows import windows
 from spikingtac.markers.graded import track_management
-from spikingtac.markers.graded.misplaced_skin import rest_light_kernel, rim_events_kernel
+from spikingtac.markers.graded.misplaced_skin import (
+    MisplacedSkin,
+    rest_light_kernel,
+    rim_events_kernel,
+)
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
 from spikingtac.state_map.binary import paint_discs
-from spikingtac.state_map.graded import PIXEL
+from spikingtac.state_map.graded import PIXEL, GradedStateMap
 from stand_ins.ideal_events import ideal_events
 from stand_ins.known import moving_markers
 
@@ -233,6 +237,25 @@ def test_a_skin_whose_release_lost_its_events_is_put_back(lost_share: float) -> 
     assert (max(off_px[300:600]) < 1.0) == (lost_share < 1.0)
     assert off_px[260] > 5.0
     assert max(off_px[700:]) < 1.0
+
+
+@pytest.mark.parametrize("hit", [COUNT, 3])
+def test_trails_of_a_fast_hit_are_no_release_but_new_light_is(hit: int) -> None:
+    skin, rng = MisplacedSkin(CALIBRATION), np.random.default_rng(1)
+    hit_px = REST_PX + np.multiply.outer(np.arange(COUNT) < hit, [12.0, 0.0])
+
+    def is_released(place_px: np.ndarray, light: float) -> bool:
+        shown = np.maximum(levels(place_px), light * levels(REST_PX))
+        state_map = GradedStateMap(shown + rng.normal(0.0, 0.02, SIZE[::-1]))
+        state_map.pixels["marker"] = COUNT
+        markers, nothing = moving_markers(place_px), np.zeros(COUNT + 1)
+        markers["radius_px"] = RADIUS_PX
+        return skin.update(markers, state_map, nothing, DT_S, nothing)
+
+    assert not is_released(REST_PX, 0.0)
+    assert not is_released(hit_px, 0.2)
+    assert not is_released(hit_px, 0.2)
+    assert is_released(hit_px, 0.6)
 
 
 def test_light_at_the_rests_equals_its_twin() -> None:
