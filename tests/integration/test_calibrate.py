@@ -258,3 +258,9 @@ def test_the_verb_learns_the_lens_of_a_flat_grid(tmp_path: Path, verbs: Verbs) -
     skin_mm = lens.to_mm(still_px * half_px + middle)
     np.testing.assert_allclose(skin_mm, np.column_stack([column - 2.0, row - 1.5]) * 2.4, atol=0.02)
     assert "give pitch_mm" in verbs.said(*words, "--overwrite", code=2)
+    other = ["calibrate", tmp_path / "c.json", "-o", tmp_path / "d.json", "--pitch-mm", 4.8]
+    verbs.said(*other)
+    doubled = Calibration.load(tmp_path / "d.json").lens
+    assert doubled is not None
+    np.testing.assert_allclose(doubled.to_mm(still_px), 2.0 * lens.to_mm(still_px), atol=0.02)
+    assert "learned from a recording" in verbs.said(*other, "--polarity", "dark", code=2)

@@ -149,6 +149,7 @@ def test_what_is_typed_wrong_is_told_in_words(
         (("plot", "tracks.csv"), "no events: it is a table; tracks are read as .npz,"),
         (("plot", "tracks.parquet"), "no events: it is a table; tracks are read as .npz,"),
         (("touch", "nowhere.npz"), "there is no file"),
+        (("info", "touches.csv"), "no events: it is a list of touches"),
         (("ros2", "nowhere.raw"), "there is no file"),
     ],
 )
@@ -156,6 +157,7 @@ def test_what_a_file_is_instead_is_told(
     words: tuple[str, ...], told: str, made: Path, verbs: Verbs, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(made)
+    (made / "touches.csv").write_text("begin_us,end_us,duration_us,peak_us\n")
     output = ("-o", "new.npz") if words[0] == "track" else ()
     assert told in verbs.said(*words, *output, code=1)
 
@@ -185,6 +187,18 @@ def test_figures_stand_with_their_units(made: Path, verbs: Verbs) -> None:
     text = " ".join(verbs.said("info", made / "tracks.npz").split())
     assert "never observed 9" in text
     assert "scale not known" in text
+
+
+@pytest.mark.parametrize("verb", ["convert", "calibrate", "track", "touch"])
+def test_no_verb_replaces_what_it_reads(verb: str, made: Path, verbs: Verbs) -> None:
+    recording, events = made / "circling", made / "circling" / "events.raw"
+    output = [events] if verb == "convert" else ["-o", events]
+    known = ["--calibration", made / "finger.json"] if verb in ("track", "touch") else []
+    before = events.read_bytes()
+    for read in (recording, events):
+        said = verbs.said(verb, read, *output, *known, "--overwrite", code=2)
+        assert "is the input itself" in said
+    assert events.read_bytes() == before
 
 
 @pytest.mark.parametrize("verb", ["convert", "calibrate", "track"])

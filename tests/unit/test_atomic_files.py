@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from spikingtac.atomic_files import WholeFile, require_free, write_text
+from spikingtac.atomic_files import PARTIAL, WholeFile, require_free, whole_folder, write_text
 from spikingtac.errors import ConfigError
 from spikingtac.events import create_events
 from spikingtac.types import EventPacket
@@ -107,6 +107,20 @@ def test_a_killed_process_leaves_no_file_and_the_next_one_cleans_up(tmp_path: Pa
     assert len(listed(tmp_path)) == 1
     write_text(path, "whole")
     assert listed(tmp_path) == [path.name]
+    (tmp_path / f".run{PARTIAL}{child.pid}.1").mkdir()
+    with whole_folder(tmp_path / "run.1", last="b") as partial:
+        (partial / "b").touch()
+    assert listed(tmp_path) == [path.name, "run.1"]
+
+
+def test_a_folder_is_written_where_one_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "run").mkdir()
+    monkeypatch.chdir(tmp_path / "run")
+    with whole_folder(".", last="b") as partial:
+        (partial / "b").touch()
+    assert listed(tmp_path / "run") == ["b"]
 
 
 def test_replacing_must_be_asked_for(tmp_path: Path) -> None:

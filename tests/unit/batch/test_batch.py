@@ -48,6 +48,10 @@ def test_a_pattern_and_what_it_overlaps_are_taken_once_and_results_never(day: Pa
     assert names(found, day) == ["later/slide.raw", "press.2/events.raw", "table.csv"]
     assert names(find_recordings([day / "p*"]), day) == ["press.2"]
     assert "later/slide.raw" not in names(find_recordings([day], apart_from=day / "later"), day)
+    with pytest.raises(ConfigError, match="lies in the folder for the results"):
+        find_recordings([day / "later"], apart_from=day / "later")
+    beside = day / "later" / ".." / "press.2"
+    assert find_recordings([beside], apart_from=day / "later") == [beside]
 
 
 @pytest.mark.parametrize("given", ["-", "udp:7777", "twin:demo"])
@@ -67,6 +71,8 @@ def test_one_recording_is_not_many(day: Path) -> None:
 def test_results_lie_as_their_recordings_do_and_no_two_share_one(day: Path) -> None:
     outputs = outputs_of([day / "press.2", day / "later" / "slide.raw"], Path("/out"), ".npz")
     assert outputs == [Path("/out/press.2.npz"), Path("/out/later/slide.npz")]
+    back = day / "later" / ".." / "press.2"
+    assert outputs_of([back, day / "later" / "slide.raw"], Path("/out"), ".npz") == outputs
     with pytest.raises(ConfigError, match="would both be written"):
         outputs_of([day / "a.raw", day / "a.es"], Path("/out"), ".npz")
 

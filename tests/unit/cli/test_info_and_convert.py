@@ -49,6 +49,13 @@ def test_convert_cuts_and_flips(recorded: Path, verbs: Verbs) -> None:
     np.testing.assert_array_equal(found.p, ~events.p[inside])
 
 
+def test_what_a_recording_does_not_hold_is_refused(recorded: Path, verbs: Verbs) -> None:
+    assert "holds no sensor 1" in verbs.said("info", recorded, "--sensor", 1, code=2)
+    target, too_far = recorded.with_name("b.npz"), 1 << 62
+    said = verbs.said("convert", recorded, target, "--shift-us", too_far, code=2)
+    assert "shift_us is 4611686018427387904, valid are" in said
+
+
 def converted(recorded: Path, *options: str) -> EventPacket:
     target = recorded.with_name("changed.npz")
     assert main(["convert", str(recorded), str(target), "--overwrite", *options]) == 0

@@ -169,3 +169,12 @@ def test_a_held_marker_stays_where_it_is_put_and_loses_its_speed() -> None:
         locator.locate(t_us, held)
     assert locator.markers[["x", "y", "vx", "vy"]][0].tolist() == (32.0, 32.0, 0.0, 0.0)
     assert locator.markers["x"][1] == pytest.approx(70.5, abs=0.2)
+
+
+def test_a_leap_of_the_clock_moves_no_marker() -> None:
+    locator, nobody = moved_by(0.0), np.zeros(2, np.bool_)
+    locator.markers["vx"] = 100.0
+    for t_us in (3_600_000_000, 3_600_001_000):
+        locator.pending[:2] |= FIT_NOW
+        locator.locate(t_us, nobody)
+    np.testing.assert_allclose(locator.markers["x"], REST_PX[:, 0], atol=0.2)
