@@ -263,4 +263,4 @@ def test_the_verb_learns_the_lens_of_a_flat_grid(tmp_path: Path, verbs: Verbs) -
     doubled = Calibration.load(tmp_path / "d.json").lens
     assert doubled is not None
     np.testing.assert_allclose(doubled.to_mm(still_px), 2.0 * lens.to_mm(still_px), atol=0.02)
-    assert "learned from a recording" in verbs.said(*other, "--polarity", "dark", code=2)
+    assert "--polarity is for recordings" in verbs.said(*other, "--polarity", "dark", code=2)

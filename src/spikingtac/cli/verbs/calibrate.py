@@ -129,7 +129,7 @@ def _set_scale(args: Args, path: Path) -> int:
     for name in OF_RECORDINGS:
         if getattr(args, name) != getattr(plain, name):
             raise st.ConfigError(
-                f"--{name.replace('_', '-')} is learned from a recording, and {str(path)!r} is a "
+                f"--{name.replace('_', '-')} is for recordings, and {str(path)!r} is a "
                 "calibration; leave it out, or give the recording"
             )
     require_free(args.output, args.overwrite)
