@@ -228,7 +228,7 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     states = markers, outline_px, np.ones(3), *WINDOW, fit_scratch(16.0)
     discs = np.full(3, PROFILE.steepest), np.full(3, step)
     for turn in range(3):
-        law = turn, own_s / GROUPS, -np.log1p(-share) / own_s, TOLERANCE, noise_hz_px
+        law = turn, own_s / GROUPS, -np.log1p(-share) / own_s, noise_hz_px
         leak_kernel(*maps_of(state_map), *states, *discs, *law)
     expected, sure, (y, x) = start.copy(), np.ones(start.shape, bool), np.indices(start.shape)
     inner_px, outer_px = WINDOW.edge[0, :2]

@@ -37,10 +37,7 @@ from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, Array
 # 0.1 s).
 AGREEMENT_MEMORY_S = 0.2
 
-# Tolerated disagreement, in mean steps of the marker; the second value holds until the event loss
-# is measured: a faint touch brings too few events to measure it, and a leak that holds discs back
-# would blur the touch.
-TOLERANCE, FIRST_TOLERANCE = 0.3, 1.0
+TOLERANCE = 0.3  # Tolerated disagreement, in mean steps of the marker.
 
 # How far outside of a disc the leak works, px. (At 5 px a marker is lost at a snap of the twin; at
 # 3.5 px v2e's recording without 30 % of its events errs by 2 % more.)
@@ -91,24 +88,19 @@ class MapLeak:
         self._mean_agreement = np.ones(len(steepest))
         self._count = 0
 
-    def update(
-        self, locator: DiscLocator, dt_s: float, loss_known: bool, noise_hz_px: float
-    ) -> None:
+    def update(self, locator: DiscLocator, dt_s: float, noise_hz_px: float) -> None:
         """Leak the next group of markers, and the next rows of the ground.
 
         Args:
             locator: Fits of the markers, and their map, which is changed.
             dt_s: Time since the last update, s.
-            loss_known: Whether the event loss was measured.
             noise_hz_px: Background, Hz/px.
         """
-        tolerance = TOLERANCE if loss_known else FIRST_TOLERANCE
         self._count += 1
         discs = locator.markers, locator.outline_px, self._mean_agreement
         leak_kernel(
             locator.map.padded.ravel(), locator.map.pixels, *discs, *locator.window,
-            self._scratch, *self._discs, self._count, dt_s, self._leak_per_s, tolerance,
-            noise_hz_px,
+            self._scratch, *self._discs, self._count, dt_s, self._leak_per_s, noise_hz_px,
         )  # fmt: skip
 
 
@@ -185,15 +177,14 @@ def leak_kernel(
     flat: Array, pixels: Array, markers: Array, outline_px: Array, mean_agreement: Array,
     offset: Array, polar: Array, within: Array, coefficients: Array, ends: Array, edge: Array,
     steepest: Array, mean_step: Array, count: int, dt_s: float, leak_per_s: float,
-    tolerance: float, noise_hz_px: float,
+    noise_hz_px: float,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Leak the map around a group of markers and in some rows of the ground.
 
     Arguments are plain, since a tuple costs a microsecond: the flat map with its margin, and its
     pixels; records, outlines and mean agreements of the markers; the fields of a
     :class:`FitWindow`, and scratch; steepest slopes, 1/px, and mean steps; the count of updates,
-    the time since the last one, s, the rate of the leak, 1/s, the tolerance in steps, and the
-    background, Hz/px.
+    the time since the last one, s, the rate of the leak, 1/s, and the background, Hz/px.
     """
     levels = flat, pixels.shape[1], pixels.shape[0]
     window = FitWindow(offset, polar, within, coefficients, ends)
@@ -209,7 +200,7 @@ def leak_kernel(
         ring, at = sample_ring_kernel(levels, window, m, place_px, ends_px, outline_px, edge)
         rests = np.hypot(marker.vx, marker.vy) <= AT_REST_PX_S
         pull = np.float32(pull_share * rests * (outline_px[m, 0] - marker.radius_px) * steepest[m])
-        limit = np.float32(tolerance * mean_step[m])
+        limit = np.float32(TOLERANCE * mean_step[m])
         _excess_kernel(ring, edge, (limit, portion, pull, np.float32(1.0 / steepest[m])))
         _subtract_kernel(flat, pixels, at, ring, offset, edge)
     gain = -math.expm1(-dt_s / AGREEMENT_MEMORY_S)

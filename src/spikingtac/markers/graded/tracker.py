@@ -165,7 +165,9 @@ class GradedTracker:
         dt_s = 0.0 if before_us == NEVER_US else (t_us - before_us) * 1e-6
         self._next_estimate_us = t_us + LONGEST_PERIOD_US
         self._run_slower_work(t_us, dt_s)
-        backlash = self._backlash if self._knows_loss else 0.0
+        # Until the event loss is measured, steps are assumed larger than they are, and discs lead
+        # their markers as often as they lag.
+        backlash = self._backlash if self._event_loss.measured or not self._adapts else 0.0
         noise = self._event_loss.background_hz_px, dt_s
         given_px = self._corrections.update(t_us, locator.markers, self.lag_s, backlash, noise)
         if self._zero is not None:
@@ -197,12 +199,6 @@ class GradedTracker:
         if self._adapts:
             self._locator.map.arrival_ratio = self._event_loss.arrival_ratio
 
-    @property
-    def _knows_loss(self) -> bool:
-        # Until the event loss is measured, steps are assumed larger than they are, and discs lead
-        # their markers as often as they lag.
-        return self._event_loss.measured or not self._adapts
-
     def _run_slower_work(self, t_us: int, dt_s: float) -> None:
         """Leak the map and run a task, if they are due ``dt_s`` after the last estimate."""
         short = 0.0 < dt_s < SHORT_PERIOD_S
@@ -219,8 +215,7 @@ class GradedTracker:
         since_s = 0.0 if self._leak_us == NEVER_US else (t_us - self._leak_us) * 1e-6
         self._leak_us = t_us
         if self._leak is not None and since_s:
-            noise_hz_px = self._event_loss.background_hz_px
-            self._leak.update(self._locator, since_s, self._knows_loss, noise_hz_px)
+            self._leak.update(self._locator, since_s, self._event_loss.background_hz_px)
 
     def _run_task(self, t_us: int) -> None:
         """Run one task in turn: event loss, silent markers, lost ones, or a misplaced skin."""

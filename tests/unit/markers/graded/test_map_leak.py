@@ -9,7 +9,6 @@ from spikingtac.config import load_config
 from spikingtac.markers.graded.appearance import appearance_of, fit_window
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.map_leak import (
-    FIRST_TOLERANCE,
     LARGEST_FALL,
     LEAKED_US,
     TOLERANCE,
@@ -31,17 +30,17 @@ BESIDE = BESIDE_PX[:, 1], BESIDE_PX[:, 0]
 
 
 def leaked(
-    duration_us: int, of_one: float = 1.0, quiet_us: int = 0, level: float = 0.9, known: bool = True
+    duration_us: int, of_one: float = 1.0, quiet_us: int = 0, level: float = 0.9
 ) -> np.ndarray:
     """Return what is left of a level beside each disc; one agrees less, and was fitted before."""
     locator, leak = DiscLocator(CALIBRATION), MapLeak(CALIBRATION, 30.0)
     for _ in range(50):
-        leak.update(locator, 1e-3, known, 0.5)
+        leak.update(locator, 1e-3, 0.5)
     for levels in (locator.map.pixels["level"], locator.map.values):
         levels[BESIDE] += level
     locator.markers["agreement"][1], locator.markers["t_us"][1] = of_one, quiet_us
     for _ in range(duration_us // 1_000):
-        leak.update(locator, 1e-3, known, 0.5)
+        leak.update(locator, 1e-3, 0.5)
     return locator.map.pixels["level"][BESIDE]
 
 
@@ -57,14 +56,13 @@ def test_nothing_leaks_around_a_marker_that_snapped_away_or_sent_nothing_for_a_s
     assert left[[0, 2, 3]].max() < 0.35
 
 
-@pytest.mark.parametrize(("known", "tolerance"), [(False, FIRST_TOLERANCE), (True, TOLERANCE)])
-def test_half_a_step_leaks_only_once_the_loss_is_known(known: bool, tolerance: float) -> None:
+def test_of_half_a_step_the_tolerance_stays() -> None:
     appearance = appearance_of(CALIBRATION)
     step, profile = float(appearance.mean_step[0]), appearance.profiles[0]
     # Outside of a disc its level is that where its edge ends.
     end = float(profile.level(fit_window([profile], SIZE[0]).edge[0, 1]))
-    left, begun = leaked(300_000, level=0.5 * step, known=known), leaked(0, level=0.5 * step)
-    expected = np.minimum(begun, tolerance * step + end)
+    left, begun = leaked(300_000, level=0.5 * step), leaked(0, level=0.5 * step)
+    expected = np.minimum(begun, TOLERANCE * step + end)
     np.testing.assert_allclose(left, expected, atol=0.05 * step)
 
 
