@@ -31,7 +31,7 @@ class WholeFile:
         if self.path.is_symlink():
             self.path = self.path.resolve()
         self._beside = not (in_place or (self.path.exists() and not self.path.is_file()))
-        self.partial = _beside(self.path) if self._beside else self.path
+        self.partial = _partial_of(self.path) if self._beside else self.path
 
     def open(self, mode: str = "wb", **options: Any) -> IO[Any]:
         """Open the unfinished file."""
@@ -125,7 +125,7 @@ def whole_folder(path: str | Path, last: str) -> Iterator[Path]:
         last: The file that says that all others are there: it is taken away first and put last.
     """
     folder = Path(path).resolve()
-    partial = _beside(folder)
+    partial = _partial_of(folder)
     partial.mkdir(parents=True)
     try:
         yield partial
@@ -164,7 +164,7 @@ def _sync(path: Path) -> None:
         os.close(handle)
 
 
-def _beside(path: Path) -> Path:
+def _partial_of(path: Path) -> Path:
     """Return where this process writes what shall be at a path; remove what killed ones left."""
     for left in path.parent.glob(f".{escape(path.stem)}{PARTIAL}*{escape(path.suffix)}"):
         number = left.name.rpartition(PARTIAL)[2].removesuffix(path.suffix)

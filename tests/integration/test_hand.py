@@ -47,7 +47,7 @@ def test_fingers_give_what_each_gives_alone_and_a_dead_one_harms_nobody(
             )
         }
         wait_until(lambda: hand["killed"].health.frames > 0)
-        os.kill(hand["killed"].process_id, signal.SIGKILL)
+        os.kill(hand["killed"]._host.pid, signal.SIGKILL)
         wait_until(lambda: hand["thumb"].health.state == "ended")
         for name in ("missing", "foreign"):
             wait_until(lambda name=name: hand[name].health.state == "failed")

@@ -106,8 +106,7 @@ class Calibration:
         if not pitch_mm > 0.0:
             raise ValueError(f"pitch_mm is {pitch_mm}, it must be positive, in millimetres")
         px_per_mm = mean_pitch_px(self.reference_px) / pitch_mm
-        lens = self.lens
-        if lens is not None:
+        if (lens := self.lens) is not None:
             lens = lens.scaled(pitch_mm / mean_pitch_px(lens.to_mm(self.reference_px)))
         return replace(self, px_per_mm=px_per_mm, lens=lens)
 

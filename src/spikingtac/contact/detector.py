@@ -128,7 +128,7 @@ def check_budget(false_alarms_per_hour: float) -> None:
     """Refuse a budget of false alarms that is too small or too large.
 
     Raises:
-        ConfigError: It is so, or not a number.
+        ConfigError: It lies beyond the bounds, or is not a number.
     """
     if not LEAST_PER_HOUR <= false_alarms_per_hour <= MOST_PER_HOUR:
         given = f"the budget is {false_alarms_per_hour:g} false contacts per hour"

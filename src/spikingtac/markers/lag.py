@@ -270,9 +270,8 @@ def estimate_lag(found: Crossings, edge: DiscProfile) -> tuple[float, float] | N
     spread_us = 1e6 * np.sqrt(scale * np.linalg.pinv(design.T @ design)[0, 0])
     lag_us = 1e6 * float(solved[0])
     error_us = float(np.sqrt(spread_us**2 + (DARK_SHARE * lag_us) ** 2 + FLOOR_US**2))
-    if error_us > LARGEST_ERROR_US or lag_us < -error_us:  # no edge comes before its light
-        return None
-    return max(lag_us, 0.0), error_us
+    possible = error_us < LARGEST_ERROR_US and lag_us > -error_us  # no edge comes before its light
+    return (max(lag_us, 0.0), error_us) if possible else None
 
 
 def trimmed_means(counts: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -148,11 +148,6 @@ class Live(AbstractContextManager["Live"]):
         self._frame: LiveFrame | None = None
 
     @property
-    def process_id(self) -> int:
-        """The process's id, to give it a core or a priority of its own."""
-        return self._host.pid
-
-    @property
     def health(self) -> LiveHealth:
         """How the sensor is now."""
         self._listen()

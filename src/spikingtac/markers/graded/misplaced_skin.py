@@ -95,8 +95,8 @@ def signs_kernel(
     at_rest = tracked = 0.0
     if still and counts.sum() >= NEW_EVENTS + 2.0 * dt_s * noise_per_s.sum():
         at_rest, tracked = rim_events_kernel(pixels, rest_px, markers)
-    tells = still and points >= LEAST_POINTS
-    return light, error if tells else np.inf, away_px, at_rest, tracked
+    error = error if still and points >= LEAST_POINTS else np.inf
+    return light, error, away_px, at_rest, tracked
 
 
 @kernel()
