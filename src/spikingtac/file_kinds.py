@@ -23,7 +23,7 @@ DOCUMENTS = {
     "report": {"experiment", "rows"},
     "manifest": {"t_start_us", "t_end_us", "size"},
 }
-RECORDING = "events.raw"  # What a recording folder has.
+RECORDING_NAME = "events.raw"  # What a recording folder has.
 
 # How tables of tracks begin, as CSV and as Parquet; and lists of touches, of distances, of results.
 TABLES, LISTS = (b"t_us,marker,", b"PAR1"), (b"begin_us,end_us,", b"marker,", b"source,output,")
@@ -57,7 +57,7 @@ def kind_of(path: str | Path) -> str | None:
     """Return a key of :data:`TOLD`, or None for anything else."""
     file = Path(path)
     if file.is_dir():
-        return "recording" if (file / RECORDING).is_file() else None
+        return "recording" if (file / RECORDING_NAME).is_file() else None
     if not file.is_file():
         return None
     if file.suffix == ".onnx":

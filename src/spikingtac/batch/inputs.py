@@ -7,8 +7,8 @@ from pathlib import Path
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.camera import is_address
-from spikingtac.events.open import READABLE, RECORDING_NAME
-from spikingtac.file_kinds import members_of
+from spikingtac.events.open import READABLE
+from spikingtac.file_kinds import RECORDING_NAME, members_of
 
 # Endings of many kinds of tables: in a folder they are no recordings, by name they may be.
 TABLES = frozenset({".csv", ".txt"})

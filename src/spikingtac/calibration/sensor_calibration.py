@@ -105,10 +105,9 @@ class Calibration:
         """
         if not pitch_mm > 0.0:
             raise ValueError(f"pitch_mm is {pitch_mm}, it must be positive, in millimetres")
-        px_per_mm = mean_pitch_px(self.reference_px) / pitch_mm
         if (lens := self.lens) is not None:
             lens = lens.scaled(pitch_mm / mean_pitch_px(lens.to_mm(self.reference_px)))
-        return replace(self, px_per_mm=px_per_mm, lens=lens)
+        return replace(self, px_per_mm=mean_pitch_px(self.reference_px) / pitch_mm, lens=lens)
 
     def of_each_marker(self, name: str, default: float) -> FloatArray:
         """Return ``(m,)`` numbers: the markers' own where known, else the sensor's, else a default.

@@ -15,7 +15,7 @@ import tyro
 
 from spikingtac.atomic_files import require_free
 from spikingtac.errors import ConfigError, nearest
-from spikingtac.file_kinds import RECORDING
+from spikingtac.file_kinds import RECORDING_NAME
 
 Output = Annotated[Path | None, tyro.conf.arg(aliases=["-o"])]  # Option -o: what is written.
 
@@ -61,7 +61,8 @@ class WriteArgs(JsonArgs):
         named = [one for several in given for one in several if isinstance(one, Path)]
         for path in filter(None, paths):
             require_free(path, self.overwrite)
-            read = [inner for one in named if one is not path for inner in (one, one / RECORDING)]
+            others = [one for one in named if one is not path]
+            read = [*others, *(one / RECORDING_NAME for one in others)]
             if path.exists() and any(one.exists() and path.samefile(one) for one in read):
                 raise ConfigError(f"{str(path)!r} is the input itself; give another name")
 

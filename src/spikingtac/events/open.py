@@ -18,13 +18,12 @@ from spikingtac.events.formats.file_source import (
 )
 from spikingtac.events.formats.pieces import UTF16_MARKS
 from spikingtac.events.recording import (
-    RECORDING_NAME,
     RecordedClock,
     RetimedSource,
     name_of,
     time_base_of,
 )
-from spikingtac.file_kinds import kind_of, members_of, told_kind
+from spikingtac.file_kinds import RECORDING_NAME, kind_of, members_of, told_kind
 
 # Endings of what is no slip of the pen.
 FOREIGN = (

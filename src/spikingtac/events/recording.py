@@ -19,10 +19,11 @@ from spikingtac.events.clock import TimeMap
 from spikingtac.events.formats.array_file import ColumnFile, load_truth
 from spikingtac.events.formats.codec import Triggers, WrittenWhole
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
+from spikingtac.file_kinds import RECORDING_NAME
 from spikingtac.types import EventPacket, LossCounters
 
 SCHEMA = 1  # Version of the manifest that this package writes and reads.
-MANIFEST, TRUTH, RECORDING_NAME = "manifest.json", "truth.npz", "events.raw"
+MANIFEST, TRUTH = "manifest.json", "truth.npz"
 
 # Hosts whose monotonic clocks began within this time are one host, s (setting the time of
 # day moves it by less, a start takes longer).

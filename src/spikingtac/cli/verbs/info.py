@@ -15,9 +15,8 @@ from spikingtac.cli.messages import Table, figures, progress, remark, tell
 from spikingtac.cli.options import ReadArgs
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.events.formats.codec import KINDS
-from spikingtac.events.open import RECORDING_NAME
 from spikingtac.events.recording import read_manifest
-from spikingtac.file_kinds import TOLD, digest_of, document_of, kind_of
+from spikingtac.file_kinds import RECORDING_NAME, TOLD, digest_of, document_of, kind_of
 from spikingtac.touch.series import load_series
 from spikingtac.tracks.tracks import longest
 from spikingtac.types import US_PER_S
