@@ -1,9 +1,9 @@
 """Lattices of points: the basis, the labels of the points, and a smooth model of the positions.
 
 Points on a lattice have few different steps to their neighbours, at any angle; the two shortest
-frequent steps are the basis. A smooth model of the positions grows outwards from one point: points
-and cells that are mutually nearest are matched, and the model is fitted to them again, with more
-terms the more points there are. It predicts the positions of missing markers.
+frequent steps are the basis. Labels spread outwards from one point: each cell is expected where the
+labelled points around it have it, and points and cells that are mutually nearest are matched. A
+smooth model of all points, with more terms the more there are, predicts missing markers.
 """
 
 from dataclasses import dataclass, replace
@@ -34,11 +34,13 @@ LEAST_SINE = 0.5  # Least sine of the angle between the steps of a basis: 30 deg
 # 0.3 to 0.5; 0.1 is a grid in perspective.
 LEAST_SKEW = 0.2
 
-# Largest distance of a point from its cell, as a share of the pitch.
-REACH = 0.33
+# Largest distance of a point from its cell, as a share of the pitch. Spread of the weights of the
+# points that predict it, in steps. (Random grids under a lens that bends the border by 5 to 40 %,
+# with jitter and gaps: 504 of 525 are labelled without a mistake; with 0.33 469, with one smooth
+# model of all points 359.)
+REACH, SPREAD = 0.45, 1.0
 
-# Rows and columns beyond the labelled ones in which points are searched: across one gap.
-AHEAD = 2
+AHEAD = 2  # Farthest step from a labelled point to a cell in which points are searched: one gap.
 
 # Least number of points for each number of terms of the smooth model: affine, quadratic
 # (perspective), cubic (lens distortion); four points and more per term.
@@ -117,22 +119,35 @@ def _labelled(points: FloatArray, basis: FloatArray) -> Lattice:
     # The seed is the point whose four neighbours fit the basis best.
     ways = np.array([basis[0], -basis[0], basis[1], -basis[1]])
     off = KDTree(points).query(points[:, np.newaxis] + ways)[0] / np.hypot(*ways.T)
-    seed = int(off.clip(max=1.0).sum(axis=1).argmin())
-    model = np.vstack([points[seed], basis])
-    lattice = Lattice(points, np.array([seed]), np.zeros((1, 2), np.int64), model)
-    while True:
-        low, high = lattice.label.min(axis=0) - AHEAD, lattice.label.max(axis=0) + AHEAD
-        label = cells_of(low, tuple(high - low + 1))
-        match = associate(lattice.expected_px(label), points, REACH * lattice.pitch_px)
-        label, index = label[match != UNMATCHED], match[match != UNMATCHED]
-        if len(index) <= len(lattice.index):
-            return lattice
-        terms = max(count for needed, count in MODEL_TERMS if len(index) >= needed)
-        given = BASIS_WEIGHT * np.eye(2, terms, 1)
-        design = np.vstack([_terms(label, terms), given])
-        places_px = np.vstack([points[index], BASIS_WEIGHT * basis])
-        model = np.asarray(np.linalg.lstsq(design, places_px, rcond=None)[0], np.float64)
-        lattice = Lattice(points, index, label, model)
+    index, label = np.array([off.clip(max=1.0).sum(axis=1).argmin()]), np.zeros((1, 2), np.int64)
+    reach_px, ahead = REACH * np.hypot(*basis.T).min(), 1
+    while ahead <= AHEAD:
+        low, high = label.min(axis=0) - ahead, label.max(axis=0) + ahead
+        cell = cells_of(low, tuple(high - low + 1))
+        cell = cell[KDTree(label).query(cell, p=np.inf)[0] <= ahead]
+        match = associate(_predicted_px(cell, label, points[index], basis), points, reach_px)
+        seen = match != UNMATCHED
+        grows = np.count_nonzero(seen) > len(index)
+        index, label = (match[seen], cell[seen]) if grows else (index, label)
+        ahead = 1 if grows else ahead + 1
+    terms = max(count for needed, count in MODEL_TERMS if len(index) >= needed)
+    design = np.vstack([_terms(label, terms), BASIS_WEIGHT * np.eye(2, terms, 1)])
+    places_px = np.vstack([points[index], BASIS_WEIGHT * basis])
+    model = np.asarray(np.linalg.lstsq(design, places_px, rcond=None)[0], np.float64)
+    return Lattice(points, index, label, model)
+
+
+def _predicted_px(
+    cell: NDArray[np.int64], label: NDArray[np.int64], places_px: FloatArray, basis: FloatArray
+) -> FloatArray:
+    # Places of cells by an affine fit for each, in which near points weigh most: a lens bends rows.
+    from scipy.spatial.distance import cdist
+
+    weight = np.exp(-0.5 * (cdist(cell, label) / SPREAD) ** 2)
+    design, known = _terms(label, 3), BASIS_WEIGHT**2 * np.diag([0.0, 1.0, 1.0])
+    normal = np.einsum("ck,ki,kj->cij", weight, design, design) + known
+    right = np.einsum("ck,ki,kd->cid", weight, design, places_px) + known[:, 1:] @ basis
+    return np.einsum("ci,cid->cd", _terms(cell, 3), np.linalg.solve(normal, right))
 
 
 def _bases(points: FloatArray, kind: LayoutKind) -> list[tuple[FloatArray, tuple[int | None, ...]]]:

@@ -37,7 +37,7 @@ def test_jitter_and_bending(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points = lattice(7, 10, turn_deg=rng.uniform(-12, 12)) + rng.normal(0, 2.5, (70, 2))
     radial = (points - np.array(SIZE) / 2) / 320
-    bend = rng.uniform(-0.15, 0.15)
+    bend = rng.uniform(-0.5, 0.3)
     bent = radial * (1 + bend * (radial**2).sum(axis=1, keepdims=True))
     tilted = bent / (1 + 0.12 * bent[:, :1])
     assert_sorted(tilted * 320 + np.array(SIZE) / 2, (7, 10), seed)
