@@ -224,6 +224,11 @@ def test_align_puts_events_and_edges_on_the_first_clock(tmp_path: Path, verbs: V
     right = np.concatenate([packet.t for packet in open_events(tmp_path / "pair", sensor=1)])
     assert np.abs(right - t_us).max() < 4.0
     assert "--trigger-channel" in verbs.said(*given, "--by", "triggers", code=2)
+    (tmp_path / "day").mkdir()
+    inside = (tmp_path / "right.raw").rename(tmp_path / "day" / "events.raw")
+    over = "align", given[1], inside, "--trigger-channel", 1, "-o", inside.parent, "--overwrite"
+    assert "is read" in verbs.said(*over, code=2)
+    inside.rename(tmp_path / "right.raw")  # it is still there
     source = open_events(tmp_path / "right.raw")
     line = SyncLine.of(open_events(tmp_path / "left.npz"))
     placed = RetimedSource(source, through_triggers(SyncLine.of(source), line, 1), ReadOptions())

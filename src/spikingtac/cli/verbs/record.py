@@ -205,7 +205,7 @@ def align(args: AlignArgs) -> int:
 
 
 def _two(args: AlignArgs, second: Path) -> dict[str, Any]:
-    from spikingtac.stream.record import prepare_folder
+    from spikingtac.stream.record import prepare_folder, recorded
 
     other, own = second_finger(args.first, second)
     by = args.by if args.trigger_channel is None else "triggers"
@@ -213,9 +213,8 @@ def _two(args: AlignArgs, second: Path) -> dict[str, Any]:
     told: dict[str, Any] = {"time_base": time_map.summary(), "host_later_us": host_later_us}
     if args.output is None:
         return told
-    if args.output.exists() and any(
-        path.exists() and args.output.samefile(path) for path in (args.first, second)
-    ):
+    gone = [args.output, *recorded(args.output, args.overwrite)]
+    if any(one.exists() and one.samefile(path) for one in gone for path in (args.first, second)):
         raise st.ConfigError("-o names a recording that is read; choose another folder")
     prepare_folder(args.output, args.overwrite)
     first, inputs = st.open_events(args.first), [args.first.name, second.name]
