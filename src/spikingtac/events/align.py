@@ -100,7 +100,7 @@ def map_between(
 def write_pair(
     folder: Path, first: FileSource, second: FileSource, time_map: TimeMap, fields: dict[str, Any]
 ) -> list[int]:
-    """Write both sensors' events on the first one's clock into a folder; return their numbers.
+    """Write both sensors' events and edges on the first one's clock; return the events' numbers.
 
     Args:
         folder: It exists.
@@ -118,9 +118,12 @@ def write_pair(
     placed = RetimedSource(second, time_map, ReadOptions())
     with RecordingWriter(folder, first.size, sensors=2) as writer:
         for number, source in enumerate((first, placed)):
+            edges = 0
             for packet in source:
+                edges = writer.pass_triggers(source.triggers, edges, number)
                 writer.write(packet, number)
                 counts[number] += len(packet)
+            writer.pass_triggers(source.triggers, edges, number)
             for kind, count in source.losses.kinds():
                 writer.losses.add(kind, count)
         writer.describe(aligned=time_map.summary(), **fields)

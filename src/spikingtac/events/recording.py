@@ -245,6 +245,11 @@ class RecordingWriter(WrittenWhole):
         self._start_us = start_us if self._start_us is None else min(self._start_us, start_us)
         self._end_us = max(self._end_us, packet.t_end_us)
 
+    def pass_triggers(self, triggers: Triggers, passed: int, sensor: int = 0) -> int:
+        """Append the trigger edges of a sensor from a number on; return how many there are."""
+        self._writers[sensor].add_triggers(triggers.select(slice(passed, None)))
+        return len(triggers)
+
     def describe(self, **fields: Any) -> None:
         """Add fields to the manifest: seed, scene and its sha256, contrast, thresholds ..."""
         self._fields.update(fields)

@@ -223,6 +223,9 @@ def test_align_puts_events_and_edges_on_the_first_clock(tmp_path: Path, verbs: V
     assert abs(told["drift_ppm"] + DRIFT_PPM) < 4.0 * told["drift_error_ppm"] < 1.0
     right = np.concatenate([packet.t for packet in open_events(tmp_path / "pair", sensor=1)])
     assert np.abs(right - t_us).max() < 4.0
+    for sensor in (0, 1):
+        list(paired := open_events(tmp_path / "pair", sensor=sensor))
+        assert np.abs(paired.triggers.t_us[:-1] - moments_us).max() < 4.0
     assert "--trigger-channel" in verbs.said(*given, "--by", "triggers", code=2)
     (tmp_path / "day").mkdir()
     inside = (tmp_path / "right.raw").rename(tmp_path / "day" / "events.raw")
