@@ -246,7 +246,7 @@ class Tracks:
             MissingExtraError: pandas is not installed.
         """
         pandas = import_extra("pandas", "a table", "tables")
-        columns = {name: getattr(self, name) for name in ("t_us", *VECTORS)}
+        columns = self._known(("t_us", *VECTORS, SIGMA))
         if self.px_per_mm is not None:
             columns["displacement_mm"] = self.displacement_mm
         each = {"held": self.coasted, "confidence": self.confidence}

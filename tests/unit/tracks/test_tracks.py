@@ -108,6 +108,8 @@ def test_the_table_is_that_of_the_csv_and_parquet_files(tmp_path: Path) -> None:
     assert pq.read_table(tmp_path / "none.parquet").num_rows == 0
     in_mm = circling_tracks(estimates=5, px_per_mm=15.5).to_pandas()
     assert {"displacement_x_mm", "displacement_y_mm"} <= set(in_mm.columns)
+    smoothed = replace(tracks, sigma_px=tracks.detected_px).to_pandas()
+    assert smoothed["sigma_x_px"].equals(smoothed["detected_x_px"])
 
 
 def test_triggers_mark_the_row_after_them(tmp_path: Path) -> None:
