@@ -144,7 +144,10 @@ class RobotiqGripper(contextlib.AbstractContextManager["RobotiqGripper"]):
                     raise ConnectionResetError("the connection was closed")
                 self._rest = (self._rest + data).lstrip(b"\n")  # the end of a split "ack"
         except OSError as error:
-            raise DeviceError(f"the gripper does not answer to {line!r}: {error}") from error
+            self._socket.close()  # an answer that comes yet would be taken for the next one
+            raise DeviceError(
+                f"the gripper does not answer to {line!r}: {error}; connect anew"
+            ) from error
         answer, _, self._rest = self._rest.partition(b"\n")
         return answer.decode(errors="replace").strip()
 

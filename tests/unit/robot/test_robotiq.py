@@ -1,5 +1,7 @@
 """The gripper's driver against a fake that speaks its ASCII socket."""
 
+import time
+
 import pytest
 
 from spikingtac.errors import DeviceError
@@ -49,6 +51,10 @@ def test_the_limit_holds_against_an_answer_that_comes_byte_by_byte() -> None:
         with pytest.raises(DeviceError, match="does not answer"):
             gripper.position()
         assert fake.sent_bytes < len("POS 3\n") - 1
+        fake.byte_period_s = 0.0
+        time.sleep(0.2)  # the late answer has come, and is none to another question
+        with pytest.raises(DeviceError, match="connect anew"):
+            gripper.position()
 
 
 @pytest.mark.parametrize("answer", ["POS 300", "POS -1", "POS 3.5", "POS"])
