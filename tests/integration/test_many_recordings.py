@@ -86,6 +86,8 @@ def test_touches_of_many_tracks_and_events_of_many_files(
         assert "begin_us" in next(csv.reader(file))
     options = ["-o", tmp_path / "npz", "--to", "npz", "--workers", 1]
     found = verbs.told("convert", recordings, *options)["rows"]
+    from_zero = verbs.said("convert", recordings, *options, "--from-us", 0, "--resume", code=2)
+    assert "from_us None -> 0" in from_zero
     rows = {Path(row["source"]).stem: row for row in found}
     for name in "01":
         before = EventPacket.concatenate(list(open_events(day / "recordings" / f"{name}.raw")))

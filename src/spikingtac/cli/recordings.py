@@ -145,7 +145,7 @@ def run_many(work: Work, args: Any, given: Sequence[Path]) -> int:
         settings={
             name: str(value) if isinstance(value, Path) else value
             for name, value in vars(fixed).items()
-            if name not in APART and value not in (None, False, ())
+            if name not in APART and not (value is None or value is False or value == ())
         },
         workers=args.workers,
     )
