@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from importlib import import_module
 from typing import Any, Self
 
 import numpy as np
@@ -198,8 +197,8 @@ def _agreeing(own: FloatArray, shift: FloatArray) -> NDArray[np.bool_]:
         return keep
     # The median of the slopes of all pairs, which a quarter of mistakes cannot move.
     some = np.linspace(0, len(own) - 1, min(len(own), MOST_FOR_PAIRS)).astype(np.intp)
-    stats: Any = import_module("scipy.stats")  # not loaded by those who read one clock
-    slope = stats.theilslopes(shift[some], own[some]).slope
+    apart, rise = (np.subtract.outer(of[some], of[some]) for of in (own, shift))
+    slope = float(np.median(rise[apart > 0.0] / apart[apart > 0.0]))
     for _ in range(ROUNDS_OF_MOMENTS):
         rest = shift - slope * own
         rest -= np.median(rest[keep])

@@ -182,6 +182,12 @@ def test_a_regular_line_is_taken_where_it_began_while_both_recorded() -> None:
         through_triggers(line(on_own(few[1:]), on_own(few[1:])[0] - 9), line(few[:-1], few[0] - 9))
 
 
+def test_few_edges_are_enough() -> None:
+    moments_us = np.array([0.1e6, 0.25e6, 0.47e6, 0.6e6, 0.91e6])
+    found = through_triggers(line(moments_us + 37.0), line(moments_us))
+    assert (found.base_us - found.own_us, found.drift_ppm) == (pytest.approx(-37.0), 0.0)
+
+
 def test_one_pulse_gives_the_offset_alone() -> None:
     found = through_triggers(line(np.array([9_000_000])), line(np.array([2_000_000])))
     assert (found.own_us, found.base_us, found.drift_error_ppm) == (9e6, 2e6, None)
