@@ -291,4 +291,7 @@ def hot_pixels_of(packets: Iterable[EventPacket]) -> NDArray[np.int64]:
     """
     end_us = next((packet.t_start_us for packet in packets), 0) + HOT_PIXEL_US
     early = list(takewhile(lambda packet: packet.t_start_us < end_us, packets))
-    return judge_events(EventPacket.concatenate(early)).hot_px if early else np.empty((0, 2), int)
+    if not early:
+        return np.empty((0, 2), int)
+    whole = EventPacket.concatenate(early)  # the last one may leap by years
+    return judge_events(whole.split(min(end_us, whole.t_end_us))[0]).hot_px

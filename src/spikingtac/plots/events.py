@@ -27,6 +27,8 @@ RATE_US = 10_000
 # Time constant of the surface, us: exp(-age / constant), as in Lagorce et al., "HOTS" (2017).
 SURFACE_US = 50_000
 
+LONGEST_US = 86_400 * US_PER_S  # Longest recording whose rate is drawn, us: a day.
+
 FAINT = 0.01  # Share of the surface below which a pixel is not drawn: it fired 0.23 s ago.
 
 # Height over width of figures that are no picture of the sensor.
@@ -73,6 +75,11 @@ def event_figures(source: FileSource, at_s: float | None = None) -> EventFigures
     for packet in source:
         if len(packet):
             first_us = int(packet.t[0]) if first_us is None else first_us
+            if packet.t[-1] - first_us > LONGEST_US:
+                raise ConfigError(
+                    f"{source.path.name!r} goes over more than a day, or its clock leapt; cut a "
+                    "part out: spikingtac convert RECORDING OUT --from-us N --to-us N"
+                )
             counts += np.bincount(_pixel(packet), minlength=len(counts))
             more = np.bincount((packet.t - first_us) // RATE_US, minlength=len(rate))
             more[: len(rate)] += rate

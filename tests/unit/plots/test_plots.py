@@ -12,7 +12,7 @@ from matplotlib.quiver import Quiver
 from PIL import Image, ImageSequence
 
 from spikingtac.errors import ConfigError
-from spikingtac.events import open_events
+from spikingtac.events import hot_pixels_of, open_events
 from spikingtac.geometry.hole import Circle
 from spikingtac.plots.circles import PLANE_REGION, HolePicture, draw_hole
 from spikingtac.plots.events import RATE_US, SURFACE_US, event_figures, plot_events
@@ -173,6 +173,15 @@ def test_every_kind_is_drawn_with_its_axes(recorded: Path) -> None:
         plot_events(found, "momnt")
     with pytest.raises(ConfigError, match="the events last 2 s"):
         event_figures(open_events(recorded), at_s=2.5)
+
+
+def test_a_leap_of_the_clock_is_no_rate_and_hides_no_hot_pixel(tmp_path: Path) -> None:
+    places, t_us = np.full(30_000, 7), np.append(np.arange(29_999) * 1_000, 10**15)
+    save_events(tmp_path / "leap.npz", packet_of(t_us, places, places, places > 0, (32, 24)))
+    leaping = open_events(tmp_path / "leap.npz")
+    with pytest.raises(ConfigError, match="its clock leapt"):
+        event_figures(leaping)
+    assert hot_pixels_of(leaping).tolist() == [[7, 7]]
 
 
 def test_events_have_one_colour_on_the_page_and_in_figures() -> None:
