@@ -14,10 +14,8 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.state_map.graded import Array
 from spikingtac.types import EventPacket, FloatArray
 
 
@@ -79,17 +77,12 @@ class BinaryStateMap:
             ConfigError: The packet comes from a sensor of another size.
         """
         packet.require_map(self.values.shape)
-        _paint_events_kernel(self.values, packet.x, packet.y, packet.p, self._dark_markers)
+        # The last of a pixel's events wins: NumPy assigns in order.
+        self.values[packet.y, packet.x] = packet.p != self._dark_markers
 
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
         self.values[:] = self._start
-
-
-@njit(cache=True)
-def _paint_events_kernel(values: Array, x: Array, y: Array, p: Array, dark_markers: bool) -> None:
-    for i in range(x.size):
-        values[y[i], x[i]] = p[i] != dark_markers
 
 
 def paint_discs(
