@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from spikingtac.contact.registry import DetectionConfig
-from spikingtac.errors import ConfigError, nearest
 from spikingtac.markers.registry import TrackingConfig
-from spikingtac.schema import from_toml, to_mapping
+from spikingtac.schema import from_toml, stored_file, to_mapping
 
 PRESETS = ("default", "fast", "paper")  # Named configurations, as package data under ``configs/``.
 
@@ -42,16 +41,8 @@ def load_config(name: str | Path) -> Config:
         ConfigError: There is neither; SettingsFileError where the file holds an unknown key or an
             unfit value.
     """
-    if str(name) in PRESETS:
-        with resources.as_file(resources.files("spikingtac") / "configs" / f"{name}.toml") as path:
-            return from_toml(Config, path)
-    path = Path(name)
-    if path.suffix != ".toml":
-        raise ConfigError(
-            f"unknown preset {str(name)!r}{nearest(str(name), PRESETS)} "
-            f"(valid: {', '.join(PRESETS)}, or the path of a .toml file)"
-        )
-    return from_toml(Config, path)
+    folder = Path(str(resources.files("spikingtac") / "configs"))
+    return from_toml(Config, stored_file(name, folder, PRESETS, "preset"))
 
 
 def digest(value: Any) -> str:

@@ -3,11 +3,12 @@
 import contextlib
 import dataclasses
 import json
+import os
 import re
 import tomllib
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -54,6 +55,23 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     if mapping is None or level:
         raise SettingsFileError(f"{str(path)!r} is nested deeper than {DEEPEST} tables or lists")
     return mapping
+
+
+def stored_file(name: str | Path, folder: Path, names: Sequence[str], kind: str) -> Path:
+    """Return the TOML file of a name in a folder of the package, or a path as it is.
+
+    Raises:
+        ConfigError: It is neither; names the nearest name.
+    """
+    text = str(name)
+    if text in names:
+        return folder / f"{text}.toml"
+    if not text.endswith(".toml") and os.sep not in text:
+        raise ConfigError(
+            f"unknown {kind} {text!r}{nearest(text, names)} "
+            f"(valid: {', '.join(names)}, or the path of a TOML file)"
+        )
+    return Path(name)
 
 
 def from_toml(cls: type[T], path: str | Path) -> T:

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import importlib.resources
 import math
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 from spikingtac.errors import ConfigError, nearest
-from spikingtac.schema import merged, read_toml, to_toml
+from spikingtac.schema import merged, read_toml, stored_file, to_toml
 
 DEFAULT = "paper-size"
 BASED_ON = "based_on"  # key of the design whose values hold where a file has none
@@ -109,14 +108,8 @@ def load_design(name: str | Path = DEFAULT) -> Design:
 
 
 def _values(name: str, above: tuple[str, ...]) -> dict[str, Any]:
-    path = DESIGNS / f"{name}.toml" if name in names() else Path(name)
-    if name not in names() and not name.endswith(".toml") and os.sep not in name:
-        where = f" (named by {above[-1]!r})" if above else ""
-        raise ConfigError(
-            f"no design {name!r}{where}{nearest(name, names())} "
-            f"(valid: {', '.join(names())}, or the path of a TOML file)"
-        )
-    values = read_toml(path)
+    kind = f"design (named by {above[-1]!r})" if above else "design"
+    values = read_toml(stored_file(name, DESIGNS, names(), kind))
     if name == DEFAULT:
         return values
     base = values.pop(BASED_ON, DEFAULT)

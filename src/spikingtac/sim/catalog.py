@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spikingtac.schema import read_toml
-from spikingtac.sim.camera.config import CONFIGS, load_stored
+from spikingtac.schema import from_toml, read_toml, stored_file
+from spikingtac.sim.camera.config import CONFIGS
 
 if TYPE_CHECKING:
     from spikingtac.sim.scene import Scene
@@ -55,4 +55,4 @@ def load_scene(name: str | Path) -> Scene:
     """
     from spikingtac.sim.scene import Scene  # with the gel's kernels behind it
 
-    return load_stored(Scene, name, "scene", scene_names())
+    return from_toml(Scene, stored_file(name, CONFIGS / "scenes", scene_names(), "scene"))

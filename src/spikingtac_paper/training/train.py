@@ -23,8 +23,8 @@ from torch import Tensor, nn
 
 from spikingtac.atomic_files import replacing
 from spikingtac.denoise import FORMAT
-from spikingtac.errors import ConfigError, nearest
-from spikingtac.schema import build, read_toml, to_mapping
+from spikingtac.errors import ConfigError
+from spikingtac.schema import build, read_toml, stored_file, to_mapping
 from spikingtac_paper.training.architecture import (
     FOLD,
     MULTIPLE_PX,
@@ -104,14 +104,8 @@ def load_training_config(name: str, **changes: Any) -> TrainConfig:
     Raises:
         ConfigError: It does not exist, or it has an unknown key or an invalid value.
     """
-    path = Path(name)
-    if name in CONFIGS:
-        path = Path(str(resources.files("spikingtac_paper") / "configs" / f"{name}.toml"))
-    elif path.suffix != ".toml":
-        raise ConfigError(
-            f"unknown training configuration {name!r}{nearest(name, CONFIGS)} "
-            f"(valid: {', '.join(CONFIGS)}, or the path of a .toml file)"
-        )
+    folder = Path(str(resources.files("spikingtac_paper") / "configs"))
+    path = stored_file(name, folder, CONFIGS, "training configuration")
     config = build(TrainConfig, read_toml(path), path.name)
     try:
         return replace(

@@ -1,16 +1,12 @@
 """Settings of the simulated event camera, with one table for each physical part, and presets."""
 
 import importlib.resources
-import os
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal
 
-from spikingtac.errors import ConfigError, nearest
-from spikingtac.schema import from_toml, require_within
+from spikingtac.schema import from_toml, require_within, stored_file
 
-T = TypeVar("T")
 CONFIGS = Path(str(importlib.resources.files("spikingtac") / "configs"))
 
 # The pinned presets, stored as ``configs/cameras/<name>.toml``.
@@ -142,21 +138,5 @@ def load_camera(name: str | Path) -> CameraConfig:
         ConfigError: The name is unknown, or the file does not fit. The message names the valid
             values.
     """
-    return load_stored(CameraConfig, name, "camera", _STORED_NAMES)
-
-
-def load_stored(cls: type[T], name: str | Path, kind: str, names: Sequence[str]) -> T:
-    """Return a camera or scene that the package stores by name, or one from a TOML file.
-
-    Raises:
-        ConfigError: There is no such name or file, or the file does not fit.
-    """
-    text = str(name)
-    if text in names:
-        return from_toml(cls, CONFIGS / f"{kind}s" / f"{text}.toml")
-    if not text.endswith(".toml") and os.sep not in text:
-        raise ConfigError(
-            f"no {kind} {text!r}{nearest(text, names)} "
-            f"(valid: {', '.join(names)}, or the path of a TOML file)"
-        )
-    return from_toml(cls, name)
+    file = stored_file(name, CONFIGS / "cameras", _STORED_NAMES, "camera")
+    return from_toml(CameraConfig, file)
