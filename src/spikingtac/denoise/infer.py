@@ -66,7 +66,7 @@ class NetworkDenoiser:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self._session = _open_session(_read_checked(Path(path)), str(path))
+        self._session = open_session(_read_checked(Path(path)), str(path))
         self._blocks, self._quantum = _checked_metadata(self._session, str(path))
         self._buffers: _BlockBuffers | None = None
 
@@ -179,7 +179,16 @@ def _read_checked(path: Path) -> bytes:
     return content
 
 
-def _open_session(content: bytes, where: str) -> Any:
+def open_session(content: bytes, where: str) -> Any:
+    """Open a network in one thread.
+
+    Args:
+        content: An ONNX file.
+        where: Its name, for the message.
+
+    Raises:
+        ConfigError: It is none.
+    """
     import onnxruntime as ort
 
     options = ort.SessionOptions()
@@ -192,7 +201,7 @@ def _open_session(content: bytes, where: str) -> Any:
     except Exception as error:  # the runtime has a class of its own for each kind of damage
         raise ConfigError(
             f"{where!r} is no network that ONNX Runtime can read; "
-            "it is damaged or something else; give an .onnx file that spikingtac train wrote"
+            "it is damaged or something else; give a file that spikingtac wrote"
         ) from error
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.denoise.infer import open_session
 from spikingtac.errors import ConfigError
 from spikingtac.types import FloatArray
 
@@ -21,7 +22,6 @@ RECORD = "spikingtac.record"  # Key of the record in a file's metadata.
 
 # Versions of the format that files are written in; ONNX Runtime 1.18 reads them.
 IR_VERSION, OPSET = 8, 17
-FATAL_ONLY = 4  # Severity from which the runtime writes to the screen by itself.
 
 
 class Network:
@@ -42,22 +42,14 @@ class Network:
         Raises:
             ConfigError: It is none.
         """
-        # A late import: every verb's start would wait for it.
-        import onnxruntime as ort
-
-        options = ort.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
-        options.log_severity_level = FATAL_ONLY
-        try:
-            session = ort.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-            about = session.get_modelmeta().custom_metadata_map
-            self.record: dict[str, Any] = json.loads(about.get(RECORD, "{}"))
-        except Exception as error:  # the runtime has a class of its own for each kind of damage
-            raise ConfigError(f"{where!r} is damaged, or no network of this package") from error
         self.content = content
-        self._session = session
-        self._inputs = [one.name for one in session.get_inputs()]
+        self._session = open_session(content, where)
+        self._inputs = [one.name for one in self._session.get_inputs()]
+        about = self._session.get_modelmeta().custom_metadata_map
+        try:
+            self.record: dict[str, Any] = json.loads(about.get(RECORD, "{}"))
+        except ValueError as error:
+            raise ConfigError(f"{where!r} is no network of this package ({error})") from error
 
     def __call__(self, *inputs: NDArray[np.floating]) -> list[FloatArray]:
         """Return the outputs of inputs in the order of the file."""
