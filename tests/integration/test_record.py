@@ -155,6 +155,35 @@ def test_an_unplugged_camera_comes_back_with_time_that_goes_on(
     assert np.diff(found.t).max() == pytest.approx(gap["t_to_us"] - gap["t_from_us"], abs=2)
 
 
+class FlakyWithTriggers(Flaky):
+    """With a trigger edge 100 us before the first event of each packet; it comes back at once."""
+
+    @classmethod
+    def open(cls, address: Address) -> Flaky:
+        return cls()
+
+    def read(self, timeout_s: float) -> Rows | None:
+        found = super().read(timeout_s)
+        if found is not None:
+            self.triggers.append(int(found[3][0]) - 100, 0, True)
+        return found
+
+
+def test_trigger_edges_go_on_with_the_events_after_an_unplugged_camera_came_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    FlakyWithTriggers.opened = 0
+    monkeypatch.setattr(camera_source, "open_camera", FlakyWithTriggers.open)
+    source = CameraSource(Address.parse("flaky:"), ReadOptions(), when_lost="reconnect")
+    first_us = []
+    for *_, t in source.columns():
+        first_us.append(int(t[0]))
+        if len(first_us) == 6:
+            source.close()
+    assert FlakyWithTriggers.opened == 2
+    assert source.triggers.t_us.tolist() == [t_us - 100 for t_us in first_us]
+
+
 def test_a_lost_camera_ends_a_stream_or_raises_for_a_robot(flaky: type[Flaky]) -> None:
     source = CameraSource(Address.parse("flaky:"), ReadOptions())
     assert sum(len(packet) for packet in source) == 1_500

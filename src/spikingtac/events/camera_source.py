@@ -258,8 +258,10 @@ class CameraSource(FileSource):
         for kind, count in camera.losses.items():
             self.losses.add(kind, count)
         camera.losses.clear()
-        self.triggers.extend(camera.triggers)
-        camera.triggers.clear()
+        edges = camera.triggers
+        if len(edges) and not self._resumed:  # a clock that begins anew is placed by its events
+            self.triggers.append(edges.t_us + self._offset_us, edges.channel, edges.edge)
+            edges.clear()
 
     def _placed(self, rows: Rows) -> Rows:
         """Return the columns with times that go on after a reconnect."""
@@ -269,6 +271,7 @@ class CameraSource(FileSource):
             self._offset_us, self._resumed = until_us - int(t[0]), False
             self.gaps.append({"t_from_us": self._last_us, "t_to_us": until_us})
             self.clock.forget()
+            self._take_counts()
         if self._offset_us:
             t = t.astype(np.int64) + self._offset_us
         self._last_us, self._last_s = int(t[-1]), self.received_s
