@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -22,6 +23,8 @@ from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
 from spikingtac.robot.guard_loop import stream_arrivals
+from spikingtac.stream.packets import RingCamera
+from spikingtac.stream.pair import live_pair
 from spikingtac.stream.record import parse_split, prepare_folder, record
 from spikingtac.stream.recorder import Recorder
 from spikingtac.types import EventPacket
@@ -182,6 +185,23 @@ def test_trigger_edges_go_on_with_the_events_after_an_unplugged_camera_came_back
             source.close()
     assert FlakyWithTriggers.opened == 2
     assert source.triggers.t_us.tolist() == [t_us - 100 for t_us in first_us]
+
+
+def test_trigger_edges_of_a_paired_camera_reach_those_that_it_is_shared_with(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(camera_source, "open_camera", FlakyWithTriggers.open)
+    options, name = ReadOptions(), f"pair{os.getpid()}"
+    cameras = [CameraSource(Address.parse(f"flaky:?share={name}"), options)]
+    paired = live_pair([*cameras, CameraSource(Address.parse("flaky:"), options)], options)[0]
+    columns = paired.columns()
+    next(columns)
+    other = RingCamera.open(Address.parse(f"ring:{name}"))
+    assert len(list(columns)) == 2
+    while other.read(0.1) is not None:
+        pass
+    other.close()
+    assert (len(paired.triggers), len(other.triggers)) == (3, 2)
 
 
 def test_a_lost_camera_ends_a_stream_or_raises_for_a_robot(flaky: type[Flaky]) -> None:

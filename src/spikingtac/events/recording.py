@@ -143,6 +143,7 @@ class RetimedSource(FileSource):
 
     def _columns(self) -> Iterator[Rows]:
         self._source.losses, self._source.triggers = self.losses, Triggers()
+        self._edges_placed = 0
         for x, y, p, own_us in self._source.columns():
             self.progress = self._source.progress
             t = self._map(np.asarray(own_us))
@@ -154,10 +155,11 @@ class RetimedSource(FileSource):
 
     def _place_triggers(self) -> None:
         """Put the trigger edges met so far on the other clock, too."""
-        edges = self._source.triggers
+        # The source keeps them: who shares its events tells which edges are new by their number.
+        edges = self._source.triggers.select(slice(self._edges_placed, None))
         if len(edges):
             self.triggers.append(self._map(edges.t_us), edges.channel, edges.edge)
-            edges.clear()
+            self._edges_placed += len(edges)
 
 
 @dataclass(frozen=True)
