@@ -100,7 +100,7 @@ class Flaky(Camera):
     """A camera that is unplugged after some packets, and plugged in again later."""
 
     checked = True
-    opened = 0
+    opened = closed = 0
     plugged = True
 
     def __init__(self) -> None:
@@ -123,12 +123,12 @@ class Flaky(Camera):
         return packet.x, packet.y, packet.p, packet.t
 
     def close(self) -> None:
-        pass
+        type(self).closed += 1
 
 
 @pytest.fixture
 def flaky(monkeypatch: pytest.MonkeyPatch) -> type[Flaky]:
-    Flaky.opened, Flaky.plugged = 0, True
+    Flaky.opened, Flaky.closed, Flaky.plugged = 0, 0, True
     monkeypatch.setattr(camera_source, "open_camera", Flaky.open)
     return Flaky
 
@@ -211,7 +211,7 @@ def test_a_lost_camera_ends_a_stream_or_raises_for_a_robot(flaky: type[Flaky]) -
     flaky.plugged = True
     with pytest.raises(CameraLostError):
         list(stream_arrivals("flaky:"))
-    assert flaky.opened == 2  # it was opened once for each, and not again
+    assert flaky.opened == flaky.closed == 2  # once for each, and not again
 
 
 class Steady(Flaky):

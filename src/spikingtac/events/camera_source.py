@@ -189,6 +189,9 @@ class CameraSource(FileSource):
                 yield self._shown(rows if check is None else check(*rows))
             if check is not None:
                 yield self._shown(check.finish())
+        except Exception:
+            self.ended = self.ended or "lost"
+            raise
         finally:
             if self._closing or self.ended:
                 self._let_go()
