@@ -177,6 +177,6 @@ def runs(process: int) -> bool:
     """Return whether a process, given by its number, goes on."""
     try:
         os.kill(process, 0)
-    except OSError as error:
-        return not isinstance(error, ProcessLookupError)
+    except (OSError, OverflowError) as error:  # no process has a number beyond an int
+        return not isinstance(error, ProcessLookupError | OverflowError)
     return True

@@ -113,6 +113,12 @@ def test_a_killed_process_leaves_no_file_and_the_next_one_cleans_up(tmp_path: Pa
     assert listed(tmp_path) == [path.name, "run.1"]
 
 
+def test_a_number_that_no_process_can_have_is_a_remainder_too(tmp_path: Path) -> None:
+    (tmp_path / f".a{PARTIAL}{10**20}.txt").touch()
+    write_text(tmp_path / "a.txt", "whole")
+    assert listed(tmp_path) == ["a.txt"]
+
+
 def test_a_folder_is_written_where_one_stands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
