@@ -101,10 +101,8 @@ def background_events_kernel(source: NoiseSource, until_us: float, out: NDArray[
             i = min(int(place / source.background_fraction * pixels), pixels - 1)
         else:
             rest = (place - source.background_fraction) / (1.0 - source.background_fraction)
-            nearest = 0
-            while nearest < len(source.hot_pixel) - 1 and source.hot_cumulative[nearest] < rest:
-                nearest += 1
-            i = source.hot_pixel[nearest]
+            nearest = np.searchsorted(source.hot_cumulative, rest)
+            i = source.hot_pixel[min(nearest, len(source.hot_pixel) - 1)]
         source.polarity[i] ^= np.uint8(1)
         timestamp_us = np.int64(source.next_us[0])
         out[n] = (timestamp_us << KEY_SHIFT) | (np.int64(i) << 1) | np.int64(source.polarity[i])
