@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterable, Mapping
@@ -20,7 +21,7 @@ import grimp
 
 DIGEST_LENGTH = 16  # Hexadecimal digits of a folder's name: 64 bits.
 
-COMPILER = "njit"  # A file that does not name it defines no kernel.
+COMPILER = re.compile("njit|@kernel")  # A file that does not name it defines no kernel.
 
 DIGESTS_NAME = "digests.json"  # File of a cache folder that says for which sources it was made.
 
@@ -60,7 +61,7 @@ def closure_digests(sources: Path) -> dict[str, str]:
     names = {path.relative_to(sources).as_posix(): path for path in sorted(sources.rglob("*.py"))}
     modules = {name[:-3].removesuffix("/__init__").replace("/", "."): name for name in names}
     texts = {one: names[name].read_text(encoding="utf-8") for one, name in modules.items()}
-    kernels = {name: one for one, name in modules.items() if COMPILER in texts[one]}
+    kernels = {name: one for one, name in modules.items() if COMPILER.search(texts[one])}
     closures = {name: {one, *graph.find_upstream_modules(one)} for name, one in kernels.items()}
     return {name: _digest(texts[one] for one in sorted(all_)) for name, all_ in closures.items()}
 

@@ -21,9 +21,9 @@ from stand_ins.source_trees import FILES, PACKAGE, text_of, tree_of
 NAME = "somepackage"
 CALLEE = "from numba import njit\n@njit(cache=True)\ndef one():\n    return {value}\n"
 CALLER = (
-    "from numba import njit\n"
+    "from spikingtac.kernels import kernel\n"
     f"from {NAME}.callee import one\n"
-    "@njit(cache=True)\ndef twice():\n    return 2 * one()\n"
+    "@kernel()\ndef twice():\n    return 2 * one()\n"
 )
 BYSTANDER = "from numba import njit\n@njit(cache=True)\ndef none():\n    return 0\n"
 

@@ -23,8 +23,9 @@ from spikingtac.types import FloatArray
 # Initial edge width and contrast of the refinement.
 FIRST_EDGE_PX, FIRST_CONTRAST = 0.8, 3.3
 
-# Initial radius, as a share of the radius of the spots, which blur enlarges.
-FIRST_RADIUS_SHARE = 0.95
+# What smoothing adds to the radius of a spot, px (0.4 to 0.7 on twelve sensors with discs of 3.2 to
+# 25 px). A share of the radius would lose large discs: their rims would lie beyond each other.
+SPOT_GROWTH_PX = 0.5
 
 # Contrast threshold of a camera at usual settings, log intensity. Events determine only the product
 # of steps and contrast, so this sets the scale of ``contrast``; a wrong value shifts radii by some
@@ -79,7 +80,7 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
     events, markers = view.events, len(view.markers.center_px)
     index, rests = choose_samples(view)
     discs = Discs(
-        np.full(markers, FIRST_RADIUS_SHARE * view.markers.radius_px),
+        np.full(markers, view.markers.radius_px - SPOT_GROWTH_PX),
         np.full(markers, FIRST_EDGE_PX),
         np.full(markers, FIRST_CONTRAST),
     )

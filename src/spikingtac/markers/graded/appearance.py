@@ -10,6 +10,7 @@ of a window are sorted by their distance from the centre, so that the pixels of 
 contiguous, and one window serves markers of every size.
 """
 
+import math
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -204,10 +205,13 @@ class FitWindow(NamedTuple):
     edge: NDArray[np.float32]
 
 
-def fit_window(profiles: list[DiscProfile], width_px: int) -> FitWindow:
-    """Return the tables for discs of some profiles on a sensor of a width, px."""
-    farthest_px = PAD_PX - 1
-    dy, dx = np.indices((2 * PAD_PX, 2 * PAD_PX)).reshape(2, -1) - farthest_px
+def fit_window(profiles: list[DiscProfile], width_px: int, most_px: float) -> FitWindow:
+    """Return the tables for discs of some profiles and radii up to ``most_px`` on a sensor.
+
+    ``width_px`` is the sensor's width, px.
+    """
+    farthest_px = min(math.ceil(most_px + REACH_PX), PAD_PX - 1)
+    dy, dx = np.indices((2 * farthest_px + 2,) * 2).reshape(2, -1) - farthest_px
     rings_px = np.arange(0.0, farthest_px, RING_PX)
     middles_px = (np.arange(PHASES) + 0.5) / PHASES - 0.5
     orders, polars, within = [], [], []

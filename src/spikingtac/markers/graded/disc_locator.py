@@ -85,9 +85,10 @@ class DiscLocator:
                 (:mod:`spikingtac.markers.graded.dead_bands`).
         """
         radius_px = calibration.radius_px.astype(np.float64)
-        self.window = fit_window(appearance_of(calibration).profiles, calibration.size[0])
-        reach_px = (1.0 + MOST_GROWTH) * radius_px.max() + self.window.edge[:, 1].max()
-        self._scratch = fit_scratch(reach_px)
+        most_px = (1.0 + MOST_GROWTH) * radius_px.max()
+        profiles = appearance_of(calibration).profiles
+        self.window = fit_window(profiles, calibration.size[0], most_px)
+        self._scratch = fit_scratch(most_px + self.window.edge[:, 1].max())
         self._at_rest = resting_markers(calibration.reference_px)
         self._at_rest["radius_px"] = radius_px
         self._at_rest["needed"] = np.ceil(DUE_PX * events_per_px(calibration)).clip(1.0)

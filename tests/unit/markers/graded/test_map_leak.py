@@ -60,7 +60,7 @@ def test_of_half_a_step_the_tolerance_stays() -> None:
     appearance = appearance_of(CALIBRATION)
     step, profile = float(appearance.mean_step[0]), appearance.profiles[0]
     # Outside of a disc its level is that where its edge ends.
-    end = float(profile.level(fit_window([profile], SIZE[0]).edge[0, 1]))
+    end = float(profile.level(fit_window([profile], SIZE[0], 16.0).edge[0, 1]))
     left, begun = leaked(300_000, level=0.5 * step), leaked(0, level=0.5 * step)
     expected = np.minimum(begun, TOLERANCE * step + end)
     np.testing.assert_allclose(left, expected, atol=0.05 * step)
