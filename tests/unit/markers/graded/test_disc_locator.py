@@ -38,6 +38,18 @@ def moved_by(shift_px: float) -> DiscLocator:
     return locator
 
 
+@pytest.mark.parametrize("radius_px", [2.0, 7.0, 23.0, 60.0, 90.0])
+def test_discs_of_every_size_are_fitted(radius_px: float) -> None:
+    """Markers of 0.6 to 28 % of the width of a 1280x720 sensor; one lies at its border."""
+    sensor = known(np.array([[640.0, 360.0], [20.0, 700.0]]), radius_px, (1280, 720), (1, 2))
+    locator = DiscLocator(sensor)
+    locator.markers["x"] += 0.8
+    locator.pending[:] = FIT_NOW
+    locator.locate(0, np.zeros(2, np.bool_))
+    np.testing.assert_allclose(locator.markers["fit_x"], sensor.reference_px[:, 0], atol=0.05)
+    assert locator.markers["agreement"][0] > 0.95
+
+
 def naive_filter(positions: np.ndarray, dt: float, sigma: float) -> tuple[np.ndarray, ...]:
     """Return the textbook Kalman filter's states of one axis, by matrices."""
     state = np.array([positions[0], 0.0])
