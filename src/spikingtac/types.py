@@ -19,6 +19,9 @@ from spikingtac.errors import ConfigError
 FloatArray = NDArray[np.float64]  # Array of float64; each use states its shape.
 US_PER_S = 1_000_000
 
+# Types of the columns x, y, p and t of events.
+TYPES = [np.dtype(name) for name in ("u2", "u2", "?", "i8")]
+
 # Longer arrays are printed by type and shape, longer values are cut.
 MOST_NUMBERS, MOST_LETTERS = 6, 60
 
@@ -50,10 +53,11 @@ LawName = Literal["none", "paper", "anchored"]  # Laws of the output position, b
 class EventPacket:
     """Consecutive events of one camera, as columns.
 
-    Invariants, checked once where data enters and trusted afterwards: columns of equal length,
-    ``t`` never decreasing and inside ``[t_start_us, t_end_us)``, ``x < width``, ``y < height``.
-    Kernels index maps by x and y. A packet whose columns nobody has checked is therefore checked
-    before its first event is used (:meth:`sound`). Parts of a checked packet are checked.
+    Invariants: columns of equal length and of the types below, ``t`` never decreasing and inside
+    ``[t_start_us, t_end_us)``, ``x < width``, ``y < height``. Making a packet checks nothing. What
+    tracks, cuts, buffers or writes packets first checks each one that is not marked as checked
+    (:meth:`sound`); readers of files and cameras hand out checked ones. Parts of a checked packet
+    are checked. Nothing compares a packet with the one before it.
 
     Attributes:
         x: ``uint16[n]`` column, px.
@@ -63,7 +67,7 @@ class EventPacket:
         t_start_us: First microsecond that the packet covers.
         t_end_us: First microsecond after the packet (half-open).
         size: ``(width, height)`` of the sensor, px.
-        checked: Whether the columns are known to be of equal length and on the sensor.
+        checked: Whether the invariants are known to hold.
     """
 
     x: NDArray[np.uint16]
@@ -106,13 +110,20 @@ class EventPacket:
     def sound(self) -> EventPacket:
         """Check the columns once and return the packet, marked as checked.
 
+        Lists and other integers become the columns' own types; a polarity may be 0 or 1.
+
         Raises:
-            ConfigError: The columns differ in length, or an event lies outside of the sensor.
+            ConfigError: The columns break an invariant (see the class).
         """
         if not self.checked:
+            if [getattr(column, "dtype", None) for column in self._columns()] != TYPES:
+                self._convert()
             self._refuse_unsound()
             object.__setattr__(self, "checked", True)  # a copy takes as long as the check itself
         return self
+
+    def _columns(self) -> tuple[NDArray[Any], ...]:
+        return self.x, self.y, self.p, self.t
 
     def require_map(self, shape: tuple[int, ...]) -> None:
         """Refuse a map ``(height, width)`` of another sensor, and events that leave the map.
@@ -128,19 +139,39 @@ class EventPacket:
             )
         self.sound()
 
+    def _convert(self) -> None:
+        """Give the columns their own types, where that changes no value."""
+        for name, kind, given in zip("xypt", TYPES, map(np.asarray, self._columns()), strict=True):
+            column = given.astype(kind) if given.dtype.kind in "bui" or not given.size else given
+            if column.dtype != kind or (column != given).any():
+                span = f"{given.dtype} from {given.min()} to {given.max()}"
+                raise ConfigError(
+                    f"a packet's column {name} is {span}; give {kind.name}, or integers that fit "
+                    "into it (a polarity of -1 and 1 as p > 0)"
+                )
+            object.__setattr__(self, name, column)
+
     def _refuse_unsound(self) -> None:
-        count = len(self.t)
-        if not len(self.x) == len(self.y) == len(self.p) == count:
-            lengths = ", ".join(str(len(column)) for column in (self.x, self.y, self.p, self.t))
+        columns, count = self._columns(), len(self.t)
+        if not self.x.shape == self.y.shape == self.p.shape == (count,) == self.t.shape:
+            lengths = ", ".join(str(column.shape).strip("(,)") for column in columns)
             raise ConfigError(
-                f"a packet's columns x, y, p and t must be of equal length, not {lengths}"
+                f"a packet's columns x, y, p and t must be rows of equal length, not {lengths}"
             )
-        for name, column, limit in zip("xy", (self.x, self.y), self.size, strict=True):
-            if count and not _lies_within(column, limit):
+        if not count:
+            return
+        for name, column, limit in zip("xy", columns, self.size, strict=False):
+            if not np.maximum.reduce(column) < limit:
                 raise ConfigError(
                     f"events at {name} from {column.min()} to {column.max()} px lie outside of the "
                     f"{self.size[0]}x{self.size[1]} px sensor; drop them, or give the true size"
                 )
+        first_us, last_us = self.t.item(0), self.t.item(-1)
+        falls = (self.t[1:] < self.t[:-1]).any()
+        if falls or first_us < self.t_start_us or last_us >= self.t_end_us:
+            valid = f"they must lie in [{self.t_start_us}, {self.t_end_us}): give the events' span"
+            why = "they fall in between: sort the events" if falls else valid
+            raise ConfigError(f"a packet's times go from {first_us} to {last_us} us; {why}")
 
     @classmethod
     def concatenate(cls, packets: list[EventPacket]) -> EventPacket:
@@ -150,17 +181,6 @@ class EventPacket:
         )
         span_us = packets[0].t_start_us, packets[-1].t_end_us
         return cls(x, y, p, t, *span_us, packets[0].size, all(one.checked for one in packets))
-
-
-def _lies_within(column: NDArray[Any], limit: int) -> bool:
-    """Return whether coordinates, at least one, lie in ``[0, limit)``; "not a number" does not.
-
-    An unsigned column has no lower end to look for, which takes half of the time; a ufunc called
-    by itself takes half of what the array's method does where there are few events.
-    """
-    if not np.maximum.reduce(column) < limit:
-        return False
-    return column.dtype.kind == "u" or bool(np.minimum.reduce(column) >= 0)
 
 
 @dataclass(frozen=True, slots=True)

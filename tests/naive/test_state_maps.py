@@ -49,7 +49,7 @@ def test_levels_of_the_last_events_equal_their_twin_however_they_are_cut(dark: b
         step = on[y, x] if p != dark else -off[y, x]
         memory[y, x] = min(max(memory[y, x] + step, 0.5 * off[y, x]), 1.0 - 0.5 * on[y, x])
     for first, last in ((0, 1), (1, 1), (1, 333), (333, 600)):
-        state_map.absorb(packet.part(first, last, 0, 1))
+        state_map.absorb(packet.part(first, last, packet.t_start_us, packet.t_end_us))
     np.testing.assert_allclose(state_map.pixels["level"], memory, atol=1e-5)
     assert (state_map.values == state_map.pixels["level"])[packet.y, packet.x].all()
     state_map.reset()

@@ -54,7 +54,7 @@ def follow(
     counted: MutableMapping[str, int] = getattr(packets, "losses", {}) if losses is None else losses
     meter = HealthMeter(counted)
     stream = iter(packets)
-    first = next((packet for packet in stream if len(packet)), None)
+    first = next((packet.sound() for packet in stream if len(packet)), None)
     if first is None:
         return
     begun_us = int(first.t[0])

@@ -49,14 +49,32 @@ def test_packets_that_leave_the_sensor_are_refused_on_entry() -> None:
     outside = EventPacket(fit.x + np.uint16(4), fit.y, fit.p, fit.t, 0, 2, SIZE)
     with pytest.raises(ConfigError, match="x from 4 to 4 px lie outside of the 4x4"):
         list(windows([outside], 10))
-    for bad in (-1, np.nan):
+    for bad in (-1, np.nan, 65_536):
         column = np.array([bad])
         for x, y in ((column, fit.y), (fit.x, column)):
-            with pytest.raises(ConfigError, match="lie outside of the 4x4"):
+            with pytest.raises(ConfigError, match=r"column [xy] is \w+64 from .*give uint16"):
                 EventPacket(x, y, fit.p, fit.t, 0, 2, SIZE).sound()
     unequal = EventPacket(fit.x[:0], fit.y, fit.p, fit.t, 0, 2, SIZE)
     with pytest.raises(ConfigError, match="equal length, not 0, 1, 1, 1"):
         list(windows([unequal], 10))
+    for p, t, why in (
+        ([-1, 1], [0, 1], "column p is int64 from -1 to 1; give bool"),
+        ([0, 1], [1, 0], "from 1 to 0 us; they fall"),
+        ([0, 1], [0, 2], r"from 0 to 2 us; they must lie in \[0, 2\)"),
+        ([0, 1], [-1, 0], r"from -1 to 0 us; they must lie in \[0, 2\)"),
+    ):
+        with pytest.raises(ConfigError, match=why):
+            EventPacket(fit.x.repeat(2), fit.y.repeat(2), p, t, 0, 2, SIZE).sound()
+
+
+def test_lists_and_integers_of_other_types_become_the_columns_types() -> None:
+    """Kernels took a polarity of -1 for brighter, and ended on lists and foreign byte orders."""
+    given = EventPacket(
+        [0, 3], np.array([1, 2], ">u2"), np.array([0, 1], np.uint8), np.array([0, 1], ">i8"),
+        0, 2, SIZE,
+    ).sound()  # fmt: skip
+    plain = [(c.dtype.str, c.tolist()) for c in (given.x, given.y, given.p, given.t)]
+    assert plain == [("<u2", [0, 3]), ("<u2", [1, 2]), ("|b1", [False, True]), ("<i8", [0, 1])]
 
 
 @given(
