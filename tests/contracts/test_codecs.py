@@ -48,11 +48,24 @@ def test_what_is_written_is_read_in_packets_of_any_length_and_again(
 
 
 @every_format
+def test_what_lies_outside_of_the_sensor_is_not_written(
+    tmp_path: Path, name: str, encoding: str | None
+) -> None:
+    with create_events(tmp_path / name, (160, 160), encoding=encoding) as writer:
+        with pytest.raises(FormatError, match="outside of the sensor of 160x160 px; crop"):
+            writer.write(sample())
+        writer.write(random_packet(1, 9, (160, 160)))
+    assert len(whole(open_events(tmp_path / name))) == 9
+
+
+@every_format
 def test_bytes_do_not_depend_on_the_cuts_or_the_clock(
     tmp_path: Path, name: str, encoding: str | None
 ) -> None:
     packet = sample()
-    cuts = [packet.part(first, first + 613, 0, 0) for first in range(0, len(packet), 613)]
+    cuts = [
+        packet.part(first, first + 613, 0, packet.t_end_us) for first in range(0, len(packet), 613)
+    ]
     (tmp_path / "whole").mkdir()
     write(tmp_path / "whole" / name, encoding, [packet])
     write(tmp_path / name, encoding, [*cuts, EventPacket.empty(0, 0, SIZE)])

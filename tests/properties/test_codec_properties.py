@@ -50,7 +50,7 @@ def assert_sound(events: EventPacket) -> None:
 @many
 @given(packet=packets(), cut=st.integers(0, 200), chunk=st.integers(1, 300))
 def test_raw_round_trip(tmp_path: Path, encoding: str, packet, cut: int, chunk: int) -> None:
-    parts = packet.part(0, cut, 0, 0), packet.part(cut, len(packet), 0, 0)
+    parts = packet.sound().part(0, cut, 0, 0), packet.part(cut, len(packet), 0, 0)
     path = save_events(tmp_path / "a.raw", *parts, encoding=encoding)
     source = open_events(path, strict=True, chunk_events=chunk)
     assert_equal(whole(source), packet)

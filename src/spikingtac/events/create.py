@@ -64,8 +64,7 @@ class NpzWriter(ColumnFile, EventWriter):
         self.append({name: np.empty(0, dtype) for name, dtype in TYPES.items()})
         self.set("size", np.array(size, np.int64))
 
-    def write(self, packet: EventPacket) -> None:
-        """Append a packet."""
+    def _add(self, packet: EventPacket) -> None:
         self.append({name: getattr(packet, name) for name in TYPES})
 
     def add_triggers(self, triggers: Triggers) -> None:
@@ -79,8 +78,7 @@ class TextWriter(OneFileWriter):
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
         super().__init__(path, size, f"# size {size[0]} {size[1]}\nt,x,y,p\n".encode())
 
-    def write(self, packet: EventPacket) -> None:
-        """Append a packet."""
+    def _add(self, packet: EventPacket) -> None:
         table = np.column_stack((packet.t, packet.x, packet.y, packet.p.astype(np.int64)))
         np.savetxt(self._file, table, "%d", ",")
 
@@ -93,8 +91,7 @@ class Aedat4Writer(OneFileWriter):
         info = _NODE.format(*size).encode("ascii")
         super().__init__(path, size, SIGNATURE + _flatbuffer(_IO_HEADER, len(info), info + b"\0"))
 
-    def write(self, packet: EventPacket) -> None:
-        """Append a packet."""
+    def _add(self, packet: EventPacket) -> None:
         self._put(self._blocks.add(t=packet.t, x=packet.x, y=packet.y, on=packet.p))
 
     def _finish(self) -> None:
@@ -139,12 +136,7 @@ class Hdf5Writer(EventWriter):
         self._events = Blocks(HDF5_EVENT, STORED_ROWS)
         self._edges = Blocks(HDF5_EDGE, STORED_ROWS)
 
-    def write(self, packet: EventPacket) -> None:
-        """Append a packet.
-
-        Raises:
-            OSError: The disk is full.
-        """
+    def _add(self, packet: EventPacket) -> None:
         self._store("CD/events", self._events.add(x=packet.x, y=packet.y, p=packet.p, t=packet.t))
 
     def add_triggers(self, triggers: Triggers) -> None:

@@ -23,7 +23,7 @@ T = np.sort(rng.choice(900_000, N, replace=False)).astype(np.int64) + 1_000
 X, Y = rng.integers(0, SIZE[0], N), rng.integers(0, SIZE[1], N)
 P = rng.random(N) < 0.6
 COLUMNS = {"t": T, "x": X, "y": Y, "p": P.astype(np.int64)}
-PACKET = packet_of(T, X, Y, P, SIZE)
+PACKET = packet_of(T, X, Y, P, SIZE).sound()
 
 
 def read(path: Path, **options: Any) -> tuple[EventPacket, Any]:

@@ -58,12 +58,7 @@ class RawWriter(OneFileWriter):
         self._waiting: list[tuple[int, int, bool]] = []
         self._digest = digest
 
-    def write(self, packet: EventPacket) -> None:
-        """Append a packet that follows the ones before it in time.
-
-        Raises:
-            FormatError: An event is outside of the sensor, before its predecessor or before zero.
-        """
+    def _add(self, packet: EventPacket) -> None:
         if not len(packet):
             return
         base_us = self._base_us
@@ -133,14 +128,9 @@ class RawWriter(OneFileWriter):
 
     def _check(self, packet: EventPacket) -> None:
         steps = np.diff(packet.t, prepend=self._last_us)
-        if packet.t[0] < 0 or int(steps.min()) < 0:
+        if packet.t[0] < 0 or steps[0] < 0:
             raise FormatError(
                 f"RAW times rise from 0 us on, {packet.t[0]} us came: sort, or convert --shift-us N"
             )
         if int(steps.max()) > SILENCE_LIMIT_US:
             raise FormatError("a pause of more than a day cannot be written; split the recording")
-        if int(packet.x.max()) >= self.size[0] or int(packet.y.max()) >= self.size[1]:
-            raise FormatError(
-                f"events reach ({int(packet.x.max())}, {int(packet.y.max())}), outside of the "
-                f"sensor of {self.size[0]}x{self.size[1]} px; crop them or give the true size"
-            )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spikingtac.atomic_files import WholeFile
+from spikingtac.errors import FormatError
 from spikingtac.types import EventPacket
 
 # Every kind that a source counts in its ``losses``, and what it means.
@@ -187,9 +188,26 @@ class EventWriter(WrittenWhole):
     size: tuple[int, int]
     triggers_left_out: int = 0
 
-    @abstractmethod
     def write(self, packet: EventPacket) -> None:
-        """Append the events of a packet that follows the ones before it in time."""
+        """Append the events of a packet that follows the ones before it in time.
+
+        Raises:
+            ConfigError: The packet breaks what it promises.
+            FormatError: An event lies outside of the file's sensor, or does not fit the format.
+        """
+        packet.sound()
+        if packet.size != tuple(self.size) and len(packet):
+            reach = int(packet.x.max()), int(packet.y.max())
+            if reach[0] >= self.size[0] or reach[1] >= self.size[1]:
+                raise FormatError(
+                    f"events reach {reach}, outside of the sensor of {self.size[0]}x{self.size[1]} "
+                    "px; crop them or give the true size"
+                )
+        self._add(packet)
+
+    def _add(self, packet: EventPacket) -> None:
+        """Append the events of a packet that was checked: what a format has to define."""
+        raise NotImplementedError
 
     def add_triggers(self, triggers: Triggers) -> None:
         """Append trigger edges that follow the ones before; formats that hold none leave them out.

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError, DamageError, FormatError, RecordingError
+from spikingtac.errors import ConfigError, DamageError, FormatError, RecordingError, SpikingTacError
 from spikingtac.events import create_events, open_events
 from spikingtac.events.evt.encode import Evt3Encoder
 from spikingtac.events.evt.wire import BASE_X, VECT_8, VECT_12
@@ -209,7 +209,7 @@ def test_writers_refuse_what_does_not_fit(tmp_path: Path) -> None:
     with create_events(tmp_path / "a.raw", (320, 240)) as writer:
         writer.write(packet([5], 1))
         for t, x in (([-4], 1), ([4], 1), ([9, 8], 1), ([9], 240), ([1 << 60], 1)):
-            with pytest.raises(FormatError, match=r"us came.* --shift-us|outside|split"):
+            with pytest.raises(SpikingTacError, match=r"us came.* --shift-us|outside|split|fall"):
                 writer.write(packet(t, x))
     with pytest.raises(FormatError, match="closed"):
         writer.write(packet([9], 1))
