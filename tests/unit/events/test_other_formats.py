@@ -28,6 +28,26 @@ def test_a_table_with_bad_lines(tmp_path: Path) -> None:
     assert dict(source.losses) == {"bad_record": 3, "out_of_range": 1}
 
 
+@pytest.mark.parametrize("bad", [(0, np.nan), (2, np.inf), (-1, np.nan)])
+def test_rows_without_a_number_are_dropped_from_arrays(
+    tmp_path: Path, bad: tuple[int, float]
+) -> None:
+    """A time that was none became time zero, and moved its neighbours."""
+    t = np.arange(9) / 1e6 + 1.25
+    t[bad[0]] = bad[1]
+    columns = {"t": t, "x": np.arange(9), "y": np.arange(9) % 2, "p": np.arange(9) % 2}
+    np.savez(tmp_path / "a.npz", **columns)
+    np.save(tmp_path / "a.npy", np.column_stack(list(columns.values())))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, column in columns.items():
+            file[name] = column
+    for name in ("a.npz", "a.npy", "a.h5"):
+        source = open_events(tmp_path / name, size=(9, 9))
+        found = [(row[0], row[1]) for row in rows(*source)]
+        assert found == [(1_250_000 + k, k) for k in range(9) if k != bad[0] % 9]
+        assert dict(source.losses) == {"bad_record": 1}
+
+
 def test_hdf5_that_claims_too_much_does_not_hang(tmp_path: Path) -> None:
     kind = np.dtype([("x", "u2"), ("y", "u2"), ("p", "i2"), ("t", "i8")])
     with h5py.File(tmp_path / "a.h5", "w") as file:

@@ -61,9 +61,7 @@ class ArrayReader:
             return rows
         values = np.frombuffer(self._exactly(count * self._row_bytes), self.type)
         values = values.reshape(count, self.width) if self.width else values
-        if self.type.kind == "f":
-            return np.nan_to_num(values.astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0)
-        return values
+        return values.astype(np.float64) if self.type.kind == "f" else values
 
     def _exactly(self, size: int) -> bytes:
         data = self._file.read(size)

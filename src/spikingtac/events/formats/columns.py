@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import FormatError
 from spikingtac.events.formats.codec import RESET_US
 from spikingtac.events.formats.file_source import FileSource, Rows
+from spikingtac.events.formats.packing import finite_rows
 
 ROLES: tuple[str, ...] = ("x", "y", "p", "t")
 
@@ -123,6 +124,7 @@ def order_of_values(samples: Iterable[NDArray[Any]], where: str) -> Order:
         FormatError: No order fits, or several do; names them.
     """
     parts = [part.astype(np.float64) for part in samples if len(part)]
+    parts = [part[np.isfinite(part).all(axis=1)] for part in parts]
     table = np.concatenate(parts)
     columns = range(table.shape[1])
     whole = (table == np.rint(table)) & (table >= 0) & (table < COORDINATE_LIMIT_PX)
@@ -256,6 +258,7 @@ class TableSource(FileSource):
         unit, wrapped = "", False
         for table in self._tables():
             x, y, p, t = (_column(table, self._order.place[role]) for role in ROLES)
+            x, y, p, t = finite_rows((x, y, p, t), self.losses)
             if not len(t):
                 continue
             if not unit:

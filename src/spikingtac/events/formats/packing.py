@@ -129,6 +129,17 @@ class TimeCourse:
         return -step
 
 
+def finite_rows(rows: Rows, losses: LossCounters) -> Rows:
+    """Return the rows without those that hold "not a number" or infinity, which are counted."""
+    floats = [column for column in rows if column.dtype.kind == "f"]
+    sound = np.isfinite(floats).all(axis=0) if floats else np.True_
+    if sound.all():
+        return rows
+    losses.add("bad_record", int(np.count_nonzero(~sound)))
+    x, y, p, t = (column[sound] for column in rows)
+    return x, y, p, t
+
+
 class ColumnCheck:
     """Drops what is outside of the sensor and keeps time monotonic.
 
@@ -145,6 +156,7 @@ class ColumnCheck:
 
     def __call__(self, x: NDArray[Any], y: NDArray[Any], p: NDArray[Any], t: NDArray[Any]) -> Rows:
         """Return sound columns; the last events may wait for the next call (see TimeCourse)."""
+        x, y, p, t = finite_rows((x, y, p, t), self._losses)
         inside = (x >= 0) & (x < self._width) & (y >= 0) & (y < self._height)
         if not inside.all():
             self._losses.add("out_of_range", int(len(inside) - np.count_nonzero(inside)))
@@ -170,7 +182,7 @@ class ColumnCheck:
 def _whole(t: NDArray[Any]) -> NDArray[np.int64]:
     """Return times as whole microseconds within the limits (a copy where they were not)."""
     if t.dtype.kind == "f":
-        t = np.rint(np.nan_to_num(t))
+        t = np.rint(t)
     if t.dtype.kind == "u":
         t = np.minimum(t, np.uint64(TIME_LIMIT_US))
     return np.clip(t, -TIME_LIMIT_US, TIME_LIMIT_US).astype(np.int64)
