@@ -145,6 +145,7 @@ ARRAYS: dict[str, Any] = {
     "across": np.ascontiguousarray(rows("txyp").T),
     "wrapped": rows("txyp", np.uint32, SIGNS),
     "seconds": rows("txyp", float) / [1e6, 1, 1, 1],
+    "structures in two axes": structured(t="<i8", x="<u2", y="<u2", p="?").reshape(1, -1),
 }
 
 
@@ -156,10 +157,10 @@ def test_arrays(tmp_path: Path, form: str) -> None:
         assert assert_read(tmp_path / name).size == SIZE
 
 
-def group(file: Any, place: str, t: Any = T, **names: str) -> None:
+def group(file: Any, place: str, t: Any = T, axes: Any = -1, **names: str) -> None:
     names = {name: name for name in "xypt"} | names
     for role, column in (COLUMNS | {"t": t}).items():
-        file[f"{place}/{names[role]}"] = column
+        file[f"{place}/{names[role]}"] = column.reshape(axes)
 
 
 def m3ed(file: Any) -> None:
@@ -200,6 +201,9 @@ HDF5: dict[str, Callable[[Any], None]] = {
     "OpenEB": openeb,
     "e2vid": e2vid,
     "columns at the root": lambda file: group(file, ""),
+    "MATLAB's rows": lambda file: group(file, "events", axes=(1, -1)),
+    "MATLAB's columns": lambda file: group(file, "events", axes=(-1, 1)),
+    "across": lambda file: file.create_dataset("events", data=rows("txyp").T),
 }
 
 
@@ -211,6 +215,20 @@ def test_hdf5(tmp_path: Path, form: str) -> None:
     assert source.size == ((640, 480) if form == "M3ED" else SIZE)
     if form == "OpenEB":
         assert list(source.triggers) == [(5_000, 6, True), (9_000, 6, False)]
+
+
+@pytest.mark.parametrize("axes", [(1, -1), (-1, 1)])
+def test_columns_of_two_axes_in_npz(tmp_path: Path, axes: tuple[int, int]) -> None:
+    np.savez(tmp_path / "a.npz", **{name: c.reshape(axes) for name, c in COLUMNS.items()})
+    assert_read(tmp_path / "a.npz")
+
+
+def test_an_empty_table_says_that_nothing_was_recorded(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["events"] = np.zeros((0, 4), np.uint32)
+    with pytest.raises(FormatError, match="holds no events: nothing was recorded into it"):
+        open_events(tmp_path / "a.h5")
+    assert not list(open_events(tmp_path / "a.h5", size=SIZE))
 
 
 def test_what_is_written_has_openebs_layout(tmp_path: Path) -> None:

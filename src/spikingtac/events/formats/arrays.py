@@ -24,7 +24,7 @@ _SIZES = ("size", "resolution", "sensor_size")
 
 # The GenX320 recorder of OpenMV boards (openmv-genx320-recorder, MIT) writes rows of type (1 ON,
 # 0 OFF, else no event), seconds, milliseconds, microseconds, x and y.
-OPENMV_COLUMNS = 6
+OPENMV_COLUMNS = columns.WIDEST_TABLE
 OPENMV_SECONDS = 1 << 16  # The seconds are 16 bits wide: they wrap after 18 hours.
 GENX320_SIZE = (320, 320)
 
@@ -42,13 +42,12 @@ class ArrayReader:
     def __init__(self, file: IO[bytes]) -> None:
         self._file, self._whole, self._at = file, None, 0
         shape, by_column, self.type = read_array_header(file)
-        across = len(shape) == 2 and shape[0] in TABLE_WIDTHS and shape[1] > shape[0]
-        self.length = int(shape[across]) if shape else 0
-        self.width = int(shape[not across]) if len(shape) == 2 else 0
-        fields, flat = self.type.fields or {"": (self.type,)}, 1 if self.type.names else 2
-        self.plain = 0 < len(shape) <= flat and all(f[0].kind in "uifb" for f in fields.values())
+        self.length, self.width, across = columns.laid_out(shape)
+        fields = self.type.fields or {"": (self.type,)}
+        flat = 0 < len(shape) <= 2 and not (self.type.names and self.width)
+        self.plain = flat and all(f[0].kind in "uifb" for f in fields.values())
         self._row_bytes = self.type.itemsize * max(self.width, 1)
-        if self.plain and len(shape) == 2 and by_column != across:
+        if self.plain and self.width and by_column != across:
             size = math.prod(shape) * self.type.itemsize
             refuse_piece("a table by columns", size)
             self._whole = np.frombuffer(self._exactly(size), self.type).reshape(self.width, -1).T
@@ -160,8 +159,6 @@ class ArraySource(columns.TableSource):
             sample = first.read(min(first.length, CHUNK_ROWS))
         except ARCHIVE_DAMAGE as error:
             raise FormatError(f"{where} is damaged: {error}") from error
-        if not len(sample):
-            raise FormatError(f"{where} holds no events: nothing was recorded into it")
         return columns.order_of_values([sample], where)
 
     def _size_in(self, arrays: Callable[[str], ArrayReader]) -> tuple[int, int] | None:

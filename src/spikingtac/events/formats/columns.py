@@ -64,6 +64,7 @@ SORTED_ROWS_LIMIT = 1 << 25  # Most rows that are sorted, in memory: 33 million 
 Table = list[NDArray[Any]] | NDArray[Any]
 CHUNK_ROWS = 1 << 17
 TABLE_WIDTHS = (4, 5)  # Columns of a table of numbers that may be events.
+WIDEST_TABLE = 6  # Columns of the widest table that is read; a longer single row is one column.
 
 # What -1 becomes in unsigned numbers; of 8 and 16 bits, it may also stand for true.
 _WRAPPED = frozenset({float((1 << bits) - 1) for bits in (8, 16, 32, 64)})
@@ -113,6 +114,17 @@ def order_named(names: Sequence[str]) -> Order | None:
     return Order(place, unit) if len(place) == len(told) == len(ROLES) else None
 
 
+def laid_out(shape: Sequence[int]) -> tuple[int, int, bool]:
+    """Return the rows and columns of an array, and whether its rows lie along the second axis.
+
+    A single row of numbers has 0 columns, also where it has two axes, as MATLAB writes it.
+    """
+    wide = len(shape) == 2 and shape[1] > shape[0]
+    across = wide and (shape[0] in TABLE_WIDTHS or (shape[0] == 1 and shape[1] > WIDEST_TABLE))
+    width = int(shape[not across]) if len(shape) == 2 else 0
+    return int(shape[across]) if shape else 0, 0 if width == 1 else width, across
+
+
 def order_of_values(samples: Iterable[NDArray[Any]], where: str) -> Order:
     """Return the order that the values of a table allow.
 
@@ -125,6 +137,8 @@ def order_of_values(samples: Iterable[NDArray[Any]], where: str) -> Order:
     """
     parts = [part.astype(np.float64) for part in samples if len(part)]
     parts = [part[np.isfinite(part).all(axis=1)] for part in parts]
+    if not parts:
+        raise FormatError(f"{where} holds no events: nothing was recorded into it")
     table = np.concatenate(parts)
     columns = range(table.shape[1])
     whole = (table == np.rint(table)) & (table >= 0) & (table < COORDINATE_LIMIT_PX)

@@ -84,7 +84,7 @@ class Hdf5Source(columns.TableSource):
         try:
             return columns.order_of_values([sample], repr(str(path)))
         except FormatError:
-            if table.dtype != np.uint32 or table.shape[1] != len(ROLES):
+            if table.dtype != np.uint32 or len(ROLES) not in table.shape:
                 raise
             return Order({"t": 0, "x": 1, "y": 2, "p": 3})
 
@@ -147,8 +147,11 @@ def _opened(path: Path) -> Any:
 
 
 def _slice(path: Path, dataset: Any, rows: slice) -> np.ndarray[Any, Any]:
+    """Return rows of a table, or of a column whatever axes of length 1 it has."""
+    _, width, across = columns.laid_out(dataset.shape)
     try:
-        return np.asarray(dataset[rows])
+        read = np.asarray(dataset[:, rows].T if across else dataset[rows])
+        return read if width else read.reshape(-1)
     except DAMAGE as error:
         settings = dataset.id.get_create_plist()
         filters = [settings.get_filter(index)[0] for index in range(settings.get_nfilters())]
@@ -186,16 +189,20 @@ def _streams(file: Any, path: Path) -> list[_Stream]:
 
 
 def _streams_of(group: Any, tables: dict[str, Any]) -> Iterator[_Stream]:
-    shapes: dict[str, Any] = {name: item.shape or () for name, item in tables.items()}
-    rows = [n for n in tables if len(shapes[n]) == 1 and tables[n].dtype.kind in "uifb"]
+    flat = {name: item for name, item in tables.items() if len(item.shape or ()) in (1, 2)}
+    widths = {name: columns.laid_out(item.shape)[1] for name, item in flat.items()}
+    rows = [n for n, item in flat.items() if not widths[n] and item.dtype.kind in "uifb"]
     if order := columns.order_named(rows):
         places = tuple(tables[rows[order.place[role]]].name for role in ROLES)
         yield _Stream(group.name, places, Order({r: n for n, r in enumerate(ROLES)}, order.unit))
     for name, item in tables.items():
         if item.dtype.names and (fields := columns.order_named(item.dtype.names)):
             yield _Stream(group.name, (item.name,), fields)
-        wide = len(shapes[name]) == 2 and shapes[name][1] in TABLE_WIDTHS
-        if wide and "event" in name.lower() and item.dtype.kind in "uif":
+        if (
+            widths.get(name) in TABLE_WIDTHS
+            and "event" in name.lower()
+            and item.dtype.kind in "uif"
+        ):
             yield _Stream(group.name, (item.name,))
 
 
@@ -219,7 +226,7 @@ def _length(dataset: Any) -> int:
     claimed = dataset.size * dataset.dtype.itemsize
     if claimed > COMPRESSION_LIMIT * max(dataset.id.get_storage_size(), LEAST_STORED_BYTES):
         raise ValueError(f"{dataset.name} claims {claimed} bytes")
-    return len(dataset)
+    return columns.laid_out(dataset.shape)[0]
 
 
 def _beside(file: Any, group: str, names: tuple[str, ...]) -> Any:
