@@ -16,7 +16,7 @@ from spikingtac.events.formats.file_source import (
     ReadOptions,
     chosen_sensor,
 )
-from spikingtac.events.formats.pieces import UTF16_MARKS
+from spikingtac.events.formats.pieces import FOREIGN, UTF16_MARKS
 from spikingtac.events.recording import (
     RecordedClock,
     RetimedSource,
@@ -25,11 +25,6 @@ from spikingtac.events.recording import (
 )
 from spikingtac.file_kinds import RECORDING_NAME, kind_of, members_of, told_kind
 
-# Endings of what is no slip of the pen.
-FOREIGN = (
-    ".pdf", ".png", ".jpg", ".gif", ".svg", ".mp4", ".avi", ".json", ".toml", ".html", ".md",
-    ".mat", ".bz2", ".xz", ".zst", ".zstd",
-)  # fmt: skip
 SAMPLE_BYTES = 1 << 16  # First bytes by which a file of an unknown ending is told.
 MOST_NAMED = 3  # Recordings of a folder that an error names.
 

@@ -337,7 +337,8 @@ def test_packed_recordings(tmp_path: Path, name: str) -> None:
     content = save_events(tmp_path / name, PACKET).read_bytes()
     (tmp_path / f"{name}.gz").write_bytes(gzip.compress(content))
     with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("__MACOSX/junk", b"")
+        for other in ("__MACOSX/junk", "day/.DS_Store", "README.txt", "day/setup.png"):
+            archive.writestr(other, b"")
         archive.writestr(f"day/{name}", content)
     for path in (tmp_path / f"{name}.gz", tmp_path / "a.zip"):
         source = assert_read(path)

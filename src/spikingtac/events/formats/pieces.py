@@ -33,6 +33,13 @@ CUT = -1  # Kind of the rest of a file in which no further piece is found.
 
 UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # How a text in UTF-16 begins.
 
+# Endings of what is no recording and no slip of the pen.
+FOREIGN = (
+    ".pdf", ".png", ".jpg", ".gif", ".svg", ".mp4", ".avi", ".json", ".toml", ".html", ".md",
+    ".mat", ".bz2", ".xz", ".zst", ".zstd",
+)  # fmt: skip
+DOCUMENTS = ("readme", "readme.txt", "license", "license.txt")  # Names of files beside recordings.
+
 # What NumPy writes; Python unpacks others without a bound on what comes out.
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
@@ -197,7 +204,7 @@ def open_packed(path: Path, opener: Callable[[Path], FileSource]) -> FileSource:
     """Return the source of the recording inside an archive.
 
     Args:
-        path: A ``.gz`` of one file, a ``.zip`` that holds one file, or a text in UTF-16.
+        path: A ``.gz`` of one file, a ``.zip`` with one recording, or a text in UTF-16.
         opener: Opens the unpacked file.
 
     Raises:
@@ -234,10 +241,9 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
             with gzip.open(path) as content:
                 return _copied(content, inner, packed, path)
         with zipfile.ZipFile(path) as archive:
-            files = [info for info in archive.infolist() if not info.is_dir()]
-            files = [info for info in files if not info.filename.startswith("__MACOSX/")]
+            files = [info for info in archive.infolist() if _may_be_recording(info)]
             if len(files) != 1 or files[0].compress_type not in PACKINGS:
-                names = ", ".join(info.filename for info in files[:5]) or "nothing"
+                names = ", ".join(archive.namelist()[:5]) or "nothing"
                 raise FormatError(
                     f"{str(path)!r} holds {names}; a zip with exactly one recording is read: "
                     "unpack it and name a file"
@@ -247,6 +253,13 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
                 return _copied(content, inner, packed, path)
     except ARCHIVE_DAMAGE as error:
         raise FormatError(f"{str(path)!r} cannot be unpacked: {error}") from error
+
+
+def _may_be_recording(info: zipfile.ZipInfo) -> bool:
+    """Return whether a member is no folder, no document, and nothing that systems add."""
+    member = Path(info.filename)
+    added = info.is_dir() or member.name.startswith(".") or "__MACOSX" in member.parts
+    return not (added or member.name.lower() in DOCUMENTS or member.suffix.lower() in FOREIGN)
 
 
 def _copied(
