@@ -141,6 +141,12 @@ def test_a_robots_log_is_aligned_in_time_and_never_from_the_future(
     assert age_us.max() < 8_000
     assert (state[:, 2] == np.array(table["episode_index"])).all()
     assert table["action"].to_pylist() == state[:, 0].tolist()  # one number is no list
+    bad = np.where(t_us[:, None] == 100_000, np.nan, t_us[:, None])
+    np.savez(logs[-1], t_us=t_us, state=bad, action=bad)
+    said_why = verbs.said(
+        *export(day, "lerobot", out, "--fps", 125, "--overwrite", "--log", *logs), code=1
+    )
+    assert "observation.state, column 0, is nan at 100000 us" in said_why
 
 
 def test_a_zarr_store_holds_the_tracks(day: Path, tmp_path: Path, verbs: Verbs) -> None:

@@ -79,7 +79,7 @@ def write_lerobot(
         Figures of what was written.
 
     Raises:
-        RecordingError: A file cannot be read, or holds nothing.
+        RecordingError: A file cannot be read, or holds nothing, or no finite number for a frame.
         ConfigError: One has other features than the first, or does not overlap its log; or there
             are fewer or more logs than recordings.
         MissingExtraError: pyarrow or pandas is not installed.
@@ -177,8 +177,8 @@ def _frames_of(path: Path, fps: int, log: Path | None = None) -> tuple[Columns, 
         SEEN: ~tracks.coasted,
     }
     values |= {} if tracks.wrench is None else {WRENCH: tracks.wrench}
-    sources = [(tracks.t_us, values), *([_log(log)] if log else [])]
-    first_us, last_us = max(t[0] for t, _ in sources), min(t[-1] for t, _ in sources)
+    sources = [(path, tracks.t_us, values), *([(log, *_log(log))] if log else [])]
+    first_us, last_us = max(t[0] for _, t, _ in sources), min(t[-1] for _, t, _ in sources)
     if last_us < first_us:
         raise ConfigError(
             f"{str(path)!r} and its log do not overlap: one ends at {last_us} us, the other begins "
@@ -187,11 +187,23 @@ def _frames_of(path: Path, fps: int, log: Path | None = None) -> tuple[Columns, 
     count = int((last_us - first_us) * fps // US_PER_S) + 1
     t_us = first_us + np.arange(count, dtype=np.int64) * US_PER_S // fps
     features, age_us = Columns(), 0
-    for own_us, of in sources:
+    for file, own_us, of in sources:
         rows = np.searchsorted(own_us, t_us, "right") - 1
         age_us = max(age_us, int((t_us - own_us[rows]).max()))
-        features |= {name: np.ascontiguousarray(v[rows], np.float32) for name, v in of.items()}
+        told = {name: np.ascontiguousarray(v[rows], np.float32) for name, v in of.items()}
+        _require_numbers(file, told, own_us[rows])
+        features |= told
     return features, age_us
+
+
+def _require_numbers(file: Path, features: Columns, t_us: NDArray[np.int64]) -> None:
+    """Refuse "not a number" and infinity, which would spoil the statistics and every training."""
+    for name, values in features.items():
+        for frame, column in np.argwhere(~np.isfinite(values))[:1].tolist():
+            raise RecordingError(
+                f"{str(file)!r}: {name}, column {column}, is {values[frame, column]} at "
+                f"{t_us[frame]} us; a data set holds finite numbers: fill it, or cut it out"
+            )
 
 
 def _log(path: Path) -> tuple[NDArray[np.int64], Columns]:
