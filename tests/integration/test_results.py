@@ -1,6 +1,7 @@
 """From tracks to a figure, a comparison and a data set, by the command line."""
 
 import json
+import os
 from hashlib import sha256
 from pathlib import Path
 
@@ -87,8 +88,9 @@ def test_a_lerobot_data_set_holds_the_tracks_at_its_frames(
 ) -> None:
     pq = pytest.importorskip("pyarrow.parquet", reason="the extra [lerobot] is not installed")
     pandas = pytest.importorskip("pandas", reason="the extra [lerobot] is not installed")
-    out = tmp_path / "set"
+    out = tmp_path / os.fsdecode(b"no UTF-8 \xff") / "set"
     said = verbs.told(*export(day, "lerobot", out, "--fps", FPS, "--task", "twist"))
+    out = out.rename(tmp_path / "set")
     info = json.loads((out / "meta" / "info.json").read_text())
     assert info["codebase_version"] == "v3.0"
     assert (said["total_episodes"], said["total_frames"]) == (2, 20 + 13)

@@ -129,12 +129,16 @@ def _write_tables(
     for name in ("data", "meta/episodes"):
         (folder / name / FIRST_FILE).parent.mkdir(parents=True)
     tables = [pa.table({name: _array(pa, c) for name, c in columns.items()}) for columns in kept]
-    with pq.ParquetWriter(folder / "data" / FIRST_FILE, tables[0].schema) as writer:
+    # Files are opened here: pyarrow takes no path outside of UTF-8.
+    data = (folder / "data" / FIRST_FILE).open("wb")
+    with data, pq.ParquetWriter(data, tables[0].schema) as writer:
         for table in tables:
             writer.write_table(table, row_group_size=len(table))
-    pq.write_table(pa.Table.from_pylist(episodes), folder / "meta" / "episodes" / FIRST_FILE)
+    with (folder / "meta" / "episodes" / FIRST_FILE).open("wb") as file:
+        pq.write_table(pa.Table.from_pylist(episodes), file)
     tasks = pandas.DataFrame({"task_index": [0]}, index=pandas.Index([task], name="task"))
-    tasks.to_parquet(folder / "meta" / "tasks.parquet")
+    with (folder / "meta" / "tasks.parquet").open("wb") as file:
+        tasks.to_parquet(file)
 
 
 def _episode(columns: Columns, number: int, before: int, task: str) -> dict[str, Any]:

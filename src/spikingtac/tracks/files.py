@@ -170,6 +170,7 @@ class _ParquetTable:
         self._parquet = import_extra("pyarrow.parquet", "Parquet", "parquet")
         self._target = WholeFile(path)
         self._file: Any = None
+        self._stream: Any = None  # opened here: pyarrow takes no path outside of UTF-8
 
     def append(self, columns: Columns) -> None:
         import pyarrow
@@ -179,8 +180,9 @@ class _ParquetTable:
         table = pyarrow.table(rows)
         if self._file is None:
             # Neighbours in a float column share their high bytes, and hardly any value repeats.
+            self._stream = self._target.open()
             self._file = self._parquet.ParquetWriter(
-                self._target.partial,
+                self._stream,
                 table.schema,
                 compression="zstd",
                 use_dictionary=["t_us", "marker"],
@@ -191,12 +193,12 @@ class _ParquetTable:
     def close(self, meta: Mapping[str, Any], triggers: Columns) -> None:
         self._file.add_key_value_metadata({PARQUET_META: json.dumps(meta, sort_keys=True)})
         self._file.close()
-        self._target.commit()
+        self._target.commit(self._stream)
 
     def abandon(self) -> None:
         if self._file is not None:
             self._file.close()
-        self._target.abandon()
+        self._target.abandon(self._stream)
 
 
 class TracksWriter:
