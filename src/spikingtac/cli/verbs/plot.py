@@ -128,6 +128,8 @@ class CompareArgs(StyleArgs):
 
 def compare(args: CompareArgs) -> int:
     """Compare, print the figures, and write what was asked for."""
+    if args.table is not None and args.table.suffix.lower() != ".csv":
+        raise st.ConfigError(f"--table is {args.table.name!r}, but is written as .csv; end it so")
     args.claim(args.output, args.table)
     found = compared(args.one, args.other)
     summary, rows = found.summary(), found.by_marker()
