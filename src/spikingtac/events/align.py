@@ -18,6 +18,7 @@ from spikingtac.events.clock import PPM, US_PER_S, TimeMap, through_moments
 from spikingtac.events.evt.raw import RawSource, later_parts
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource, ReadOptions
+from spikingtac.events.formats.text import labelled_table
 from spikingtac.events.open import is_same_folder, open_events
 from spikingtac.events.recording import RecordedClock, RecordingWriter, RetimedSource, name_of
 from spikingtac.types import FloatArray
@@ -250,7 +251,7 @@ class Poses(NamedTuple):
 
 
 def load_poses(path: Path, what: str = "poses") -> Poses:
-    """Read a CSV with a header: one time column (``t_us``, ``t_s`` ...), and columns of numbers.
+    """Read a table with a header: one time column (``t_us``, ``t_s`` ...), and columns of numbers.
 
     Args:
         path: The table.
@@ -260,14 +261,10 @@ def load_poses(path: Path, what: str = "poses") -> Poses:
         RecordingError: It cannot be read as that.
     """
     try:
-        head, *lines = path.read_text(encoding="utf-8-sig").splitlines() or [""]
-        names = [name.strip(' "') for name in head.split(",")]
+        names, values = labelled_table(path)
         if len(times := [name for name in names if name in TIME_COLUMNS]) != 1:
             raise ValueError(f"its header has {len(times)} time columns")
         column = names.index(times[0])
-        values = np.loadtxt(lines or ["nan"], delimiter=",", ndmin=2, comments=None, quotechar='"')
-        if values.shape[1] != len(names) or not np.isfinite(values).all():
-            raise ValueError("a row is short, or holds no finite number")
         t_us = np.rint(values[:, column] * TIME_COLUMNS[names.pop(column)]).astype(np.int64)
         if (np.diff(t_us) < 0).any():
             raise ValueError("its times run backwards; sort the rows")

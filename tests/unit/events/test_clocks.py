@@ -245,8 +245,16 @@ def test_align_puts_events_and_edges_on_the_first_clock(tmp_path: Path, verbs: V
     assert np.abs(placed.triggers.t_us[:-1] - moments_us).max() < 4.0
 
 
-def test_a_table_is_read_in_any_unit_of_time_and_any_order_of_columns(tmp_path: Path) -> None:
-    (tmp_path / "p.csv").write_text("x_mm,t_s,grip\n1,0.5,0\n2,0.75,1\n")
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x_mm,t_s,grip\n1,0.5,0\n2,0.75,1\n",
+        "# by hand\nx_mm;t_s;grip\n1,0;0,5;0,0\n\n2,0;0,75;1,0\n",
+        '"x_mm"\t"t_s"\t"grip"\n1\t0.5\t0\n2\t0.75\t1\n',
+    ],
+)
+def test_a_table_is_read_in_any_unit_and_order_of_columns(tmp_path: Path, text: str) -> None:
+    (tmp_path / "p.csv").write_text(text)
     found = load_poses(tmp_path / "p.csv")
     assert found.t_us.tolist() == [500_000, 750_000]
     assert found.names == ("x_mm", "grip")
@@ -255,7 +263,14 @@ def test_a_table_is_read_in_any_unit_of_time_and_any_order_of_columns(tmp_path: 
 
 @pytest.mark.parametrize(
     "text",
-    ["", "x,y\n1,2\n", "t_s,t_us,x\n1,2,3\n", "t_s,x\n1,nan\n", "t_s,x\n2,1\n1,1\n", "t_s,x\n1\n"],
+    [
+        "",
+        "x,y\n1,2\n",
+        "t_s,t_us,x\n1,2,3\n",
+        "t_s,x\n1,nan\n",
+        "t_s,x\n2,1\n1,1\n",
+        "t_s,x\n1,2\n1\n",
+    ],
 )
 def test_what_is_no_table_of_poses_is_refused_with_what_it_needs(tmp_path: Path, text: str) -> None:
     (tmp_path / "p.csv").write_text(text)

@@ -5,6 +5,7 @@ import itertools
 import re
 from collections import Counter
 from collections.abc import Iterator
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -152,6 +153,28 @@ class TextSource(columns.TableSource):
         sound = (np.abs(table) < NUMBER_LIMIT).all(axis=1)
         self._bad += len(table) - int(np.count_nonzero(sound))
         return table if sound.all() else table[sound]
+
+
+def labelled_table(path: Path) -> tuple[list[str], FloatArray]:
+    """Return the names in a table's header, and its numbers ``(n, names)``; comments are left out.
+
+    Raises:
+        ValueError: A row is no finite number for each name; says which line.
+    """
+    text = enumerate(path.read_text(encoding="utf-8-sig").splitlines(), 1)
+    lines = [
+        (number, line) for number, line in text if line.strip() and line.strip()[0] not in "#%"
+    ]
+    if len(lines) < 2:
+        raise ValueError("it holds no rows of numbers")
+    names, mark, rows = _split(lines[0][1]), _delimiter(lines[0][1]), list[list[float]]()
+    for number, line in lines[1:]:
+        words = line.split(None if mark == " " else mark)
+        row = [value for word in words if (value := _number(word.strip(' "'))) is not None]
+        if not len(row) == len(words) == len(names) or not all(map(isfinite, row)):
+            raise ValueError(f"line {number} is {line[:40]!r} instead of {len(names)} numbers")
+        rows.append(row)
+    return names, np.array(rows)
 
 
 def looks_like_text(sample: bytes) -> bool:
