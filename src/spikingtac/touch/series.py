@@ -25,6 +25,7 @@ N_MM_PER_NM = 1e3
 
 # Step of the time in which two clocks are compared, us: a fifth of the fastest press.
 STEP_US = 5_000
+LONGEST_US = 86_400_000_000  # Longest time in which clocks are compared, us: a day.
 LEAST_CORRELATION = 0.6  # Motion and force that agree less are of different recordings.
 
 
@@ -116,7 +117,8 @@ def labelled(series: WrenchSeries, path: str | Path) -> WrenchSeries:
     ``fx``, ``fy``, ``fz`` (N) and all of ``mx``, ``my``, ``mz`` (Nm) or none.
 
     Raises:
-        RecordingError: The file cannot be read, holds no wrench, or is of another recording.
+        RecordingError: The file cannot be read, holds no wrench, is of another recording, or goes
+            over more than a day.
     """
     source = Path(path)
     if source.suffix.lower() == ".csv":
@@ -142,6 +144,11 @@ def _clock_offset_us(series: WrenchSeries, t_us: Times, wrench: FloatArray) -> i
     from scipy.signal import correlate
 
     def uniform(times_us: Times, values: FloatArray) -> FloatArray:
+        if times_us[-1] - times_us[0] > LONGEST_US:
+            raise RecordingError(
+                f"{series.name}: displacements or forces go from {times_us[0]} to {times_us[-1]} "
+                "us, more than a day; is a time wrong? Cut them to the contacts"
+            )
         even = np.interp(np.arange(times_us[0], times_us[-1] + 1, STEP_US), times_us, values)
         return even - even.mean()
 

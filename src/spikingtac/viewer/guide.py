@@ -22,7 +22,7 @@ from spikingtac.markers.calibration.find_markers import (
 )
 from spikingtac.markers.calibration.layout import region
 from spikingtac.markers.calibration.level_maps import SwingHistogram
-from spikingtac.markers.calibration.recording import BIN_US, coded, quiet_spans
+from spikingtac.markers.calibration.recording import BIN_US, coded, quiet_spans, refuse_long
 from spikingtac.types import EventPacket, FloatArray, Polarity
 
 # A pixel has shown a marker when it came from the ground to this level: steps are estimated to 30
@@ -211,8 +211,15 @@ class CalibrationGuide:
         self._polarity: Polarity = "white"
 
     def absorb(self, packet: EventPacket) -> None:
-        """Take the next events, in order of time."""
+        """Take the next events, in order of time.
+
+        Raises:
+            CalibrationError: They lie more than 71 minutes behind the ones before.
+        """
         packet = packet.sound()
+        if self._begin_us is None:
+            self._begin_us = self._looked_us = self._t_us = packet.t_start_us
+        refuse_long(packet.t_end_us - self._t_us)
         self._events += np.bincount(packet.p, minlength=2)
         if self._events.sum() >= FEWEST_EVENTS:
             self._on_per_off = float(np.clip(self._events[1] / max(self._events[0], 1), *BALANCE))
@@ -221,8 +228,6 @@ class CalibrationGuide:
         maps = self._level.reshape(2, -1), self._swung.reshape(2, -1), self._left_us
         levels_kernel(code, packet.t, self._steps, maps)
         self._t_us = packet.t_end_us
-        if self._begin_us is None:
-            self._begin_us = self._looked_us = packet.t_start_us
         bins = (packet.t_end_us - self._begin_us) // BIN_US + 1
         self._counts += [0] * (bins - len(self._counts))
         found = np.unique((packet.t - self._begin_us) // BIN_US, return_counts=True)

@@ -233,6 +233,10 @@ def test_forces_of_another_recording_are_refused(tmp_path: Path) -> None:
     np.savetxt(path, rows, "%.9g", ",", header="t_us,fx,fy,fz", comments="")
     with pytest.raises(RecordingError, match="same recording"):
         labelled(watched(), path)
+    rows[-1, 0] = 1e15  # years later: a moment is drawn for every 5 ms
+    np.savetxt(path, rows, "%.16g", ",", header="t_us,fx,fy,fz", comments="")
+    with pytest.raises(RecordingError, match="more than a day; is a time wrong"):
+        labelled(watched(), path)
 
 
 def test_the_truth_of_the_twin_needs_no_alignment(tmp_path: Path) -> None:

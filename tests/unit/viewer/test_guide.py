@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from spikingtac.errors import CalibrationError
 from spikingtac.types import EventPacket
 from spikingtac.viewer.guide import CalibrationGuide, GuideView
 from stand_ins.sliding import GRID, MARKERS, RADIUS_PX, SIZE, packets_of_trips, resting_px, trip
@@ -61,3 +62,9 @@ def test_noise_alone_is_no_grid() -> None:
     assert quiet.grid is None
     assert quiet.advice()[0].startswith("Slide a flat object or a finger over all")
     assert not quiet.ready
+
+
+def test_a_leap_of_years_is_refused_instead_of_counted_bin_by_bin() -> None:
+    later = packets_of_trips([trip((1, 0), 0.0)], noise_hz=1.0)[0]
+    with pytest.raises(CalibrationError, match="71 minutes"):
+        seen([later, EventPacket.empty(1 << 58, (1 << 58) + 1, SIZE)])

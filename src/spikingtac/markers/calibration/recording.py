@@ -114,12 +114,7 @@ def buffer_events(source: EventSource, most_us: int | None = None) -> BufferedEv
         start_us = start_us if codes else packet.t_start_us
         end_us = packet.t_end_us
         events += len(packet)
-        if events > MOST_EVENTS or end_us - start_us > LONGEST_US:
-            raise CalibrationError(
-                f"the recording holds more than {MOST_EVENTS:,} events or 71 minutes; contacts of "
-                "some ten seconds are enough, cut them out with: "
-                "spikingtac convert RECORDING OUT --from-us N --to-us N"
-            )
+        refuse_long(end_us - start_us, events)
         codes.append(coded(packet))
         times.append((packet.t - start_us).astype(np.uint32))
         if most_us is not None and end_us - start_us >= most_us:
@@ -131,6 +126,20 @@ def buffer_events(source: EventSource, most_us: int | None = None) -> BufferedEv
         )
     code, time_us = np.concatenate(codes), np.concatenate(times)
     return BufferedEvents(code, time_us, source.size, start_us, end_us - start_us)
+
+
+def refuse_long(span_us: int, events: int = 0) -> None:
+    """Refuse what exceeds :data:`LONGEST_US` or :data:`MOST_EVENTS`, such as a leap of time.
+
+    Raises:
+        CalibrationError: Says how to cut it.
+    """
+    if events > MOST_EVENTS or span_us > LONGEST_US:
+        raise CalibrationError(
+            f"the recording holds more than {MOST_EVENTS:,} events or 71 minutes; contacts of "
+            "some ten seconds are enough, cut them out with: "
+            "spikingtac convert RECORDING OUT --from-us N --to-us N"
+        )
 
 
 def coded(packet: EventPacket) -> NDArray[np.uint32]:
