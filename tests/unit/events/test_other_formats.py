@@ -28,6 +28,15 @@ def test_a_table_with_bad_lines(tmp_path: Path) -> None:
     assert dict(source.losses) == {"bad_record": 3, "out_of_range": 1}
 
 
+def test_comments_that_fill_a_chunk_are_passed_over_in_silence(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    text = "t,x,y,p\n10,1,2,1\n" + f"# {'-' * 1_000}\n" * 2_500 + "20,3,4,0\n"
+    (tmp_path / "a.csv").write_text(text)
+    assert rows(*open_events(tmp_path / "a.csv", size=(320, 320))) == ROWS[:2]
+    assert not recwarn.list
+
+
 @pytest.mark.parametrize("bad", [(0, np.nan), (2, np.inf), (-1, np.nan)])
 def test_rows_without_a_number_are_dropped_from_arrays(
     tmp_path: Path, bad: tuple[int, float]

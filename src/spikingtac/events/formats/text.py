@@ -30,6 +30,7 @@ _DELIMITERS = ";\t|, "
 _WORDS = {"true": "1", "on": "1", "+": "1", "false": "0", "off": "0", "-": "0"}
 _SIZE = re.compile(r"(?:size|geometry|resolution)\W{1,3}(\d+)\s*[x,;\s]\s*(\d+)", re.IGNORECASE)
 _WIDTH_HEIGHT = re.compile(r"(?:width\W{1,3}|x@)(\d+).*?(?:height\W{1,3}|y@)(\d+)", re.IGNORECASE)
+_ROW = re.compile(rb"^\s*[^#%\s]", re.MULTILINE)  # NumPy warns of a text without one.
 _BYTE_ORDER_MARK = "\ufeff".encode()  # What some programs begin UTF-8 with.
 _IN_LABEL = re.compile(rb"(?<=[A-Za-z]) +(?=\w)")  # Blanks between the words of a label.
 _TO_BLANKS = bytes.maketrans(b',;\t|"\r', b"      ")
@@ -88,8 +89,8 @@ class TextSource(columns.TableSource):
 
     def _look_at(self, path: Path, start: int, comments: list[str]) -> None:
         """Learn the form of the rows and the order of their columns."""
-        samples = [sample for sample in _samples(path, start) if sample.strip()]
-        lines = samples[0].splitlines()
+        samples = [sample for sample in _samples(path, start) if _ROW.search(sample)]
+        lines = [line for line in samples[0].splitlines() if _ROW.match(line)]
         marks = Counter(_delimiter(line.decode("utf-8", "replace")) for line in lines)
         self._delimiter = marks.most_common(1)[0][0]
         rows = [self._blank(line).decode("utf-8", "replace").split() for line in lines]
@@ -121,7 +122,7 @@ class TextSource(columns.TableSource):
             if not newline and len(tail) >= CHUNK_BYTES:  # no line is so long
                 self._bad, tail = self._bad + 1, b""
             blank = self._blank(complete)
-            if blank.strip() and self._order.place:
+            if _ROW.search(blank) and self._order.place:
                 yield self._table(blank)
             self.losses.add("bad_record", self._bad)
             self._bad = 0
@@ -140,7 +141,7 @@ class TextSource(columns.TableSource):
             table = np.loadtxt(io.BytesIO(text), comments="#", ndmin=2, encoding="latin-1")
             if table.shape[1] != self._width:
                 raise ValueError("another number of columns")
-        except (ValueError, UserWarning):
+        except ValueError:
             lines = [line.split() for line in text.decode("utf-8", "replace").splitlines()]
             lines = [words for words in lines if words and words[0][0] not in "#%"]
             rows = [
