@@ -143,7 +143,8 @@ class Ros1(_Bag):
         """Return the records in a chunk."""
         kind = record.fields.get(b"compression", b"").decode("latin-1")
         records = pieces.decompressed(content, kind, self.where)
-        if len(records) != struct.unpack("<I", record.fields[b"size"])[0]:
+        cut = len(content) < record.end - record.start  # its first records are there
+        if not cut and len(records) != struct.unpack("<I", record.fields[b"size"])[0]:
             raise DamagedPieceError("the chunk holds another number of bytes than it says")
         return records
 
@@ -157,7 +158,12 @@ def messages_in(
     with path.open("rb") as file:
         read = pieces.reader_of(file)
         for record in pieces.walk(form, read, span, count):
-            if record.kind in (pieces.CUT, *bag.LAST):
+            if record.kind == pieces.CUT:  # perhaps a chunk that ends behind the file's end
+                most = span[1] + pieces.PIECE_LIMIT_BYTES
+                record = bag.piece_at(read, record.start, most) or record
+                if record.kind != Ros1.CHUNK or isinstance(bag, Mcap):
+                    return
+            elif record.kind in bag.LAST:
                 return
             if record.kind in bag.READ:
                 pieces.refuse_piece(bag.where, record.end - record.start)

@@ -80,6 +80,11 @@ class RosSource(FileSource):
     def __init__(self, path: Path, options: ReadOptions, others: tuple[Path, ...] = ()) -> None:
         self._paths, self.losses = (path, *others), LossCounters()
         topics = self._topics()
+        if not topics and self.losses["truncated"]:
+            raise FormatError(
+                f"{str(path)!r} is cut before its first readable message of events; copy it "
+                "again from where it was recorded"
+            )
         if not topics:
             raise FormatError(
                 f"{str(path)!r} holds no readable messages of events (valid: {PACKETS[1]}, "

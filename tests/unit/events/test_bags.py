@@ -107,6 +107,20 @@ def test_ros1_bags_lose_one_chunk(tmp_path: Path, kind: str) -> None:
     assert source.losses["bad_record"] + source.losses["gap"] >= 1
 
 
+@pytest.mark.parametrize("kind", ["none", "lz4"])
+def test_a_cut_chunk_of_a_ros1_bag_gives_what_can_be_read_of_it(tmp_path: Path, kind: str) -> None:
+    whole = ros1_bag([messages(ros1=True)], kind)
+    cut = whole[: len(whole) - len(whole) // 8]
+    if kind == "none":
+        source = opened(tmp_path / "a.bag", cut)
+        found = rows(*source)
+        assert found == expected()[: len(found)]
+        assert (len(found) > 40, source.losses["truncated"]) == (True, 1)
+        return
+    with pytest.raises(FormatError, match="is cut before its first readable message of events"):
+        opened(tmp_path / "a.bag", cut)
+
+
 def test_text_that_is_not_utf8_is_no_internal_error(tmp_path: Path) -> None:
     write_db3(tmp_path / "a.db3", messages())
     with sqlite3.connect(tmp_path / "a.db3") as base:
