@@ -184,11 +184,13 @@ def fit_travel(
         across_flats_mm: Width of the bit, mm.
 
     Raises:
-        ValueError: Shapes differ, or fewer than four touches.
+        ValueError: Shapes differ, fewer than four touches, or a number that is not finite.
     """
     angle, excess = np.asarray(angle_rad, np.float64), np.asarray(excess_mm, np.float64)
     if angle.shape != excess.shape or angle.ndim != 1 or len(angle) < 4:
         raise ValueError(f"got {angle.shape} angles and {excess.shape} touches; need equal, >= 4")
+    if not np.isfinite([angle, excess]).all():
+        raise ValueError("an angle or an excess is no finite number; leave such touches out")
     if len(np.unique(np.round(angle / SAME_RAD))) < LEAST_DIRECTIONS:
         reach = np.full(len(angle), _mean_hexagon_reach_mm(across_flats_mm))
         return _fit(angle, excess + reach, across_flats_mm, None)

@@ -96,7 +96,8 @@ def compare_with_truth(one: Tracks, t_us: NDArray[Any], position_px: NDArray[Any
         position_px: ``(k, m, 2)`` the positions, px.
 
     Raises:
-        ConfigError: They have other numbers of markers, or no time in common, or are no tracks.
+        ConfigError: They have other numbers of markers, or no time in common, or are no tracks; or
+            a position is no finite number.
     """
     require_type(one, Tracks, LOADED)
     return replace(_compared(one, one.detected_px, t_us, position_px), truth=True)
@@ -110,6 +111,11 @@ def _compared(
         raise ConfigError(
             f"the one has {markers} markers, the other {position_px.shape[1]}; compare tracks of "
             "the same sensor"
+        )
+    for row, marker, _ in np.argwhere(~np.isfinite(position_px))[:1].tolist():
+        raise ConfigError(
+            f"marker {marker} has no finite position at {t_us[row]} us in the other; leave out "
+            "such times, so that the ones around them count"
         )
     common = (one.t_us >= t_us[0]) & (one.t_us <= t_us[-1]) if len(t_us) else np.zeros(0, bool)
     if not common.any():

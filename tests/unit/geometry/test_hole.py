@@ -79,6 +79,8 @@ def test_unfit_input_is_refused() -> None:
         fit_circle(np.zeros((0, 2)), np.zeros(2), SIGMA_MM)
     with pytest.raises(ValueError, match="finite"):
         fit_circle(np.full((3, 2), np.nan), np.zeros(2), SIGMA_MM)
+    with pytest.raises(ValueError, match="finite"):
+        fit_travel(np.arange(9.0), np.full(9, np.nan))
 
 
 FLATS_MM = 0.75

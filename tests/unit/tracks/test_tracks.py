@@ -166,3 +166,9 @@ def test_a_truth_at_other_times_is_interpolated() -> None:
     assert found.summary()["error_mean_mm"] == pytest.approx(found.distance_px.mean() / 10.0)
     alone = compare_with_truth(tracks, tracks.t_us[5:6], tracks.detected_px[5:6])
     assert (alone.t_us.tolist(), alone.distance_px.max()) == ([tracks.t_us[5]], 0.0)
+    hidden = tracks.detected_px.copy()
+    hidden[7, 3, 1] = np.nan
+    with pytest.raises(
+        ConfigError, match=f"marker 3 has no finite position at {tracks.t_us[7]} us"
+    ):
+        compare_with_truth(tracks, tracks.t_us, hidden)
