@@ -6,7 +6,6 @@ how many events it has missed.
 
 import threading
 import time
-import weakref
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -45,7 +44,6 @@ class EventReader(PacketReader):
     ) -> None:
         super().__init__(ring or new_ring(source.size), losses)
         self._source, self._bell = source, threading.Event()
-        self._close_ring = weakref.finalize(self, self.ring.close)
         threading.Thread(
             target=self._run, args=(stream,), name="spikingtac-reader", daemon=True
         ).start()
@@ -66,7 +64,7 @@ class EventReader(PacketReader):
     def release(self) -> None:
         """End the stream, and give the ring back."""
         self.close()
-        self._close_ring()
+        self.ring.close()
 
     def _wait(self, seconds: float) -> None:
         self._bell.wait(seconds)

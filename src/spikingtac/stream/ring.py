@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import struct
+import weakref
 import zlib
 from collections.abc import Iterator
 from contextlib import suppress
@@ -51,8 +52,9 @@ class SharedRing:
 
     def __init__(self, memory: SharedMemory, owner: bool) -> None:
         assert memory.buf is not None
-        self._memory, self._owner, self.name = memory, owner, memory.name
-        self.buffer = memory.buf
+        self._memory, self.name, self.buffer = memory, memory.name, memory.buf
+        # A ring that is dropped is given back, too.
+        self._give_back = weakref.finalize(self, give_back, memory, owner)
         self.room = (memory.size - HEAD_BYTES) // _MESSAGE.size * _MESSAGE.size
 
     @classmethod
@@ -72,9 +74,9 @@ class SharedRing:
         except FileExistsError as error:
             assert name is not None
             left = cls.attach(name)
-            left._owner = not left.written
-            left.close()
-            if left._owner:
+            abandoned = not left.written
+            give_back(left._memory, abandoned)
+            if abandoned:
                 return cls.create(room_bytes, name)
             raise DeviceError(
                 f"another program shares its events under {name!r}; choose another name"
@@ -85,8 +87,7 @@ class SharedRing:
         except AttributeError:  # another system than Linux
             pass
         except OSError as error:
-            memory.close()
-            memory.unlink()
+            give_back(memory, True)
             raise DeviceError(
                 f"no {room_bytes >> 20} MiB of shared memory are left ({error.strerror}); end "
                 "other programs, or make /dev/shm larger"
@@ -155,11 +156,7 @@ class SharedRing:
 
     def close(self) -> None:
         """Release the memory; its creator also removes it."""
-        self.buffer.release()
-        self._memory.close()
-        if self._owner:
-            with suppress(FileNotFoundError):
-                self._memory.unlink()
+        self._give_back()
 
     def head(self, at: int) -> tuple[int, int, int, int]:
         """Return what stands before the message at a place."""
@@ -171,6 +168,14 @@ class SharedRing:
         data = bytearray(self.buffer[place : min(place + length, HEAD_BYTES + self.room)])
         data += self.buffer[HEAD_BYTES : HEAD_BYTES + length - len(data)]
         return data
+
+
+def give_back(memory: SharedMemory, owner: bool) -> None:
+    """Release shared memory; its owner also removes it."""
+    memory.close()
+    if owner:
+        with suppress(FileNotFoundError):
+            memory.unlink()
 
 
 def after(at: int, length: int) -> int:
