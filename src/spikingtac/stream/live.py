@@ -9,8 +9,9 @@ from __future__ import annotations
 import asyncio
 import os
 import struct
+import threading
 import time
-from collections.abc import AsyncIterator, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from functools import partial
@@ -71,8 +72,8 @@ class LiveHealth:
     """How a sensor is.
 
     Attributes:
-        state: ``starting``, ``running``, ``ended`` (its source has), ``failed`` (see ``why``), or
-            ``killed`` (its process is gone).
+        state: ``starting``, ``running``, ``ended`` (its source has, or it was closed), ``failed``
+            (see ``why``), or ``killed`` (its process is gone).
         why: The error of a sensor that failed; of one that runs, what its calibration has against
             the events; otherwise empty.
         frames: Frames so far.
@@ -132,7 +133,8 @@ class Live(AbstractContextManager["Live"]):
     """A sensor that is followed in a process of its own, until this object is closed.
 
     Iterating yields every frame in order, from the first one that is still there; ``async for``
-    does the same. A second iteration goes on where the first one ended.
+    does the same. A second iteration goes on where the first one ended. Once it is closed, an
+    iteration ends, and the latest frame and the health stay.
     """
 
     def __init__(self, source: str, calibration: Calibration, tracking: TrackingConfig) -> None:
@@ -142,6 +144,7 @@ class Live(AbstractContextManager["Live"]):
         frame_bytes = HEAD.size + (8 * NUMBERS + 1) * len(calibration.reference_px)
         self._host = Host("the sensor", partial(follow_sensor, **given), SLOTS * frame_bytes)
         self._frames, self._newest = (RingReader(self._host.rings[0]) for _ in range(2))
+        self._turn, self._closed = threading.Lock(), False
         self._state: State = "starting"
         self._why, self._error = "", None
         self._clock: Mapping[str, Any] | None = None
@@ -165,7 +168,7 @@ class Live(AbstractContextManager["Live"]):
 
     def latest(self) -> LiveFrame | None:
         """Return the latest frame at once; None before the first."""
-        if (message := self._newest.latest()) is not None:
+        if (message := self._take(self._newest.latest)) is not None:
             self._frame = unpack(message)
         return self._frame
 
@@ -177,7 +180,7 @@ class Live(AbstractContextManager["Live"]):
         """
         while True:
             going = self._listen()  # asked first: the last frames come before the end
-            for message in self._frames:
+            while (message := self._take(self._frames.next)) is not None:
                 yield unpack(message)
             if not going:
                 break
@@ -192,29 +195,43 @@ class Live(AbstractContextManager["Live"]):
 
     def close(self) -> None:
         """End the process and give the shared memory back."""
-        self._host.close()
+        self._listen()
+        self.latest()
+        with self._turn:
+            self._closed = True
+            self._host.close()
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def _take(self, take: Callable[[], bytearray | None]) -> bytearray | None:
+        """Take a message from the ring, or None once it is closed, maybe by another thread."""
+        with self._turn:
+            return None if self._closed else take()
+
     def _listen(self) -> bool:
         """Take what the process has told; False once nothing more comes."""
         going = ("starting", "running")
-        try:
-            while self._state in going and (told := self._host.receive()) is not None:
-                word, value = told
-                if word == "clock":
-                    self._clock = value
-                elif word == "warning":
-                    self._why = value
-                else:
-                    self._state = word
-        except EOFError:
-            self._state = "ended"
-        except Exception as error:
-            self._state = "killed" if self._host.lost else "failed"
-            self._error, self._why = error, str(error)
-        return self._state in going
+        with self._turn:
+            try:
+                while self._state in going and not self._closed:
+                    if (told := self._host.receive()) is None:
+                        return True
+                    word, value = told
+                    if word == "clock":
+                        self._clock = value
+                    elif word == "warning":
+                        self._why = value
+                    else:
+                        self._state = word
+            except EOFError:
+                self._state = "ended"
+            except Exception as error:
+                self._state = "killed" if self._host.lost else "failed"
+                self._error, self._why = error, str(error)
+            if self._state in going:
+                self._state = "ended"
+        return False
 
 
 def follow_sensor(
