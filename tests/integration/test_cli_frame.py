@@ -51,6 +51,31 @@ def test_the_command_lists_every_verb_and_ends_quietly_without_a_reader(verbs: V
     assert (process.returncode, noise) == (frame.EXIT_BROKEN_PIPE, b"")
 
 
+def test_a_verb_runs_without_stdout_and_stderr(made: Path, tmp_path: Path) -> None:
+    words = f"exec '{COMMAND}' convert '{made / 'circling'}' '{tmp_path / 'events.npz'}' >&- 2>&-"
+    assert subprocess.run(["/bin/sh", "-c", words], check=False).returncode == 0
+    assert (tmp_path / "events.npz").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        ("touch tracks.npz --preset fast", "--preset"),
+        ("track circling -o new.npz --second-calibration wide.json", "--second-calibration"),
+        ("export tracks.npz --to zarr -o new --fps 7", "--fps"),
+        ("force check tracks.npz -o new.npz", "--output"),
+        ("force apply tracks.npz -o new.npz --wrench truth.npz", "--wrench"),
+        ("force fit tracks.npz --thickness-mm 9", "--thickness-mm"),
+        ("calibrate --check finger.json circling --pitch-mm 3", "--pitch-mm"),
+    ],
+)
+def test_options_that_mean_nothing_are_refused(
+    words: str, option: str, made: Path, verbs: Verbs
+) -> None:
+    given = [made / word if (made / word).exists() else word for word in words.split()]
+    assert f"error: {option} " in verbs.said(*given, code=2)
+
+
 @pytest.mark.parametrize(
     ("error", "code"),
     [

@@ -71,13 +71,14 @@ def readable(folder: Path) -> int:
         return 0
 
 
-def test_ctrl_c_completes_a_recording_in_parts(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_completes_a_recording_in_parts(tmp_path: Path, number: int) -> None:
     folder, port = tmp_path / "rec", free_port()
     process = start(folder, port, "--split", "0.05s")
     sent = bursts(40)
     send(port, sent)
     wait_until(lambda: readable(folder) == 80_000)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     out, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, error
     told = json.loads(out)

@@ -39,6 +39,21 @@ class JsonArgs:
 
     json: bool = False
 
+    def refuse(self, why: str, *names: str) -> None:
+        """Refuse options that mean nothing beside the others.
+
+        Args:
+            why: What they are for, behind the option's name.
+            *names: Their fields.
+
+        Raises:
+            ConfigError: One is given.
+        """
+        for field in fields(self):
+            if field.name in names and getattr(self, field.name) != field.default:
+                option = field.name.replace("_", "-")
+                raise ConfigError(f"--{option} {why}; leave it out, or see --help")
+
 
 @dataclass(frozen=True, kw_only=True)
 class WriteArgs(JsonArgs):

@@ -78,6 +78,7 @@ def run_each(work: Work, args: Any, given: Sequence[Path], output: Path | None) 
     many = means_many(args, given)
     if args.second is not None:
         return _run_two(work, args, given[0], output, many)
+    args.refuse("is for the other finger: --second RECORDING", "second_calibration")
     return run_many(work, args, given) if many else run_one(work, args, given[0], output)
 
 

@@ -25,19 +25,20 @@ Result = TypeVar("Result")
 
 @contextmanager
 def ending_on_interrupt(*sources: object) -> Iterator[None]:
-    """Close live sources at the first Ctrl-C; a second one interrupts as usual.
+    """Close live sources at the first Ctrl-C or SIGTERM; a second one interrupts as usual.
 
     Args:
         *sources: Those with ``close()`` end so; where none has it, the work is interrupted at once.
     """
     closes = [close for source in sources if (close := getattr(source, "close", None)) is not None]
 
-    def end(*_: Any) -> None:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    def end(number: int, _: Any) -> None:
+        signal.signal(number, signal.default_int_handler)  # a second one interrupts
         for close in closes:
             close()
 
-    with _on_signal(signal.SIGINT, end if closes else None):
+    handler = end if closes else None
+    with _on_signal(signal.SIGINT, handler), _on_signal(signal.SIGTERM, handler):
         yield
 
 

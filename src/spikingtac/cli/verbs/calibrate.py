@@ -30,7 +30,7 @@ MOST_NAMED = 8  # Stray spots that are named one by one.
 TOLD = ("polarity", "contrast", "edge_px", "step_on", "step_off", "lag_us", "px_per_mm")
 NOTED = ("missing", "doubtful", "explained", "events", "residual", "scatter_px")
 
-# Options that mean nothing where the scale of a calibration is set.
+# Options that mean nothing where the scale of a calibration is set, or one is checked.
 OF_RECORDINGS = ("grid", "layout", "lens", "polarity", "method", "allow_missing", "plot",
                  "until_ready")  # fmt: skip
 UNUSUAL = ("no_lens", "left_out_px", "stray_px", "fitting_grid", "coarse_steps", "flicker_hz",
@@ -125,13 +125,7 @@ def _set_scale(args: Args, path: Path) -> int:
             f"{str(path)!r} is a calibration already; calibrate learns from a recording, and sets "
             "the scale of a calibration: --pitch-mm 2.4 (above 0)"
         )
-    plain = Args(recordings=args.recordings)
-    for name in OF_RECORDINGS:
-        if getattr(args, name) != getattr(plain, name):
-            raise st.ConfigError(
-                f"--{name.replace('_', '-')} is for recordings, and {str(path)!r} is a "
-                "calibration; leave it out, or give the recording"
-            )
+    args.refuse(f"is for recordings, and {str(path)!r} is a calibration", *OF_RECORDINGS)
     require_free(args.output, args.overwrite)
     calibration = st.Calibration.load(path).with_pitch(args.pitch_mm)
     calibration.save(args.output)
@@ -245,6 +239,7 @@ def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
 
 def _check(args: Args, known: Path) -> int:
     """Check one recording, or many into a folder; 1 where one does not fit."""
+    args.refuse("is for a new calibration, not for --check", "pitch_mm", *OF_RECORDINGS)
     if means_many(args, args.recordings):
         return run_many(CHECK, args, args.recordings)
     recording = args.recordings[0]

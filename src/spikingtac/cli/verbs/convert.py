@@ -195,8 +195,8 @@ class ExportArgs(WriteArgs):
 
 def export(args: ExportArgs) -> int:
     """Export, and say what was written."""
-    if args.to == "zarr" and args.log:
-        raise st.ConfigError("a Zarr store holds the tracks as they are; logs go with lerobot")
+    if args.to == "zarr":
+        args.refuse("goes with --to lerobot; a Zarr store holds tracks alone", "log", "fps", "task")
     found = find_recordings(args.sources, ("displacement_px.npy",))
     with (
         progress(f"exporting to {args.to}") as advance,

@@ -17,6 +17,7 @@ from spikingtac.touch.force.model import SIGMAS_90
 from spikingtac.touch.series import labelled
 
 MODEL = Path("force.onnx")
+OF_A_GEL = ("thickness_mm", "camera_distance_mm", "calibration")  # Options of a fit without labels.
 
 # Keys of a model's record that a summary leaves out.
 NUMBERS = ("schema", "reference", "interval", "rest_radius", "memory")
@@ -76,10 +77,14 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Fit, check or apply, and say how well the forces are known."""
-    if args.shear_modulus_kpa is not None and args.action != "fit":
-        raise st.ConfigError(f"--shear-modulus-kpa is used to fit; {args.action} needs --force")
-    if args.shear_modulus_kpa is None and args.camera_distance_mm is not None:
-        raise st.ConfigError("--camera-distance-mm needs --shear-modulus-kpa")
+    if args.action != "fit":
+        args.refuse(f"is used to fit; {args.action} needs --force", "shear_modulus_kpa", *OF_A_GEL)
+    elif args.shear_modulus_kpa is None:
+        args.refuse("needs --shear-modulus-kpa", *OF_A_GEL)
+    if args.action == "check":
+        args.refuse("is used to fit and apply", "output")
+    if args.action == "apply":
+        args.refuse("is used to fit and check", "wrench")
     if not args.files and args.shear_modulus_kpa is None:
         raise st.ConfigError("no file was given; give files with displacements and wrenches")
     if args.base is not None and (args.action != "fit" or args.shear_modulus_kpa is not None):

@@ -40,7 +40,7 @@ SECOND_CLOCK = (
 
 # Why a recording ended, in words.
 ENDED = {
-    "closed": "Ctrl-C",
+    "closed": "Ctrl-C or SIGTERM",
     "seconds": "--seconds",
     "ended": "the camera",
     "lost": "the camera, which is gone",

@@ -79,6 +79,7 @@ def touch_one(
 ) -> dict[str, Any]:
     """List the touches of a recording, of tracks, or of arrays; return them as rows."""
     if isinstance(recording, Path) and kind_of(recording) in ("tracks", "series"):
+        args.refuse(f"is for events, and {recording.name} is tracks", "preset", "rate_hz")
         found = _of_series(args, recording)
     else:
         found = _of_events(args, recording, advance)
