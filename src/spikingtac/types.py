@@ -142,7 +142,7 @@ class EventPacket:
     def _convert(self) -> None:
         """Give the columns their own types, where that changes no value."""
         for name, kind, given in zip("xypt", TYPES, map(np.asarray, self._columns()), strict=True):
-            column = given.astype(kind) if given.dtype.kind in "bui" or not given.size else given
+            column = given.astype(kind) if given.dtype.kind in "iub" or not given.size else given
             if column.dtype != kind or (column != given).any():
                 span = f"{given.dtype} from {given.min()} to {given.max()}"
                 raise ConfigError(
