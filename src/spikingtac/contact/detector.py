@@ -41,33 +41,6 @@ def count_of(window: Window) -> int:
     return sum(map(len, packets_of(window)))
 
 
-class Period:
-    """The length of a detector's windows; only the last one of a stream may be shorter.
-
-    Args:
-        us: The length, us; that of the first window unless given.
-    """
-
-    def __init__(self, us: int = 0) -> None:
-        self.us, self._cut = us, False
-
-    def check(self, window: Window) -> None:
-        """Refuse a window that is longer, or shorter and not the last one.
-
-        Raises:
-            ConfigError: It is.
-        """
-        first = packets_of(window)[0]
-        length_us = first.t_end_us - first.t_start_us
-        self.us = self.us or length_us
-        if length_us != self.us and (self._cut or length_us > self.us):
-            raise ConfigError(
-                f"a window lasts {length_us} us, but the detector learns from, and takes, windows "
-                f"of {self.us} us; cut the events with st.windows(source, {self.us}), or learn anew"
-            )
-        self._cut = length_us != self.us
-
-
 @dataclass(frozen=True, kw_only=True)
 class QuietStatistics:
     """Counts of windows without contact.
@@ -92,13 +65,14 @@ class QuietStatistics:
 
         Raises:
             CalibrationError: There are fewer than 100 windows.
-            ConfigError: They differ in length.
         """
-        counts, period = [], Period()
+        counts, period_us = [], 0
         for window in windows:
-            period.check(window)
+            first = packets_of(window)[0]
+            # The last window of a stream may be shorter than the others.
+            period_us = period_us or first.t_end_us - first.t_start_us
             counts.append(count_of(window))
-        return cls.of_counts(counts, period.us * 1e-6)
+        return cls.of_counts(counts, period_us * 1e-6)
 
     @classmethod
     def of_counts(cls, counts: Sequence[int], period_s: float) -> QuietStatistics:
@@ -213,10 +187,6 @@ class ContactDetector(Protocol):
 
         Args:
             window: The events of one period. Empty windows are given too: silence is data.
-
-        Raises:
-            ConfigError: It has another length than the windows that the detector learned from; the
-                last window of a stream may be shorter.
         """
         ...
 

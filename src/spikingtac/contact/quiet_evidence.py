@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from spikingtac.contact.detector import (
     SECONDS_PER_HOUR,
-    Period,
     QuietStatistics,
     Window,
     count_of,
@@ -127,8 +126,7 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
 
     Raises:
         CalibrationError: The recording is too short, or no marker lies on the sensor.
-        ConfigError: The windows come from a sensor of another size than the calibrations, or differ
-            in length.
+        ConfigError: The windows come from a sensor of another size than the calibrations.
     """
     if not all(len(table.modes) for table in tables):
         raise CalibrationError(
@@ -136,10 +134,11 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
             "spikingtac calibrate RECORDING -o calibration.json"
         )
     fired = [np.zeros(table.row.shape, np.int64) for table in tables]
-    kept, beside, counts, period = [], [], [], Period()
+    kept, beside, counts, period_us = [], [], [], 0
     for window in quiet:
         packets = packets_of(window)
-        period.check(window)
+        # The last window of a stream may be shorter than the others.
+        period_us = period_us or packets[0].t_end_us - packets[0].t_start_us
         counts.append(count_of(window))
         beside.append(evidence_of(window, tables)[BESIDE::MODES])
         parts = []
@@ -149,7 +148,7 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
             parts.append(rim)
         kept.append(tuple(parts))
     _require_evidence(len(kept), fired)
-    period_s = period.us * 1e-6
+    period_s = period_us * 1e-6
     limit = max(HOT_HZ * len(kept) * period_s, 1.0)
     hot = [times > limit for times in fired]  # events on the rims only were counted
     clean = tuple(table.without(mask) for table, mask in zip(tables, hot, strict=True))
