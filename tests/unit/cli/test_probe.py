@@ -86,17 +86,6 @@ def test_what_no_search_can_do_is_refused_at_once(
     assert message in verbs.said("probe", *given, code=2)
 
 
-def test_an_interrupted_search_leaves_no_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verbs: Verbs
-) -> None:
-    def interrupt(args: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sites, "on_twin", interrupt)
-    verbs.said("probe", "-o", tmp_path / "out", code=130)
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_real_arm_writes_what_it_found(
     arm_arguments: list[str], tmp_path: Path, verbs: Verbs
 ) -> None:

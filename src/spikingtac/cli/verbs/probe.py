@@ -9,7 +9,7 @@ import numpy as np
 
 import spikingtac as st
 from spikingtac import events
-from spikingtac.atomic_files import whole_folder, write_json
+from spikingtac.atomic_files import write_json
 from spikingtac.cli import probe_sites as sites
 from spikingtac.cli.messages import Table, tell
 from spikingtac.cli.probe_sites import Args, ProbedHole
@@ -18,22 +18,13 @@ from spikingtac.plots.circles import HolePicture, save_hole_plot
 from spikingtac.schema import to_mapping
 
 LEAST_RADIUS_MM = 0.5  # Radius of the narrowest hole of the twin, mm: the bit reaches 0.433 mm.
-DOCUMENT, PICTURE = "hole.json", "hole.png"  # What is written into the folder.
 DIGITS = 5  # Decimals of lengths in hole.json, mm: a hundredth of a micrometre.
 
 
 def run(args: Args) -> int:
     """Probe a hole, write the result, and print it."""
     check(args)
-    if args.output is None:
-        return _probe(args, None)
-    _claim(args, args.output)
-    with whole_folder(args.output, last=DOCUMENT) as partial:
-        return _probe(args, partial)
-
-
-def _probe(args: Args, folder: Path | None) -> int:
-    """Probe a hole, write the result into a folder, and print it."""
+    paths = _output_paths(args)
     hole = sites.on_twin(args) if args.arm is None else sites.on_arm(args)
     circle, touches = hole.found.circle, hole.found.touches
     picture = HolePicture(
@@ -43,8 +34,7 @@ def _probe(args: Args, folder: Path | None) -> int:
         true_radius_mm=None if hole.true_center_mm is None else args.radius_mm,
     )
     summary, place = _summary(args, hole, picture), "simulated" if args.arm is None else "real arm"
-    written = [args.output / DOCUMENT, args.output / PICTURE] if args.output else []
-    if folder is not None:
+    if paths:
         (x, y), sigma, radius = circle.center_mm, circle.sigma_mm, circle.radius_mm
         title = (
             f"hole by touch ({f'arm at {args.arm}' if args.arm else place}): "
@@ -52,16 +42,16 @@ def _probe(args: Args, folder: Path | None) -> int:
             f"centre ({x:.3f} ± {sigma[0]:.3f}, {y:.3f} ± {sigma[1]:.3f}) mm, "
             f"radius {radius:.3f} ± {sigma[2]:.3f} mm (one sigma)"
         )
-        write_json(folder / DOCUMENT, _document(args, hole, picture))
-        save_hole_plot(folder / PICTURE, title, picture)
-        summary |= dict(zip(("output", "picture"), map(str, written), strict=True))
+        write_json(paths[0], _document(args, hole, picture))
+        save_hole_plot(paths[1], title, picture)
+        summary |= {"output": str(paths[0]), "picture": str(paths[1])}
     rows = [
         (name, summary[name], summary[f"{name}_sigma"], summary.get(f"{name}_error", "-"))
         for name in ("x_mm", "y_mm", "radius_mm")
     ]
     columns = ("", "estimate", "standard deviation", "error (simulated)")
     table = Table(f"hole from {len(touches)} contacts ({place})", columns, rows)
-    return tell(args.json, summary, table, *(f"written: {path}" for path in written))
+    return tell(args.json, summary, table, *([f"written: {paths[0]}, {paths[1]}"] if paths else []))
 
 
 def check(args: Args) -> None:
@@ -97,16 +87,20 @@ def check(args: Args) -> None:
         raise st.ConfigError(f"contacts is {args.contacts}, it must be at least {LEAST_CONTACTS}")
 
 
-def _claim(args: Args, folder: Path) -> None:
-    """Refuse an output that is no folder, or that holds a result already.
+def _output_paths(args: Args) -> tuple[Path, Path] | None:
+    """Return the paths of document and picture, and create their folder.
 
     Raises:
-        ConfigError: A file is named, or one of the files is there already.
+        ConfigError: A file is named, or one of them is there already.
     """
+    folder = args.output
+    if folder is None:
+        return None
     if folder.is_file() or (folder.suffix and not folder.is_dir()):
         raise st.ConfigError(f"--output is {str(folder)!r}; give the name of a folder")
-    if folder.is_dir():
-        args.claim(folder / DOCUMENT, folder / PICTURE)
+    folder.mkdir(parents=True, exist_ok=True)
+    args.claim(folder / "hole.json", folder / "hole.png")
+    return folder / "hole.json", folder / "hole.png"
 
 
 def _summary(args: Args, hole: ProbedHole, picture: HolePicture) -> dict[str, Any]:
