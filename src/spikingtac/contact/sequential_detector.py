@@ -76,9 +76,15 @@ class ReleaseMonitor:
         noise = NOISE_SIGMA * self._noise * math.sqrt(self._windows)
         return self._distance > self._nearest + clear + noise
 
+    def _is_far(self) -> bool:
+        """Return whether they are as far as while they were touched."""
+        nearest = 0.0 if math.isinf(self._nearest) else max(self._nearest, 0.0)
+        noise = NOISE_SIGMA * self._noise * math.sqrt(self._windows)
+        return self._distance > nearest + max(BACK_SHARE * self._farthest, self._none) + noise
+
     def back(self) -> bool:
         """Return whether the markers have returned, or had when the contact ended."""
-        if not self.over and self._distance > max(BACK_SHARE * self._farthest, self._none):
+        if not self.over and self._is_far():
             self._nearest, self._windows = math.inf, 0
             return False
         self._windows += 1
@@ -187,7 +193,8 @@ class SequentialMotionDetector:
         self._calm = self._calm + 1 if back and not departs else 0
         self._still = self._still + 1 if back and found is None else 0
         if self._calm >= REST_WINDOWS:
-            release.over, self.in_contact = True, False
+            self.in_contact = False
+        release.over |= self._still >= REST_WINDOWS
         if self._still >= CREEP_WINDOWS:
             self._release = None
         return False

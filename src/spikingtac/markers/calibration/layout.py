@@ -14,7 +14,7 @@ from spikingtac.markers.calibration.lattice import Lattice, LayoutKind, cells_of
 from spikingtac.types import FloatArray
 
 # Distance from its lattice cell, as a share of the pitch, up to which a point in a nearly empty
-# border line is a marker; of points at random within REACH one in fourteen is so near.
+# border line is a marker; of points at random within REACH one in eleven is so near.
 ON_LATTICE = 0.12
 
 # Largest slope of the rows, 3 degrees, at which a grid is assumed to be a rectangle along the

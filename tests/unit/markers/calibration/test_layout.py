@@ -35,7 +35,7 @@ def test_sizes_and_turns(shape: tuple[int, int], turn_deg: float) -> None:
 @pytest.mark.parametrize("seed", range(10))
 def test_jitter_and_bending(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    points = lattice(7, 10, turn_deg=rng.uniform(-12, 12)) + rng.normal(0, 2.5, (70, 2))
+    points = lattice(7, 10, turn_deg=rng.uniform(-12, 12)) + rng.normal(0, 2.0, (70, 2))
     radial = (points - np.array(SIZE) / 2) / 320
     bend = rng.uniform(-0.5, 0.3)
     bent = radial * (1 + bend * (radial**2).sum(axis=1, keepdims=True))
