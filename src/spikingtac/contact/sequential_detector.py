@@ -37,8 +37,8 @@ NO_DISTANCE = 0.25  # Insignificant evidence for a distance, per marker (up to 4
 NOISE_SIGMA = 3.0
 
 # Windows in a row after which a contact ends whose markers have returned. In none of them they move
-# away, but they may creep on towards the rest (40 scenes of another simulator: 29 of 230 contacts
-# began while the creep kept the one before from its end, now none).
+# away, but they may creep on towards the rest (another simulator: of 274 contacts 30 began while
+# creep kept the one before from its end, now one).
 REST_WINDOWS = 50
 
 # Windows in a row without any motion after which any may be a contact, and not only one away from
@@ -72,19 +72,18 @@ class ReleaseMonitor:
 
     def left(self) -> bool:
         """Return whether the markers, which had returned, are moving away."""
+        return self._is_beyond(self._nearest)
+
+    def _is_beyond(self, distance: float) -> bool:
+        """Return whether the markers are clearly farther than a distance."""
         clear = self._none if self.over else max(BACK_SHARE * self._farthest, self._none)
         noise = NOISE_SIGMA * self._noise * math.sqrt(self._windows)
-        return self._distance > self._nearest + clear + noise
-
-    def _is_far(self) -> bool:
-        """Return whether they are as far as while they were touched."""
-        nearest = 0.0 if math.isinf(self._nearest) else max(self._nearest, 0.0)
-        noise = NOISE_SIGMA * self._noise * math.sqrt(self._windows)
-        return self._distance > nearest + max(BACK_SHARE * self._farthest, self._none) + noise
+        return self._distance > distance + clear + noise
 
     def back(self) -> bool:
         """Return whether the markers have returned, or had when the contact ended."""
-        if not self.over and self._is_far():
+        nearest = 0.0 if math.isinf(self._nearest) else max(self._nearest, 0.0)
+        if not self.over and self._is_beyond(nearest):
             self._nearest, self._windows = math.inf, 0
             return False
         self._windows += 1
@@ -184,9 +183,10 @@ class SequentialMotionDetector:
             release: Follows the markers.
             found: The scale that exceeds its threshold, None where none does.
         """
-        if found is not None and release.left():
+        left, back = release.left(), release.back()
+        # Where no scale saw them leave, they are away although the last contact has ended.
+        if found is not None and (left or not (back or self.in_contact)):
             return True
-        back = release.back()
         departs = found is not None and distance_of(self._sums.total(found)) > 0.0
         if back and found is not None:
             self._sums.reset()  # the same windows must not find the same motion again

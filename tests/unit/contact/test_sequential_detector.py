@@ -71,18 +71,23 @@ def test_two_contacts_begin_and_end_of_which_one_circles(
     assert ends == pytest.approx([1030 + REST_WINDOWS, 1630 + REST_WINDOWS], abs=25)
 
 
-def test_a_contact_ends_while_the_skin_creeps_back(detector: SequentialMotionDetector) -> None:
-    """A quarter of a press of 4 px remains and creeps back, until the next press is noticed."""
+@pytest.mark.parametrize(("begin", "speed", "told_ms"), [(900, 0.1, 913), (700, 0.006, 918)])
+def test_a_contact_ends_while_the_skin_creeps_back(
+    detector: SequentialMotionDetector, begin: int, speed: float, told_ms: int
+) -> None:
+    """A quarter of a press of 4 px remains and creeps back; the next press is fast, or slow."""
 
     def press_and_creep(window: int) -> tuple[float, float]:
-        if 400 <= window < 440 or 900 <= window < 940:
+        if 400 <= window < 440:
             return 0.1, 0.0
         if 500 <= window < 530:
             return -0.1, 0.0
-        return (-0.0025 if 530 <= window < 900 else 0.0), 0.0
+        if begin <= window < begin + 2.0 / speed:
+            return speed, 0.0
+        return (-0.0025 if 530 <= window < begin else 0.0), 0.0
 
-    contacts, ends = course(detector, windows(1000, seed=6, speed=press_and_creep))
-    assert [contact.t_us // 1000 for contact in contacts] == pytest.approx([401, 901], abs=15)
+    contacts, ends = course(detector, windows(1050, seed=6, speed=press_and_creep))
+    assert [contact.t_us // 1000 for contact in contacts] == pytest.approx([401, told_ms], abs=5)
     assert ends == pytest.approx([530 + REST_WINDOWS], abs=20)
 
 
