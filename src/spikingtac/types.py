@@ -18,6 +18,7 @@ from spikingtac.errors import ConfigError
 
 FloatArray = NDArray[np.float64]  # Array of float64; each use states its shape.
 US_PER_S = 1_000_000
+US_PER_DAY = 86_400 * US_PER_S
 
 # Types of the columns x, y, p and t of events.
 TYPES = [np.dtype(name) for name in ("u2", "u2", "?", "i8")]

@@ -112,8 +112,10 @@ def run_batch(
 
 def write_rows(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> None:
     """Write rows as CSV, whole or not at all; what is no UTF-8 in a name is escaped."""
-    form: Any = {"encoding": "utf-8", "errors": "backslashreplace", "newline": ""}
-    with replacing(path) as partial, partial.open("w", **form) as file:
+    with (
+        replacing(path) as partial,
+        partial.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file,
+    ):
         writer = csv.DictWriter(file, columns, lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError, named
 from spikingtac.events.hot_pixels import hot_pixels_of
 from spikingtac.plots.figure import FONT_PT, Theme, new_figure, style_axes
-from spikingtac.types import US_PER_S, FloatArray
+from spikingtac.types import US_PER_DAY, US_PER_S, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,8 +26,6 @@ RATE_US = 10_000
 
 # Time constant of the surface, us: exp(-age / constant), as in Lagorce et al., "HOTS" (2017).
 SURFACE_US = 50_000
-
-LONGEST_US = 86_400 * US_PER_S  # Longest recording whose rate is drawn, us: a day.
 
 FAINT = 0.01  # Share of the surface below which a pixel is not drawn: it fired 0.23 s ago.
 
@@ -75,7 +73,7 @@ def event_figures(source: FileSource, at_s: float | None = None) -> EventFigures
     for packet in source:
         if len(packet):
             first_us = int(packet.t[0]) if first_us is None else first_us
-            if packet.t[-1] - first_us > LONGEST_US:
+            if packet.t[-1] - first_us > US_PER_DAY:  # memory for the rate
                 raise ConfigError(
                     f"{source.path.name!r} goes over more than a day, or its clock leapt; cut a "
                     "part out: spikingtac convert RECORDING OUT --from-us N --to-us N"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import RecordingError
 from spikingtac.events.align import load_poses
 from spikingtac.events.formats.array_file import load_arrays, load_truth
-from spikingtac.types import FloatArray, one_line
+from spikingtac.types import US_PER_DAY, FloatArray, one_line
 
 Times = NDArray[np.int64]
 
@@ -25,7 +25,6 @@ N_MM_PER_NM = 1e3
 
 # Step of the time in which two clocks are compared, us: a fifth of the fastest press.
 STEP_US = 5_000
-LONGEST_US = 86_400_000_000  # Longest time in which clocks are compared, us: a day.
 LEAST_CORRELATION = 0.6  # Motion and force that agree less are of different recordings.
 
 
@@ -144,7 +143,7 @@ def _clock_offset_us(series: WrenchSeries, t_us: Times, wrench: FloatArray) -> i
     from scipy.signal import correlate
 
     def uniform(times_us: Times, values: FloatArray) -> FloatArray:
-        if times_us[-1] - times_us[0] > LONGEST_US:
+        if times_us[-1] - times_us[0] > US_PER_DAY:
             raise RecordingError(
                 f"{series.name}: displacements or forces go from {times_us[0]} to {times_us[-1]} "
                 "us, more than a day; is a time wrong? Cut them to the contacts"

@@ -10,11 +10,9 @@ from spikingtac.errors import FormatError, named
 from spikingtac.events.evt.encode import ENCODERS, WordEncoder
 from spikingtac.events.evt.raw import format_header
 from spikingtac.events.formats.codec import OneFileWriter, Triggers
-from spikingtac.types import EventPacket
+from spikingtac.types import US_PER_DAY, EventPacket
 
 COORDINATE_LIMIT_PX = 1 << 11  # Rows and columns that the eleven bits of an address can name.
-
-SILENCE_LIMIT_US = 86_400_000_000  # Longest pause between two events that is written: a day.
 
 
 class RawWriter(OneFileWriter):
@@ -132,5 +130,5 @@ class RawWriter(OneFileWriter):
             raise FormatError(
                 f"RAW times rise from 0 us on, {packet.t[0]} us came: sort, or convert --shift-us N"
             )
-        if int(steps.max()) > SILENCE_LIMIT_US:
+        if int(steps.max()) > US_PER_DAY:
             raise FormatError("a pause of more than a day cannot be written; split the recording")
