@@ -73,6 +73,7 @@ def test_estimates_are_those_of_follow_and_a_leap_of_the_clock_is_not_filled(lea
     assert [frame.t_us for frame in frames] == [frame.t_us for frame in expected]
     for one, other in zip(frames, expected, strict=True):
         np.testing.assert_array_equal(one.detected_px, other.detected_px)
+        assert one.health == other.health
     assert len(frames) < rate_hz * 62
 
 
