@@ -95,8 +95,8 @@ def test_a_detector_is_made_by_its_name() -> None:
 
 
 def test_an_unknown_name_lists_what_there_is(tmp_path: Path) -> None:
-    config = st.load_config("default").with_tracking(method="unheard-of")
-    with pytest.raises(ConfigError, match="disc, blobs"):
+    config = st.load_config("default").with_tracking(method="disk")
+    with pytest.raises(ConfigError, match=r"did you mean 'disc'.*disc, blobs"):
         st.make_tracker(config.tracking, calibration())
     (tmp_path / "a.mine").write_bytes(b"?")
     with pytest.raises(FormatError, match="mine"):

@@ -3,17 +3,12 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from spikingtac.config import PRESETS, Config, load_config
+from spikingtac.config import PRESETS, load_config
 from spikingtac.errors import ConfigError, SettingsFileError
 from spikingtac.markers.laws import PaperLawConfig
-from spikingtac.markers.registry import make_tracker
 from spikingtac.tuning import controls, in_use, with_value
-from stand_ins.known import known
-
-CALIBRATION = known(np.array([[30.0, 30.0]]), size=(64, 64))
 
 
 def test_presets_name_their_methods_and_rates() -> None:
@@ -39,13 +34,6 @@ def test_a_file_overrides_and_unknown_keys_are_refused(tmp_path: Path) -> None:
         path.write_text(f"[tracking]\n{line}\n")
         with pytest.raises(SettingsFileError, match=told):
             load_config(path)
-
-
-def test_unknown_names_get_the_nearest() -> None:
-    with pytest.raises(ConfigError, match="did you mean 'default'"):
-        load_config("defualt")
-    with pytest.raises(ConfigError, match="did you mean 'disc'"):
-        make_tracker(Config().with_tracking(method="disk").tracking, CALIBRATION)
 
 
 def test_contact_detection_is_configured_from_a_file(tmp_path: Path) -> None:

@@ -109,12 +109,3 @@ def test_where_one_camera_fails_the_other_one_is_closed(failing: int) -> None:
     with pytest.raises(ConfigError, match="does not fit"):
         for_each(work, cameras)
     assert cameras[1 - failing].closed
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [(["a.raw"], "a calibration each"), (["a.raw", "b.raw"], "give a single one")],
-)
-def test_each_finger_needs_its_calibration(words: list[str], told: str, verbs: Verbs) -> None:
-    given = "--calibration", "one.json", "--second", "c.raw"
-    assert told in verbs.said("track", *words, *given, code=2)

@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.report import Metric, Report, Row, interval, rows_of, write_report
 from spikingtac_paper.harness.run import Progress, RunOptions, kept, load_windows, save_windows
 from spikingtac_paper.point_tracking.experiment import PUBLISHED
-from spikingtac_paper.registry import EXPERIMENTS, run_study
 from spikingtac_paper.throughput import bench
 from spikingtac_paper.throughput.stream import TARGET_HZ, bench_stream
 from stand_ins.random_packets import assert_equal, random_packet
@@ -94,11 +92,6 @@ def test_jobs_come_back_in_order_and_are_counted() -> None:
         with pytest.raises(TypeError):
             progress.run(pool, abs, ["x"])
     assert shares == [0.25, 0.5, 0.75]
-
-
-def test_an_unknown_experiment_names_the_valid_ones() -> None:
-    with pytest.raises(ConfigError, match=r"did you mean 'point-tracking'.*valid"):
-        run_study(EXPERIMENTS, "experiment", SimpleNamespace(name="point-trackin"))
 
 
 def test_windows_come_back_as_they_were_the_empty_ones_too(tmp_path: Path) -> None:

@@ -78,12 +78,3 @@ def test_each_lag_is_seen_in_a_fifth_of_a_second(seed: int) -> None:
             assert host_s - fault_s < 0.2
             return
     raise AssertionError("the lag was not seen")
-
-
-@pytest.mark.parametrize("leap_us", [300_000, 450_000])
-def test_a_small_leap_is_counted_once(leap_us: int) -> None:
-    clock = StreamClock()
-    for number in range(1_000):
-        end_us = 1_000 * number + leap_us * (number > 500)
-        assert clock.arrive(end_us, OFFSET_S + 1e-3 * number) == 0.0
-    assert clock.small_leaps == 1
