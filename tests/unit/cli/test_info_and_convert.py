@@ -39,16 +39,6 @@ def test_info_prints_the_contracts_keys(recorded: Path, verbs: Verbs) -> None:
     assert found["anomalies"] == {}
 
 
-def test_convert_cuts_and_flips(recorded: Path, verbs: Verbs) -> None:
-    target = recorded.with_name("b.csv")
-    arguments = ["--from-us", 5_000, "--to-us", 20_100, "--flip-polarity"]
-    assert verbs.told("convert", recorded, target, *arguments)["events"] == 600
-    found, events = whole(open_events(target)), whole(open_events(recorded))
-    inside = (events.t >= 5_000) & (events.t < 20_100)
-    np.testing.assert_array_equal(found.t, events.t[inside])
-    np.testing.assert_array_equal(found.p, ~events.p[inside])
-
-
 def test_what_a_recording_does_not_hold_is_refused(recorded: Path, verbs: Verbs) -> None:
     assert "holds no sensor 1" in verbs.said("info", recorded, "--sensor", 1, code=2)
     target, too_far = recorded.with_name("b.npz"), 1 << 62
@@ -62,16 +52,19 @@ def converted(recorded: Path, *options: str) -> EventPacket:
     return whole(open_events(target))
 
 
-def test_convert_crops_flips_turns_and_shifts(recorded: Path) -> None:
+def test_convert_cuts_crops_flips_turns_and_shifts(recorded: Path) -> None:
     events = whole(open_events(recorded))
-    options = ["--crop", "4", "2", "20", "24", "--flip", "x", "--rotate", "90"]
-    found = converted(recorded, *options, "--shift-us", "-100")
+    options = ["--from-us", "5000", "--to-us", "20100", "--flip-polarity", "--shift-us", "-100"]
+    options += ["--crop", "4", "2", "20", "24", "--flip", "x", "--rotate", "90"]
+    found = converted(recorded, *options)
     inside = (events.x >= 4) & (events.x < 20) & (events.y >= 2)
+    inside &= (events.t >= 5_000) & (events.t < 20_100)
     x, y = events.x[inside].astype(int) - 4, events.y[inside].astype(int) - 2
     assert found.size == (22, 16)
     np.testing.assert_array_equal(found.x, 21 - y)  # clockwise: what was below is left
     np.testing.assert_array_equal(found.y, 15 - x)  # x was mirrored first
     np.testing.assert_array_equal(found.t, events.t[inside] - 100)
+    np.testing.assert_array_equal(found.p, ~events.p[inside])
     assert converted(recorded, "--size", "64", "48").size == (64, 48)
 
 
