@@ -7,16 +7,14 @@ waits for the camera.
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from spikingtac.contact.detector import ContactDetector, Window
 from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.robot.watchdog import Watchdog
 from spikingtac.types import Contact, FloatArray
-
-W = TypeVar("W")
 
 # Largest share by which the reported speed differs from the commanded one at constant speed: while
 # the arm accelerates, the probe's own inertia moves the markers.
@@ -26,14 +24,6 @@ WINDOW_S = 0.001  # Period of the detector's windows, s (Section V-B).
 
 # An arm that does not rest after so many times the time of its way, and these seconds, is faulty.
 PATIENCE, PATIENCE_S = 2.0, 1.0
-
-
-class Detector(Protocol):
-    """Decides on contact; every detector of :mod:`spikingtac.contact` is one."""
-
-    def update(self, window: Any, /) -> Contact | None:
-        """Take the next window and return a contact, once it is found."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +57,8 @@ class Approach:
 
 def approach(
     arm: Arm,
-    windows: Iterable[W],
-    detector: Detector | None,
+    windows: Iterable[Window],
+    detector: ContactDetector | None,
     target_mm: FloatArray,
     config: ApproachConfig | None = None,
     watchdog: Watchdog | None = None,
@@ -121,7 +111,7 @@ def approach(
     return Approach(contact, read_mm, arm.pose().position_mm)
 
 
-def next_window(stream: Iterator[W], watchdog: Watchdog | None) -> W:
+def next_window(stream: Iterator[Window], watchdog: Watchdog | None) -> Window:
     """Return the next window.
 
     Raises:
