@@ -1,7 +1,6 @@
 """Work on many recordings: each failure is a row of the table, and a run can be resumed."""
 
 import csv
-import hashlib
 import json
 import shutil
 import time
@@ -17,6 +16,7 @@ from spikingtac.atomic_files import replacing, write_json
 from spikingtac.batch.inputs import common_parent, outputs_of
 from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.errors import ConfigError, SpikingTacError
+from spikingtac.file_kinds import digest_of
 
 RUN = "run.json"  # The settings that the folder of a run was begun with.
 JOURNAL = "journal.jsonl"  # File of a run with one line for each recording, written when it ends.
@@ -206,7 +206,7 @@ def _settings(batch: Batch) -> Row:
     """Return what all results depend on: files that the settings name count by their content."""
     named = {k: Path(text) for k, text in batch.settings.items() if isinstance(text, str)}
     digests = {
-        f"{name}_sha256": hashlib.sha256(path.read_bytes()).hexdigest()
+        f"{name}_sha256": digest_of(path)
         for name, path in named.items()
         if path.is_absolute() and path.is_file()
     }
