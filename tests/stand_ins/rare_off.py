@@ -1,6 +1,6 @@
 """Ideal pixels whose OFF threshold exceeds their ON threshold, written apart from the twin."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -40,23 +40,38 @@ def levels(
     return out
 
 
-def _fired(seed: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    rng = np.random.default_rng(seed)
-    shape = SIZE[1] * SIZE[0]
-    on, off = (step * (1.0 + MISMATCH * rng.normal(size=shape)) for step in (STEP_ON, STEP_OFF))
-    known = levels(presses_px()[0]).ravel() + rng.uniform(-on, off)  # the last contact
-    for sample, center_px in enumerate(presses_px()):
-        now = levels(center_px).ravel()
-        for rises, step in ((True, on), (False, -off)):
+Steps = np.ndarray | float
+
+
+def fired(
+    maps: Iterable[np.ndarray], on: Steps, off: Steps, known: np.ndarray | None = None
+) -> np.ndarray:
+    """Return sample, pixel and polarity of the events of ideal pixels that follow levels.
+
+    Args:
+        maps: The levels, sample by sample.
+        on: Change since its last event at which a pixel fires, when it becomes brighter.
+        off: The same when it becomes darker.
+        known: Levels at the last events, those of the first sample unless given.
+    """
+    events = []
+    for sample, level in enumerate(maps):
+        now = level.ravel()
+        known = now.copy() if known is None else known
+        for rises, step in ((1, on), (0, -off)):
             while len(pixels := np.flatnonzero((now - known - step) * np.sign(step) > 0.0)):
-                known[pixels] += step[pixels]
-                t_us = sample * PERIOD_US + rng.integers(0, PERIOD_US, len(pixels))
-                yield pixels, np.full(len(pixels), rises), t_us
+                known[pixels] += np.broadcast_to(step, now.shape)[pixels]
+                events.append([0 * pixels + sample, pixels, 0 * pixels + rises])
+    return np.concatenate(events, axis=1)
 
 
 def rare_off_events(seed: int = 1) -> EventPacket:
     """Return the events of :func:`presses_px`, for pixels of unlike thresholds."""
-    pixels, rises, t_us = (np.concatenate(part) for part in zip(*_fired(seed), strict=True))
+    rng, shape = np.random.default_rng(seed), SIZE[1] * SIZE[0]
+    on, off = (step * (1.0 + MISMATCH * rng.normal(size=shape)) for step in (STEP_ON, STEP_OFF))
+    known = levels(presses_px()[0]).ravel() + rng.uniform(-on, off)  # the last contact
+    sample, pixels, rises = fired(map(levels, presses_px()), on, off, known)
+    t_us = sample * PERIOD_US + rng.integers(0, PERIOD_US, len(sample))
     order = np.argsort(t_us, kind="stable")
     y, x = np.divmod(pixels[order], SIZE[0])
     return packet_of(t_us[order], x, y, rises[order], SIZE, (0, len(presses_px()) * PERIOD_US))

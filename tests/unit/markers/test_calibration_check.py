@@ -13,8 +13,7 @@ from spikingtac.pipeline.follow import CheckedSource
 from spikingtac.types import EventPacket
 from stand_ins.known import known
 from stand_ins.random_packets import packet_of
-from stand_ins.rare_off import levels
-from stand_ins.swaying_discs import fired
+from stand_ins.rare_off import fired, levels
 
 SIZE = (160, 128)
 X, Y = np.meshgrid(np.arange(20.0, 150.0, 30.0), np.arange(20.0, 120.0, 30.0))
@@ -34,7 +33,7 @@ def recording() -> EventPacket:
 def recorded(t_us: np.ndarray, displacement_px: np.ndarray) -> EventPacket:
     """Return the events of ideal pixels while all discs are displaced alike."""
     maps = (levels(REST_PX + away_px, PROFILE, SIZE, RADIUS_PX) for away_px in displacement_px)
-    sample, pixel, p = fired(maps, STEP)
+    sample, pixel, p = fired(maps, STEP, STEP)
     return packet(pixel, p, t_us[sample])
 
 

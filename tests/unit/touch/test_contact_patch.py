@@ -55,13 +55,20 @@ def overlap(patch: Patch, cells: np.ndarray, touched: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("press", PRESSES, ids=lambda press: press[0])
-def test_a_press_is_told_where_it_touches(press: tuple) -> None:
-    moved, cells, touched = pressed(*press, GRID)
-    patch = PatchEstimator(GRID).patch(moved)
+@pytest.mark.parametrize(
+    ("markers", "least", "off_mm"),
+    [(GRID, 0.75, 0.3), (hexagonal(), 0.55, 0.6)],
+    ids=["grid", "shifted rows"],
+)
+def test_a_press_is_told_where_it_touches(
+    press: tuple, markers: np.ndarray, least: float, off_mm: float
+) -> None:
+    moved, cells, touched = pressed(*press, markers)
+    patch = PatchEstimator(markers).patch(moved)
     cell_mm2 = GelConfig().grid.pitch_mm ** 2
-    assert overlap(patch, cells, touched) > 0.75
-    assert patch.area == pytest.approx(touched.sum() * cell_mm2, rel=0.25)
-    np.testing.assert_allclose(patch.place, cells[touched].mean(axis=0), atol=0.3)
+    assert overlap(patch, cells, touched) > least
+    assert patch.area == pytest.approx(touched.sum() * cell_mm2, rel=1.0 - least)
+    np.testing.assert_allclose(patch.place, cells[touched].mean(axis=0), atol=off_mm)
 
 
 def test_a_camera_that_is_turned_and_counts_in_pixels_sees_the_same() -> None:
@@ -74,15 +81,6 @@ def test_a_camera_that_is_turned_and_counts_in_pixels_sees_the_same() -> None:
     assert other.area == pytest.approx(told.area * scale**2, rel=1e-6)
     np.testing.assert_allclose(other.place, scale * turned(told.place, degrees) + shift, atol=1e-6)
     assert len(other.outline) == len(told.outline)
-
-
-@pytest.mark.parametrize("press", PRESSES, ids=lambda press: press[0])
-def test_markers_in_shifted_rows_are_read_between_them(press: tuple) -> None:
-    markers = hexagonal()
-    moved, cells, touched = pressed(*press, markers)
-    patch = PatchEstimator(markers).patch(moved)
-    assert overlap(patch, cells, touched) > 0.55
-    np.testing.assert_allclose(patch.place, cells[touched].mean(axis=0), atol=0.6)
 
 
 def test_a_lattice_over_a_square_grid_is_its_markers_however_they_are_turned() -> None:
