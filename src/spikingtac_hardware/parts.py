@@ -25,7 +25,6 @@ from spikingtac_hardware.layout import (
 
 Made = Literal["printed", "bought", "cut", "cast", "tool"]
 Solid = Any  # A solid of build123d; the library is optional, so that its types are not named.
-Places = Iterable[Place]
 TOUCHING_MM = 1e-5  # Overlap of bounding boxes that only touch, mm (rounding of the modeller).
 AXIS: Place = (0.0, 0.0)
 
@@ -313,7 +312,7 @@ def face(outline: Outline) -> Solid:
     return cad.RectangleRounded(*outline.size_mm, min(outline.radius_mm, *outline.half_mm) * 0.999)
 
 
-def cylinders(radius_mm: float, places: Places, low_mm: float, high_mm: float) -> Solid:
+def cylinders(radius_mm: float, places: Iterable[Place], low_mm: float, high_mm: float) -> Solid:
     """Return equal upright cylinders at one place or more, as one compound."""
     cad = modeller()
     one, middle = cad.Cylinder(radius_mm, high_mm - low_mm), (low_mm + high_mm) / 2

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from spikingtac.types import FloatArray
 
-Times = NDArray[np.int64]
-
 # Length of the string, px: motions below it say nothing of a direction (0.1 is alike).
 STRING_PX = 0.2
 
@@ -140,7 +138,7 @@ class OnsetMemory:
         return _extrapolated(times, above, last, unseen / max(largest, 1e-9))
 
 
-def _extrapolated(times: Times, above: FloatArray, last: int, unseen: float) -> int:
+def _extrapolated(times: NDArray[np.int64], above: FloatArray, last: int, unseen: float) -> int:
     """Return where the rise after the row ``last`` meets its rest, by its law of growth.
 
     Args:
