@@ -70,7 +70,6 @@ def test_a_quiet_recording_of_its_own(calibrated: Path, data_dir: Path, verbs: V
         (["--detector", "default"], 1, "needs a calibration"),
         (["--calibration", "a.json", "b.json"], 2, "2 calibrations were given for 1 sensors"),
         (["--calibration", "missing.json"], 1, "spikingtac calibrate"),
-        (["--budget", "1e-30"], 2, "valid are 1e-06 to"),
     ],
 )
 def test_refusals(

@@ -70,10 +70,3 @@ def test_folding_equals_its_plain_twin_and_comes_back(shape, fold):
         x = min(column * fold + channel % fold, shape[1] - 1)
         assert folded[channel, row, column] == state_map[y, x]
     assert np.array_equal(unfold_blocks(folded, shape), state_map)
-
-
-def test_folding_is_torchs_pixel_unshuffle():
-    torch = pytest.importorskip("torch")
-    state_map = np.random.default_rng(0).random((32, 48), np.float32)
-    theirs = torch.nn.functional.pixel_unshuffle(torch.from_numpy(state_map)[None, None], 8)
-    assert np.array_equal(fold_blocks(state_map, 8, 8), theirs[0].numpy())
