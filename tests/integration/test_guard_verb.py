@@ -24,6 +24,7 @@ from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows
 from stand_ins.piped_camera import PipedCamera
 from stand_ins.random_packets import save_events
 from stand_ins.verbs import Verbs
+from stand_ins.waiting import SLACK_S
 
 pytestmark = pytest.mark.waits
 
@@ -64,6 +65,8 @@ def test_contact_and_fault_stop_the_arm(
     if code == 0:
         first_us = TOUCH * SLOWED * PERIOD_US
         assert first_us < summary["contact"]["t_us"] <= first_us + 4 * SLOWED * PERIOD_US
+        assert summary["health"] == "ok"
+        assert 0.0 <= summary["latency"]["decision_us"] < SLACK_S * 1e6
     else:
         told = "no heartbeat" if "stall" in stream else "the event stream ended"
         assert told in summary["error"]

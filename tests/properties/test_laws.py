@@ -36,10 +36,9 @@ def corner_loop() -> np.ndarray:
     return closed([(0, 0), (10, 0), (10, 10), (0, 10)], 1_000)
 
 
-@pytest.mark.parametrize(("loops", "offset_px"), [(1, 1.70), (2, 3.39), (5, 8.49)])
-def test_a_loop_round_the_corner_shifts_the_zero_each_time(loops: int, offset_px: float) -> None:
+@pytest.mark.parametrize("loops", [1, 2, 5])
+def test_a_loop_round_the_corner_shifts_the_zero_each_time(loops: int) -> None:
     end = run(PaperLaw(), np.concatenate([corner_loop()] * loops))[-1]
-    assert np.hypot(*end) == pytest.approx(offset_px, abs=0.01 * loops)
     assert np.hypot(*end) == pytest.approx(loops * 0.3 * 4.0 * np.sqrt(2.0), abs=0.01 * loops)
     assert end[0] < 0.0 < end[1] or end[1] < 0.0 < end[0]
 
