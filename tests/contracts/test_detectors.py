@@ -91,6 +91,18 @@ def test_any_cutting_into_packets_gives_the_same_contacts(name: str, length_us: 
     assert found(build(name), stream) == found(build(name), touched())
 
 
+@pytest.mark.parametrize(("length_us", "taken"), [(100, 1), (2_000, 0), (5_000, 0)])
+def test_windows_of_another_length_are_refused(name: str, length_us: int, taken: int) -> None:
+    """One shorter window may be the last of its stream."""
+    stream = cut_windows(quiet(), length_us)
+    detector = build(name)
+    assert found(detector, tuple(islice(stream, taken))) == []
+    with pytest.raises(ConfigError, match=f"lasts {length_us} us.*windows of {PERIOD_US} us"):
+        detector.update(next(stream))
+    with pytest.raises(ConfigError, match="windows of"):
+        make_detector(name, DetectionConfig(), [calibration()], [*quiet(), *stream])
+
+
 def test_two_sensors_make_one_decision(name: str) -> None:
     pairs = tuple(zip(quiet(), windows(3000, seed=4), strict=True))
     detector = make_detector(name, DetectionConfig(), [calibration()] * 2, pairs)

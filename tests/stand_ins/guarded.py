@@ -78,7 +78,8 @@ def stops(notes: Path) -> list[float]:
 
 
 def detector() -> ContactDetector:
-    return make_detector("default", DetectionConfig(), [calibration()], windows(1000, seed=1))
+    quiet = map(slowed, windows(1000, seed=1))
+    return make_detector("default", DetectionConfig(), [calibration()], quiet)
 
 
 def watching(stream: Mapping[str, int]) -> Callable[[], ContactDetector]:

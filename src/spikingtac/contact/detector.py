@@ -41,6 +41,34 @@ def count_of(window: Window) -> int:
     return sum(map(len, packets_of(window)))
 
 
+class Period:
+    """The length of a detector's windows; only the last one of a stream may be shorter.
+
+    Args:
+        us: The length, us; that of the first window unless given.
+    """
+
+    def __init__(self, us: int = 0) -> None:
+        self.us, self._cut = us, False
+
+    def count(self, window: Window) -> int:
+        """Return how many events a window holds, unless it has another length.
+
+        Raises:
+            ConfigError: It is longer, or shorter and not the last one.
+        """
+        first = packets_of(window)[0]
+        length_us = first.t_end_us - first.t_start_us
+        self.us = self.us or length_us
+        if length_us != self.us and (self._cut or length_us > self.us):
+            raise ConfigError(
+                f"a window lasts {length_us} us, the detector learned from windows of {self.us} us;"
+                f" give such windows: spikingtac.windows(source, {self.us})"
+            )
+        self._cut = length_us != self.us
+        return count_of(window)
+
+
 @dataclass(frozen=True, kw_only=True)
 class QuietStatistics:
     """Counts of windows without contact.
@@ -65,14 +93,11 @@ class QuietStatistics:
 
         Raises:
             CalibrationError: There are fewer than 100 windows.
+            ConfigError: They differ in length.
         """
-        counts, period_us = [], 0
-        for window in windows:
-            first = packets_of(window)[0]
-            # The last window of a stream may be shorter than the others.
-            period_us = period_us or first.t_end_us - first.t_start_us
-            counts.append(count_of(window))
-        return cls.of_counts(counts, period_us * 1e-6)
+        period = Period()
+        counts = [period.count(window) for window in windows]
+        return cls.of_counts(counts, period.us * 1e-6)
 
     @classmethod
     def of_counts(cls, counts: Sequence[int], period_s: float) -> QuietStatistics:
@@ -187,6 +212,10 @@ class ContactDetector(Protocol):
 
         Args:
             window: The events of one period. Empty windows are given too: silence is data.
+
+        Raises:
+            ConfigError: It has another length than the windows that the detector learned from; the
+                last window of a stream may be shorter.
         """
         ...
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from spikingtac.contact.detector import (
     SECONDS_PER_HOUR,
+    Period,
     QuietStatistics,
     Window,
-    count_of,
     packets_of,
 )
 from spikingtac.contact.evidence import (
@@ -126,7 +126,8 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
 
     Raises:
         CalibrationError: The recording is too short, or no marker lies on the sensor.
-        ConfigError: The windows come from a sensor of another size than the calibrations.
+        ConfigError: The windows come from a sensor of another size than the calibrations, or differ
+            in length.
     """
     if not all(len(table.modes) for table in tables):
         raise CalibrationError(
@@ -134,12 +135,10 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
             "spikingtac calibrate RECORDING -o calibration.json"
         )
     fired = [np.zeros(table.row.shape, np.int64) for table in tables]
-    kept, beside, counts, period_us = [], [], [], 0
+    kept, beside, counts, period = [], [], [], Period()
     for window in quiet:
         packets = packets_of(window)
-        # The last window of a stream may be shorter than the others.
-        period_us = period_us or packets[0].t_end_us - packets[0].t_start_us
-        counts.append(count_of(window))
+        counts.append(period.count(window))
         beside.append(evidence_of(window, tables)[BESIDE::MODES])
         parts = []
         for packet, table, times in zip(packets, tables, fired, strict=True):
@@ -148,7 +147,7 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
             parts.append(rim)
         kept.append(tuple(parts))
     _require_evidence(len(kept), fired)
-    period_s = period_us * 1e-6
+    period_s = period.us * 1e-6
     limit = max(HOT_HZ * len(kept) * period_s, 1.0)
     hot = [times > limit for times in fired]  # events on the rims only were counted
     clean = tuple(table.without(mask) for table, mask in zip(tables, hot, strict=True))

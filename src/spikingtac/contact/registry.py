@@ -17,6 +17,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import (
     ContactDetector,
     DetectorSummary,
+    Period,
     QuietStatistics,
     Window,
     check_budget,
@@ -26,7 +27,7 @@ from spikingtac.contact.detector import (
 )
 from spikingtac.contact.sequential_detector import SequentialMotionDetector
 from spikingtac.errors import ConfigError, named
-from spikingtac.types import Contact
+from spikingtac.types import US_PER_S, Contact
 
 # First windows of a stream, which are taken for quiet: 0.3 s, as every scene of the twin begins.
 QUIET_WINDOWS = 300
@@ -70,6 +71,7 @@ class EventCountDetector:
         self._release_windows, self._statistics = release_windows, quiet
         self._least = threshold if least is None else least
         self._quiet = 0
+        self._period = Period(0 if quiet is None else round(quiet.period_s * US_PER_S))
 
     @classmethod
     def from_quiet(
@@ -80,7 +82,7 @@ class EventCountDetector:
 
     def update(self, window: Window) -> Contact | None:
         """Return a contact where the count exceeds the threshold for the first time."""
-        count, threshold = count_of(window), self.threshold
+        count, threshold = self._period.count(window), self.threshold
         self._quiet = 0 if count > self._least else self._quiet + 1
         self.in_contact = self.in_contact and self._quiet < self._release_windows
         if self.in_contact or count <= threshold:

@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.contact.detector import DetectorSummary, Window, check_budget, packets_of
+from spikingtac.contact.detector import DetectorSummary, Period, Window, check_budget, packets_of
 from spikingtac.contact.evidence import (
     ScaleSums,
     ScaleTest,
@@ -24,7 +24,7 @@ from spikingtac.contact.evidence import (
 )
 from spikingtac.contact.quiet_evidence import QuietEvidence, quiet_evidence, scale_test
 from spikingtac.errors import CalibrationError
-from spikingtac.types import Contact, FloatArray
+from spikingtac.types import US_PER_S, Contact, FloatArray
 
 # Share of their largest distance from rest below which the markers have returned (21 scenes of the
 # twin: up to 0.26 remains 60 ms after a contact, and 0.4 and more during one).
@@ -107,6 +107,7 @@ class SequentialMotionDetector:
     def __init__(self, learned: QuietEvidence, test: ScaleTest) -> None:
         self.in_contact, self.test = False, test
         self._learned, self._sums = learned, ScaleSums(test)
+        self._period = Period(round(learned.period_s * US_PER_S))
         self._markers = sum(table.markers for table in learned.tables)
         self._noise = float(distance_of(learned.evidence).std())
         self._release: ReleaseMonitor | None = None
@@ -138,6 +139,7 @@ class SequentialMotionDetector:
 
     def update(self, window: Window) -> Contact | None:
         """Return the contact that begins in a window, if one does."""
+        self._period.count(window)
         evidence = evidence_of(window, self._learned.tables)
         values = self._sums.add(evidence)
         ratio = values / self.test.threshold
