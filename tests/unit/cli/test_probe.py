@@ -86,6 +86,18 @@ def test_what_no_search_can_do_is_refused_at_once(
     assert message in verbs.said("probe", *given, code=2)
 
 
+def test_ctrl_c_leaves_no_empty_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verbs: Verbs
+) -> None:
+    def interrupted(_: Args) -> None:
+        assert (tmp_path / "out").is_dir()  # what cannot be written is told before
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sites, "on_twin", interrupted)
+    verbs.said("probe", "-o", tmp_path / "out", code=130)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_real_arm_writes_what_it_found(
     arm_arguments: list[str], tmp_path: Path, verbs: Verbs
 ) -> None:

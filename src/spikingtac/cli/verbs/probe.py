@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,13 @@ def run(args: Args) -> int:
     """Probe a hole, write the result, and print it."""
     check(args)
     paths = _output_paths(args)
-    hole = sites.on_twin(args) if args.arm is None else sites.on_arm(args)
+    try:
+        hole = sites.on_twin(args) if args.arm is None else sites.on_arm(args)
+    except (KeyboardInterrupt, SystemExit):  # by the user; a fault leaves the folder
+        if paths:
+            with suppress(OSError):
+                paths[0].parent.rmdir()
+        raise
     circle, touches = hole.found.circle, hole.found.touches
     picture = HolePicture(
         circle=circle,
