@@ -19,6 +19,7 @@ from spikingtac.plots.circles import HolePicture, save_hole_plot
 from spikingtac.schema import to_mapping
 
 LEAST_RADIUS_MM = 0.5  # Radius of the narrowest hole of the twin, mm: the bit reaches 0.433 mm.
+OF_AN_ARM = ("events", "calibration", "rehearsal", "gripper", "travel_mm", "travel_sigma_mm")
 DIGITS = 5  # Decimals of lengths in hole.json, mm: a hundredth of a micrometre.
 
 
@@ -76,10 +77,12 @@ def check(args: Args) -> None:
             f"--radius-mm is {args.radius_mm:g}; the bit reaches 0.433 mm and needs some room: "
             f"at least {LEAST_RADIUS_MM} mm"
         )
-    for flag in ("events", "calibration", "rehearsal", "gripper", "release"):
-        needed = "gripper" if flag == "release" else "arm"
-        if getattr(args, flag) and not getattr(args, needed):
-            raise st.ConfigError(f"--{flag} is used with --{needed}; give that, too")
+    if args.arm is None:
+        args.refuse("is used with --arm", *OF_AN_ARM)
+    else:
+        args.refuse("is used on the twin, without --arm", "radius_mm", "seed")
+    if not args.gripper:
+        args.refuse("is used with --gripper", "release")
     if args.arm is not None and (args.events is None or args.calibration is None):
         raise st.ConfigError(
             "--arm needs --events and --calibration: those of the finger that holds the probe"
