@@ -57,6 +57,10 @@ def test_a_verb_runs_without_stdout_and_stderr(made: Path, tmp_path: Path) -> No
     assert (tmp_path / "events.npz").is_file()
 
 
+TWICE = "--calibration finger.json --second-calibration finger.json"
+FORCE = "--calibration finger.json --force c --limit-n 1"
+
+
 @pytest.mark.parametrize(
     ("words", "option"),
     [
@@ -66,7 +70,24 @@ def test_a_verb_runs_without_stdout_and_stderr(made: Path, tmp_path: Path) -> No
         ("force check tracks.npz -o new.npz", "--output"),
         ("force apply tracks.npz -o new.npz --wrench truth.npz", "--wrench"),
         ("force fit tracks.npz --thickness-mm 9", "--thickness-mm"),
+        ("force fit tracks.npz --force new.onnx", "--force"),
         ("calibrate --check finger.json circling --pitch-mm 3", "--pitch-mm"),
+        ("calibrate --check finger.json circling -o new.json", "--output"),
+        ("calibrate finger.json --pitch-mm 3 --sensor 1 -o new.json", "--sensor"),
+        ("view circling --seed 2", "--seed"),
+        ("view udp:0 --camera ideal", "--camera"),
+        ("info tracks.npz --sensor 1", "--sensor"),
+        ("info zero.npz --encoding evt2", "--encoding"),
+        ("ros2 tracks.npz --rate-hz 100", "--rate-hz"),
+        ("plot circling --kind hot --at-s 1", "--at-s"),
+        ("plot tracks.npz --slow 2", "--slow"),
+        ("compare tracks.npz tracks.npz --theme dark", "--theme"),
+        ("contact circling --detector event_count --calibration finger.json", "--calibration"),
+        ("align circling --poses poses.csv --by triggers", "--by"),
+        ("align circling circling --poses-clock unix", "--poses-clock"),
+        ("doctor --seconds 9", "--seconds"),
+        (f"track circling -o new.npz --second circling {TWICE} --sensor 1", "--sensor"),
+        (f"guard --arm twin: --events a --quiet b {FORCE} --budget 2", "--budget"),
     ],
 )
 def test_options_that_mean_nothing_are_refused(

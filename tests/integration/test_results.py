@@ -35,8 +35,8 @@ def test_plot_writes_a_figure(folder: Path, verbs: Verbs) -> None:
         assert (folder / output).stat().st_size > 1_000
     for given, why in (
         (["-o", "field.pdf"], "--overwrite"),
-        (["-o", "a.gif", "--at-s", "1"], "leave out --at-s"),
-        (["--from-s", "1"], "are for animations"),
+        (["-o", "a.gif", "--at-s", "1"], "shows all times"),
+        (["--from-s", "1"], "is for an animation"),
         (["--kind", "rate"], "is not for tracks"),
     ):
         assert why in verbs.said("plot", "one.npz", *given, code=2)

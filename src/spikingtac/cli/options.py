@@ -28,6 +28,8 @@ POSITIVE = (
     "--travel-mm", "--travel-sigma-mm", "--travel-limit-mm",
 )  # fmt: skip
 
+OF_EVENTS = ("preset", "rate_hz", "sensor")  # Options of verbs that also read tracks.
+
 
 @dataclass(frozen=True, kw_only=True)
 class JsonArgs:

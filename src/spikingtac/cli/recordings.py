@@ -99,6 +99,7 @@ def _run_two(work: Work, args: Any, first: Path, output: Path | None, many: bool
         raise ConfigError(
             "two fingers need a calibration each: --calibration and --second-calibration"
         )
+    args.refuse("is for one finger", "sensor")
     fingers = args, replace(args, calibration=args.second_calibration)
     second = None if output is None else output.with_name(name_of(output.name, 1))
     outputs = [path for path in (output, second) if path]

@@ -11,7 +11,7 @@ from spikingtac.calibration.document import CALIBRATION_SCHEMA
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.contact.registry import SelfCalibratingDetector
-from spikingtac.errors import CalibrationError, ConfigError, RecordingError
+from spikingtac.errors import CalibrationError, RecordingError
 from spikingtac.events.camera import Address, is_address, is_stream
 from spikingtac.events.formats.array_file import load_truth
 from spikingtac.events.open import open_events
@@ -52,8 +52,8 @@ def open_view(
         RecordingError: The recording cannot be read.
         DeviceError: There is no such camera.
         CalibrationError: The calibration does not fit, or there is none.
-        ConfigError: There is neither such a path nor such a scene, a recording has a camera, or
-            the force model cannot be read or is of another sensor.
+        ConfigError: There is neither such a path nor such a scene, or the force model cannot be
+            read or is of another sensor.
     """
     save: SaveTarget | None = more.get("save")
     anew = save is not None and save.anew
@@ -120,16 +120,20 @@ def _events(
     if is_stream(path):
         label = source if is_address(source) else path.resolve().name
         return {"label": label, "source": open_live(source), "ends": False}
-    if path.suffix == ".toml" or not path.exists():
+    if is_scene(source):
         if path.suffix != ".toml" and (path.suffix or len(path.parts) > 1):
             raise RecordingError(
                 f"there is no file or folder {source!r}; a scene is named without an ending "
                 "(spikingtac simulate --list)"
             )
         return _scene(source, seed, camera)
-    if camera is not None:
-        raise ConfigError(f"{source!r} is a recording, --camera belongs to a scene; leave it out")
     return _recording(path, own)
+
+
+def is_scene(source: str) -> bool:
+    """Return whether a source is a scene of the twin: its name, its file, or its address."""
+    path = Path(source)
+    return is_twin(source) or not (is_stream(path) or (path.exists() and path.suffix != ".toml"))
 
 
 def _recording(path: Path, own: bool) -> Fields:

@@ -125,7 +125,7 @@ def _set_scale(args: Args, path: Path) -> int:
             f"{str(path)!r} is a calibration already; calibrate learns from a recording, and sets "
             "the scale of a calibration: --pitch-mm 2.4 (above 0)"
         )
-    args.refuse(f"is for recordings, and {str(path)!r} is a calibration", *OF_RECORDINGS)
+    args.refuse(f"is for recordings, and {str(path)!r} is a calibration", "sensor", *OF_RECORDINGS)
     require_free(args.output, args.overwrite)
     calibration = st.Calibration.load(path).with_pitch(args.pitch_mm)
     calibration.save(args.output)
@@ -242,6 +242,7 @@ def _check(args: Args, known: Path) -> int:
     args.refuse("is for a new calibration, not for --check", "pitch_mm", *OF_RECORDINGS)
     if means_many(args, args.recordings):
         return run_many(CHECK, args, args.recordings)
+    args.refuse("with --check is the folder of many", "output")
     recording = args.recordings[0]
     with progress(f"checking {recording.name}"):
         found = check_one(args, recording, None, no_progress)

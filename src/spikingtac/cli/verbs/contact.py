@@ -165,6 +165,7 @@ def _sources(path: Path, strict: bool, second: Path | None = None) -> list[event
 def _calibrations(args: Args, sources: Sequence[events.FileSource]) -> list[st.Calibration]:
     """Return the calibrations that are given, or else lie beside each recording."""
     if args.detector == "event_count":
+        args.refuse("is not used by event_count, which counts all events", "calibration")
         return []
     if args.calibration and len(args.calibration) != len(sources):
         raise st.ConfigError(

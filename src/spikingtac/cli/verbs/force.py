@@ -79,8 +79,10 @@ def run(args: Args) -> int:
     """Fit, check or apply, and say how well the forces are known."""
     if args.action != "fit":
         args.refuse(f"is used to fit; {args.action} needs --force", "shear_modulus_kpa", *OF_A_GEL)
-    elif args.shear_modulus_kpa is None:
-        args.refuse("needs --shear-modulus-kpa", *OF_A_GEL)
+    else:
+        args.refuse("is used to check and apply; a fit begins with --from", "force")
+        if args.shear_modulus_kpa is None:
+            args.refuse("needs --shear-modulus-kpa", *OF_A_GEL)
     if args.action == "check":
         args.refuse("is used to fit and apply", "output")
     if args.action == "apply":

@@ -42,10 +42,13 @@ def run(args: Args) -> int:
     """Read the whole file once and print its content."""
     kind = kind_of(args.file)
     if kind is not None and kind in _FIGURES:
+        args.refuse(f"is for events, and {args.file.name} is {kind}", "encoding", "sensor")
         told = {"format": kind, **_FIGURES[kind](args.file)}
         document = {**told, "about": TOLD[kind]}
         return tell(args.json, document, figures(str(args.file), told), TOLD[kind])
     source = args.open(args.file, encoding=args.encoding)
+    if not source.format.startswith("EVT"):
+        args.refuse(f"is for RAW files, and {args.file.name} is {source.format}", "encoding")
     found = _summary(source)
     plain = dict(found)
     anomalies, channels = plain.pop("anomalies"), plain.pop("trigger_channels")

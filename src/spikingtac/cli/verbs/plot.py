@@ -17,6 +17,8 @@ from spikingtac.plots.tracks import Kind, plot_comparison
 from spikingtac.tracks.comparison import Comparison
 from spikingtac.types import US_PER_S
 
+OF_ALL_TIMES = ("course", "hot")  # Kinds of plots that show no one moment.
+
 
 @dataclass(frozen=True, kw_only=True)
 class StyleArgs(WriteArgs):
@@ -69,16 +71,14 @@ def run(args: Args) -> int:
         what = "tracks" if tracked else "a recording"
         raise st.ConfigError(f"--kind {kind} is not for {what} (valid: {', '.join(valid)})")
     animated = output.suffix == ".gif"
-    if not animated and (args.from_s is not None or args.to_s is not None or args.slow != 1.0):
-        raise st.ConfigError("--from-s, --to-s and --slow are for animations: -o field.gif")
+    if not animated:
+        args.refuse("is for an animation: -o field.gif", "from_s", "to_s", "slow")
     if animated and not tracked:
         raise st.ConfigError("a .gif shows tracks; spikingtac view RECORDING --export shows events")
-    if animated and (args.at_s is not None or kind not in ("course", "field")):
-        raise st.ConfigError("a .gif shows the field over a stretch: leave out --at-s and --kind")
-    if kind == "course" and args.at_s is not None:
-        raise st.ConfigError(
-            "--kind course shows all times: leave out --at-s, or choose --kind field"
-        )
+    if animated and kind not in ("course", "field"):
+        raise st.ConfigError(f"a .gif shows the field, not the {kind}; leave out --kind")
+    if animated or kind in OF_ALL_TIMES:
+        args.refuse(f"is for one moment, and {output.name} shows all times", "at_s")
     args.claim(output)
     told = _of_tracks(args, output, kind) if tracked else _of_events(args, output, kind)
     return tell(args.json, {"output": str(output), "kind": kind, **told}, f"written: {output}")
@@ -130,6 +130,8 @@ def compare(args: CompareArgs) -> int:
     """Compare, print the figures, and write what was asked for."""
     if args.table is not None and args.table.suffix.lower() != ".csv":
         raise st.ConfigError(f"--table is {args.table.name!r}, but is written as .csv; end it so")
+    if args.output is None:
+        args.refuse("is for a figure: -o compared.png", "theme", "width")
     args.claim(args.output, args.table)
     found = compared(args.one, args.other)
     summary, rows = found.summary(), found.by_marker()

@@ -14,7 +14,7 @@ import tyro
 
 import spikingtac as st
 from spikingtac.cli.messages import remark, tell, warn
-from spikingtac.cli.options import ReadArgs, TrackerArgs
+from spikingtac.cli.options import OF_EVENTS, ReadArgs, TrackerArgs
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.file_kinds import kind_of
 
@@ -124,6 +124,7 @@ def feed_of(args: PublishArgs) -> Feed:
     calibration = None if args.calibration is None else st.Calibration.load(args.calibration)
     force = None if args.force is None else st.load_force(args.force)
     if kind_of(args.source) == "tracks":
+        args.refuse(f"is for events, and {args.source.name} is tracks", *OF_EVENTS)
         feed = feed_of_tracks(st.Tracks.load(args.source), calibration, force)
     else:
         events = open_live(args.source, strict=args.strict, sensor=args.sensor)

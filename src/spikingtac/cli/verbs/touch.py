@@ -14,7 +14,7 @@ from spikingtac.batch.inputs import SERIES_MEMBERS
 from spikingtac.batch.run import write_rows
 from spikingtac.calibration.lens import SkinScale
 from spikingtac.cli.messages import Advance, Table, counted
-from spikingtac.cli.options import Output, TrackerArgs
+from spikingtac.cli.options import OF_EVENTS, Output, TrackerArgs
 from spikingtac.cli.recordings import ManyArgs, SecondArgs, Work, run_each
 from spikingtac.cli.sources import checked, ending_on_interrupt, fitting
 from spikingtac.file_kinds import kind_of
@@ -79,7 +79,7 @@ def touch_one(
 ) -> dict[str, Any]:
     """List the touches of a recording, of tracks, or of arrays; return them as rows."""
     if isinstance(recording, Path) and kind_of(recording) in ("tracks", "series"):
-        args.refuse(f"is for events, and {recording.name} is tracks", "preset", "rate_hz")
+        args.refuse(f"is for events, and {recording.name} is tracks", *OF_EVENTS)
         found = _of_series(args, recording)
     else:
         found = _of_events(args, recording, advance)

@@ -71,9 +71,11 @@ class Args(PageArgs, RealtimeArgs, TrackerArgs):
 def run(args: Args) -> int:
     """Serve the page, and print the summary at its end."""
     from spikingtac.viewer.calibrating import SaveTarget
-    from spikingtac.viewer.opening import open_view
+    from spikingtac.viewer.opening import is_scene, open_view
 
     _check_together(args)
+    if not is_scene(args.source):
+        args.refuse(f"is for scenes, and {args.source!r} is none", "seed", "camera")
     same = ("source", "preset", "rate_hz", "seed", "camera")
     given: dict[str, Any] = {name: getattr(args, name) for name in same}
     given |= {
