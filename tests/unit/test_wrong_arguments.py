@@ -33,6 +33,12 @@ EVENTS = r"it: spikingtac\.open_events\('a\.raw'\)"
         (lambda: st.compare_with_truth("a.npz", [], []), r"a Tracks, given 'a\.npz'"),
         (lambda: st.calibrate(Path("a.raw")), EVENTS),
         (lambda: list(st.windows("a.raw", 1_000)), EVENTS),
+        (lambda: list(st.windows([1], 1_000)), r"an? EventPacket, given int"),  # type: ignore[list-item]
+        (lambda: list(st.windows([], 1e3)), r"period_us is 1000\.0, it must be a whole"),  # type: ignore[arg-type]
+        (lambda: st.find_touches("a.npz"), r"a Tracks, given 'a\.npz'"),  # type: ignore[arg-type]
+        (lambda: st.fit_force("a.npz"), r"a WrenchSeries, given 'a\.npz'; .*touch\.load_series"),  # type: ignore[arg-type]
+        (lambda: st.fit_force([None]), "a WrenchSeries, given NoneType"),  # type: ignore[list-item]
+        (lambda: st.live("udp:0", calibration=CALIBRATION, rate_hz=-1), "rate_hz is -1, it must"),
         (lambda: st.track(CALIBRATION.reference_px, CALIBRATION), "given ndarray; .*open_events"),  # type: ignore[arg-type]
         (lambda: st.track([], CALIBRATION, rate_hz="fast"), "rate_hz is 'fast', it must"),  # type: ignore[arg-type]
         (

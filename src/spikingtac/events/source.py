@@ -47,6 +47,9 @@ class PacketSource:
         return iter(self._packets)
 
 
+OPENED = "open_events('a.raw')"  # How a source is made, for errors.
+
+
 def refuse_path(given: object) -> None:
     """Refuse a file's path, or anything else that yields no packets, where events are expected.
 
@@ -59,7 +62,7 @@ def refuse_path(given: object) -> None:
             f"{path!r} is a path, not a source of events; open it: spikingtac.open_events({path!r})"
         )
     if isinstance(given, np.ndarray) or not isinstance(given, Iterable):
-        require_type(given, EventSource, "open_events('a.raw')")
+        require_type(given, EventSource, OPENED)
 
 
 # Kinds of loss that lose nothing; ``strict`` does not refuse them.

@@ -7,11 +7,12 @@ and estimates go on where the next event is. Sources count such leaps as ``time_
 
 import itertools
 from collections.abc import Iterable, Iterator
+from numbers import Integral
 
 import numpy as np
 
-from spikingtac.errors import ConfigError
-from spikingtac.events.source import refuse_path
+from spikingtac.errors import ConfigError, require_type
+from spikingtac.events.source import OPENED, refuse_path
 from spikingtac.types import EventPacket
 
 # Longest silence that is filled: a minute (a 320x320 sensor at rest sends events of noise
@@ -39,16 +40,17 @@ def windows(
             it is, such as a simulation.
 
     Raises:
-        ConfigError: The period is not positive, a packet's columns do not fit its sensor, or a path
-            is given instead of packets.
+        ConfigError: The period is no positive whole number, a packet's columns do not fit its
+            sensor, or something else is given instead of packets, such as a path.
     """
     refuse_path(packets)
-    if period_us < 1:
-        raise ConfigError(f"period_us is {period_us}, it must be at least 1")
+    if not isinstance(period_us, Integral) or period_us < 1:
+        raise ConfigError(f"period_us is {period_us!r}, it must be a whole number, at least 1")
     stream = iter(packets)
     first = next(stream, None)
     if first is None:
         return
+    require_type(first, EventPacket, OPENED)
     origin = first.t_start_us if t_start_us is None else t_start_us
     pieces = _pieces(itertools.chain((first,), stream), silence_limit_us)
     yield from _regular(pieces, period_us, origin)

@@ -25,7 +25,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.events.source import PacketSource
 from spikingtac.markers.registry import TrackingConfig, make_tracker
-from spikingtac.pipeline.follow import CheckedSource, follow
+from spikingtac.pipeline.follow import CheckedSource, check_rate, follow
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.stream.host import Asker, Host, end_in_order
 from spikingtac.stream.paced import NS_PER_MS, PacedSource
@@ -116,7 +116,7 @@ def live(
 
     Raises:
         CalibrationError: The calibration cannot be read.
-        ConfigError: There is no such preset.
+        ConfigError: There is no such preset, or the rate is not above 0.
 
     Example:
         >>> with st.live("openmv:/dev/ttyACM0", calibration="finger.json") as sensor:
@@ -126,6 +126,7 @@ def live(
     if not isinstance(calibration, Calibration):
         calibration = Calibration.load(calibration)
     tracking = load_config(preset).with_tracking(rate_hz=rate_hz).tracking
+    check_rate(tracking.rate_hz)
     return Live(str(source), calibration, tracking)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.optimize import nnls
 
-from spikingtac.errors import ConfigError
+from spikingtac.errors import ConfigError, require_type
 from spikingtac.touch.force import regression
 from spikingtac.touch.force.model import SCHEMA, ForceModel, fields_of, other_sensor, rest_share
 from spikingtac.touch.force.regression import NORMAL, TINY
@@ -142,9 +142,12 @@ def _checked(
     Raises:
         ConfigError: They are too short, still, without a wrench, or do not fit each other.
     """
-    if not series:
+    given: Sequence[Any] = series if isinstance(series, list | tuple) else [series]
+    if not given:
         raise ConfigError("no series was given; give files with t_us, displacements and a wrench")
-    kept = [one.in_image() for one in series]
+    for one in given:
+        require_type(one, WrenchSeries, "touch.load_series('contacts.npz')")
+    kept = [one.in_image() for one in given]
     first, components = kept[0], max(components, kept[0].wrench.shape[1])
     for number, one in enumerate(kept):
         if not one.displacement.any():

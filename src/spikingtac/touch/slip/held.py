@@ -4,10 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spikingtac.errors import require_type
 from spikingtac.touch.detector import TouchDetector
 from spikingtac.touch.slip.monitor import Slip, SlipMonitor, SlipState
 from spikingtac.touch.touch import Touch
 from spikingtac.tracks import Tracks
+from spikingtac.tracks.comparison import LOADED
 from spikingtac.types import FloatArray, MarkerFrame
 
 
@@ -103,12 +105,13 @@ def find_touches(tracks: Tracks) -> list[HeldTouch]:
         tracks: Of one sensor.
 
     Raises:
-        ConfigError: Too few markers.
+        ConfigError: Too few markers, or something else than tracks.
 
     Example:
         >>> for held in find_touches(tracks):  # doctest: +SKIP
         ...     print(held.touch.begin_us, held.touch.place_px)
     """
+    require_type(tracks, Tracks, LOADED)
     detector = HeldTouchDetector(tracks.reference_px.astype(np.float64))
     found = [detector.update(frame) for frame in tracks.frames()]
     return [held for held in (*found, detector.finish()) if held is not None]
