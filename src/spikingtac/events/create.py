@@ -86,6 +86,8 @@ class TextWriter(OneFileWriter):
 class Aedat4Writer(OneFileWriter):
     """Writes AEDAT4 files packet by packet, uncompressed."""
 
+    side_limit_px = 1 << 15  # An address has sixteen bits, one of them for the sign.
+
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
         self._blocks = Blocks(EVENT, PACKET_EVENTS)
         info = _NODE.format(*size).encode("ascii")

@@ -12,8 +12,6 @@ from spikingtac.events.evt.raw import format_header
 from spikingtac.events.formats.codec import OneFileWriter, Triggers
 from spikingtac.types import US_PER_DAY, EventPacket
 
-COORDINATE_LIMIT_PX = 1 << 11  # Rows and columns that the eleven bits of an address can name.
-
 
 class RawWriter(OneFileWriter):
     """A RAW file that grows packet by packet; the same events always give the same bytes.
@@ -35,6 +33,8 @@ class RawWriter(OneFileWriter):
         FormatError: The sensor does not fit into eleven-bit addresses.
     """
 
+    side_limit_px = 1 << 11  # An address has eleven bits.
+
     def __init__(
         self,
         path: str | Path,
@@ -44,11 +44,6 @@ class RawWriter(OneFileWriter):
         in_place: bool = False,
         digest: Any = None,
     ) -> None:
-        if max(size) > COORDINATE_LIMIT_PX:
-            raise FormatError(
-                f"a sensor of {size[0]}x{size[1]} px does not fit into RAW addresses "
-                f"(at most {COORDINATE_LIMIT_PX} each); write .npz or .h5 instead"
-            )
         self._encoder: WordEncoder = named(ENCODERS, encoding, "encoding")()
         super().__init__(path, size, in_place=in_place)
         self._base_us: int | None = None

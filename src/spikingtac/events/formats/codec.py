@@ -226,11 +226,24 @@ class OneFileWriter(EventWriter):
         size: ``(width, height)`` of the sensor, px.
         head: How the file begins.
         in_place: For a recorder: what came so far stands at the path, also if it is killed.
+
+    Attributes:
+        side_limit_px: Rows and columns that the format's addresses can name.
+
+    Raises:
+        FormatError: The sensor is larger.
     """
+
+    side_limit_px = 1 << 16
 
     def __init__(
         self, path: str | Path, size: tuple[int, int], head: bytes = b"", in_place: bool = False
     ) -> None:
+        if max(size) > self.side_limit_px:
+            raise FormatError(
+                f"a sensor of {size[0]}x{size[1]} px does not fit into the addresses of "
+                f"{Path(path).suffix} files (at most {self.side_limit_px} each); write .npz or .h5"
+            )
         self.size = size
         self._target = WholeFile(path, in_place)
         self._file = self._target.begin(head)

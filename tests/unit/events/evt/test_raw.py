@@ -215,6 +215,8 @@ def test_writers_refuse_what_does_not_fit(tmp_path: Path) -> None:
         writer.write(packet([9], 1))
     with pytest.raises(FormatError, match="addresses"):
         create_events(tmp_path / "b.raw", (4096, 16))
+    with pytest.raises(FormatError, match=r"addresses of \.aedat4 files \(at most 32768"):
+        create_events(tmp_path / "b.aedat4", (40_000, 16))
     with pytest.raises(ConfigError, match="encoding"):
         open_events(tmp_path / "a.raw", encoding="evt5")
     assert times(open_events(tmp_path / "a.raw")) == [5]
