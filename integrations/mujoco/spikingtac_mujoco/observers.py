@@ -114,13 +114,11 @@ class EventObserver:
     def observe(self, state: SkinState) -> Seen:
         """Take the skin at a later time."""
         image = self._finger.optics.project(state)
-        self.packet = self._finger.camera.advance([image])
-        rest = self.packet
+        rest = self.packet = self._finger.camera.advance([image])
         for t_us in range(rest.t_start_us + ESTIMATE_US, state.t_us, ESTIMATE_US):
             part, rest = rest.split(t_us)
             self._tracker.absorb(part)
             self._tracker.estimate(t_us)
         self._tracker.absorb(rest)
-        frame = self._tracker.estimate(state.t_us)
-        told = self._before + frame.displacement_px
-        return told, frame.coasted, image.center_px - self._reference
+        frame, true = self._tracker.estimate(state.t_us), image.center_px - self._reference
+        return self._before + frame.displacement_px, frame.coasted, true

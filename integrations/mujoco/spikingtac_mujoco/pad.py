@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import spikingtac as st
-from spikingtac.sim import OpticsConfig, SkinConfig
+from spikingtac.sim import OpticsConfig, SkinConfig, load_camera
 
 Floats = NDArray[np.float64]
 
@@ -102,8 +102,8 @@ def add_sensor(
             slips more easily only where this is lower.
 
     Raises:
-        ConfigError: There is no such site, the calibration has no scale, or the pad is too small
-            or too large.
+        ConfigError: There is no such site or camera, the calibration has no scale, the pad is too
+            small or too large, or the friction is negative.
     """
     place = spec.site(site)
     if place is None:
@@ -112,6 +112,9 @@ def add_sensor(
             f"the model has no site {site!r}; it has {names}; add one where the skin is to be: "
             f'<site name="{site}" pos="..." zaxis="..."/>, z out of the sensor'
         )
+    load_camera(camera)  # refuses one that is not known
+    if not 0.0 <= friction < np.inf:
+        raise st.ConfigError(f"friction is {friction:g}, it must be a number of at least 0")
     rest_mm, grid, optics = _markers(calibration)
     sides = np.array(pad_mm) if pad_mm is not None else _sides_mm(rest_mm)
     if sides.shape != (2,) or not ((sides >= PAD_MM[0]) & (sides <= PAD_MM[1])).all():
@@ -152,9 +155,8 @@ def _markers(
             "--pitch-mm 2.4 -o calibration.json"
         )
     rest_mm = scale.to_mm(calibration.reference_px)
-    rest_mm = rest_mm - rest_mm.mean(axis=0)
     optics = OpticsConfig(size=calibration.size, px_per_mm=calibration.px_per_mm)
-    return rest_mm, calibration.grid, optics
+    return rest_mm - rest_mm.mean(axis=0), calibration.grid, optics
 
 
 def _sides_mm(rest_mm: Floats) -> Floats:
@@ -166,15 +168,10 @@ def _sides_mm(rest_mm: Floats) -> Floats:
 def _add_plate(place: mujoco.MjsSite, mount: Mount, friction: float) -> None:
     """Attach the plate; made in a model of its own, so that no default of the user's applies."""
     plate = mujoco.MjSpec().worldbody.add_body(name=PLATE)
-    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    kinds = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
     for number, name in enumerate(JOINTS):
-        turns = number >= len(AXES)
-        plate.add_joint(
-            name=name,
-            type=hinge if turns else slide,
-            axis=AXES[number % len(AXES)],
-            armature=ARMATURE[turns],
-        )
+        turns, axis = divmod(number, len(AXES))
+        plate.add_joint(name=name, type=kinds[turns], axis=AXES[axis], armature=ARMATURE[turns])
     half = np.append(mount.pad_mm, THICKNESS_MM) / 2e3
     plate.add_geom(
         name=SKIN,
@@ -215,6 +212,5 @@ def _restore_keyframes(spec: mujoco.MjSpec, kept: list[dict[str, Floats]]) -> No
 
 def _of_joint(model: mujoco.MjModel, joint: int, qpos: Floats) -> Floats:
     """Return the part of a vector of positions that is a joint's (a view)."""
-    first = int(model.jnt_qposadr[joint])
-    last = int(model.jnt_qposadr[joint + 1]) if joint + 1 < model.njnt else model.nq
-    return qpos[first:last]
+    ends = [*model.jnt_qposadr, model.nq]
+    return qpos[ends[joint] : ends[joint + 1]]

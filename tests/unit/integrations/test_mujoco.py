@@ -189,8 +189,13 @@ def test_what_is_wrong_is_said(module: Any, tmp_path: Path) -> None:
     spec = mujoco.MjSpec.from_string(PRESS.format(geom=SHAPES["ball"][0], height=1, mu=1, aside=0))
     with pytest.raises(st.ConfigError, match=r"no site 'palm'; it has 'tip'"):
         module.add_sensor(spec, site="palm")
-    with pytest.raises(st.ConfigError, match="the pad is 40 x 20 mm, valid are 4 to 24"):
-        module.add_sensor(spec, site="tip", pad_mm=(40.0, 20.0))
+    for told, wrong in (
+        ("the pad is 40 x 20 mm, valid are 4 to 24", {"pad_mm": (40.0, 20.0)}),
+        ("friction is -1, it must be", {"friction": -1.0}),
+        ("unknown camera 'tipical'; did you mean 'typical'", {"camera": "tipical"}),
+    ):
+        with pytest.raises(st.ConfigError, match=told):
+            module.add_sensor(spec, site="tip", **wrong)
     bare = spec.compile()
     mount = module.add_sensor(spec, site="tip")
     with pytest.raises(st.ConfigError, match="compile it after add_sensor"):
