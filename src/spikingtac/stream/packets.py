@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError
 from spikingtac.events.camera import Address, Camera
@@ -83,7 +84,7 @@ class PacketWriter:
 
     def __init__(self, ring: SharedRing, source: Any) -> None:
         self._ring, self._source = ring, source
-        self._told: tuple[dict[str, int], int] = {}, 0  # losses, and number of edges
+        self._told: tuple[dict[str, int], NDArray[Any]] = {}, Triggers().rows  # losses and edges
         self._most = max(min(MOST_EVENTS, ring.room // ROOM_PER_EVENT), 1)
 
     def write(self, packet: EventPacket) -> None:
@@ -101,7 +102,8 @@ class PacketWriter:
 
     def finish(self) -> None:
         """Write what was counted after the last packet, and say that nothing follows."""
-        if (self._source.losses, len(self._edges())) != self._told:
+        losses, edges = self._told
+        if self._source.losses != losses or len(self._edges()) != len(edges):
             self.write(EventPacket.empty(0, 0, self._source.size))
         self._ring.finish()
 
@@ -114,9 +116,11 @@ class PacketWriter:
         return getattr(self._source, "triggers", None) or Triggers()
 
     def _publish(self, packet: EventPacket) -> None:
-        losses, edges = dict(self._source.losses), self._edges().rows
-        tail = json.dumps([losses, edges[self._told[1] :].tolist()]).encode()
-        self._told = losses, len(edges)
+        losses, edges, told = dict(self._source.losses), self._edges().rows, self._told[1]
+        last = len(told)
+        # A source that is iterated again has forgotten the edges of before.
+        fresh = edges[last:] if np.array_equal(edges[last - 1 : last], told[-1:]) else edges
+        tail, self._told = json.dumps([losses, fresh.tolist()]).encode(), (losses, edges)
         received_s = getattr(self._source, "received_s", time.monotonic())
         head = _HEAD.pack(packet.t_start_us, packet.t_end_us, received_s, len(packet))
         columns = map(np.ascontiguousarray, (packet.t, packet.x, packet.y, packet.p), COLUMNS)

@@ -16,7 +16,7 @@ from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.sim.twin_camera import RemoteSource
-from spikingtac.stream.packets import RingCamera, new_ring
+from spikingtac.stream.packets import PacketReader, PacketWriter, RingCamera, new_ring
 from spikingtac.stream.reader import EventReader
 from spikingtac.types import EventPacket, LossCounters
 from stand_ins.camera_counterparts import datagrams, events
@@ -70,6 +70,19 @@ def test_everything_comes_in_order_with_losses_and_edges() -> None:
     with pytest.raises(EOFError):
         reader.take()
     reader.release()
+
+
+def test_a_source_that_is_iterated_again_shows_its_new_edges() -> None:
+    stream, ring = Stream(0), new_ring(SIZE, 1 << 16)
+    writer, reader = PacketWriter(ring, stream), PacketReader(ring)
+    for t_us in ([5], [7], [9, 11]):
+        stream.triggers.clear()  # as an iteration begins
+        stream.triggers.append(t_us, 1, True)
+        writer.write(packet(0))
+        found = reader.take()
+        assert found is not None
+        assert found.triggers.t_us.tolist() == t_us
+    ring.close()
 
 
 def test_a_packet_that_is_larger_than_the_ring_is_cut_and_counted() -> None:
