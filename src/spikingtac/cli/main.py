@@ -193,7 +193,11 @@ def _dispatch(arguments: list[str]) -> int:
             f"unknown verb {verb!r}{nearest(verb, every)} (valid: {', '.join(every)})"
         )
     run, options = function_of(verb)
-    return run(_parsed(options, verb, rest))
+    given = _parsed(options, verb, rest)
+    from spikingtac.cli.sources import ended_by_sigterm
+
+    with ended_by_sigterm():
+        return run(given)
 
 
 def _parsed(arguments: type, verb: str, rest: list[str]) -> Any:

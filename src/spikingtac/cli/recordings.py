@@ -154,7 +154,7 @@ def run_many(work: Work, args: Any, given: Sequence[Path]) -> int:
     try:
         with progress(f"{work.verb}: {len(batch.recordings)} recordings") as advance:
             rows, kept = run_batch(batch, args.resume, args.overwrite, advance)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit):
         remark("interrupted; what is done is kept, go on with the same command and --resume")
         raise
     return _told(rows, kept, folder, args.json)

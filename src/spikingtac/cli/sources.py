@@ -6,7 +6,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -42,19 +42,18 @@ def ending_on_interrupt(*sources: object) -> Iterator[None]:
         yield
 
 
-@contextmanager
-def ended_by_sigterm() -> Iterator[None]:
+def ended_by_sigterm() -> AbstractContextManager[None]:
     """Turn SIGTERM into SystemExit while the context lasts, so that what was opened is closed.
 
-    A verb that drives an arm then brakes it; Python by itself would end without closing.
+    A verb that drives an arm then brakes it, and one that writes removes what is unfinished. Python
+    by itself would end without closing.
     """
+    return _on_signal(signal.SIGTERM, _terminate)
 
-    def end(*_: Any) -> None:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second one must not end the braking
-        raise SystemExit(EXIT_TERMINATED)
 
-    with _on_signal(signal.SIGTERM, end):
-        yield
+def _terminate(*_: Any) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second one must not end the braking
+    raise SystemExit(EXIT_TERMINATED)
 
 
 @contextmanager

@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 
 from spikingtac.cli.main import main
-from spikingtac.cli.sources import EXIT_TERMINATED, ended_by_sigterm, for_each
+from spikingtac.cli.options import JsonArgs
+from spikingtac.cli.sources import EXIT_TERMINATED, for_each
 from spikingtac.errors import ConfigError
 from spikingtac.events.camera import KINDS
 from stand_ins.camera_counterparts import with_module
@@ -60,18 +61,17 @@ def test_a_recording_has_no_deadlines(verb: str, tmp_path: Path, verbs: Verbs) -
     assert "--realtime is for the page" in told
 
 
-def told_to_end(closed: list[str]) -> None:
-    with ended_by_sigterm(), contextlib.ExitStack() as stack:
-        stack.callback(lambda: closed.append("arm"))
-        os.kill(os.getpid(), signal.SIGTERM)
-        threading.Event().wait(10.0)
-
-
-def test_sigterm_closes_what_was_opened() -> None:
+def test_sigterm_closes_what_any_verb_has_opened(monkeypatch: pytest.MonkeyPatch) -> None:
     former, closed = signal.getsignal(signal.SIGTERM), []
-    with pytest.raises(SystemExit) as ended:
-        told_to_end(closed)
-    assert ended.value.code == EXIT_TERMINATED
+
+    def told_to_end(_: JsonArgs) -> None:
+        with contextlib.ExitStack() as stack:
+            stack.callback(lambda: closed.append("arm"))
+            os.kill(os.getpid(), signal.SIGTERM)
+            threading.Event().wait(10.0)
+
+    monkeypatch.setattr("spikingtac.cli.main.function_of", lambda _: (told_to_end, JsonArgs))
+    assert main(["convert"]) == EXIT_TERMINATED
     assert closed == ["arm"]
     assert signal.getsignal(signal.SIGTERM) is former
 

@@ -15,7 +15,7 @@ import spikingtac as st
 from spikingtac import contact, events, robot
 from spikingtac.cli.messages import remark, tell
 from spikingtac.cli.options import JsonArgs
-from spikingtac.cli.sources import checked, ended_by_sigterm, fitting
+from spikingtac.cli.sources import checked, fitting
 from spikingtac.errors import named
 
 POLL_S = 0.02  # Time between two looks at the state of the guarding process, s.
@@ -87,7 +87,7 @@ def run(args: Args) -> int:
             "to find the contacts in a recording: spikingtac contact RECORDING"
         )
     remark(NOT_A_SAFETY_FUNCTION)
-    with ended_by_sigterm(), contextlib.closing(start(args)) as process:
+    with contextlib.closing(start(args)) as process:
         status = _wait(process)
     found = status["contact"] if status["phase"] == "ended" else None
     if found is not None and not status.get("stop_failure"):
