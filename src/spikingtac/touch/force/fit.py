@@ -20,9 +20,8 @@ from spikingtac.touch.network import Network, with_record
 from spikingtac.touch.series import COMPONENTS, WrenchSeries
 from spikingtac.types import FloatArray
 
-Taught = tuple[
-    FloatArray, FloatArray, FloatArray
-]  # Fields (n, size), labels (n, c), and the labels' zero (c,).
+# Of a series: fields (n, size), labels (n, c) and their zero (c,); or labels, wrenches and spreads.
+Columns = tuple[FloatArray, FloatArray, FloatArray]
 
 # Parts into which a single series is cut, in time, so that each is predicted from the rest.
 PARTS = 5
@@ -90,9 +89,7 @@ def fit_force(
     """
     kept, reference, radius = _checked(series, LEAST_FRAMES)
 
-    def crossed(
-        memory: bool, frames: int
-    ) -> tuple[list[Taught], list[tuple[FloatArray, FloatArray, FloatArray]]]:
+    def crossed(memory: bool, frames: int) -> tuple[list[Columns], list[Columns]]:
         groups = [_taught(one, radius, memory, frames // len(kept)) for one in kept]
         return groups, list(_crossed(groups, reference, radius))
 
@@ -168,7 +165,7 @@ def _checked(
     return kept, reference, RADIUS_SHARE * float(np.sqrt((moved**2).mean()))
 
 
-def _taught(series: WrenchSeries, radius: float, memory: bool, frames: int) -> Taught:
+def _taught(series: WrenchSeries, radius: float, memory: bool, frames: int) -> Columns:
     """Return some frames of a series, and what its force sensor reads of no force.
 
     That is the median of what it reads of light presses. A zero of the normal force cannot be told
@@ -183,9 +180,7 @@ def _taught(series: WrenchSeries, radius: float, memory: bool, frames: int) -> T
     return fields[::every], series.wrench[::every], zero
 
 
-def _crossed(
-    groups: list[Taught], reference: FloatArray, radius: float
-) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+def _crossed(groups: list[Columns], reference: FloatArray, radius: float) -> Iterator[Columns]:
     """Yield labels, wrenches and spreads ``(n, c)`` of each series as the others tell them.
 
     Of a single series those of its parts.
@@ -201,7 +196,7 @@ def _crossed(
         yield wrench, values - rest_share(fields, radius) * at_rest, spread
 
 
-def _fitted(groups: Sequence[Taught], reference: FloatArray) -> bytes:
+def _fitted(groups: Sequence[Columns], reference: FloatArray) -> bytes:
     fields = np.concatenate([one for one, _, _ in groups])
     wrench = np.concatenate([labels - zero for _, labels, zero in groups])
     return regression.fit_regression(
@@ -213,7 +208,7 @@ def _joined(parts: Iterable[tuple[FloatArray, ...]]) -> list[FloatArray]:
     return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
 
-def _judged(parts: list[tuple[FloatArray, FloatArray, FloatArray]]) -> dict[str, Any]:
+def _judged(parts: list[Columns]) -> dict[str, Any]:
     """Return intervals, ranges and R2 of what the series tell of each other."""
     truth, told, spread = _joined(parts)
     ends = np.cumsum([len(one) for one, _, _ in parts])[:-1]
