@@ -199,7 +199,8 @@ def serve(number: int) -> None:
     except EOFError:
         return
     except Exception as error:  # its module cannot be imported here, or its asker is gone
-        channel.send(_sendable(error))
+        with contextlib.suppress(OSError):
+            channel.send(_sendable(error))
         raise SystemExit(1) from error
     told: Exception = EOFError()
     try:

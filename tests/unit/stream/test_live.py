@@ -22,6 +22,7 @@ with st.live("touch.raw", **given) as sensor:
     print(sum(1 for frame in sensor))
 print(sensor.health.state, sensor.health.missed, sensor.latest().number, len(list(sensor)))
 next(iter(st.live("touch.raw", **given)))  # dropped: its shared memory is not left behind
+st.live("touch.raw", **given)  # also before its process has begun
 """
 
 # Kernels that are compiled, or loaded, by the noise, and those that the touches ask for besides.
