@@ -31,8 +31,8 @@ GROUPS, GROUP_US = 24, 2
 class Datagrams:
     """Datagrams of EVT2 words: groups of events, each behind the upper part of its time."""
 
-    def __init__(self, seed: int = 0) -> None:
-        rng, shape = np.random.default_rng(seed), (GROUPS, EVENTS // GROUPS)
+    def __init__(self) -> None:
+        rng, shape = np.random.default_rng(0), (GROUPS, EVENTS // GROUPS)
         polarity, x, y = (rng.integers(0, top, shape).astype(np.uint32) for top in (2, *SIZE))
         self._events = polarity << 28 | x << 11 | y
         self._words = np.empty((GROUPS, 1 + shape[1]), np.uint32)
