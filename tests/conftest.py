@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from numba_cache import prepare_cache
 from stand_ins.made_once import FOLDER_VARIABLE
@@ -24,6 +25,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # begun in the background of a script
     signal.signal(signal.SIGINT, signal.default_int_handler)  # processes of tests are interrupted
+
+# An example may take as long as other work on the machine makes it.
+settings.register_profile("at leisure", deadline=None)
+settings.load_profile("at leisure")
 
 PROJECT = Path(__file__).resolve().parents[1]
 

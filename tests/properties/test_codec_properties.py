@@ -24,7 +24,6 @@ SIZE = (320, 240)
 ENCODINGS = ("evt2", "evt21", "evt3")
 many = settings(
     max_examples=EXAMPLES,
-    deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 

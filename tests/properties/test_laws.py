@@ -54,7 +54,7 @@ def test_a_fine_grained_residue_is_scaled_not_removed() -> None:
     assert run(PaperLaw(), np.concatenate(trip))[-1, 0] == pytest.approx(1.4, abs=0.002)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     radius_and_angle=st.lists(
         st.tuples(st.floats(0.0, 3.9), st.floats(0.0, 6.28)), min_size=2, max_size=6
@@ -117,7 +117,6 @@ def test_the_map_is_radial_and_the_identity_far_out(point: np.ndarray) -> None:
         np.testing.assert_allclose(out, 0.3 * point, atol=1e-9)
 
 
-@settings(deadline=None)
 @given(path=st.lists(points, min_size=1, max_size=20), last=points)
 def test_the_output_depends_on_the_present_detection_alone(
     path: list[np.ndarray], last: np.ndarray

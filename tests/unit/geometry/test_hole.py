@@ -34,7 +34,7 @@ def on_circle(center: tuple[float, float], radius: float, angle: np.ndarray) -> 
     turn=st.floats(0.0, 6.0),
     count=st.integers(3, 12),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_exact_on_noise_free_data(
     radius: float, x: float, y: float, turn: float, count: int
 ) -> None:
