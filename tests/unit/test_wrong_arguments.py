@@ -1,6 +1,7 @@
 """Who passes a name or a path where the thing itself is expected is told how to make it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from stand_ins.moving_rims import GRID
 from stand_ins.tracks import circling_tracks
 
 CONFIG, CALIBRATION = st.load_config("fast"), known(GRID)
+LARGE = CALIBRATION.radius_px + 83.5
 EVENTS = r"it: spikingtac\.open_events\('a\.raw'\)"
 
 
@@ -26,6 +28,10 @@ EVENTS = r"it: spikingtac\.open_events\('a\.raw'\)"
         (
             lambda: st.make_tracker(CONFIG.tracking, Path("a.json")),
             r"a Calibration, given PosixPath\('a\.json'\); make one: spikingtac\.Calibration\.load",
+        ),
+        (
+            lambda: st.make_tracker(CONFIG.tracking, replace(CALIBRATION, radius_px=LARGE)),
+            "radius is 90.5 px; discs of at most 90 px",
         ),
         (lambda: st.simulate("demo", "out"), r"a Scene, given 'demo'; .*load_scene\('demo'\)"),
         (lambda: st.plot_tracks("a.npz"), r"a Tracks, given 'a\.npz'; .*Tracks\.load"),

@@ -88,6 +88,7 @@ def make_tracker(config: TrackingConfig, calibration: Calibration) -> MarkerTrac
     Raises:
         ConfigError: The method, the denoiser or the law is unknown, or an argument is something
             else, as a name or a path.
+        CalibrationError: A disc is too large to be followed.
     """
     require_type(config, TrackingConfig, "load_config('default').tracking")
     require_type(calibration, Calibration, "Calibration.load('calibration.json')")

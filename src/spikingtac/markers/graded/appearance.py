@@ -210,7 +210,7 @@ def fit_window(profiles: list[DiscProfile], width_px: int, most_px: float) -> Fi
 
     ``width_px`` is the sensor's width, px.
     """
-    farthest_px = min(math.ceil(most_px + REACH_PX), PAD_PX - 1)
+    farthest_px = math.ceil(most_px + REACH_PX)
     dy, dx = np.indices((2 * farthest_px + 2,) * 2).reshape(2, -1) - farthest_px
     rings_px = np.arange(0.0, farthest_px, RING_PX)
     middles_px = (np.arange(PHASES) + 0.5) / PHASES - 0.5

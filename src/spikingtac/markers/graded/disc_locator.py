@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import CalibrationError
 from spikingtac.events.hot_pixels import HotPixelWatch, heard_kernel
 from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import (
@@ -37,7 +38,13 @@ from spikingtac.markers.graded.motion import (
     predict_kernel,
     resting_markers,
 )
-from spikingtac.state_map.graded import HALF_STEP, PAD_PX, Array, integrate_event_kernel
+from spikingtac.state_map.graded import (
+    HALF_STEP,
+    MOST_RADIUS_PX,
+    PAD_PX,
+    Array,
+    integrate_event_kernel,
+)
 from spikingtac.types import EventPacket, FloatArray
 
 # Most Gauss-Newton steps of a disc fit: two suffice on average, a sudden release takes more.
@@ -83,8 +90,16 @@ class DiscLocator:
             calibration: Rest positions and appearance of the markers.
             dead_bands: Whether discs are fitted to dead bands instead of levels
                 (:mod:`spikingtac.markers.graded.dead_bands`).
+
+        Raises:
+            CalibrationError: A disc is too large to be fitted.
         """
         radius_px = calibration.radius_px.astype(np.float64)
+        if radius_px.max() > MOST_RADIUS_PX:
+            raise CalibrationError(
+                f"a marker's radius is {radius_px.max():.1f} px; discs of at most "
+                f"{MOST_RADIUS_PX:g} px are followed: see the skin from farther away"
+            )
         most_px = (1.0 + MOST_GROWTH) * radius_px.max()
         profiles = appearance_of(calibration).profiles
         self.window = fit_window(profiles, calibration.size[0], most_px)
