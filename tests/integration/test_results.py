@@ -35,7 +35,7 @@ def test_plot_writes_a_figure(folder: Path, verbs: Verbs) -> None:
         assert (folder / output).stat().st_size > 1_000
     for given, why in (
         (["-o", "field.pdf"], "--overwrite"),
-        (["-o", "a.gif", "--at-s", "1"], "shows all times"),
+        (["-o", "a.gif", "--at-s", "1"], "is for one moment"),
         (["--from-s", "1"], "is for an animation"),
         (["--kind", "rate"], "is not for tracks"),
     ):

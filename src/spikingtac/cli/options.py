@@ -41,18 +41,19 @@ class JsonArgs:
 
     json: bool = False
 
-    def refuse(self, why: str, *names: str) -> None:
+    def refuse(self, why: str, *names: str, where: bool = True) -> None:
         """Refuse options that mean nothing beside the others.
 
         Args:
             why: What they are for, behind the option's name.
             *names: Their fields.
+            where: Whether they mean nothing here.
 
         Raises:
             ConfigError: One is given.
         """
         for field in fields(self):
-            if field.name in names and getattr(self, field.name) != field.default:
+            if where and field.name in names and getattr(self, field.name) != field.default:
                 option = field.name.replace("_", "-")
                 raise ConfigError(f"--{option} {why}; leave it out, or see --help")
 

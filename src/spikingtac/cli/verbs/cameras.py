@@ -115,9 +115,8 @@ class Finding(NamedTuple):
 def doctor(args: DoctorArgs) -> int:
     """Print the findings; exit 3 where something will not work."""
     findings = [*_libraries(), *_settings()]
-    if args.source is None:
-        args.refuse("is for a camera: spikingtac doctor ADDRESS", "seconds")
-    else:
+    args.refuse("is for a camera", "seconds", where=args.source is None)
+    if args.source is not None:
         findings += _delivery(args.source, args.seconds)
     healthy = all(finding.status != "fail" for finding in findings)
     document = {"healthy": healthy, "checks": [finding._asdict() for finding in findings]}

@@ -195,8 +195,7 @@ class ExportArgs(WriteArgs):
 
 def export(args: ExportArgs) -> int:
     """Export, and say what was written."""
-    if args.to == "zarr":
-        args.refuse("goes with --to lerobot; a Zarr store holds tracks alone", "log", "fps", "task")
+    args.refuse("is for --to lerobot", "log", "fps", "task", where=args.to == "zarr")
     found = find_recordings(args.sources, ("displacement_px.npy",))
     with (
         progress(f"exporting to {args.to}") as advance,

@@ -18,6 +18,8 @@ from spikingtac.touch.series import labelled
 
 MODEL = Path("force.onnx")
 OF_A_GEL = ("thickness_mm", "camera_distance_mm", "calibration")  # Options of a fit without labels.
+OF_A_FIT = ("shear_modulus_kpa", *OF_A_GEL)
+UNUSED = {"fit": ("force",), "check": ("output", *OF_A_FIT), "apply": ("wrench", *OF_A_FIT)}
 
 # Keys of a model's record that a summary leaves out.
 NUMBERS = ("schema", "reference", "interval", "rest_radius", "memory")
@@ -77,16 +79,8 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Fit, check or apply, and say how well the forces are known."""
-    if args.action != "fit":
-        args.refuse(f"is used to fit; {args.action} needs --force", "shear_modulus_kpa", *OF_A_GEL)
-    else:
-        args.refuse("is used to check and apply; a fit begins with --from", "force")
-        if args.shear_modulus_kpa is None:
-            args.refuse("needs --shear-modulus-kpa", *OF_A_GEL)
-    if args.action == "check":
-        args.refuse("is used to fit and apply", "output")
-    if args.action == "apply":
-        args.refuse("is used to fit and check", "wrench")
+    args.refuse(f"is not used to {args.action}", *UNUSED[args.action])
+    args.refuse("needs --shear-modulus-kpa", *OF_A_GEL, where=args.shear_modulus_kpa is None)
     if not args.files and args.shear_modulus_kpa is None:
         raise st.ConfigError("no file was given; give files with displacements and wrenches")
     if args.base is not None and (args.action != "fit" or args.shear_modulus_kpa is not None):

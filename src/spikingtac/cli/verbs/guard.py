@@ -79,8 +79,7 @@ def run(args: Args) -> int:
     named(contact.detectors(), args.detector, "contact detector")
     if (args.force is None) != (args.limit_n is None):
         raise st.ConfigError("--force and --limit-n belong together: give both, or neither")
-    if args.force is not None:
-        args.refuse("is for contacts, and --limit-n is for forces", "detector", "budget")
+    args.refuse("is for contacts", "detector", "budget", where=args.force is not None)
     if not events.is_stream(args.events):
         raise st.ConfigError(
             f"--events is {str(args.events)!r}, it must be a camera's named pipe or address; "

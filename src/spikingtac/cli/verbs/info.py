@@ -47,8 +47,7 @@ def run(args: Args) -> int:
         document = {**told, "about": TOLD[kind]}
         return tell(args.json, document, figures(str(args.file), told), TOLD[kind])
     source = args.open(args.file, encoding=args.encoding)
-    if not source.format.startswith("EVT"):
-        args.refuse(f"is for RAW files, and {args.file.name} is {source.format}", "encoding")
+    args.refuse("is for RAW files", "encoding", where=not source.format.startswith("EVT"))
     found = _summary(source)
     plain = dict(found)
     anomalies, channels = plain.pop("anomalies"), plain.pop("trigger_channels")

@@ -71,14 +71,12 @@ def run(args: Args) -> int:
         what = "tracks" if tracked else "a recording"
         raise st.ConfigError(f"--kind {kind} is not for {what} (valid: {', '.join(valid)})")
     animated = output.suffix == ".gif"
-    if not animated:
-        args.refuse("is for an animation: -o field.gif", "from_s", "to_s", "slow")
+    args.refuse("is for an animation: -o field.gif", "from_s", "to_s", "slow", where=not animated)
     if animated and not tracked:
         raise st.ConfigError("a .gif shows tracks; spikingtac view RECORDING --export shows events")
     if animated and kind not in ("course", "field"):
         raise st.ConfigError(f"a .gif shows the field, not the {kind}; leave out --kind")
-    if animated or kind in OF_ALL_TIMES:
-        args.refuse(f"is for one moment, and {output.name} shows all times", "at_s")
+    args.refuse("is for one moment", "at_s", where=animated or kind in OF_ALL_TIMES)
     args.claim(output)
     told = _of_tracks(args, output, kind) if tracked else _of_events(args, output, kind)
     return tell(args.json, {"output": str(output), "kind": kind, **told}, f"written: {output}")
@@ -130,8 +128,7 @@ def compare(args: CompareArgs) -> int:
     """Compare, print the figures, and write what was asked for."""
     if args.table is not None and args.table.suffix.lower() != ".csv":
         raise st.ConfigError(f"--table is {args.table.name!r}, but is written as .csv; end it so")
-    if args.output is None:
-        args.refuse("is for a figure: -o compared.png", "theme", "width")
+    args.refuse("is for a figure: -o compared.png", "theme", "width", where=args.output is None)
     args.claim(args.output, args.table)
     found = compared(args.one, args.other)
     summary, rows = found.summary(), found.by_marker()

@@ -77,12 +77,10 @@ def check(args: Args) -> None:
             f"--radius-mm is {args.radius_mm:g}; the bit reaches 0.433 mm and needs some room: "
             f"at least {LEAST_RADIUS_MM} mm"
         )
-    if args.arm is None:
-        args.refuse("is used with --arm", *OF_AN_ARM)
-    else:
-        args.refuse("is used on the twin, without --arm", "radius_mm", "seed")
-    if not args.gripper:
-        args.refuse("is used with --gripper", "release")
+    on_twin = args.arm is None
+    args.refuse("is used with --arm", *OF_AN_ARM, where=on_twin)
+    args.refuse("is used on the twin, without --arm", "radius_mm", "seed", where=not on_twin)
+    args.refuse("is used with --gripper", "release", where=not args.gripper)
     if args.arm is not None and (args.events is None or args.calibration is None):
         raise st.ConfigError(
             "--arm needs --events and --calibration: those of the finger that holds the probe"

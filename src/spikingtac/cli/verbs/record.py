@@ -179,10 +179,8 @@ def align(args: AlignArgs) -> int:
     second, output = args.second, args.output
     if second is None and (args.first / name_of("events.raw", 1)).is_file():
         second = args.first
-    if args.poses is None:
-        args.refuse("is the clock of --poses", "poses_clock")
-    if second is None:
-        args.refuse("is for two fingers", "by", "trigger_channel")
+    args.refuse("is the clock of --poses", "poses_clock", where=args.poses is None)
+    args.refuse("is for two fingers", "by", "trigger_channel", where=second is None)
     if second is None and args.poses is None:
         raise st.ConfigError("there is nothing to align: name a second recording, or --poses")
     if output is not None and second is not None:

@@ -71,11 +71,9 @@ class Args(PageArgs, RealtimeArgs, TrackerArgs):
 def run(args: Args) -> int:
     """Serve the page, and print the summary at its end."""
     from spikingtac.viewer.calibrating import SaveTarget
-    from spikingtac.viewer.opening import is_scene, open_view
+    from spikingtac.viewer.opening import open_view
 
     _check_together(args)
-    if not is_scene(args.source):
-        args.refuse(f"is for scenes, and {args.source!r} is none", "seed", "camera")
     same = ("source", "preset", "rate_hz", "seed", "camera")
     given: dict[str, Any] = {name: getattr(args, name) for name in same}
     given |= {
@@ -95,17 +93,14 @@ def run(args: Args) -> int:
 
 def _check_together(args: Args) -> None:
     """Refuse options that do not go together."""
-    export = args.export is not None
-    for wrong, why in (
-        (args.realtime and export, "--realtime is for the page; leave out --export"),
-        (
-            args.calibrate and (args.calibration or args.force or export),
-            "--calibrate begins without one; leave out --calibration, --force and --export",
-        ),
-        (export and args.picture, "-o and --export write the same; give one of them"),
-    ):
-        if wrong:
-            raise ConfigError(why)
+    from spikingtac.viewer.opening import is_scene
+
+    args.refuse("is for scenes", "seed", "camera", where=not is_scene(args.source))
+    if args.export is not None:
+        args.refuse("is for the page, not for --export", "realtime", "calibrate")
+        if args.picture is not None:
+            raise ConfigError("-o and --export write the same; give one of them")
+    args.refuse("is not for --calibrate", "calibration", "force", where=args.calibrate)
     if args.realtime:
         require_live([args.source])
 
@@ -113,8 +108,7 @@ def _check_together(args: Args) -> None:
 def _exported(opener: Opener, args: Args, target: Path) -> dict[str, Any]:
     from spikingtac.viewer.export import ENDINGS, export
 
-    if args.force is not None:
-        raise ConfigError("an export shows no forces; leave out --force")
+    args.refuse("is for the page; an export shows no forces", "force")
     check_target(target, ENDINGS, args.overwrite)
     with progress(f"exporting to {target.name}"):
         view = opener()
