@@ -75,17 +75,17 @@ def approach(
         watchdog: Checked with every window; a trip ends the approach with a DeviceError.
 
     Raises:
+        ConfigError: The target is not three numbers, or the speed is out of range.
         DeviceError: The watchdog tripped, the stream ended, the arm stopped by itself, or it
             did not come to rest; the arm was commanded to stop first.
     """
-    settings, stream = config or ApproachConfig(), iter(windows)
-    direction = np.asarray(target_mm, np.float64) - arm.pose().position_mm
-    way_mm = float(np.linalg.norm(direction))
-    direction /= max(way_mm, np.finfo(float).tiny)
-    patience_s = PATIENCE * way_mm / settings.speed_mm_s + PATIENCE_S
+    settings, stream, start_mm = config or ApproachConfig(), iter(windows), arm.pose().position_mm
     contact, read_mm, cruising = None, None, 0
     try:
-        arm.move_linear(target_mm, settings.speed_mm_s)
+        arm.move_linear(target_mm, settings.speed_mm_s)  # refuses what is no target, or no speed
+        way_mm = np.asarray(target_mm, np.float64) - start_mm
+        direction = way_mm / max(float(np.linalg.norm(way_mm)), np.finfo(float).tiny)
+        patience_s = PATIENCE * float(way_mm @ direction) / settings.speed_mm_s + PATIENCE_S
         for _ in range(math.ceil(patience_s / WINDOW_S)):
             window = next_window(stream, watchdog)
             if contact is None and detector is not None and cruising >= settings.settle_windows:

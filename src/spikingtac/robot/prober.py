@@ -68,7 +68,7 @@ class ProbingConfig:
     force_limit_n: float = 0.5
 
     def __post_init__(self) -> None:
-        if not self.reach_mm > 0.0:
+        if not (self.travel_limit_mm > 0.0 and self.force_limit_n > 0.0):
             raise ConfigError("travel_limit_mm and force_limit_n must be above 0")
 
     @property

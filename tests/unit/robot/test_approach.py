@@ -5,9 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from spikingtac.errors import DeviceError
+from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.robot.approacher import Approach, ApproachConfig, approach
 from spikingtac.robot.arm import ArmState
+from spikingtac.robot.prober import ProbingConfig
 from spikingtac.robot.watchdog import Watchdog
 from spikingtac.sim.rig.ur3 import UR3Twin
 from spikingtac.types import Contact
@@ -52,6 +53,22 @@ def test_it_stops_at_contact_and_reports_both_poses() -> None:
         read.append(found.collision_mm[0] - WALL_MM)
     assert np.mean(overshoot) == pytest.approx(6.2, abs=0.4)
     assert np.min(read) < -0.5
+
+
+@pytest.mark.parametrize(
+    ("target_mm", "speed_mm_s", "told"),
+    [(TARGET_MM, 0.0, "the speed is 0.0 mm/s"), (TARGET_MM[:2], 9.0, "three finite numbers")],
+)
+def test_what_is_no_motion_is_refused(target_mm: np.ndarray, speed_mm_s: float, told: str) -> None:
+    bench, config = Bench(), ApproachConfig(speed_mm_s=speed_mm_s)
+    with pytest.raises(ConfigError, match=told):
+        approach(bench.arm, bench.windows(), bench, target_mm, config)
+
+
+@pytest.mark.parametrize("limit", ["travel_limit_mm", "force_limit_n"])
+def test_a_limit_that_is_no_number_is_refused(limit: str) -> None:
+    with pytest.raises(ConfigError, match="must be above 0"):
+        ProbingConfig(**{limit: np.nan})
 
 
 def test_a_trip_of_the_watchdog_ends_the_approach() -> None:
