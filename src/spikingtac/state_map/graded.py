@@ -19,9 +19,9 @@ from spikingtac.types import EventPacket
 
 Array = NDArray[Any]  # Array of a compiled function, whose compiler knows its type.
 
-# Margin around the sensor in the padded arrays, so that fits at the border need no bounds, and the
-# largest radius of discs that it holds, also grown by a third and with their edge, px.
-PAD_PX, MOST_RADIUS_PX = 128, 90.0
+# Margin around the sensor in the padded arrays, so that fits at the border need no bounds. It holds
+# grown discs of up to 90 px.
+PAD_PX = 128
 
 # Level of the margin: so far from any marker that a robust fit gives it no weight.
 OUTSIDE_LEVEL = np.float32(-1.0e4)

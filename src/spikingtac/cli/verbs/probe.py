@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +29,8 @@ def run(args: Args) -> int:
     try:
         hole = sites.on_twin(args) if args.arm is None else sites.on_arm(args)
     except (KeyboardInterrupt, SystemExit):  # by the user; a fault leaves the folder
-        if paths:
-            with suppress(OSError):
-                paths[0].parent.rmdir()
+        if paths and not any(paths[0].parent.iterdir()):
+            paths[0].parent.rmdir()
         raise
     circle, touches = hole.found.circle, hole.found.touches
     picture = HolePicture(

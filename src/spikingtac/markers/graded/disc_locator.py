@@ -14,6 +14,7 @@ from spikingtac.errors import CalibrationError
 from spikingtac.events.hot_pixels import HotPixelWatch, heard_kernel
 from spikingtac.kernels import kernel
 from spikingtac.markers.graded.appearance import (
+    MOST_RADIUS_PX,
     FitWindow,
     appearance_of,
     events_per_px,
@@ -38,13 +39,7 @@ from spikingtac.markers.graded.motion import (
     predict_kernel,
     resting_markers,
 )
-from spikingtac.state_map.graded import (
-    HALF_STEP,
-    MOST_RADIUS_PX,
-    PAD_PX,
-    Array,
-    integrate_event_kernel,
-)
+from spikingtac.state_map.graded import HALF_STEP, PAD_PX, Array, integrate_event_kernel
 from spikingtac.types import EventPacket, FloatArray
 
 # Most Gauss-Newton steps of a disc fit: two suffice on average, a sudden release takes more.
