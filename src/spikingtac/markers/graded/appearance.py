@@ -54,9 +54,7 @@ POLYNOMIAL_DEGREE = 7
 FLAT_SHARE = 0.1
 
 REACH_PX = 7.0  # Farthest from the radius that a fit reads, px (6 to 9 are alike within 1 %).
-MOST_RADIUS_PX = (
-    90.0  # Radius of the largest disc whose fit, where it has grown, stays in the margin.
-)
+MOST_RADIUS_PX = 90.0  # Radius of the largest disc whose fit stays in the margin when it grows.
 
 CURVE_POINTS = 2001  # Points at which the polynomials are fitted: more change nothing.
 
