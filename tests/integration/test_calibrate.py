@@ -91,7 +91,7 @@ def test_grids_of_many_sizes(
     truth_px = markers(*shape, size, pitch_px)
     events = with_noise(slides_of(truth_px, radius_px, size), noise_hz)
     config = CalibrationConfig(pitch_mm=2.0)
-    calibration = calibrate(PacketSource([events], size), config, estimate_lag=None)
+    calibration = calibrate(PacketSource([events], size), config, estimate_lag=False)
     assert calibration.grid == shape
     assert errors_px(calibration, truth_px).mean() < 0.10
     assert errors_px(calibration, truth_px).max() < 0.3
@@ -107,7 +107,7 @@ def test_noise_is_taken_neither_for_small_steps_nor_for_blur(tmp_path: Path) -> 
     # 13 % too small, and edges 70 % too wide. (Sixteen markers: if all events were counted, steps
     # would come out 10 % too small, and edges 25 % too wide; they are off by 3 % and 5 %.)
     simulate(slides_scene().with_camera("noisy"), tmp_path / "slides", seed=1)
-    found = calibrate(open_events(tmp_path / "slides" / "events.raw"), estimate_lag=None)
+    found = calibrate(open_events(tmp_path / "slides" / "events.raw"), estimate_lag=False)
     truth = np.load(tmp_path / "slides" / "truth.npz")
     assert errors_px(found, truth["reference_px"]).mean() < 0.08
     assert np.abs(found.radius_px - truth["radius_px"]).mean() < 0.15
@@ -122,7 +122,7 @@ def test_dark_markers() -> None:
     truth_px = markers(3, 4, size, 40.0)
     white = slides_of(truth_px, 7.0, size)
     dark = EventPacket(white.x, white.y, ~white.p, white.t, 0, white.t_end_us, size)
-    calibration = calibrate(PacketSource([dark], size), estimate_lag=None)
+    calibration = calibrate(PacketSource([dark], size), estimate_lag=False)
     assert (calibration.grid, calibration.polarity) == ((3, 4), "dark")
     assert errors_px(calibration, truth_px).mean() < 0.10
 
@@ -151,7 +151,7 @@ def test_large_discs_that_presses_move_by_less_than_their_radius() -> None:
     # Maps that begin dark show crescents: this sensor was refused, and on a simulated one, discs of
     # 12.6 px that presses move by 10, places were 1.6 px off instead of 0.04.
     truth_px, events = pressed_discs()
-    found = calibrate(PacketSource([events], events.size), estimate_lag=None)
+    found = calibrate(PacketSource([events], events.size), estimate_lag=False)
     assert found.grid == (3, 4)
     assert errors_px(found, truth_px).max() < 0.15
     assert found.radius_px == pytest.approx(np.full(12, 13.0), abs=0.4)
@@ -164,7 +164,7 @@ def test_events_of_hot_pixels_are_ignored() -> None:
     truth_px, events = pressed_discs(move_px)
     hot_px = [[int(truth_px[5, 0]) + 10, int(truth_px[5, 1])], [3, 150]]
     events = with_hot_pixels(events, hot_px, 3_000)
-    found = calibrate(PacketSource([events], events.size), estimate_lag=None)
+    found = calibrate(PacketSource([events], events.size), estimate_lag=False)
     assert found.hot_px is not None
     assert sorted(found.hot_px.tolist()) == sorted(hot_px)
     assert errors_px(found, truth_px).max() < 0.15
@@ -173,7 +173,7 @@ def test_events_of_hot_pixels_are_ignored() -> None:
 def test_a_haze_of_noise_hides_no_markers() -> None:
     # 24 events of noise in every pixel add up to any level: it was refused as no grid of markers.
     truth_px, events = pressed_discs(9.0, rest_us=1_500_000)
-    found = calibrate(PacketSource([with_noise(events, 3.0)], events.size), estimate_lag=None)
+    found = calibrate(PacketSource([with_noise(events, 3.0)], events.size), estimate_lag=False)
     assert found.grid == (3, 4)
     assert errors_px(found, truth_px).max() < 0.2
 
@@ -183,8 +183,8 @@ def test_packets_do_not_matter() -> None:
     events = slides_of(markers(2, 3, size, 36.0), 6.0, size)
     first, rest = events.split(99_999)
     parts = [first, *rest.split(700_001)]
-    whole = calibrate(PacketSource([events], size), estimate_lag=None)
-    again = calibrate(PacketSource(parts, size), estimate_lag=None)
+    whole = calibrate(PacketSource([events], size), estimate_lag=False)
+    again = calibrate(PacketSource(parts, size), estimate_lag=False)
     np.testing.assert_array_equal(whole.reference_px, again.reference_px)
 
 
@@ -193,14 +193,14 @@ def test_a_marker_that_never_moves_is_expected_from_the_others() -> None:
     truth_px = markers(3, 3, size, 37.0)
     share = np.arange(9) != 4  # no event shows the fifth
     source = PacketSource([slides_of(truth_px, 7.0, size, share)], size)
-    found = calibrate(source, estimate_lag=None)
+    found = calibrate(source, estimate_lag=False)
     assert found.marker_measured is not None
     assert np.flatnonzero(~found.marker_measured).tolist() == [4]
     assert found.provenance["missing"] == [4]
     assert errors_px(found, truth_px)[4] < 3.0
     assert np.delete(errors_px(found, truth_px), 4).mean() < 0.10
     with pytest.raises(CalibrationError, match=r"1 of 9 .* row 2, column 2 .*--allow-missing 1"):
-        calibrate(source, CalibrationConfig(allow_missing=0), estimate_lag=None)
+        calibrate(source, CalibrationConfig(allow_missing=0), estimate_lag=False)
 
 
 def test_what_is_no_grid_is_refused_with_the_reason() -> None:

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from spikingtac.markers.lag import (
+from spikingtac.markers.crossings import (
     JITTER_PX,
     LOOK_BACK,
     LOOK_STEP,

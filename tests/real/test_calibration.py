@@ -37,7 +37,7 @@ def calibrated(path: Path, size: tuple[int, int] | None = None) -> Calibration:
     """
 
     def make() -> Calibration:
-        return calibrate(corner(path, size) if size else recording(path), estimate_lag=None)
+        return calibrate(corner(path, size) if size else recording(path), estimate_lag=False)
 
     return made_once(f"calibrated_{path.parent.name}_{path.name}_{size}", make)
 
@@ -141,7 +141,7 @@ def test_a_recording_twice_as_long_is_calibrated_as_well(data_dir: Path) -> None
         once.x[kept], once.y[kept], once.p[kept], once.t[kept] + later_us,
         end_us, end_us + later_us, once.size,
     )  # fmt: skip
-    found = calibrate(PacketSource([once, again], once.size), estimate_lag=None)
+    found = calibrate(PacketSource([once, again], once.size), estimate_lag=False)
     assert found.grid == (4, 4)
     assert found.marker_measured is not None
     assert np.flatnonzero(~found.marker_measured).tolist() == [11], "row 3, column 4 never moves"

@@ -1,4 +1,4 @@
-"""The lag from events: near on low-pass pixels, and on cameras whose lag is known."""
+"""Lag and dead time from events: of low-pass pixels, and of cameras whose delays are known."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,19 +11,25 @@ from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.source import PacketSource
 from spikingtac.events.windows import windows
+from spikingtac.markers import crossings as crossings_module
 from spikingtac.markers import lag
-from spikingtac.markers.lag import (
-    DARK_SHARE,
+from spikingtac.markers.crossings import (
     ORDERS,
+    PERIOD_US,
     PLACE_BINS,
     REACH_PX,
     SPEED_EDGES_PX_S,
     Crossings,
     MarkerTrack,
     crossings,
+    edge_track,
+)
+from spikingtac.markers.lag import (
+    DARK_SHARE,
+    dead_time_us,
     estimate_lag,
-    slide_lag_us,
     slowness,
+    with_delays,
 )
 from spikingtac.sim.camera.config import load_camera
 from spikingtac.sim.camera.event_camera import EventCamera
@@ -31,6 +37,8 @@ from spikingtac.sim.optics import MarkerImage
 from spikingtac.types import EventPacket, MarkerFrame
 
 EDGE = DiscProfile(6.0, 0.5)
+# The twin's edge: sqrt(0.5^2 + 1/12) px Gaussian, as the nearest logistic.
+TWINS_EDGE = DiscProfile(6.0, 0.577 / 1.702)
 STEP_PX = 2e-3
 WAY_PX = np.arange(-7.0, 12.0, STEP_PX)  # of the edge past a pixel
 LEVELS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
@@ -121,10 +129,15 @@ def slides(amplitude_px: float = 16.0, duration_ms: int = 350) -> np.ndarray:
 
 
 @cache
-def filmed(preset: str, bandwidth_hz: float) -> tuple[EventPacket, np.ndarray, np.ndarray]:
+def filmed(
+    preset: str, bandwidth_hz: float, dead_us: float | None = None
+) -> tuple[EventPacket, np.ndarray, np.ndarray]:
     """Return the twin's events of 16 discs that slide, their true paths and their radii."""
     base = load_camera(preset)
-    camera = replace(base, pixel=replace(base.pixel, bandwidth_hz=bandwidth_hz))
+    pixel = replace(base.pixel, bandwidth_hz=bandwidth_hz)
+    if dead_us is not None:
+        pixel = replace(pixel, refractory_us=dead_us)
+    camera = replace(base, pixel=pixel)
     place = np.arange(4) * 37.0 + 18.6
     rest = np.stack(np.meshgrid(place, place), -1).reshape(-1, 2)
     rest += np.random.default_rng(1).uniform(-0.8, 0.8, rest.shape)
@@ -152,20 +165,31 @@ def test_the_twins_lag_is_found(preset: str, bandwidth_hz: float) -> None:
     packet, path, _ = filmed(preset, bandwidth_hz)
     white_us = 1e6 / (2 * np.pi * bandwidth_hz) + 150.0
     middle_us = white_us * 6.0**0.5
-    # The camera's edge: sqrt(0.5^2 + 1/12) px Gaussian, as the nearest logistic.
-    edge = DiscProfile(6.0, 0.577 / 1.702)
     found = crossings([packet], delayed(path, middle_us), packet.size)
-    estimate = estimate_lag(found, edge)
+    estimate = estimate_lag(found, TWINS_EDGE)
     assert estimate is not None
     assert estimate[0] == pytest.approx(middle_us, rel=0.2, abs=200.0)
     assert abs(estimate[0] - middle_us) < 2.0 * estimate[1]
+
+
+@pytest.mark.parametrize(("preset", "dead_us"), [("typical", 500.0), ("noisy", 1_000.0)])
+def test_a_long_dead_time_is_found(preset: str, dead_us: float) -> None:
+    packet, path, _ = filmed(preset, 1_000.0, dead_us)
+    found = crossings([packet], delayed(path, 0.0), packet.size)
+    assert dead_time_us(found, TWINS_EDGE) == pytest.approx(dead_us, rel=0.25)
+
+
+def test_a_usual_dead_time_is_not_told() -> None:
+    packet, path, _ = filmed("noisy", 1_000.0, 100.0)
+    found = crossings([packet], delayed(path, 0.0), packet.size)
+    assert dead_time_us(found, TWINS_EDGE) is None
 
 
 def test_what_tells_too_little_gives_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     size = 112, 112
     silence = [EventPacket.empty(0, 1_000_000, size)]
     quiet = crossings(silence, delayed(np.zeros((900, 1, 2)), 0.0), size)
-    assert estimate_lag(quiet, EDGE) is None
+    assert estimate_lag(quiet, EDGE) is dead_time_us(quiet, EDGE) is None
     found = modelled(2e-3, 8e-4, 0.06)
     monkeypatch.setattr(lag, "LARGEST_ERROR_US", 50.0)
     assert estimate_lag(found, EDGE) is None, "a measurement that is worse than a guess"
@@ -177,7 +201,7 @@ def test_what_tells_too_little_gives_nothing(monkeypatch: pytest.MonkeyPatch) ->
 def late_frames(source: PacketSource, path: np.ndarray, lag_us: float) -> Iterator[MarkerFrame]:
     """Yield a known path, late; its first marker is held, and wrong."""
     track = delayed(path, lag_us)
-    for window in windows(source, lag.PERIOD_US):
+    for window in windows(source, PERIOD_US):
         row = min(int(np.searchsorted(track.t_us, window.t_end_us)), len(track.t_us) - 1)
         at = track.center_px[row].copy()
         held = np.arange(len(at)) == 0
@@ -192,13 +216,13 @@ def test_a_recording_is_tracked_and_its_lag_found_by_all_markers_or_a_part_of_th
     plain = Calibration(reference_px=path[0], radius_px=radius, grid=(4, 4), size=packet.size)
     known = replace(plain, contrast=6.0, edge_px=0.577 / 1.702)
     source, lag_us = PacketSource([packet], packet.size), 1_147.0
-    assert slide_lag_us(source, plain) is None, "the edge is not known"
+    assert with_delays(source, plain) is plain, "the edge is not known"
     samples = []
     for most in (128, 8):
-        monkeypatch.setattr(lag, "MOST_MARKERS", most)
-        track = lag.edge_track(late_frames(source, path, lag_us), known)
+        monkeypatch.setattr(crossings_module, "MOST_MARKERS", most)
+        track = edge_track(late_frames(source, path, lag_us), known)
         found = crossings(source, track, packet.size)
-        estimate = estimate_lag(found, DiscProfile(6.0, 0.577 / 1.702)) or (0.0, 0.0)
+        estimate = estimate_lag(found, TWINS_EDGE) or (0.0, 0.0)
         assert estimate[0] == pytest.approx(lag_us, rel=0.2)
         samples.append(found[0].sum())
     assert 0.2 < samples[1] / samples[0] < 0.7

@@ -27,7 +27,7 @@ TOO_STILL = "too little moves to tell whether it fits; touch the skin in many pl
 MOST_NAMED = 8  # Stray spots that are named one by one.
 
 # Figures of a calibration, and of its notes, that are told as they are.
-TOLD = ("polarity", "contrast", "edge_px", "step_on", "step_off", "lag_us", "px_per_mm")
+TOLD = ("polarity", "contrast", "edge_px", "step_on", "step_off", "lag_us", "dead_us", "px_per_mm")
 NOTED = ("missing", "doubtful", "explained", "events", "residual", "scatter_px")
 
 # Options that mean nothing where the scale of a calibration is set, or one is checked.
@@ -191,7 +191,7 @@ def summary(calibration: st.Calibration) -> dict[str, Any]:
 
 
 def _table(calibration: st.Calibration, found: dict[str, Any], args: Args) -> Table:
-    same = ("edge_px", "contrast", "step_on", "step_off", "unloaded_rests", "lag_us", "px_per_mm")
+    same = (*TOLD[1:], "unloaded_rests")
     radii = calibration.radius_px
     measured = f"{found['measured']} of {found['markers']} markers measured"
     grid = "x".join(map(str, calibration.grid or ("none",)))

@@ -6,7 +6,6 @@ fire as the real ones did; the share of the recording that it explains is the ca
 Presses and slides are equally good motions.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -28,14 +27,16 @@ from spikingtac.markers.calibration.find_markers import (
 from spikingtac.markers.calibration.first_model import STEP_BOUNDS
 from spikingtac.markers.calibration.ideal_pixels import Model
 from spikingtac.markers.calibration.layout import Layout
-from spikingtac.markers.calibration.recording import buffer_events, flicker_hz, without_hot_pixels
+from spikingtac.markers.calibration.recording import (
+    BufferedEvents,
+    buffer_events,
+    flicker_hz,
+    without_hot_pixels,
+)
 from spikingtac.markers.calibration.reference import Method, displaced_before, reference
 from spikingtac.markers.calibration.refine import Quality, fit_recording
-from spikingtac.markers.lag import slide_lag_us
+from spikingtac.markers.lag import with_delays
 from spikingtac.types import FloatArray
-
-# Estimates ``lag_us`` from the recording and the calibration so far; None where it cannot.
-LagEstimator = Callable[[EventSource, Calibration], float | None]
 
 # Length of the recording from which a calibration by hand is completed, us: a few contacts.
 FIRST_US = 15_000_000
@@ -60,14 +61,14 @@ PIXEL_SHARE = 0.3
 def calibrate(
     source: EventSource,
     config: CalibrationConfig | None = None,
-    estimate_lag: LagEstimator | None = slide_lag_us,
+    estimate_lag: bool = True,
 ) -> Calibration:
     """Learn a sensor's calibration from a recording in which its markers move.
 
     Args:
         source: The recording, or a camera that ends; it is read once.
         config: Prior knowledge of the sensor.
-        estimate_lag: Fills in ``lag_us`` at the end; None leaves it unknown.
+        estimate_lag: Whether ``lag_us`` and ``dead_us`` are estimated at the end.
 
     Raises:
         CalibrationError: The recording shows no grid of markers, or too few of them; says why,
@@ -85,7 +86,7 @@ def calibrate(
         if config.lens:
             staggered = view.markers.layout.staggered
             calibration = with_lens(calibration, config.pitch_mm, staggered=staggered)
-    return _with_lag(calibration, view, estimate_lag)
+    return with_delays(_as_recorded(view), calibration) if estimate_lag else calibration
 
 
 def completed(source: EventSource, known: Calibration) -> Calibration:
@@ -112,7 +113,7 @@ def completed(source: EventSource, known: Calibration) -> Calibration:
     except CalibrationError:
         return known
     hot_px = hot_px if known.hot_px is None else known.hot_px
-    return _with_lag(replace(seen, hot_px=hot_px), view, slide_lag_us)
+    return with_delays(_as_recorded(view), replace(seen, hot_px=hot_px))
 
 
 def _calibration(
@@ -205,12 +206,8 @@ def _appearance(evidence: Evidence, model: Model, quality: Quality) -> dict[str,
     return fields | {MEASURED: measured, "recovery_s": model.recovery_s or None}
 
 
-def _with_lag(
-    calibration: Calibration, view: Overview, estimate_lag: LagEstimator | None
-) -> Calibration:
-    seen = view.events if view.polarity == "white" else view.events.inverted()
-    lag_us = estimate_lag(seen, calibration) if estimate_lag else None
-    return calibration if lag_us is None else replace(calibration, lag_us=lag_us)
+def _as_recorded(view: Overview) -> BufferedEvents:
+    return view.events if view.polarity == "white" else view.events.inverted()
 
 
 def with_lens(calibration: Calibration, pitch_mm: float, *, staggered: bool = False) -> Calibration:

@@ -16,8 +16,8 @@ from spikingtac.markers.calibration.find_markers import Evidence, Overview
 from spikingtac.markers.calibration.ideal_pixels import Model, compare
 from spikingtac.markers.calibration.level_maps import SwingHistogram
 from spikingtac.markers.calibration.recording import BufferedEvents, noise_rates
+from spikingtac.markers.crossings import followed
 from spikingtac.markers.graded.appearance import nearest_marker
-from spikingtac.markers.lag import followed
 from spikingtac.types import FloatArray
 
 # Initial edge width and contrast of the refinement.

@@ -49,11 +49,14 @@ ITERATIONS = 3
 # ones are leaps of a clock, or a camera was unplugged.
 LONGEST_WAY_S = 0.01
 
-# Time after an event for which a pixel is blind, us; usual biases give 50 to 200. Least share of
-# the time that it is believed to see, and time between events from which all of it is. (Simulated
-# sudden releases err by 14 % less, slides and presses on another simulator by 6 to 10 %, also where
-# it is 50 us; v2e's recordings the same. Where it is 500 us, 8 % less.)
-DEAD_US, LEAST_SEEN, FAST_US = 100.0, 0.25, 2_000
+# Time after an event for which a pixel is blind, us, where it was not measured: usual biases give
+# 50 to 200. (Simulated sudden releases err by 14 % less, slides and presses on another simulator by
+# 6 to 10 %, also where it is 50 us; v2e's recordings the same.)
+DEAD_US = 100.0
+
+# Least share of the time that a pixel is believed to see, and time between events from which all of
+# it is, in dead times.
+LEAST_SEEN, FAST = 0.25, 20.0
 
 STILL_PX_S = 0.2  # Filtered speed below which a marker without new events is not predicted.
 
@@ -103,6 +106,7 @@ class DiscLocator:
         self._at_rest["radius_px"] = radius_px
         self._at_rest["needed"] = np.ceil(DUE_PX * events_per_px(calibration)).clip(1.0)
         self._dead_bands = dead_bands
+        self._dead_us = DEAD_US if calibration.dead_us is None else calibration.dead_us
         self.map = painted_map(calibration, 0.0 if dead_bands else HALF_STEP)
         self.reset()
 
@@ -139,7 +143,7 @@ class DiscLocator:
             ConfigError: The packet comes from a sensor of another size.
         """
         levels = self.map
-        settings = levels.dark_markers, levels.lead_steps, levels.arrival_ratio
+        settings = levels.dark_markers, levels.lead_steps, levels.arrival_ratio, self._dead_us
         maps = levels.pixels, levels.padded, *settings, self.pending
         for part in watch.parts(packet):
             absorb_events_kernel(part.t, part.x, part.y, part.p, *maps)
@@ -160,7 +164,7 @@ class DiscLocator:
 @kernel()
 def absorb_events_kernel(
     t: Array, x: Array, y: Array, p: Array, pixels: Array, padded: Array, dark_markers: bool,
-    lead: float, ratio: float, pending: Array,
+    lead: float, ratio: float, dead_us: float, pending: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
     """Add each event's step to the map, and count the event for the marker whose gate it is in.
 
@@ -176,8 +180,8 @@ def absorb_events_kernel(
             rises, arrives = p[i] != dark_markers, ratio
             direction = np.uint32(2 if rises else 1)
             since_us = np.uint32(np.uint32(t[i]) - pixel.last_us)
-            if direction == pixel.direction and 0 < since_us < FAST_US:
-                arrives *= max((since_us - DEAD_US) / since_us, LEAST_SEEN)
+            if direction == pixel.direction and 0 < since_us < FAST * dead_us:
+                arrives *= max((since_us - dead_us) / since_us, LEAST_SEEN)
             pixel.last_us, pixel.direction = np.uint32(t[i]), direction
             shown = integrate_event_kernel(pixel, rises, lead, arrives)
             padded[row + np.uint64(PAD_PX), column + np.uint64(PAD_PX)] = shown
