@@ -44,7 +44,7 @@ from spikingtac.markers.crossings import (
     edge_track,
     followed,
 )
-from spikingtac.markers.graded.disc_locator import DEAD_US
+from spikingtac.markers.graded.appearance import DEAD_US
 from spikingtac.types import FloatArray
 
 # Dark current B, relative to white: between none and v2e's offset of 20 at a white of 170, 0.12.

@@ -17,6 +17,7 @@ from spikingtac.markers.graded.appearance import (
     MOST_RADIUS_PX,
     FitWindow,
     appearance_of,
+    dead_time_us,
     events_per_px,
     fit_window,
     painted_map,
@@ -48,11 +49,6 @@ ITERATIONS = 3
 # Longest time over which a motion is predicted, s: several times that between two estimates. Longer
 # ones are leaps of a clock, or a camera was unplugged.
 LONGEST_WAY_S = 0.01
-
-# Time after an event for which a pixel is blind, us, where it was not measured: usual biases give
-# 50 to 200. (Simulated sudden releases err by 14 % less, slides and presses on another simulator by
-# 6 to 10 %, also where it is 50 us; v2e's recordings the same.)
-DEAD_US = 100.0
 
 # Least share of the time that a pixel is believed to see, and time between events from which all of
 # it is, in dead times.
@@ -106,7 +102,7 @@ class DiscLocator:
         self._at_rest["radius_px"] = radius_px
         self._at_rest["needed"] = np.ceil(DUE_PX * events_per_px(calibration)).clip(1.0)
         self._dead_bands = dead_bands
-        self._dead_us = DEAD_US if calibration.dead_us is None else calibration.dead_us
+        self._dead_us = dead_time_us(calibration)
         self.map = painted_map(calibration, 0.0 if dead_bands else HALF_STEP)
         self.reset()
 

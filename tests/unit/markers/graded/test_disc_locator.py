@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from spikingtac.events.hot_pixels import HotPixelWatch
-from spikingtac.markers.graded.appearance import painted_levels
-from spikingtac.markers.graded.disc_locator import DEAD_US, FAST_US, LEAST_SEEN, DiscLocator
+from spikingtac.markers.graded.appearance import DEAD_US, painted_levels
+from spikingtac.markers.graded.disc_locator import FAST, LEAST_SEEN, DiscLocator
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
     FIT_NOW,
@@ -29,9 +29,9 @@ REST_PX = np.array([[30.0, 30.0], [70.0, 30.0]])
 CALIBRATION = known(REST_PX, 7.0, (100, 60), (1, 2))
 
 
-def moved_by(shift_px: float) -> DiscLocator:
+def moved_by(shift_px: float, dead_us: float | None = None) -> DiscLocator:
     """Return a locator whose map shows the discs elsewhere; it has made its first estimate."""
-    locator = DiscLocator(CALIBRATION)
+    locator = DiscLocator(replace(CALIBRATION, dead_us=dead_us))
     elsewhere = replace(CALIBRATION, reference_px=REST_PX + np.array([shift_px, 0.0]))
     locator.map.values[:] = painted_levels(elsewhere)
     locator.locate(0, np.zeros(2, np.bool_))
@@ -148,8 +148,10 @@ def test_events_count_for_the_marker_around_which_they_lie_also_far_from_its_res
     assert locator.event_count.tolist() == [2, 2, 2], "also of a marker that was put somewhere"
 
 
-def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
-    locator, rng = moved_by(0.0), np.random.default_rng(4)
+@pytest.mark.parametrize("dead_us", [None, 0.0, 500.0])
+def test_the_map_and_the_counts_are_those_of_the_plain_twin(dead_us: float | None) -> None:
+    locator, rng = moved_by(0.0, dead_us), np.random.default_rng(4)
+    blind_us = DEAD_US if dead_us is None else dead_us
     twin, marked = deepcopy(locator.map), locator.map.pixels["marker"]
     x, y, p = rng.integers(0, 100, 6_000), rng.integers(0, 60, 6_000), rng.random(6_000) < 0.5
     t = np.sort(rng.integers(0, 9_000, 6_000))
@@ -161,8 +163,8 @@ def test_the_map_and_the_counts_are_those_of_the_plain_twin() -> None:
         place, event = (int(x[i]), int(y[i])), (int(t[i]), bool(p[i]))
         before_us, rose = last.get(place, event)
         since_us = event[0] - before_us
-        follows = rose == event[1] and 0 < since_us < FAST_US
-        share = max((since_us - DEAD_US) / since_us, LEAST_SEEN) if follows else 1.0
+        follows = rose == event[1] and 0 < since_us < FAST * blind_us
+        share = max((since_us - blind_us) / since_us, LEAST_SEEN) if follows else 1.0
         twin.arrival_ratio, last[place] = share, event
         twin.absorb(packet.select(np.array([i])))
     np.testing.assert_array_equal(locator.map.padded, twin.padded)

@@ -71,8 +71,9 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
         velocity = rng.normal(0, 1, (10, 2)) * 10.0 ** rng.uniform(0, 3, (10, 1))
         noise, per_px = rng.uniform(50, 6000, 10), rng.uniform(100, 300, 10)
         dt, turned, stroke = 1e-3, reversal.copy(), rng.uniform(2, 9, 10)
-        moved = moving_markers(position, velocity)
-        got = event_loss.expected_events_kernel(moved, turned, counts, noise, per_px, stroke, dt)
+        halving_s_px, motion = rng.uniform(0, 3e-3, 10), moving_markers(position, velocity)
+        given = counts, noise, per_px, stroke, halving_s_px, dt
+        got = event_loss.expected_events_kernel(motion, turned, *given)
         speed = np.hypot(*velocity.T)
         counted = (speed > event_loss.SLOW_PX_S) & (speed < event_loss.FAST_PX_S)
         counted &= per_px * speed > event_loss.BACKGROUND_SHARE * noise
@@ -80,7 +81,8 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
         counted &= np.hypot(*stroke_px.T) > stroke
         turns = ((stroke_px * velocity).sum(axis=1) < 0.0) | (speed >= event_loss.FAST_PX_S)
         reversal[turns] = position[turns]
-        expected = (per_px * speed)[counted].sum() * dt
+        fewer = (1.0 + event_loss.USUAL_PX_S * halving_s_px) / (1.0 + speed * halving_s_px)
+        expected = (per_px * speed * fewer)[counted].sum() * dt
         arrived = (counts - noise * dt)[counted].sum()
         np.testing.assert_allclose(got, (speed.mean(), expected, arrived), rtol=1e-12)
         np.testing.assert_array_equal(turned, reversal)
