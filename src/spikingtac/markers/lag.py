@@ -73,8 +73,7 @@ LARGEST_ERROR_US = 1_000.0
 LEAST_RUNGS = 2  # Rungs of each polarity without which level and skew cannot be told apart.
 
 # Share of the edges that began to cross, at whose place the dead time is measured. (Ten simulated
-# sensors of 200 to 1,000 us give 75 to 120 % of it; ten of 0 or 100 us -160 to 130 us, two 220 and
-# 350 us.)
+# sensors of 200 to 1,000 us give 75 to 125 % of it; twelve of 0 or 100 us -160 to 225, one 350 us.)
 FIRST_SHARE = 0.2
 
 # A dead time is used where it exceeds the usual one by two standard errors, which are at most this,
@@ -148,8 +147,7 @@ def dead_time_us(found: Crossings, edge: DiscProfile) -> float | None:
     count, speed_px_s = found
     events = count.sum(axis=3)
     target = FIRST_SHARE * np.maximum(events[:, :1], 1.0)
-    # A fifth more, so that the place lies within the events.
-    enough = _frequent((events >= LEAST_COUNT) & (events > 1.2 * target))
+    enough = _frequent((events >= LEAST_COUNT) & (events > target))
     side, _, fast = cells = np.nonzero(enough)
     places = _quantiles(count[enough], side, target[side, 0, fast])
     solved = _delays_us(cells, speed_px_s[fast], places, edge, dead=True)
@@ -197,7 +195,7 @@ def _delays_us(
     misfit = ((along - design @ solved) ** 2).sum()
     scale = max(1.0, misfit / (len(along) - rank))
     variance = scale * np.diag(np.linalg.pinv(design.T @ design)).clip(0.0)
-    return 1e6 * solved, 1e6 * np.sqrt(variance)
+    return np.asarray(1e6 * solved, np.float64), 1e6 * np.sqrt(variance)
 
 
 def _quantiles(
