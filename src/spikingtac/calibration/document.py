@@ -95,7 +95,7 @@ NUMBERS = {
     **OWN,
     # Photoreceptors in the dark and USB together take less than 0.1 s.
     "lag_us": Numbers("a delay, us", 0.0, 1e5),
-    "dead_us": Numbers("a dead time, us", 0.0, 1e4),
+    "dead_time_us": Numbers("a dead time, us", 0.0, 1e4),
     # From a pixel for 100 mm to 0.1 um a pixel.
     "px_per_mm": Numbers("the pixels of a millimetre of skin", 1e-2, 1e4),
     "recovery_s": Numbers("a time, s", 1e-3, 100.0),

@@ -50,7 +50,7 @@ class Calibration:
         marker_measured: ``(m,) bool``, False where the recording could not tell: the marker's
             place is expected from the others. None counts as all True.
         lag_us: Delay of the events behind the motion, us, or None.
-        dead_us: Time after an event for which a pixel is blind, us, or None (a usual one).
+        dead_time_us: Time after an event for which a pixel is blind, us, or None (a usual one).
         px_per_mm: Image scale at the skin, or None where no pitch was given.
         lens: Where on the flat skin each pixel looks, or None: ``px_per_mm`` stands for all.
         recovery_s: Time in which pixels forget light that they lost without an event, s, or None:
@@ -78,7 +78,7 @@ class Calibration:
     marker_step_off: FloatArray | None = None
     marker_measured: NDArray[np.bool_] | None = None
     lag_us: float | None = None
-    dead_us: float | None = None
+    dead_time_us: float | None = None
     px_per_mm: float | None = None
     lens: Lens | None = None
     recovery_s: float | None = None

@@ -99,11 +99,11 @@ def with_delays(source: EventSource, calibration: Calibration) -> Calibration:
         return calibration
     edge = DiscProfile(calibration.contrast, calibration.edge_px)
     found = _crossings(source, calibration)
-    dead_us = dead_time_us(found, edge)
-    if dead_us is not None:
-        calibration = replace(calibration, dead_us=dead_us)
+    dead_time_us = estimate_dead_time(found, edge)
+    if dead_time_us is not None:
+        calibration = replace(calibration, dead_time_us=dead_time_us)
         found = _crossings(source, calibration)
-    lag = estimate_lag(found, edge, dead_us or DEAD_US)
+    lag = estimate_lag(found, edge, dead_time_us or DEAD_US)
     return calibration if lag is None else replace(calibration, lag_us=lag[0])
 
 
@@ -113,20 +113,20 @@ def _crossings(source: EventSource, calibration: Calibration) -> Crossings:
 
 
 def estimate_lag(
-    found: Crossings, edge: DiscProfile, dead_us: float = DEAD_US
+    found: Crossings, edge: DiscProfile, dead_time_us: float = DEAD_US
 ) -> tuple[float, float] | None:
     """Return the lag of positions and its standard deviation, us; None where it cannot be seen.
 
     Args:
         found: The crossings of the tracked positions.
         edge: The calibrated edge.
-        dead_us: Dead time that was measured, us.
+        dead_time_us: Dead time of the pixels, us.
     """
     count, speed_px_s = found
     enough = _frequent(count.sum(axis=3) >= LEAST_COUNT)
     side, order, fast = cells = np.nonzero(enough)
     place_px, error_px = trimmed_means(count[enough].astype(np.float64))
-    late_s = 1e-6 * MEAN_SHARE * (dead_us - DEAD_US) * order
+    late_s = 1e-6 * MEAN_SHARE * (dead_time_us - DEAD_US) * order
     place_px -= (2.0 * side - 1.0) * late_s * speed_px_s[fast]
     solved = _delays_us(cells, speed_px_s[fast], (place_px, error_px), edge)
     if solved is None:
@@ -137,7 +137,7 @@ def estimate_lag(
     return (max(lag_us, 0.0), error_us) if possible else None
 
 
-def dead_time_us(found: Crossings, edge: DiscProfile) -> float | None:
+def estimate_dead_time(found: Crossings, edge: DiscProfile) -> float | None:
     """Return the dead time of the pixels, us; None where it is not clearly longer than usual.
 
     Args:

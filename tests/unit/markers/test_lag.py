@@ -26,7 +26,7 @@ from spikingtac.markers.crossings import (
 )
 from spikingtac.markers.lag import (
     DARK_SHARE,
-    dead_time_us,
+    estimate_dead_time,
     estimate_lag,
     slowness,
     with_delays,
@@ -176,20 +176,20 @@ def test_the_twins_lag_is_found(preset: str, bandwidth_hz: float) -> None:
 def test_a_long_dead_time_is_found(preset: str, dead_us: float) -> None:
     packet, path, _ = filmed(preset, 1_000.0, dead_us)
     found = crossings([packet], delayed(path, 0.0), packet.size)
-    assert dead_time_us(found, TWINS_EDGE) == pytest.approx(dead_us, rel=0.25)
+    assert estimate_dead_time(found, TWINS_EDGE) == pytest.approx(dead_us, rel=0.25)
 
 
 def test_a_usual_dead_time_is_not_told() -> None:
     packet, path, _ = filmed("noisy", 1_000.0, 100.0)
     found = crossings([packet], delayed(path, 0.0), packet.size)
-    assert dead_time_us(found, TWINS_EDGE) is None
+    assert estimate_dead_time(found, TWINS_EDGE) is None
 
 
 def test_what_tells_too_little_gives_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     size = 112, 112
     silence = [EventPacket.empty(0, 1_000_000, size)]
     quiet = crossings(silence, delayed(np.zeros((900, 1, 2)), 0.0), size)
-    assert estimate_lag(quiet, EDGE) is dead_time_us(quiet, EDGE) is None
+    assert estimate_lag(quiet, EDGE) is estimate_dead_time(quiet, EDGE) is None
     found = modelled(2e-3, 8e-4, 0.06)
     monkeypatch.setattr(lag, "LARGEST_ERROR_US", 50.0)
     assert estimate_lag(found, EDGE) is None, "a measurement that is worse than a guess"

@@ -12,6 +12,7 @@ import tyro
 import spikingtac as st
 from spikingtac import events
 from spikingtac.atomic_files import require_free, write_json
+from spikingtac.calibration.document import OWN
 from spikingtac.cli.messages import Advance, Table, figures, no_progress, progress, remark, tell
 from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many
 from spikingtac.cli.sources import ending_on_interrupt, fitting
@@ -27,7 +28,7 @@ TOO_STILL = "too little moves to tell whether it fits; touch the skin in many pl
 MOST_NAMED = 8  # Stray spots that are named one by one.
 
 # Figures of a calibration, and of its notes, that are told as they are.
-TOLD = ("polarity", "contrast", "edge_px", "step_on", "step_off", "lag_us", "dead_us", "px_per_mm")
+TOLD = ("polarity", *OWN, "lag_us", "dead_time_us", "px_per_mm")
 NOTED = ("missing", "doubtful", "explained", "events", "residual", "scatter_px")
 
 # Options that mean nothing where the scale of a calibration is set, or one is checked.

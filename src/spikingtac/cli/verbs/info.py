@@ -105,7 +105,8 @@ def _of_document(path: Path) -> dict[str, Any]:
 
 def _of_calibration(path: Path) -> dict[str, Any]:
     calibration = st.Calibration.load(path)
-    measured, same = calibration.marker_measured, ("polarity", "lag_us", "dead_us", "px_per_mm")
+    measured = calibration.marker_measured
+    same = ("polarity", "lag_us", "dead_time_us", "px_per_mm")
     return {
         "size": list(calibration.size),
         "grid": calibration.grid,

@@ -68,7 +68,7 @@ def calibrate(
     Args:
         source: The recording, or a camera that ends; it is read once.
         config: Prior knowledge of the sensor.
-        estimate_lag: Whether ``lag_us`` and ``dead_us`` are estimated at the end.
+        estimate_lag: Whether ``lag_us`` and ``dead_time_us`` are estimated at the end.
 
     Raises:
         CalibrationError: The recording shows no grid of markers, or too few of them; says why,

@@ -115,9 +115,9 @@ def has_large_steps(calibration: Calibration) -> bool:
     return calibration.recovery_s is None and max(on, off) > LARGE_STEP
 
 
-def dead_time_us(calibration: Calibration) -> float:
+def dead_time_of(calibration: Calibration) -> float:
     """Return the time after an event for which a pixel is blind, us: measured, or a usual one."""
-    return DEAD_US if calibration.dead_us is None else calibration.dead_us
+    return DEAD_US if calibration.dead_time_us is None else calibration.dead_time_us
 
 
 def nearest_marker(reference_px: FloatArray, size: tuple[int, int]) -> NDArray[np.uint16]:

@@ -17,7 +17,7 @@ from spikingtac.markers.graded.appearance import (
     MOST_RADIUS_PX,
     FitWindow,
     appearance_of,
-    dead_time_us,
+    dead_time_of,
     events_per_px,
     fit_window,
     painted_map,
@@ -102,7 +102,7 @@ class DiscLocator:
         self._at_rest["radius_px"] = radius_px
         self._at_rest["needed"] = np.ceil(DUE_PX * events_per_px(calibration)).clip(1.0)
         self._dead_bands = dead_bands
-        self._dead_us = dead_time_us(calibration)
+        self._dead_us = dead_time_of(calibration)
         self.map = painted_map(calibration, 0.0 if dead_bands else HALF_STEP)
         self.reset()
 

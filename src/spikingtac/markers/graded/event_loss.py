@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.kernels import kernel
-from spikingtac.markers.graded.appearance import crossing_px, dead_time_us, events_per_px
+from spikingtac.markers.graded.appearance import crossing_px, dead_time_of, events_per_px
 from spikingtac.markers.graded.motion import AT_REST_PX_S
 from spikingtac.state_map.graded import Array
 from spikingtac.types import FloatArray
@@ -86,7 +86,7 @@ class EventLoss:
             area_px: ``(m + 1,)`` pixels in each marker's gate, and last those in no gate.
         """
         self.events_per_px = events_per_px(calibration)
-        crossings, dead_s = crossing_px(calibration), 1e-6 * dead_time_us(calibration)
+        crossings, dead_s = crossing_px(calibration), 1e-6 * dead_time_of(calibration)
         self._motion = STROKE_CROSSINGS * crossings, dead_s / (HALF_CROSSINGS * crossings)
         self._area_px = area_px.astype(np.float64)
         self._reversal_px = calibration.reference_px.astype(np.float64)
