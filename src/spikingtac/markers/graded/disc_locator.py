@@ -168,6 +168,7 @@ def absorb_events_kernel(
     Arguments are plain, since a tuple costs time: columns of the events; the map's pixels, its
     levels with their margin, and its settings; pending events of the markers.
     """
+    fast_us = np.uint32(FAST * dead_us)
     for i in range(x.size):
         # Unsigned, so that no index can be meant from the end.
         row, column = np.uint64(y[i]), np.uint64(x[i])
@@ -176,7 +177,7 @@ def absorb_events_kernel(
             rises, arrives = p[i] != dark_markers, ratio
             direction = np.uint32(2 if rises else 1)
             since_us = np.uint32(np.uint32(t[i]) - pixel.last_us)
-            if direction == pixel.direction and 0 < since_us < FAST * dead_us:
+            if direction == pixel.direction and 0 < since_us < fast_us:
                 arrives *= max((since_us - dead_us) / since_us, LEAST_SEEN)
             pixel.last_us, pixel.direction = np.uint32(t[i]), direction
             shown = integrate_event_kernel(pixel, rises, lead, arrives)
