@@ -109,7 +109,7 @@ def require_type(given: object, kind: type, way: str) -> None:
     """
     if not isinstance(given, kind):
         text = repr(given) if isinstance(given, str | os.PathLike) else type(given).__name__
-        raise ConfigError(f"expected a {kind.__name__}, given {text}; make one: spikingtac.{way}")
+        raise ConfigError(f"expected {kind.__name__}, given {text}; make one: spikingtac.{way}")
 
 
 def import_extra(module: str, what: str, extra: str) -> Any:

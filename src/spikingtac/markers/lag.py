@@ -76,10 +76,10 @@ LEAST_RUNGS = 2  # Rungs of each polarity without which level and skew cannot be
 # sensors of 200 to 1,000 us give 75 to 125 % of it; twelve of 0 or 100 us -160 to 225, one 350 us.)
 FIRST_SHARE = 0.2
 
-# A dead time is used where it exceeds the usual one by two standard errors, which are at most this,
-# us: recovering pixels give any. (With their own of 500 us four simulated sensors err by a third
-# less.)
-LARGEST_DEAD_ERROR_US = 100.0
+# A dead time is used where it exceeds the usual one by two standard errors. The largest one, and the
+# largest standard error, us: recovering pixels give any. (With their own of 500 us four simulated
+# sensors err by a third less.)
+LARGEST_DEAD_US, LARGEST_DEAD_ERROR_US = 5_000.0, 100.0
 
 # Share of the shift by the dead time that mean places show (0.74 to 0.85 for 200 to 1,000 us). What
 # a usual one shifts is left in the lag.
@@ -155,7 +155,7 @@ def estimate_dead_time(found: Crossings, edge: DiscProfile) -> float | None:
         return None
     dead_us, error_us = float(solved[0][3]), solved[1][3]
     clear = error_us < LARGEST_DEAD_ERROR_US and dead_us - 2.0 * error_us > DEAD_US
-    return dead_us if clear else None
+    return dead_us if clear and dead_us < LARGEST_DEAD_US else None
 
 
 def _frequent(enough: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.errors import SearchError
+from spikingtac.errors import ConfigError, SearchError
 from spikingtac.geometry.hole import PRIOR_SIGMA_MM, Circle, estimate_hole
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.prober import Prober, Touched
@@ -94,10 +94,13 @@ def probe_hole(
             each axis is below this, mm; 0 never ends it early.
 
     Raises:
+        ConfigError: There may be fewer than three contacts.
         SearchError: No wall was found, there is no room, or the contacts make no circle; the arm is
             at rest.
         DeviceError: Arm or sensor failed; the arm was commanded to stop.
     """
+    if contacts < LEAST_CONTACTS:
+        raise ConfigError(f"contacts is {contacts}, it must be at least {LEAST_CONTACTS}")
     start = np.asarray(prober.place_mm() if start_mm is None else start_mm, np.float64)
 
     def is_enough(kept: list[Touched]) -> bool:

@@ -173,10 +173,14 @@ def test_the_twins_lag_is_found(preset: str, bandwidth_hz: float) -> None:
 
 
 @pytest.mark.parametrize(("preset", "dead_us"), [("typical", 500.0), ("noisy", 1_000.0)])
-def test_a_long_dead_time_is_found(preset: str, dead_us: float) -> None:
+def test_a_long_dead_time_is_found(
+    preset: str, dead_us: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     packet, path, _ = filmed(preset, 1_000.0, dead_us)
     found = crossings([packet], delayed(path, 0.0), packet.size)
     assert estimate_dead_time(found, TWINS_EDGE) == pytest.approx(dead_us, rel=0.25)
+    monkeypatch.setattr(lag, "LARGEST_DEAD_US", 0.5 * dead_us)
+    assert estimate_dead_time(found, TWINS_EDGE) is None, "more than any camera has"
 
 
 def test_a_usual_dead_time_is_not_told() -> None:

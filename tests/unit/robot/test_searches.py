@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.errors import SearchError
+from spikingtac.errors import ConfigError, SearchError
 from spikingtac.geometry.travel import Compensation, TravelModel
 from spikingtac.robot.adaptive_search import probe_hole
 from spikingtac_paper.holes.cross_search import calibrated_circle, cross_search, published_circle
@@ -54,8 +54,10 @@ def test_the_adaptive_search_is_exact_without_noise(radius_mm: float) -> None:
     assert found.circle.radius_mm == pytest.approx(radius_mm, abs=3e-3)
 
 
-def test_no_room_is_refused() -> None:
+def test_no_room_and_too_few_contacts_are_refused() -> None:
     jammed = IdealProber(0.434, travel_mm=0.0, heading_rad=0.0)
+    with pytest.raises(ConfigError, match="contacts is 2, it must be at least 3"):
+        probe_hole(jammed, travel(), np.zeros(2), contacts=2)
     for run in (
         lambda: cross_search(jammed, np.zeros(2), travel()),
         lambda: probe_hole(jammed, travel(), np.zeros(2)),

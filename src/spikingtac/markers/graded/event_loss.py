@@ -4,8 +4,8 @@ A disc of radius R that moves by a distance sweeps 4 R of edge per px: its width
 on the trailing side. Every swept pixel makes a full swing, which takes 1/step - 1 events of a
 stream without loss; this defines a step. The ratio of events that arrive to events so expected,
 taken where markers move, measures the loss. Events at rest are background. A reversal costs up to a
-step of every pixel, and a filtered velocity lags, so the first px after a reversal is left out;
-a few strokes then suffice.
+step of every pixel, and a filtered velocity lags, so the first part of each stroke is left out; a
+few strokes then suffice. Fast edges send fewer events, since each blinds its pixel for a time.
 
 Events are counted in the gate of each marker: a touch often moves few markers, whose events would
 drown in the background of all the others.
