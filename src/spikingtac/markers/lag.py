@@ -76,9 +76,9 @@ LEAST_RUNGS = 2  # Rungs of each polarity without which level and skew cannot be
 # sensors of 200 to 1,000 us give 75 to 125 % of it; twelve of 0 or 100 us -160 to 225, one 350 us.)
 FIRST_SHARE = 0.2
 
-# A dead time is used where it exceeds the usual one by two standard errors. The largest one, and the
-# largest standard error, us: recovering pixels give any. (With their own of 500 us four simulated
-# sensors err by a third less.)
+# A dead time is used where it exceeds the usual one by two standard errors. The largest one, and
+# the largest standard error, us: recovering pixels give any. (With their own of 500 us four
+# simulated sensors err by a third less.)
 LARGEST_DEAD_US, LARGEST_DEAD_ERROR_US = 5_000.0, 100.0
 
 # Share of the shift by the dead time that mean places show (0.74 to 0.85 for 200 to 1,000 us). What
